@@ -58,7 +58,7 @@ _PARTS = """
 import time
 marks = [0.0]
 import rnc_pin.applications.command_line.commands.run, rnc_pin.applications.scenario.plot_files
-import rnc_pin.applications.scenario.drawn_run as animation
+import rnc_pin.applications.scenario.saved_run as animation
 from pathlib import Path
 from sys import argv
 from rnc_pin.applications.scenario.execution import execute, write

@@ -30,7 +30,7 @@ import pytest
 
 from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.errors import RncError
-from rnc_pin.io.safe_xml import parse_tree
+from rnc_pin.io.safe_read import parse_tree
 from rnc_pin.robots.robot_files import example_urdfs, find_example, shipped_directory
 from rnc_pin.robots.sources.description_files import Packages
 from rnc_pin.robots.sources.urdf import parse_urdf

@@ -28,8 +28,8 @@ import pinocchio as pin
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import built_in_names
-from rnc_pin.applications.scenario.run_verdict import judged_summary, run_summary
 from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.simulated_run import judged_summary, run_summary
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.control.whole_body.limits import CollisionAvoidance
 from rnc_pin.simulation import Trajectory

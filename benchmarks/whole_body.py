@@ -18,8 +18,7 @@ import rnc_pin as rnc
 from benchmarks.whole_body_peers import whole_body_peers
 from rnc_pin.applications.drive.commands import parse_command
 from rnc_pin.applications.drive.preparation import prepare_drive, read_source
-from rnc_pin.applications.drive.run import drive
-from rnc_pin.applications.drive.status import DriveStatus
+from rnc_pin.applications.drive.run import DriveStatus, drive
 from rnc_pin.collision import CollisionDistances
 from rnc_pin.control import VelocityQP, limits, tasks
 from rnc_pin.errors import ConfigurationError

@@ -18,11 +18,10 @@ import numpy as np
 import pinocchio as pin
 from PIL import Image
 
-from rnc_pin.applications.scenario.drawn_run import drawn_run
 from rnc_pin.applications.scenario.execution import Result, execute, write
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario
 from rnc_pin.applications.scenario.pictures import draw_pictures
-from rnc_pin.applications.scenario.saved_run import view_of
+from rnc_pin.applications.scenario.saved_run import drawn_run, view_of
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.visualization.recording import Recording, take_pictures
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rnc_pin.applications.scenario.drawn_run import write_animation
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import built_in_names
+from rnc_pin.applications.scenario.saved_run import write_animation
 from rnc_pin.applications.scenario.scenario import Scenario
 
 SCENES = Path(__file__).parent / "_scenes"

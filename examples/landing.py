@@ -3,7 +3,7 @@
 import numpy as np
 
 import rnc_pin as rnc
-from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization.drawn_state import DrawnModel
 from rnc_pin.visualization.recording import Recording
 
 radius, height, spin, restitution = 0.25, 0.6, 12.0, 0.6

@@ -16,8 +16,7 @@ from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.collision.obstacle import Obstacle
 from rnc_pin.collision.occupied_cells import MOST_BOXES, merged_boxes
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.io.safe_yaml import load_yaml
+from rnc_pin.io.safe_read import load_yaml, read_bytes
 from rnc_pin.printing import printed
 
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")

@@ -17,7 +17,7 @@ from rnc_pin.errors import InputError, ModelError
 from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.printing import printed
 from rnc_pin.robots.sources.mesh_formats import FORMATS, Mesh, MeshError, read_mesh
-from rnc_pin.robots.sources.mesh_formats.ply import ply_points
+from rnc_pin.robots.sources.mesh_formats.simple_formats import ply_points
 
 MOST_BOXES = 2000
 """Largest number of boxes; each is a pair with every shape of the robot."""

@@ -12,8 +12,7 @@ from xml.etree import ElementTree
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.io.safe_xml import parse_tree
+from rnc_pin.io.safe_read import parse_tree, read_bytes
 
 
 class LinkPair(NamedTuple):

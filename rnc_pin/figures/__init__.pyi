@@ -7,10 +7,10 @@ from .panel import MAX_LINES as MAX_LINES
 from .panel import Labels as Labels
 from .panel import Panel as Panel
 from .panel import Series as Series
+from .panel import Sheet as Sheet
+from .panel import Size as Size
 from .panel import readable_name as readable_name
 from .panel_figure import PlaneView as PlaneView
 from .panel_figure import panel_figure as panel_figure
-from .sheet import Sheet as Sheet
-from .sheet import Size as Size
 from .style import LegendEntry as LegendEntry
 from .style import save as save

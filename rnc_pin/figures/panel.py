@@ -1,14 +1,15 @@
-"""Panels over time: lines that share an axis and a unit."""
+"""Panels over time, and the sheet that they lie on. All lengths follow from the size of the text."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby, pairwise
+from typing import Literal, TypeAlias
 
 import numpy as np
 
-from rnc_pin.errors import InputError, nearest
+from rnc_pin.errors import InputError, closest, nearest
 
 MAX_LINES = 6  # largest number of lines in a panel
 _MAX_NAME = 60  # characters
@@ -145,3 +146,139 @@ def split_names(names: Sequence[str], most: int = MAX_LINES) -> list[list[str]]:
 
 def _first_word(name: str) -> str:
     return name.lstrip("_").split("_")[0].rstrip("0123456789")
+
+
+Size: TypeAlias = Literal["column", "page"] | tuple[float, float]
+"""Width of a column or of a page of a paper, or width and height [inches]."""
+
+_WIDTHS = {"column": 3.4, "page": 7.0}  # [inches]
+_PRINT, _SCREEN, _SLIDE = 8.0, 10.0, 14.0  # sizes of text [points]; that of a slide is the largest
+_MIN_WIDTH = 2.0  # [inches]
+_SCREEN_ROWS = (4, 5, 6)  # largest number of rows in figures for the screen of one, two, and more columns
+_SCREEN_WIDTHS = (8.0, 7.0)  # width of a column in figures for the screen of one and of several columns [inches]
+# Lengths in sizes of the text:
+_PANEL = 28.0  # smallest width of a panel
+_BESIDE = 45.0  # smallest width of a panel with a legend beside its axes; narrower panels have it above
+_ASPECT = 1.9  # preferred width over height of a panel
+_AXES = {True: 13.5, False: 11.0}  # height of axes with the legend beside and above them
+_SINGLE = {True: 1.7, False: 1.3}  # height of the only row, over that of one of several
+_MIN_AXES = 5.0  # smallest height of axes
+_LEGEND = 15.0  # width of a legend beside axes
+LABEL_ROOM = 7.2  # width of the label and the ticks of a vertical axis
+_VIEW_ROWS = 2  # largest number of rows of a view beside panels
+_GAP, _TIME = 1.5, 3.0  # height between panels, and of the labels of the time
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Places of panels, filled column by column.
+
+    Attributes:
+        rows, columns: numbers of places.
+        width: width of the figure [inches].
+    """
+
+    rows: int
+    columns: int
+    width: float
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Size of a figure, and the layout that follows from it.
+
+    Attributes:
+        width: width [inches]; None for the screen, where it follows from the number of panels.
+        height: height [inches]; None if it follows from the panels.
+        font: size of the text [points].
+    """
+
+    width: float | None = None
+    height: float | None = None
+    font: float = _SCREEN
+
+    @classmethod
+    def of(cls, size: Size | None) -> Sheet:
+        """Sheet of a size: for the screen (None), or as large as it will be on paper or on a slide.
+
+        Text has 8 points on figures up to the width of a page, and grows with wider ones, up to 14 points.
+
+        Raises:
+            InputError: another size.
+        """
+        if size is None:
+            return cls()
+        if isinstance(size, str):
+            if size not in _WIDTHS:
+                close = closest(size, _WIDTHS)
+                hint = f"; did you mean '{close}'?" if close else " in inches"
+                raise InputError(f"size '{size}': expected 'column', 'page' or (width, height){hint}")
+            return cls(_WIDTHS[size], None, _PRINT)
+        try:
+            width, height = (float(each) for each in size)
+        except (TypeError, ValueError):
+            raise InputError(f"size {size!r}: expected 'column', 'page' or (width, height) in inches") from None
+        if not (_MIN_WIDTH <= width <= 100.0 and 0.0 < height <= 100.0):
+            raise InputError(f"size {size!r}: expected a width from {_MIN_WIDTH:g} and a height, up to 100 inches each")
+        return cls(width, height, float(np.clip(_PRINT * width / _WIDTHS["page"], _PRINT, _SLIDE)))
+
+    def in_text(self, inches: float) -> float:
+        """Length in sizes of the text."""
+        return inches * 72.0 / self.font
+
+    def grid(self, axes: int, places: int | None = None) -> Grid:
+        """Grid for a number of axes, which need as many places if no other number is given."""
+        places = axes if places is None else places
+        if self.width is None:
+            within = (k for k, rows in enumerate(_SCREEN_ROWS, start=1) if places <= k * rows)
+            columns = next(within, -(-places // _SCREEN_ROWS[-1]))
+            return Grid(-(-places // columns), columns, columns * _SCREEN_WIDTHS[columns > 1])
+        most = max(1, min(axes, int(self.in_text(self.width) // _PANEL)))
+        if self.height is None:
+            return Grid(-(-places // most), most, self.width)
+        height = self.height
+        aspects = [self.width / k / (height / -(-places // k)) / _ASPECT for k in range(1, most + 1)]
+        columns = 1 + int(np.argmin(np.abs(np.log(aspects))))
+        return Grid(-(-places // columns), columns, self.width)
+
+    def grid_of(self, panels: int, aspect: float | None) -> tuple[Grid, int]:
+        """Grid for panels after a view of an aspect (height over width) if there is one, and the rows of the view."""
+        if aspect is None:
+            return self.grid(max(1, panels)), 0
+        most = _VIEW_ROWS if panels else _VIEW_ROWS + 1
+        for rows in range(1, most + 1):
+            grid = self.grid(panels + 1, panels + rows)
+            beside = self.is_beside(grid)
+            width = self.in_text(grid.width / grid.columns) - LABEL_ROOM - (_LEGEND if beside else 0.0)
+            if aspect * width <= rows * _AXES[beside]:
+                break
+        return grid, rows
+
+    def is_beside(self, grid: Grid) -> bool:
+        """True if legends are beside the axes, False if they are above."""
+        return self.in_text(grid.width / grid.columns) >= _BESIDE
+
+    def heights(self, grid: Grid, above: Sequence[float], title: float) -> tuple[float, list[float]]:
+        """Height of the figure [inches], and those of its rows [sizes of the text].
+
+        Args:
+            grid: the grid.
+            above: height of the legends above the axes of each row [sizes of the text].
+            title: height of the title [sizes of the text].
+
+        Raises:
+            InputError: the panels do not fit.
+        """
+        around = [each + _GAP for each in above]
+        others = sum(around) + _TIME + title
+        axes = _AXES[self.is_beside(grid)] * (_SINGLE[self.is_beside(grid)] if grid.rows == 1 else 1.0)
+        if self.height is not None:
+            axes = (self.in_text(self.height) - others) / grid.rows
+            if axes < _MIN_AXES:
+                least = (others + _MIN_AXES * grid.rows) * self.font / 72.0
+                raise InputError(
+                    f"size ({self.width:g}, {self.height:g}): its panels need a height of {np.ceil(10 * least) / 10:g} "
+                    "inches; plot fewer outputs, or choose 'column' or 'page'"
+                )
+        rows = [axes + each for each in around]
+        return (sum(rows) + _TIME + title) * self.font / 72.0 if self.height is None else self.height, rows

@@ -16,8 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.textpath import TextPath
 
 from rnc_pin.figures import style as st
-from rnc_pin.figures.panel import MAX_LINES, Labels, Panel, Series
-from rnc_pin.figures.sheet import LABEL_ROOM, Grid, Sheet
+from rnc_pin.figures.panel import LABEL_ROOM, MAX_LINES, Grid, Labels, Panel, Series, Sheet
 from rnc_pin.figures.style import LegendEntry
 
 

@@ -20,7 +20,7 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.io.atomic_write import atomic_file
+from rnc_pin.io.json import atomic_file
 
 # Palette of Okabe and Ito, ordered so that neighbours also differ in lightness.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")

@@ -8,14 +8,14 @@ from .comparison import Comparison as Comparison
 from .comparison import Replay as Replay
 from .comparison import compare as compare
 from .energy_balance import EnergyBalance as EnergyBalance
+from .energy_balance import Suspect as Suspect
+from .energy_balance import named_numbers as named_numbers
 from .excitation import Excitation as Excitation
 from .excitation import excite as excite
 from .inertial import EffortError as EffortError
 from .inertial import Identification as Identification
 from .inertial import WeakCombination as WeakCombination
 from .inertial import identify as identify
-from .suspects import Suspect as Suspect
-from .suspects import named_numbers as named_numbers
 from .unknowns import BodyInertia as BodyInertia
 from .unknowns import CoulombFriction as CoulombFriction
 from .unknowns import EffortOffset as EffortOffset

@@ -11,15 +11,13 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError
-from rnc_pin.identification.logs.channel import Channel
+from rnc_pin.identification.logs.channel import Channel, Correction
 from rnc_pin.identification.logs.log import Log
-from rnc_pin.identification.logs.mapping import Correction
 from rnc_pin.identification.reduced_regressor import Estimates, combination_name
-from rnc_pin.identification.rolled_path import rotated
 from rnc_pin.identification.rolling_motion import RollingMotion
 from rnc_pin.identification.unknowns import SensorPlace, Unknown, UnknownNumber, corrections_of, radii_of
 from rnc_pin.identification.urdf_copy import write_places
-from rnc_pin.identification.window_fit import Fit, WindowFit, Windows, correlation_of
+from rnc_pin.identification.window_fit import Fit, WindowFit, Windows, correlation_of, rotated
 from rnc_pin.model.coordinates import heading_of
 from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.model.system import NonholonomicSystem

@@ -9,11 +9,10 @@ import numpy as np
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.identification.calibration import PathError, PoseProblem
-from rnc_pin.identification.energy_balance import EnergyBalance, energy_balance
+from rnc_pin.identification.energy_balance import NO_TIMES, EnergyBalance, Pursuit, Suspect, energy_balance, pursued
 from rnc_pin.identification.logs.log import Log
-from rnc_pin.identification.rolled_path import rotated
 from rnc_pin.identification.rolling_motion import RollingMotion
-from rnc_pin.identification.suspects import NO_TIMES, Pursuit, Suspect, pursued
+from rnc_pin.identification.window_fit import rotated
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 

@@ -11,7 +11,6 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError, InfeasibleError, argument, few, nearest
 from rnc_pin.identification.logs.channel import Channel
 from rnc_pin.identification.logs.log import Log
-from rnc_pin.identification.rolled_path import Poses, RolledPath, rotated, sideways
 from rnc_pin.identification.row_geometry import RowGeometry, Virtual
 from rnc_pin.identification.unknowns import (
     EncoderOffset,
@@ -22,6 +21,7 @@ from rnc_pin.identification.unknowns import (
     number_of,
     radii_of,
 )
+from rnc_pin.identification.window_fit import Poses, RolledPath, rotated, sideways
 from rnc_pin.math.components import Component, NormalEquations, Row, against, combined, minus, plus, times
 from rnc_pin.model.coordinates import heading_of
 from rnc_pin.model.system import NonholonomicSystem

@@ -10,7 +10,7 @@ from typing import ClassVar, Literal, NamedTuple, TypeAlias, cast
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.identification.logs.mapping import Correction
+from rnc_pin.identification.logs.channel import Correction
 from rnc_pin.identification.row_geometry import Virtual
 from rnc_pin.model.system import NonholonomicSystem
 

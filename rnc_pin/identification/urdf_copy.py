@@ -9,9 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.io.atomic_write import atomic_file
-from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.io.safe_xml import parse_tree
+from rnc_pin.io.json import atomic_file
+from rnc_pin.io.safe_read import parse_tree, read_bytes
 from rnc_pin.robots.robot import Robot
 
 _SAME = 1e-9  # difference of placements below which an origin is not written again

@@ -1,13 +1,13 @@
 """Exports of ``rnc_pin.io``, which ``__init__.py`` imports at their first use."""
 
-from .atomic_write import TEMPORARY_PREFIX as TEMPORARY_PREFIX
-from .atomic_write import atomic_file as atomic_file
+from .json import TEMPORARY_PREFIX as TEMPORARY_PREFIX
 from .json import Json as Json
+from .json import atomic_file as atomic_file
 from .json import dump_json as dump_json
 from .json import to_json_mapping as to_json_mapping
+from .safe_read import load_yaml as load_yaml
 from .safe_read import open_regular as open_regular
 from .safe_read import read_bytes as read_bytes
-from .safe_yaml import load_yaml as load_yaml
 from .strict_mapping import LIST as LIST
 from .strict_mapping import Numbers as Numbers
 from .strict_mapping import Strict as Strict

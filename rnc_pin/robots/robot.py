@@ -19,9 +19,8 @@ from rnc_pin.robots import robot_files
 from rnc_pin.robots.derived_models import AttachedModel, LazyGeometry, LinkMass, LockedModel, with_link_masses
 from rnc_pin.robots.joint_values import JointValue, NamedModel, base_of
 from rnc_pin.robots.model_checks import Massless, UselessInertia, check_model, check_model_size, massless, remedy
-from rnc_pin.robots.source_entry import source_entry
-from rnc_pin.robots.sources.description import Closure, Description, Mimic
-from rnc_pin.robots.sources.numeric_checks import check_acceleration
+from rnc_pin.robots.robot_files import source_entry
+from rnc_pin.robots.sources.description import Closure, Description, Mimic, check_acceleration
 from rnc_pin.robots.sources.urdf import read_urdf
 from rnc_pin.robots.sources.urdf_links import STAND_IN
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, InputError, nearest
-from rnc_pin.io.atomic_write import atomic_file
+from rnc_pin.io.json import atomic_file
 from rnc_pin.simulation.run_data import RunData
 from rnc_pin.simulation.run_info import FORCE_UNITS, OutputNames, RunInfo
 

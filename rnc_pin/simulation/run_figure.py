@@ -13,9 +13,8 @@ from matplotlib.figure import Figure
 
 from rnc_pin.errors import InputError
 from rnc_pin.figures.ground_path import MIN_HALF_SIZE, GroundPath, GroundPaths, draw_paths
-from rnc_pin.figures.panel import MAX_LINES, Labels
+from rnc_pin.figures.panel import MAX_LINES, Labels, Sheet, Size
 from rnc_pin.figures.panel_figure import PlaneView, panel_figure
-from rnc_pin.figures.sheet import Sheet, Size
 from rnc_pin.figures.style import LegendEntry
 from rnc_pin.simulation.run_data import RunData
 from rnc_pin.simulation.run_panels import QUANTITIES, TOP_VIEW, Others, panels

@@ -16,15 +16,12 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Provenance, RunInfo, Sample
 from rnc_pin.simulation.run_info import provenance_of
-from rnc_pin.visualization.browser.access import LOOPBACK
-from rnc_pin.visualization.browser.scene_server import ControlPanel
-from rnc_pin.visualization.browser.scene_window import SceneWindow
-from rnc_pin.visualization.drawn_model import DrawnModel
-from rnc_pin.visualization.drawn_state import DrawnState, live_state
+from rnc_pin.visualization.browser.page import LOOPBACK
+from rnc_pin.visualization.browser.scene_server import ControlPanel, SceneWindow
+from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, live_state
 from rnc_pin.visualization.meshcat_robot import check_drawable
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.run_scene import RunScene, ShownRun
-from rnc_pin.visualization.view import View
 
 _VALUES_RATE = 10.0  # updates of the overlay per second
 

@@ -24,9 +24,8 @@ from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import RunInfo, Sample
 from rnc_pin.visualization.browser.scene_server import ControlPanel
-from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization.drawn_state import DrawnModel, View
 from rnc_pin.visualization.live import LiveView, MeshcatViewer
-from rnc_pin.visualization.view import View
 
 Made = TypeVar("Made")
 

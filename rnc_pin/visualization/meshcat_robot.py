@@ -22,7 +22,7 @@ from rnc_pin.errors import ModelError, ModelWarning
 from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.description_files import is_below
-from rnc_pin.visualization.meshcat_library import BaseVisualizer, DaeMeshGeometry, MeshcatVisualizer, mg
+from rnc_pin.visualization.browser.page import BaseVisualizer, DaeMeshGeometry, MeshcatVisualizer, mg
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 
 _BEGINNINGS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF8", b"BM", b"RIFF", b"II*\0", b"MM\0*", b"DDS ")

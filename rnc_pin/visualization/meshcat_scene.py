@@ -9,8 +9,8 @@ import pinocchio as pin
 import umsgpack
 
 from rnc_pin.simulation import PlannedPath
-from rnc_pin.visualization.browser.scene_window import SceneWindow
-from rnc_pin.visualization.meshcat_library import meshcat, mg
+from rnc_pin.visualization.browser.page import meshcat, mg
+from rnc_pin.visualization.browser.scene_server import SceneWindow
 
 _DASHES = {"dashed": (6.0, 3.2), "dotted": (3.0, 0.8)}  # period of a line and its drawn part, over its width
 _MAX_DOTS = 2000

@@ -15,17 +15,15 @@ import numpy as np
 
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.extras import missing_extra
-from rnc_pin.io.atomic_write import atomic_file, atomic_folder
+from rnc_pin.io.json import atomic_file, atomic_folder
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ObjectSummary, SummaryMixin, items, significant
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Trajectory
-from rnc_pin.visualization.browser.scene_window import SceneWindow
-from rnc_pin.visualization.drawn_model import DrawnModel
-from rnc_pin.visualization.drawn_state import RATE, recorded_states
+from rnc_pin.visualization.browser.scene_server import SceneWindow
+from rnc_pin.visualization.drawn_state import RATE, DrawnModel, View, recorded_states
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.run_scene import RunScene, ShownRun
-from rnc_pin.visualization.view import View
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

@@ -14,10 +14,9 @@ from rnc_pin.model.mechanisms import GroundSurface, carrier_of
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.mesh_formats import convex_hull
-from rnc_pin.visualization.drawn_model import grounds_of
-from rnc_pin.visualization.drawn_state import DrawnState
+from rnc_pin.visualization.browser.page import mg
+from rnc_pin.visualization.drawn_state import DrawnState, grounds_of
 from rnc_pin.visualization.elements import GREEN, GREY, Element, LayerEntry
-from rnc_pin.visualization.meshcat_library import mg
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.scene_kinematics import SceneKinematics, box_corners
 

@@ -6,7 +6,7 @@ import trimesh
 from pydantic import TypeAdapter
 
 import rnc_pin as rnc
-from rnc_pin.applications.scenario.schema.obstacles import ObstacleItem, build_obstacles
+from rnc_pin.applications.scenario.schema.world import ObstacleItem, build_obstacles
 from rnc_pin.collision import CollisionDistances, cells_around, load_cells
 from rnc_pin.collision.occupied_cells import merged_boxes
 from rnc_pin.planning import WaySettings, find_way

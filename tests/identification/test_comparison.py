@@ -196,7 +196,7 @@ def test_the_page_shows_the_measured_robot_beside_the_predicted_one(tmp_path, ca
         shown.append((trajectory, comparisons))
         return Recording(model, trajectory, view, title, comparisons)
 
-    monkeypatch.setattr("rnc_pin.applications.command_line.commands.compare.Recording", recording)
+    monkeypatch.setattr("rnc_pin.applications.command_line.commands.logs.Recording", recording)
     status, out, _ = call("compare", scenario, tmp_path / "log.npz", "--out", tmp_path / "out", "--speeds")
     assert status == 0
     assert "the radius of left_wheel, right_wheel fails first" in out.replace("\n", " ")

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
-from rnc_pin.io.safe_xml import parse_tree
+from rnc_pin.io.safe_read import parse_tree
 
 _HEADS = ("First draft for", "NOT CONFIRMED: ", "CHECK: ", "Note: ", "QUESTION: ", "Decided: ", "Assumed: ", "base ")
 

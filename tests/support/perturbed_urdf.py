@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.io.safe_xml import parse_tree
-from rnc_pin.robots.sources.numeric_checks import read_numbers
+from rnc_pin.io.safe_read import parse_tree
+from rnc_pin.robots.sources.description import read_numbers
 
 LENGTH, ANGLE = 1e-3, np.deg2rad(0.1)  # standard deviation of the noise along and about each axis [m, rad]
 SMALL, LARGE = 0.1, 10.0

@@ -16,10 +16,9 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.simulation import Sample, tracking_errors
-from rnc_pin.visualization.drawn_state import RATE, sample_configurations
+from rnc_pin.visualization.drawn_state import RATE, View, sample_configurations
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.view import View
 
 SINGLE_PRECISION = 1e-5  # [m]; what WebGL computes in, over a few metres
 VIEW = View(trail=["tip"], ground=-1.3)

@@ -29,7 +29,7 @@ from docstring_examples import (
     watch_constructors,
 )
 from elsewhere import figures, figures_of_pickles
-from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization.drawn_state import DrawnModel
 
 MOST_STATEMENTS = 10
 INTERNAL = (

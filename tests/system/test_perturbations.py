@@ -13,7 +13,7 @@ from base_kind import BaseKind, base_kind, comments, explanation, wheel_axles
 from benchmarks import perturbations
 from places import DIRT
 from rnc_pin.applications.init import DraftOptions, draft
-from rnc_pin.applications.init.drive_evidence import named_as_driven
+from rnc_pin.applications.init.evidence import named_as_driven
 from rnc_pin.applications.init.shapes import shapes
 
 pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")

@@ -25,9 +25,8 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.simulation import Sample
-from rnc_pin.visualization.browser.access import is_loopback
-from rnc_pin.visualization.browser.page import in_order
-from rnc_pin.visualization.browser.scene_window import SceneWindow
+from rnc_pin.visualization.browser.page import in_order, is_loopback
+from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.recording import Recording
 

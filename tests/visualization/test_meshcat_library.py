@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from patience import PATIENCE
-from rnc_pin.visualization.meshcat_library import deferred_imports
+from rnc_pin.visualization.browser.page import deferred_imports
 
 _NAMES = ("viser", "trimesh", "imageio", "IPython")
 _PAGE = f"""

@@ -26,8 +26,8 @@ from rnc_pin.figures.panel import split_names
 from rnc_pin.simulation import ground_paths
 from rnc_pin.simulation.run_panels import learning_panels, panels
 from rnc_pin.visualization import recording as capture
+from rnc_pin.visualization.plots import draw_footprints, footprints, plot_top_view
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.run_plots import draw_footprints, footprints, plot_top_view
 from systems import mecanum
 
 

@@ -14,13 +14,11 @@ from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.simulation import Columns, OutputNames, output_names
-from rnc_pin.visualization.drawn_state import RATE, DrawnState, recorded_states, sample_configurations
-from rnc_pin.visualization.elements import _cylinder_transform
+from rnc_pin.visualization.drawn_state import RATE, DrawnState, View, recorded_states, sample_configurations
+from rnc_pin.visualization.elements import Overlay, _cylinder_transform, margin_color
 from rnc_pin.visualization.meshcat_scene import ASPECT, FIELD_OF_VIEW, VIEW_DIRECTION, Keyframes, fitting_camera
-from rnc_pin.visualization.overlay import Overlay, margin_color
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.scene_kinematics import SceneKinematics, null_motion
-from rnc_pin.visualization.view import View
 
 
 @pytest.fixture(scope="module")

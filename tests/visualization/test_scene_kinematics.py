@@ -2,15 +2,14 @@
 
 import numpy as np
 
-from rnc_pin.applications.scenario.drawn_run import drawn_run
 from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.saved_run import drawn_run
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.visualization.browser.scene_window import SceneWindow
-from rnc_pin.visualization.drawn_state import RATE, recorded_states
+from rnc_pin.visualization.browser.scene_server import SceneWindow
+from rnc_pin.visualization.drawn_state import RATE, View, recorded_states
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.run_scene import RunScene, ShownRun
 from rnc_pin.visualization.scene_kinematics import SwitchingForces
-from rnc_pin.visualization.view import View
 
 DROP = """
 robot: {urdf: rolling_ball.urdf, base: free}

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.visualization.drawn_model import DrawnModel, grounds_of
-from rnc_pin.visualization.drawn_state import DrawnState
+from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, grounds_of
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.scene_kinematics import SceneKinematics
 from rnc_pin.visualization.surroundings import (
@@ -16,7 +15,6 @@ from rnc_pin.visualization.surroundings import (
     is_drawn,
     seen_from,
 )
-from rnc_pin.visualization.view import View
 
 GROUNDS = {
     "plane": rnc.GroundPlane(normal=(0.2, -0.3, 1.0), point=(0.1, 0.2, 0.3)),

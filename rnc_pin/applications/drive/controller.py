@@ -9,11 +9,24 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.drive.base import ARRIVED, BaseRates, DrivenBase, base_rows, curvature, rates_to_goal
-from rnc_pin.applications.drive.controls import DriveControls
-from rnc_pin.applications.drive.goals import DriveGoals, MovedMotion, initial_goals, with_command
+from rnc_pin.applications.drive.controls import (
+    ARRIVED,
+    BaseRates,
+    DriveControls,
+    DrivenBase,
+    base_rows,
+    curvature,
+    rates_to_goal,
+)
+from rnc_pin.applications.drive.goals import (
+    DriveGoals,
+    MovedMotion,
+    Parking,
+    ParkingPlanner,
+    initial_goals,
+    with_command,
+)
 from rnc_pin.applications.drive.log import CommandLog
-from rnc_pin.applications.drive.pose_goal import Parking, ParkingPlanner
 from rnc_pin.control import Description, TrackerState, VelocityTarget
 from rnc_pin.control.whole_body import ControlSample, LimitReport, ProgramState, VelocityQP
 from rnc_pin.control.whole_body.limits import ControlLimit

@@ -1,17 +1,229 @@
-"""Controls of a driven run: the frames, joints, base, obstacles and gains that a user may set, and their ranges."""
+"""Controls of a driven run: frames, joints, obstacles and gains that a user may set, with ranges; and the base."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
-from rnc_pin.applications.drive.base import DrivenBase, find_base
 from rnc_pin.collision import Obstacle
-from rnc_pin.errors import InputError
-from rnc_pin.model import ReducedModel
-from rnc_pin.robots import NO_LIMIT
+from rnc_pin.errors import InputError, RncError
+from rnc_pin.model import ConfigurationEvaluation, ReducedModel, wrapped
+from rnc_pin.outputs import FrameSpeed, FrameYaw
+from rnc_pin.robots import NO_LIMIT, Robot
+
+_ROOT = "root_joint"
+_RANK = 1e-6  # smallest singular value, of rows of unit length, at which motions are independent
+_TURNED = 0.7  # [rad or m] by which a joint moves in the test of whether the motions of others depend on it
+_STEERED = 0.1  # [rad] by which a joint turns in the test of whether it steers
+_SLOWING = 1.5  # speed of the base over its distance from the goal [1/s]
+_TURNING = 2.5  # turn rate over the bearing of the goal [1/s]
+ARRIVED = 0.02
+"""Distance at which the base has reached its goal [m]."""
+
+
+@dataclass(frozen=True)
+class DrivenBase:
+    """Base of a robot.
+
+    Attributes:
+        frame: frame of the base, with x forward.
+        turns: True if it can turn on the spot.
+        slides: True if it can move sideways.
+        steering: joint that steers a base that cannot turn on the spot; None without one.
+        steering_sign: sign of the curvature's change with that joint.
+        wheels: joints that cannot move without the base.
+        shape: joints on whose positions the motion of the base depends, such as steering angles and hitches.
+    """
+
+    frame: str
+    turns: bool
+    slides: bool
+    steering: str | None = None
+    steering_sign: float = 1.0
+    wheels: tuple[str, ...] = ()
+    shape: tuple[str, ...] = ()
+
+    def rates(self, rows: np.ndarray, robot: Robot) -> np.ndarray:
+        """Return the rows (3, nv) of the rates that a user sets: zero for motions that the base does not have.
+
+        Args:
+            rows: rows of ``base_rows``.
+            robot: the robot.
+        """
+        found = rows.copy()
+        if not self.slides:
+            found[2] = 0.0
+        if not self.turns:
+            found[1] = 0.0
+            if self.steering is not None:
+                found[1, robot.velocity_indices(self.steering)] = 1.0
+        return found
+
+
+class BaseRates(NamedTuple):
+    """Desired rates of a base."""
+
+    forward: float
+    """[m/s]"""
+    left: float
+    """[m/s]"""
+    turn: float
+    """Yaw rate [rad/s]; rate of the steering joint for a base that is steered."""
+
+
+def base_frame(robot: Robot, preferred: Sequence[str]) -> str | None:
+    """Return the frame of the base: the first preferred frame on the root joint, or the root link; None without one."""
+    if _ROOT not in robot.joint_names:
+        return None
+    root, frames = robot.joint_id(_ROOT), robot.model.frames
+    for name in preferred:
+        if frames[robot.frame_id(name)].parentJoint == root:
+            return name
+    bodies = [str(each.name) for each in frames if each.parentJoint == root and each.type == pin.FrameType.BODY]
+    return bodies[0] if bodies else None
+
+
+def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> DrivenBase | None:
+    """Return the base of a robot; None if it cannot drive while its joints rest.
+
+    Args:
+        reduced: the model.
+        q0: initial configuration (nq,).
+        joints: independent joints.
+    """
+    robot = reduced.robot
+    preferred = [name.removesuffix("_speed_x") for name in reduced.reducing.names if name.endswith("_speed_x")]
+    frame = base_frame(robot, [name for name in preferred if robot.model.existFrame(name)])
+    if frame is None or any(name.startswith("momentum(") for name in reduced.constraints.names):
+        return None  # a base that floats moves by the reaction to its joints only
+    here = reduced.at(q0)
+    rows = base_rows(robot, frame, here)
+    wheels = tuple(name for name in joints if _drives(here, rows, robot, name))
+    rest = [robot.velocity_indices(name).start for name in joints if name not in wheels]
+    resting = here.R[rest]
+    forward, turn, left = (row @ here.R for row in rows)
+    if not _independent(resting, forward):
+        return None
+    turns = _independent(resting, forward, turn)
+    slides = _independent(resting, forward, left)
+    steering, sign = (None, 1.0) if turns else _steering(reduced, q0, frame, [j for j in joints if j not in wheels])
+    return DrivenBase(frame, turns, slides, steering, sign, wheels, _shape(reduced, q0))
+
+
+def base_rows(robot: Robot, frame: str, at: ConfigurationEvaluation) -> np.ndarray:
+    """Rows (3, nv) of the forward speed, the yaw rate and the speed to the left of a frame."""
+    kinds = FrameSpeed(frame, "x"), FrameYaw(frame), FrameSpeed(frame, "y")
+    return np.vstack([kind.bind(robot).jacobian(at.position) for kind in kinds])
+
+
+def _drives(here: ConfigurationEvaluation, rows: np.ndarray, robot: Robot, joint: str) -> bool:
+    """True if a joint cannot move while the base rests: the constraints couple it to the base, such as a wheel."""
+    own = here.R[[robot.velocity_indices(joint).start]]
+    return not _independent(rows @ here.R, own[0], full=False)
+
+
+def _independent(given: np.ndarray, *rows: np.ndarray, full: bool = True) -> bool:
+    """True if rows are independent of given rows and of each other; ``full`` is False if the given ones may depend."""
+    units = [row / max(float(np.linalg.norm(row)), 1e-300) for row in (*given, *rows)]
+    if any(np.linalg.norm(row) < _RANK for row in rows):
+        return False
+    before = np.linalg.matrix_rank(np.array(units[: len(given)]), _RANK) if len(given) else 0
+    after = np.linalg.matrix_rank(np.array(units), _RANK)
+    return bool(after == before + len(rows) and (not full or before == len(given)))
+
+
+def _shape(reduced: ReducedModel, q0: np.ndarray) -> tuple[str, ...]:
+    """Joints on whose positions the space of possible velocities depends."""
+    robot, found = reduced.robot, []
+    left, sizes, _ = np.linalg.svd(reduced.at(q0).R, full_matrices=False)
+    span = left[:, sizes > _RANK * sizes.max(initial=0.0)]
+    for name in robot.joint_names:
+        change = np.zeros(robot.nv)
+        change[robot.velocity_indices(name)] = _TURNED
+        try:
+            there = reduced.at(pin.integrate(robot.model, q0, change)).R
+        except RncError:  # a singular configuration: it depends on the joint
+            found.append(name)
+            continue
+        if name != _ROOT and np.abs(there - span @ (span.T @ there)).max(initial=0.0) > _RANK:
+            found.append(name)
+    return tuple(found)
+
+
+def curvature(at: ConfigurationEvaluation, rows: np.ndarray, resting: Sequence[int]) -> float:
+    """Curvature of the base's path [rad/m] while joints rest: yaw rate over forward speed.
+
+    Args:
+        at: the model at a configuration.
+        rows: rows of ``base_rows``.
+        resting: entries of v that are zero.
+    """
+    stack = np.vstack([rows[0] @ at.R, at.R[list(resting)]])
+    v2 = np.linalg.lstsq(stack, np.eye(len(stack))[0], rcond=None)[0]
+    return float(rows[1] @ at.R @ v2)
+
+
+def _steering(reduced: ReducedModel, q0: np.ndarray, frame: str, joints: Sequence[str]) -> tuple[str | None, float]:
+    """Joint that changes the curvature most, and the sign of that change."""
+    robot = reduced.robot
+    resting = [robot.velocity_indices(name).start for name in joints]
+
+    def at(q: np.ndarray) -> float:
+        here = reduced.at(q)
+        return curvature(here, base_rows(robot, frame, here), resting)
+
+    found: tuple[str | None, float] = None, 0.0
+    for name, place in zip(joints, resting, strict=True):
+        change = np.zeros(robot.nv)
+        change[place] = _STEERED
+        try:
+            effect = at(pin.integrate(robot.model, q0, change)) - at(pin.integrate(robot.model, q0, -change))
+        except RncError:  # a singular configuration of the outputs
+            continue
+        if abs(effect) > max(abs(found[1]), 1e-6):
+            found = name, effect
+    return found[0], float(np.sign(found[1])) or 1.0
+
+
+def rates_to_goal(
+    base: DrivenBase,
+    pose: tuple[float, float, float],
+    goal: tuple[float, float],
+    bend: float,
+    speed: float,
+    turn: float,
+) -> BaseRates:
+    """Rates that bring a base to a point.
+
+    A base that slides moves straight. One that turns on the spot turns to the point while it drives. A steered one
+    follows the circle through the point that is tangent to its heading.
+
+    Args:
+        base: the base.
+        pose: position [m] and yaw [rad] of its frame.
+        goal: the point [m].
+        bend: curvature of its present path [rad/m]; only for a steered base.
+        speed: largest speed [m/s].
+        turn: largest turn rate, or rate of the steering joint [rad/s].
+    """
+    dx, dy = goal[0] - pose[0], goal[1] - pose[1]
+    distance = float(np.hypot(dx, dy))
+    if distance < ARRIVED:
+        return BaseRates(0.0, 0.0, 0.0)
+    bearing = float(wrapped(np.arctan2(dy, dx) - pose[2]))
+    ahead = min(speed, _SLOWING * distance)
+    if base.slides:
+        return BaseRates(ahead * np.cos(bearing), ahead * np.sin(bearing), 0.0)
+    if base.turns:
+        return BaseRates(ahead * max(np.cos(bearing), 0.0), 0.0, float(np.clip(_TURNING * bearing, -turn, turn)))
+    wanted = 2.0 * np.sin(bearing) / distance
+    rate = _TURNING * base.steering_sign * (np.arctan(wanted) - np.arctan(bend))
+    return BaseRates(ahead * (1.0 if np.cos(bearing) >= 0 else -1.0), 0.0, float(np.clip(rate, -turn, turn)))
+
 
 FAR = 100.0
 """Largest coordinate of a goal [m]."""

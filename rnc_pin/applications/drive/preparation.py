@@ -11,14 +11,12 @@ from typing import cast
 
 import numpy as np
 
-from rnc_pin.applications.drive.base import base_frame
 from rnc_pin.applications.drive.controller import DriveController
-from rnc_pin.applications.drive.controls import DriveControls, find_controls
-from rnc_pin.applications.drive.goals import movable
+from rnc_pin.applications.drive.controls import DriveControls, base_frame, find_controls
+from rnc_pin.applications.drive.goals import ParkingPlanner, movable
 from rnc_pin.applications.drive.log import CommandLog
-from rnc_pin.applications.drive.pose_goal import ParkingPlanner
 from rnc_pin.applications.init import draft
-from rnc_pin.applications.init.output_selection import select_outputs
+from rnc_pin.applications.init.assumptions import select_outputs
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
 from rnc_pin.applications.scenario.files import ROBOT_FILES, built_in_names, robot_names
 from rnc_pin.applications.scenario.loading import validate

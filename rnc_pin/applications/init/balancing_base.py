@@ -7,9 +7,8 @@ from typing import NoReturn
 
 import numpy as np
 
-from rnc_pin.applications.init.base_assumptions import DRIVEN, BaseAssumptions, measured, place_and_heading, rolls
-from rnc_pin.applications.init.decision import LIKELY, SURE, Alternative, DraftDecision
-from rnc_pin.applications.init.joint_properties import has_word
+from rnc_pin.applications.init.assumptions import DRIVEN, BaseAssumptions, measured, place_and_heading, rolls
+from rnc_pin.applications.init.evidence import LIKELY, SURE, Alternative, DraftDecision, has_word
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import WheelGroup, WheelLayout, are_parallel

@@ -6,9 +6,8 @@ from collections.abc import Callable
 
 import pinocchio as pin
 
-from rnc_pin.applications.init.base_assumptions import DRIVEN, BaseAssumptions
-from rnc_pin.applications.init.decision import GUESSED, LIKELY, SURE, Alternative, DraftDecision
-from rnc_pin.applications.init.joint_properties import effort_limit, has_word
+from rnc_pin.applications.init.assumptions import DRIVEN, BaseAssumptions
+from rnc_pin.applications.init.evidence import GUESSED, LIKELY, SURE, Alternative, DraftDecision, effort_limit, has_word
 from rnc_pin.applications.init.omnidirectional_base import push
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.wheeled_base import planar

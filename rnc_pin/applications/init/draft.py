@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from rnc_pin.applications.init.assumptions import BaseAssumptions
 from rnc_pin.applications.init.balancing_base import (
     balance_decision,
     balancing_base,
@@ -14,31 +15,31 @@ from rnc_pin.applications.init.balancing_base import (
     is_bicycle,
     refuse_one_track,
 )
-from rnc_pin.applications.init.base_assumptions import BaseAssumptions
 from rnc_pin.applications.init.base_without_wheels import (
     fixed_base_with_locked_joints,
     is_called_afloat,
     moves_over_ground,
     without_wheels,
 )
-from rnc_pin.applications.init.decision import DraftDecision
-from rnc_pin.applications.init.drawn_axles import find_drawn_axles
+from rnc_pin.applications.init.evidence import DraftDecision
 from rnc_pin.applications.init.omnidirectional_base import (
     force_driven_base,
+    is_swerve,
+    is_turret,
     omnidirectional_base,
     rollers_decision,
+    swerve_base,
+    turret_base,
     wheels_called_omni,
 )
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.scenario_candidate import ScenarioCandidate
-from rnc_pin.applications.init.snake_base import find_snake, snake_base
+from rnc_pin.applications.init.snake_and_ball import find_shell, find_snake, snake_base, spherical_base
 from rnc_pin.applications.init.source import DraftOptions, Source
-from rnc_pin.applications.init.spherical_base import find_shell, spherical_base
 from rnc_pin.applications.init.start_values import edge_remarks, mimic_doubts, start_values
-from rnc_pin.applications.init.steered_drives import is_swerve, is_turret, swerve_base, turret_base
 from rnc_pin.applications.init.trial import Trial
 from rnc_pin.applications.init.wheel_detection import find_raised_wheels, find_wheels, stand_below_body
-from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels
+from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels, find_drawn_axles
 from rnc_pin.applications.init.wheeled_base import knife_edge_base, wheeled_base
 from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
 from rnc_pin.verdict import Severity

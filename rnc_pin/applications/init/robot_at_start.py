@@ -8,11 +8,9 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init.drive_evidence import DriveEvidence
-from rnc_pin.applications.init.joint_properties import body_frame, sliding_axis, turning_axis
-from rnc_pin.applications.init.shapes import GEOMETRY, Shape, missing_meshes, shapes
+from rnc_pin.applications.init.evidence import DriveEvidence, body_frame, sliding_axis, turning_axis
+from rnc_pin.applications.init.shapes import ALIGNED, GEOMETRY, Shape, first_smallest, missing_meshes, shapes
 from rnc_pin.applications.init.source import FileNames
-from rnc_pin.applications.init.tolerances import ALIGNED, first_smallest
 from rnc_pin.robots import Robot
 
 

@@ -13,29 +13,42 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init.actuator_selection import (
+from rnc_pin.applications.init.assumptions import (
+    UNMEASURED,
+    BaseAssumptions,
+    ChosenOutputs,
+    Entry,
     actuator_candidates,
     assume_motors,
     conserve_momentum_of_free_joints,
+    output_candidates,
+    select_outputs,
 )
-from rnc_pin.applications.init.base_assumptions import UNMEASURED, BaseAssumptions, Entry
-from rnc_pin.applications.init.decision import DraftDecision
-from rnc_pin.applications.init.loops import keep_within_loops, loop_closures, off_dead_centre, uncoupled_joints
-from rnc_pin.applications.init.output_selection import ChosenOutputs, output_candidates, select_outputs
+from rnc_pin.applications.init.evidence import DraftDecision
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.shapes import GEOMETRY
 from rnc_pin.applications.init.source import Source
-from rnc_pin.applications.init.start_values import is_loaded, with_bearable_loads, with_regular_inertia
+from rnc_pin.applications.init.start_values import (
+    is_loaded,
+    keep_within_loops,
+    loop_closures,
+    off_dead_centre,
+    uncoupled_joints,
+    with_bearable_loads,
+    with_regular_inertia,
+)
 from rnc_pin.applications.init.trial import (
     FAR,
     MEANINGFUL,
+    Drafted,
+    DraftedStart,
     Trial,
     kept_share,
     model_findings,
     run_findings,
     worst_output,
+    write_draft,
 )
-from rnc_pin.applications.init.yaml_text import Drafted, DraftedStart, write_draft
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
 from rnc_pin.applications.scenario.execution import Result, execute
 from rnc_pin.applications.scenario.loading import validate

@@ -1,16 +1,40 @@
-"""Geometry of a robot as points, to find the ground, the wheels and their radii."""
+"""Geometry of a robot as points, to find the ground, the wheels and their radii; and tolerances for numbers of a file.
+
+Files round to a few digits, and workshops build to a degree and a millimetre.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init.tolerances import PLACED
 from rnc_pin.errors import ModelError
 from rnc_pin.robots import Robot
+
+ALIGNED = 0.0175
+"""Angle [rad], or its sine, below which two directions are equal: 1 degree, e.g. toe-in or the lean of a kingpin."""
+SAME = 1e-3
+"""Share of a range, or of a radius, below which two values are equal; it bounds rounding, not workmanship."""
+PLACED = 3e-3
+"""Distance [m] below which two positions are equal, e.g. the axles of two wheels of one axle line."""
+INDEPENDENT = 1e-3
+"""Sine of the angle between actuators (or outputs) below which they are linearly dependent."""
+
+
+def placed(length: float) -> float:
+    """Return the distance [m] below which two positions on a part of this length are equal: a tenth of small parts."""
+    return min(PLACED, 0.1 * length)
+
+
+def first_smallest(values: Sequence[float] | np.ndarray, slack: float) -> int:
+    """Return the index of the first value within ``slack`` of the smallest; rounding does not change it."""
+    array = np.asarray(values)
+    return int(np.flatnonzero(array <= array.min() + slack)[0])
+
 
 Kind: TypeAlias = Literal["collision", "visual"]
 GEOMETRY: tuple[Kind, ...] = ("collision", "visual")

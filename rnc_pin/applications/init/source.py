@@ -15,12 +15,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init.drive_evidence import DriveEvidence, named_as_driven
-from rnc_pin.applications.init.joint_properties import effort_limit
-from rnc_pin.applications.init.shapes import GEOMETRY, Kind, missing_meshes, shapes
-from rnc_pin.applications.init.tolerances import PLACED
+from rnc_pin.applications.init.evidence import DriveEvidence, effort_limit, named_as_driven
+from rnc_pin.applications.init.shapes import GEOMETRY, PLACED, Kind, missing_meshes, shapes
 from rnc_pin.applications.scenario.loading import admitted
-from rnc_pin.applications.scenario.schema.robot_source import RobotSource
+from rnc_pin.applications.scenario.schema.world import RobotSource
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.io import Json
 from rnc_pin.robots import (

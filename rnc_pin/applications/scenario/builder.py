@@ -12,15 +12,19 @@ import numpy as np
 
 from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.controllers import BuiltController, ControllerContext
-from rnc_pin.applications.scenario.controllers.context import reduced_velocity, refuse_or_warn
-from rnc_pin.applications.scenario.controllers.task_goals import TaskGoals
+from rnc_pin.applications.scenario.controllers.context import TaskGoals, reduced_velocity, refuse_or_warn
 from rnc_pin.applications.scenario.controllers.velocity_tracking import VelocityTrackerSettings
-from rnc_pin.applications.scenario.output_references import frame_poses, plan_path, task_references
-from rnc_pin.applications.scenario.planner_builder import Plans, Start, planned_path
-from rnc_pin.applications.scenario.plant_builder import build_plant
+from rnc_pin.applications.scenario.plant_builder import build_plant, start_findings, warnings_of
+from rnc_pin.applications.scenario.reference_builder import (
+    Plans,
+    Start,
+    frame_poses,
+    plan_path,
+    planned_path,
+    task_references,
+)
 from rnc_pin.applications.scenario.schema import ScenarioFile, SimulationSettings
-from rnc_pin.applications.scenario.schema.obstacles import build_obstacles
-from rnc_pin.applications.scenario.start_findings import start_findings, warnings_of
+from rnc_pin.applications.scenario.schema.world import build_obstacles
 from rnc_pin.collision import Obstacle, check_ignored_links
 from rnc_pin.control import Controller, ZeroInput, describe
 from rnc_pin.control.loop import LoopOptions

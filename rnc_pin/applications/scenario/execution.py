@@ -10,10 +10,9 @@ from typing import cast
 
 import numpy as np
 
-from rnc_pin.applications.scenario.run_verdict import judged_summary, run_summary
 from rnc_pin.applications.scenario.scenario import Scenario, slug
 from rnc_pin.applications.scenario.shared_tasks import Report, SharedTasks
-from rnc_pin.applications.scenario.simulated_run import Simulated
+from rnc_pin.applications.scenario.simulated_run import Simulated, judged_summary, run_summary
 from rnc_pin.errors import RncError
 from rnc_pin.io import dump_json
 from rnc_pin.simulation import Compared, LimitReplay, Observer, Outcome, Sample, Summary, Trajectory

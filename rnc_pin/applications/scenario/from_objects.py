@@ -13,7 +13,7 @@ import numpy as np
 
 from rnc_pin.applications.scenario.builder import Experiment, build_task
 from rnc_pin.applications.scenario.loading import validate
-from rnc_pin.applications.scenario.plant_builder import build_plant
+from rnc_pin.applications.scenario.plant_builder import build_plant, start_findings, warnings_of
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.derived import Entry, ReadAs
 from rnc_pin.applications.scenario.schema.kinds import (
@@ -23,9 +23,8 @@ from rnc_pin.applications.scenario.schema.kinds import (
     OutputItem,
     Outputs,
 )
-from rnc_pin.applications.scenario.schema.reference_settings import ReferenceItem
-from rnc_pin.applications.scenario.schema.robot_source import RobotSource
-from rnc_pin.applications.scenario.start_findings import start_findings, warnings_of
+from rnc_pin.applications.scenario.schema.motions import ReferenceItem
+from rnc_pin.applications.scenario.schema.world import RobotSource
 from rnc_pin.collision import Obstacle, check_ignored_links
 from rnc_pin.control import Controller, describe
 from rnc_pin.errors import ConfigurationError, nearest

@@ -11,10 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.applications.scenario.builder import Experiment, check_plots, experiment_at, start_of
+from rnc_pin.applications.scenario.plant_builder import start_findings, warnings_of
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.kinds import with_ground
 from rnc_pin.applications.scenario.schema.scenario import PhaseSettings
-from rnc_pin.applications.scenario.start_findings import start_findings, warnings_of
 from rnc_pin.constraints import GroundPlane, LoopClosure, PrescribedMotion
 from rnc_pin.errors import ConfigurationError, InputError, RncError
 from rnc_pin.model import ConstraintKind, Kinematics, NonholonomicSystem, OffsetFrame, ReducedModel

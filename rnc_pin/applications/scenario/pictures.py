@@ -1,6 +1,6 @@
 """Plots and animation of a run, drawn by one process or by several.
 
-Matplotlib and Meshcat take a second to import. So a process imports ``plot_files`` or ``drawn_run`` only to draw
+Matplotlib and Meshcat take a second to import. So a process imports ``plot_files`` or ``saved_run`` only to draw
 with them, if possible while the simulation runs.
 """
 
@@ -133,7 +133,7 @@ def _import_writers() -> None:
 def _writer(name: str) -> Callable[[Scenario, Result, Path], bool]:
     """Function that writes a file of this name."""
     if name == ANIMATION:
-        from rnc_pin.applications.scenario.drawn_run import write_animation
+        from rnc_pin.applications.scenario.saved_run import write_animation
 
         return write_animation
     from rnc_pin.applications.scenario.plot_files import write_plot

@@ -27,13 +27,12 @@ from rnc_pin.applications.scenario.files import apply_options, find_scenario, is
 from rnc_pin.applications.scenario.from_objects import RunObjects, content_of, experiment_of
 from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.phase_builder import build_phased
-from rnc_pin.applications.scenario.planner_builder import Plans
+from rnc_pin.applications.scenario.plant_builder import collected_model_warnings
+from rnc_pin.applications.scenario.reference_builder import Plans
 from rnc_pin.applications.scenario.remedies import Refused, try_remedies
-from rnc_pin.applications.scenario.run_verdict import judged_summary
 from rnc_pin.applications.scenario.schema import ScenarioFile
-from rnc_pin.applications.scenario.schema.obstacles import build_obstacles
-from rnc_pin.applications.scenario.simulated_run import Simulated, simulated
-from rnc_pin.applications.scenario.start_findings import collected_model_warnings
+from rnc_pin.applications.scenario.schema.world import build_obstacles
+from rnc_pin.applications.scenario.simulated_run import Simulated, judged_summary, simulated
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller
 from rnc_pin.errors import ConfigurationError, InfeasibleError, ModelWarning, RncError

@@ -1,15 +1,44 @@
-"""Simulation of the run of a scenario or of a comparison, whose error is part of the result."""
+"""Simulation of the run of a scenario or of a comparison, its summary and its verdict."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from typing import NamedTuple
 
-from rnc_pin.applications.scenario.builder import Experiment
-from rnc_pin.control import State
-from rnc_pin.control.whole_body import report_within
-from rnc_pin.errors import RncError
-from rnc_pin.simulation import Observer, Sample, SimulationOptions, Trajectory, simulate, simulate_phases
+import numpy as np
+
+from rnc_pin.analysis import Grip
+from rnc_pin.applications.scenario.builder import Experiment, off_tracking
+from rnc_pin.applications.scenario.controllers.feedback import SetPointSettings
+from rnc_pin.applications.scenario.schema import ScenarioFile
+from rnc_pin.applications.scenario.schema.motions import MotionProblem
+from rnc_pin.control import State, limited_accelerations, missed_goals
+from rnc_pin.control.whole_body import InverseDynamicsQP, report_within
+from rnc_pin.control.whole_body.limits import CollisionAvoidance
+from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.simulation import (
+    SHORTFALL,
+    FurtherLimits,
+    LimitReplay,
+    Observer,
+    Outcome,
+    Sample,
+    SimulationOptions,
+    Summary,
+    Trajectory,
+    add_limits,
+    add_verdict,
+    distance_findings,
+    judge,
+    missed_goal_findings,
+    replay_limits,
+    simulate,
+    simulate_phases,
+    summarize,
+)
+from rnc_pin.verdict import Finding, FindingKind, Severity
 
 
 class Simulated(NamedTuple):
@@ -56,3 +85,171 @@ def _trajectory(experiment: Experiment, options: SimulationOptions) -> Trajector
     controlled = experiment.reduced, experiment.controller, experiment.q0
     plant = experiment.plant
     return simulate(*controlled, settings.duration, settings.dt, v2_0=v2_0, plant=plant, options=options)
+
+
+REPLAY_DISTANCE = 0.2
+"""Distance up to which the replay of a run computes exact distances [m]."""
+_REPLAY_STEP, _REPLAYED = 0.02, 500  # smallest step between distances [s], and largest number of them
+
+
+def judged_summary(
+    experiment: Experiment,
+    run: Trajectory,
+    gave_way: Mapping[str, float] | None = None,
+    wall_time: float | None = None,
+    *,
+    goals: bool = True,
+) -> tuple[Summary, LimitReplay | None]:
+    """Judge a run of a scenario. The run has its verdict afterwards, and the summary has it too.
+
+    Args:
+        experiment: objects of the run.
+        run: the run.
+        gave_way: largest amounts by which limits of a whole-body program gave way, by name.
+        wall_time: computing time [s].
+        goals: False for a run whose end is not in the scenario, such as one that a user drives.
+
+    Returns:
+        The summary, and the replay of limits and distances; None for a run without samples.
+    """
+    scenario = experiment.scenario
+    summary = run_summary(experiment, run, wall_time)
+    asked = _asked(experiment)
+    replay = _replay(experiment, run, asked) if len(run.time) else None
+    errors = _goal_errors(experiment, run, summary) if goals and run.outcome is Outcome.COMPLETED else {}
+    tolerance = _accuracy(scenario)
+    unfinished = _unfinished(experiment, run) if goals and run.outcome is Outcome.COMPLETED else ()
+    missed = _missed(experiment, run) if goals else ()
+    more = [
+        *experiment.findings,
+        *unfinished,
+        *missed,
+        *(() if replay is None else distance_findings(replay, asked, tolerance)),
+    ]
+    verdict = judge(
+        run,
+        replay,
+        goal_errors=errors,
+        goal_tolerance=scenario.goal_tolerance,
+        gave_way=gave_way,
+        grip=_grip(experiment, run),
+        more=more,
+        accepted=scenario.accept,
+    )
+    run.keep_verdict(verdict)
+    add_verdict(summary, verdict)
+    if replay is not None:
+        add_limits(summary, replay)
+    if gave_way:
+        summary["limits_gave_way"] = dict(gave_way)
+    if goals:
+        summary["goal_tolerance"] = scenario.goal_tolerance
+        if experiment.goals is not None and errors:
+            summary["goal_error"] = errors
+        beyond = {name: error for name, error in errors.items() if not error <= scenario.goal_tolerance}
+        if beyond:
+            summary["goals_missed"] = beyond
+    return summary, replay
+
+
+def run_summary(experiment: Experiment, run: Trajectory, wall_time: float | None = None) -> Summary:
+    """Errors and invariants of a run, with those that only its scenario knows.
+
+    Args:
+        experiment: objects of the run.
+        run: the run.
+        wall_time: computing time [s].
+    """
+    summary = summarize(run, wall_time)
+    strayed = off_tracking(experiment, run.q)
+    if strayed is not None:
+        summary["off_tracking_max"] = strayed
+    return summary
+
+
+def _missed(experiment: Experiment, run: Trajectory) -> list[Finding]:
+    """Findings of the controller's own goal; that of the first phase does not last until the end."""
+    if not len(run.time) or experiment.phases:
+        return []
+    return missed_goal_findings(run, missed_goals(experiment.controller, run.q[-1], run.v2[-1]))
+
+
+def _accuracy(scenario: ScenarioFile) -> float:
+    """Accuracy to which the motion of a scenario is planned [m or rad]; that of rounding without a plan."""
+    if isinstance(scenario.controller, SetPointSettings):
+        return scenario.controller.tolerance
+    return SHORTFALL if scenario.planner is None else scenario.planner.accuracy
+
+
+def _goal_errors(experiment: Experiment, run: Trajectory, summary: Summary) -> dict[str, float]:
+    """Errors of the goals at the end by name; whole-body tasks know their goals."""
+    if experiment.goals is None:
+        return dict(summary["final_error"])
+    errors: dict[str, float] = {}
+    for goal in experiment.goals.errors(float(run.time[-1]), run.q[-1], run.v[-1]):
+        for name, error in goal.errors.items():
+            errors[name] = max(error, errors.get(name, 0.0))
+    return errors
+
+
+def _unfinished(experiment: Experiment, run: Trajectory) -> Iterator[Finding]:
+    """Finding of a run that ends before its references: what it follows was kept, where they lead was not reached.
+
+    Who states the duration of a reference and a shorter one of the run wants that. Planned or slowed motions are longer
+    than the file says.
+    """
+    grip, errors = experiment.scenario.grip, dict[str, float]()
+    for kind in ("x2", "x1") if experiment.ends and len(run.time) else ():
+        names = run.info.outputs.of(kind).names
+        ends = np.array([experiment.ends.get(name, 0.0) for name in names])
+        away = np.abs(run.coordinates(kind).difference(ends, getattr(run, kind)[-1])).tolist()
+        errors |= {name: each for name, each in zip(names, away, strict=True) if name in experiment.ends}
+    worst = max(errors, key=errors.__getitem__, default="")
+    if worst and errors[worst] > experiment.scenario.goal_tolerance:
+        time, rest = float(run.time[-1]), f"{worst} is {errors[worst]:.3g} away from where its reference leads"
+        message = f"the run ends at t = {time:.4g} s, before its references: {rest}"
+        wanted = experiment.scenario.planner is None and not (grip is not None and grip.slow)
+        severity = Severity.NOTE if wanted else Severity.DEGRADES
+        yield Finding(FindingKind.GOAL, worst, errors[worst], "m or rad", time, severity, message)
+
+
+def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> LimitReplay:
+    step = max(_REPLAY_STEP, float(run.time[-1]) / _REPLAYED)
+    reduced, near = experiment.reduced, asked or 0.0
+    within = max(REPLAY_DISTANCE, near)
+    # The controller is that of the first phase.
+    end = run.info.phases[1].start if experiment.phases and len(run.info.phases) > 1 else math.inf
+    return replay_limits(
+        reduced.robot,
+        run,
+        experiment.obstacles,
+        step=step,
+        within=within,
+        exact=near,
+        further=FurtherLimits(
+            [each._replace(until=end) for each in limited_accelerations(experiment.controller)],
+            reduced.actuation.stated_limits,
+        ),
+    )
+
+
+def _grip(experiment: Experiment, run: Trajectory) -> Grip | None:
+    """Stated friction of the ground; None without one, or if contacts appear and vanish."""
+    stated, program, reduced = experiment.scenario.grip, experiment.program, experiment.reduced
+    grip = None if stated is None else stated.build(reduced)
+    if grip is None and isinstance(program, InverseDynamicsQP) and program.friction is not None:
+        with suppress(ConfigurationError):  # nothing grips
+            grip = Grip(reduced, program.friction)
+    names = run.info.outputs
+    same = grip is not None and names.normal_forces == grip.normal.names
+    return grip if same and names.contact_forces == reduced.all_constraints.names and not experiment.phases else None
+
+
+def _asked(experiment: Experiment) -> float | None:
+    """Distance from obstacles that the planner or the controller has to keep [m]; None if none is asked for."""
+    program, scenario = experiment.program, experiment.scenario
+    limits = () if program is None else program.limits
+    asked = [each.clearance for each in limits if isinstance(each, CollisionAvoidance) and each.obstacles]
+    problems = [each for each in (scenario.planner, scenario.controller) if isinstance(each, MotionProblem)]
+    asked += [each.clearance for each in problems if each.clearance is not None and experiment.obstacles]
+    return max(asked, default=None)

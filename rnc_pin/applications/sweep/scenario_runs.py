@@ -12,8 +12,8 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from rnc_pin.applications.scenario.execution import Result, execute
-from rnc_pin.applications.scenario.run_verdict import judged_summary
 from rnc_pin.applications.scenario.scenario import BuiltModel, Scenario
+from rnc_pin.applications.scenario.simulated_run import judged_summary
 from rnc_pin.applications.sweep.seeded_draws import Draw, SeededDraws
 from rnc_pin.applications.sweep.swept_run import (
     Numbered,

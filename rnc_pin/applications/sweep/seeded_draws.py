@@ -10,7 +10,7 @@ import numpy as np
 
 from rnc_pin.applications.scenario.files import apply_options, find_scenario, read_yaml
 from rnc_pin.applications.scenario.loading import admitted, validate
-from rnc_pin.applications.scenario.schema.sweep_settings import ChoiceDistribution, Distribution, Distributions
+from rnc_pin.applications.scenario.schema.run_settings import ChoiceDistribution, Distribution, Distributions
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import Json, to_json_mapping
 

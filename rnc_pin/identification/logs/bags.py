@@ -12,8 +12,7 @@ import numpy as np
 
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.extras import check_extra
-from rnc_pin.identification.logs.channel import Channel, Quantity
-from rnc_pin.identification.logs.mapping import LogMapping, Topic
+from rnc_pin.identification.logs.channel import Channel, LogMapping, Quantity, Topic
 
 SUFFIXES = (".bag", ".mcap", ".db3")
 _Name = tuple[Quantity, str]

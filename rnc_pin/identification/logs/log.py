@@ -12,11 +12,9 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.identification.logs.bags import is_bag, read_bag
-from rnc_pin.identification.logs.channel import Channel, Quantity
-from rnc_pin.identification.logs.mapping import Correction, LogMapping
+from rnc_pin.identification.logs.channel import Channel, Correction, LogMapping, Quantity
 from rnc_pin.identification.logs.tables import read_table
-from rnc_pin.io.atomic_write import atomic_file
-from rnc_pin.io.json import Json
+from rnc_pin.io.json import Json, atomic_file
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted

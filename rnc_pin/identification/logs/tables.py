@@ -12,8 +12,7 @@ import numpy as np
 
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.extras import missing_extra
-from rnc_pin.identification.logs.channel import Channel, Quantity
-from rnc_pin.identification.logs.mapping import ColumnKeys, LogMapping, Place
+from rnc_pin.identification.logs.channel import Channel, ColumnKeys, LogMapping, Place, Quantity
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.io.safe_read import open_regular
 from rnc_pin.io.strict_mapping import Strict

@@ -16,8 +16,7 @@ from itertools import islice
 from pathlib import Path
 
 from rnc_pin.errors import ModelError
-from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.io.safe_xml import parse_tree
+from rnc_pin.io.safe_read import parse_tree, read_bytes
 
 REMEDY = "give its folder in package_dirs (--package-dir) if you trust the description with it"
 _LEVELS = 8  # number of folders above a description in which packages are searched

@@ -26,14 +26,14 @@ from rnc_pin.robots.sources.description import (
     brief,
     captured_stderr,
     check_base,
+    check_numbers,
     parse_xml,
     unlogged,
 )
 from rnc_pin.robots.sources.description_files import AllowedFolders
 from rnc_pin.robots.sources.mjcf_geometry import MeshAssets, MjcfGeometry
 from rnc_pin.robots.sources.mjcf_model import SMALLEST, ModelBuilder, pose
-from rnc_pin.robots.sources.numeric_checks import check_numbers
-from rnc_pin.robots.sources.rounding import snap_mjcf
+from rnc_pin.robots.sources.urdf_repairs import snap_mjcf
 
 if TYPE_CHECKING:
     import mujoco

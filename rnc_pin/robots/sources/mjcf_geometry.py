@@ -12,18 +12,20 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError
+from rnc_pin.robots.sources.description import read_numbers
 from rnc_pin.robots.sources.mesh_formats import (
     FARTHEST,
+    MOST_TOGETHER,
+    LoadedMesh,
     Mesh,
     MeshError,
+    MeshShapes,
     check_thickness,
     checked_mesh,
     convex_hull,
     read_mesh,
 )
-from rnc_pin.robots.sources.mesh_shapes import MOST_TOGETHER, LoadedMesh, MeshShapes
 from rnc_pin.robots.sources.mjcf_model import ModelBuilder, pose
-from rnc_pin.robots.sources.numeric_checks import read_numbers
 
 if TYPE_CHECKING:
     import mujoco

@@ -10,8 +10,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ModelError, few
 from rnc_pin.printing import counted
-from rnc_pin.robots.sources.description import ROOT_JOINTS
-from rnc_pin.robots.sources.numeric_checks import check_not_negative
+from rnc_pin.robots.sources.description import ROOT_JOINTS, check_not_negative
 
 if TYPE_CHECKING:
     import mujoco

@@ -12,12 +12,21 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, argument, few, nearest
-from rnc_pin.robots.sources.description import ROOT_JOINTS, Description, Mimic, captured_stderr, check_base, parse_xml
+from rnc_pin.robots.sources.description import (
+    ROOT_JOINTS,
+    Description,
+    Mimic,
+    captured_stderr,
+    check_base,
+    check_not_negative,
+    check_numbers,
+    parse_xml,
+    read_number,
+    read_numbers,
+)
 from rnc_pin.robots.sources.description_files import Packages
-from rnc_pin.robots.sources.numeric_checks import check_not_negative, check_numbers, read_number, read_numbers
-from rnc_pin.robots.sources.rounding import Roundings
 from rnc_pin.robots.sources.urdf_links import Meshes, bodies_of, give_masses
-from rnc_pin.robots.sources.urdf_repairs import ENDLESS, repair
+from rnc_pin.robots.sources.urdf_repairs import ENDLESS, Roundings, repair
 from rnc_pin.robots.sources.xacro import expand, has_macros, is_xacro
 
 CHILDREN: Mapping[str, tuple[str, ...]] = {

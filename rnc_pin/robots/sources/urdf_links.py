@@ -18,11 +18,9 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, few, nearest
-from rnc_pin.robots.sources.description import Body, brief, captured_stderr
+from rnc_pin.robots.sources.description import Body, brief, captured_stderr, read_number, read_numbers
 from rnc_pin.robots.sources.description_files import Packages, package_uri
-from rnc_pin.robots.sources.mesh_formats import MeshError, read_mesh
-from rnc_pin.robots.sources.mesh_shapes import LoadedMesh, MeshShapes, put_in
-from rnc_pin.robots.sources.numeric_checks import read_number, read_numbers
+from rnc_pin.robots.sources.mesh_formats import LoadedMesh, MeshError, MeshShapes, put_in, read_mesh
 
 STAND_IN = "_stand_in"
 """Suffix of the names of boxes that replace meshes; Pinocchio's own names of shapes end in a number."""

@@ -1,4 +1,4 @@
-"""HTML page: Meshcat's viewer with an overlay, a legend and a player; and the drawing commands that it receives.
+"""HTML page: Meshcat's viewer with an overlay, a legend and a player; its drawing commands, and the check of access.
 
 A later command for the same node and property replaces the earlier one. So the memory depends only on the size of the
 scene, not on the duration of a run.
@@ -8,13 +8,124 @@ from __future__ import annotations
 
 import base64
 import gzip
-from collections.abc import Iterable
+import ipaddress
+import re
+import socket
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cache
 from html import escape
+from importlib import import_module
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 
-from rnc_pin.visualization.meshcat_library import meshcat
+LOOPBACK = "127.0.0.1"
+
+
+def addresses_of(host: str) -> set[str]:
+    """Addresses to which this computer resolves a name; empty if there are none."""
+    try:
+        return {str(info[4][0]).partition("%")[0] for info in socket.getaddrinfo(host, None)}
+    except (OSError, UnicodeError):
+        return set()
+
+
+def is_loopback(host: str) -> bool:
+    """True if only this computer can reach an address. A host name is resolved first."""
+    found = addresses_of(host)
+    return bool(found) and all(ipaddress.ip_address(address).is_loopback for address in found)
+
+
+class RequestFilter:
+    """Check of the request headers Host and Origin: a request must name this computer by one of its own names.
+
+    A web site can resolve its own name to 127.0.0.1 (DNS rebinding). Its pages can then read everything that is served
+    there. The names reveal the attack: a browser sends the requested name as Host and the name of the page as Origin.
+
+    Args:
+        host: name or address that the server listens on.
+    """
+
+    def __init__(self, host: str) -> None:
+        addresses = addresses_of(host)
+        names = {"localhost", host.lower(), *addresses}
+        patterns = [r"127(\.\d{1,3}){3}", r"\[::1\]"]
+        if any(ipaddress.ip_address(address).is_unspecified for address in addresses):
+            # A server on all addresses accepts any numeric address: no list is complete, and DNS cannot redirect them.
+            names |= {socket.gethostname().lower(), socket.getfqdn().lower()}
+            patterns = [r"\d{1,3}(\.\d{1,3}){3}", r"\[[\da-f:.]+\]"]
+        patterns += [re.escape(f"[{name}]" if ":" in name else name) for name in names if name]
+        self._own = re.compile(f"({'|'.join(patterns)})(:\\d+)?")
+
+    def allows(self, host: str | None, origin: str | None) -> bool:
+        """Return True if the server may answer a request.
+
+        Args:
+            host: header Host, with or without a port.
+            origin: header Origin. Browsers always send it with a web socket; other programs may omit it.
+        """
+        if not host or not self._own.fullmatch(host.lower()):
+            return False
+        return origin is None or origin.lower() in (f"http://{host.lower()}", f"https://{host.lower()}")
+
+
+class _Deferred(ModuleType):
+    """Placeholder of a module; its attributes are those of the module, which is imported at the first use of one."""
+
+    def __init__(self, name: str, functions: Sequence[str]) -> None:
+        super().__init__(name)
+        for function in functions:
+            setattr(self, function, _deferred_call(name, function))
+
+    def __getattr__(self, name: str) -> object:
+        if name.startswith("__"):  # import statements look for these, e.g. __path__
+            raise AttributeError(name)
+        if sys.modules.get(self.__name__) is self:
+            del sys.modules[self.__name__]
+        return getattr(import_module(self.__name__), name)
+
+
+def _deferred_call(module: str, name: str) -> Callable[..., object]:
+    def call(*arguments: object, **keywords: object) -> object:
+        return getattr(import_module(module), name)(*arguments, **keywords)
+
+    return call
+
+
+@contextmanager
+def deferred_imports(modules: Mapping[str, Sequence[str]]) -> Iterator[None]:
+    """Replace modules by placeholders while others import them, unless they are already imported or not installed.
+
+    Args:
+        modules: functions or classes that ``from`` takes from each module, and that are only called.
+    """
+    placeholders = {
+        name: _Deferred(name, functions)
+        for name, functions in modules.items()
+        if name not in sys.modules and find_spec(name.partition(".")[0]) is not None
+    }
+    sys.modules.update(placeholders)
+    try:
+        yield
+    finally:
+        for name, placeholder in placeholders.items():
+            if sys.modules.get(name) is placeholder:
+                del sys.modules[name]
+
+
+# pinocchio.visualize imports viser and trimesh where other packages installed them, and Meshcat imports IPython.
+# Together they take three quarters of the time of these imports.
+with deferred_imports({"viser": (), "trimesh": (), "imageio": (), "IPython.display": ("HTML",)}):
+    import meshcat
+    import meshcat.geometry as mg
+    from pinocchio.visualize import BaseVisualizer
+    from pinocchio.visualize.meshcat_visualizer import DaeMeshGeometry, MeshcatVisualizer
+
+__all__ = ["BaseVisualizer", "DaeMeshGeometry", "MeshcatVisualizer", "meshcat", "mg"]
+
 
 VIEWER = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
 

@@ -14,7 +14,7 @@ import yaml
 
 import rnc_pin as rnc
 from rnc_pin.applications.command_line.cli import main
-from rnc_pin.applications.command_line.tables import print_summary
+from rnc_pin.applications.command_line.report import print_summary
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from terminal import results
 

@@ -5,7 +5,7 @@ import yaml
 
 from rnc_pin.applications.command_line.commands import init
 from rnc_pin.applications.init import DraftDecision, DraftedScenario
-from rnc_pin.applications.init.decision import Alternative
+from rnc_pin.applications.init.evidence import Alternative
 from urdf_parts import BOX, link, pivot, robot, wheel
 
 

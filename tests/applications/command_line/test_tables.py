@@ -3,7 +3,7 @@
 import numpy as np
 
 import rnc_pin as rnc
-from rnc_pin.applications.command_line.tables import print_summary
+from rnc_pin.applications.command_line.report import print_summary
 from rnc_pin.simulation import Clearance, LimitReplay, add_limits
 
 

@@ -5,7 +5,6 @@ import math
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.applications.drive.base import DrivenBase
 from rnc_pin.applications.drive.commands import (
     KINDS,
     BaseGoal,
@@ -22,7 +21,7 @@ from rnc_pin.applications.drive.commands import (
     command_target,
     parse_command,
 )
-from rnc_pin.applications.drive.controls import DriveControls, Range
+from rnc_pin.applications.drive.controls import DriveControls, DrivenBase, Range
 
 CONTROLS = DriveControls(
     frames={"tip": (True, True, True)},

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from rnc_pin.applications.drive.base import DrivenBase
-from rnc_pin.applications.drive.controls import DriveControls
+from rnc_pin.applications.drive.controls import DriveControls, DrivenBase
 from rnc_pin.applications.drive.goals import PlacedGoal, initial_goals
-from rnc_pin.applications.drive.status import DriveStatus, ProgressMonitor
+from rnc_pin.applications.drive.run import DriveStatus, ProgressMonitor
 from rnc_pin.control.whole_body import LimitReport
 
 CONTROLS = DriveControls(frames={"tip": (True, True, False)}, joints={}, base=DrivenBase("base", True, False))

@@ -7,7 +7,7 @@ import yaml
 
 import rnc_pin as rnc
 from rnc_pin.applications.init import draft
-from rnc_pin.applications.init.drive_evidence import DriveEvidence
+from rnc_pin.applications.init.evidence import DriveEvidence
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.source import FileNames
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rnc_pin.applications.init import DraftOptions, draft
-from rnc_pin.applications.init.drive_evidence import named_as_driven
+from rnc_pin.applications.init.evidence import named_as_driven
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario

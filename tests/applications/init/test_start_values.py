@@ -6,7 +6,7 @@ import yaml
 
 import rnc_pin as rnc
 from rnc_pin.applications.init import DraftOptions, draft
-from rnc_pin.applications.init.joint_properties import joint_limits
+from rnc_pin.applications.init.evidence import joint_limits
 from rnc_pin.applications.init.start_values import edge_remarks, mimic_doubts, start_values
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario

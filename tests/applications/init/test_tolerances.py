@@ -9,7 +9,7 @@ import yaml
 from noisy import with_noise
 from places import DIRT
 from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
-from rnc_pin.applications.init.tolerances import first_smallest
+from rnc_pin.applications.init.shapes import first_smallest
 from rnc_pin.applications.init.trial import Trial
 from rnc_pin.applications.scenario.builder import build_experiment
 from rnc_pin.applications.scenario.loading import validate

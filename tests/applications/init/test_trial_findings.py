@@ -5,7 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.applications.init import DraftOptions, draft
-from rnc_pin.applications.init.base_assumptions import BaseAssumptions
+from rnc_pin.applications.init.assumptions import BaseAssumptions
 from rnc_pin.applications.init.trial import Trial, model_findings, run_findings
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml

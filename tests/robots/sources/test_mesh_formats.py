@@ -18,7 +18,7 @@ from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import mesh_shapes
 from rnc_pin.robots.sources.mesh_formats import MeshError, convex_hull, mesh, read_mesh
 from rnc_pin.robots.sources.mesh_formats import collada as collada_format
-from rnc_pin.robots.sources.mesh_formats.collada import read_collada
+from rnc_pin.robots.sources.mesh_formats.scenes import read_collada
 
 SINGLE = 1e-7  # [m], of vertices kept in single precision
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'

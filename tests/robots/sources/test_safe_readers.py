@@ -15,7 +15,7 @@ import pytest
 import rnc_pin as rnc
 from patience import ending_within
 from rnc_pin.applications.command_line.commands.inspect import print_report
-from rnc_pin.applications.command_line.tables import print_summary
+from rnc_pin.applications.command_line.report import print_summary
 from rnc_pin.applications.scenario.files import parse_option, read_yaml
 from rnc_pin.applications.scenario.saved_run import load_run
 from rnc_pin.control.jacobian_transpose import effective_inertia

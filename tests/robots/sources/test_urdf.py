@@ -14,9 +14,9 @@ import pytest
 
 import rnc_pin as rnc
 from places import DIRT, ROOT
-from rnc_pin.applications.scenario.schema.robot_source import RobotSource
+from rnc_pin.applications.scenario.schema.world import RobotSource
 from rnc_pin.robots.sources.description_files import Packages
-from rnc_pin.robots.sources.rounding import decimals, is_rounding, snapped_angle, snapped_direction
+from rnc_pin.robots.sources.urdf_repairs import decimals, is_rounding, snapped_angle, snapped_direction
 from tolerances import ROUNDING
 
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'

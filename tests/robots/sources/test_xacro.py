@@ -17,10 +17,9 @@ from places import ROOT
 from rnc_pin.robots.sources.description_files import Packages
 from rnc_pin.robots.sources.urdf import CHILDREN
 from rnc_pin.robots.sources.xacro import expand
-from rnc_pin.robots.sources.xacro.bounded_values import admit
 from rnc_pin.robots.sources.xacro.definitions import read_macro
 from rnc_pin.robots.sources.xacro.expressions import evaluate
-from rnc_pin.robots.sources.xacro.functions import builtins
+from rnc_pin.robots.sources.xacro.functions import admit, builtins
 
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 HERE = ROOT / "tests"

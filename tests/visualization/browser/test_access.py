@@ -14,8 +14,8 @@ import pytest
 import rnc_pin as rnc
 from held_memory import holding_at_most
 from patience import PATIENCE
-from rnc_pin.visualization.browser.access import RequestFilter
-from rnc_pin.visualization.browser.scene_window import SceneWindow
+from rnc_pin.visualization.browser.page import RequestFilter
+from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.live import LiveView
 
 

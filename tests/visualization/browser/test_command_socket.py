@@ -12,7 +12,7 @@ from tornado.websocket import WebSocketClosedError, websocket_connect
 
 from patience import PATIENCE
 from rnc_pin.visualization.browser import scene_server
-from rnc_pin.visualization.browser.scene_window import SceneWindow
+from rnc_pin.visualization.browser.scene_server import SceneWindow
 
 
 @pytest.fixture

@@ -11,9 +11,13 @@ import click
 from rich.console import Console
 
 from rnc_pin.applications.command_line.messages import announce, complain, print_json, seconds_since_start, warn
-from rnc_pin.applications.command_line.progress import ProgressBar
-from rnc_pin.applications.command_line.run_end import report_verdict
-from rnc_pin.applications.command_line.tables import print_elapsed, print_files, print_summary
+from rnc_pin.applications.command_line.report import (
+    ProgressBar,
+    print_elapsed,
+    print_files,
+    print_summary,
+    report_verdict,
+)
 from rnc_pin.applications.command_line.termination import FAILED
 from rnc_pin.applications.drive.log import CommandQueue, RecordedDrive, read_drive, write_drive
 from rnc_pin.applications.drive.page import DrivePage

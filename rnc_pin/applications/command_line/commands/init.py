@@ -1,4 +1,4 @@
-"""``rnc-pin init``."""
+"""``rnc-pin init``, and ``rnc-pin schema`` for editors of what it writes."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import click
 from rnc_pin.applications.command_line.messages import announce
 from rnc_pin.applications.init import DraftDecision, DraftOptions, draft_with_decisions, with_choices
 from rnc_pin.applications.scenario.files import parse_options
+from rnc_pin.applications.scenario.loading import schema_text
 from rnc_pin.applications.scenario.output_folder import check_new_file
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import atomic_file
@@ -99,3 +100,8 @@ def _held(lock: tuple[str, ...]) -> dict[str, float]:
         except ValueError:
             raise ConfigurationError(f"--lock {each}: expected JOINT or JOINT=NUMBER [rad or m]") from None
     return held
+
+
+def print_schema() -> None:
+    """Print the JSON Schema of scenario files."""
+    click.echo(schema_text(), nl=False)

@@ -19,9 +19,9 @@ from rnc_pin.applications.command_line.messages import print_json, warn
 from rnc_pin.applications.scenario.builder import Experiment
 from rnc_pin.applications.scenario.controllers.whole_body import WholeBodySettings
 from rnc_pin.applications.scenario.files import parse_options
+from rnc_pin.applications.scenario.plant_builder import start_findings, warnings_of
 from rnc_pin.applications.scenario.saved_run import load_run
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.applications.scenario.start_findings import start_findings, warnings_of
 from rnc_pin.control import ComputedTorque, InverseDynamicsQP, VelocityQP, VelocityTracker
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model import Phrases, ReducedModel, Task

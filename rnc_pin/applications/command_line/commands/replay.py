@@ -1,4 +1,4 @@
-"""``rnc-pin replay``."""
+"""``rnc-pin replay`` and ``rnc-pin export``, and the live view of the option ``--show``."""
 
 from __future__ import annotations
 
@@ -10,17 +10,52 @@ from typing import TypedDict, Unpack, cast
 
 import click
 
-from rnc_pin.applications.command_line.run_end import report_findings
-from rnc_pin.applications.command_line.tables import print_summary
+from rnc_pin.applications.command_line.messages import warn
+from rnc_pin.applications.command_line.report import print_summary, report_findings
 from rnc_pin.applications.command_line.termination import DONE
-from rnc_pin.applications.command_line.watching import close, live_view
 from rnc_pin.applications.scenario.output_folder import check_new_file
 from rnc_pin.applications.scenario.saved_run import Run, animation_of, compared, load_run, run_names, view_of
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.figures import Size, save
-from rnc_pin.simulation import FurtherLimits, Trajectory, add_verdict, judge, replay_limits, summarize
+from rnc_pin.interruption import interruptible
+from rnc_pin.simulation import (
+    FurtherLimits,
+    Provenance,
+    RunInfo,
+    Trajectory,
+    add_verdict,
+    export_run,
+    judge,
+    replay_limits,
+    summarize,
+)
 from rnc_pin.verdict import Verdict
-from rnc_pin.visualization import recorded_states, write_frames, write_video
+from rnc_pin.visualization import DrawnModel, LiveView, View, recorded_states, write_frames, write_video
+from rnc_pin.visualization.browser import is_loopback
+
+
+def live_view(
+    model: DrawnModel, view: View, info: RunInfo | Provenance, title: str, speed: float, browser: bool, host: str
+) -> LiveView:
+    """Serve a live view, print its address, and wait for the browser."""
+    if not is_loopback(host):
+        warn(f"--host {host}: everyone who can reach this address can watch")
+    live = LiveView(model, view, info, speed, browser, host, title)
+    click.echo(f"showing on {live.url}", err=True)
+    try:
+        with interruptible():
+            live.wait_for_browser(10.0)
+    except BaseException:
+        live.close()
+        raise
+    return live
+
+
+def close(live: LiveView) -> None:
+    """Close a live view; warn if it stopped before the run."""
+    live.close()
+    if live.problem is not None:
+        warn(f"the live view stopped: {type(live.problem).__name__}: {live.problem}")
 
 
 class ReplayFiles(TypedDict):
@@ -137,3 +172,14 @@ def _show(run: Run, speed: float, browser: bool, host: str) -> None:
         pass
     finally:
         close(live)
+
+
+def export_file(source: Path, file: Path, arrays: tuple[str, ...], force: bool) -> None:
+    """Write the arrays of a run for other programs."""
+    check_new_file("FILE", file, force)
+    run = Trajectory.load(source / "trajectory.npz" if os.path.isdir(source) else source)
+    try:
+        written = export_run(run, file, arrays or None, force)
+    except OSError as error:
+        raise ConfigurationError(f"{error.filename}: cannot be written: {error.strerror}") from None
+    click.echo(f"wrote {written}")

@@ -8,9 +8,13 @@ from typing import TypedDict, Unpack
 from rich.console import Console
 
 from rnc_pin.applications.command_line.messages import announce, complain, print_json, seconds_since_start, warn
-from rnc_pin.applications.command_line.progress import ProgressBar
-from rnc_pin.applications.command_line.run_end import report_verdict
-from rnc_pin.applications.command_line.tables import print_elapsed, print_files, print_summary
+from rnc_pin.applications.command_line.report import (
+    ProgressBar,
+    print_elapsed,
+    print_files,
+    print_summary,
+    report_verdict,
+)
 from rnc_pin.applications.command_line.termination import FAILED
 from rnc_pin.applications.scenario.execution import Result, data_names, execute, write
 from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
@@ -100,7 +104,7 @@ def _drawn(prepared: Scenario, result: Result, folder: Path, artists: Artists, q
 
 def _watched(prepared: Scenario, watching: Watching, quiet: bool) -> Result:
     """Execute the run with a live view."""
-    from rnc_pin.applications.command_line.watching import close, live_view  # Meshcat takes a second to import
+    from rnc_pin.applications.command_line.commands.replay import close, live_view  # Meshcat takes a second to import
     from rnc_pin.visualization import DrawnModel
 
     experiment = prepared.experiment

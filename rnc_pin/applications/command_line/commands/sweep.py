@@ -10,8 +10,7 @@ import click
 from rich.console import Console
 
 from rnc_pin.applications.command_line.messages import complain, print_json
-from rnc_pin.applications.command_line.progress import ProgressBar
-from rnc_pin.applications.command_line.tables import print_sweep_statistics
+from rnc_pin.applications.command_line.report import ProgressBar, print_sweep_statistics
 from rnc_pin.applications.command_line.termination import DONE, FAILED
 from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
 from rnc_pin.applications.sweep import SweepResults, sweep

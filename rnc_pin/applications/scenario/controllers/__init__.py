@@ -12,14 +12,14 @@ from pydantic import BeforeValidator, Field
 
 from rnc_pin.applications.scenario.controllers.base import ControllerSettings, NoControlSettings
 from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext
-from rnc_pin.applications.scenario.controllers.plan_feedback import PlanFeedbackSettings
-from rnc_pin.applications.scenario.controllers.position_tracking import JacobianTransposeSettings, TwoPhaseSettings
-from rnc_pin.applications.scenario.controllers.set_points import (
+from rnc_pin.applications.scenario.controllers.feedback import (
     NavigationSettings,
+    PlanFeedbackSettings,
     PredictiveSettings,
     SetPointSettings,
+    StateFeedbackSettings,
 )
-from rnc_pin.applications.scenario.controllers.state_feedback import StateFeedbackSettings
+from rnc_pin.applications.scenario.controllers.position_tracking import JacobianTransposeSettings, TwoPhaseSettings
 from rnc_pin.applications.scenario.controllers.velocity_tracking import (
     ReducingOutputsSettings,
     RedundancySettings,

@@ -17,7 +17,7 @@ from rnc_pin.applications.scenario.controllers.base import (
 )
 from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext, at_key
 from rnc_pin.applications.scenario.schema.derived import PartialCall, part
-from rnc_pin.applications.scenario.schema.reference_settings import Pose
+from rnc_pin.applications.scenario.schema.motions import Pose
 from rnc_pin.control import (
     OUTER_GAINS,
     GainDesign,

@@ -8,8 +8,13 @@ import numpy as np
 from pydantic import model_validator
 
 from rnc_pin.applications.scenario.controllers.base import AdaptationSettings, Unknown, preset_gains, sized_gain
-from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext, at_key, check_motion
-from rnc_pin.applications.scenario.controllers.task_goals import TaskGoals
+from rnc_pin.applications.scenario.controllers.context import (
+    BuiltController,
+    ControllerContext,
+    TaskGoals,
+    at_key,
+    check_motion,
+)
 from rnc_pin.applications.scenario.schema.base import Strict, wrong
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, part
 from rnc_pin.control import (

@@ -17,15 +17,16 @@ from rnc_pin.applications.scenario.controllers.base import ControllerSettings
 from rnc_pin.applications.scenario.controllers.context import (
     BuiltController,
     ControllerContext,
+    TaskGoals,
     check_motion,
+    goal_values,
     refuse_or_warn,
 )
-from rnc_pin.applications.scenario.controllers.task_goals import TaskGoals, goal_values
 from rnc_pin.applications.scenario.controllers.velocity_tracking import VelocityTrackerSettings
 from rnc_pin.applications.scenario.schema.base import Strict
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, one_of, part
 from rnc_pin.applications.scenario.schema.kinds import OutputItem
-from rnc_pin.applications.scenario.schema.reference_settings import HOLD, ReferenceItem
+from rnc_pin.applications.scenario.schema.motions import HOLD, ReferenceItem
 from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.control.whole_body import InverseDynamicsQP, VelocityQP
 from rnc_pin.control.whole_body.limits import (

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field
 
 from rnc_pin.applications.scenario.schema.base import Numbers, Strict
 from rnc_pin.applications.scenario.schema.derived import Entry, one_of, plain_or
-from rnc_pin.applications.scenario.schema.reference_settings import ReferenceItem
+from rnc_pin.applications.scenario.schema.motions import ReferenceItem
 from rnc_pin.constraints import (
     AckermannSteering,
     BodySurface,

@@ -21,12 +21,9 @@ from rnc_pin.applications.scenario.schema.kinds import (
     TaskOutputs,
     with_ground,
 )
-from rnc_pin.applications.scenario.schema.obstacles import ObstacleItem
-from rnc_pin.applications.scenario.schema.planner_settings import OptimalPlanner
-from rnc_pin.applications.scenario.schema.reference_settings import References
-from rnc_pin.applications.scenario.schema.robot_source import RobotSource
-from rnc_pin.applications.scenario.schema.simulation_settings import GripSettings, SimulationSettings
-from rnc_pin.applications.scenario.schema.sweep_settings import Distribution
+from rnc_pin.applications.scenario.schema.motions import OptimalPlanner, References
+from rnc_pin.applications.scenario.schema.run_settings import Distribution, GripSettings, SimulationSettings
+from rnc_pin.applications.scenario.schema.world import ObstacleItem, RobotSource
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.control.loop import ControlLoop
 from rnc_pin.errors import nearest

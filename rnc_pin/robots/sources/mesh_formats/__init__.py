@@ -1,15 +1,22 @@
-"""Readers of mesh files in pure Python. Pinocchio, coal, MuJoCo and the viewers receive only their checked results."""
+"""Readers of mesh files in pure Python, and coal shapes of the meshes for Pinocchio, the viewers and the drafts.
+
+Pinocchio, coal, MuJoCo and the viewers receive only checked results.
+"""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
 
 from rnc_pin.errors import ModelError
 from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.robots.sources.mesh_formats.collada import read_collada
-from rnc_pin.robots.sources.mesh_formats.gltf import read_glb, read_gltf
+from rnc_pin.robots.sources.description import read_numbers
 from rnc_pin.robots.sources.mesh_formats.mesh import (
     FARTHEST,
     Mesh,
@@ -18,8 +25,8 @@ from rnc_pin.robots.sources.mesh_formats.mesh import (
     checked_mesh,
     convex_hull,
 )
-from rnc_pin.robots.sources.mesh_formats.ply import read_ply
-from rnc_pin.robots.sources.mesh_formats.simple_formats import read_msh, read_obj, read_stl
+from rnc_pin.robots.sources.mesh_formats.scenes import read_collada, read_glb, read_gltf
+from rnc_pin.robots.sources.mesh_formats.simple_formats import read_msh, read_obj, read_ply, read_stl
 
 __all__ = ["FARTHEST", "FORMATS", "Mesh", "MeshError", "check_thickness", "checked_mesh", "convex_hull", "read_mesh"]
 
@@ -70,3 +77,85 @@ def read_mesh(path: Path) -> Mesh:
         raise MeshError(str(error)) from None
     except _BROKEN:
         raise MeshError(f"not well-formed {ending[1:].upper()}") from None
+
+
+MOST_TOGETHER = 3_000_000
+"""Largest number of triangles of all meshes of a robot, repeated uses included."""
+
+
+class LoadedMesh(NamedTuple):
+    """Mesh of a robot.
+
+    Attributes:
+        file: path of its file; empty if the triangles are inline in the description.
+        scale: scale of its vertices (3,).
+        shape: shape for coal and the viewers.
+    """
+
+    file: str
+    scale: np.ndarray
+    shape: coal.BVHModelBase
+
+
+class MeshShapes:
+    """Factory of shapes. Each file is read once, and each scale of it is built once."""
+
+    def __init__(self) -> None:
+        self._meshes: dict[Path, Mesh | MeshError] = {}
+        self._shapes: dict[tuple[object, ...], coal.BVHModelBase] = {}
+        self._count = 0
+
+    def load(self, file: Path, scale: str | None) -> LoadedMesh:
+        """Return the shape of a mesh file.
+
+        Args:
+            file: path of the mesh.
+            scale: three factors, as text of the description.
+
+        Raises:
+            MeshError: the file or the scale cannot be used, or the robot's meshes are too large together.
+        """
+        if file not in self._meshes:
+            try:
+                self._meshes[file] = read_mesh(file)
+            except MeshError as error:
+                self._meshes[file] = error
+        mesh = self._meshes[file]
+        if isinstance(mesh, MeshError):
+            raise mesh
+        return self.make(mesh, scale, str(file))
+
+    def make(self, mesh: Mesh, scale: str | None, file: str = "") -> LoadedMesh:
+        """Return the shape of a mesh. Arguments and errors are as for ``load``."""
+        factors = np.ones(3) if scale is None else read_numbers(scale, 3)
+        if factors is None or not factors.all():
+            raise MeshError(f"scale takes three numbers that are not zero, found '{str(scale)[:40]}'")
+        self._count += len(mesh.triangles)
+        if self._count > MOST_TOGETHER:
+            raise MeshError(f"more than {MOST_TOGETHER:,} triangles in the meshes of the robot")
+        key = (id(mesh.vertices), *factors.tolist())
+        if key not in self._shapes:
+            self._shapes[key] = _shape(mesh, factors)
+        return LoadedMesh(file, factors, self._shapes[key])
+
+
+def _shape(mesh: Mesh, factors: np.ndarray) -> coal.BVHModelBase:
+    with np.errstate(over="ignore", under="ignore"):
+        vertices = mesh.vertices * factors
+    if not np.isfinite(vertices).all() or np.abs(vertices).max() > FARTHEST:
+        raise MeshError(f"its scale puts vertices beyond {FARTHEST:g}")
+    shape = coal.BVHModelOBBRSS()
+    shape.beginModel(len(mesh.triangles), len(vertices))
+    shape.addVertices(vertices)
+    shape.addTriangles(mesh.triangles.astype(np.uint64))
+    shape.endModel()
+    shape.computeLocalAABB()
+    return shape
+
+
+def put_in(geometry: pin.GeometryModel, meshes: Mapping[str, LoadedMesh]) -> None:
+    """Replace the placeholders in a geometry model by their meshes, by name of the shape."""
+    for shape in geometry.geometryObjects:
+        mesh = meshes.get(shape.name)
+        if mesh is not None:
+            shape.geometry, shape.meshPath, shape.meshScale = mesh.shape, mesh.file, mesh.scale

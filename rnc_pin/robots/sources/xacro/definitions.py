@@ -9,9 +9,8 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
 
 from rnc_pin.errors import ModelError
-from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.io.safe_xml import parse_tree
-from rnc_pin.robots.sources.xacro.bounded_values import Namespace, Value
+from rnc_pin.io.safe_read import parse_tree, read_bytes
+from rnc_pin.robots.sources.xacro.functions import Namespace, Value
 
 _MAX_DEPTH = 200
 

@@ -16,7 +16,6 @@ from typing import TypeAlias
 from xml.etree.ElementTree import Element
 
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.robots.sources.xacro.bounded_values import Function, Namespace, Value
 from rnc_pin.robots.sources.xacro.definitions import (
     Macro,
     Parameter,
@@ -27,6 +26,7 @@ from rnc_pin.robots.sources.xacro.definitions import (
     read_macro,
     truth,
 )
+from rnc_pin.robots.sources.xacro.functions import Function, Namespace, Value
 from rnc_pin.robots.sources.xacro.substitution import Arguments, FileAccess, Substitution
 
 _PREFIX = "xacro:"

@@ -13,8 +13,17 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.robots.sources.xacro.bounded_values import BITS, ITEMS, LETTERS, Budget, Function, Namespace, Value, admit
-from rnc_pin.robots.sources.xacro.functions import attribute
+from rnc_pin.robots.sources.xacro.functions import (
+    BITS,
+    ITEMS,
+    LETTERS,
+    Budget,
+    Function,
+    Namespace,
+    Value,
+    admit,
+    attribute,
+)
 
 _MAX_CHARACTERS = 4000
 _BINARY: Mapping[type[ast.operator], Callable[[Value, Value], Value]] = {

@@ -16,11 +16,18 @@ from xml.etree.ElementTree import Element
 import yaml
 
 from rnc_pin.errors import ModelError, ModelWarning, nearest
-from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.io.safe_yaml import BoundedLoader, load_yaml
-from rnc_pin.robots.sources.xacro.bounded_values import LETTERS, Budget, Function, Namespace, Value
+from rnc_pin.io.safe_read import BoundedLoader, load_yaml, read_bytes
 from rnc_pin.robots.sources.xacro.expressions import evaluate
-from rnc_pin.robots.sources.xacro.functions import builtins, mathematical, tokenize
+from rnc_pin.robots.sources.xacro.functions import (
+    LETTERS,
+    Budget,
+    Function,
+    Namespace,
+    Value,
+    builtins,
+    mathematical,
+    tokenize,
+)
 
 ENVIRONMENT = (
     *("ROS_DISTRO", "ROS_VERSION", "*_URDF_EXTRAS", "ROBOT_*", "TURTLEBOT*", "HUSKY_*", "JACKAL_*", "RIDGEBACK_*"),

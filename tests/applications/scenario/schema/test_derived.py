@@ -20,7 +20,7 @@ from rnc_pin.applications.scenario.saved_run import view_of
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, descriptions, one_of
 from rnc_pin.applications.scenario.schema.kinds import ActuatorItem, ConstraintItem
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.visualization.view import View
+from rnc_pin.visualization.drawn_state import View
 
 KINDS = [getattr(package, name) for package in (constraints, outputs) for name in package.__all__]
 KINDS = [kind for kind in KINDS if dataclasses.is_dataclass(kind)]

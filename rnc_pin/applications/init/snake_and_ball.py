@@ -1,4 +1,4 @@
-"""Snake robots: a chain of bodies on passive wheels, with driven vertical joints between them."""
+"""Bases that slither or roll: snakes with passive wheels, and shells moved by joints inside them."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from rnc_pin.applications.init.base_assumptions import BaseAssumptions, Entry, measured
-from rnc_pin.applications.init.drawn_axles import DrawnAxle
-from rnc_pin.applications.init.joint_properties import has_word, joint_limits, turning_axis
+from rnc_pin.applications.init.assumptions import BaseAssumptions, Entry, measured
+from rnc_pin.applications.init.evidence import has_word, is_revolute, joint_limits, joint_range, turning_axis
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
+from rnc_pin.applications.init.shapes import LEVEL, SAME, Shape
 from rnc_pin.applications.init.wheel_detection import Wheel
-from rnc_pin.applications.init.wheel_layout import TOWED
+from rnc_pin.applications.init.wheel_layout import TOWED, DrawnAxle
 from rnc_pin.applications.init.wheeled_base import one_lateral, planar, turned
 from rnc_pin.io import Json
 
 _BODIES = 4  # smallest number of bodies with wheels; one less if the file calls it a snake
 _SNAKE = "snake.*|.*snake|serpent.*|worm|acm"
 _BEND, _SHARE = 0.5, 0.8  # largest path angle from its mean [rad], and used share of joint limits
-_DURATION, _POINTS = 12.0, 24
+_SNAKE_DURATION, _POINTS = 12.0, 24
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def find_snake(wheels: Iterable[Wheel], axles: Iterable[DrawnAxle], at_start: Ro
     missing = bodies < len(segments) or bodies < len(chain) + 1
     if not in_a_row or not enough or missing or segments[0].chain:
         return []
-    if any(has_word(TOWED, joint) or not _drives(joint, at_start) for joint in chain):
+    if any(has_word(TOWED, joint) or not _has_motor(joint, at_start) for joint in chain):
         return []
     if any(at_start.drives.says(joint) for each in segments for joint in each.wheels):
         return []
@@ -90,7 +90,7 @@ def snake_base(segments: list[Segment], at_start: RobotAtStart) -> BaseAssumptio
     result.path = lambda names, duration: _through(
         [columns[name] for name in names if name in columns], gait.wave, duration
     )
-    result.duration = _DURATION
+    result.duration = _SNAKE_DURATION
     result.notes.append(
         "nothing drives its wheels: it moves by bending, and cannot start straight; the joint angles follow from the "
         "path of its first body, which they push"
@@ -196,7 +196,7 @@ def _on_axles(axles: Iterable[DrawnAxle], at_start: RobotAtStart) -> list[Segmen
     return found
 
 
-def _drives(joint: str, at_start: RobotAtStart) -> bool:
+def _has_motor(joint: str, at_start: RobotAtStart) -> bool:
     upright = abs(turning_axis(at_start.robot.model, at_start.data, at_start.robot.joint_id(joint))[2]) > 0.99
     return upright and at_start.drives.drives(joint)
 
@@ -205,3 +205,120 @@ def _crosses(one: Segment, other: Segment) -> bool:
     """True if one body lies behind another along the rolling direction of its wheels."""
     between = other.center - one.center
     return abs(float(between @ one.axle)) < 0.3 * float(np.linalg.norm(between))
+
+
+_INSIDE = 1.05  # largest distance of an inner shape from the center, in radii
+_ROUND = 0.03  # largest deviation of a mesh from a sphere, in radii
+_WHOLE = 0.9  # smallest extent of the mesh along each axis, as a share of its diameter
+_CORNERS = 30  # smallest number of vertices of a spherical mesh
+_TURNED = 3.0  # displacement of a joint without limits [rad]
+_BALL_DURATION = 8.0
+
+
+@dataclass(frozen=True)
+class Shell:
+    """Sphere around the whole robot.
+
+    Attributes:
+        frame: frame fixed to the shell, with its origin at the center.
+        radius: radius [m].
+        measured: geometry that gives the radius, "collision" or "visual".
+        height: height of the base's origin above the ground [m].
+    """
+
+    frame: str
+    radius: float
+    measured: str
+    height: float
+
+
+def find_shell(at_start: RobotAtStart) -> Shell | None:
+    """Return the shell of a spherical robot, or None.
+
+    Args:
+        at_start: the robot.
+    """
+    if not _drives(at_start):
+        return None
+    for kind, shapes in at_start.shapes.items():
+        for shape in shapes:
+            sphere = _sphere(shape) if shape.joint == at_start.root else None
+            if sphere is None or not _encloses(sphere, at_start):
+                continue
+            center, radius = sphere
+            frame = _frame_at(center, radius, at_start)
+            if frame is not None:
+                origin = float(at_start.data.oMi[at_start.root].translation[2])
+                return Shell(frame, radius, kind, origin - center[2] + radius)
+    return None
+
+
+def spherical_base(shell: Shell, at_start: RobotAtStart) -> BaseAssumptions:
+    """Ball that rolls on the ground while the inner joints follow their references."""
+    own = bool(at_start.root) and not at_start.is_rigid
+    result = BaseAssumptions(None if own else "free", "a ball that joints inside it roll", at_start.frame)
+    joint = at_start.robot.joint_names[at_start.root - 1] if own else "root_joint"
+    result.initial[joint] = [0.0, 0.0, round(shell.height, 6), 0.0, 0.0, 0.0, 1.0]
+    result.ground = 0.0
+    entry: dict[str, Json] = {"rolling_ball": {"frame": shell.frame, "radius": round(shell.radius, 6)}}
+    result.constraints.append((entry, f"radius from the {shell.measured} geometry"))
+    drives = _drives(at_start)
+    result.passive |= set(at_start.start) - set(drives)
+    result.outputs += [({"joint": name}, _step(name, at_start)) for name in drives]
+    result.outputs.append(({"frame_orientation": shell.frame}, 0.0))
+    result.untracked |= {f"{shell.frame}_orientation_{axis}" for axis in "xyz"} | result.passive
+    result.vertical.append({"frame_position": {"frame": shell.frame, "axes": "xy"}})
+    result.feedback = {"type": "jacobian_transpose", "active": [*drives], "preset": "scaled"}
+    result.feedback_remark = "moves the inner joints by their own actuators; the shell rolls as the constraints require"
+    result.duration = _BALL_DURATION
+    result.notes.append("only the inner joints drive the shell: its position is not controlled")
+    return result
+
+
+def _drives(at_start: RobotAtStart) -> list[str]:
+    """Driven inner joints."""
+    return [name for name in at_start.start if at_start.drives.drives(name)]
+
+
+def _step(name: str, at_start: RobotAtStart) -> float:
+    """Displacement of a joint's reference [rad or m]; largest for a continuous joint with a horizontal axis."""
+    low, high = joint_range(at_start.robot, name)
+    level = abs(turning_axis(at_start.robot.model, at_start.data, at_start.robot.joint_id(name))[2]) < LEVEL
+    length = (_TURNED if level else 0.4) if is_revolute(at_start.robot, name) else 0.05
+    room = 0.3 * max(high - at_start.start[name], at_start.start[name] - low)
+    return round(max(float(min(length, room)), 0.0), 4)
+
+
+def _sphere(shape: Shape) -> tuple[np.ndarray, float] | None:
+    """Center (3,) and radius of a spherical shape, or None."""
+    if len(shape.points) == 1:
+        return shape.points[0], shape.margin
+    if len(shape.points) < _CORNERS or shape.margin:
+        return None
+    # Least-squares sphere through all vertices: |p|^2 = 2 c . p + (r^2 - |c|^2).
+    unknowns = np.column_stack([2 * shape.points, np.ones(len(shape.points))])
+    center = np.linalg.lstsq(unknowns, (shape.points**2).sum(axis=1), rcond=None)[0][:3]
+    distances = np.linalg.norm(shape.points - center, axis=1)
+    radius = float(distances.max())
+    whole = (np.ptp(shape.points, axis=0) > _WHOLE * 2 * radius).all()
+    return (center, radius) if whole and distances.min() > (1 - _ROUND) * radius else None
+
+
+def _encloses(sphere: tuple[np.ndarray, float], at_start: RobotAtStart) -> bool:
+    center, radius = sphere
+    everything = [each for kind in at_start.shapes.values() for each in kind]
+    return all(
+        float(np.linalg.norm(each.points - center, axis=1).max()) + each.margin < _INSIDE * radius
+        for each in everything
+    )
+
+
+def _frame_at(center: np.ndarray, radius: float, at_start: RobotAtStart) -> str | None:
+    """Name of a frame of the base with its origin at the center, the base's own frame first, or None."""
+    names = [at_start.frame]
+    names += [str(frame.name) for frame in at_start.robot.model.frames if frame.parentJoint == at_start.root]
+    for name in names:
+        away = at_start.data.oMf[at_start.robot.frame_id(name)].translation - center
+        if name != "universe" and np.linalg.norm(away) < 10 * SAME * radius:
+            return name
+    return None

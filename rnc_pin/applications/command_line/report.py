@@ -1,19 +1,76 @@
-"""Terminal tables of errors and invariants of runs."""
+"""Report of a command on the terminal: progress, tables of errors and invariants, verdict and exit status."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from rnc_pin.applications.command_line.messages import announce, complain, warn
+from rnc_pin.applications.command_line.termination import DONE, FAILED
+from rnc_pin.applications.scenario.execution import Result
+from rnc_pin.applications.scenario.pictures import Drawn
 from rnc_pin.simulation import OutputNames, Summary
-from rnc_pin.verdict import weight_of
+from rnc_pin.verdict import Severity, Verdict, weight_of
 
 if TYPE_CHECKING:
     from rnc_pin.applications.sweep.reports import SweepStatistics  # sweeps import joblib
+
+
+class Advance(Protocol):
+    """Callback that reports progress and the current activity."""
+
+    def __call__(self, done: float, text: str | None = None) -> None: ...
+
+
+class ProgressBar:
+    """Progress bar on stderr; its context yields an ``Advance`` callback.
+
+    Args:
+        console: console of the bar.
+        total: value at 100 %.
+        text: current activity. Without a terminal only this line is printed.
+        quiet: print nothing.
+    """
+
+    def __init__(self, console: Console, total: float, text: str, quiet: bool) -> None:
+        if not console.is_terminal:
+            announce(text, quiet)
+        self._bar = Progress(
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            TextColumn("{task.percentage:>3.0f} %"),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=console,
+            disable=quiet or not console.is_terminal,
+        )
+        self._task = self._bar.add_task(text, total=total)
+        self._shown, self._grain = 0.0, total / 400
+        self._text: str | None = None
+
+    def __enter__(self) -> Advance:
+        self._bar.start()
+        return self._advance
+
+    def begin_at(self, done: float) -> None:
+        """Count this much as done before the start: the estimate of the remaining time leaves it out."""
+        self._bar.reset(self._task, completed=int(done))
+
+    def _advance(self, done: float, text: str | None = None) -> None:
+        # Called at every sample: update the bar only at visible changes.
+        if done >= self._shown or text != self._text:
+            self._shown, self._text = done + self._grain, text
+            self._bar.update(self._task, completed=done, description=text)
+
+    def __exit__(self, *error: object) -> None:
+        if error[0] is None:
+            self._bar.update(self._task, completed=self._bar.tasks[0].total)
+        self._bar.stop()
 
 
 def print_table(
@@ -136,3 +193,40 @@ def print_sweep_statistics(scenario: str, summary: SweepStatistics, folder: Path
     columns = ("output", "median final error", "95 % below", "largest final error")
     print_table(console, f"{scenario}: {outcomes}", columns, rows, numbers=True)
     console.print(f"in {folder}: runs/*.parquet, distributions.png, sweep.json", highlight=False)
+
+
+def report_findings(verdict: Verdict, ending: str, others: str = "", told: Collection[str] = ()) -> int:
+    """Print what degrades a run as warnings, and its first failure as an error. Return the exit status.
+
+    Args:
+        verdict: verdict of the run.
+        ending: end of the error, such as where the results are.
+        others: where the other failures are.
+        told: warnings that were printed before.
+    """
+    for finding in verdict.findings:
+        if finding.severity is not Severity.NOTE and finding not in verdict.failures and str(finding) not in told:
+            warn(str(finding))
+    if not verdict.failures:
+        return DONE
+    more = len(verdict.failures) - 1
+    complain(f"{verdict.failures[0]}{f', and {more} more{others}' if more else ''}; {ending}")
+    return FAILED
+
+
+def report_verdict(result: Result, drawn: Drawn, folder: Path, told: Collection[str]) -> int:
+    """Print the findings of a run that wrote a folder, and whether it was interrupted. Return the exit status.
+
+    Args:
+        result: the run.
+        drawn: its pictures.
+        folder: its folder.
+        told: warnings that were printed before.
+    """
+    where = f"results so far are in {folder}"
+    if report_findings(result.trajectory.verdict, where, " in summary.json", told) == FAILED:
+        return FAILED
+    if result.interrupted or drawn.interrupted:
+        complain(f"interrupted; results so far are in {folder}")
+        return FAILED
+    return DONE

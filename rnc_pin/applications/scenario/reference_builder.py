@@ -1,22 +1,28 @@
-"""Optimal motion of a scenario: its problem from the settings, and the plan."""
+"""References of a scenario: of its outputs, of frames, and of the optimal motion that it plans."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple, cast
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from rnc_pin.applications.scenario.controllers.plan_feedback import PlanFeedbackSettings
-from rnc_pin.applications.scenario.motion_problem import bounds_of, check_output_names, goal_of
-from rnc_pin.applications.scenario.output_references import frame_poses
+from rnc_pin.applications.scenario.controllers.feedback import (
+    PlanFeedbackSettings,
+    bounds_of,
+    check_output_names,
+    goal_of,
+)
 from rnc_pin.applications.scenario.schema import ScenarioFile
-from rnc_pin.applications.scenario.schema.planner_settings import OptimalPlanner
-from rnc_pin.applications.scenario.schema.reference_settings import VehiclePath
+from rnc_pin.applications.scenario.schema.motions import MotionProblem, OptimalPlanner, VehiclePath
+from rnc_pin.array_shapes import Float
 from rnc_pin.collision import Obstacle, PairSelection
-from rnc_pin.errors import ConfigurationError, RncError
-from rnc_pin.model import ReducedModel
+from rnc_pin.control import SlitheringReference
+from rnc_pin.errors import ConfigurationError, InputError, RncError
+from rnc_pin.model import Coordinates, ReducedModel, Task, heading_of
 from rnc_pin.optimal import (
     AccelerationCost,
     CostKind,
@@ -32,9 +38,147 @@ from rnc_pin.optimal import (
     goal_configuration,
     tvlqr,
 )
-from rnc_pin.planning import OutputTarget, Reference, WaySettings, find_way
+from rnc_pin.planning import Hold, OutputTarget, Reference, WaySettings, find_way
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import PlannedPath
+
+
+class FramePoses(NamedTuple):
+    """Poses of a frame."""
+
+    planar: Float[np.ndarray, "n 3"]
+    """Position x, y [m] and heading [rad]."""
+    heights: Float[np.ndarray, " n"]
+    """Position z [m]."""
+
+
+def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> FramePoses:
+    """Return the poses of a frame at configurations (n, nq)."""
+    data, index = robot.model.createData(), robot.frame_id(frame)
+    poses = np.empty((len(configurations), 4))
+    for pose, q in zip(poses, configurations, strict=True):
+        pin.framesForwardKinematics(robot.model, data, q)
+        placement = data.oMf[index]
+        pose[[0, 1, 3]] = placement.translation
+        pose[2] = heading_of(placement.rotation)
+    return FramePoses(poses[:, :3], poses[:, 3])
+
+
+class OutputReference(NamedTuple):
+    """Reference of some outputs of a model.
+
+    Attributes:
+        is_vertical: True for vertical outputs, False for reducing ones.
+        places: indices (j,) among these outputs.
+        reference: their desired motion.
+    """
+
+    is_vertical: bool
+    places: np.ndarray
+    reference: Reference
+
+
+def output_references(
+    scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray
+) -> tuple[OutputReference, ...]:
+    """References that a scenario itself gives, from an initial configuration (nq,); none of a planner.
+
+    The goal of a controller to a set point is the reference of its outputs.
+    """
+    references, given = task_references(scenario, reduced, task, q0, None)
+    found = [OutputReference(name == "vertical", getattr(task, name), references[name]) for name in given]
+    path = plan_path(scenario, reduced, task, q0)
+    if path.primary is not None:
+        found.append(OutputReference(False, task.primary, path.primary))
+    if path.monitored is not None:
+        found.append(OutputReference(True, *path.monitored))
+    goal = scenario.controller.goal if isinstance(scenario.controller, MotionProblem) else {}
+    for is_vertical, stack in ((True, reduced.vertical), (False, reduced.reducing)):
+        places = np.array([k for k, name in enumerate(stack.names) if name in goal], dtype=int)
+        if len(places):
+            held = Hold([goal[stack.names[k]] for k in places])
+            found.append(OutputReference(is_vertical, places, held))
+    return tuple(found)
+
+
+def task_references(
+    scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray, motion: MotionPlan | None
+) -> tuple[dict[str, Reference], tuple[str, ...]]:
+    """References of the task's outputs, and the names of those that the scenario or its plan gives."""
+    if motion is not None and scenario.reference.path is not None:
+        raise ConfigurationError("reference.path: 'planner' plans the motion; remove one of them")
+    x1, x2 = reduced.at(q0).outputs()
+    starts = {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
+    references: dict[str, Reference] = {}
+    given = []
+    for name, start in starts.items():
+        settings, outputs = getattr(scenario.reference, name), getattr(task, f"{name}_names")
+        try:
+            coordinates: Coordinates = getattr(task, f"{name}_coordinates")
+            if settings is not None:
+                references[name] = settings.from_start(start, coordinates)
+            elif motion is not None and outputs and name in getattr(scenario.controller, "followed", ()):
+                references[name] = motion.reference(outputs)
+            else:
+                references[name] = Hold(start)
+                continue
+            given.append(name)
+        except (ConfigurationError, InputError) as error:
+            raise ConfigurationError(f"reference.{name}: {error}") from None
+    return references, tuple(given)
+
+
+@dataclass(frozen=True)
+class PathPlan:
+    """Planned path of a vehicle and its references; all None without a planned path."""
+
+    primary: Reference | None = None
+    """Travelled distance and steering angle."""
+    slithering: SlitheringReference | None = None
+    """Reference of the trailer's heading."""
+    monitored: tuple[np.ndarray, Reference] | None = None
+    """Indices in x1 and reference of the x and y of the frame, for the record."""
+    planned: PlannedPath | None = None
+    """For plots: the frame, its trailer, and the poses of the path."""
+
+
+def plan_path(scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray) -> PathPlan:
+    """Plan the path of ``reference.path``."""
+    settings = scenario.reference.path
+    if settings is None:
+        return PathPlan()
+    if scenario.reference.primary is not None or (settings.trailer and scenario.reference.vertical is not None):
+        raise ConfigurationError("reference.path: replaces 'primary' and, with a trailer, 'vertical'; remove those")
+    if len(task.primary) != 2 or reduced.reducing.quasi[task.primary].tolist() != [True, False]:
+        raise ConfigurationError(
+            "reference.path: primary outputs must be forward speed and steering angle, in this order"
+        )
+    speed, steering = (int(index) for index in task.primary)
+    start = frame_poses(reduced.robot, settings.frame, q0[None]).planar[0]
+    trailer, slithering = settings.trailer, None
+    try:
+        path = settings.path(
+            reduced,
+            q0,
+            start,
+            settings.duration,
+            speed=speed,
+            steering=steering,
+            forward_only=trailer is not None or bool(settings.forward_only),
+        )
+        if trailer is not None:
+            slithering = trailer.build(reduced=reduced, task=task, tractor=settings.frame)
+    except ConfigurationError as error:
+        raise error.within("reference.path") from None
+    poses = np.round(path.poses[:: max(1, len(path.poses) // 400)], 5).tolist()
+    trailing = None if trailer is None else str(trailer.given["axle"])
+    names = [f"{settings.frame}_{axis}" for axis in "xy"]
+    monitored = None
+    if all(name in reduced.vertical.names for name in names):
+        monitored = (np.array([reduced.vertical.names.index(name) for name in names]), path.position)
+    planned = PlannedPath(settings.frame, trailing, tuple((x, y, heading) for x, y, heading in poses))
+    return PathPlan(path.reference, slithering, monitored, planned)
+
 
 _SEARCH = WaySettings(seconds=150.0, motions=20_000)  # the motions end it on a usual computer, a busy one has time
 _POINTS = 400  # of a planned path

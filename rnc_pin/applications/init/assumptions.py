@@ -1,0 +1,365 @@
+"""Assumptions of a draft: kind of base, constraints, outputs and actuators.
+
+Reducing outputs are chosen from candidates. Actuators are those of the file, and further ones if these cannot produce
+every reduced force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rnc_pin.applications.init.evidence import (
+    LIKELY,
+    SURE,
+    Alternative,
+    DraftDecision,
+    DriveEvidence,
+    effort_limit,
+    is_revolute,
+    joint_range,
+)
+from rnc_pin.applications.init.shapes import INDEPENDENT, SAME
+from rnc_pin.applications.init.wheel_detection import Wheel
+from rnc_pin.applications.scenario.loading import constraint_of, output_of
+from rnc_pin.errors import ConfigurationError, ConstraintError, few
+from rnc_pin.io import Json
+from rnc_pin.math import unit_rows
+from rnc_pin.model import Kinematics, NonholonomicSystem, OutputKind
+from rnc_pin.robots import Robot
+
+Entry = str | Mapping[str, Json]
+
+UNMEASURED = "MEASURE the radius: no round shape of the wheel was read"
+DRIVEN, TURNED, BENT = 0.5, 0.4, 0.2  # displacements of the reference: base, heading, joint [m, rad, rad]
+
+
+@dataclass
+class BaseAssumptions:
+    """Assumptions of a draft about the base.
+
+    Attributes:
+        base: "fixed", "planar", "free", or None for the base of the file.
+        kind: description of the assumed base, with its reason.
+        frame: frame of the base.
+        constraints: constraint entries, with a remark on each.
+        actuators: actuator entries of the base, wheels and steering, with a remark on each.
+        outputs: candidate reducing outputs, the preferred one first, with the displacement of each reference.
+        vertical: entries of the vertical outputs, such as the pose of the base.
+        lock: joints to lock, with their values.
+        notes: assumptions and doubts, a line each.
+        passive: joints without an actuator.
+        ground: height of the ground [m], or None if unknown.
+        weightless: True if the scenario has no gravity.
+        feedback: settings of the controller that the base needs, or None.
+        feedback_remark: remark on that controller.
+        path: function from names of primary outputs and a duration [s] to their reference; None for a minimum-jerk
+            displacement.
+        duration: duration of the reference [s].
+        pose: initial joint values that the base needs instead of the default.
+        initial: initial values of joints with several degrees of freedom.
+        untracked: outputs without a reference.
+        lean: horizontal axis in the world frame (3,) of a small initial tilt of the base, or None.
+        v2: initial output rates, to be kept constant instead of a reference.
+        travel: displacement of a base on wheels in the trial run [m]; 0 for other robots.
+        without_effort: joints with effort 0 in the file, which states an effort of other joints.
+        idle: wheels without a motor, by assumption.
+        decisions: decisions behind these assumptions, with their evidence.
+    """
+
+    base: str | None
+    kind: str
+    frame: str = ""
+    constraints: list[tuple[Entry, str]] = field(default_factory=list)
+    actuators: list[tuple[Entry, str]] = field(default_factory=list)
+    outputs: list[tuple[Mapping[str, Json], float]] = field(default_factory=list)
+    vertical: list[Mapping[str, Json]] = field(default_factory=list)
+    lock: dict[str, float | list[float]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    passive: set[str] = field(default_factory=set)
+    ground: float | None = None
+    weightless: bool = False
+    feedback: Mapping[str, Json] | None = None
+    feedback_remark: str = "uses the model: state feedback by linearize and lqr at the start"
+    path: Callable[[Sequence[str], float], Mapping[str, Json]] | None = None
+    duration: float = 5
+    pose: dict[str, float] = field(default_factory=dict)
+    initial: dict[str, list[float]] = field(default_factory=dict)
+    untracked: set[str] = field(default_factory=set)
+    lean: np.ndarray | None = None
+    v2: dict[str, float] = field(default_factory=dict)
+    travel: float = 0.0
+    without_effort: set[str] = field(default_factory=set)
+    idle: list[str] = field(default_factory=list)
+    decisions: list[DraftDecision] = field(default_factory=list)
+
+    def hold(self, joints: Iterable[str], start: Mapping[str, float], why: str) -> None:
+        """Lock joints at their start values, and note the reason."""
+        named = list(dict.fromkeys(joints))
+        if named:
+            self.lock.update({joint: start.get(joint, 0.0) for joint in named})
+            self.notes.append(f"{why}: {', '.join(named)}")
+
+    def lock_carriers(self, wheels: Iterable[Wheel], start: Mapping[str, float]) -> None:
+        """Lock the joints that would lift wheels."""
+        carriers = (joint for wheel in wheels for joint in wheel.carriers)
+        self.hold(carriers, start, "locked, because they would lift wheels off the ground")
+
+    def add_planar_pose_outputs(self) -> None:
+        """Add position on the ground and heading to the candidate outputs."""
+        self.outputs += zip(place_and_heading(self.frame), (DRIVEN, TURNED), strict=True)
+
+
+def place_and_heading(frame: str) -> list[dict[str, Json]]:
+    """Output entries for the position on the ground and the heading of a frame."""
+    return [{"frame_position": {"frame": frame, "axes": "xy"}}, {"frame_yaw": frame}]
+
+
+def rolls(wheel: Wheel, **more: Json) -> dict[str, Json]:
+    """Constraint entry of a rolling wheel."""
+    return {"rolling_wheel": {"frame": wheel.frame, "radius": round(wheel.radius, 6), **more}}
+
+
+def measured(wheel: Wheel) -> str:
+    """Remark on the source of a wheel's radius."""
+    if wheel.measured == "height":
+        return f"{UNMEASURED}, the value is the axle's height"
+    if wheel.measured == "inertia":
+        return f"{UNMEASURED}, the value fits its inertia as a solid disk"
+    return f"radius from the {wheel.measured} geometry"
+
+
+_SLID = 0.05  # displacement of the reference of a prismatic joint [m]
+
+
+@dataclass
+class ChosenOutputs:
+    """Chosen reducing outputs.
+
+    Attributes:
+        entries: entries of the scenario.
+        kinds: output objects of these entries.
+        names: row names (r,).
+        steps: displacement of the reference of each row (r,) [m, rad].
+    """
+
+    entries: list[Mapping[str, Json]] = field(default_factory=list)
+    kinds: list[OutputKind] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)
+    steps: list[float] = field(default_factory=list)
+
+
+def output_candidates(
+    mobility: BaseAssumptions, robot: Robot, start: Mapping[str, float]
+) -> list[tuple[Mapping[str, Json], float]]:
+    """Return output entries by preference with reference displacements: base, driven joints, passive joints."""
+    used = [entry["joint"] for entry, _ in mobility.outputs if "joint" in entry]
+    joints = sorted((name for name in start if name not in used), key=lambda name: name in mobility.passive)
+    return [*mobility.outputs, *(({"joint": name}, _step(robot, name, start[name])) for name in joints)]
+
+
+def select_outputs(
+    wanted: Iterable[tuple[Mapping[str, Json], float]], system: NonholonomicSystem, q: np.ndarray
+) -> ChosenOutputs:
+    """Return the candidates, in order, whose Jacobian rows at ``q`` (nq,) are independent of the rows before them.
+
+    Raises:
+        ConfigurationError: fewer than r independent rows.
+    """
+    chosen = ChosenOutputs()
+    position = Kinematics(system.robot).position(q)
+    rows = unit_rows(system.constraints.jacobian(position)) if system.m else np.zeros((0, system.n))
+    for entry, step in wanted:
+        kind = output_of(entry)
+        bound = kind.bind(system.robot)
+        added = unit_rows(bound.jacobian(position))
+        if len(chosen.names) + len(added) > system.r or not _independent(rows, added):
+            continue
+        rows = np.vstack([rows, added])
+        chosen.entries.append(entry)
+        chosen.kinds.append(kind)
+        chosen.names += bound.names
+        chosen.steps += [step] + [0.0] * (len(added) - 1)
+    if len(chosen.names) < system.r:
+        raise ConfigurationError(
+            f"only {len(chosen.names)} of {system.r} independent reducing outputs were found among its joints and base"
+        )
+    return chosen
+
+
+def _independent(rows: np.ndarray, added: np.ndarray) -> bool:
+    for row in added:
+        rest = row - (np.linalg.lstsq(rows.T, row, rcond=None)[0] @ rows if len(rows) else 0.0)
+        if np.linalg.norm(rest) < INDEPENDENT:
+            return False
+        rows = np.vstack([rows, row])
+    return True
+
+
+def _step(robot: Robot, name: str, value: float) -> float:
+    """Displacement of a joint's reference [rad or m]: small, toward the farther limit."""
+    low, high = joint_range(robot, name)
+    above, below = high - value, value - low  # both infinite without limits
+    length = max(min(BENT if is_revolute(robot, name) else _SLID, 0.3 * max(above, below)), 0.0)
+    return round(length if above >= (1 - SAME) * below else -length, 4)
+
+
+_UNPOWERED = "effort 0 in the file, driven without a limit: CHECK"
+_PASSIVE = "driven, although it is usually passive: CHECK"
+_UNTOLD = "in place of actuators that the file does not describe: CHECK"
+
+
+@dataclass(frozen=True)
+class ActuatorCandidates:
+    """Candidate actuator entries, one input each, with a remark on each.
+
+    Attributes:
+        sure: actuators of the base and of joints with an effort limit.
+        joints: joints without effort and passive joints, driven only if the sure actuators are not enough.
+        forces: forces and torques on the base, in place of actuators that the file does not describe.
+        wheels: those of ``joints`` that the base needs, e.g. wheels with effort 0 in the file.
+    """
+
+    sure: list[tuple[Entry, str]]
+    joints: list[tuple[Entry, str]]
+    forces: list[tuple[Entry, str]]
+    wheels: list[tuple[Entry, str]]
+
+    @property
+    def named(self) -> list[tuple[Entry, str]]:
+        """Entries of a base with a controller of its own, with or without effort in the file."""
+        return [*self.sure, *self.wheels]
+
+    @property
+    def all(self) -> list[tuple[Entry, str]]:
+        """All entries, the most likely first."""
+        return [*self.sure, *self.joints, *self.forces]
+
+    def enough(self, input_matrix: np.ndarray) -> list[tuple[Entry, str]]:
+        """Return the sure entries, and each further entry, in order, that raises the rank of the reduced forces.
+
+        If a wheel without effort is among them, all such wheels are: their efforts are placeholders.
+
+        Args:
+            input_matrix: reduced forces for unit inputs of all entries (r, p).
+        """
+        columns = list(range(len(self.sure)))
+        for column in range(len(self.sure), len(self.all)):
+            if _rank(input_matrix[:, [*columns, column]]) > _rank(input_matrix[:, columns]):
+                columns.append(column)
+        chosen = [self.all[column] for column in columns]
+        alike = self.wheels if any(wheel in chosen for wheel in self.wheels) else []
+        return [each for each in self.all if each in chosen or each in alike]
+
+
+def actuator_candidates(
+    mobility: BaseAssumptions, robot: Robot, start: Iterable[str], undriven: Collection[str] = ()
+) -> ActuatorCandidates:
+    """Return the candidate actuators of a robot with one kind of base.
+
+    Args:
+        mobility: assumptions about the base.
+        robot: the robot with that base.
+        start: its joints with one degree of freedom.
+        undriven: joints without an actuator in a file that names the actuators of other joints.
+    """
+    joints = [name for name in start if name not in undriven]
+    driving = [
+        (entry, remark) for entry, remark in mobility.actuators if not (isinstance(entry, str) and entry in undriven)
+    ]
+    named = {entry for entry, _ in driving if isinstance(entry, str)}
+    conserved = {entry.get("momentum") for entry, _ in mobility.constraints if isinstance(entry, dict)}
+    followers = {mimic.joint for mimic in robot.mimics}
+    weak = mobility.without_effort - conserved - followers
+    sure = [name for name in joints if name not in named | mobility.passive | conserved]
+    wheels = [name for name in joints if name in weak & named]
+    unpowered = [name for name in joints if name in weak - named]
+    passive = [name for name in joints if name in mobility.passive - conserved - named - followers - weak]
+    given = [entry for entry, _ in driving]
+    remarked: dict[str, tuple[Entry, str]] = {name: (name, _UNPOWERED) for name in (*wheels, *unpowered)}
+    return ActuatorCandidates(
+        [*(each for each in driving if each[0] not in wheels), *((name, "") for name in sure)],
+        [*remarked.values(), *((name, _PASSIVE) for name in passive)],
+        [(force, _UNTOLD) for force in _forces(mobility) if force not in given],
+        [remarked[name] for name in wheels],
+    )
+
+
+def _forces(mobility: BaseAssumptions) -> list[Entry]:
+    """Forces and torques on the base; none if its momentum is conserved."""
+    if mobility.weightless or mobility.base == "fixed":
+        return []
+    kinds = [("force", "xy"), ("torque", "z")] if mobility.base == "planar" else [("torque", "xyz")]
+    return [{kind: {"frame": mobility.frame, "axis": axis}} for kind, axes in kinds for axis in axes]
+
+
+def _rank(input_matrix: np.ndarray) -> int:
+    """Number of independent reduced forces of actuators."""
+    return int(np.linalg.matrix_rank(unit_rows(input_matrix), tol=INDEPENDENT)) if input_matrix.size else 0
+
+
+# ---------------------------------------------------------------------- joints without a motor
+
+
+def assume_motors(
+    mobility: BaseAssumptions, robot: Robot, start: Collection[str], drives: DriveEvidence, *, is_mjcf: bool
+) -> list[str]:
+    """Mark joints without a motor as passive: those with effort 0, and those that a list of motors leaves out.
+
+    Args:
+        mobility: assumptions about the base; its passive joints, decisions and notes are extended.
+        robot: the robot with that base.
+        start: its joints with one degree of freedom.
+        drives: evidence for which joints have a motor.
+        is_mjcf: True for an MJCF, whose joints without an actuator have effort 0.
+
+    Returns:
+        Joints that the file or an option leaves without a motor.
+    """
+    limits = {name: effort_limit(robot, name) for name in start}
+    weak = [name for name, limit in limits.items() if limit == 0 and name not in mobility.passive]
+    powered = any(limit for name, limit in limits.items() if name not in mobility.passive)
+    of_base = {entry for entry, _ in mobility.actuators if isinstance(entry, str)} | mobility.passive
+    others = [name for name in start if name not in of_base]
+    undriven = drives.unlisted([*start] if drives.is_complete else others)
+    idle = [name for name in others if name in undriven]
+    if idle:
+        mobility.decisions.append(_decision_on_others(idle, drives))
+    named = [name for name in weak if drives.says(name)]
+    if powered:
+        mobility.without_effort = set(weak) - set(named)
+        if mobility.travel:  # beside driven wheels, a loose joint without an effort is held
+            undriven += [name for name in weak if name not in {*named, *of_base, *undriven}]
+        mobility.passive |= mobility.without_effort
+        if named:
+            said = "effort 0 in the file, which names them as driven all the same: driven without a limit"
+            mobility.notes.append(f"{said}: {', '.join(named)}")
+    elif weak and not is_mjcf:
+        mobility.notes.append("the file states no effort: 0 for every joint, so that they are driven without a limit")
+    return undriven
+
+
+def _decision_on_others(idle: Sequence[str], drives: DriveEvidence) -> DraftDecision:
+    """Decision on the joints beside the base that have no motor."""
+    asked = all(name in drives.passive for name in idle)
+    sources = list(dict.fromkeys(drives.named.values()))
+    evidence = "by an option" if asked else f"not named by {few(sources)}, which name other joints"
+    sure = SURE if asked or drives.is_complete else LIKELY
+    others = tuple(Alternative(f"{name} is driven", ("--driven", name)) for name in idle[:2])
+    return DraftDecision("Which joints beside the base have no motor?", few(idle), sure, evidence, others)
+
+
+def conserve_momentum_of_free_joints(mobility: BaseAssumptions, robot: Robot) -> None:
+    """Add conservation of momentum for joints without effort that turn on the ground, if nothing else acts on them."""
+    if mobility.base != "fixed" or mobility.constraints:
+        return
+    for name in robot.joint_names:
+        if name in mobility.without_effort and robot.model.parents[robot.joint_id(name)] == 0:
+            entry = {"momentum": name}
+            with suppress(ConstraintError):
+                constraint_of(entry).bind(robot)
+                mobility.constraints.append((entry, "turns freely, and the robot starts at rest"))
+                mobility.vertical.append({"joint": name})
