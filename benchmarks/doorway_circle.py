@@ -15,7 +15,7 @@ import numpy as np
 
 from rnc_pin.applications.scenario.builder import build_system
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml
-from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.robots.robot import Robot
 

@@ -12,8 +12,8 @@ from scipy.interpolate import CubicSpline
 from benchmarks.doorway_circle import CLEARANCE, passage
 from benchmarks.doorway_path import doorway_path
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
-from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.scenario.schema.world import build_obstacles
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.io.json import Json

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rnc_pin.applications.scenario.files import with_options
-from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.plant_builder import build_plant
 from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.sweep.scenario_runs import arguments_of
 from rnc_pin.errors import RncError
 from rnc_pin.simulation import Trajectory, simulate_many

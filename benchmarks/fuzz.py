@@ -31,7 +31,7 @@ import numpy as np
 import rnc_pin as rnc
 from benchmarks.fuzz_meshes import MESHES, read_inline_meshes, read_mesh_file
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml
-from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.robots.robot_files import shipped_directory
 
 SLOWEST = 10.0  # [s] of processor time

@@ -6,7 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import rnc_pin as rnc
-from rnc_pin.robots.vehicles import tractor_trailers_urdf
+from rnc_pin.robots.robot_files import tractor_trailers_urdf
 
 
 def knife_edge() -> rnc.ReducedModel:

@@ -10,6 +10,7 @@ import numpy as np
 
 import rnc_pin as rnc
 from benchmarks.planned_models import car, tractor
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import SimulationError
 from rnc_pin.optimal import MotionPlan, OutputBound, PlanFeedback, SolverSettings, VelocityBound
 from rnc_pin.optimal.action_models import KinematicModel, Nodes
@@ -123,7 +124,7 @@ def _docking(trailers: int) -> Case:
 
 def _bicycle() -> Case:
     """Change of lane of the built-in scenario; errors are motions that the constraints allow."""
-    experiment = planned_scenario("bicycle-lane-change").experiment
+    experiment = Scenario.load("bicycle-lane-change", {"plots": {}, "comparisons": {}}).experiment
     reduced, plan = experiment.reduced, experiment.plan
     assert plan is not None
     names = ["rear_wheel_y", "rear_frame_yaw", "rear_frame_tilt_y"]

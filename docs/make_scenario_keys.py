@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from rnc_pin.applications.scenario.loading import schema
+from rnc_pin.applications.scenario.schema.scenario import schema
 
 PAGE = Path(__file__).parent / "scenarios.md"
 _LONGEST = 30  # letters of a default that the table shows

@@ -58,7 +58,7 @@ def test_the_command_line_imports_nothing_heavy(arguments):
 
 
 def test_reading_scenarios_imports_nothing_that_draws():
-    _, packages = imported([sys.executable, "-c", "import rnc_pin.applications.scenario.loading"])
+    _, packages = imported([sys.executable, "-c", "import rnc_pin.applications.scenario.schema.scenario"])
     assert {"pinocchio", "pydantic"} <= packages & HEAVY
     assert not packages & {"matplotlib", "meshcat", "tornado"}
 

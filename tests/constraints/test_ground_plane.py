@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.plants.mujoco import MuJoCoPlant
 from rolling import GRAVITY, rigid_body, slope

@@ -8,9 +8,9 @@ import rnc_pin as rnc
 from rnc_pin.applications.scenario.builder import build_reduced, start_of
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml
-from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.plant_builder import start_findings
 from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.constraints.wheel_heights import wheel_height_findings
 from rnc_pin.errors import RncError
 from rnc_pin.verdict import FindingKind, Severity

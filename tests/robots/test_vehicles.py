@@ -6,8 +6,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.robots.robot_files import shipped_directory
-from rnc_pin.robots.vehicles import tractor_trailers_urdf
+from rnc_pin.robots.robot_files import shipped_directory, tractor_trailers_urdf
 from textbook_systems import tractor_trailers
 
 

@@ -10,7 +10,7 @@ from bodies import add_body
 from places import DATA
 from rnc_pin.analysis.linearization import Linearization
 from rnc_pin.model.rows import ConstantRows, Rows
-from rnc_pin.robots.vehicles import tractor_trailers_urdf
+from rnc_pin.robots.robot_files import tractor_trailers_urdf
 from systems import rolling_base
 
 

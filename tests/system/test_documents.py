@@ -10,7 +10,7 @@ import yaml
 
 import rnc_pin as rnc
 from places import ROOT, pages
-from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.schema.scenario import validate
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 DOCUMENTS = pages()

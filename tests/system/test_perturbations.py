@@ -14,7 +14,7 @@ from benchmarks import perturbations
 from places import DIRT
 from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.applications.init.evidence import named_as_driven
-from rnc_pin.applications.init.shapes import shapes
+from rnc_pin.applications.init.robot_at_start import shapes
 
 pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
 

@@ -17,7 +17,7 @@ from browsing import place, visit
 from patience import PATIENCE, eventually
 from places import DIRT
 from rnc_pin.applications.command_line.cli import main
-from rnc_pin.applications.scenario import drawn_run, plot_files
+from rnc_pin.applications.scenario import plot_files, saved_run
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import nearest
@@ -259,7 +259,7 @@ def test_what_fails_in_drawing_costs_the_drawing_alone(tmp_path, monkeypatch, ca
     # With one processor, what is printed is read in one process.
     monkeypatch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
     monkeypatch.setattr(plot_files, "_overview", fail)
-    monkeypatch.setattr(drawn_run, "Recording", fail)
+    monkeypatch.setattr(saved_run, "Recording", fail)
     status, out, err = called(monkeypatch, capfd, *RUN, tmp_path / "out")
     assert status == 0
     saved, table = printed[0]

@@ -19,9 +19,9 @@ from rnc_pin.applications.init import draft
 from rnc_pin.applications.init.assumptions import select_outputs
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
 from rnc_pin.applications.scenario.files import ROBOT_FILES, built_in_names, robot_names
-from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema import ScenarioFile
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import ActuatorVelocityController, ComputedTorque, VelocityQP, VelocityTracker, describe
 from rnc_pin.control.whole_body.limits import CollisionAvoidance, ControlLimit

@@ -14,13 +14,12 @@ from rnc_pin.applications.scenario.builder import start_of
 from rnc_pin.applications.scenario.controllers.context import MIN_SINGULAR_VALUE
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import with_options
-from rnc_pin.applications.scenario.loading import admitted
 from rnc_pin.applications.scenario.reference_builder import OutputReference, output_references
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema import ScenarioFile, SimulationSettings
 from rnc_pin.applications.scenario.schema.motions import References
 from rnc_pin.applications.scenario.schema.run_settings import Distribution, Distributions
-from rnc_pin.applications.scenario.schema.scenario import Initial
+from rnc_pin.applications.scenario.schema.scenario import Initial, admitted
 from rnc_pin.collision import CollisionDistances, PairSelection
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, RncError, SingularityError
 from rnc_pin.io import Json, to_json_mapping

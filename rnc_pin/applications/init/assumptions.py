@@ -22,9 +22,9 @@ from rnc_pin.applications.init.evidence import (
     is_revolute,
     joint_range,
 )
-from rnc_pin.applications.init.shapes import INDEPENDENT, SAME
+from rnc_pin.applications.init.robot_at_start import INDEPENDENT, SAME
 from rnc_pin.applications.init.wheel_detection import Wheel
-from rnc_pin.applications.scenario.loading import constraint_of, output_of
+from rnc_pin.applications.scenario.schema.scenario import constraint_of, output_of
 from rnc_pin.errors import ConfigurationError, ConstraintError, few
 from rnc_pin.io import Json
 from rnc_pin.math import unit_rows

@@ -8,19 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rnc_pin.applications.init.assumptions import BaseAssumptions
-from rnc_pin.applications.init.balancing_base import (
-    balance_decision,
-    balancing_base,
-    bicycle_base,
-    is_bicycle,
-    refuse_one_track,
-)
-from rnc_pin.applications.init.base_without_wheels import (
-    fixed_base_with_locked_joints,
-    is_called_afloat,
-    moves_over_ground,
-    without_wheels,
-)
 from rnc_pin.applications.init.evidence import DraftDecision
 from rnc_pin.applications.init.omnidirectional_base import (
     force_driven_base,
@@ -31,6 +18,17 @@ from rnc_pin.applications.init.omnidirectional_base import (
     swerve_base,
     turret_base,
     wheels_called_omni,
+)
+from rnc_pin.applications.init.other_bases import (
+    balance_decision,
+    balancing_base,
+    bicycle_base,
+    fixed_base_with_locked_joints,
+    is_bicycle,
+    is_called_afloat,
+    moves_over_ground,
+    refuse_one_track,
+    without_wheels,
 )
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.scenario_candidate import ScenarioCandidate

@@ -24,8 +24,7 @@ from rnc_pin.applications.init.evidence import (
     has_word,
     turning_axis,
 )
-from rnc_pin.applications.init.robot_at_start import RobotAtStart
-from rnc_pin.applications.init.shapes import SAME
+from rnc_pin.applications.init.robot_at_start import SAME, RobotAtStart
 from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import WheelGroup, WheelLayout, are_parallel, in_line
 from rnc_pin.applications.init.wheeled_base import (

@@ -25,8 +25,7 @@ from rnc_pin.applications.init.assumptions import (
     select_outputs,
 )
 from rnc_pin.applications.init.evidence import DraftDecision
-from rnc_pin.applications.init.robot_at_start import RobotAtStart
-from rnc_pin.applications.init.shapes import GEOMETRY
+from rnc_pin.applications.init.robot_at_start import GEOMETRY, RobotAtStart
 from rnc_pin.applications.init.source import Source
 from rnc_pin.applications.init.start_values import (
     is_loaded,
@@ -51,8 +50,8 @@ from rnc_pin.applications.init.trial import (
 )
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
 from rnc_pin.applications.scenario.execution import Result, execute
-from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.errors import ConfigurationError, RncError, few
 from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.model import NonholonomicSystem

@@ -11,8 +11,7 @@ import numpy as np
 
 from rnc_pin.applications.init.assumptions import BaseAssumptions, Entry, measured
 from rnc_pin.applications.init.evidence import has_word, is_revolute, joint_limits, joint_range, turning_axis
-from rnc_pin.applications.init.robot_at_start import RobotAtStart
-from rnc_pin.applications.init.shapes import LEVEL, SAME, Shape
+from rnc_pin.applications.init.robot_at_start import LEVEL, SAME, RobotAtStart, Shape
 from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import TOWED, DrawnAxle
 from rnc_pin.applications.init.wheeled_base import one_lateral, planar, turned

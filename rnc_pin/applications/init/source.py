@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
@@ -16,8 +16,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.applications.init.evidence import DriveEvidence, effort_limit, named_as_driven
-from rnc_pin.applications.init.shapes import GEOMETRY, PLACED, Kind, missing_meshes, shapes
-from rnc_pin.applications.scenario.loading import admitted
+from rnc_pin.applications.init.robot_at_start import GEOMETRY, PLACED, FileNames, Kind, missing_meshes, shapes
+from rnc_pin.applications.scenario.schema.scenario import admitted
 from rnc_pin.applications.scenario.schema.world import RobotSource
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.io import Json
@@ -80,21 +80,6 @@ def with_choices(choices: DraftOptions, options: Sequence[str]) -> DraftOptions:
             known = changes.get(key, getattr(choices, key))
             changes[key] = (*known, value)
     return dataclasses.replace(choices, **changes)
-
-
-@dataclass(frozen=True)
-class FileNames:
-    """Names of a file that the model does not contain.
-
-    Attributes:
-        title: names of the file and of the robot.
-        plugins: names and files of its plugins.
-        meshes: files of the meshes of each link.
-    """
-
-    title: str = ""
-    plugins: str = ""
-    meshes: Mapping[str, str] = field(default_factory=dict)
 
 
 class Source:

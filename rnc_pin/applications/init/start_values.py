@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from rnc_pin.applications.init.assumptions import BENT, ChosenOutputs, Entry
 from rnc_pin.applications.init.evidence import effort_limit, is_revolute, joint_limits, joint_range
-from rnc_pin.applications.scenario.loading import constraint_of, output_of
+from rnc_pin.applications.scenario.schema.scenario import constraint_of, output_of
 from rnc_pin.errors import RncError, few
 from rnc_pin.io import Json
 from rnc_pin.math import unit_diagonal

@@ -9,8 +9,18 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.applications.init.evidence import body_frame, has_word, joint_limits, turning_axis
-from rnc_pin.applications.init.robot_at_start import RobotAtStart
-from rnc_pin.applications.init.shapes import ALIGNED, GEOMETRY, LEVEL, NEAR, SAME, Shape, across, fitted_disk, placed
+from rnc_pin.applications.init.robot_at_start import (
+    ALIGNED,
+    GEOMETRY,
+    LEVEL,
+    NEAR,
+    SAME,
+    RobotAtStart,
+    Shape,
+    across,
+    fitted_disk,
+    placed,
+)
 
 UPRIGHT = 1e-5  # horizontal part of a unit axis below which a pivot is vertical up to rounding
 _STEERS = 0.5  # smallest vertical part of a unit swivel axis: forks are inclined, those of choppers by 50 degrees

@@ -12,8 +12,17 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.applications.init.evidence import DriveEvidence, DrivenJoints, has_word
-from rnc_pin.applications.init.robot_at_start import RobotAtStart
-from rnc_pin.applications.init.shapes import ALIGNED, LEVEL, NEAR, PLACED, Shape, across, first_smallest, placed
+from rnc_pin.applications.init.robot_at_start import (
+    ALIGNED,
+    LEVEL,
+    NEAR,
+    PLACED,
+    RobotAtStart,
+    Shape,
+    across,
+    first_smallest,
+    placed,
+)
 from rnc_pin.applications.init.wheel_detection import Pivot, Wheel
 
 

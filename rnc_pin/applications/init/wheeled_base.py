@@ -9,8 +9,7 @@ import numpy as np
 
 from rnc_pin.applications.init.assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, measured, rolls
 from rnc_pin.applications.init.evidence import GUESSED, LIKELY, SURE, Alternative, DraftDecision, has_word
-from rnc_pin.applications.init.robot_at_start import RobotAtStart
-from rnc_pin.applications.init.shapes import placed
+from rnc_pin.applications.init.robot_at_start import RobotAtStart, placed
 from rnc_pin.applications.init.wheel_detection import UPRIGHT, Wheel
 from rnc_pin.applications.init.wheel_layout import TOWED, DrawnAxle, WheelGroup, WheelLayout, are_parallel, in_line
 from rnc_pin.errors import few

@@ -13,7 +13,7 @@ import numpy as np
 from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.controllers import BuiltController, ControllerContext
 from rnc_pin.applications.scenario.controllers.context import TaskGoals, reduced_velocity, refuse_or_warn
-from rnc_pin.applications.scenario.controllers.velocity_tracking import VelocityTrackerSettings
+from rnc_pin.applications.scenario.controllers.tracking import VelocityTrackerSettings
 from rnc_pin.applications.scenario.plant_builder import build_plant, start_findings, warnings_of
 from rnc_pin.applications.scenario.reference_builder import (
     Plans,

@@ -12,7 +12,6 @@ import coal
 import numpy as np
 
 from rnc_pin.applications.scenario.builder import Experiment, build_task
-from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.plant_builder import build_plant, start_findings, warnings_of
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.derived import Entry, ReadAs
@@ -24,6 +23,7 @@ from rnc_pin.applications.scenario.schema.kinds import (
     Outputs,
 )
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.scenario.schema.world import RobotSource
 from rnc_pin.collision import Obstacle, check_ignored_links
 from rnc_pin.control import Controller, describe

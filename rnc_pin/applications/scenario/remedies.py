@@ -13,9 +13,9 @@ import numpy as np
 
 from rnc_pin.applications.scenario.controllers import owners
 from rnc_pin.applications.scenario.controllers.base import ControllerSettings
-from rnc_pin.applications.scenario.controllers.velocity_tracking import RedundancySettings, VelocityTrackerSettings
+from rnc_pin.applications.scenario.controllers.tracking import RedundancySettings, VelocityTrackerSettings
 from rnc_pin.applications.scenario.files import with_options
-from rnc_pin.applications.scenario.loading import output_of
+from rnc_pin.applications.scenario.schema.scenario import output_of
 from rnc_pin.errors import InfeasibleError, RncError, SimulationError, SingularityError, few, short_text
 from rnc_pin.io import Json
 from rnc_pin.model import NonholonomicSystem, Task

@@ -11,11 +11,11 @@ from typing import cast
 from rnc_pin.applications.scenario.builder import build_reduced
 from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario
-from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.phase_builder import captured_closures
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.kinds import with_ground
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.scenario.schema.world import build_obstacles
 from rnc_pin.collision import Obstacle
 from rnc_pin.constraints import GroundPlane

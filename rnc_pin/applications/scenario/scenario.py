@@ -25,12 +25,12 @@ from rnc_pin.applications.scenario.builder import (
 from rnc_pin.applications.scenario.controllers import without_foreign_gains
 from rnc_pin.applications.scenario.files import apply_options, find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.applications.scenario.from_objects import RunObjects, content_of, experiment_of
-from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.phase_builder import build_phased
 from rnc_pin.applications.scenario.plant_builder import collected_model_warnings
 from rnc_pin.applications.scenario.reference_builder import Plans
 from rnc_pin.applications.scenario.remedies import Refused, try_remedies
 from rnc_pin.applications.scenario.schema import ScenarioFile
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.scenario.schema.world import build_obstacles
 from rnc_pin.applications.scenario.simulated_run import Simulated, judged_summary, simulated
 from rnc_pin.collision import Obstacle

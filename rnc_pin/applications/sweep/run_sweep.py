@@ -12,8 +12,8 @@ import numpy as np
 
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import apply_options, find_scenario, read_yaml
-from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.sweep.reports import write_reports
 from rnc_pin.applications.sweep.results import SweepResults
 from rnc_pin.applications.sweep.row_tables import Kinds, common_kind, kind_of, kind_of_all

@@ -9,8 +9,8 @@ from typing import TypeAlias
 import numpy as np
 
 from rnc_pin.applications.scenario.files import apply_options, find_scenario, read_yaml
-from rnc_pin.applications.scenario.loading import admitted, validate
 from rnc_pin.applications.scenario.schema.run_settings import ChoiceDistribution, Distribution, Distributions
+from rnc_pin.applications.scenario.schema.scenario import admitted, validate
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import Json, to_json_mapping
 

@@ -9,7 +9,7 @@ import rnc_pin as rnc
 from drives import point_of, pose_of, prepared, reduced_of, script
 from rnc_pin.applications.drive.log import CommandQueue
 from rnc_pin.applications.drive.run import drive, record_of
-from rnc_pin.robots.vehicles import tractor_trailers_urdf
+from rnc_pin.robots.robot_files import tractor_trailers_urdf
 from rnc_pin.simulation import Outcome
 
 DT = 0.02

@@ -9,10 +9,10 @@ import yaml
 from noisy import with_noise
 from places import DIRT
 from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
-from rnc_pin.applications.init.shapes import first_smallest
+from rnc_pin.applications.init.robot_at_start import first_smallest
 from rnc_pin.applications.init.trial import Trial
 from rnc_pin.applications.scenario.builder import build_experiment
-from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.errors import ModelError
 from rnc_pin.robots.robot_files import example_urdfs, find_urdf, shipped_directory
 

@@ -10,8 +10,8 @@ import yaml
 import rnc_pin as rnc
 from places import DIRT
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario, parse_option, read_yaml, with_options
-from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.sweep.seeded_draws import draws_of
 from rnc_pin.robots.robot_files import shipped_directory
 

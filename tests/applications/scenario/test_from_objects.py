@@ -8,8 +8,8 @@ from pydantic import TypeAdapter
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.files import built_in_names
 from rnc_pin.applications.scenario.from_objects import spelled
-from rnc_pin.applications.scenario.loading import constraint_of, output_of
 from rnc_pin.applications.scenario.schema.kinds import ActuatorItem, ConstraintItem, ForceItem, OutputItem
+from rnc_pin.applications.scenario.schema.scenario import constraint_of, output_of
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import ReducingOutputController, VelocityTracker
 from rnc_pin.planning import MinimumJerk, RelativeMinimumJerk

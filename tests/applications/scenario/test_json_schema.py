@@ -8,7 +8,7 @@ import pytest
 from places import SCHEMA
 from rnc_pin.applications.command_line.cli import main
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario, read_yaml
-from rnc_pin.applications.scenario.loading import schema_text
+from rnc_pin.applications.scenario.schema.scenario import schema_text
 
 WRITTEN = json.loads(SCHEMA.read_text())
 jsonschema = pytest.importorskip("jsonschema", reason="reads schemas; comes with the test extra")

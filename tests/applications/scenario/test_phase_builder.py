@@ -8,10 +8,10 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.execution import execute
-from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.phase_builder import build_phased
 from rnc_pin.applications.scenario.saved_run import drawn_run
 from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.simulation import simulate_phases
 from rnc_pin.visualization.drawn_state import recorded_states
 from rnc_pin.visualization.scene_kinematics import SwitchingForces

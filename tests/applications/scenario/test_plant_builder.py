@@ -7,7 +7,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.builder import build_experiment
-from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.schema.scenario import validate
 
 AXES = [{"frame": "ball", "axis": axis} for axis in "xyz"]
 BALL = {

@@ -15,9 +15,8 @@ import rnc_pin as rnc
 from benchmarks import fuzz_meshes as solid
 from patience import ending_within
 from rnc_pin.robots import robot_files
-from rnc_pin.robots.sources import mesh_shapes
-from rnc_pin.robots.sources.mesh_formats import MeshError, convex_hull, mesh, read_mesh
-from rnc_pin.robots.sources.mesh_formats import collada as collada_format
+from rnc_pin.robots.sources import mesh_formats
+from rnc_pin.robots.sources.mesh_formats import MeshError, convex_hull, mesh, read_mesh, scenes
 from rnc_pin.robots.sources.mesh_formats.scenes import read_collada
 
 SINGLE = 1e-7  # [m], of vertices kept in single precision
@@ -196,9 +195,9 @@ def test_broken_meshes_are_refused_soon_and_by_name(name, content, says, tmp_pat
 )
 def test_nodes_of_a_collada_file_are_counted_before_they_are_visited(limit, most, content, monkeypatch):
     """The outer node, the inner one, and each instance below it."""
-    monkeypatch.setattr(collada_format, limit, most)
+    monkeypatch.setattr(scenes, limit, most)
     read_collada(content.encode())
-    monkeypatch.setattr(collada_format, limit, most - 1)
+    monkeypatch.setattr(scenes, limit, most - 1)
     with pytest.raises(MeshError, match="nodes are more than"):
         read_collada(content.encode())
 
@@ -221,7 +220,7 @@ def test_a_scale_that_leaves_no_solid_is_refused(scale, tmp_path):
 
 
 def test_all_meshes_together_are_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr(mesh_shapes, "MOST_TOGETHER", 3 * len(solid.TRIANGLES))
+    monkeypatch.setattr(mesh_formats, "MOST_TOGETHER", 3 * len(solid.TRIANGLES))
     write(tmp_path / "m.obj", solid.obj())
     (tmp_path / "r.urdf").write_text(solid.urdf(["m.obj"] * 3))
     assert rnc.Robot.from_urdf(tmp_path / "r.urdf").visual_model.ngeoms == 3

@@ -9,7 +9,7 @@ import yaml
 
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.builder import build_experiment
-from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.robots.sources.description import Mimic
 
 LINK = (

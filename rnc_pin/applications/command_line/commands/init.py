@@ -14,8 +14,8 @@ import click
 from rnc_pin.applications.command_line.messages import announce
 from rnc_pin.applications.init import DraftDecision, DraftOptions, draft_with_decisions, with_choices
 from rnc_pin.applications.scenario.files import parse_options
-from rnc_pin.applications.scenario.loading import schema_text
 from rnc_pin.applications.scenario.output_folder import check_new_file
+from rnc_pin.applications.scenario.schema.scenario import schema_text
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import atomic_file
 

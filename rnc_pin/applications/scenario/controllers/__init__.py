@@ -19,17 +19,17 @@ from rnc_pin.applications.scenario.controllers.feedback import (
     SetPointSettings,
     StateFeedbackSettings,
 )
-from rnc_pin.applications.scenario.controllers.position_tracking import JacobianTransposeSettings, TwoPhaseSettings
-from rnc_pin.applications.scenario.controllers.velocity_tracking import (
+from rnc_pin.applications.scenario.controllers.tracking import (
+    JacobianTransposeSettings,
     ReducingOutputsSettings,
     RedundancySettings,
     SteeringSettings,
+    TwoPhaseSettings,
     UncertainRedundancySettings,
 )
 from rnc_pin.applications.scenario.controllers.whole_body import InverseDynamicsSettings, VelocityProgramSettings
-from rnc_pin.applications.scenario.schema.base import wrong
 from rnc_pin.errors import nearest
-from rnc_pin.io import Json
+from rnc_pin.io import Json, wrong
 
 __all__ = ["TYPES", "BuiltController", "ControllerContext", "ControllerItem", "owners", "without_foreign_gains"]
 

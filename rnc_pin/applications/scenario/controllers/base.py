@@ -16,7 +16,6 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext, at_key
-from rnc_pin.applications.scenario.schema.base import Numbers, Positive, Strict, wrong
 from rnc_pin.applications.scenario.schema.derived import Entry, T, part
 from rnc_pin.control import (
     OUTER_GAINS,
@@ -37,7 +36,8 @@ from rnc_pin.control import (
     gravity_loads,
 )
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model import NotNegative, ReducedModel
+from rnc_pin.io import Numbers, Strict, wrong
+from rnc_pin.model import NotNegative, Positive, ReducedModel
 
 _Gains = type[VelocityGains] | type[PositionGains]
 _ENDS = Field(min_length=2, max_length=2, description="Lower and upper bound of all estimates, in their unit.")

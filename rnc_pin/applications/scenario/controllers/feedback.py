@@ -21,7 +21,6 @@ from rnc_pin.applications.scenario.controllers.context import (
     reduced_velocity,
     refuse_or_warn,
 )
-from rnc_pin.applications.scenario.schema.base import Numbers, Positive, wrong
 from rnc_pin.applications.scenario.schema.derived import part
 from rnc_pin.applications.scenario.schema.kinds import OutputItem
 from rnc_pin.applications.scenario.schema.motions import LimitItem, Limits, MotionProblem, WeightSetting
@@ -35,7 +34,8 @@ from rnc_pin.control import (
     WayFollowing,
 )
 from rnc_pin.errors import ConfigurationError, RncError, nearest
-from rnc_pin.model import OutputKind, ReducedModel
+from rnc_pin.io import Numbers, wrong
+from rnc_pin.model import OutputKind, Positive, ReducedModel
 from rnc_pin.optimal import (
     BoundKind,
     DistanceBound,

@@ -22,8 +22,7 @@ from rnc_pin.applications.scenario.controllers.context import (
     goal_values,
     refuse_or_warn,
 )
-from rnc_pin.applications.scenario.controllers.velocity_tracking import VelocityTrackerSettings
-from rnc_pin.applications.scenario.schema.base import Strict
+from rnc_pin.applications.scenario.controllers.tracking import VelocityTrackerSettings
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, one_of, part
 from rnc_pin.applications.scenario.schema.kinds import OutputItem
 from rnc_pin.applications.scenario.schema.motions import HOLD, ReferenceItem
@@ -52,6 +51,7 @@ from rnc_pin.control.whole_body.tasks import (
     SingularityTask,
 )
 from rnc_pin.errors import RncError
+from rnc_pin.io import Strict
 
 _SOLVER = part(VelocityQP, "solver")
 _VELOCITIES, _INPUTS = part(VelocityQP, "damping"), part(InverseDynamicsQP, "velocity_gain", "friction", "braking_time")

@@ -1,9 +1,4 @@
-"""Entries of scenario files, derived from the classes that they build.
-
-The class alone defines names, types, defaults and descriptions: a dataclass by its fields, another class or a function
-by the parameters of its call. The docstring gives the descriptions. An ``Entry`` lists the differences between the file
-and the class.
-"""
+"""Entries of scenario files, derived from the classes that they build."""
 
 from __future__ import annotations
 
@@ -17,6 +12,7 @@ from functools import cached_property, reduce
 from operator import attrgetter, or_
 from types import GenericAlias, UnionType
 from typing import (
+    TYPE_CHECKING,
     Annotated,
     Any,
     Generic,
@@ -46,8 +42,38 @@ from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from rnc_pin.applications.scenario.schema.base import BY_KIND, NAME, PLAIN, Numbers, Strict, attribute_texts
 from rnc_pin.errors import RncError, nearest
+from rnc_pin.io import Json, Numbers, Strict, attribute_texts
+
+if TYPE_CHECKING:
+    Content = Json
+else:
+    Content = object  # pydantic resolves no recursive alias
+
+
+def _file_name(name: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
+        raise ValueError(f"'{name}' cannot name a file: use letters, digits, - and _")
+    return name
+
+
+FileName = Annotated[str, AfterValidator(_file_name)]
+
+
+NAME, _OTHER = "name", "other"
+PLAIN = "without a key"
+"""Tag of a mapping of fields beside mappings with one key."""
+
+
+def _kind(raw: object) -> str:
+    """Tag of an entry: its one key, or ``NAME`` for a bare name."""
+    if isinstance(raw, dict) and len(raw) == 1:
+        return str(next(iter(raw)))
+    return NAME if isinstance(raw, str) else _OTHER
+
+
+BY_KIND = Discriminator(_kind)
+
 
 T = TypeVar("T", covariant=True)
 

@@ -9,7 +9,6 @@ from typing import Annotated, cast
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from rnc_pin.applications.scenario.schema.base import Numbers, Strict
 from rnc_pin.applications.scenario.schema.derived import Entry, one_of, plain_or
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
 from rnc_pin.constraints import (
@@ -36,6 +35,7 @@ from rnc_pin.constraints import (
     Torus,
 )
 from rnc_pin.forces import Damper, SmoothFriction, Spring, Wrench
+from rnc_pin.io import Numbers, Strict
 from rnc_pin.model import (
     Actuator,
     ConstraintKind,

@@ -8,10 +8,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from rnc_pin.applications.scenario.schema.base import Numbers, Positive, Strict
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, one_of
 from rnc_pin.control import SlitheringReference
-from rnc_pin.model import NotNegative, ReducedModel
+from rnc_pin.io import Numbers, Strict
+from rnc_pin.model import NotNegative, Positive, ReducedModel
 from rnc_pin.optimal import FileLimits, MotionPlan, OutputCost, SolverSettings, plan
 from rnc_pin.planning import (
     CarPath,

@@ -10,9 +10,9 @@ import numpy as np
 from pydantic import Discriminator, Field, RootModel, Tag, model_validator
 
 from rnc_pin.analysis import Grip
-from rnc_pin.applications.scenario.schema.base import LIST, NAME, Content, Positive, Strict
-from rnc_pin.applications.scenario.schema.derived import Entry
-from rnc_pin.model import ReducedModel
+from rnc_pin.applications.scenario.schema.derived import NAME, Content, Entry
+from rnc_pin.io import LIST, Strict
+from rnc_pin.model import Positive, ReducedModel
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.simulation import Stop
 

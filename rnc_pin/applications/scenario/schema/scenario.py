@@ -1,15 +1,17 @@
-"""Complete scenario: the run, its phases and its plots."""
+"""Complete scenario: the run, its phases and its plots; its validation, and the JSON Schema for editors."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, Literal, cast
+from functools import cache
+from typing import Annotated, Literal, TypeVar, cast
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, Field, TypeAdapter, model_validator
 
-from rnc_pin.applications.scenario.controllers import ControllerItem
-from rnc_pin.applications.scenario.schema.base import Content, FileName, Strict
-from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, one_of
+from rnc_pin.applications.scenario.controllers import TYPES, ControllerItem
+from rnc_pin.applications.scenario.schema.derived import PLAIN, Content, Entry, FileName, PartialCall, one_of
 from rnc_pin.applications.scenario.schema.kinds import (
     ActuatorItem,
     ConstraintItem,
@@ -28,7 +30,8 @@ from rnc_pin.constraints import GroundPlane
 from rnc_pin.control.loop import ControlLoop
 from rnc_pin.errors import nearest
 from rnc_pin.figures import Sheet, Size
-from rnc_pin.model import NonholonomicSystem, NotNegative, OutputKind, Positive, ReducedModel
+from rnc_pin.io import LIST, Json, Strict, validated
+from rnc_pin.model import ConstraintKind, NonholonomicSystem, NotNegative, OutputKind, Positive, ReducedModel
 from rnc_pin.plants import Faults, Payload, StuckJoint
 from rnc_pin.plants.mujoco import MuJoCoSettings
 from rnc_pin.simulation import ContactLoss, Event, OutputCrossing, Phase
@@ -299,3 +302,63 @@ class ScenarioFile(Strict):
                     hint = nearest(label, self.comparisons)
                     raise ValueError(f"plots.{name}.comparisons: no comparison '{label}'{hint}")
         return self
+
+
+def validate(raw: Mapping[str, Json], source: str) -> ScenarioFile:
+    """Validate the mapping of a scenario.
+
+    Raises:
+        ConfigurationError: one line for the first error: file, key, expected value and found value.
+    """
+    return admitted(ScenarioFile, raw, source)
+
+
+_UNION_MEMBERS = {"float", "str", "list[float]", "constrained-list", "name", "unknown_masses", "unknown_wheels"}
+_UNION_MEMBERS |= {PLAIN, LIST}
+
+
+def _is_tag(part: str, previous: object) -> bool:
+    return part in _UNION_MEMBERS or (previous == "controller" and part in TYPES)
+
+
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+def admitted(model: type[_Model], raw: Mapping[str, Json], source: str) -> _Model:
+    """Validate the mapping of a part of a scenario, like ``validate``."""
+    return validated(model, raw, source, _is_tag)
+
+
+def constraint_of(entry: Mapping[str, Json] | str) -> ConstraintKind:
+    """Constraint of one valid entry of ``constraints``."""
+    return _constraint_validator().validate_python(entry)
+
+
+def output_of(entry: Mapping[str, Json]) -> OutputKind:
+    """Output of one valid entry of ``outputs``."""
+    return _output_validator().validate_python(entry)
+
+
+@cache  # building a validator takes 30 ms
+def _constraint_validator() -> TypeAdapter[ConstraintKind]:
+    return TypeAdapter(ConstraintItem)
+
+
+@cache
+def _output_validator() -> TypeAdapter[OutputKind]:
+    return TypeAdapter(OutputItem)
+
+
+def schema() -> dict[str, Json]:
+    """Return the schema of the models that read scenario files."""
+    content = ScenarioFile.model_json_schema()
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "rnc_pin scenario",
+        **{key: value for key, value in content.items() if key != "title"},
+    }
+
+
+def schema_text() -> str:
+    """Return the schema as text of the schema file."""
+    return json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"

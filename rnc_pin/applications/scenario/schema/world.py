@@ -12,12 +12,12 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
-from rnc_pin.applications.scenario.schema.base import Positive, Strict
 from rnc_pin.applications.scenario.schema.derived import Entry, one_of
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
 from rnc_pin.collision import Obstacle, ground_shape, load_cells, load_map, load_mesh_shape
 from rnc_pin.errors import ConfigurationError, RncError
-from rnc_pin.model import Coordinates
+from rnc_pin.io import Strict
+from rnc_pin.model import Coordinates, Positive
 from rnc_pin.robots import Robot, find_mjcf, find_shipped, find_urdf
 
 

@@ -12,7 +12,7 @@ from places import SCHEMA
 from rnc_pin.applications.scenario.builder import build_reduced, build_task
 from rnc_pin.applications.scenario.controllers import TYPES, ControllerContext
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
-from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.planning import Hold
 
 jsonschema = pytest.importorskip("jsonschema", reason="reads schemas; comes with the test extra")

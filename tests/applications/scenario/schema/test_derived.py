@@ -15,10 +15,10 @@ import rnc_pin as rnc
 from places import SCHEMA
 from rnc_pin import constraints, outputs
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
-from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.saved_run import view_of
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, descriptions, one_of
 from rnc_pin.applications.scenario.schema.kinds import ActuatorItem, ConstraintItem
+from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.visualization.drawn_state import View
 
