@@ -211,15 +211,20 @@ def pursued(
 def _most_telling(fit: Fit, scales: np.ndarray, chosen: Sequence[int], banned: set[int]) -> int | None:
     """Number that explains most of the residuals besides those that were chosen or banned; None if none does."""
     r, J = fit.scaled()
-    rest = J * scales
-    if chosen:  # parts that the chosen numbers explain as well
-        basis, _ = np.linalg.qr(rest[:, list(chosen)])
-        rest = rest - basis @ (basis.T @ rest)
+    rest = _unexplained(J * scales, chosen)
     sizes = np.sum(rest**2, axis=0)
     gains = np.divide((rest.T @ r) ** 2, sizes, out=np.zeros_like(sizes), where=sizes > 1e-9 * sizes.max(initial=0))
     gains[[*chosen, *banned]] = 0.0
     best = int(np.argmax(gains))
     return best if gains[best] > _WORTH * (r @ r) else None
+
+
+def _unexplained(columns: np.ndarray, chosen: Sequence[int]) -> np.ndarray:
+    """Parts of columns that the chosen ones among them do not explain as well."""
+    if not chosen:
+        return columns
+    basis, _ = np.linalg.qr(columns[:, list(chosen)])
+    return np.asarray(columns - basis @ (basis.T @ columns))
 
 
 def _squares(fit: Fit, deviations: np.ndarray) -> float:
@@ -350,10 +355,7 @@ def _suspects(balance: EnergyBalance, parts: list[tuple[str, str, float, np.ndar
     values, shares = np.zeros(0), []
     left, first = residual, float(residual @ residual)
     while len(chosen) < _MOST_BODIES:
-        rest = columns
-        if chosen:
-            basis, _ = np.linalg.qr(columns[:, chosen])
-            rest = columns - basis @ (basis.T @ columns)
+        rest = _unexplained(columns, chosen)
         sizes, origin = np.sum(rest**2, axis=0), np.sum(columns**2, axis=0)
         gains = np.divide((rest.T @ left) ** 2, sizes, out=np.zeros_like(sizes), where=sizes > 1e-9 * origin)
         for index in np.argsort(-gains):

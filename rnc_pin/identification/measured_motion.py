@@ -105,8 +105,7 @@ class MeasuredMotion:
         robot, model = self._robot, self._robot.model
         q = np.tile(robot.configuration(), (len(positions), 1))
         for name, values in zip(measured, positions.T, strict=True):
-            where = self._places(name)
-            q[:, where] = values[:, None] if where.stop - where.start == 1 else np.c_[np.cos(values), np.sin(values)]
+            robot.single_joint(name).put(q, values)
         if base is not None:
             q[:, : base.shape[1]] = base
         elif "root_joint" in model.names and np.abs(model.gravity.linear[:2]).max() > 0:

@@ -25,6 +25,7 @@ from rnc_pin.identification.window_fit import Poses, RolledPath, rotated, sidewa
 from rnc_pin.math.components import Component, NormalEquations, Row, against, combined, minus, plus, times
 from rnc_pin.model.coordinates import heading_of
 from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.robots.joint_values import SingleJoint
 
 _BREAK = 5.0  # intervals longer than so many usual ones end a window
 _REGULAR = 1e-6  # smallest singular value of the unit rows of the base, relative to the largest
@@ -229,16 +230,12 @@ class RollingMotion:
         starts = dict.fromkeys(self._columns, 0.0) | {
             each.column: float(_held(each.channel, self.time[:1])[0]) for each in self._joints
         }
-        joints = {joint.idx_v: joint for joint in self._model.joints if joint.nv == 1}
+        joints = {joint.idx_v: SingleJoint.of(joint) for joint in self._model.joints if joint.nv == 1}
         for column, change in zip(self._columns[3:], whole[3:], strict=True):
-            joint = joints[column]
             position = np.concatenate([[0.0], np.cumsum(np.broadcast_to(change, steps))]) + starts[column]
             early, now, late = (np.interp(times + at, self.time, position) for at in (-width / 2, 0.0, width / 2))
             v[:, column] = (late - early) / width
-            if joint.nq == 1:
-                q[:, joint.idx_q] = now
-            else:
-                q[:, joint.idx_q], q[:, joint.idx_q + 1] = np.cos(now), np.sin(now)
+            joints[column].put(q, now)
         return q, v
 
     def with_base(self, q: np.ndarray, poses: np.ndarray) -> np.ndarray:

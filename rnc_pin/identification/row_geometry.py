@@ -19,7 +19,7 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.components import Row
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.rows import Rows
-from rnc_pin.robots.joint_values import NamedModel
+from rnc_pin.robots.joint_values import NamedModel, SingleJoint
 from rnc_pin.robots.robot import Robot
 
 _NODES = 40  # of an interpolation over one angle
@@ -113,7 +113,7 @@ class RowGeometry:
         joints = list(zip(model.names, model.joints, strict=True))[1:]
         single = {name: joint for name, joint in joints if joint.nv == 1}
         self.columns = {name: joint.idx_v for name, joint in single.items()}
-        self._single = {joint.idx_v: joint for joint in single.values()}
+        self._single = {joint.idx_v: SingleJoint.of(joint) for joint in single.values()}
         self._virtual = {each: self.columns[f"virtual {k}"] for k, each in enumerate(virtual)}
         self.base = list(range(model.joints[1].idx_v, model.joints[1].idx_v + 3))
         self._blocks = [self._bound(robot, block) for block in blocks]
@@ -266,11 +266,7 @@ class RowGeometry:
         model = self._robot.model
         q = np.tile(pin.neutral(model), (len(positions), 1))
         for column, joint in self._single.items():
-            angle = positions[:, column]
-            if joint.nq == 1:
-                q[:, joint.idx_q] = angle
-            else:
-                q[:, joint.idx_q], q[:, joint.idx_q + 1] = np.cos(angle), np.sin(angle)
+            joint.put(q, positions[:, column])
         return q
 
 

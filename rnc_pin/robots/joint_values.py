@@ -133,6 +133,13 @@ class SingleJoint(NamedTuple):
             return np.asarray(np.arctan2(q[..., self.idx_q + 1], q[..., self.idx_q]))
         return np.asarray(q[..., self.idx_q])
 
+    def put(self, q: np.ndarray, position: np.ndarray) -> None:
+        """Write positions (...,) [rad or m] into q (..., nq)."""
+        if self.continuous:
+            q[..., self.idx_q], q[..., self.idx_q + 1] = np.cos(position), np.sin(position)
+        else:
+            q[..., self.idx_q] = position
+
 
 class NamedModel:
     """Joints, frames and configurations of a model by name.

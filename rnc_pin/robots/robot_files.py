@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
+from typing import cast
 
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.io.json import Json
@@ -136,8 +137,7 @@ def _plain(value: object) -> Json:
         return {str(name): _plain(each) for name, each in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(each) for each in value]
-    found: Json = getattr(value, "tolist", lambda: value)()  # without NumPy, which completing names does not need
-    return found
+    return cast(Json, getattr(value, "tolist", lambda: value)())  # completing names needs no NumPy
 
 
 _COLORS = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -10,10 +10,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from rnc_pin.applications.command_line.messages import announce, complain, warn
+from rnc_pin.applications.command_line.messages import announce, complain, print_json, seconds_since_start, warn
 from rnc_pin.applications.command_line.termination import DONE, FAILED
-from rnc_pin.applications.scenario.execution import Result
-from rnc_pin.applications.scenario.pictures import Drawn
+from rnc_pin.applications.scenario.execution import Result, write
+from rnc_pin.applications.scenario.output_folder import OutputFolder
+from rnc_pin.applications.scenario.pictures import Artists, Drawn, draw_pictures, picture_names
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.errors import RncError
 from rnc_pin.simulation import OutputNames, Summary
 from rnc_pin.verdict import Severity, Verdict, weight_of
 
@@ -161,19 +164,6 @@ def _units(outputs: OutputNames) -> dict[str, str]:
     }
 
 
-def print_files(folder: Path, names: Sequence[str]) -> None:
-    """Print the folder and the names of written files."""
-    console = Console(markup=False, emoji=False)
-    console.print(f"in {folder}: {', '.join(names)}", highlight=False, soft_wrap=True)
-
-
-def print_elapsed(elapsed: float, simulation: float | None) -> None:
-    """Print the wall time of a command and the share of the simulation [s]."""
-    console = Console(markup=False, emoji=False)
-    part = f", {simulation:.1f} s of it for the simulation" if simulation else ""
-    console.print(f"done in {elapsed:.1f} s{part}", highlight=False)
-
-
 def print_sweep_statistics(scenario: str, summary: SweepStatistics, folder: Path) -> None:
     """Print verdicts and errors of a sweep."""
     console = Console(markup=False, emoji=False)
@@ -214,19 +204,72 @@ def report_findings(verdict: Verdict, ending: str, others: str = "", told: Colle
     return FAILED
 
 
-def report_verdict(result: Result, drawn: Drawn, folder: Path, told: Collection[str]) -> int:
-    """Print the findings of a run that wrote a folder, and whether it was interrupted. Return the exit status.
+def keep_run(
+    scenario: Scenario,
+    result: Result,
+    target: OutputFolder,
+    as_json: bool,
+    artists: Artists | None = None,
+    more: Callable[[Path], str] | None = None,
+) -> Drawn | None:
+    """Write a run, print its summary, and draw its pictures last. None if they cannot be written, after the error.
 
     Args:
+        scenario: scenario of the run.
+        result: the run.
+        target: folder of the results.
+        as_json: print nothing, because a program reads the results.
+        artists: processes that draw; by default this one.
+        more: function that writes one more file into a folder and returns its name.
+    """
+    try:
+        with target.writing() as fresh:
+            files = write(scenario, result, fresh)
+            files += [] if more is None else [more(fresh)]
+        target.keep_so_far()
+        if not as_json:
+            print_summary(result.summary, result.trajectory.info.outputs)
+        names = picture_names(scenario)
+        text = f"{scenario.name}: drawing {len(names)} pictures"
+        with target.writing() as fresh, ProgressBar(Console(stderr=True), len(names), text, as_json) as bar:
+            drawn = draw_pictures(scenario, result, fresh, bar, artists)
+        target.keep()
+    except RncError as error:  # the scenario is valid, but its results cannot be written
+        complain(str(error))
+        return None
+    result.summary["files"] = [*files, *drawn.written]
+    return drawn
+
+
+def report_run(scenario: Scenario, result: Result, drawn: Drawn, folder: Path, as_json: bool) -> int:
+    """Print files, time and findings of a run, and whether it was interrupted. Return the exit status.
+
+    Args:
+        scenario: scenario of the run, whose warnings were printed before.
         result: the run.
         drawn: its pictures.
         folder: its folder.
-        told: warnings that were printed before.
+        as_json: print the summary as JSON.
     """
+    if drawn.failures:
+        warn(str(drawn))
+    if as_json:
+        print_json({**result.summary, "elapsed_time": round(seconds_since_start(), 3)})
+    else:
+        _print_end(folder, result.summary)
     where = f"results so far are in {folder}"
+    told = scenario.experiment.warnings
     if report_findings(result.trajectory.verdict, where, " in summary.json", told) == FAILED:
         return FAILED
     if result.interrupted or drawn.interrupted:
-        complain(f"interrupted; results so far are in {folder}")
+        complain(f"interrupted; {where}")
         return FAILED
     return DONE
+
+
+def _print_end(folder: Path, summary: Summary) -> None:
+    """Print the folder and the names of written files, the wall time of the command and that of the simulation [s]."""
+    console = Console(markup=False, emoji=False)
+    console.print(f"in {folder}: {', '.join(summary['files'])}", highlight=False, soft_wrap=True)
+    part = f", {summary['wall_time']:.1f} s of it for the simulation" if summary["wall_time"] else ""
+    console.print(f"done in {seconds_since_start():.1f} s{part}", highlight=False)

@@ -53,46 +53,50 @@ class GoalBoard:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DrivenBaseTask(ControlTask):
+class DrivenTask(ControlTask):
+    """Task of a driven run, whose rows follow the goals on the board.
+
+    Args:
+        rows: the task of the model.
+    """
+
+    rows: BoundTask
+
+    def bind(self, reduced: ReducedModel) -> BoundTask:
+        return self.rows
+
+
+class _Base(BoundTask):
     """Velocity of the base by command or towards its goal; without them, idle or at rest.
 
     Args:
+        reduced: the model.
         board: goals.
         base: the base.
         resting: True for the task at the lowest level that keeps the base at rest; False for the commands.
     """
 
-    board: GoalBoard
-    base: DrivenBase
-    resting: bool = False
-
-    def bind(self, reduced: ReducedModel) -> BoundTask:
-        return _BoundBase(self, reduced)
-
-
-class _BoundBase(BoundTask):
-    def __init__(self, task: DrivenBaseTask, reduced: ReducedModel) -> None:
-        self._task, self._robot = task, reduced.robot
-        base = task.base
+    def __init__(self, reduced: ReducedModel, board: GoalBoard, base: DrivenBase, resting: bool = False) -> None:
+        self._robot, self._board, self._base, self._resting = reduced.robot, board, base, resting
         self._frame = reduced.robot.frame_id(base.frame)
-        self._places = [reduced.robot.velocity_indices(name).start for name in task.board.controls.joints]
+        self._places = [reduced.robot.velocity_indices(name).start for name in board.controls.joints]
         self.names = tuple(f"{base.frame} {name}" for name in ("forward", "turn", "left"))
 
     def rows(self, sample: ControlSample) -> TaskRows:
-        base, board = self._task.base, self._task.board
+        base, board, resting = self._base, self._board, self._resting
         goals = board.goals
         rows = base.rates(base_rows(self._robot, base.frame, sample.end), self._robot)
-        wanted = None if self._task.resting else self._rates(sample)
+        wanted = None if resting else self._rates(sample)
         if wanted is not None:
             return TaskRows(rows, np.array([wanted.forward, wanted.turn, wanted.left]))
-        if not self._task.resting and (board.v2 is not None or not goals.hold_base):
+        if not resting and (board.v2 is not None or not goals.hold_base):
             return TaskRows(np.zeros_like(rows), np.zeros(3))
         if not base.turns:
             rows[1] = 0.0  # the posture has the steering joint
-        return TaskRows((_BASE_AT_REST if self._task.resting else 1.0) * rows, np.zeros(3))
+        return TaskRows((_BASE_AT_REST if resting else 1.0) * rows, np.zeros(3))
 
     def _rates(self, sample: ControlSample) -> BaseRates | None:
-        board, base = self._task.board, self._task.base
+        board, base = self._board, self._base
         speed, turn = board.gain("base speed"), board.gain("turn rate")
         shares = board.goals.velocity_at(sample.time - sample.dt)
         if shares is not None:
@@ -110,26 +114,18 @@ class _BoundBase(BoundTask):
         return rates_to_goal(base, (x, y, yaw), goal, bend, speed, turn)
 
 
-@dataclass(frozen=True, kw_only=True)
-class DrivenPoseTask(ControlTask):
+class _Pose(BoundTask):
     """Reduced velocities that lead the base to its goal with a heading; idle without one.
 
     Args:
+        reduced: the model.
         board: goals.
         moved: mask (r,) of the reduced velocities that count.
     """
 
-    board: GoalBoard
-    moved: np.ndarray
-
-    def bind(self, reduced: ReducedModel) -> BoundTask:
-        return _BoundPose(self, reduced)
-
-
-class _BoundPose(BoundTask):
-    def __init__(self, task: DrivenPoseTask, reduced: ReducedModel) -> None:
-        self._board, self._moved, self._block = task.board, task.moved, reduced.reducing
-        names = zip(reduced.reducing.names, task.moved, strict=True)
+    def __init__(self, reduced: ReducedModel, board: GoalBoard, moved: np.ndarray) -> None:
+        self._board, self._moved = board, moved
+        names = zip(reduced.reducing.names, moved, strict=True)
         self.names = tuple(f"{name} to the goal" for name, moved in names if moved)
         self._idle = TaskRows(np.zeros((len(self.names), reduced.n)), np.zeros(len(self.names)))
 
@@ -140,26 +136,18 @@ class _BoundPose(BoundTask):
         return TaskRows(sample.end.J2[self._moved], v2[self._moved])
 
 
-@dataclass(frozen=True, kw_only=True)
-class DrivenFrameTask(ControlTask):
+class _Frame(BoundTask):
     """Goal of a frame, approached at most at the speed of the board; idle without a goal.
 
     Args:
+        reduced: the model.
         board: goals.
         index: place of the frame in the controls.
     """
 
-    board: GoalBoard
-    index: int
-
-    def bind(self, reduced: ReducedModel) -> BoundTask:
-        return _BoundFrame(self, reduced)
-
-
-class _BoundFrame(BoundTask):
-    def __init__(self, task: DrivenFrameTask, reduced: ReducedModel) -> None:
-        self._board, self._index = task.board, task.index
-        name = list(task.board.controls.frames)[task.index]
+    def __init__(self, reduced: ReducedModel, board: GoalBoard, index: int) -> None:
+        self._board, self._index = board, index
+        name = list(board.controls.frames)[index]
         self._frame = reduced.robot.frame_id(name)
         self.names = tuple(f"{name} {axis}" for axis in ("x", "y", "z", "about x", "about y", "about z"))
         self._idle = TaskRows(np.zeros((6, reduced.n)), np.zeros(6))
@@ -184,24 +172,17 @@ class _BoundFrame(BoundTask):
         return TaskRows(jacobian, rate)
 
 
-@dataclass(frozen=True, kw_only=True)
-class DrivenPostureTask(ControlTask):
+class _Posture(BoundTask):
     """Joints that move to their positions on the board, at most at its joint speed.
 
     Args:
+        reduced: the model.
         board: goals.
     """
 
-    board: GoalBoard
-
-    def bind(self, reduced: ReducedModel) -> BoundTask:
-        return _BoundDrivenPosture(self, reduced)
-
-
-class _BoundDrivenPosture(BoundTask):
-    def __init__(self, task: DrivenPostureTask, reduced: ReducedModel) -> None:
-        self._board, self._robot = task.board, reduced.robot
-        joints = list(task.board.controls.joints)
+    def __init__(self, reduced: ReducedModel, board: GoalBoard) -> None:
+        self._board, self._robot = board, reduced.robot
+        joints = list(board.controls.joints)
         self._places = [reduced.robot.velocity_indices(name).start for name in joints]
         self.names = tuple(f"{name} posture" for name in joints)
         self._jacobian = np.eye(reduced.n)[self._places]
@@ -270,17 +251,17 @@ class DriveController:
         self._base_frame = None if base is None else robot.frame_id(base.frame)
 
     def _tasks(self) -> list[ControlTask]:
-        board, controls = self._board, self.controls
+        reduced, board, controls = self._reduced, self._board, self.controls
         tasks: list[ControlTask] = [
-            DrivenFrameTask(board=board, index=k, priority=1) for k in range(len(controls.frames))
+            DrivenTask(rows=_Frame(reduced, board, k), priority=1) for k in range(len(controls.frames))
         ]
         if controls.base is not None:
-            tasks.append(DrivenBaseTask(board=board, base=controls.base))
+            tasks.append(DrivenTask(rows=_Base(reduced, board, controls.base)))
             if self._parking is not None:
-                tasks.append(DrivenPoseTask(board=board, moved=self._parking.moved))
-            tasks.append(DrivenBaseTask(board=board, base=controls.base, resting=True, priority=2))
+                tasks.append(DrivenTask(rows=_Pose(reduced, board, self._parking.moved)))
+            tasks.append(DrivenTask(rows=_Base(reduced, board, controls.base, resting=True), priority=2))
         if controls.joints:
-            tasks.append(DrivenPostureTask(board=board, priority=2))
+            tasks.append(DrivenTask(rows=_Posture(reduced, board), priority=2))
         return [*tasks, DampingTask(weight=_DAMPING, priority=2)]
 
     def describe(self) -> Description:

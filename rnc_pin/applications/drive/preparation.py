@@ -18,7 +18,7 @@ from rnc_pin.applications.drive.log import CommandLog
 from rnc_pin.applications.init import draft
 from rnc_pin.applications.init.assumptions import select_outputs
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
-from rnc_pin.applications.scenario.files import ROBOT_FILES, built_in_names, robot_names
+from rnc_pin.applications.scenario.files import ROBOT_FILES, built_in_names, mapping_of, robot_names
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.scenario import validate
@@ -195,22 +195,18 @@ def _driven_config(
     if not any(key == "simulation" or key.startswith("simulation.dt") for key in options):
         settings["dt"] = PERIOD
     config["simulation"] = {**settings, "position_limits": False}
-    config["initial"] = {key: value for key, value in _mapping(raw.get("initial")).items() if key != "v2"}
-    view = _mapping(raw.get("view"))
+    config["initial"] = {key: value for key, value in mapping_of(raw.get("initial")).items() if key != "v2"}
+    view = mapping_of(raw.get("view"))
     base = base_frame(system.robot, [])
     config["view"] = {**view, "trail": view.get("trail") or [*frames[:2], *([base] if base else [])]}
     return config
-
-
-def _mapping(value: object) -> dict[str, Json]:
-    return dict(value) if isinstance(value, Mapping) else {}
 
 
 def _output_candidates(
     raw: Mapping[str, Json], scenario: ScenarioFile, robot: Robot
 ) -> Iterator[tuple[Mapping[str, Json], float]]:
     """Yield output entries by preference: speeds and joints of the scenario, the base, joints, then all others."""
-    given = _mapping(raw.get("outputs")).get("reducing")
+    given = mapping_of(raw.get("outputs")).get("reducing")
     entries = [each for each in given if isinstance(each, Mapping)] if isinstance(given, list) else []
     told = [entry for entry in entries if next(iter(entry)) in _ALWAYS_REGULAR]
     base = base_frame(robot, [])

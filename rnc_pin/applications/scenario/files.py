@@ -160,6 +160,11 @@ def with_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[s
     return result
 
 
+def mapping_of(value: object) -> dict[str, Json]:
+    """Return a copy of a mapping in a scenario; an empty one for anything else."""
+    return dict(value) if isinstance(value, Mapping) else {}
+
+
 def plant_option(scenario: str, plant: str | None) -> dict[str, Json]:
     """Return the option that selects the plant of a scenario and keeps its plant settings.
 

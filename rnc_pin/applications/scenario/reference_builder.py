@@ -101,14 +101,19 @@ def output_references(
     return tuple(found)
 
 
+def task_starts(reduced: ReducedModel, task: Task, q0: np.ndarray) -> dict[str, np.ndarray]:
+    """Values of the task's outputs at a configuration, by role: ``primary``, ``redundant``, ``vertical``."""
+    x1, x2 = reduced.at(q0).outputs()
+    return {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
+
+
 def task_references(
     scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray, motion: MotionPlan | None
 ) -> tuple[dict[str, Reference], tuple[str, ...]]:
     """References of the task's outputs, and the names of those that the scenario or its plan gives."""
     if motion is not None and scenario.reference.path is not None:
         raise ConfigurationError("reference.path: 'planner' plans the motion; remove one of them")
-    x1, x2 = reduced.at(q0).outputs()
-    starts = {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
+    starts = task_starts(reduced, task, q0)
     references: dict[str, Reference] = {}
     given = []
     for name, start in starts.items():

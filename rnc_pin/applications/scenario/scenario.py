@@ -23,11 +23,18 @@ from rnc_pin.applications.scenario.builder import (
     start_of,
 )
 from rnc_pin.applications.scenario.controllers import without_foreign_gains
-from rnc_pin.applications.scenario.files import apply_options, find_scenario, is_built_in, read_yaml, with_options
+from rnc_pin.applications.scenario.files import (
+    apply_options,
+    find_scenario,
+    is_built_in,
+    mapping_of,
+    read_yaml,
+    with_options,
+)
 from rnc_pin.applications.scenario.from_objects import RunObjects, content_of, experiment_of
 from rnc_pin.applications.scenario.phase_builder import build_phased
 from rnc_pin.applications.scenario.plant_builder import collected_model_warnings
-from rnc_pin.applications.scenario.reference_builder import Plans
+from rnc_pin.applications.scenario.reference_builder import Plans, task_starts
 from rnc_pin.applications.scenario.remedies import Refused, try_remedies
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.scenario import validate
@@ -124,7 +131,7 @@ class Scenario(SummaryMixin):
         """
         reduced, controller, plant = objects.reduced, objects.controller, objects.plant
         more = dict(settings or {})
-        more["simulation"] = {**_mapping(more.get("simulation")), "duration": duration, "dt": dt}
+        more["simulation"] = {**mapping_of(more.get("simulation")), "duration": duration, "dt": dt}
         raw, content, without_form = content_of(objects, more, name)
         made = cls(name, raw, Path.cwd(), source=name, without_form=without_form)
         with warnings.catch_warnings():
@@ -384,9 +391,7 @@ class Scenario(SummaryMixin):
             controller = self.content.controller
             if not error.of_motion or controller is None or self.content.phases:
                 raise
-            x1, x2 = self.reduced.at(self.q0).outputs()
-            task = self.task
-            starts = {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
+            task, starts = self.task, task_starts(self.reduced, self.task, self.q0)
             raise try_remedies(Refused(self.raw, controller, self.system, task, starts, error), self._trial) from None
 
     def _trial(self, raw: Mapping[str, Json], observer: Observer) -> Trajectory:
@@ -460,10 +465,6 @@ class Scenario(SummaryMixin):
         if self.without_form:
             lines.append(("without a form in a file", items(list(self.without_form))))
         return ObjectSummary(title, lines)
-
-
-def _mapping(value: Json) -> Mapping[str, Json]:
-    return value if isinstance(value, Mapping) else {}
 
 
 def slug(label: str) -> str:

@@ -14,7 +14,6 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError
 from rnc_pin.robots.sources.description import read_numbers
 from rnc_pin.robots.sources.mesh_formats import (
-    FARTHEST,
     MOST_TOGETHER,
     LoadedMesh,
     Mesh,
@@ -24,6 +23,7 @@ from rnc_pin.robots.sources.mesh_formats import (
     checked_mesh,
     convex_hull,
     read_mesh,
+    scaled_vertices,
 )
 from rnc_pin.robots.sources.mjcf_model import ModelBuilder, pose
 
@@ -130,10 +130,7 @@ def _is_flat(mesh: Mesh, scale: np.ndarray) -> bool:
     Raises:
         MeshError: its scale puts vertices too far away.
     """
-    with np.errstate(over="ignore", under="ignore"):
-        vertices = mesh.vertices * scale
-    if not np.isfinite(vertices).all() or np.abs(vertices).max() > FARTHEST:
-        raise MeshError(f"its scale puts vertices beyond {FARTHEST:g}")
+    vertices = scaled_vertices(mesh, scale)
     try:
         check_thickness(vertices.astype(np.float32).astype(float))  # the precision of MuJoCo
     except MeshError:

@@ -17,7 +17,7 @@ from rnc_pin.applications.drive.page import DrivePage
 from rnc_pin.applications.drive.run import RealTimeClock, drive
 from rnc_pin.applications.scenario.pictures import Drawn
 
-NO_PICTURES = "rnc_pin.applications.command_line.commands.drive.draw_pictures"
+NO_PICTURES = "rnc_pin.applications.command_line.report.draw_pictures"
 DT = {"simulation__dt": 0.02}
 QUICK = ["--no-browser", "--set", "simulation.dt=0.02"]
 

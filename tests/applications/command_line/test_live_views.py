@@ -113,7 +113,7 @@ def test_a_run_and_a_replay_with_coupled_joints_can_be_watched(kind, call, tmp_p
 
 def test_a_hand_with_mimic_joints_can_be_driven(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rnc_pin.applications.command_line.commands.drive.draw_pictures", lambda *_: Drawn())
+    monkeypatch.setattr("rnc_pin.applications.command_line.report.draw_pictures", lambda *_: Drawn())
     fast = "--no-browser", "--set", "simulation.dt=0.02"
     status, out, said = call("drive", "panda", *fast, "--duration", 0.1, "--out", "out", "--json")
     assert status == 0, said

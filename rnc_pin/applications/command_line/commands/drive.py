@@ -8,25 +8,18 @@ from pathlib import Path
 from typing import TypedDict, Unpack
 
 import click
-from rich.console import Console
 
-from rnc_pin.applications.command_line.messages import announce, complain, print_json, seconds_since_start, warn
-from rnc_pin.applications.command_line.report import (
-    ProgressBar,
-    print_elapsed,
-    print_files,
-    print_summary,
-    report_verdict,
-)
+from rnc_pin.applications.command_line.messages import announce, warn
+from rnc_pin.applications.command_line.report import keep_run, report_run
 from rnc_pin.applications.command_line.termination import FAILED
 from rnc_pin.applications.drive.log import CommandQueue, RecordedDrive, read_drive, write_drive
 from rnc_pin.applications.drive.page import DrivePage
 from rnc_pin.applications.drive.preparation import PreparedDrive, prepare_drive, read_source, rebuild_drive
 from rnc_pin.applications.drive.run import RealTimeClock, drive, record_of
-from rnc_pin.applications.scenario.execution import Result, data_names, write
+from rnc_pin.applications.scenario.execution import Result, data_names
 from rnc_pin.applications.scenario.files import accept_option, find_scenario, parse_options
 from rnc_pin.applications.scenario.output_folder import OutputFolder
-from rnc_pin.applications.scenario.pictures import Drawn, draw_pictures, picture_names
+from rnc_pin.applications.scenario.pictures import picture_names
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.interruption import interruptible, uninterrupted
 
@@ -70,42 +63,15 @@ def drive_robot(
     names = [*data_names(), _COMMANDS, *picture_names(prepared.scenario)]
     name = prepared.scenario.name.strip(".") or "scenario"
     path = out or Path("runs") / (f"{name}-drive" if record is None else f"{name}-drive-replay")
+
+    def write_commands(folder: Path) -> str:
+        write_drive(record_of(prepared, result), folder / _COMMANDS)
+        return _COMMANDS
+
     with uninterrupted(), OutputFolder(path, force, names) as target:
         result = _replayed(prepared, record) if record is not None else _driven(prepared, new["duration"], browser)
-        try:
-            with target.writing() as fresh:
-                files = write(prepared.scenario, result, fresh)
-                write_drive(record_of(prepared, result), fresh / _COMMANDS)
-            target.keep_so_far()
-            if not as_json:
-                print_summary(result.summary)
-            with target.writing() as fresh:
-                drawn = _drawn(prepared, result, fresh, as_json)
-            target.keep()
-        except RncError as error:
-            complain(str(error))
-            return FAILED
-    return _report(prepared, result, drawn, [*files, _COMMANDS, *drawn.written], target.path, as_json)
-
-
-def _report(prepared: PreparedDrive, result: Result, drawn: Drawn, files: list[str], path: Path, as_json: bool) -> int:
-    """Print the end of the run and return the exit status."""
-    if drawn.failures:
-        warn(str(drawn))
-    result.summary["files"] = files
-    if as_json:
-        print_json({**result.summary, "elapsed_time": round(seconds_since_start(), 3)})
-    else:
-        print_files(path, files)
-        print_elapsed(seconds_since_start(), result.summary["wall_time"])
-    return report_verdict(result, drawn, path, prepared.scenario.experiment.warnings)
-
-
-def _drawn(prepared: PreparedDrive, result: Result, folder: Path, quiet: bool) -> Drawn:
-    names = picture_names(prepared.scenario)
-    text = f"{prepared.scenario.name}: drawing {len(names)} pictures"
-    with ProgressBar(Console(stderr=True), len(names), text, quiet) as bar:
-        return draw_pictures(prepared.scenario, result, folder, bar)
+        drawn = keep_run(prepared.scenario, result, target, as_json, more=write_commands)
+    return FAILED if drawn is None else report_run(prepared.scenario, result, drawn, target.path, as_json)
 
 
 def _driven(prepared: PreparedDrive, duration: float | None, browser: bool) -> Result:

@@ -5,8 +5,9 @@ The first puts a measured log beside a model, in numbers, plots, and a page with
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import click
@@ -85,6 +86,18 @@ def _read(path: Path, mapping: Path | None) -> Log:
     raise ConfigurationError(f"{path}: give the columns or topics of joints and frames: --mapping FILE")
 
 
+def _tell(
+    content: dict[str, Json], written: list[str] | None, out: Path | None, show: Callable[[], None] | None
+) -> None:
+    """Print a result as JSON, or by a function, and the names of its files."""
+    if show is None:
+        print_json({**content, "written": written})
+        return
+    show()
+    if written is not None:
+        click.echo(f"wrote {', '.join(written)} into {out}")
+
+
 @dataclass(frozen=True)
 class ComparisonChoice:
     """Replayed signals, and the folder for the result.
@@ -113,12 +126,7 @@ def compare_log(
     found = compare(scenario.model.system, measured.log, measured.sensor, heading=heading, speeds=choice.speeds)
     content = _comparison_content(system, measured.path, found)
     written = None if choice.out is None else _write_comparison(scenario, found, content, choice)
-    if as_json:
-        print_json({**content, "written": written})
-        return
-    _print_comparison(system, measured.path, found)
-    if written is not None:
-        click.echo(f"wrote {', '.join(written)} into {choice.out}")
+    _tell(content, written, choice.out, None if as_json else partial(_print_comparison, system, measured.path, found))
 
 
 # ---------------------------------------------------------------------- files
@@ -274,12 +282,7 @@ def calibrate_log(
     found = calibrate(given, log, unknown, sensor, held_out=choice.held_out, heading=heading)
     content = _calibration_content(system, measured.path, found)
     written = None if choice.out is None else _write_calibration(scenario, measured, found, content, choice)
-    if as_json:
-        print_json({**content, "written": written})
-        return
-    _print_calibration(system, measured.path, found)
-    if written is not None:
-        click.echo(f"wrote {', '.join(written)} into {choice.out}")
+    _tell(content, written, choice.out, None if as_json else partial(_print_calibration, system, measured.path, found))
 
 
 def _calibration_content(system: str, log: Path, found: Calibration) -> dict[str, Json]:

@@ -7,22 +7,20 @@ from typing import TypedDict, Unpack
 
 from rich.console import Console
 
-from rnc_pin.applications.command_line.messages import announce, complain, print_json, seconds_since_start, warn
+from rnc_pin.applications.command_line.messages import announce, warn
 from rnc_pin.applications.command_line.report import (
     ProgressBar,
-    print_elapsed,
-    print_files,
-    print_summary,
-    report_verdict,
+    keep_run,
+    report_run,
 )
 from rnc_pin.applications.command_line.termination import FAILED
-from rnc_pin.applications.scenario.execution import Result, data_names, execute, write
+from rnc_pin.applications.scenario.execution import Result, data_names, execute
 from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
 from rnc_pin.applications.scenario.output_folder import OutputFolder
-from rnc_pin.applications.scenario.pictures import Artists, Drawn, draw_pictures, picture_names
+from rnc_pin.applications.scenario.pictures import Artists, picture_names
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.shared_tasks import processor_count
-from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.errors import ConfigurationError
 from rnc_pin.interruption import uninterrupted
 from rnc_pin.simulation import Observer
 
@@ -70,36 +68,8 @@ def run_scenario(
             result = _watched(prepared, watching, quiet=as_json)
         else:
             result = _executed(prepared, None, quiet=as_json, processes=processes)
-        try:
-            with folder.writing() as fresh:
-                written = write(prepared, result, fresh)
-            folder.keep_so_far()
-            if not as_json:
-                print_summary(result.summary, result.trajectory.info.outputs)
-            with folder.writing() as fresh:
-                drawn = _drawn(
-                    prepared, result, fresh, artists, quiet=as_json
-                )  # last: numbers are saved and printed by now
-            folder.keep()
-        except RncError as error:  # the scenario is valid, but its results cannot be written
-            complain(str(error))
-            return FAILED
-    if drawn.failures:
-        warn(str(drawn))
-    files = result.summary["files"] = [*written, *drawn.written]
-    if as_json:
-        print_json({**result.summary, "elapsed_time": round(seconds_since_start(), 3)})
-    else:
-        print_files(folder.path, files)
-        print_elapsed(seconds_since_start(), result.summary["wall_time"])
-    return report_verdict(result, drawn, folder.path, prepared.experiment.warnings)
-
-
-def _drawn(prepared: Scenario, result: Result, folder: Path, artists: Artists, quiet: bool) -> Drawn:
-    """Draw the pictures with a progress bar."""
-    names = picture_names(prepared)
-    with ProgressBar(Console(stderr=True), len(names), f"{prepared.name}: drawing {len(names)} pictures", quiet) as bar:
-        return draw_pictures(prepared, result, folder, bar, artists)
+        drawn = keep_run(prepared, result, folder, as_json, artists)
+    return FAILED if drawn is None else report_run(prepared, result, drawn, folder.path, as_json)
 
 
 def _watched(prepared: Scenario, watching: Watching, quiet: bool) -> Result:

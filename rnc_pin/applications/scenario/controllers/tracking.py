@@ -233,15 +233,14 @@ class VelocityTrackerSettings(AdaptationSettings, _BANDWIDTH.model, _VELOCITY_GA
         reduced, q0 = context.reduced, context.q0
         margins, complaints, doubts = check_motion(context, kinematic, task, horizon, goals)
         time_scale = 1.0 if margins.grip is None else margins.grip.time_scale
+        built = partial(BuiltController, warnings=complaints, time_scale=time_scale, goals=goals, doubts=doubts)
         if self.tracker == "computed_torque":
             gain = sized_gain("k", self.k, reduced.r)
             k = {} if gain is None else {"k": gain}
-            computed = ComputedTorque(reduced, kinematic, **k)
-            return BuiltController(computed, complaints, time_scale=time_scale, goals=goals, doubts=doubts)
+            return built(ComputedTorque(reduced, kinematic, **k))
         if self.tracker == "velocity":
             with at_key("controller"):
-                servos = ActuatorVelocityController(reduced, kinematic)
-            return BuiltController(servos, complaints, time_scale=time_scale, goals=goals, doubts=doubts)
+                return built(ActuatorVelocityController(reduced, kinematic))
         # The results of a run are useful even if it ends in a singular configuration.
         region, times = (margins.q, margins.time) if margins.singular is None else (q0[None], None)
         with at_key("controller"):
@@ -254,8 +253,7 @@ class VelocityTrackerSettings(AdaptationSettings, _BANDWIDTH.model, _VELOCITY_GA
                 overrides=self.tracker_gains(VelocityGains, reduced.r),
             )
             gains = design_velocity_gains(reduced, region, context.simulation.dt, design, times=times)
-        tracker = VelocityTracker(kinematic, gains, self.holding_force(context))
-        return BuiltController(tracker, complaints, time_scale=time_scale, goals=goals, doubts=doubts)
+        return built(VelocityTracker(kinematic, gains, self.holding_force(context)))
 
     @model_validator(mode="after")
     def _check_tracker(self) -> VelocityTrackerSettings:

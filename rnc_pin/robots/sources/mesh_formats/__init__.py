@@ -139,11 +139,21 @@ class MeshShapes:
         return LoadedMesh(file, factors, self._shapes[key])
 
 
-def _shape(mesh: Mesh, factors: np.ndarray) -> coal.BVHModelBase:
+def scaled_vertices(mesh: Mesh, factors: np.ndarray) -> np.ndarray:
+    """Vertices (n, 3) of a mesh, scaled by factors (3,).
+
+    Raises:
+        MeshError: they are too far away.
+    """
     with np.errstate(over="ignore", under="ignore"):
         vertices = mesh.vertices * factors
     if not np.isfinite(vertices).all() or np.abs(vertices).max() > FARTHEST:
         raise MeshError(f"its scale puts vertices beyond {FARTHEST:g}")
+    return np.asarray(vertices)
+
+
+def _shape(mesh: Mesh, factors: np.ndarray) -> coal.BVHModelBase:
+    vertices = scaled_vertices(mesh, factors)
     shape = coal.BVHModelOBBRSS()
     shape.beginModel(len(mesh.triangles), len(vertices))
     shape.addVertices(vertices)
