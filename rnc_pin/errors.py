@@ -5,7 +5,8 @@ from __future__ import annotations
 import difflib
 import itertools
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
 
@@ -77,6 +78,15 @@ class RncError(Exception):
         """Prepend a place to the message, e.g. the key of a scenario. Return the error itself, with all its data."""
         self.args = (f"{place}: {self._words()}",)
         return self
+
+    @classmethod
+    @contextmanager
+    def at(cls, place: object) -> Iterator[None]:
+        """Prepend a place to the messages of errors of this class inside, e.g. the key of a scenario."""
+        try:
+            yield
+        except cls as error:
+            raise error.within(place) from None
 
     def _words(self) -> str:
         """Return the message; it may contain unescaped names from files."""

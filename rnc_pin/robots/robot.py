@@ -234,10 +234,8 @@ class Robot(NamedModel, SummaryMixin):
                 raise error.within(path) from None
 
         model = read.model
-        try:
+        with ModelError.at(path):
             check_model_size(model)
-        except ModelError as error:
-            raise error.within(path) from None
         if gravity is not None:
             model.gravity.linear = check_acceleration(gravity)
         locked = LockedModel(model, lock) if lock else None

@@ -310,10 +310,8 @@ def _grip(scenario: ScenarioFile, reduced: ReducedModel) -> Grip | None:
         return None
     if not isinstance(scenario.controller, VelocityTrackerSettings):
         raise ConfigurationError("grip: requires a controller over a velocity tracker, such as type 'redundancy'")
-    try:
+    with ConfigurationError.at("grip"):
         return scenario.grip.build(reduced)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"grip: {error}") from None
 
 
 def _later_ends(scenario: ScenarioFile, context: ControllerContext) -> dict[str, float]:

@@ -41,10 +41,8 @@ def build_phased(scenario: ScenarioFile, folder: Path) -> Experiment:
     robot = scenario.robot.build(folder)
     builders: list[_PhaseBuilder] = []
     for number, settings in enumerate(scenario.phases):
-        try:
+        with RncError.at(f"phases[{number}]"):
             builders.append(_PhaseBuilder(scenario, settings, robot, folder))
-        except RncError as error:
-            raise error.within(f"phases[{number}]") from None
     check_plots(scenario, [builder.reduced for builder in builders])
     first = builders[0]
     if first.settings.capture_distance is not None or first.settings.impact:
@@ -127,7 +125,7 @@ class _PhaseBuilder:
         """Function from the state before the phase, and the time, to the phase."""
 
         def build(q: np.ndarray, v: np.ndarray, t: float) -> Phase:
-            try:
+            with RncError.at(f"phases[{number}]"):
                 scenario, reduced = self.scenario, self.reduced
                 distance, own = self.settings.capture_distance, self.settings.constraints is not None
                 # Motions of the scenario continue; those of the phase itself start with it.
@@ -143,8 +141,6 @@ class _PhaseBuilder:
                     impact = self._system([*scenario.constraints, *self.settings.impact])
                 experiment = experiment_at(scenario, self._folder, reduced, q, reduced.at(q, v=v, t=0.0).v2)
                 return self.phase(experiment, reduced, impact)
-            except RncError as error:
-                raise error.within(f"phases[{number}]") from None
 
         return build
 

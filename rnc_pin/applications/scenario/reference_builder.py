@@ -161,7 +161,7 @@ def plan_path(scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.
     speed, steering = (int(index) for index in task.primary)
     start = frame_poses(reduced.robot, settings.frame, q0[None]).planar[0]
     trailer, slithering = settings.trailer, None
-    try:
+    with ConfigurationError.at("reference.path"):
         path = settings.path(
             reduced,
             q0,
@@ -173,8 +173,6 @@ def plan_path(scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.
         )
         if trailer is not None:
             slithering = trailer.build(reduced=reduced, task=task, tractor=settings.frame)
-    except ConfigurationError as error:
-        raise error.within("reference.path") from None
     poses = np.round(path.poses[:: max(1, len(path.poses) // 400)], 5).tolist()
     trailing = None if trailer is None else str(trailer.given["axle"])
     names = [f"{settings.frame}_{axis}" for axis in "xy"]
@@ -226,7 +224,7 @@ def build_plan(
     assert settings is not None
     names = (*reduced.reducing.names, *reduced.vertical.names)
     kinematic = settings.form == "kinematic"
-    try:
+    with RncError.at("planner"):
         if kinematic and start.v2.any():
             raise ConfigurationError("form 'kinematic' starts with any velocity; remove 'initial.v2'")
         goal = goal_of(settings.goal, scenario.listed_outputs, reduced) or None
@@ -241,8 +239,6 @@ def build_plan(
             v2_0=None if kinematic else start.v2,
             feedback=_feedback(scenario, reduced),
         )
-    except RncError as error:
-        raise error.within("planner") from None
 
 
 def _regulator(scenario: ScenarioFile) -> tuple[str, Weight, Weight]:

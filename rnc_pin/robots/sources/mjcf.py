@@ -242,10 +242,8 @@ def _resolve_assets(root: ElementTree.Element, path: Path, allowed: AllowedFolde
 
 
 def _own_file(file: Path, path: Path, allowed: AllowedFolders, where: str) -> Path:
-    try:
+    with ModelError.at(path):
         found = allowed.admit(file, where)
-    except ModelError as error:
-        raise ModelError(f"{path}: {error}") from None
     if not os.path.isfile(found):
         raise ModelError(f"{path}: {where}: no {'mesh' if where.startswith('<mesh') else 'file'} '{found}'")
     if found.stat().st_size > LARGEST:

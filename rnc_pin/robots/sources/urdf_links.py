@@ -50,10 +50,8 @@ class Meshes:
                 continue
             name = package_uri(element.attrib["filename"])
             element.set("filename", name)
-            try:
+            with ModelError.at(path):
                 found = packages.file(name)
-            except ModelError as error:
-                raise ModelError(f"{path}: {error}") from None
             if found is not None:
                 element.set("filename", str(found))
             elif element.tag == "mesh":

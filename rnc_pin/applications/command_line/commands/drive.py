@@ -106,11 +106,9 @@ def _check_replay(new: NewDrive) -> None:
 def _rebuilt(record: RecordedDrive, path: Path) -> PreparedDrive:
     """Build the run of a record, with its commands."""
     folder = find_scenario(record.scenario).parent if record.folder is None else Path(record.folder)
-    try:
+    with RncError.at(path):
         prepared = rebuild_drive(record.scenario, record.config, folder, record.frames)
         prepared.log.commands[:] = record.log(prepared.controls).commands
-    except RncError as error:
-        raise error.within(path) from None
     return prepared
 
 

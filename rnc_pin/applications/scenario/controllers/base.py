@@ -15,7 +15,7 @@ from typing import Annotated, ClassVar, Literal, cast
 import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext, at_key
+from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext
 from rnc_pin.applications.scenario.schema.derived import Entry, T, part
 from rnc_pin.control import (
     OUTER_GAINS,
@@ -63,7 +63,7 @@ class _EstimatedParameters(Strict):
 
     def estimator(self, reduced: ReducedModel, alpha: object) -> Estimator:
         """Build the estimator with an adaptation gain."""
-        with at_key("controller.unknown"):
+        with ConfigurationError.at("controller.unknown"):
             regressor = self.regressor(reduced)
             return self.entry.build(self, reduced=reduced, regressor=regressor, initial=self.estimates, alpha=alpha)
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
@@ -255,15 +254,6 @@ def reduced_velocity(reduced: ReducedModel, rates: Mapping[str, float], key: str
             raise ConfigurationError(f"{key}: no reducing output '{name}'{nearest(name, names)}")
         v2[names.index(name)] = rate
     return v2
-
-
-@contextmanager
-def at_key(key: str) -> Iterator[None]:
-    """Prepend the key of a part of the scenario to errors."""
-    try:
-        yield
-    except ConfigurationError as error:
-        raise error.within(key) from None
 
 
 _ROLLOUT_STEP = 0.05  # [s]; a coarse step is enough, because the inertia varies smoothly

@@ -17,7 +17,6 @@ from rnc_pin.applications.scenario.controllers.context import (
     MIN_SINGULAR_VALUE,
     BuiltController,
     ControllerContext,
-    at_key,
     reduced_velocity,
     refuse_or_warn,
 )
@@ -161,13 +160,11 @@ class StateFeedbackSettings(ControllerSettings, _EQUILIBRIUM.model, _LINEAR.mode
     def _build(self, context: ControllerContext) -> BuiltController:
         reduced = context.reduced
         v2 = context.v2_0 if self.v2 is None else reduced_velocity(reduced, self.v2, "controller.v2")
-        try:
+        with RncError.at("controller"):
             found = _EQUILIBRIUM.build(self, reduced=reduced, guess=context.q0, v2=v2)
             linear = _LINEAR.build(self, reduced=reduced, q=found.q, v2=v2, T=found.T, cyclic=self.cyclic)
             K = _REGULATOR.build(self, linear=linear)
             check_sampling(linear, K, context.simulation.dt)
-        except RncError as error:
-            raise error.within("controller") from None
         parts: list[Reference] = []
         names: list[str] = []
         for which in context.given:
@@ -205,7 +202,7 @@ class PlanFeedbackSettings(ControllerSettings, _TVLQR.model, _FEEDBACK.model):  
         reduced, plan = context.reduced, context.plan
         if plan is None:
             raise ConfigurationError("controller.type: 'plan_feedback' requires a plan: set 'planner'")
-        with at_key("controller"):
+        with ConfigurationError.at("controller"):
             gains = None if self.gains == "plan" else _TVLQR.build(self, reduced=reduced, plan=plan).K
             controller = _FEEDBACK.build(self, reduced=reduced, plan=plan, K=gains)
         smallest = float(np.min(reduced.at(plan.q).smallest_singular_value))
@@ -259,7 +256,7 @@ class _ToGoal(ControllerSettings):
     advice: ClassVar[str] = ", which drives to its own goal"
 
     def _build(self, context: ControllerContext) -> BuiltController:
-        with at_key("controller"):
+        with ConfigurationError.at("controller"):
             made = self._controller(context)
             if isinstance(made, NavigationController) or made.velocities:
                 servos = ActuatorVelocityController(context.reduced, cast(KinematicController, made))

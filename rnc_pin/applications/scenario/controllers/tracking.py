@@ -20,7 +20,6 @@ from rnc_pin.applications.scenario.controllers.context import (
     BuiltController,
     ControllerContext,
     TaskGoals,
-    at_key,
     check_motion,
 )
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, part
@@ -92,7 +91,7 @@ class JacobianTransposeSettings(InertiaBoundSettings, _POSITION_GAINS.model, _AC
     def _build(self, context: ControllerContext) -> BuiltController:
         task, reduced, outputs = context.task, context.reduced, context.task.primary
         bound = self.bound(reduced.r)
-        with at_key("controller"):
+        with ConfigurationError.at("controller"):
             gains = design_position_gains(
                 partial(effective_inertia, reduced, outputs=outputs, active=self.active),
                 context.q0,  # undriven outputs drift, so the region of motion is unknown
@@ -154,7 +153,7 @@ class TwoPhaseSettings(AdaptationSettings):
 
         still = dead_zone[redundant] if isinstance(dead_zone, np.ndarray) else dead_zone
         driven = replace(design(redundant), adaptation=self.adaptation, overrides={"dead_zone": still})
-        with at_key("controller"):
+        with ConfigurationError.at("controller"):
             hand = design_position_gains(
                 lambda q: reduced.at(q).H[..., primary, :][..., primary], start, dt, design(primary)
             )
@@ -239,11 +238,11 @@ class VelocityTrackerSettings(AdaptationSettings, _BANDWIDTH.model, _VELOCITY_GA
             k = {} if gain is None else {"k": gain}
             return built(ComputedTorque(reduced, kinematic, **k))
         if self.tracker == "velocity":
-            with at_key("controller"):
+            with ConfigurationError.at("controller"):
                 return built(ActuatorVelocityController(reduced, kinematic))
         # The results of a run are useful even if it ends in a singular configuration.
         region, times = (margins.q, margins.time) if margins.singular is None else (q0[None], None)
-        with at_key("controller"):
+        with ConfigurationError.at("controller"):
             design = GainDesign(
                 self.preset,
                 self.bound(reduced.r),

@@ -5,8 +5,7 @@ To add a task or a limit, add its class to ``TaskItem`` or ``LimitSettings``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import partial
 from typing import Annotated, ClassVar, Literal
 
@@ -134,11 +133,9 @@ class WholeBodySettings(ControllerSettings, _SOLVER.model):  # type: ignore[name
         """Build the tasks, and raise errors with their place in the file."""
         tasks = []
         for index, item in enumerate(self.tasks):
-            try:
+            with RncError.at(f"controller.tasks.{index}"):
                 task = item if isinstance(item, ControlTask) else _task(item, context)
                 task.bind(context.reduced)
-            except RncError as error:
-                raise error.within(f"controller.tasks.{index}") from None
             tasks.append(task)
         return tasks
 
@@ -151,7 +148,7 @@ class VelocityProgramSettings(WholeBodySettings, VelocityTrackerSettings, _VELOC
 
     def _build(self, context: ControllerContext) -> BuiltController:
         tasks, limits = self._tasks(context), self.limits.build(context)
-        with _at_limits():
+        with RncError.at("controller.limits"):
             program = _VELOCITIES.build(self, reduced=context.reduced, tasks=tasks, limits=limits, solver=self.solver)
         goals = TaskGoals(self.tasks, tasks, context.reduced)
         return self.track(context, program, horizon=context.simulation.duration, goals=goals)
@@ -166,7 +163,7 @@ class InverseDynamicsSettings(WholeBodySettings, _INPUTS.model):  # type: ignore
     def _build(self, context: ControllerContext) -> BuiltController:
         reduced, simulation = context.reduced, context.simulation
         tasks, limits = self._tasks(context), self.limits.build(context)
-        with _at_limits():
+        with RncError.at("controller.limits"):
             program = _INPUTS.build(
                 self, reduced=reduced, tasks=tasks, limits=limits, dt=simulation.dt, solver=self.solver
             )
@@ -183,15 +180,6 @@ class InverseDynamicsSettings(WholeBodySettings, _INPUTS.model):  # type: ignore
             )
             complaints += found
         return BuiltController(program, complaints, goals=goals, doubts=doubts)
-
-
-@contextmanager
-def _at_limits() -> Iterator[None]:
-    """Prepend the key of the limits to errors: those of tasks were raised before."""
-    try:
-        yield
-    except RncError as error:
-        raise error.within("controller.limits") from None
 
 
 def _task(call: PartialCall[ControlTask], context: ControllerContext) -> ControlTask:
