@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from types import MappingProxyType
 from typing import Generic, TypeVar
 
@@ -22,7 +23,7 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 from rnc_pin.robots.robot import Robot
-from rnc_pin.simulation import RunInfo, Sample
+from rnc_pin.simulation import Sample
 from rnc_pin.visualization.browser.scene_server import ControlPanel
 from rnc_pin.visualization.drawn_state import DrawnModel, View
 from rnc_pin.visualization.live import LiveView, MeshcatViewer
@@ -66,10 +67,7 @@ class LoopView(SummaryMixin, Generic[Made]):
         self._last, self._begin = -math.inf, time.monotonic()
         drawn = DrawnModel.of(model)
         self._robot, self._reduced = drawn.robot, drawn.reduced
-
-        def viewer(drawn: DrawnModel, view: View, info: RunInfo, host: str, title: str) -> MeshcatViewer:
-            return MeshcatViewer(drawn, view, info, host, title, ControlPanel("loop", self._receive))
-
+        viewer = partial(MeshcatViewer, panel=ControlPanel("loop", self._receive))
         self._live = LiveView(drawn, view, speed=speed, open_browser=False, title=title, viewer=viewer)
         self.url = self._live.url
         ranges: dict[str, Json] = {

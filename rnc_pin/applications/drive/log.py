@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -93,21 +93,21 @@ class RecordedDrive:
 
     Attributes:
         scenario: name of the scenario.
-        config: mapping of the scenario of the run.
         folder: base of relative paths; None for a scenario of the package.
         frames: frames that could have a goal.
         samples: number of samples.
         versions: versions of the software, and the kernel.
+        config: mapping of the scenario of the run.
         commands: entries of the commands, with their sample.
     """
 
     scenario: str
-    config: dict[str, Json]
     folder: str | None
     frames: list[str]
     samples: int
-    versions: dict[str, str] = field(default_factory=dict)
-    commands: list[Mapping[str, Json]] = field(default_factory=list)
+    versions: dict[str, str]
+    config: dict[str, Json]
+    commands: list[Mapping[str, Json]]
 
     def log(self, controls: DriveControls) -> CommandLog:
         """Return the commands after a check of each.
@@ -121,8 +121,8 @@ class RecordedDrive:
             last = found[-1].sample if found else 0
             if isinstance(sample, bool) or not isinstance(sample, int) or sample < last:
                 raise ConfigurationError(f"commands[{number}]: expected a sample of at least {last}")
+            message = {key: value for key, value in entry.items() if key not in ("sample", "time")}
             try:
-                message = {key: value for key, value in entry.items() if key not in ("sample", "time")}
                 found.append(LoggedCommand(sample, parse_command(message, controls)))
             except InputError as error:
                 raise ConfigurationError(f"commands[{number}]: {error}") from None
@@ -139,17 +139,7 @@ def log_entries(log: CommandLog, dt: float) -> list[Mapping[str, Json]]:
 
 def write_drive(record: RecordedDrive, path: Path) -> None:
     """Write ``commands.json``. Numbers keep all digits, so that a replay gives the same bits."""
-    content = {
-        "format": FORMAT,
-        "scenario": record.scenario,
-        "folder": record.folder,
-        "frames": record.frames,
-        "samples": record.samples,
-        "versions": record.versions,
-        "config": record.config,
-        "commands": record.commands,
-    }
-    path.write_text(dump_json(content) + "\n", encoding="utf-8")
+    path.write_text(dump_json({"format": FORMAT, **vars(record)}) + "\n", encoding="utf-8")
 
 
 def read_drive(path: Path) -> RecordedDrive:

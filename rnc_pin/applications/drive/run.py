@@ -273,10 +273,10 @@ def record_of(prepared: PreparedDrive, result: Result) -> RecordedDrive:
     scenario = prepared.scenario
     return RecordedDrive(
         scenario.name,
-        scenario.raw,
         None if scenario.built_in else str(scenario.folder),
         list(prepared.frames),
         max(2, len(result.trajectory.time)),
         {**result.trajectory.info.versions, "kernel": kernel},
+        scenario.raw,
         log_entries(prepared.log, scenario.experiment.simulation.dt),
     )
