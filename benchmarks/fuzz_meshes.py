@@ -13,8 +13,8 @@ import numpy as np
 
 import rnc_pin as rnc
 from rnc_pin.applications.init import DraftOptions, draft
-from rnc_pin.visualization.meshcat_robot import MeshVisualizer, drawn_triangles
 from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization.scene_bodies import MeshVisualizer, drawn_triangles
 
 _AT_ONCE = 40  # meshes of a robot that is drafted
 _KEPT = "meshes"

@@ -8,10 +8,9 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 
-from rnc_pin.applications.drive.log import CommandQueue
 from rnc_pin.applications.drive.page import DrivePage
 from rnc_pin.applications.drive.preparation import prepare_drive, read_source
-from rnc_pin.applications.drive.run import RealTimeClock, drive
+from rnc_pin.applications.drive.run import CommandQueue, RealTimeClock, drive
 from rnc_pin.visualization.recording import browser
 
 IMAGE = Path(__file__).parent / "images" / "drive.png"

@@ -19,7 +19,6 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import OutputNames, PlannedPath
 from rnc_pin.visualization.browser.page import mg
 from rnc_pin.visualization.drawn_state import DrawnState, output_error, tracked_frames
-from rnc_pin.visualization.meshcat_robot import drawn_scale
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.scene_kinematics import SceneKinematics
 
@@ -192,6 +191,11 @@ class ColoredSphere(Element):
         placement[:3, 3] = self.point(state)
         scene.place(self.node, placement)
         scene.paint(self.node, self.color(state))
+
+
+def drawn_scale(shape: pin.GeometryObject) -> np.ndarray:
+    """Absolute scale factors (3,) in the placement of a shape."""
+    return np.abs(np.asarray(shape.meshScale, dtype=float))
 
 
 @dataclass(eq=False)

@@ -19,9 +19,9 @@ from rnc_pin.simulation.run_info import provenance_of
 from rnc_pin.visualization.browser.page import LOOPBACK
 from rnc_pin.visualization.browser.scene_server import ControlPanel, SceneWindow
 from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, live_state
-from rnc_pin.visualization.meshcat_robot import check_drawable
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.run_scene import RunScene, ShownRun
+from rnc_pin.visualization.scene_bodies import check_drawable
 
 _VALUES_RATE = 10.0  # updates of the overlay per second
 

@@ -22,7 +22,7 @@ from rnc_pin.figures.panel import MAX_LINES
 from rnc_pin.figures.style import COLORS, PrintFigure, escape, style
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import LimitReplay, Trajectory, compared_paths, run_name
-from rnc_pin.visualization.surroundings import hull_from_above, outline, surface_points
+from rnc_pin.visualization.scene_bodies import hull_from_above, outline, surface_points
 
 _BODY, _EDGE = "0.8", "0.45"  # grey of obstacles and of their outlines
 _ROBOT, _ROBOT_EDGE = "0.55", "0.3"  # the same of the robot

@@ -14,7 +14,6 @@ from rnc_pin.simulation import PlannedPath, RunInfo, TaskNames, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, tracked_frames
 from rnc_pin.visualization.elements import Overlay, margin_color
-from rnc_pin.visualization.meshcat_robot import MeshcatRobot
 from rnc_pin.visualization.meshcat_scene import (
     VIEW_DIRECTION,
     Follower,
@@ -23,8 +22,8 @@ from rnc_pin.visualization.meshcat_scene import (
     fitting_camera,
     with_plan,
 )
+from rnc_pin.visualization.scene_bodies import MeshcatRobot, corners_over_time, ground_elements, obstacle_elements
 from rnc_pin.visualization.scene_kinematics import SceneKinematics, SwitchingForces, null_motion
-from rnc_pin.visualization.surroundings import corners_over_time, ground_elements, obstacle_elements
 
 _TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)
 _GHOSTS = (e.BLUE, e.PURPLE, e.GREEN, e.ORANGE)

@@ -7,8 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from patience import PATIENCE
-from rnc_pin.applications.drive.commands import parse_command
-from rnc_pin.applications.drive.log import LoggedCommand
+from rnc_pin.applications.drive.commands import LoggedCommand, parse_command
 from rnc_pin.applications.drive.preparation import prepare_drive, read_source
 from rnc_pin.applications.drive.run import RealTimeClock, drive
 

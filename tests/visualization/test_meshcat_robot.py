@@ -22,10 +22,11 @@ from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import nearest
 from rnc_pin.visualization.drawn_state import DrawnState, View
+from rnc_pin.visualization.elements import drawn_scale
 from rnc_pin.visualization.live import LiveView
-from rnc_pin.visualization.meshcat_robot import drawn_scale, drawn_triangles
 from rnc_pin.visualization.meshcat_scene import Follower, MeshcatScene
 from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization.scene_bodies import drawn_triangles
 
 SINGLE_PRECISION = 1e-6  # [m]; meshes are kept in it
 

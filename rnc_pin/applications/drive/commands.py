@@ -1,17 +1,22 @@
-"""Commands of a user to a driven run. They come from a web page, so each number and name is checked."""
+"""Commands of a user to a driven run, and the log of them with the sample at which each takes effect.
+
+Commands come from a web page, so each number and name is checked.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, fields
+from pathlib import Path
 from types import NoneType
-from typing import Any, TypeAlias, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, TypeAlias, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from rnc_pin.applications.drive.controls import FAR, DriveControls
-from rnc_pin.errors import InputError, nearest
-from rnc_pin.io import Json
+from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.io import Json, dump_json, read_bytes
 
 _Point: TypeAlias = tuple[float, float, float]
 _Quaternion: TypeAlias = tuple[float, float, float, float]
@@ -119,7 +124,7 @@ KINDS: dict[str, type[DriveCommand]] = {
 }
 """Name of each kind of command in messages and files, with its class."""
 _NAMES = {kind: name for name, kind in KINDS.items()}
-_MOST_NAME = 200  # characters
+_LONGEST_NAME = 200  # characters
 _MOST_TURN = 2.0 * np.pi  # [rad]
 
 
@@ -133,11 +138,11 @@ def parse_command(message: object, controls: DriveControls) -> DriveCommand:
         raise InputError(f"a command has to be a mapping, found {type(message).__name__}")
     kind = message.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
-        raise InputError(f"no command {str(kind)[:_MOST_NAME]!r}{nearest(str(kind)[:_MOST_NAME], KINDS)}")
+        raise InputError(f"no command {str(kind)[:_LONGEST_NAME]!r}{nearest(str(kind)[:_LONGEST_NAME], KINDS)}")
     cls, types = KINDS[kind], get_type_hints(KINDS[kind])
     unknown = [key for key in message if key != "kind" and key not in types]
     if unknown:
-        raise InputError(f"{kind}: no entry {str(unknown[0])[:_MOST_NAME]!r}{nearest(str(unknown[0]), types)}")
+        raise InputError(f"{kind}: no entry {str(unknown[0])[:_LONGEST_NAME]!r}{nearest(str(unknown[0]), types)}")
     given: dict[str, Any] = {}
     for each in fields(cls):
         if each.name in message:
@@ -169,7 +174,7 @@ def _value(where: str, kind: object, value: object) -> object:
     if kind is str:
         if not isinstance(value, str):
             raise InputError(f"{where}: expected a name, found {type(value).__name__}")
-        return value[: _MOST_NAME + 1]
+        return value[: _LONGEST_NAME + 1]
     if kind is bool:
         if not isinstance(value, bool):
             raise InputError(f"{where}: expected true or false, found {type(value).__name__}")
@@ -249,3 +254,121 @@ def _needs_base(controls: DriveControls) -> None:
 def _within_reach(what: str, values: tuple[float, ...]) -> None:
     if max(map(abs, values)) > FAR:
         raise InputError(f"{what}: expected numbers within {FAR:g} m of the origin")
+
+
+FORMAT = "rnc_pin commands 1"
+_MOST = 5_000_000  # commands of a log
+
+
+class LoggedCommand(NamedTuple):
+    """Command with the sample at which it takes effect."""
+
+    sample: int
+    command: DriveCommand
+
+
+class CommandLog:
+    """Commands in the order of their samples."""
+
+    def __init__(self, commands: Iterable[LoggedCommand] = ()) -> None:
+        self.commands: list[LoggedCommand] = list(commands)
+
+    def add(self, sample: int, commands: Iterable[DriveCommand]) -> None:
+        """Add the commands of a sample."""
+        self.commands += [LoggedCommand(sample, command) for command in commands]
+
+    def due(self, applied: int, sample: int) -> list[DriveCommand]:
+        """Return the commands after the first ``applied`` ones whose sample has come."""
+        found = []
+        while applied < len(self.commands) and self.commands[applied].sample <= sample:
+            found.append(self.commands[applied].command)
+            applied += 1
+        return found
+
+
+@dataclass(frozen=True)
+class RecordedDrive:
+    """Content of ``commands.json``: everything that a driven run depends on.
+
+    Attributes:
+        scenario: name of the scenario.
+        folder: base of relative paths; None for a scenario of the package.
+        frames: frames that could have a goal.
+        samples: number of samples.
+        versions: versions of the software, and the kernel.
+        config: mapping of the scenario of the run.
+        commands: entries of the commands, with their sample.
+    """
+
+    scenario: str
+    folder: str | None
+    frames: list[str]
+    samples: int
+    versions: dict[str, str]
+    config: dict[str, Json]
+    commands: list[Mapping[str, Json]]
+
+    def log(self, controls: DriveControls) -> CommandLog:
+        """Return the commands after a check of each.
+
+        Raises:
+            ConfigurationError: a command is invalid.
+        """
+        found: list[LoggedCommand] = []
+        for number, entry in enumerate(self.commands):
+            sample = entry.get("sample") if isinstance(entry, Mapping) else None
+            last = found[-1].sample if found else 0
+            if isinstance(sample, bool) or not isinstance(sample, int) or sample < last:
+                raise ConfigurationError(f"commands[{number}]: expected a sample of at least {last}")
+            message = {key: value for key, value in entry.items() if key not in ("sample", "time")}
+            try:
+                found.append(LoggedCommand(sample, parse_command(message, controls)))
+            except InputError as error:
+                raise ConfigurationError(f"commands[{number}]: {error}") from None
+        return CommandLog(found)
+
+
+def log_entries(log: CommandLog, dt: float) -> list[Mapping[str, Json]]:
+    """Return the entries of a log for ``commands.json``; ``time`` is for readers only."""
+    return [
+        {"sample": each.sample, "time": round(each.sample * dt, 9), **command_entry(each.command)}
+        for each in log.commands
+    ]
+
+
+def write_drive(record: RecordedDrive, path: Path) -> None:
+    """Write ``commands.json``. Numbers keep all digits, so that a replay gives the same bits."""
+    path.write_text(dump_json({"format": FORMAT, **vars(record)}) + "\n", encoding="utf-8")
+
+
+def read_drive(path: Path) -> RecordedDrive:
+    """Read ``commands.json``. The commands are checked later, when the robot is known.
+
+    Raises:
+        ConfigurationError: the file cannot be read, or is not such a record.
+    """
+    try:
+        content = json.loads(read_bytes(path).decode())
+    except OSError as error:
+        raise ConfigurationError(f"{path}: cannot be read: {error.strerror}") from None
+    except (ValueError, RecursionError):
+        raise ConfigurationError(f"{path}: not JSON, expected the commands.json of 'rnc-pin drive'") from None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise ConfigurationError(f"{path}: expected the commands.json of 'rnc-pin drive', with format '{FORMAT}'")
+    kinds: dict[str, type | tuple[type, ...]] = {
+        "scenario": str, "config": dict, "folder": (str, type(None)), "frames": list, "samples": int,
+        "versions": dict, "commands": list,
+    }  # fmt: skip
+    for key, kind in kinds.items():
+        if key not in content or not isinstance(content[key], kind) or isinstance(content[key], bool):
+            raise ConfigurationError(f"{path}: '{key}' is missing or has the wrong type")
+    if not all(isinstance(each, str) for each in content["frames"]):
+        raise ConfigurationError(f"{path}: 'frames' has to be a list of names")
+    if not 2 <= content["samples"] <= _MOST or len(content["commands"]) > _MOST:
+        raise ConfigurationError(f"{path}: expected 2 to {_MOST:,} samples")
+    return RecordedDrive(**{key: content[key] for key in kinds})
+
+
+def ends(commands: Iterable[DriveCommand]) -> bool:
+    """True if a command ends the run."""
+    return any(isinstance(each, EndRun) for each in commands)

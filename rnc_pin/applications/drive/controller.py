@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.applications.drive.commands import CommandLog
 from rnc_pin.applications.drive.controls import (
     ARRIVED,
     BaseRates,
@@ -26,7 +27,6 @@ from rnc_pin.applications.drive.goals import (
     initial_goals,
     with_command,
 )
-from rnc_pin.applications.drive.log import CommandLog
 from rnc_pin.control import Description, TrackerState, VelocityTarget
 from rnc_pin.control.whole_body import ControlSample, LimitReport, ProgramState, VelocityQP
 from rnc_pin.control.whole_body.limits import ControlLimit

@@ -11,9 +11,8 @@ import pinocchio as pin
 
 from rnc_pin.applications.drive.controls import Range
 from rnc_pin.applications.drive.goals import DriveGoals
-from rnc_pin.applications.drive.log import CommandQueue
 from rnc_pin.applications.drive.preparation import PreparedDrive
-from rnc_pin.applications.drive.run import DriveStatus
+from rnc_pin.applications.drive.run import CommandQueue, DriveStatus
 from rnc_pin.applications.scenario.saved_run import view_of
 from rnc_pin.io import Json
 from rnc_pin.robots import Robot

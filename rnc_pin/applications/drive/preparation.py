@@ -11,10 +11,10 @@ from typing import cast
 
 import numpy as np
 
+from rnc_pin.applications.drive.commands import CommandLog
 from rnc_pin.applications.drive.controller import DriveController
 from rnc_pin.applications.drive.controls import DriveControls, base_frame, find_controls
 from rnc_pin.applications.drive.goals import ParkingPlanner, movable
-from rnc_pin.applications.drive.log import CommandLog
 from rnc_pin.applications.init import draft
 from rnc_pin.applications.init.assumptions import select_outputs
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system

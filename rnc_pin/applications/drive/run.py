@@ -5,6 +5,7 @@ Simulated time follows real time, and falls behind visibly if samples take too l
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -13,15 +14,22 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from rnc_pin.applications.drive.commands import (
+    DriveCommand,
+    RecordedDrive,
+    command_target,
+    ends,
+    log_entries,
+    parse_command,
+)
 from rnc_pin.applications.drive.controller import drive_state_of
 from rnc_pin.applications.drive.controls import DriveControls
 from rnc_pin.applications.drive.goals import DriveGoals
-from rnc_pin.applications.drive.log import CommandQueue, RecordedDrive, ends, log_entries
 from rnc_pin.applications.drive.preparation import PreparedDrive
 from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.simulated_run import judged_summary
 from rnc_pin.control.whole_body import LimitReport
-from rnc_pin.errors import RncError
+from rnc_pin.errors import InputError, RncError, printable
 from rnc_pin.simulation import RunArguments, Sample, Trajectory
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.stop import Progress, complete_run
@@ -29,6 +37,49 @@ from rnc_pin.simulation.stop import Progress, complete_run
 _NEAR = 0.01  # distance from a goal that counts as reached [m]
 _PATIENCE = 1.0  # time without progress after which a goal counts as not reachable [s]
 _PROGRESS = 0.005  # [m] by which a frame comes closer in that time, if it does
+_WAITING = 200  # targets that one sample can set
+
+
+class CommandQueue:
+    """Queue from the threads of a page to the loop. A later command replaces an earlier one with the same target.
+
+    So neither a fast nor a hostile page can fill the memory or delay a sample.
+
+    Args:
+        controls: what a user may set.
+
+    Attributes:
+        refused: last message that was refused, with the reason; empty if there is none.
+    """
+
+    def __init__(self, controls: DriveControls) -> None:
+        self._controls, self._lock = controls, threading.Lock()
+        self._waiting: dict[tuple[str, str], DriveCommand] = {}
+        self.refused = ""
+
+    def put(self, message: object) -> bool:
+        """Check a message and put its command into the queue. Return False if it is refused."""
+        try:
+            command = parse_command(message, self._controls)
+        except InputError as error:
+            self.refused = printable(str(error))
+            return False
+        target = command_target(command)
+        with self._lock:
+            if target not in self._waiting and len(self._waiting) >= _WAITING:
+                self.refused = "too many commands in one sample"
+                return False
+            self._waiting.pop(target, None)
+            self._waiting[target] = command
+        self.refused = ""
+        return True
+
+    def take(self) -> list[DriveCommand]:
+        """Return the commands that wait, in order, and empty the queue."""
+        with self._lock:
+            found = list(self._waiting.values())
+            self._waiting.clear()
+        return found
 
 
 class DriveStatus(NamedTuple):

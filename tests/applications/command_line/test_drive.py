@@ -12,9 +12,8 @@ import rnc_pin as rnc
 from browsing import listening, place, visit
 from drives import in_real_time, pose_of, prepared
 from patience import PATIENCE, eventually
-from rnc_pin.applications.drive.log import CommandQueue
 from rnc_pin.applications.drive.page import DrivePage
-from rnc_pin.applications.drive.run import RealTimeClock, drive
+from rnc_pin.applications.drive.run import CommandQueue, RealTimeClock, drive
 from rnc_pin.applications.scenario.pictures import Drawn
 
 NO_PICTURES = "rnc_pin.applications.command_line.report.draw_pictures"

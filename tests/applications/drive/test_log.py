@@ -5,18 +5,20 @@ import json
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.applications.drive.commands import EndRun, JointGoal, StopMotion
-from rnc_pin.applications.drive.controls import DriveControls, Range
-from rnc_pin.applications.drive.log import (
+from rnc_pin.applications.drive.commands import (
     CommandLog,
-    CommandQueue,
+    EndRun,
+    JointGoal,
     LoggedCommand,
     RecordedDrive,
+    StopMotion,
     ends,
     log_entries,
     read_drive,
     write_drive,
 )
+from rnc_pin.applications.drive.controls import DriveControls, Range
+from rnc_pin.applications.drive.run import CommandQueue
 
 CONTROLS = DriveControls(frames={}, joints={f"j{k}": Range(-1.0, 1.0, 0.0) for k in range(300)})
 

@@ -9,8 +9,7 @@ import rnc_pin as rnc
 from drives import point_of, pose_of, prepared, reduced_of, script
 from rnc_pin.applications.drive.controls import DriveControls, DrivenBase
 from rnc_pin.applications.drive.goals import PlacedGoal, initial_goals
-from rnc_pin.applications.drive.log import CommandQueue
-from rnc_pin.applications.drive.run import DriveStatus, ProgressMonitor, drive, record_of
+from rnc_pin.applications.drive.run import CommandQueue, DriveStatus, ProgressMonitor, drive, record_of
 from rnc_pin.control.whole_body import LimitReport
 from rnc_pin.robots.robot_files import tractor_trailers_urdf
 from rnc_pin.simulation import Outcome

@@ -22,7 +22,7 @@ from rnc_pin.control.jacobian_transpose import effective_inertia
 from rnc_pin.errors import nearest
 from rnc_pin.io.json import dump_json
 from rnc_pin.robots.robot_files import shipped_directory
-from rnc_pin.visualization.meshcat_robot import MeshVisualizer
+from rnc_pin.visualization.scene_bodies import MeshVisualizer
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'

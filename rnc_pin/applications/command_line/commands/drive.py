@@ -12,10 +12,10 @@ import click
 from rnc_pin.applications.command_line.messages import announce, warn
 from rnc_pin.applications.command_line.report import keep_run, report_run
 from rnc_pin.applications.command_line.termination import FAILED
-from rnc_pin.applications.drive.log import CommandQueue, RecordedDrive, read_drive, write_drive
+from rnc_pin.applications.drive.commands import RecordedDrive, read_drive, write_drive
 from rnc_pin.applications.drive.page import DrivePage
 from rnc_pin.applications.drive.preparation import PreparedDrive, prepare_drive, read_source, rebuild_drive
-from rnc_pin.applications.drive.run import RealTimeClock, drive, record_of
+from rnc_pin.applications.drive.run import CommandQueue, RealTimeClock, drive, record_of
 from rnc_pin.applications.scenario.execution import Result, data_names
 from rnc_pin.applications.scenario.files import accept_option, find_scenario, parse_options
 from rnc_pin.applications.scenario.output_folder import OutputFolder

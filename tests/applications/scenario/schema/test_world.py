@@ -18,7 +18,7 @@ from rnc_pin.simulation import run_figure
 from rnc_pin.visualization.drawn_state import DrawnModel
 from rnc_pin.visualization.plots import draw_obstacles
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.surroundings import corners_over_time, outline, surface_points
+from rnc_pin.visualization.scene_bodies import corners_over_time, outline, surface_points
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 SCENARIO = """

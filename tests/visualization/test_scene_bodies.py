@@ -6,8 +6,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, grounds_of
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
-from rnc_pin.visualization.scene_kinematics import SceneKinematics
-from rnc_pin.visualization.surroundings import (
+from rnc_pin.visualization.scene_bodies import (
     GROUND,
     GroundElement,
     carrier_placement,
@@ -15,6 +14,7 @@ from rnc_pin.visualization.surroundings import (
     is_drawn,
     seen_from,
 )
+from rnc_pin.visualization.scene_kinematics import SceneKinematics
 
 GROUNDS = {
     "plane": rnc.GroundPlane(normal=(0.2, -0.3, 1.0), point=(0.1, 0.2, 0.3)),
