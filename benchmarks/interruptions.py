@@ -115,24 +115,10 @@ def asked_to_end(out: Path, *signals: signal.Signals) -> str:
         under_way(run, out)
         run.send(*signals)
         check(run.end() == 1, run.error)
-        check(run.line() == f"rnc-pin: error: interrupted; results so far are in {out}", run.error)
+        line = run.line()
+        check(line.startswith("rnc-pin: error: interrupted at t = "), run.error)
+        check(line.endswith(f" s; results so far are in {out}"), run.error)
     return kept(out, rnc.Outcome.INTERRUPTED)
-
-
-def ctrl_c_once(out: Path) -> str:
-    return asked_to_end(out, signal.SIGINT)
-
-
-def ctrl_c_three_times(out: Path) -> str:
-    return asked_to_end(out, *[signal.SIGINT] * 3)
-
-
-def sigterm(out: Path) -> str:
-    return asked_to_end(out, signal.SIGTERM)
-
-
-def terminal_closed(out: Path) -> str:
-    return asked_to_end(out, signal.SIGHUP)
 
 
 def ctrl_c_while_importing(out: Path) -> str:
@@ -176,18 +162,6 @@ def run_killed(out: Path) -> str:
     complete(out)
     check({path.name for path in out.iterdir()} >= ALL and not list(out.glob(".rnc_pin_*")), "leftovers")
     return "the results from before; the next run clears up"
-
-
-def sweep_killed(out: Path) -> str:
-    return swept(out, lambda run, workers: run.process.pid, signal.SIGKILL)
-
-
-def sweep_sigterm(out: Path) -> str:
-    return swept(out, lambda run, workers: run.process.pid, signal.SIGTERM)
-
-
-def worker_killed(out: Path) -> str:
-    return swept(out, lambda run, workers: max(workers, key=computed), signal.SIGKILL, survives=True)
 
 
 def swept(out: Path, whom: Callable[[Run, list[int]], int], number: signal.Signals, survives: bool = False) -> str:
@@ -256,15 +230,6 @@ def spoiled(out: Path, how: str, words: str) -> str:
     return kept(out, rnc.Outcome.FAILED)
 
 
-def controller_raises(out: Path) -> str:
-    return spoiled(out, "raise ZeroDivisionError('no gain')", "the controller raised ZeroDivisionError")
-
-
-def wrong_shape(out: Path) -> str:
-    how = "import numpy; return Command(T=numpy.ones((7, 1)))"
-    return spoiled(out, how, "T of a command has shape (7, 1)")
-
-
 def observer_raises(out: Path) -> str:
     robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], [rnc.FrameForce("sleigh", "x")])
@@ -324,22 +289,28 @@ def browser_closed(out: Path) -> str:
 
 
 KINDS: dict[str, Callable[[Path], str]] = {
-    "Ctrl-C": ctrl_c_once,
-    "Ctrl-C three times": ctrl_c_three_times,
+    "Ctrl-C": lambda out: asked_to_end(out, signal.SIGINT),
+    "Ctrl-C three times": lambda out: asked_to_end(out, *[signal.SIGINT] * 3),
     "Ctrl-C while modules are imported": ctrl_c_while_importing,
     "Ctrl-C while results are written": ctrl_c_while_writing,
     "Ctrl-C while pictures are drawn": ctrl_c_while_drawing,
-    "SIGTERM": sigterm,
-    "terminal closed (SIGHUP)": terminal_closed,
+    "SIGTERM": lambda out: asked_to_end(out, signal.SIGTERM),
+    "terminal closed (SIGHUP)": lambda out: asked_to_end(out, signal.SIGHUP),
     "SIGKILL of a run": run_killed,
-    "SIGKILL of a sweep": sweep_killed,
-    "SIGTERM of a sweep": sweep_sigterm,
-    "SIGKILL of a worker": worker_killed,
+    "SIGKILL of a sweep": lambda out: swept(out, lambda run, workers: run.process.pid, signal.SIGKILL),
+    "SIGTERM of a sweep": lambda out: swept(out, lambda run, workers: run.process.pid, signal.SIGTERM),
+    "SIGKILL of a worker": lambda out: swept(
+        out, lambda run, workers: max(workers, key=computed), signal.SIGKILL, survives=True
+    ),
     "full disk": full_disk,
     "folder removed": folder_removed,
-    "controller raises": controller_raises,
+    "controller raises": lambda out: spoiled(
+        out, "raise ZeroDivisionError('no gain')", "the controller raised ZeroDivisionError"
+    ),
     "observer raises": observer_raises,
-    "input of a wrong shape": wrong_shape,
+    "input of a wrong shape": lambda out: spoiled(
+        out, "import numpy; return Command(T=numpy.ones((7, 1)))", "T of a command has shape (7, 1)"
+    ),
     "second and third run in the folder": second_run,
     "browser closed in a live view": browser_closed,
 }
