@@ -50,7 +50,7 @@ reduced.forward_dynamics(np.array([0.0, -0.4, 1.8, -1.1]), np.zeros(3), np.zeros
 
 WITHOUT_US = "import numpy, pinocchio"
 _ROOF = "rnc_pin.applications"
-MODULES = f"import {_ROOF}.command_line.commands.run, {_ROOF}.scenario.plot_files, {_ROOF}.scenario.drawn_run"
+MODULES = f"import {_ROOF}.command_line.commands.run, {_ROOF}.scenario.plot_files, {_ROOF}.scenario.saved_run"
 
 
 PARTS = ("imports", "build", "simulate", "write", "plots", "animation")

@@ -1,8 +1,13 @@
-"""Ctrl-C between the steps of a run; it is deferred while results are collected or written, so that none is lost."""
+"""Ctrl-C between the steps of a run; it is deferred while results are collected or written, so that none is lost.
+
+SIGTERM and SIGHUP act as Ctrl-C. During the imports of a command, each prints one line and ends the process.
+"""
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -30,6 +35,35 @@ def termination_handler(handler: Handler, instead_of: Handler | signal.Handlers)
     finally:
         for number in replaced:
             signal.signal(number, instead_of)
+
+
+_WORDS = "rnc-pin: error: interrupted"
+
+
+@contextmanager
+def interruptible_imports() -> Iterator[None]:
+    """End the process at once on Ctrl-C, SIGTERM or SIGHUP inside.
+
+    An exception is not enough: C libraries turn it into an error of their own or print a traceback. No result is lost,
+    since nothing is computed during imports.
+    """
+    with termination_handler(_end, signal.default_int_handler):
+        try:
+            yield
+        except KeyboardInterrupt:
+            sys.exit(_WORDS)
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    os.write(2, f"{_WORDS}\n".encode())
+    os._exit(1)  # as sys.exit with words
+
+
+@contextmanager
+def endings_as_ctrl_c() -> Iterator[None]:
+    """Treat SIGTERM and SIGHUP (closed terminal) as Ctrl-C: results so far are kept."""
+    with termination_handler(signal.default_int_handler, signal.SIG_DFL):
+        yield
 
 
 class _Deferral:

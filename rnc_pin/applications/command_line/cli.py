@@ -7,7 +7,7 @@ import time
 
 _STARTED = [time.perf_counter()]  # before anything else is imported
 
-from rnc_pin.applications.command_line.termination import endings_as_ctrl_c, interruptible_imports  # noqa: E402
+from rnc_pin.interruption import endings_as_ctrl_c, interruptible_imports  # noqa: E402
 
 with interruptible_imports():
     import sys
@@ -15,8 +15,7 @@ with interruptible_imports():
 
     import click
 
-    from rnc_pin.applications.command_line.messages import complain, told_warnings
-    from rnc_pin.applications.command_line.termination import DONE, FAILED, USAGE
+    from rnc_pin.applications.command_line.messages import DONE, FAILED, USAGE, complain, told_warnings
     from rnc_pin.applications.command_line.usage import cli
     from rnc_pin.errors import RncError
 

@@ -1,4 +1,4 @@
-"""Terminal output: JSON, progress lines, warnings and errors."""
+"""Terminal output: JSON, progress lines, warnings and errors; and exit statuses."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ import click
 
 from rnc_pin.errors import ModelWarning, printable
 from rnc_pin.io import dump_json
+
+DONE, FAILED, USAGE = 0, 1, 2
 
 
 def print_json(content: object) -> None:

@@ -10,8 +10,15 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from rnc_pin.applications.command_line.messages import announce, complain, print_json, seconds_since_start, warn
-from rnc_pin.applications.command_line.termination import DONE, FAILED
+from rnc_pin.applications.command_line.messages import (
+    DONE,
+    FAILED,
+    announce,
+    complain,
+    print_json,
+    seconds_since_start,
+    warn,
+)
 from rnc_pin.applications.scenario.execution import Result, write
 from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.pictures import Artists, Drawn, draw_pictures, picture_names

@@ -229,7 +229,7 @@ class Scenario(SummaryMixin):
     @cached_property
     def model(self) -> BuiltModel:
         """System and reduced model of a scenario without phases, with the warnings about them."""
-        with self._located(), collected_model_warnings(self.show_warnings) as told:
+        with RncError.at(self._label), collected_model_warnings(self.show_warnings) as told:
             built = build_reduced(self.content, self.folder)
         return BuiltModel(*built, tuple(told))
 
@@ -297,7 +297,7 @@ class Scenario(SummaryMixin):
     @cached_property
     def obstacles(self) -> tuple[Obstacle, ...]:
         """Bodies in the world."""
-        with self._located():
+        with RncError.at(self._label):
             return build_obstacles(self.content.obstacles, self.folder)
 
     @property
@@ -329,7 +329,7 @@ class Scenario(SummaryMixin):
     def _start(self) -> tuple[np.ndarray, np.ndarray]:
         if self.content.phases:
             return self.experiment.q0, self.experiment.v2_0
-        with self._located():
+        with RncError.at(self._label):
             return start_of(self.content, self.reduced)
 
     @cached_property
@@ -337,21 +337,13 @@ class Scenario(SummaryMixin):
         return Plans()
 
     def _experiment(self, content: ScenarioFile, reduced: ReducedModel | None, where: str = "") -> Experiment:
-        with self._located(where):
+        with RncError.at(f"{self._label}: {where}" if where else self._label):
             with collected_model_warnings(self.show_warnings) as told:
                 if content.phases:
                     experiment = build_phased(content, self.folder)
                 else:
                     experiment = build_experiment(content, self.folder, self._plans, reduced)
             return replace(experiment, model_warnings=tuple(told))
-
-    @contextmanager
-    def _located(self, where: str = "") -> Iterator[None]:
-        """Errors with the file, and a place in it, before their texts."""
-        try:
-            yield
-        except RncError as error:
-            raise error.within(f"{self._label}: {where}" if where else self._label) from None
 
     @property
     def _label(self) -> str:

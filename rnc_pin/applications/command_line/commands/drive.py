@@ -9,9 +9,8 @@ from typing import TypedDict, Unpack
 
 import click
 
-from rnc_pin.applications.command_line.messages import announce, warn
+from rnc_pin.applications.command_line.messages import FAILED, announce, warn
 from rnc_pin.applications.command_line.report import keep_run, report_run
-from rnc_pin.applications.command_line.termination import FAILED
 from rnc_pin.applications.drive.commands import RecordedDrive, read_drive, write_drive
 from rnc_pin.applications.drive.page import DrivePage
 from rnc_pin.applications.drive.preparation import PreparedDrive, prepare_drive, read_source, rebuild_drive

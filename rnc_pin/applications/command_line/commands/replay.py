@@ -10,9 +10,8 @@ from typing import TypedDict, Unpack, cast
 
 import click
 
-from rnc_pin.applications.command_line.messages import warn
+from rnc_pin.applications.command_line.messages import DONE, warn
 from rnc_pin.applications.command_line.report import print_summary, report_findings
-from rnc_pin.applications.command_line.termination import DONE
 from rnc_pin.applications.scenario.output_folder import check_new_file
 from rnc_pin.applications.scenario.saved_run import Run, animation_of, compared, load_run, run_names, view_of
 from rnc_pin.errors import ConfigurationError

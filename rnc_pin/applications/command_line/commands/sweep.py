@@ -9,9 +9,8 @@ from typing import TypedDict, Unpack
 import click
 from rich.console import Console
 
-from rnc_pin.applications.command_line.messages import complain, print_json
+from rnc_pin.applications.command_line.messages import DONE, FAILED, complain, print_json
 from rnc_pin.applications.command_line.report import ProgressBar, print_sweep_statistics
-from rnc_pin.applications.command_line.termination import DONE, FAILED
 from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
 from rnc_pin.applications.sweep import SweepResults, sweep
 from rnc_pin.applications.sweep.reports import SweepStatistics, failure_lines, sweep_statistics
