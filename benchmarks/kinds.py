@@ -13,8 +13,6 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
-import numpy as np
-
 import rnc_pin as rnc
 from benchmarks.reduction import bare_calls, derivatives, machine, of_batch, one_state, terms
 from benchmarks.states import States, regular_states
@@ -104,12 +102,11 @@ SYSTEMS: dict[str, Callable[[], rnc.ReducedModel]] = {
 
 
 def costs(name: str, rounds: int = ROUNDS) -> KindCost:
-    """Costs of one of ``SYSTEMS``."""
+    """Costs of one of ``SYSTEMS``; if it depends on time, those of states at the start."""
     reduced = SYSTEMS[name]()
-    if reduced.rheonomic:
-        return timed_costs(name, reduced, rounds)
+    at_start = reduced.frozen(0.0) if reduced.rheonomic else reduced
     start = reduced.robot.configuration()
-    states = regular_states(reduced, start, STATES)
+    states = regular_states(at_start, start, STATES)
     measures: list[Callable[[rnc.ReducedModel, States], Measurement]] = [
         bare_calls,
         one_state,
@@ -117,36 +114,7 @@ def costs(name: str, rounds: int = ROUNDS) -> KindCost:
         terms,
         derivatives,
     ]
-    measurements = [each(reduced, states) for each in measures]
-    found = in_turn([*measurements, free_motion(reduced, states)], rounds)
-    *times, run = (float(each[0]) * 1e6 for each in found)
-    return KindCost(name, *times, run / 1e3)
-
-
-def timed_costs(name: str, reduced: rnc.ReducedModel, rounds: int) -> KindCost:
-    """Costs of a system that depends on time: all states are at one time."""
-    generator, t = np.random.default_rng(0), 0.3
-    q = reduced.assembled(reduced.robot.configuration())
-    v2, T = generator.normal(size=(STATES, reduced.r)), generator.normal(size=(STATES, reduced.p))
-    each = list(zip(v2, T, strict=True))
-    many = np.tile(q, (STATES, 1))
-    states = States(many, v2, T, np.array(reduced.at(many, v2, t=t).v))
-
-    def singles() -> None:
-        for one, force in each:
-            reduced.forward_dynamics(q, one, force, t=t)
-
-    def whole() -> None:
-        for one, _ in each:
-            reduced.at(q, one, t=t).terms()
-
-    def slopes() -> None:
-        for one, force in each:
-            rnc.state_derivatives(reduced, q, one, force, t=t)
-
-    batch = used_by(lambda: reduced.forward_dynamics(many, v2, T, t=t), STATES)
-    measurements = [bare_calls(reduced, states), used_by(singles, STATES), batch]
-    measurements += [used_by(whole, STATES), used_by(slopes, STATES)]
+    measurements = [each(at_start, states) for each in measures]
     found = in_turn([*measurements, free_motion(reduced, states)], rounds)
     *times, run = (float(each[0]) * 1e6 for each in found)
     return KindCost(name, *times, run / 1e3)

@@ -19,7 +19,7 @@ import numpy as np
 import rnc_pin as rnc
 from benchmarks.path_lengths import compare
 from benchmarks.plan_peers import peers, updates
-from benchmarks.planned_models import car, knife_edge, mobile_manipulator, tractor
+from benchmarks.planned_models import car, docking, knife_edge, mobile_manipulator
 from benchmarks.regions import regions
 from benchmarks.whole_body import model as tiago
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -156,19 +156,15 @@ def _parking() -> tuple[rnc.ReducedModel, Draw]:
     return reduced, draw
 
 
-def docking() -> None:
-    """Docking of a tractor with one and with two trailers, from a random pose ahead; walls are not part of it."""
+def docking_problems() -> None:
+    """Docking of a tractor with one and with two trailers; walls are not part of it."""
     for trailers in (1, 2):
         problems(f"docking, trailers {trailers}", *_docking(trailers), _count(40))
 
 
 def _docking(trailers: int) -> tuple[rnc.ReducedModel, Draw]:
-    """Docking: the vehicle ends straight at the origin, with limits of speed, steering angle and hitch angles."""
-    reduced = tractor(trailers)
-    hitches = [rnc.JointPosition(joint) for joint in reduced.robot.joint_names if joint.startswith("hitch")]
-    steering = OutputBound(rnc.JointPosition("front_steering"), -0.8, 0.8)
-    bounds = [steering, VelocityBound(-1.0, 1.0), OutputBound(hitches, -1.2, 1.2)]
-    goal = {rnc.FramePosition("tractor", "xy"): [0.0, 0.0], rnc.FrameYaw("tractor"): 0.0, **dict.fromkeys(hitches, 0.0)}
+    """Docking from a random pose ahead."""
+    reduced, goal, bounds = docking(trailers, most_bent=1.2)
 
     def draw(generator: np.random.Generator) -> Problem:
         pose = generator.uniform([2.0, -2.0, -0.6], [5.0, 2.0, 0.6])
@@ -288,7 +284,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "iteration": iteration,
     "optima": optima,
     "parking": lambda: problems("parking", *_parking(), _count(100)),
-    "docking": docking,
+    "docking": docking_problems,
     "restarts": known_costs,
     "restarts-parking": lambda: restarts("parking", *_parking()),
     "restarts-docking": lambda: restarts("docking, two trailers", *_docking(2)),

@@ -6,6 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import rnc_pin as rnc
+from rnc_pin.optimal import OutputBound, VelocityBound
 from rnc_pin.robots.robot_files import tractor_trailers_urdf
 
 
@@ -41,3 +42,14 @@ def tractor(trailers: int) -> rnc.ReducedModel:
     drives = [rnc.FrameForce("tractor", "x"), "front_steering"]
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip(axle) for axle in axles], drives)
     return system.reduce([rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering")])
+
+
+def docking(
+    trailers: int, most_bent: float
+) -> tuple[rnc.ReducedModel, dict[rnc.Output, list[float] | float], list[OutputBound | VelocityBound]]:
+    """Docking of a tractor: it ends straight at the origin, with limits of speed, steering angle and hitch angles."""
+    reduced = tractor(trailers)
+    hitches = [rnc.JointPosition(joint) for joint in reduced.robot.joint_names if joint.startswith("hitch")]
+    steering = OutputBound(rnc.JointPosition("front_steering"), -0.8, 0.8)
+    goal = {rnc.FramePosition("tractor", "xy"): [0.0, 0.0], rnc.FrameYaw("tractor"): 0.0, **dict.fromkeys(hitches, 0.0)}
+    return reduced, goal, [steering, VelocityBound(-1.0, 1.0), OutputBound(hitches, -most_bent, most_bent)]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 import rnc_pin as rnc
-from benchmarks.planned_models import car, tractor
+from benchmarks.planned_models import car, docking
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import SimulationError
 from rnc_pin.optimal import MotionPlan, OutputBound, PlanFeedback, SolverSettings, VelocityBound
@@ -102,12 +102,7 @@ def _parking() -> Case:
 
 
 def _docking(trailers: int) -> Case:
-    reduced = tractor(trailers)
-    joints = reduced.robot.joint_names
-    hitches = [rnc.JointPosition(joint) for joint in joints if joint.startswith("hitch")]
-    steering = OutputBound(rnc.JointPosition("front_steering"), -0.8, 0.8)
-    bounds = [steering, VelocityBound(-1.0, 1.0), OutputBound(hitches, -1.0, 1.0)]
-    goal = {rnc.FramePosition("tractor", "xy"): [0.0, 0.0], rnc.FrameYaw("tractor"): 0.0, **dict.fromkeys(hitches, 0.0)}
+    reduced, goal, bounds = docking(trailers, most_bent=1.0)
     q0 = reduced.robot.configuration({"root_joint": [4.0, 1.0, 0.2]})
     plan = rnc.optimal.plan(
         reduced,

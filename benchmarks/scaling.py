@@ -32,6 +32,7 @@ from rich.console import Console
 from rich.table import Table
 
 import rnc_pin as rnc
+from benchmarks.reduction import bare_calls, derivatives, one_state, terms
 from benchmarks.states import States, regular_states
 from benchmarks.timing import in_turn, used_by
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -40,7 +41,12 @@ from rnc_pin.figures.style import PrintFigure, line, save, styled
 JOINTS, ROWS = (4, 8, 15, 30, 60), (1, 2, 4, 8, 12, 16)
 BATCHES, PROCESSES, BLOCK = (1, 4, 16, 64, 256, 1024, 4096), (1, 2), 256
 STATES, ROUNDS = 16, 7
-FUNCTIONS = ("Pinocchio calls", "forward_dynamics", "terms", "state_derivatives")
+FUNCTIONS = {
+    "Pinocchio calls": bare_calls,
+    "forward_dynamics": one_state,
+    "terms": terms,
+    "state_derivatives": derivatives,
+}
 _LINK, _BODY = 0.3, 1.0  # length of links [m], and distance of bodies that roll [m]
 
 
@@ -108,27 +114,6 @@ def train(rows: int, bodies: int = max(ROWS)) -> rnc.ReducedModel:
     return rnc.NonholonomicSystem(robot, axles, actuators).reduce().with_basis_at(bent)
 
 
-def _pinocchio_calls(model: pin.Model, data: pin.Data, states: States) -> None:
-    zero = np.zeros(model.nv)
-    for q, v in zip(states.q, states.v, strict=True):
-        pin.computeJointJacobians(model, data, q)
-        pin.crba(model, data, q)
-        pin.forwardKinematics(model, data, q, v, zero)
-        pin.nonLinearEffects(model, data, q, v)
-
-
-def _calls(reduced: rnc.ReducedModel, states: States) -> list[Callable[[], object]]:
-    """The functions to measure, in the order of ``FUNCTIONS``."""
-    each = list(zip(states.q, states.v2, states.T, strict=True))
-    model, data = reduced.robot.model, reduced.robot.model.createData()
-    return [
-        lambda: _pinocchio_calls(model, data, states),
-        lambda: [reduced.forward_dynamics(*state) for state in each],
-        lambda: [reduced.terms(q, v2) for q, v2, _ in each],
-        lambda: [rnc.state_derivatives(reduced, *state) for state in each],
-    ]
-
-
 def costs(make: Callable[[int], rnc.ReducedModel], sizes: Sequence[int], rounds: int) -> Costs:
     """Costs of one state of systems of several sizes."""
     measurements = []
@@ -136,7 +121,7 @@ def costs(make: Callable[[int], rnc.ReducedModel], sizes: Sequence[int], rounds:
         reduced = make(size)
         q0 = reduced.robot.configuration(dict.fromkeys(reduced.robot.joint_names[1:], 0.3))
         states = regular_states(reduced, q0, STATES)
-        measurements += [used_by(call, STATES) for call in _calls(reduced, states)]
+        measurements += [measured(reduced, states) for measured in FUNCTIONS.values()]
     found = np.array(in_turn(measurements, rounds))[:, 0]
     return Costs(sizes, 1e6 * found.reshape(len(sizes), len(FUNCTIONS)))
 
