@@ -14,7 +14,7 @@ from systems import space_robot
 
 def test_two_phases_keep_the_gains_of_both():
     experiment = Scenario.load("mobile-manipulator-two-phase", {"comparisons": {}, "plots": {}}).experiment
-    hand, platform = experiment.notes["controller"]["parts"]
+    hand, platform = experiment.provenance.to_json()["controller"]["parts"]
     assert (hand["type"], platform["type"], platform["target"]["type"]) == (
         "PositionTracker",
         "VelocityTracker",

@@ -225,7 +225,9 @@ def test_the_live_page_of_a_run_shows_goals_forces_and_figures(browser, fire_tru
     prepared, _ = fire_truck
     experiment = prepared.experiment
     view = view_of(experiment.scenario)
-    live = LiveView(experiment.reduced, view, experiment.notes, speed=2.0, open_browser=False, title="Truck")
+    live = LiveView(
+        experiment.reduced, view, experiment.provenance.to_json(), speed=2.0, open_browser=False, title="Truck"
+    )
     short = prepared.built_with(comparisons={}, experiment=experiment)
     try:
         page, problems = visit(browser, live.url)

@@ -90,7 +90,7 @@ def parts_of(description):
 
 
 def its_gains_are_recorded(prepared):
-    parts = list(parts_of(json.loads(json.dumps(prepared.experiment.notes["controller"]))))
+    parts = list(parts_of(json.loads(json.dumps(prepared.experiment.provenance.to_json()["controller"]))))
     for part in parts:
         assert set(part) >= GAINS[part["type"]], part
     trackers = [part["gains"] for part in parts if "gains" in part and part["type"] != "PlanFeedback"]

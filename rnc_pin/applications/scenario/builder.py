@@ -18,7 +18,6 @@ from rnc_pin.applications.scenario.plant_builder import build_plant, start_findi
 from rnc_pin.applications.scenario.reference_builder import (
     Plans,
     Start,
-    frame_poses,
     plan_path,
     planned_path,
     task_references,
@@ -30,10 +29,9 @@ from rnc_pin.control import Controller, ZeroInput, describe
 from rnc_pin.control.loop import LoopOptions
 from rnc_pin.control.whole_body import WholeBodyProgram, program_of
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, RncError, nearest
-from rnc_pin.io import Json
 from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
 from rnc_pin.optimal import MotionPlan
-from rnc_pin.planning import Reference, Slowed, continued_back, path_distances
+from rnc_pin.planning import Reference, Slowed
 from rnc_pin.plants import Plant
 from rnc_pin.simulation import (
     PLOTTED_QUANTITIES,
@@ -128,11 +126,6 @@ class Experiment:
         """Options of the control loop that the scenario sets."""
         said = self.scenario.loop
         return cast(LoopOptions, {} if said is None else {**said.given})
-
-    @property
-    def notes(self) -> dict[str, Json]:
-        """Provenance of the run, in the form of the record file."""
-        return self.provenance.to_json()
 
 
 def build_experiment(
@@ -378,23 +371,6 @@ def _initial(scenario: ScenarioFile, reduced: ReducedModel) -> np.ndarray:
         return reduced.assembled(q0, named)
     except ConstraintError as error:
         raise ConfigurationError(f"initial.q: {error}; joints named in initial.q stay: {', '.join(named)}") from None
-
-
-def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | None:
-    """Return the largest distance [m] of a trailer's axle from the travelled path; None without a trailer.
-
-    The path is that of the frame of ``reference.path``, with a straight segment before the start.
-    """
-    settings = experiment.scenario.reference.path
-    if settings is None or settings.trailer is None or not len(configurations):
-        return None
-    robot = experiment.reduced.robot
-    some = configurations[::10]  # every tenth sample is dense enough
-    driven, axle = (
-        frame_poses(robot, frame, some).planar for frame in (settings.frame, settings.trailer.given["axle"])
-    )
-    behind = 2.0 * float(np.linalg.norm(driven[0, :2] - axle[0, :2]))
-    return float(path_distances(axle[:, :2], continued_back(driven, behind)).max())
 
 
 def check_plots(scenario: ScenarioFile, models: Sequence[ReducedModel]) -> None:

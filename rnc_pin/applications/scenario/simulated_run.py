@@ -10,14 +10,16 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.analysis import Grip
-from rnc_pin.applications.scenario.builder import Experiment, off_tracking
+from rnc_pin.applications.scenario.builder import Experiment
 from rnc_pin.applications.scenario.controllers.feedback import SetPointSettings
+from rnc_pin.applications.scenario.reference_builder import frame_poses
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.motions import MotionProblem
 from rnc_pin.control import State, limited_accelerations, missed_goals
 from rnc_pin.control.whole_body import InverseDynamicsQP, report_within
 from rnc_pin.control.whole_body.limits import CollisionAvoidance
 from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.planning import continued_back, path_distances
 from rnc_pin.simulation import (
     SHORTFALL,
     FurtherLimits,
@@ -161,10 +163,27 @@ def run_summary(experiment: Experiment, run: Trajectory, wall_time: float | None
         wall_time: computing time [s].
     """
     summary = summarize(run, wall_time)
-    strayed = off_tracking(experiment, run.q)
+    strayed = _off_tracking(experiment, run.q)
     if strayed is not None:
         summary["off_tracking_max"] = strayed
     return summary
+
+
+def _off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | None:
+    """Return the largest distance [m] of a trailer's axle from the travelled path; None without a trailer.
+
+    The path is that of the frame of ``reference.path``, with a straight segment before the start.
+    """
+    settings = experiment.scenario.reference.path
+    if settings is None or settings.trailer is None or not len(configurations):
+        return None
+    robot = experiment.reduced.robot
+    some = configurations[::10]  # every tenth sample is dense enough
+    driven, axle = (
+        frame_poses(robot, frame, some).planar for frame in (settings.frame, settings.trailer.given["axle"])
+    )
+    behind = 2.0 * float(np.linalg.norm(driven[0, :2] - axle[0, :2]))
+    return float(path_distances(axle[:, :2], continued_back(driven, behind)).max())
 
 
 def _missed(experiment: Experiment, run: Trajectory) -> list[Finding]:

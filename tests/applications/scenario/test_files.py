@@ -132,7 +132,7 @@ def test_a_robot_is_found_beside_its_scenario_from_anywhere(tmp_path, monkeypatc
 
 def test_gains_by_hand_replace_those_of_the_preset(tmp_path):
     changes = {"controller.preset": "paper", "controller.k": [1.0, 2.0, 3.0], "controller.sigma": 0.5}
-    gains = plan_of(changes, tmp_path).experiment.notes["controller"]["gains"]
+    gains = plan_of(changes, tmp_path).experiment.provenance.to_json()["controller"]["gains"]
     assert gains == {"k": [1.0, 2.0, 3.0], "beta": 10.0, "sigma": 0.5}
 
 
