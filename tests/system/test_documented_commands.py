@@ -190,8 +190,7 @@ def without_waiting(patch):
     """No pictures, no trial of a draft, and no wait for a browser that nobody opens."""
     from rnc_pin.applications.scenario.pictures import Drawn
 
-    for command in ("run", "drive"):
-        patch.setattr(f"rnc_pin.applications.command_line.commands.{command}.draw_pictures", lambda *_: Drawn())
+    patch.setattr("rnc_pin.applications.command_line.report.draw_pictures", lambda *_: Drawn())
     patch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
     patch.setattr("rnc_pin.applications.sweep.reports.draw_distributions", lambda *_: None)
     patch.setattr("rnc_pin.visualization.live.LiveView.wait_for_browser", lambda *_: False)
