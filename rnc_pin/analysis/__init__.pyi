@@ -14,10 +14,6 @@ from .growth import GrowthEvidence as GrowthEvidence
 from .growth import growth_vector as growth_vector
 from .integrability import Integrability as Integrability
 from .integrability import integrability as integrability
-from .lemma_1 import Approach as Approach
-from .lemma_1 import Boundedness as Boundedness
-from .lemma_1 import boundedness as boundedness
-from .lemma_1 import lemma_1_residuals as lemma_1_residuals
 from .limit_effects import LimitEffect as LimitEffect
 from .limit_effects import limit_effects as limit_effects
 from .linearization import Linearization as Linearization
@@ -36,4 +32,8 @@ from .regulator import check_sampling as check_sampling
 from .regulator import lqr as lqr
 from .report import Report as Report
 from .report import analyze as analyze
+from .singularities import Approach as Approach
+from .singularities import Boundedness as Boundedness
 from .singularities import Singularity as Singularity
+from .singularities import boundedness as boundedness
+from .singularities import lemma_1_residuals as lemma_1_residuals

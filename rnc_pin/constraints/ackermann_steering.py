@@ -14,9 +14,8 @@ from rnc_pin.math.components import Component, Entry, components, packed, packed
 from rnc_pin.model.coupling import COUPLED
 from rnc_pin.model.kernel_rows import Form, KernelRow
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
-from rnc_pin.model.mechanisms import JointCoupler, Phrases
 from rnc_pin.model.parameter_types import Axis
-from rnc_pin.model.rows import Rows
+from rnc_pin.model.rows import JointCoupler, Phrases, Rows
 from rnc_pin.robots.joint_values import SingleJoint
 from rnc_pin.robots.robot import Robot
 

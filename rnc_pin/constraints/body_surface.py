@@ -12,7 +12,7 @@ from rnc_pin.constraints.body_shapes import BodyShape, grid_triangles
 from rnc_pin.constraints.curved_grounds import Levelled, unit_vectors
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.offset_frame import triple
+from rnc_pin.model.frame_rows import triple
 from rnc_pin.model.parameter_types import Vector
 
 _EYE = np.eye(3)

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, ConstraintError
-from rnc_pin.model.mechanisms import GroundSurface, Phrases, carrier_of
-from rnc_pin.model.offset_frame import triple
+from rnc_pin.model.frame_rows import triple
 from rnc_pin.model.parameter_types import Vector
 from rnc_pin.model.relative_rows import RelativeRows
-from rnc_pin.model.rows import Rows
+from rnc_pin.model.rows import GroundSurface, Phrases, Rows, carrier_of
 from rnc_pin.robots.robot import Robot
 
 _ALONG = 1e-9  # component of the velocity across the plane that rounding explains

@@ -10,11 +10,10 @@ import pinocchio as pin
 
 from rnc_pin.constraints.ground_plane import GroundPlane
 from rnc_pin.math.components import Component, Entry, cross, dot, packed_vector
+from rnc_pin.model.frame_rows import FLAT, DirectionRows
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.model.kinematics import Placement, PositionKinematics
-from rnc_pin.model.mechanisms import Friction, GroundContact, Phrases
-from rnc_pin.model.rows import check_defined
-from rnc_pin.model.wrench_rows import FLAT, DirectionRows
+from rnc_pin.model.rows import Friction, GroundContact, Phrases, check_defined
 from rnc_pin.robots.robot import Robot
 
 

@@ -7,7 +7,10 @@ from rnc_pin.optimal.way_following import WayFollowing as WayFollowing
 
 from . import loop as loop
 from .actuator_velocity import ActuatorVelocityController as ActuatorVelocityController
-from .computed_torque import ComputedTorque as ComputedTorque
+from .basic_controllers import ComputedTorque as ComputedTorque
+from .basic_controllers import ReducingOutputController as ReducingOutputController
+from .basic_controllers import StateFeedback as StateFeedback
+from .basic_controllers import ZeroInput as ZeroInput
 from .controller import Command as Command
 from .controller import Controller as Controller
 from .controller import Describable as Describable
@@ -32,16 +35,16 @@ from .gain_design import Preset as Preset
 from .gain_design import VelocityGains as VelocityGains
 from .gain_design import design_position_gains as design_position_gains
 from .gain_design import design_velocity_gains as design_velocity_gains
-from .jacobian_transpose import JacobianTransposeController as JacobianTransposeController
-from .jacobian_transpose import effective_inertia as effective_inertia
 from .momentum_regressor import MomentumRegressor as MomentumRegressor
 from .momentum_regressor import UnknownMass as UnknownMass
+from .partial_controllers import JacobianTransposeController as JacobianTransposeController
+from .partial_controllers import SplitController as SplitController
+from .partial_controllers import effective_inertia as effective_inertia
 from .pose_filter import PoseEstimate as PoseEstimate
 from .pose_filter import PoseFilter as PoseFilter
 from .pose_filter import PoseFix as PoseFix
 from .position_tracker import PositionState as PositionState
 from .position_tracker import PositionTracker as PositionTracker
-from .reducing import ReducingOutputController as ReducingOutputController
 from .redundancy import RedundancyController as RedundancyController
 from .redundancy import check_freedom as check_freedom
 from .secondary import Combined as Combined
@@ -51,8 +54,6 @@ from .secondary import Secondary as Secondary
 from .secondary import SingularityDistance as SingularityDistance
 from .slithering import DrivenPath as DrivenPath
 from .slithering import SlitheringReference as SlitheringReference
-from .split import SplitController as SplitController
-from .state_feedback import StateFeedback as StateFeedback
 from .steering import SteeringController as SteeringController
 from .twist_command import FeasibleTwist as FeasibleTwist
 from .twist_command import TwistCommand as TwistCommand
@@ -65,11 +66,11 @@ from .uncertain import UncertainRedundancyController as UncertainRedundancyContr
 from .unicycle_stabilizer import UnicycleStabilizer as UnicycleStabilizer
 from .velocity_tracker import TrackerState as TrackerState
 from .velocity_tracker import VelocityTracker as VelocityTracker
-from .wheel_odometry import OdometryStep as OdometryStep
-from .wheel_odometry import WheelOdometry as WheelOdometry
 from .wheel_regressor import UnknownRadius as UnknownRadius
 from .wheel_regressor import UnknownTrack as UnknownTrack
 from .wheel_regressor import WheelRegressor as WheelRegressor
+from .wheeled_base import OdometryStep as OdometryStep
+from .wheeled_base import WheelOdometry as WheelOdometry
 from .whole_body import ControlSample as ControlSample
 from .whole_body import InputSolution as InputSolution
 from .whole_body import InverseDynamicsQP as InverseDynamicsQP
@@ -80,4 +81,3 @@ from .whole_body import ProgramState as ProgramState
 from .whole_body import VelocityQP as VelocityQP
 from .whole_body import limits as limits
 from .whole_body import tasks as tasks
-from .zero_input import ZeroInput as ZeroInput

@@ -17,8 +17,8 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.adaptation import apply_dead_zone
 from rnc_pin.control.controller import Description, elapsed_time, listed
+from rnc_pin.control.feedback import apply_dead_zone
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply, solve
 from rnc_pin.model.kinematics import Kinematics

@@ -10,9 +10,8 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.adaptation import saturation_mask
 from rnc_pin.control.controller import Command, DescribedMixin, check_size, elapsed_time, goals_at
-from rnc_pin.control.deviation import fed_back
+from rnc_pin.control.feedback import fed_back, saturation_mask
 from rnc_pin.control.gain_design import PositionGains
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply

@@ -7,7 +7,6 @@ from typing import cast
 import numpy as np
 
 from rnc_pin import _kernel
-from rnc_pin.control.batches import measurement_of_run, stack_states
 from rnc_pin.control.controller import (
     DescribedMixin,
     Description,
@@ -16,8 +15,10 @@ from rnc_pin.control.controller import (
     describe,
     goals_at,
     listed,
+    measurement_of_run,
+    stack_states,
 )
-from rnc_pin.control.deviation import deviation, fed_back
+from rnc_pin.control.feedback import deviation, fed_back
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.control.secondary import Secondary
 from rnc_pin.errors import ConfigurationError, SingularityError

@@ -16,8 +16,8 @@ import pinocchio as pin
 from annotated_types import Gt, Le, Len
 
 from rnc_pin.control.controller import DescribedMixin, Description, check_size, describe, listed
-from rnc_pin.control.deviation import deviation, fed_back
-from rnc_pin.control.whole_body.limits.limited_joints import limited_positions
+from rnc_pin.control.feedback import deviation, fed_back
+from rnc_pin.control.whole_body.limits.joint_limits import limited_positions
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.kinematics import over_states

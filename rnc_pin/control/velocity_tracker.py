@@ -10,17 +10,19 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.adaptation import apply_dead_zone, saturation_mask
-from rnc_pin.control.batches import accepts_batches, stack_states, state_of_runs
 from rnc_pin.control.controller import (
     Command,
     DescribedMixin,
     KinematicController,
     State,
     VelocityTarget,
+    accepts_batches,
     command_towards,
     elapsed_time,
+    stack_states,
+    state_of_runs,
 )
+from rnc_pin.control.feedback import apply_dead_zone, saturation_mask
 from rnc_pin.control.gain_design import VelocityGains
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement

@@ -10,12 +10,11 @@ from .configuration_evaluation import scaled_rows as scaled_rows
 from .coordinates import Coordinates as Coordinates
 from .coordinates import heading_of as heading_of
 from .coordinates import wrapped as wrapped
-from .frame_velocity import axis_index as axis_index
+from .frame_rows import OffsetFrame as OffsetFrame
+from .frame_rows import axis_index as axis_index
 from .input_validation import vector as vector
 from .kinematics import Kinematics as Kinematics
 from .measurement import Measurement as Measurement
-from .mechanisms import Phrases as Phrases
-from .offset_frame import OffsetFrame as OffsetFrame
 from .parameter_types import NotNegative as NotNegative
 from .parameter_types import Positive as Positive
 from .passive_forces import ForceKind as ForceKind
@@ -23,6 +22,7 @@ from .reduced_model import ReducedModel as ReducedModel
 from .row_stack import OutputStack as OutputStack
 from .rows import ConstraintKind as ConstraintKind
 from .rows import OutputKind as OutputKind
+from .rows import Phrases as Phrases
 from .state_evaluation import StateEvaluation as StateEvaluation
 from .system import NonholonomicSystem as NonholonomicSystem
 from .task import Task as Task

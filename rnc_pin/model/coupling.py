@@ -8,8 +8,7 @@ from fractions import Fraction
 import numpy as np
 
 from rnc_pin.model.kinematics import PositionKinematics
-from rnc_pin.model.mechanisms import JointCoupler, Phrases
-from rnc_pin.model.rows import ConstantRows, Rows
+from rnc_pin.model.rows import ConstantRows, JointCoupler, Phrases, Rows
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.description import Mimic
 

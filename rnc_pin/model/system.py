@@ -13,11 +13,16 @@ from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError, few
 from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model.actuation import Actuation, Actuators
 from rnc_pin.model.assembly import Assembly
-from rnc_pin.model.conservation import check_actuators, check_forces, check_reactions
 from rnc_pin.model.coupling import CouplingRow, mimic_row, mimic_rows
-from rnc_pin.model.independence import Selection, block_row_scales, select_independent
+from rnc_pin.model.independence import (
+    Selection,
+    block_row_scales,
+    check_actuators,
+    check_forces,
+    check_reactions,
+    select_independent,
+)
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.mechanisms import FrameAnchor
 from rnc_pin.model.passive_forces import ForceKind, PassiveForces
 from rnc_pin.model.reduced_model import ReducedModel, system_headline, system_lines
 from rnc_pin.model.reduction_data import (
@@ -29,7 +34,7 @@ from rnc_pin.model.reduction_data import (
     row_scales,
 )
 from rnc_pin.model.row_stack import OutputStack, RowStack
-from rnc_pin.model.rows import ConstraintKind, OutputKind, Rows, parts_of
+from rnc_pin.model.rows import ConstraintKind, FrameAnchor, OutputKind, Rows, parts_of
 from rnc_pin.printing import ObjectSummary, SummaryMixin
 from rnc_pin.robots.joint_values import base_of, fixed_base
 from rnc_pin.robots.robot import Robot

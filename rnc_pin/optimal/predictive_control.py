@@ -20,10 +20,18 @@ from rnc_pin.optimal.action_models import Form, Nodes, action_model, check_veloc
 from rnc_pin.optimal.bounds import BoundKind, Goal, GoalRows
 from rnc_pin.optimal.costs import CostKind
 from rnc_pin.optimal.guesses import along
-from rnc_pin.optimal.problem_building import build_problem, initial_node
+from rnc_pin.optimal.planner import build_problem, initial_node
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic, SolverSettings
-from rnc_pin.optimal.set_point import SetPoint, SetPointBound
-from rnc_pin.optimal.stall import AT_REST, QUADRATIC, TOLERANCE, first_motion, quadratic_set_point, stalls
+from rnc_pin.optimal.set_point import (
+    AT_REST,
+    QUADRATIC,
+    TOLERANCE,
+    SetPoint,
+    SetPointBound,
+    first_motion,
+    quadratic_set_point,
+    stalls,
+)
 from rnc_pin.optimal.transcription import Iterate
 from rnc_pin.printing import ReprMixin
 

@@ -24,8 +24,7 @@ from rnc_pin.optimal.node_data import NodeData
 from rnc_pin.optimal.plan_feedback import regulator_gains, tvlqr
 from rnc_pin.optimal.planner import plan_motion
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
-from rnc_pin.optimal.set_point import SetPoint
-from rnc_pin.optimal.stall import AT_REST, leads_nearer
+from rnc_pin.optimal.set_point import AT_REST, SetPoint, leads_nearer
 from rnc_pin.printing import ReprMixin
 
 _OF_FILE = FileLimits()

@@ -13,8 +13,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.control.batches import Runs
-from rnc_pin.control.controller import Command
+from rnc_pin.control.controller import Command, Runs
 from rnc_pin.control.loop import Decision, LoopState
 from rnc_pin.control.loop.control_loop import trapezoid
 from rnc_pin.control.loop.measurements import InvalidMeasurementError, ValidMeasurement

@@ -7,7 +7,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
-from rnc_pin.collision.convex_shapes import hull_of
+from rnc_pin.collision.shapes import hull_of
 
 ANGLES = np.linspace(0.0, 2 * np.pi, 400, endpoint=False)
 RING = np.column_stack([np.cos(ANGLES), np.sin(ANGLES), 0 * ANGLES])

@@ -4,8 +4,7 @@ import coal
 import numpy as np
 import pytest
 
-from rnc_pin.collision.pair_measurement import PairMeasurement
-from rnc_pin.collision.pair_selection import LinkPair
+from rnc_pin.collision.pairs import LinkPair, PairMeasurement
 from rnc_pin.errors import SimulationError
 
 SHAPES = [coal.Sphere(0.3), coal.Box(0.4, 0.6, 0.8), coal.Cylinder(0.2, 0.5), coal.Capsule(0.1, 0.7), coal.Sphere(0.2)]

@@ -7,8 +7,8 @@ import rnc_pin as rnc
 import systems
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import PositionGains, PositionTracker, VelocityGains, VelocityTarget, VelocityTracker
-from rnc_pin.control.adaptation import apply_dead_zone, saturation_mask
 from rnc_pin.control.estimation import adapt
+from rnc_pin.control.feedback import apply_dead_zone, saturation_mask
 from rnc_pin.planning import Hold
 from rnc_pin.plants import Faults, FaultyPlant, ReducedPlant
 

@@ -5,7 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.control.controller import check_size, elapsed_time
-from rnc_pin.control.deviation import Feedback, fed_back
+from rnc_pin.control.feedback import Feedback, fed_back
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.planning import Hold
 from rnc_pin.planning.references import ReferencePoint

@@ -6,8 +6,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.applications.command_line.commands.inspect import sentences
 from rnc_pin.model.kinematics import OWN_AXES
-from rnc_pin.model.mechanisms import FrameAnchor, GroundContact, JointCoupler, Phrases
-from rnc_pin.model.rows import Rows
+from rnc_pin.model.rows import FrameAnchor, GroundContact, JointCoupler, Phrases, Rows
 from rnc_pin.simulation.ground_bodies import ground_bodies
 
 DRIFT = 0.2  # angle between the heading of the runner and the direction in which it glides [rad]

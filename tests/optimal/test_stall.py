@@ -7,9 +7,17 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.optimal import EffortCost, InputBound, OutputCost, PostureCost, PredictiveController, SetPointCost, stall
+from rnc_pin.optimal import (
+    EffortCost,
+    InputBound,
+    OutputCost,
+    PostureCost,
+    PredictiveController,
+    SetPointCost,
+    set_point,
+)
 from rnc_pin.optimal.action_models import action_model
-from rnc_pin.optimal.stall import first_motion, quadratic_set_point
+from rnc_pin.optimal.set_point import first_motion, quadratic_set_point
 
 PLACE, YAW = rnc.FramePosition("sleigh", "xy"), rnc.FrameYaw("sleigh")
 GOAL = {PLACE: [0.0, 0.0], YAW: 0.0}
@@ -112,13 +120,13 @@ def test_a_long_way_is_begun_by_a_part_of_a_longer_plan():
 @pytest.fixture
 def searches(monkeypatch):
     """Numbers of intervals and of guesses of the searches for a first motion."""
-    found, search = [], stall.plan_motion
+    found, search = [], set_point.plan_motion
 
     def recorded(*given, **options):
         found.append((options["settings"].nodes, 1 + options["seeds"]))
         return search(*given, **options)
 
-    monkeypatch.setattr(stall, "plan_motion", recorded)
+    monkeypatch.setattr(set_point, "plan_motion", recorded)
     return found
 
 

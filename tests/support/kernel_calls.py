@@ -22,8 +22,8 @@ from rnc_pin.control import (
     limits,
     tasks,
 )
-from rnc_pin.control.deviation import Feedback
 from rnc_pin.control.estimation import adapt
+from rnc_pin.control.feedback import Feedback
 from rnc_pin.control.velocity_tracker import TrackerState
 from rnc_pin.control.whole_body import ControlSample
 from rnc_pin.model.coordinates import Coordinates
