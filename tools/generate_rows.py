@@ -19,9 +19,9 @@ import numpy as np
 from rnc_pin._kernel import INTERFACE
 from rnc_pin.constraints.ackermann_steering import linkage
 from rnc_pin.constraints.body_shapes import support_point
+from rnc_pin.constraints.ground_plane import wheel_level, wheel_wrenches
 from rnc_pin.constraints.rolling_body import contact_arm
 from rnc_pin.constraints.surface_contact import curved_gradient, curved_wrench
-from rnc_pin.constraints.wheel_rows import wheel_level, wheel_wrenches
 from rnc_pin.math.components import cross, dot
 from rnc_pin.model.frame_rows import FLAT
 from rnc_pin.model.kernel_rows import AT_GROUND, INTEGERS, NUMBERS, Form, KernelForce, Value

@@ -12,8 +12,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from rnc_pin import _kernel
-from rnc_pin.collision.distance_bounds import DistanceBounds, PlacedBodies, ShapePoses
-from rnc_pin.collision.flat_contacts import FlatParts, common_corners
+from rnc_pin.collision.distance_bounds import DistanceBounds, FlatParts, PlacedBodies, ShapePoses, common_corners
 from rnc_pin.collision.pairs import (
     NUMBERS,
     LinkPair,

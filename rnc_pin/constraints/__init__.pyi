@@ -18,6 +18,7 @@ from .curved_grounds import CylindricalGround as CylindricalGround
 from .curved_grounds import HeightField as HeightField
 from .curved_grounds import SphericalGround as SphericalGround
 from .ground_plane import GroundPlane as GroundPlane
+from .ground_plane import RollingRows as RollingRows
 from .kept_outputs import FixedOutput as FixedOutput
 from .kept_outputs import PrescribedMotion as PrescribedMotion
 from .momentum import MomentumConservation as MomentumConservation
@@ -25,4 +26,3 @@ from .pfaffian import Pfaffian as Pfaffian
 from .rolling_body import RollingBall as RollingBall
 from .rolling_body import RollingBody as RollingBody
 from .rolling_wheel import RollingWheel as RollingWheel
-from .wheel_rows import RollingRows as RollingRows

@@ -11,10 +11,10 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.components import Component, Entry, components, packed, packed_vector
-from rnc_pin.model.coupling import COUPLED
 from rnc_pin.model.kernel_rows import Form, KernelRow
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.parameter_types import Axis
+from rnc_pin.model.relative_rows import COUPLED
 from rnc_pin.model.rows import JointCoupler, Phrases, Rows
 from rnc_pin.robots.joint_values import SingleJoint
 from rnc_pin.robots.robot import Robot

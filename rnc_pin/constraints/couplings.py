@@ -12,12 +12,11 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
 from rnc_pin.math.components import Entry, cross
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.coupling import CouplingRow
 from rnc_pin.model.frame_rows import DirectionRows, OffsetFrame, PointRows, triple
 from rnc_pin.model.kernel_rows import Form, KernelRow, wrench_rows
 from rnc_pin.model.kinematics import PositionKinematics, over_states
 from rnc_pin.model.parameter_types import Vector
-from rnc_pin.model.relative_rows import RelativeRows
+from rnc_pin.model.relative_rows import CouplingRow, RelativeRows
 from rnc_pin.model.rows import FrameAnchor, Phrases, Rows
 from rnc_pin.robots.robot import Robot
 

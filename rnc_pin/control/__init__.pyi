@@ -7,6 +7,10 @@ from rnc_pin.optimal.way_following import WayFollowing as WayFollowing
 
 from . import loop as loop
 from .actuator_velocity import ActuatorVelocityController as ActuatorVelocityController
+from .actuator_velocity import FeasibleTwist as FeasibleTwist
+from .actuator_velocity import TwistCommand as TwistCommand
+from .actuator_velocity import TwistCut as TwistCut
+from .actuator_velocity import TwistState as TwistState
 from .basic_controllers import ComputedTorque as ComputedTorque
 from .basic_controllers import ReducingOutputController as ReducingOutputController
 from .basic_controllers import StateFeedback as StateFeedback
@@ -55,10 +59,6 @@ from .secondary import SingularityDistance as SingularityDistance
 from .slithering import DrivenPath as DrivenPath
 from .slithering import SlitheringReference as SlitheringReference
 from .steering import SteeringController as SteeringController
-from .twist_command import FeasibleTwist as FeasibleTwist
-from .twist_command import TwistCommand as TwistCommand
-from .twist_command import TwistCut as TwistCut
-from .twist_command import TwistState as TwistState
 from .twist_controller import TwistController as TwistController
 from .typical_inertia import gravity_loads as gravity_loads
 from .uncertain import UncertainController as UncertainController

@@ -21,7 +21,7 @@ from rnc_pin.control.controller import (
 )
 from rnc_pin.control.feedback import Feedback, deviation
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.references import Reference
 from rnc_pin.printing import ReprMixin

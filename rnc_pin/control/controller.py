@@ -31,7 +31,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.io.json import Json
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.planning.references import Reference
 from rnc_pin.printing import ReprMixin, printed
 

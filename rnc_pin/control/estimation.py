@@ -22,8 +22,8 @@ from rnc_pin.control.feedback import apply_dead_zone
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply, solve
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import ReductionData, row_scales
 from rnc_pin.model.row_stack import RowStack

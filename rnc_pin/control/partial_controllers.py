@@ -16,7 +16,7 @@ from rnc_pin.control.controller import (
 from rnc_pin.control.position_tracker import PositionState, PositionTracker
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.linear_algebra import apply_transposed
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
 

@@ -21,8 +21,7 @@ from rnc_pin.control.whole_body.limits.joint_limits import limited_positions
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.kinematics import over_states
-from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.output_gradients import kinematic_gradient, log_determinant_gradient
+from rnc_pin.model.reduced_kinematics import Measurement, kinematic_gradient, log_determinant_gradient
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference

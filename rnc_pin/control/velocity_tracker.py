@@ -25,7 +25,7 @@ from rnc_pin.control.controller import (
 from rnc_pin.control.feedback import apply_dead_zone, saturation_mask
 from rnc_pin.control.gain_design import VelocityGains
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 
 _Learnt = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # force, and learnt g, C and D
 

@@ -16,8 +16,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.constraints.ground_plane import GroundPlane
-from rnc_pin.constraints.wheel_rows import RollingRows, WheelDisk
+from rnc_pin.constraints.ground_plane import GroundPlane, RollingRows, WheelDisk
 from rnc_pin.control.actuator_velocity import check_velocity_actuation, driven_joints
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.coordinates import arc_chord

@@ -14,10 +14,10 @@ from .frame_rows import OffsetFrame as OffsetFrame
 from .frame_rows import axis_index as axis_index
 from .input_validation import vector as vector
 from .kinematics import Kinematics as Kinematics
-from .measurement import Measurement as Measurement
 from .parameter_types import NotNegative as NotNegative
 from .parameter_types import Positive as Positive
 from .passive_forces import ForceKind as ForceKind
+from .reduced_kinematics import Measurement as Measurement
 from .reduced_model import ReducedModel as ReducedModel
 from .row_stack import OutputStack as OutputStack
 from .rows import ConstraintKind as ConstraintKind

@@ -20,7 +20,7 @@ from rnc_pin.model.input_validation import (
     broadcast_states,
     vector,
 )
-from rnc_pin.model.output_gradients import output_slopes
+from rnc_pin.model.reduced_kinematics import output_slopes
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.state_evaluation import StateEvaluation
 

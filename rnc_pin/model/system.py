@@ -13,7 +13,6 @@ from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError, few
 from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model.actuation import Actuation, Actuators
 from rnc_pin.model.assembly import Assembly
-from rnc_pin.model.coupling import CouplingRow, mimic_row, mimic_rows
 from rnc_pin.model.independence import (
     Selection,
     block_row_scales,
@@ -33,6 +32,7 @@ from rnc_pin.model.reduction_data import (
     completing_entries,
     row_scales,
 )
+from rnc_pin.model.relative_rows import CouplingRow, mimic_row, mimic_rows
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import ConstraintKind, FrameAnchor, OutputKind, Rows, parts_of
 from rnc_pin.printing import ObjectSummary, SummaryMixin

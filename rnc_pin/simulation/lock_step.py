@@ -28,7 +28,7 @@ from rnc_pin.control.controller import (
 )
 from rnc_pin.control.loop import LoopState
 from rnc_pin.math.linear_algebra import apply, clipped
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import FaultyPlant, ReducedPlant, ReducedPlantBatch
 from rnc_pin.simulation.error_propagation import ErrorMark, marked

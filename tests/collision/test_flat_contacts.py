@@ -6,7 +6,7 @@ import pinocchio as pin
 import pytest
 from scipy.spatial import HalfspaceIntersection
 
-from rnc_pin.collision.flat_contacts import FlatParts, common_corners
+from rnc_pin.collision.distance_bounds import FlatParts, common_corners
 
 UP = np.array([0.0, 0.0, 1.0])
 

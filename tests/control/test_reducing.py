@@ -9,7 +9,7 @@ import rnc_pin as rnc
 from controlled_tasks import Cubic
 from rnc_pin.control import ReducingOutputController
 from rnc_pin.model.coordinates import Coordinates
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.planning import Hold
 
 

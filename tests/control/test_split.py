@@ -9,7 +9,7 @@ import rnc_pin as rnc
 from places import ROOT
 from rnc_pin.control import SplitController
 from rnc_pin.control.controller import Command
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 
 
 class Part:

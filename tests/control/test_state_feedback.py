@@ -14,7 +14,7 @@ from rnc_pin.applications.scenario.saved_run import load_run
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import StateFeedback
 from rnc_pin.model.coordinates import Coordinates
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.planning import Hold
 from textbook_systems import acrobot, wheeled_pendulum
 

@@ -23,7 +23,7 @@ from rnc_pin.control.loop.control_loop import ControlLoop, Decision
 from rnc_pin.control.loop.loop_state import LoopState
 from rnc_pin.control.loop.options import ControllerOrFactory, LoopOptions, admit_controller, admit_model, check_choice
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 

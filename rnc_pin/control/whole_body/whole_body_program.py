@@ -19,7 +19,7 @@ from rnc_pin.control.whole_body.task_hierarchy import TaskStack
 from rnc_pin.control.whole_body.tasks.output_tasks import BoundTask, ControlTask
 from rnc_pin.errors import InputError
 from rnc_pin.io.json import Json
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
 

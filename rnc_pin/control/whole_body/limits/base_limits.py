@@ -9,7 +9,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.constraints.wheel_rows import RollingRows
+from rnc_pin.constraints.ground_plane import RollingRows
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows
 from rnc_pin.errors import ConfigurationError, nearest

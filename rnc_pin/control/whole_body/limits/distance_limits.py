@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, Obstacle, PairDistances, PairSelection
-from rnc_pin.collision.flat_contacts import MOST_CORNERS
+from rnc_pin.collision.distance_bounds import MOST_CORNERS
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows, PlannedBraking
 from rnc_pin.errors import ConfigurationError
