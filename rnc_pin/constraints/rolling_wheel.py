@@ -14,11 +14,7 @@ from rnc_pin.constraints.surface_contact import SurfaceContact, SurfaceContactRo
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.linear_algebra import apply, vector_product
 from rnc_pin.model.frame_rows import axis_index
-from rnc_pin.model.kinematics import (
-    OWN_AXES,
-    Kinematics,
-    PositionKinematics,
-)
+from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics
 from rnc_pin.model.parameter_types import Axis, Positive
 from rnc_pin.model.rows import Friction, Phrases, Rows
 from rnc_pin.robots.robot import Robot

@@ -6,13 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rnc_pin.control.controller import (
-    Command,
-    Controller,
-    Description,
-    State,
-    describe,
-)
+from rnc_pin.control.controller import Command, Controller, Description, State, describe
 from rnc_pin.control.position_tracker import PositionState, PositionTracker
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.linear_algebra import apply_transposed

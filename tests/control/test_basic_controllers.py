@@ -1,4 +1,4 @@
-"""Linear-quadratic regulators and the feedback of states, by hand and from scenario files."""
+"""Computed torque, references of the reducing outputs, and linear-quadratic regulators with the feedback of states."""
 
 from types import SimpleNamespace
 
@@ -12,11 +12,65 @@ from controlled_tasks import Cubic
 from rnc_pin.applications.scenario.execution import execute, write
 from rnc_pin.applications.scenario.saved_run import load_run
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.control import StateFeedback
+from rnc_pin.control import ComputedTorque, ReducingOutputController, StateFeedback, VelocityTarget
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.planning import Hold
+from systems import random_states, space_robot
 from textbook_systems import acrobot, wheeled_pendulum
+
+
+class Counting:
+    """A target that is written down."""
+
+    def initial_state(self, measurement):
+        return 5
+
+    def step(self, t, measurement, state):
+        return VelocityTarget(
+            np.array([0.4, -0.2, 0.3]), np.array([1.1, 0.7, -0.9]), estimates=np.array([t])
+        ), state + 1
+
+
+def test_computed_torque_makes_the_velocity_error_fade_at_its_gain():
+    """Closed loop of the model under its force: ``v2_dot = v2d_dot + k (v2d - v2)``."""
+    reduced, k = space_robot(), np.array([3.0, 7.0, 1.5])
+    law = ComputedTorque(reduced, Counting(), k)
+    for q, v2 in random_states(reduced, 3, condition=30.0):
+        m = reduced.at(q, v2).measure()
+        command, state = law.step(0.7, m, law.initial_state(m))
+        assert state == 6
+        rate = reduced.forward_dynamics(q, v2, reduced.allocate(q, command.F))
+        np.testing.assert_allclose(rate, [1.1, 0.7, -0.9] + k * ([0.4, -0.2, 0.3] - v2), atol=1e-8)
+        assert command.estimates.tolist() == [0.7]
+        assert command.v2_desired.tolist() == [0.4, -0.2, 0.3]
+    assert law.describe()["k"] == [3.0, 7.0, 1.5]
+
+
+@pytest.mark.parametrize("monitored", [False, True])
+def test_reducing_outputs_follow_at_their_gains(monitored):
+    """Angles by the shorter way; batches; what is monitored is said and moves nothing."""
+    reference, k2 = Cubic([0.1, 2.9], [0.5, -0.8], [0.4, 0.3], [-0.7, 1.1]), np.array([1.7, 0.6])
+    reduced = SimpleNamespace(r=2, reducing=SimpleNamespace(coordinates=Coordinates([False, True])))
+    aside = (np.array([2, 0]), Hold([0.5, 0.6])) if monitored else None
+    law = ReducingOutputController(reduced, reference, k2, aside)
+    generator = np.random.default_rng(1)
+    m = Measurement(x1=np.zeros((4, 3)), x2=generator.uniform(-2, 2, (4, 2)), v2=generator.normal(size=(4, 2)))
+    target, state = law.step(0.3, m, law.initial_state(m))
+    point = reference.at(0.3)
+    error = point.position - m.x2
+    error[:, 1] = np.angle(np.exp(1j * error[:, 1]))
+    np.testing.assert_allclose(target.v2, point.velocity + k2 * error, rtol=1e-12)
+    np.testing.assert_allclose(target.v2_dot, point.acceleration + k2 * (point.velocity - m.v2), rtol=1e-12)
+    np.testing.assert_array_equal(target.x2, np.tile(point.position, (4, 1)))
+    assert state is target.estimates is target.prediction_error is None
+    if monitored:
+        np.testing.assert_array_equal(target.x1, np.tile([0.6, np.nan, 0.5], (4, 1)))
+    else:
+        assert target.x1 is None
+    with pytest.raises(rnc.ConfigurationError, match="the reducing reference has 3 values for 2 outputs"):
+        ReducingOutputController(reduced, Hold(np.zeros(3)))
+    assert law.describe() == {"type": "ReducingOutputController", "k2": [1.7, 0.6]}
 
 
 def test_modes_out_of_reach_are_named():
