@@ -317,6 +317,21 @@ def mimic_row(robot: Robot, mimic: Mimic) -> CouplingRow | None:
     return None
 
 
+def loose_mimics(robot: Robot, samples: np.ndarray) -> list[Mimic]:
+    """Mimic joints of the robot's file that rows (samples, m, nv) do not couple."""
+    rows = ((mimic, mimic_row(robot, mimic)) for mimic in robot.mimics)
+    return [mimic for mimic, row in rows if row is not None and is_loose(row.matrix[0], samples)]
+
+
+def is_loose(row: np.ndarray, samples: np.ndarray) -> bool:
+    """Return True if a row (nv,) is independent of the rows (samples, m, nv) at some configuration."""
+    for matrix in samples:
+        rest = row - np.linalg.lstsq(matrix.T, row, rcond=None)[0] @ matrix
+        if np.linalg.norm(rest) > 1e-6 * np.linalg.norm(row):
+            return True
+    return False
+
+
 def _period(joint_turns: bool, driver_turns: bool, ratio: float) -> float | None:
     """Period of the residual due to unknown full turns of continuous joints; 0 if none, None if it takes any value."""
     if not driver_turns:
