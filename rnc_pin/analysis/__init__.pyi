@@ -17,7 +17,9 @@ from .integrability import integrability as integrability
 from .limit_effects import LimitEffect as LimitEffect
 from .limit_effects import limit_effects as limit_effects
 from .linearization import Linearization as Linearization
+from .linearization import check_sampling as check_sampling
 from .linearization import linearize as linearize
+from .linearization import lqr as lqr
 from .normal_forces import LiftOff as LiftOff
 from .normal_forces import NormalForces as NormalForces
 from .normal_forces import first_lift_off as first_lift_off
@@ -28,8 +30,6 @@ from .redundancy_class import Evidence as Evidence
 from .redundancy_class import Redundancy as Redundancy
 from .redundancy_class import Spread as Spread
 from .redundancy_class import classify as classify
-from .regulator import check_sampling as check_sampling
-from .regulator import lqr as lqr
 from .report import Report as Report
 from .report import analyze as analyze
 from .singularities import Approach as Approach
