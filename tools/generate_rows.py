@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from rnc_pin._kernel import INTERFACE
-from rnc_pin.constraints.ackermann_steering import linkage
 from rnc_pin.constraints.body_shapes import support_point
+from rnc_pin.constraints.couplings import linkage
 from rnc_pin.constraints.ground_plane import wheel_level, wheel_wrenches
 from rnc_pin.constraints.rolling_body import contact_arm
 from rnc_pin.constraints.surface_contact import curved_gradient, curved_wrench

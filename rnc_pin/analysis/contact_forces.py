@@ -230,6 +230,9 @@ def dependent_groups(linked: Bool[Array, "m m"]) -> list[list[int]]:
     return sorted(groups)
 
 
+# ------------------------------------------------------------------ derivatives
+
+
 class ContactForceGradients:
     """Derivatives of a function of the contact forces by the state and the inputs.
 

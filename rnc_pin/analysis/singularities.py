@@ -164,6 +164,8 @@ def _between(sign: SignOf, reduced: ReducedModel, low: np.ndarray, high: np.ndar
     return way(start)
 
 
+# ------------------------------------------------------------------ Lemma 1
+
 _STEP = 5e-4  # of the finite differences, along the direction of the velocity
 _SHARES = 10.0 ** np.linspace(-1.0, -3.0, 7)  # fractions of the way from a singular configuration to the nearest sample
 _FLAT = 0.2  # growth order below which a quantity counts as bounded

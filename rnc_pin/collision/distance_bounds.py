@@ -159,6 +159,8 @@ def _product(left: Float[Array, "*k 3 3"], right: Float[Array, "*k 3 c"]) -> Flo
     return first + second + third
 
 
+# ------------------------------------------------------------------ corners of contacts
+
 _ANGLE = 0.02  # [rad] below which faces count as parallel: they may become so within a sample
 _SIDES = 8
 MOST_CORNERS = 8

@@ -247,6 +247,8 @@ def _cells(low: Float[Array, "n 3"], size: Float[Array, "n 3"], side: float, nam
     return OccupiedCells(occupied, float(side), origin, name)
 
 
+# ------------------------------------------------------------------ maps
+
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
 _NEEDED = _KEYS[:6]
 _LARGEST = 2**26  # pixels of an image

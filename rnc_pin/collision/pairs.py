@@ -141,6 +141,9 @@ def read_disabled_pairs(path: str | Path, names: Iterable[str]) -> tuple[tuple[s
     return tuple(pair for pair in pairs if valid.issuperset(pair))
 
 
+# ------------------------------------------------------------------ measurement
+
+
 @dataclass(frozen=True)
 class PairDistances:
     """Distances of k pairs at one configuration and time.

@@ -193,6 +193,9 @@ def axes_of_rotation(model: pin.Model) -> Float[Array, "njoints 3"]:
     return axes
 
 
+# ------------------------------------------------------------------ obstacles
+
+
 class MotionPoint(Protocol):
     """Value of a motion at one time, such as a ``ReferencePoint``."""
 

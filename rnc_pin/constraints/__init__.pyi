@@ -2,7 +2,6 @@
 
 from rnc_pin.model.rows import Rows as Rows
 
-from .ackermann_steering import AckermannSteering as AckermannSteering
 from .blades_and_casters import Caster as Caster
 from .blades_and_casters import NoSideSlip as NoSideSlip
 from .body_shapes import Cone as Cone
@@ -10,7 +9,7 @@ from .body_shapes import Cylinder as Cylinder
 from .body_shapes import Ellipsoid as Ellipsoid
 from .body_shapes import Sphere as Sphere
 from .body_shapes import Torus as Torus
-from .body_surface import BodySurface as BodySurface
+from .couplings import AckermannSteering as AckermannSteering
 from .couplings import JointCoupling as JointCoupling
 from .couplings import LoopClosure as LoopClosure
 from .curved_grounds import CurvedGround as CurvedGround
@@ -23,6 +22,7 @@ from .kept_outputs import FixedOutput as FixedOutput
 from .kept_outputs import PrescribedMotion as PrescribedMotion
 from .momentum import MomentumConservation as MomentumConservation
 from .pfaffian import Pfaffian as Pfaffian
+from .rolling_body import BodySurface as BodySurface
 from .rolling_body import RollingBall as RollingBall
 from .rolling_body import RollingBody as RollingBody
 from .rolling_wheel import RollingWheel as RollingWheel

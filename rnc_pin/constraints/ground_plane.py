@@ -181,6 +181,9 @@ class CarriedRows(RelativeRows):
         return self._rows.phrases()._replace(support="", robot="a mechanism whose bodies roll on each other")
 
 
+# ------------------------------------------------------------------ wheels on a plane
+
+
 def wheel_level(axle: Sequence[Entry], normal: Sequence[Entry]) -> Entry:
     """Sine of the angle between the axle of a wheel and the normal of its plane."""
     across = cross(axle, normal)

@@ -311,6 +311,8 @@ def limited_accelerations(controller: object) -> tuple[LimitedAcceleration, ...]
     return () if controller is None else controller.limited_accelerations
 
 
+# ------------------------------------------------------------------ many runs at once
+
 Runs = int | slice | np.ndarray
 """Index of one run, or a mask or indices of some runs."""
 

@@ -122,6 +122,9 @@ class Feedback:
         ), seen.acceleration + self._gain * seen.error_rate
 
 
+# ------------------------------------------------------------------ conditions of adaptation
+
+
 def apply_dead_zone(error: Float[Array, "*batch k"], zone: float | Array) -> Float[Array, "*batch k"]:
     """Return the errors reduced by the zone, entry by entry; zero within it.
 

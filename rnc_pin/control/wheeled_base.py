@@ -241,6 +241,8 @@ def _missing_lateral_rows(reduced: ReducedModel) -> list[RollingRows]:
     return found
 
 
+# ------------------------------------------------------------------ odometry
+
 _ODOMETRY_RANK = 1e-6  # smallest relative singular value of the columns of what is unknown
 _UNKNOWN = 1e-6  # share of the base in a motion that the measured joints do not show
 
@@ -303,8 +305,8 @@ class WheelOdometry(ReprMixin):
         self.base, self._reduced = WheeledBase(reduced, frame), reduced
         self.frame, self.measured = frame, driven_joints(reduced) if measured is None else tuple(measured)
         robot = reduced.robot
-        slices = [robot.velocity_indices(name) for name in self.measured]
-        self._known = np.array([index for each in slices for index in range(each.start, each.stop)], dtype=int)
+        known = [k for name in self.measured for k in range(robot.nv)[robot.velocity_indices(name)]]
+        self._known = np.array(known, dtype=int)
         self._hidden = np.setdiff1d(np.arange(reduced.n), [*self.base.base, *self._known])
         self._validator = ConfigurationValidator(robot)
         generator = np.random.default_rng(0)

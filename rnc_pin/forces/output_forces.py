@@ -102,6 +102,9 @@ def check_entries(what: str, found: np.ndarray, wanted: np.ndarray, doubt: float
         raise ConstraintError(f"{what}: entry {entry}{by} is {found[at]:.6g}, {source} gives {wanted[at]:.6g}")
 
 
+# ------------------------------------------------------------------ kinds
+
+
 @dataclass(frozen=True)
 class Spring:
     """Linear spring: force ``-stiffness (y - rest)`` conjugate to an output y.

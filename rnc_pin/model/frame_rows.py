@@ -77,6 +77,8 @@ def triple(values: Vector, what: str) -> np.ndarray:
     return found
 
 
+# ------------------------------------------------------------------ components of a velocity
+
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
@@ -125,6 +127,8 @@ class FrameVelocityRows(Rows):
         components = np.arange(6)[self._rows].tolist()
         return component_rows(form, attached(model, self._frame), components)
 
+
+# ------------------------------------------------------------------ wrenches
 
 FLAT = 1e-6
 """Sine of the angle between two directions below which they count as parallel."""

@@ -207,6 +207,8 @@ def _dropped(row: int, kept: Sequence[int], matrices: np.ndarray, names: Sequenc
     return DroppedRow(names[row], f"{reason} except for rounding ({rounding:.2g})", rounding)
 
 
+# ------------------------------------------------------------------ conserved momenta
+
 _DRIVES = 1e-12  # entry of B beyond rounding
 _ACTS = 1e-9  # relative entry of a row beyond rounding: a user's loop in world axes is closed to 1e-11 m
 _ROUNDING = 1e-12  # entry of a row relative to the largest entry of all rows

@@ -228,6 +228,9 @@ class ReducedKinematics(ConfigurationEvaluation):
         return Measurement(*fields, self.residual)
 
 
+# ------------------------------------------------------------------ gradients along reducing outputs
+
+
 def kinematic_gradient(here: ConfigurationEvaluation, along: Sequence[int] | Array) -> Float[Array, "*batch k r s"]:
     """Derivatives of ``A_star`` with respect to single reducing outputs, along their motions at unit rate.
 

@@ -228,6 +228,8 @@ class RelativeOutputRows(RelativeRows, OutputRows):
         return self._rows.value(self._seen(at))
 
 
+# ------------------------------------------------------------------ couplings of joints
+
 COUPLED = Phrases(prevents="move coupled joints by themselves")
 
 _LARGEST_DENOMINATOR = 1000

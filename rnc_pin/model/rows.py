@@ -111,6 +111,9 @@ class Phrases(NamedTuple):
     where: str = ""
 
 
+# ------------------------------------------------------------------ rows
+
+
 class Rows(ABC):
     """Linear forms on the velocity, k rows, with their rates and properties.
 

@@ -171,6 +171,9 @@ def _common(names: Sequence[str]) -> str:
     return stems.pop() if len(stems) == 1 and "" not in stems else ", ".join(names)
 
 
+# ------------------------------------------------------------------ tasks
+
+
 @dataclass(frozen=True, repr=False)
 class Task(ReprMixin):
     """Division of the reducing outputs into primary ones (x21), which the task prescribes, and redundant ones (x22).

@@ -149,6 +149,8 @@ def _compare(what: str, bound: NodeBound, values: dict[str, float], room: float 
         raise InfeasibleError(f"{what}: {title} = {value:.6g} is {side} the limit {limit:.6g}{source}")
 
 
+# ------------------------------------------------------------------ planning
+
 _EXPENSIVE = (DISTANCE, "normal_force", "grip")  # bounds whose rows take most of the time of a solution
 _USUAL = 5  # guesses among whose solutions the cheapest is chosen, where the straight line does not hold the rows
 _ROUNDING = 1e-6  # of a velocity along the straight line

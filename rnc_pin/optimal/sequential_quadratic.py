@@ -272,6 +272,8 @@ def _merit_of_subproblem(
     return cost + weight * float((beyond[shift:, : sizes.rows.shape[1]] / sizes.rows).sum())
 
 
+# ------------------------------------------------------------------ solutions from guesses
+
 _RELAXED = ("straight line", "loop", "random")  # guesses that do not tell on which side of obstacles they pass
 
 

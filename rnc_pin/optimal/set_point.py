@@ -274,6 +274,8 @@ class SetPointRows:
         return linear + share * bent, linear_q + share[:, :, None] * bent_q + bent[:, :, None] * share_q[:, None]
 
 
+# ------------------------------------------------------------------ stalls of predictive control
+
 AT_REST = 0.02
 """Reduced velocity below which a robot stands [m/s or rad/s]."""
 TOLERANCE = 1e-2

@@ -136,9 +136,13 @@ class DirectionAngleRow(DirectionRows, OutputRows):
         robot: the robot that has the frame.
         frame: name of the frame.
         axis: the frame's own axis, "x", "y" or "z".
+
+    Attributes:
+        in_kernel: the row and its value in the compiled kernel; None if Python evaluates them.
     """
 
     units = ("rad/s",)
+    in_kernel: tuple[Form, Value] | None = None
 
     def __init__(self, robot: Robot, frame: str, axis: str) -> None:
         self.frame, self._axis = robot.frame_id(frame), axis_index(axis)
@@ -149,6 +153,12 @@ class DirectionAngleRow(DirectionRows, OutputRows):
 
     def _direction(self, at: PositionKinematics) -> np.ndarray:
         return at.rotation(self.frame)[..., self._axis]
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
+        if self.in_kernel is None:
+            return None
+        (form, value), numbers = self.in_kernel, self.directions[:, 0].tolist()
+        return [KernelRow(form, (attached(model, self.frame),), (self._axis,), numbers, value=(value, 0))]
 
 
 @dataclass(frozen=True)
@@ -179,6 +189,7 @@ class FrameYaw:
 
 class _FrameYawRow(DirectionAngleRow):
     angular = (True,)
+    in_kernel = Form.YAW, Value.HEADING
     undefined = "a yaw is not defined for a vertical axis"
 
     def __init__(self, kind: FrameYaw, robot: Robot) -> None:
@@ -191,10 +202,6 @@ class _FrameYawRow(DirectionAngleRow):
     def value(self, at: PositionKinematics) -> np.ndarray:
         x, y, _ = np.moveaxis(self._direction(at), -1, 0)
         return np.arctan2(y, x)[..., None]
-
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        numbers = self.directions[:, 0].tolist()
-        return [KernelRow(Form.YAW, (attached(model, self.frame),), (self._axis,), numbers, value=(Value.HEADING, 0))]
 
 
 @dataclass(frozen=True)
@@ -226,6 +233,7 @@ class FrameTilt:
 
 class _TiltRow(DirectionAngleRow):
     angular = (False,)
+    in_kernel = Form.TILT, Value.ELEVATION
     undefined = "the tilt of a vertical axis has no rate"
 
     def __init__(self, kind: FrameTilt, robot: Robot) -> None:
@@ -238,12 +246,6 @@ class _TiltRow(DirectionAngleRow):
     def value(self, at: PositionKinematics) -> np.ndarray:
         x, y, z = np.moveaxis(self._direction(at), -1, 0)
         return np.arctan2(z, np.hypot(x, y))[..., None]
-
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        numbers = self.directions[:, 0].tolist()
-        return [
-            KernelRow(Form.TILT, (attached(model, self.frame),), (self._axis,), numbers, value=(Value.ELEVATION, 0))
-        ]
 
 
 @dataclass(frozen=True)

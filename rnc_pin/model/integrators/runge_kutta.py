@@ -130,6 +130,8 @@ def _free(u: np.ndarray) -> tuple[np.ndarray, float]:
 _ADJOINTS = {"JointModelPlanar": _planar, "JointModelSpherical": _spherical, "JointModelFreeFlyer": _free}
 
 
+# ------------------------------------------------------------------ equal steps
+
 DEFAULT_TOLERANCE = 1e-7
 """Largest error that the integration adds in a second [m, rad, m/s or rad/s]."""
 
@@ -210,6 +212,8 @@ class LieRungeKutta4:
         largest = max(np.abs(three - two).max(initial=0.0), np.abs(one - two - three + four).max(initial=0.0))
         return pin.integrate(self._model, q, u), y + by, h * float(largest)
 
+
+# ------------------------------------------------------------------ adaptive steps
 
 _SHORT = 1e-9  # step size that counts as too short, relative to the whole duration
 _PATIENCE = 50  # largest number of consecutive steps that are too short

@@ -88,6 +88,8 @@ class ControlLimit(ABC):
         """
 
 
+# ------------------------------------------------------------------ decelerations
+
 _BRAKING = 0.5  # share of the efforts that may be planned for stopping
 _LEAST = 0.1  # of that deceleration remains where gravity takes more
 _NO_EFFECT = 1e-9  # [m/s^2 or rad/s^2 per N m] below which an actuator does not change a row

@@ -309,8 +309,8 @@ class AccelerationLimit(ControlLimit):
             quantity: Literal["v", "v2"] = "v2"
             columns, names = list(range(reduced.r)), list(reduced.reducing.names)
         else:
-            quantity, velocities = "v", [reduced.robot.velocity_indices(name) for name in joints]
-            columns = [index for each in velocities for index in range(each.start, each.stop)]
+            quantity = "v"
+            columns = [k for name in joints for k in range(reduced.n)[reduced.robot.velocity_indices(name)]]
             names = [reduced.robot.velocity_names[index] for index in columns]
         if largest.shape not in ((), (len(names),)) or not ((largest > 0) & (largest < np.inf)).all():
             raise ConfigurationError(

@@ -99,6 +99,9 @@ class ControlTask(ABC):
         return np.array(np.broadcast_to(array, (size,)))
 
 
+# ------------------------------------------------------------------ tasks
+
+
 @dataclass(frozen=True)
 class OutputTask(ControlTask):
     """Output that follows a reference: ``J v = xd_dot + gain (xd - x)``.

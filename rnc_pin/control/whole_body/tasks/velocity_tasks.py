@@ -45,8 +45,7 @@ class _BoundDamping(BoundTask):
         self._jacobian: np.ndarray | None = None
         names: Sequence[str] = reduced.reducing.names
         if task.joints is not None:
-            places = [reduced.robot.velocity_indices(name) for name in task.joints]
-            indices = [index for each in places for index in range(each.start, each.stop)]
+            indices = [k for name in task.joints for k in range(reduced.n)[reduced.robot.velocity_indices(name)]]
             names, self._jacobian = [reduced.robot.velocity_names[k] for k in indices], np.eye(reduced.n)[indices]
         self.names = tuple(f"{name} damping" for name in names)
         self._rest = np.zeros(len(names))
@@ -86,8 +85,7 @@ class _BoundPosture(BoundTask):
         if not task.joints:
             raise ConfigurationError("a posture needs at least one joint with its position")
         self._goal = robot.configuration(task.joints)
-        places = [robot.velocity_indices(name) for name in task.joints]
-        self._v = [index for each in places for index in range(each.start, each.stop)]
+        self._v = [k for name in task.joints for k in range(robot.nv)[robot.velocity_indices(name)]]
         self.names = tuple(f"{robot.velocity_names[index]} posture" for index in self._v)
         self._model, self._gain = robot.model, task.numbers("gain", task.gain, len(self._v))
         self._jacobian = np.eye(reduced.n)[self._v]
