@@ -212,7 +212,7 @@ def adapt(
 
     The step is bounded as in the trackers: it never corrects more than the measured error, so ``|p - phat|`` does not
     grow (Lemma 4). With noise within the dead zone it does not grow for small steps, because the law ignores such
-    errors (``control.adaptation``). Clipping to a box that contains p does not make it grow either.
+    errors (``control.feedback``). Clipping to a box that contains p does not make it grow either.
     """
     step = gain * elapsed
     has_zone = bool(dead_zone) if isinstance(dead_zone, float) else bool(np.any(dead_zone))

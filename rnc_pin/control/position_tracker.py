@@ -51,7 +51,7 @@ class PositionTracker(DescribedMixin):
     with ``q = k2 e / (k1 gamma) - w / gamma``. Filter and leak are exact over a sample.
 
     For an output with saturated actuators, the learnt force does not grow in the saturated direction
-    (``control.adaptation``). For an output with an error within the dead zone, it does not change at all.
+    (``control.feedback``). For an output with an error within the dead zone, it does not change at all.
 
     Reads from the measurement: ``x2``, and ``force_deficit`` if available.
 

@@ -49,9 +49,9 @@ class VelocityTracker(DescribedMixin):
     large ``beta |w|^2 dt`` is (explicit Euler diverges above 2). For small steps both are the paper's.
 
     With a dead zone z the laws use only the part of ``e_v`` beyond z. For an output within the zone, adaptation and
-    leak stop. So velocity noise below z causes no drift (``control.adaptation``); only the feedback k corrects errors
+    leak stop. So velocity noise below z causes no drift (``control.feedback``); only the feedback k corrects errors
     below z. For an output with saturated actuators, the learnt force does not grow in the saturated direction
-    (``control.adaptation``).
+    (``control.feedback``).
 
     With modes S in the gains, all of this holds for the mode velocities ``S^T v2``, with ``F = S F'``: F' follows from
     the same law, and so do its learnt gains. The power ``F^T v2`` is that of the modes.
