@@ -84,7 +84,8 @@ class ControlLoop(ReprMixin):
         controller: a controller of this package or of the same protocol. Or a function from the first measurement to a
             controller, so that its references start at the measured state.
         dt: nominal sampling period [s].
-        options: options by name: fields of ``LoopSettings``, such as ``velocity``, ``limits`` or ``fallback``.
+        options: options by name, the fields of ``LoopSettings``: ``velocity``, ``cutoff``, ``limits``, ``fallback``,
+            ``timeout``, ``max_speed``, ``min_singular_value`` and ``brake``.
 
     Attributes:
         settings: options of the loop.
