@@ -284,8 +284,6 @@ class _Coordinates:
         return np.concatenate(found) if found else np.empty(0)
 
 
-# ------------------------------------------------------------------ regulator
-
 Cost = float | Sequence[float] | Mapping[str, float] | Array
 
 _SLOW = 1e-5  # real part, relative to the size of A, above which a mode counts as not stable
