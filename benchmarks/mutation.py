@@ -38,7 +38,7 @@ TESTS = (
     *(f"tests/{name}" for name in PACKAGES), "tests/simulation/test_simulate.py",
     "tests/system/test_single_joint.py", "tests/robots/test_vehicles.py",
     "tests/system/test_regular_motion.py", "tests/system/test_wheel_rows.py", "tests/system/test_rounded_rows.py",
-    "tests/system/test_uncertain_wheels.py", "tests/test_printing.py", "tests/visualization/test_surroundings.py",
+    "tests/system/test_uncertain_wheels.py", "tests/test_printing.py", "tests/visualization/test_scene_bodies.py",
 )  # fmt: skip
 IN_ANNOTATIONS = "core/ReplaceBinaryOperator_BitOr_"  # nothing evaluates these
 START_UP = 60.0  # [s] that pytest and its imports may take

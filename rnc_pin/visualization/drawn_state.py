@@ -13,9 +13,8 @@ from annotated_types import Len
 
 from rnc_pin.collision import Obstacle
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.model.mechanisms import GroundSurface
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.rows import ConstraintKind
+from rnc_pin.model.rows import ConstraintKind, GroundSurface
 from rnc_pin.printing import printed
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import OutputNames, Sample, Trajectory, output_names

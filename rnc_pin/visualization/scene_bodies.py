@@ -23,8 +23,8 @@ import pinocchio as pin
 from rnc_pin.collision import Obstacle
 from rnc_pin.errors import ModelError, ModelWarning
 from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.model.mechanisms import GroundSurface, carrier_of
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.rows import GroundSurface, carrier_of
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.description_files import is_below
 from rnc_pin.robots.sources.mesh_formats import convex_hull
