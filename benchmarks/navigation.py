@@ -56,7 +56,7 @@ SYSTEMS: dict[str, Callable[[], rnc.ReducedModel]] = {
     "mobile manipulator": mobile_manipulator,
 }
 FOLLOWING, CLEARANCE = WayFollowing(acceleration=2.0), 0.05
-DT, DURATION, REST = 0.05, 45.0, 1.0  # [s]; of a sample, of a run, and at its end
+DT, DURATION, REST = 0.05, 120.0, 1.0  # [s]; of a sample, of a run, and at its end
 ENDS, HALF, FREE = 3.5, 2.5, 0.3  # [m] from the middle to start and goal, half width, room around start and goal
 BOXES, CHANGES, CARTS, TRIES = 5, 4, 2, 200
 LIMIT = 0.02  # [s] of processor time that a step may take

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import ClassVar, Literal, NamedTuple
 
@@ -18,8 +18,8 @@ from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import KinematicModel
 from rnc_pin.optimal.bounds import Goal, GoalRows
+from rnc_pin.optimal.giving_way import GivingWay
 from rnc_pin.optimal.way_following import FollowedWay, WayFollower, WayFollowing, WayProgress
-from rnc_pin.planning.exact_steering import ExactMotion
 from rnc_pin.planning.way import Way
 from rnc_pin.planning.way_checking import WayChecker
 from rnc_pin.planning.way_finding import WayFinder, WaySettings
@@ -27,17 +27,20 @@ from rnc_pin.planning.way_finding import WayFinder, WaySettings
 _MOVED = 1e-3  # [m or rad]; an obstacle that is farther from where it was seen has moved
 _SETTLE = 0.5  # [s] at rest until the measured configuration counts
 _END = 1e-9  # [s] before a time that counts as the time
+_APART = 0.5  # [s] along the way between places at which the robot may stop for something
+_IRREGULAR = 1e-3  # relative difference of steps after which predictions begin anew
 _STEP = 0.02  # [s]; time of a step of predictions before the first step
 _ALWAYS = 1e9  # [s]; searches end by motions, not by time
 
-Status = Literal["following", "waiting", "stopping", "replanning", "no way", "arrived"]
+Status = Literal["following", "waiting", "stopping", "replanning", "giving way", "no way", "arrived"]
+_DRIVES: Container[Status] = ("following", "waiting", "stopping", "giving way")
 
 
 class NavigationState(NamedTuple):
     """Way, the place on it, and the search for the next one."""
 
     status: Status
-    """"following" a way, "waiting" or "stopping" on it, "replanning" at rest, "no way", or "arrived"."""
+    """"following" a way, "waiting" or "stopping" on it, "replanning" at rest, "giving way", "no way", or "arrived"."""
     t: float | None
     """Time of the last step [s]."""
     begin: float
@@ -48,18 +51,24 @@ class NavigationState(NamedTuple):
     """Time between the last steps [s]."""
     end: float
     """Place at which the robot stops."""
-    doubt: float | None
-    """Place that is crossed, for which the robot brakes, until the next step decides where it waits."""
+    safe: float
+    """Time until which nothing reaches a robot that drives there and stands; with a threat, its time [s]."""
+    threat: str
+    """Obstacle that reaches it before the horizon; "" for none."""
+    tries: int
+    """Other places to stop that were tried, or looks at what blocks the way of a robot that waits."""
     world: int
     """Number of the obstacles that were set last, as far as the way was checked."""
+    watched: int
+    """The same, as far as obstacles that move were watched."""
     seen: float
-    """Time at which obstacles that move were seen [s]."""
+    """Time at which they were watched [s]."""
     posed: float
     """Time of the poses of these obstacles in the search [s]."""
     start: Float[Array, " s"]
     """Configuration from which the search starts; empty if the measured one counts, after the stop."""
     slices: int
-    """Slices of the search that were made."""
+    """Slices of the search that were made; negative after the last one."""
     searches: int
     ways: int
     reason: str
@@ -155,7 +164,7 @@ class NavigationController(DescribedMixin):
             )
         self._planned = self._finder.planned
         self._follower = WayFollower(self._model, self._planned, following)
-        self._running: tuple[tuple[int, float, bytes, int], int, Iterator[Way | None]] | None = None
+        self._running: tuple[tuple[object, ...], int, Iterator[Way | FollowedWay | None]] | None = None
         self._world = -1
         self.set_obstacles(obstacles)
         self.status: Status = "replanning"
@@ -209,8 +218,11 @@ class NavigationController(DescribedMixin):
             progress=WayProgress(),
             since=_STEP,
             end=0.0,
-            doubt=None,
+            safe=-np.inf,
+            threat="",
+            tries=0,
             world=-1,
+            watched=-1,
             seen=-np.inf,
             posed=0.0,
             start=q,
@@ -225,15 +237,20 @@ class NavigationController(DescribedMixin):
     ) -> tuple[VelocityTarget, NavigationState]:
         q, since = np.asarray(measurement.q, dtype=float), elapsed_time(t, state.t)
         progress = self._follower.moved(state.way, state.progress, state.end, since)
+        if abs(since - state.since) > _IRREGULAR * since:
+            state = state._replace(safe=-np.inf)  # what was predicted had other steps
         state = state._replace(t=t, progress=progress, since=since or state.since)
-        if state.status in ("following", "waiting", "stopping"):
+        if state.status in _DRIVES:
             state = self._along(t, q, state)
-        elif state.status == "replanning":
-            state = self._searched(t, state)
         elif state.status == "no way" and self._is_new(t, state):
             state = self._begun(t, state.start, state)
         elif state.status == "arrived" and t >= state.begin + _SETTLE and self._is_away(q):
             state = self._begun(t, q, state)
+        state = self._watched(t, state)
+        if state.threat:
+            state = self._avoided(t, state)
+        elif state.status == "replanning":
+            state = self._searched(t, state)
         self.status, self.reason = state.status, state.reason
         v2, v2_dot = self._follower.command(state.way, state.progress, q)
         return VelocityTarget(v2=v2, v2_dot=v2_dot), state
@@ -252,40 +269,54 @@ class NavigationController(DescribedMixin):
     # ------------------------------------------------------------------ the world
 
     def _is_new(self, t: float, state: NavigationState) -> bool:
-        """True if the obstacles are others than those that were seen last, or elsewhere."""
+        """True if the obstacles are others than at the end of the last search, or elsewhere."""
         if state.world != self._world:
             return True
-        if self._moving is None or t < state.seen + self.following.check - _END:
+        if self._moving is None or t < state.begin + self.following.check - _END:
             return False
-        return any(_distance(each, t, state.seen) > _MOVED for each in self._moving.distances.obstacles)
+        return any(_distance(each, t, state.begin) > _MOVED for each in self._moving.distances.obstacles)
 
     def _is_free(self, state: NavigationState, first: float, last: float) -> bool:
         """True if the way is free between two places, among obstacles that stand."""
         if self._standing is None or not len(state.way.v):
             return True
-        places = self._places(state.way, first, last)
-        k = np.searchsorted(state.way.time, 0.5 * (places[1:] + places[:-1]), "right") - 1
-        steps = np.diff(places)[:, None] * state.way.v[k]
-        return self._standing.is_free(ExactMotion(self._follower.at(state.way, places), steps))
+        return self._standing.is_free(self._follower.between(state.way, first, last))
 
-    def _stays_blocked(self, t: float, first: float, state: NavigationState) -> str:
-        """Obstacle that blocks the rest of the way from a place, as it will stand at a time; "" for none."""
-        places = self._places(state.way, first, state.way.end)
-        q = self._follower.at(state.way, places)
-        return "" if self._moving is None else self._moving.crossing(np.full(len(places), t), q)[0]
+    def _stays_blocked(self, t: float, state: NavigationState) -> str:
+        """Obstacle that blocks the rest of the way both in the middle and at the end of the horizon; "" for none."""
+        name, q = "", self._follower.between(state.way, state.end, state.way.end).q
+        for part in (0.5, 1.0):
+            assert self._moving is not None
+            name = self._moving.crossing(np.full(len(q), t + part * self.following.horizon), q)[0]
+            if not name:
+                break
+        return name
 
-    @staticmethod
-    def _places(way: FollowedWay, first: float, last: float) -> Float[Array, " n"]:
-        """Two places, and the nodes between them."""
-        return np.concatenate([[first], way.time[(way.time > first + _END) & (way.time < last - _END)], [last]])
+    def _crossing(self, t: float, end: float, state: NavigationState, first: float = -np.inf) -> tuple[str, float]:
+        """Obstacle that crosses a drive to a place, or a robot that stands there, from a time to the horizon, and when.
 
-    def _crossing(self, t: float, end: float, state: NavigationState) -> tuple[str, float]:
-        """Obstacle that crosses a drive to a place before the horizon, and the place of the robot then; "" for none."""
-        if self._moving is None:
-            return "", end
+        The name is "" if bounds show that none does.
+        """
+        last = t + self.following.horizon
+        if self._moving is None or first >= last - _END:
+            return "", last
         times, places = self._follower.predicted(state.way, state.progress, end, state.since)
-        name, at = self._moving.crossing(t + times, self._follower.at(state.way, places))
-        return name, float(np.interp(at - t, times, places))
+        times = t + times
+        if first > t:
+            later = times > first + _END
+            places = np.append(np.interp(first, times, places), places[later])
+            times = np.append(first, times[later])
+        return self._moving.crossing(times, self._follower.at(state.way, places))
+
+    def _watched(self, t: float, state: NavigationState) -> NavigationState:
+        """State after a look at what comes towards the robot, at the part of the horizon that it has not seen."""
+        new = state.watched != self._world
+        if not new and (t < state.seen + self.following.check - _END or (state.threat and t < state.safe)):
+            return state
+        first = t if new or state.threat else state.safe
+        name, at = self._crossing(t, state.end, state, first)
+        state = state._replace(watched=self._world, seen=t, threat=name)
+        return state._replace(safe=at, tries=0) if name else state._replace(safe=t + self.following.horizon)
 
     # ------------------------------------------------------------------ along the way
 
@@ -293,59 +324,86 @@ class NavigationController(DescribedMixin):
         """State that follows its way, waits on it, or leaves it."""
         lost = state.status == "stopping" and not len(state.start)
         if not lost and self._follower.away(state.way, state.progress.place, q) > self.following.tube:
-            reason = "the robot is off its way"
-            end = self._follower.braked(state.way, state.progress)
-            return state._replace(status="stopping", begin=t, end=end, start=np.empty(0), reason=reason)
-        looks = state.world != self._world or (
-            self._moving is not None and t >= state.seen + self.following.check - _END
-        )
-        if not lost and looks:
+            stopping = self._stopping(t, "the robot is off its way", state)
+            return stopping._replace(start=np.empty(0))
+        if not lost and state.world != self._world:
             state = self._looked(t, state)
-        elif state.status == "waiting" and state.doubt is not None:
-            state = self._chosen(t, state.doubt, state)
         if state.status == "stopping" and not state.progress.speed:
             return self._stopped(t, q, state)
-        if state.status == "following" and state.progress.place >= state.end:
-            return state._replace(status="arrived", begin=t)
+        if state.status == "waiting" and not state.threat:
+            state = self._waited(t, state)
+        if state.progress.place >= state.end and not state.threat:
+            if state.status == "following":
+                return state._replace(status="arrived", begin=t)
+            if state.status == "giving way":
+                return self._begun(t, self._follower.at(state.way, state.end)[0], state)
         return state
 
     def _looked(self, t: float, state: NavigationState) -> NavigationState:
-        """State after a look at the world: the robot drives on, waits, or stops."""
-        blocked = state.status == "stopping"  # unless the world has changed
-        if state.world != self._world:
-            blocked = not self._is_free(state, state.progress.place, state.way.end)
-        state = state._replace(world=self._world, seen=t)
+        """State after a look at other obstacles that stand: the robot stops on its way, or drives on."""
+        free = self._is_free(state, state.progress.place, state.way.end)
+        state = state._replace(world=self._world)
+        if state.status == "stopping" and free:
+            return state._replace(status="following", begin=t, end=state.way.end, safe=t, reason="")
+        if state.status == "stopping" or free:
+            return state
         braked = self._follower.braked(state.way, state.progress)
-        if blocked:
-            if state.status == "stopping":
-                return state
-            late = not self._is_free(state, state.progress.place, braked)
-            return self._stopping(t, f"the way is blocked{' nearer than the robot can stop' if late else ''}", state)
-        name, place = self._crossing(t, state.way.end, state)
-        if not name:
-            begin = state.begin if state.status == "following" else t
-            return state._replace(status="following", begin=begin, end=state.way.end, doubt=None, reason="")
-        begin = state.begin if state.status == "waiting" else t
-        state = state._replace(status="waiting", begin=begin, end=braked, doubt=place)
-        return state._replace(reason=f"waits for {name}")
+        late = not self._is_free(state, state.progress.place, braked)
+        return self._stopping(t, f"the way is blocked{' nearer than the robot can stop' if late else ''}", state)
 
-    def _chosen(self, t: float, place: float, state: NavigationState) -> NavigationState:
-        """State that waits where nothing reaches the robot, before a place that is crossed, or gives the way up."""
-        state = state._replace(doubt=None)
-        name = self._stays_blocked(t + self.following.horizon, state.end, state)
-        if name:
-            return self._stopping(t, f"{name} will block the way", state)
-        between = 0.5 * (state.end + place)
-        for end in [state.end, between] if between > state.end + _END else [state.end]:
-            name = self._crossing(t, end, state)[0]
-            if not name:
-                return state._replace(end=end)
-        return state._replace(reason=f"{name} comes nearer than the robot can avoid")
+    def _waited(self, t: float, state: NavigationState) -> NavigationState:
+        """State that goes on if nothing crosses the way any more, or takes another one if it stays blocked."""
+        if t >= state.begin + state.tries * self.following.horizon:
+            name = self._stays_blocked(t, state)
+            if name:
+                return self._stopping(t, f"{name} will block the way", state)
+            return state._replace(tries=state.tries + 1)
+        if t < state.seen + self.following.check - _END or self._crossing(t, state.way.end, state)[0]:
+            return state
+        return self._driving(t, state.way.end, state)
+
+    def _driving(self, t: float, end: float, state: NavigationState) -> NavigationState:
+        """State that drives to a place of its way, at which nothing reaches it until the horizon."""
+        status: Status = "following" if end >= state.way.end else "waiting"
+        reason = f"waits for {state.threat}" if status == "waiting" else ""
+        if state.status == "giving way":
+            status, reason = state.status, state.reason
+        begin = state.begin if status == state.status else t
+        state = state._replace(status=status, begin=begin, end=end, reason=reason)
+        return state._replace(safe=t + self.following.horizon, seen=t, threat="", tries=0)
+
+    def _avoided(self, t: float, state: NavigationState) -> NavigationState:
+        """State that has looked for one other place to stop on its way, or elsewhere if it stands."""
+        (place, speed, _), braked = state.progress, self._follower.braked(state.way, state.progress)
+        if state.status in ("following", "waiting") or (state.status == "giving way" and place < state.end):
+            ends = [*([state.way.end] if state.end < state.way.end else []), *([braked] if speed else [])]
+            ends += list(np.arange(braked + _APART, min(braked + self.following.horizon, state.way.end), _APART))
+            if state.tries < len(ends):
+                end = float(ends[state.tries])
+                free = not self._crossing(t, end, state)[0]
+                return self._driving(t, end, state) if free else state._replace(tries=state.tries + 1)
+            state = state._replace(end=braked)
+        if speed or (state.status == "stopping" and not len(state.start)):
+            return state
+        return self._given_way(t, state)
+
+    def _given_way(self, t: float, state: NavigationState) -> NavigationState:
+        """State of a robot at rest after one slice of the search for a place where nothing reaches it."""
+        if state.status != "giving way" or state.slices < 0 or state.world != self._world:
+            state = state._replace(status="giving way", begin=t, end=state.progress.place, world=self._world)
+            state = state._replace(slices=0, searches=state.searches + 1, reason=f"gives way to {state.threat}")
+        found = self._slice(state)
+        state = state._replace(slices=state.slices + 1)
+        if not isinstance(found, FollowedWay):
+            late = t > state.safe
+            return state._replace(reason=f"{state.threat} comes nearer than the robot can avoid") if late else state
+        away = state._replace(way=found, progress=WayProgress(), end=found.end, slices=-1)
+        return state if self._crossing(t, found.end, away)[0] else self._driving(t, found.end, away)
 
     def _stopping(self, t: float, reason: str, state: NavigationState) -> NavigationState:
         end = self._follower.braked(state.way, state.progress)
         start = self._follower.at(state.way, end)[0]
-        return state._replace(status="stopping", begin=t, end=end, start=start, reason=reason)
+        return state._replace(status="stopping", begin=t, end=end, safe=t, threat="", start=start, reason=reason)
 
     def _stopped(self, t: float, q: Array, state: NavigationState) -> NavigationState:
         """State that begins to search where the robot stands."""
@@ -353,46 +411,60 @@ class NavigationController(DescribedMixin):
             return self._begun(t, state.start, state)
         if state.progress.rate or t < state.begin + _SETTLE:  # the measured configuration counts after it has settled
             return state
-        return self._begun(t, q, state)
+        here = state._replace(way=self._follower.standing(q), progress=WayProgress(), end=0.0, safe=t)
+        return self._begun(t, q, here)
 
     # ------------------------------------------------------------------ the search
 
     def _begun(self, t: float, start: Array, state: NavigationState, ahead: float | None = None) -> NavigationState:
         """State that searches from a configuration, beside obstacles as they will stand at the horizon."""
         posed = t + (self.following.horizon if ahead is None else ahead)
-        state = state._replace(slices=0, searches=state.searches + 1, world=self._world, seen=t, posed=posed)
+        state = state._replace(slices=0, searches=state.searches + 1, world=self._world, posed=posed)
         return state._replace(status="replanning", begin=t, start=np.array(start))
 
     def _searched(self, t: float, state: NavigationState) -> NavigationState:
-        """State after one slice of the search."""
+        """State after one slice of the search, or at the start of the way that it found."""
         if state.world != self._world:
             state = self._begun(t, state.start, state)
+        if state.slices < 0:
+            name = self._crossing(t, state.way.end, state)[0]
+            if not name:
+                return self._driving(t, state.way.end, state)
+            return state._replace(status="waiting", begin=t, tries=0, reason=f"waits for {name}")
         try:
             way = self._slice(state)
         except RncError as error:
             if self._moving is not None and state.posed > t:  # not before the horizon, but perhaps now
                 return self._begun(t, state.start, state, 0.0)
             return state._replace(status="no way", begin=t, reason=str(error))
-        state = state._replace(slices=state.slices + 1)
-        if way is None:
-            return state
+        if not isinstance(way, Way):
+            return state._replace(slices=state.slices + 1)
         followed = self._follower.followed(way)
-        state = state._replace(way=followed, progress=WayProgress(), end=0.0, ways=state.ways + 1, reason="")
-        return self._looked(t, state)
+        state = state._replace(way=followed, progress=WayProgress(), end=0.0, ways=state.ways + 1, slices=-1)
+        return self._searched(t, state) if self._moving is None else state
 
-    def _slice(self, state: NavigationState) -> Way | None:
+    def _slice(self, state: NavigationState) -> Way | FollowedWay | None:
         """Result of the next slice of a search; a state from elsewhere repeats the slices before it."""
-        key = state.world, state.posed, state.start.tobytes(), state.searches
+        key = state.status, state.world, state.posed, state.start.tobytes(), state.searches
         if self._running is None or self._running[:2] != (key, state.slices):
-            finder = self._finder.among([each.at_rest(state.posed) for each in self._obstacles])
-            seed, size = self.seed + state.searches, self.following.slice_size
-            best = _best(finder.slices(state.start, self.goal, seed, size))
+            slices = self._slices(state)
             for _ in range(state.slices):
-                next(best)
-            self._running = key, state.slices, best
+                next(slices)
+            self._running = key, state.slices, slices
         slices = self._running[2]
         self._running = key, state.slices + 1, slices
         return next(slices)
+
+    def _slices(self, state: NavigationState) -> Iterator[Way | FollowedWay | None]:
+        """Search for a way to the goal, or for a place to give way."""
+        seed, size = self.seed + state.searches, self.following.slice_size
+        if state.status == "giving way":
+            assert self._moving is not None
+            still = self._finder.among([each for each in self._obstacles if each.motion is None])
+            giving = GivingWay(still, self._moving, self._follower, self.following)
+            return giving.slices(state.begin, state.since, state.way, state.progress.place, seed)
+        finder = self._finder.among([each.at_rest(state.posed) for each in self._obstacles])
+        return _best(finder.slices(state.start, self.goal, seed, size))
 
 
 def _best(slices: Iterator[Way | None]) -> Iterator[Way | None]:

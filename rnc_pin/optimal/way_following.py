@@ -14,6 +14,7 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.parameter_types import Positive, check_positive_settings
 from rnc_pin.optimal.action_models import KinematicModel, Nodes
 from rnc_pin.optimal.plan_feedback import regulator_gains
+from rnc_pin.planning.exact_steering import ExactMotion
 from rnc_pin.planning.way import Way
 
 _SPACING = 0.05  # [m or rad]; largest displacement between two gains of the feedback
@@ -137,6 +138,21 @@ class WayFollower:
             return np.repeat(way.q[:1], len(s), axis=0)
         k = np.clip(np.searchsorted(way.time, s, "right") - 1, 0, len(way.v) - 1)
         return self._model.manifold.integrate(way.q[k], (s - way.time[k])[:, None] * way.v[k])
+
+    def between(self, way: FollowedWay, first: float, last: float) -> ExactMotion:
+        """Motion along the way between two places; backwards if the second one comes first.
+
+        Args:
+            way: the way, with nodes.
+            first: place of the start.
+            last: place of the end.
+        """
+        low, high = min(first, last), max(first, last)
+        inner = way.time[(way.time > low + _END) & (way.time < high - _END)]
+        places = np.concatenate([[low], inner, [high]])
+        k = np.searchsorted(way.time, 0.5 * (places[1:] + places[:-1]), "right") - 1
+        q, steps = self.at(way, places), np.diff(places)[:, None] * np.where(self._planned, way.v[k], 0.0)
+        return ExactMotion(q, steps) if last >= first else ExactMotion(q[::-1], -steps[::-1])
 
     def away(self, way: FollowedWay, place: float, q: Float[Array, " nq"]) -> float:
         """Distance of the planned joints from a place of the way [m or rad]."""

@@ -58,7 +58,7 @@ class WayChecker:
         self.tolerance = default_tolerance(distances)
         self._beside = distances.shape_pairs[1] >= distances.link_shapes
         self._least = np.where(self._beside, clearance + self.tolerance, 0.0)
-        self._manifold = ConfigurationManifold(distances.robot.model)
+        self.manifold = ConfigurationManifold(distances.robot.model)
         self.blocks = np.zeros(len(distances.pairs), dtype=int)
         self.checked = 0
 
@@ -124,7 +124,7 @@ class WayChecker:
         wanted = _HALVED[: int(np.clip(ends[-1] / _SPACING, 2, len(_HALVED)))] * ends[-1]
         before = np.minimum(np.searchsorted(ends, wanted), len(lengths) - 1)
         parts = 1.0 - (ends[before] - wanted) / lengths[before]
-        return self._manifold.integrate(motion.q[before], parts[:, None] * motion.steps[before])
+        return self.manifold.integrate(motion.q[before], parts[:, None] * motion.steps[before])
 
     def narrowest(self, time: Float[Array, " n"], q: Float[Array, "n nq"], within: float) -> NarrowPlace | None:
         """Narrowest place beside obstacles along a motion; None if no obstacle is nearer than ``within`` [m]."""
@@ -136,7 +136,7 @@ class WayChecker:
         at = float(found.time[nearest])
         k = int(np.clip(np.searchsorted(time, at) - 1, 0, len(time) - 2))
         part = (at - time[k]) / max(time[k + 1] - time[k], 1e-300)
-        place = self._manifold.interpolate(q[k], q[k + 1], np.array([part]))[0]
+        place = self.manifold.interpolate(q[k], q[k + 1], np.array([part]))[0]
         return NarrowPlace(float(beside[nearest]), self.distances.pairs[nearest].label, place, at)
 
 

@@ -335,6 +335,17 @@ class WayFinder:
             return search.shortened(motion, self._settings.shortcuts)
         return search.shortened(motion, self._settings.shortcuts, seed)
 
+    def along(self, motion: ExactMotion) -> Way:
+        """Way along an exact motion that is free.
+
+        Args:
+            motion: motion of the planned joints.
+
+        Raises:
+            InfeasibleError: wheels that follow collide.
+        """
+        return self._way(motion, motion.q[0], self.checker, WayInfo(self._kind, 0.0, 0, 1, 0.0))
+
     def _way(self, motion: ExactMotion, start: Array, checker: WayChecker | None, info: WayInfo) -> Way:
         """Way along a motion, with the joints that follow."""
         steering = self.steering
