@@ -96,6 +96,7 @@ class GivingWay:
                 node = _Node(motion.q[-1], parent.time + float(time[-1]), np.concatenate([parent.steps, motion.steps]))
                 nodes.append(node)
                 if rests:
+                    pause()
                     try:
                         found = self._finder.along(self._steering.along(root.q, node.steps))
                     except InfeasibleError:  # wheels that follow collide

@@ -246,8 +246,10 @@ class NavigationController(DescribedMixin):
             state = self._begun(t, state.start, state)
         elif state.status == "arrived" and t >= state.begin + _SETTLE and self._is_away(q):
             state = self._begun(t, q, state)
-        state = self._watched(t, state)
-        if state.threat:
+        watched, state = state.watched, self._watched(t, state)
+        if state.watched != watched:
+            pass  # a look at the whole horizon takes a step of its own
+        elif state.threat:
             state = self._avoided(t, state)
         elif state.status == "replanning":
             state = self._searched(t, state)
@@ -292,21 +294,21 @@ class NavigationController(DescribedMixin):
                 break
         return name
 
-    def _crossing(self, t: float, end: float, state: NavigationState, first: float = -np.inf) -> tuple[str, float]:
-        """Obstacle that crosses a drive to a place, or a robot that stands there, from a time to the horizon, and when.
+    def _crossing(
+        self, t: float, end: float, state: NavigationState, first: float = -np.inf, last: float = np.inf
+    ) -> tuple[str, float]:
+        """Obstacle that crosses a drive to a place, or the robot that stands there, between two times, and when.
 
-        The name is "" if bounds show that none does.
+        Times end at the horizon. The name is "" if bounds show that nothing crosses.
         """
-        last = t + self.following.horizon
+        first, last = max(first, t), min(last, t + self.following.horizon)
         if self._moving is None or first >= last - _END:
             return "", last
         times, places = self._follower.predicted(state.way, state.progress, end, state.since)
         times = t + times
-        if first > t:
-            later = times > first + _END
-            places = np.append(np.interp(first, times, places), places[later])
-            times = np.append(first, times[later])
-        return self._moving.crossing(times, self._follower.at(state.way, places))
+        inner = times[(times > first + _END) & (times < last - _END)]
+        chosen = np.concatenate([[first], inner, [last]])
+        return self._moving.crossing(chosen, self._follower.at(state.way, np.interp(chosen, times, places)))
 
     def _watched(self, t: float, state: NavigationState) -> NavigationState:
         """State after a look at what comes towards the robot, at the part of the horizon that it has not seen."""
@@ -358,32 +360,40 @@ class NavigationController(DescribedMixin):
             if name:
                 return self._stopping(t, f"{name} will block the way", state)
             return state._replace(tries=state.tries + 1)
-        if t < state.seen + self.following.check - _END or self._crossing(t, state.way.end, state)[0]:
+        halfway = state.seen + 0.5 * self.following.check - _END  # between the looks at what comes to the robot
+        if not t - state.since < halfway <= t or self._crossing(t, state.way.end, state)[0]:
             return state
         return self._driving(t, state.way.end, state)
 
-    def _driving(self, t: float, end: float, state: NavigationState) -> NavigationState:
-        """State that drives to a place of its way, at which nothing reaches it until the horizon."""
+    def _driving(self, t: float, end: float, state: NavigationState, safe: float = np.inf) -> NavigationState:
+        """State that drives to a place of its way, at which nothing reaches it until a time, or the horizon."""
         status: Status = "following" if end >= state.way.end else "waiting"
         reason = f"waits for {state.threat}" if status == "waiting" else ""
         if state.status == "giving way":
             status, reason = state.status, state.reason
         begin = state.begin if status == state.status else t
-        state = state._replace(status=status, begin=begin, end=end, reason=reason)
-        return state._replace(safe=t + self.following.horizon, seen=t, threat="", tries=0)
+        state = state._replace(status=status, begin=begin, end=end, reason=reason, threat="", tries=0)
+        return state._replace(safe=min(safe, t + self.following.horizon), seen=t)
 
     def _avoided(self, t: float, state: NavigationState) -> NavigationState:
-        """State that has looked for one other place to stop on its way, or elsewhere if it stands."""
-        (place, speed, _), braked = state.progress, self._follower.braked(state.way, state.progress)
-        if state.status in ("following", "waiting") or (state.status == "giving way" and place < state.end):
-            ends = [*([state.way.end] if state.end < state.way.end else []), *([braked] if speed else [])]
-            ends += list(np.arange(braked + _APART, min(braked + self.following.horizon, state.way.end), _APART))
-            if state.tries < len(ends):
-                end = float(ends[state.tries])
-                free = not self._crossing(t, end, state)[0]
-                return self._driving(t, end, state) if free else state._replace(tries=state.tries + 1)
-            state = state._replace(end=braked)
-        if speed or (state.status == "stopping" and not len(state.start)):
+        """State that has looked for another place to stop, on its way or elsewhere.
+
+        A robot that drives keeps its plan until a better one is found. Places where it can stand for half the horizon
+        come after those where it can stand until the horizon.
+        """
+        drives = state.progress.place < state.end
+        if state.status in ("following", "waiting") or (state.status == "giving way" and drives):
+            braked, horizon = self._follower.braked(state.way, state.progress), self.following.horizon
+            ends = [*([state.way.end] if state.end < state.way.end else []), *([braked] if drives else [])]
+            ends += list(np.arange(braked + _APART, min(braked + horizon, state.way.end), _APART))
+            if state.tries < (1 + drives) * len(ends):
+                end = float(ends[state.tries % len(ends)])
+                safe = t + horizon * (1.0 if state.tries < len(ends) else 0.5)
+                if self._crossing(t, end, state, last=safe)[0]:
+                    return state._replace(tries=state.tries + 1)
+                return self._driving(t, end, state, safe)
+            state = state._replace(tries=0)
+        if drives or (state.status == "stopping" and not len(state.start)):
             return state
         return self._given_way(t, state)
 
@@ -398,7 +408,10 @@ class NavigationController(DescribedMixin):
             late = t > state.safe
             return state._replace(reason=f"{state.threat} comes nearer than the robot can avoid") if late else state
         away = state._replace(way=found, progress=WayProgress(), end=found.end, slices=-1)
-        return state if self._crossing(t, found.end, away)[0] else self._driving(t, found.end, away)
+        safe = state.begin + self.following.horizon  # as long as it was searched for
+        if self._crossing(t, found.end, away, last=safe)[0]:
+            return state
+        return self._driving(t, found.end, away, safe)
 
     def _stopping(self, t: float, reason: str, state: NavigationState) -> NavigationState:
         end = self._follower.braked(state.way, state.progress)
