@@ -101,7 +101,9 @@ class GivingWay:
                         found = self._finder.along(self._steering.along(root.q, node.steps))
                     except InfeasibleError:  # wheels that follow collide
                         continue
-                    hand(self._follower.followed(found))
+                    followed = self._follower.followed(found)
+                    pause()  # the caller's check takes a slice of its own
+                    hand(followed)
 
         return in_slices(work)
 

@@ -372,7 +372,11 @@ def _steering(reduced: ReducedModel, start: Array, settings: WaySettings) -> Ste
             ) from None
         return None
     check_extra("ompl", "find_way")
-    import_module("ompl.geometric")  # here rather than in the first slice of a search
+    for name in (
+        "ompl.geometric",
+        "numpy.ma",
+    ):  # here rather than in the first slice of a search; np.unique loads the last
+        import_module(name)
     return steering
 
 
