@@ -372,10 +372,7 @@ def _steering(reduced: ReducedModel, start: Array, settings: WaySettings) -> Ste
             ) from None
         return None
     check_extra("ompl", "find_way")
-    for name in (
-        "ompl.geometric",
-        "numpy.ma",
-    ):  # here rather than in the first slice of a search; np.unique loads the last
+    for name in ("ompl.geometric", "numpy.ma"):  # here rather than in the first slice of a search, by np.unique
         import_module(name)
     return steering
 
