@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InfeasibleError
-from rnc_pin.optimal.way_following import FollowedWay, WayFollower, WayFollowing
+from rnc_pin.optimal.way_following import DriveChecks, FollowedWay, WayFollower, WayFollowing
 from rnc_pin.planning.exact_steering import ExactMotion
 from rnc_pin.planning.way_checking import WayChecker
 from rnc_pin.planning.way_finding import WayFinder
@@ -41,16 +41,17 @@ class GivingWay:
 
     Args:
         finder: search among the obstacles that stand.
-        moving: check beside those that move.
+        checks: checks beside those that move.
         follower: motion along ways.
         following: its settings.
     """
 
-    def __init__(self, finder: WayFinder, moving: WayChecker, follower: WayFollower, following: WayFollowing) -> None:
+    def __init__(self, finder: WayFinder, checks: DriveChecks, follower: WayFollower, following: WayFollowing) -> None:
         assert finder.steering is not None
+        assert checks.moving is not None
         self._finder, self._steering, self._follower, self._following = finder, finder.steering, follower, following
         reduced = self._steering.reduced
-        self._moving, self._speeds = moving, speed_limits(reduced, finder.planned)
+        self._moving, self._speeds = checks.moving, speed_limits(reduced, finder.planned)
         base = reduced.robot.model.joints[1]
         own = np.arange(len(finder.planned)) < base.nv
         self._drawn = finder.planned & own if (finder.planned & own).any() and base.nv > 1 else finder.planned

@@ -1,16 +1,16 @@
-"""Navigation: follow a way to a goal, wait for what crosses it, stop before what blocks it, and take another one."""
+"""Navigation: follow a way to a goal, wait for what crosses it, give way, and take another one where it is blocked."""
 
 from __future__ import annotations
 
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
+from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.control.controller import DescribedMixin, Description, MissedGoal, VelocityTarget, elapsed_time
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.measurement import Measurement
@@ -19,12 +19,18 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import KinematicModel
 from rnc_pin.optimal.bounds import Goal, GoalRows
 from rnc_pin.optimal.giving_way import GivingWay
-from rnc_pin.optimal.way_following import FollowedWay, WayFollower, WayFollowing, WayProgress
+from rnc_pin.optimal.way_following import (
+    DriveChecks,
+    FollowedWay,
+    NavigationState,
+    Status,
+    WayFollower,
+    WayFollowing,
+    WayProgress,
+)
 from rnc_pin.planning.way import Way
-from rnc_pin.planning.way_checking import WayChecker
 from rnc_pin.planning.way_finding import WayFinder, WaySettings
 
-_MOVED = 1e-3  # [m or rad]; an obstacle that is farther from where it was seen has moved
 _SETTLE = 0.5  # [s] at rest until the measured configuration counts
 _END = 1e-9  # [s] before a time that counts as the time
 _APART = 0.5  # [s] along the way between places at which the robot may stop for something
@@ -32,47 +38,7 @@ _IRREGULAR = 1e-3  # relative difference of steps after which predictions begin 
 _STEP = 0.02  # [s]; time of a step of predictions before the first step
 _ALWAYS = 1e9  # [s]; searches end by motions, not by time
 
-Status = Literal["following", "waiting", "stopping", "replanning", "giving way", "no way", "arrived"]
 _DRIVES: Container[Status] = ("following", "waiting", "stopping", "giving way")
-
-
-class NavigationState(NamedTuple):
-    """Way, the place on it, and the search for the next one."""
-
-    status: Status
-    """"following" a way, "waiting" or "stopping" on it, "replanning" at rest, "giving way", "no way", or "arrived"."""
-    t: float | None
-    """Time of the last step [s]."""
-    begin: float
-    """Time at which the status began [s]."""
-    way: FollowedWay
-    progress: WayProgress
-    since: float
-    """Time between the last steps [s]."""
-    end: float
-    """Place at which the robot stops."""
-    safe: float
-    """Time until which nothing reaches a robot that drives there and stands; with a threat, its time [s]."""
-    threat: str
-    """Obstacle that reaches it before the horizon; "" for none."""
-    tries: int
-    """Other places to stop that were tried, or looks at what blocks the way of a robot that waits."""
-    world: int
-    """Number of the obstacles that were set last, as far as the way was checked."""
-    watched: int
-    """The same, as far as obstacles that move were watched."""
-    seen: float
-    """Time at which they were watched [s]."""
-    posed: float
-    """Time of the poses of these obstacles in the search [s]."""
-    start: Float[Array, " s"]
-    """Configuration from which the search starts; empty if the measured one counts, after the stop."""
-    slices: int
-    """Slices of the search that were made; negative after the last one."""
-    searches: int
-    ways: int
-    reason: str
-    """Why the robot does not follow a way; "" if it does."""
 
 
 class NavigationController(DescribedMixin):
@@ -84,14 +50,16 @@ class NavigationController(DescribedMixin):
     ``v^2 / (2 a)``.
 
     ``set_obstacles`` changes the world. If the rest of the way is no longer free, the robot brakes on the way, and
-    searches from where it stops. Obstacles with a motion count where they will be: the drive along the way is predicted
-    until the horizon, and bounds show that it is free, between the steps too. Else the robot waits at a place of its
-    way that nothing reaches, and goes on as soon as the prediction is free. If the way is not free at the
-    horizon either, the robot takes another one. What appears nearer than the robot can stop, or moves into a robot at
-    rest, cannot be avoided; ``reason`` says so.
+    searches from where it stops.
 
-    Each part of the way is shown to be free before the robot is on it, with a clearance. A robot that is farther than
-    ``tube`` from it stops and plans again from where it is; so the clearance should cover the tube.
+    Obstacles with a motion count where they will be. The robot always has a plan, to drive to a place and to stand
+    there, which nothing reaches until the horizon: bounds show it, between the steps too. As time goes on, each look
+    shows the next part. Where something reaches the plan, the robot waits at another place of its way, or gives way:
+    it backs off, or drives to a drawn place, and searches for a way to its goal again. What appears nearer than the
+    robot can stop, or leaves it no place to go, cannot be avoided; ``reason`` says so.
+
+    Each part of the way has a clearance. A robot that is farther than ``tube`` from it stops and plans again from where
+    it is; so the clearance should cover the tube.
 
     In ``rnc.VelocityLoop``, it drives a robot of your own; trackers, such as ``VelocityTracker``, give forces. Reads
     from the measurement ``q, v2``. One state at a time. The same measurements give the same commands: searches end by
@@ -109,7 +77,7 @@ class NavigationController(DescribedMixin):
 
     Attributes:
         search: default settings of the searches.
-        status: of the last step: "following", "waiting", "stopping", "replanning", "no way" or "arrived".
+        status: of the last step: "following", "waiting", "stopping", "replanning", "giving way", "no way" or "arrived".
         reason: why the robot does not follow a way.
 
     Raises:
@@ -185,16 +153,7 @@ class NavigationController(DescribedMixin):
             obstacles: all obstacles that are known now.
         """
         self._obstacles, self._world = tuple(obstacles), self._world + 1
-        self._standing, self._moving = (
-            self._checker([each for each in obstacles if (each.motion is not None) == moves]) for moves in (False, True)
-        )
-
-    def _checker(self, obstacles: Sequence[Obstacle]) -> WayChecker | None:
-        """Check of the way beside obstacles; the search has checked the links against each other."""
-        if not obstacles:
-            return None
-        robot, links = self._model.reduced.robot, PairSelection(links=False)
-        return WayChecker(CollisionDistances(robot, obstacles, links), self.clearance)
+        self._checks = DriveChecks(self._follower, self._obstacles, self.clearance)
 
     def missed_goals(self, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
         """Rows of the goal that a run misses which ends in this state, for its verdict.
@@ -237,7 +196,7 @@ class NavigationController(DescribedMixin):
     ) -> tuple[VelocityTarget, NavigationState]:
         q, since = np.asarray(measurement.q, dtype=float), elapsed_time(t, state.t)
         progress = self._follower.moved(state.way, state.progress, state.end, since)
-        if abs(since - state.since) > _IRREGULAR * since:
+        if abs(since - state.since) > _IRREGULAR * since and not state.threat:
             state = state._replace(safe=-np.inf)  # what was predicted had other steps
         state = state._replace(t=t, progress=progress, since=since or state.since)
         if state.status in _DRIVES:
@@ -274,41 +233,14 @@ class NavigationController(DescribedMixin):
         """True if the obstacles are others than at the end of the last search, or elsewhere."""
         if state.world != self._world:
             return True
-        if self._moving is None or t < state.begin + self.following.check - _END:
-            return False
-        return any(_distance(each, t, state.begin) > _MOVED for each in self._moving.distances.obstacles)
-
-    def _is_free(self, state: NavigationState, first: float, last: float) -> bool:
-        """True if the way is free between two places, among obstacles that stand."""
-        if self._standing is None or not len(state.way.v):
-            return True
-        return self._standing.is_free(self._follower.between(state.way, first, last))
-
-    def _stays_blocked(self, t: float, state: NavigationState) -> str:
-        """Obstacle that blocks the rest of the way both in the middle and at the end of the horizon; "" for none."""
-        name, q = "", self._follower.between(state.way, state.end, state.way.end).q
-        for part in (0.5, 1.0):
-            assert self._moving is not None
-            name = self._moving.crossing(np.full(len(q), t + part * self.following.horizon), q)[0]
-            if not name:
-                break
-        return name
+        return t >= state.begin + self.following.check - _END and self._checks.have_moved(state.begin, t)
 
     def _crossing(
         self, t: float, end: float, state: NavigationState, first: float = -np.inf, last: float = np.inf
     ) -> tuple[str, float]:
-        """Obstacle that crosses a drive to a place, or the robot that stands there, between two times, and when.
-
-        Times end at the horizon. The name is "" if bounds show that nothing crosses.
-        """
-        first, last = max(first, t), min(last, t + self.following.horizon)
-        if self._moving is None or first >= last - _END:
-            return "", last
-        times, places = self._follower.predicted(state.way, state.progress, end, state.since)
-        times = t + times
-        inner = times[(times > first + _END) & (times < last - _END)]
-        chosen = np.concatenate([[first], inner, [last]])
-        return self._moving.crossing(chosen, self._follower.at(state.way, np.interp(chosen, times, places)))
+        """Obstacle that crosses a drive to a place, or the robot that stands there, and when; "" for none."""
+        drive = self._follower.predicted(state.way, state.progress, end, state.since)
+        return self._checks.crossing(t, state.way, drive, max(first, t), last)
 
     def _watched(self, t: float, state: NavigationState) -> NavigationState:
         """State after a look at what comes towards the robot, at the part of the horizon that it has not seen."""
@@ -317,8 +249,9 @@ class NavigationController(DescribedMixin):
             return state
         first = t if new or state.threat else state.safe
         name, at = self._crossing(t, state.end, state, first)
-        state = state._replace(watched=self._world, seen=t, threat=name)
-        return state._replace(safe=at, tries=0) if name else state._replace(safe=t + self.following.horizon)
+        tries = state.tries if name == state.threat else 0
+        state = state._replace(watched=self._world, seen=t, threat=name, tries=tries)
+        return state._replace(safe=at if name else t + self.following.horizon)
 
     # ------------------------------------------------------------------ along the way
 
@@ -343,20 +276,20 @@ class NavigationController(DescribedMixin):
 
     def _looked(self, t: float, state: NavigationState) -> NavigationState:
         """State after a look at other obstacles that stand: the robot stops on its way, or drives on."""
-        free = self._is_free(state, state.progress.place, state.way.end)
+        free = self._checks.is_free(state.way, state.progress.place, state.way.end)
         state = state._replace(world=self._world)
         if state.status == "stopping" and free:
             return state._replace(status="following", begin=t, end=state.way.end, safe=t, reason="")
         if state.status == "stopping" or free:
             return state
         braked = self._follower.braked(state.way, state.progress)
-        late = not self._is_free(state, state.progress.place, braked)
+        late = not self._checks.is_free(state.way, state.progress.place, braked)
         return self._stopping(t, f"the way is blocked{' nearer than the robot can stop' if late else ''}", state)
 
     def _waited(self, t: float, state: NavigationState) -> NavigationState:
         """State that goes on if nothing crosses the way any more, or takes another one if it stays blocked."""
         if t >= state.begin + state.tries * self.following.horizon:
-            name = self._stays_blocked(t, state)
+            name = self._checks.stays_blocked(t, state.way, state.end)
             if name:
                 return self._stopping(t, f"{name} will block the way", state)
             return state._replace(tries=state.tries + 1)
@@ -447,14 +380,14 @@ class NavigationController(DescribedMixin):
         try:
             way = self._slice(state)
         except RncError as error:
-            if self._moving is not None and state.posed > t:  # not before the horizon, but perhaps now
+            if self._checks.moving is not None and state.posed > t:  # not before the horizon, but perhaps now
                 return self._begun(t, state.start, state, 0.0)
             return state._replace(status="no way", begin=t, reason=str(error))
         if not isinstance(way, Way):
             return state._replace(slices=state.slices + 1)
         followed = self._follower.followed(way)
         state = state._replace(way=followed, progress=WayProgress(), end=0.0, ways=state.ways + 1, slices=-1)
-        return self._searched(t, state) if self._moving is None else state
+        return self._searched(t, state) if self._checks.moving is None else state
 
     def _slice(self, state: NavigationState) -> Way | FollowedWay | None:
         """Result of the next slice of a search; a state from elsewhere repeats the slices before it."""
@@ -472,9 +405,8 @@ class NavigationController(DescribedMixin):
         """Search for a way to the goal, or for a place to give way."""
         seed, size = self.seed + state.searches, self.following.slice_size
         if state.status == "giving way":
-            assert self._moving is not None
             still = self._finder.among([each for each in self._obstacles if each.motion is None])
-            giving = GivingWay(still, self._moving, self._follower, self.following)
+            giving = GivingWay(still, self._checks, self._follower, self.following)
             return giving.slices(state.begin, state.since, state.way, state.progress.place, seed)
         finder = self._finder.among([each.at_rest(state.posed) for each in self._obstacles])
         return _best(finder.slices(state.start, self.goal, seed, size))
@@ -487,10 +419,3 @@ def _best(slices: Iterator[Way | None]) -> Iterator[Way | None]:
         best = way or best
         yield None
     yield best
-
-
-def _distance(obstacle: Obstacle, t: float, before: float) -> float:
-    """Largest change of a pose between two times [m or rad]."""
-    assert obstacle.motion is not None
-    now, then = (np.asarray(obstacle.motion.at(each).position) for each in (t, before))
-    return float(np.abs(now - then).max())
