@@ -19,8 +19,10 @@ from rnc_pin.planning.way_goals import position_limits
 from rnc_pin.planning.way_search import SearchBudget, in_slices, speed_limits
 
 _APART = 0.5  # [s] along the way that the robot came from, between places that are looked at
-_LOOKS = 0.25  # [s] between the looks at obstacles that move, before bounds decide
+_LOOKS, _LOOK = 0.5, 1.0  # [s] between the looks at obstacles that move, before bounds decide, and the effort of each
 _NEAR, _FARTHER, _FAR = 0.5, 1.02, 4.0  # [m or rad]; range of the first drawn places, its growth, and its end
+_PATIENCE = 0.25  # part of the time until something reaches the robot, for better places
+_STILL = 1e-6  # velocity of a joint that counts as none
 _DRAWN = 1.0  # effort of a drawn place, beside its checks
 
 
@@ -37,7 +39,8 @@ class GivingWay:
 
     A tree grows from the place of the robot: first back along the way that it came from, then over exact motions to
     drawn places near nodes. The times of its nodes are those of the drive. Where a robot can stand until the horizon,
-    the search hands over the way. Looks at samples decide in the tree; the caller checks each way by bounds.
+    the search hands over the way. Places where it can stand for twice the horizon come first, until a part of the time
+    is over that is left. Looks at samples decide in the tree; the caller checks each way by bounds.
 
     Args:
         finder: search among the obstacles that stand.
@@ -58,20 +61,21 @@ class GivingWay:
         self._limits = position_limits(reduced)
 
     def slices(
-        self, t: float, since: float, way: FollowedWay, place: float, seed: int
+        self, t: float, since: float, reached: float, at: tuple[FollowedWay, float], seed: int
     ) -> Generator[FollowedWay | None, None, None]:
         """Search step by step, without an end: None after each slice, and each way that is found.
 
         Args:
             t: time of the first slice [s].
             since: time between slices [s].
-            way: way that the robot came along.
-            place: its place on it.
+            reached: time at which something reaches the robot where it is [s].
+            at: way that the robot came along, and its place on it.
             seed: seed of all random choices.
         """
 
         def work(hand: Callable[[FollowedWay | None], None]) -> None:
-            departure = t
+            departure, patience, (way, place) = t, t + _PATIENCE * (reached - t), at
+            kept: _Node | None = None
 
             def pause() -> None:
                 nonlocal departure
@@ -81,37 +85,53 @@ class GivingWay:
             budget = SearchBudget(np.inf, None, pause, self._following.slice_size)
             checker = self._finder.checker
             still = None if checker is None else WayChecker(checker.distances, checker.clearance, budget.spend)
-            moving = WayChecker(self._moving.distances, self._moving.clearance, budget.spend)
             root = _Node(self._follower.at(way, place)[0], 0.0, np.zeros((0, len(self._finder.planned))))
             nodes = [root]
             for parent, motion in self._motions(nodes, way, place, seed):
+                if kept is not None and departure > patience:
+                    self._hand(root.q, kept, pause, hand)
+                    kept = None
                 budget.spend(_DRAWN)
                 time = self._times(motion.steps)
                 begin, arrival = departure + parent.time, departure + parent.time + float(time[-1])
-                end = t + self._following.horizon
-                rests = not _seen(moving, motion.q[-1:], np.array([arrival, max(end, arrival)]), motion.steps[:0])
-                if _seen(moving, motion.q, begin + time, motion.steps):
+                if self._meets(budget, motion.q, begin + time, motion.steps):
                     continue
                 if still is not None and not still.is_free(motion):
                     continue
                 node = _Node(motion.q[-1], parent.time + float(time[-1]), np.concatenate([parent.steps, motion.steps]))
                 nodes.append(node)
-                if rests:
-                    pause()
-                    try:
-                        found = self._finder.along(self._steering.along(root.q, node.steps))
-                    except InfeasibleError:  # wheels that follow collide
-                        continue
-                    followed = self._follower.followed(found)
-                    pause()  # the caller's check takes a slice of its own
-                    hand(followed)
+                last = t + self._following.horizon
+                stays, rests = (
+                    not self._meets(budget, node.q[None], np.array([first, max(end, first)]), motion.steps[:0])
+                    for first, end in ((arrival, last), (last, last + self._following.horizon))
+                )
+                if stays and rests:
+                    self._hand(root.q, node, pause, hand)
+                elif stays and kept is None:
+                    kept = node
 
         return in_slices(work)
+
+    def _hand(
+        self, q: Array, node: _Node, pause: Callable[[], None], hand: Callable[[FollowedWay | None], None]
+    ) -> None:
+        """Hand over the way to a node, in slices."""
+        pause()
+        try:
+            found = self._finder.along(self._steering.along(q, node.steps))
+        except InfeasibleError:  # wheels that follow collide
+            return
+        followed = self._follower.followed(found)
+        pause()  # the caller's check takes a slice of its own
+        hand(followed)
 
     def _motions(
         self, nodes: list[_Node], way: FollowedWay, place: float, seed: int
     ) -> Iterator[tuple[_Node, ExactMotion]]:
-        """Motions to try: back along the way, then from nodes to drawn places, farther and farther."""
+        """Motions to try: back along the way, then from nodes to drawn places, farther and farther.
+
+        Half of the places lie along one reduced velocity: straight ahead is sooner reached than any pose.
+        """
         root, generator = nodes[0], np.random.default_rng(seed)
         if self._steering.reverse:
             for back in np.arange(place - _APART, -_APART, -_APART):
@@ -121,6 +141,11 @@ class GivingWay:
             parent = nodes[int(generator.integers(len(nodes)))] if number % 2 else root
             reach = min(_NEAR * _FARTHER**number, _FAR)
             step = np.where(self._drawn, generator.uniform(-reach, reach, len(self._drawn)), 0.0)
+            if number % 4 < 2:
+                R = np.where(self._drawn[:, None], self._steering.reduced.at(parent.q).R, 0.0)
+                sizes = np.abs(R).max(axis=0)
+                column = int(generator.choice(np.flatnonzero(sizes > _STILL)))
+                step = generator.uniform(-reach, reach) / sizes[column] * R[:, column]
             end = self._limits.clip(self._steering.manifold.integrate(parent.q[None], step[None])[0])
             motion = next(self._steering.motions(parent.q, self._steering.prepared(end)))
             if len(motion.steps):
@@ -132,16 +157,15 @@ class GivingWay:
         sizes = np.abs(steps[:, self._finder.planned]).max(axis=1) / np.maximum(least, 1e-300)
         return np.concatenate([[0.0], np.cumsum(least / share + share * sizes / self._following.acceleration)])
 
-
-def _seen(moving: WayChecker, q: Array, time: Array, steps: Array) -> bool:
-    """True if a look at one of the samples of a drive sees an obstacle that is too near."""
-    counts = int(np.clip(np.ceil((time[-1] - time[0]) / _LOOKS), 1, 100))
-    for at in np.linspace(time[-1], time[0], counts + 1):
-        place = q[-1]
-        if len(steps):
-            k = int(np.clip(np.searchsorted(time, at, "right") - 1, 0, len(steps) - 1))
-            part = (at - time[k]) / max(time[k + 1] - time[k], 1e-300)
-            place = moving.manifold.integrate(q[k][None], part * steps[k][None])[0]
-        if moving.violation(place, float(at)) is not None:
-            return True
-    return False
+    def _meets(self, budget: SearchBudget, q: Array, time: Array, steps: Array) -> bool:
+        """True if a look at one of the samples of a drive sees an obstacle that is too near."""
+        for at in np.linspace(time[0], time[-1], int(np.clip(np.ceil((time[-1] - time[0]) / _LOOKS), 1, 100)) + 1):
+            budget.spend(_LOOK)
+            place = q[-1]
+            if len(steps):
+                k = int(np.clip(np.searchsorted(time, at, "right") - 1, 0, len(steps) - 1))
+                part = (at - time[k]) / max(time[k + 1] - time[k], 1e-300)
+                place = self._steering.manifold.integrate(q[k][None], part * steps[k][None])[0]
+            if self._moving.violation(place, float(at)) is not None:
+                return True
+        return False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
+from itertools import product
 from typing import ClassVar
 
 import numpy as np
@@ -34,6 +35,7 @@ from rnc_pin.planning.way_finding import WayFinder, WaySettings
 _SETTLE = 0.5  # [s] at rest until the measured configuration counts
 _END = 1e-9  # [s] before a time that counts as the time
 _APART = 0.5  # [s] along the way between places at which the robot may stop for something
+_LONGER = 0.5  # [s] that another plan has to be free for longer, if nothing better is found
 _IRREGULAR = 1e-3  # relative difference of steps after which predictions begin anew
 _STEP = 0.02  # [s]; time of a step of predictions before the first step
 _ALWAYS = 1e9  # [s]; searches end by motions, not by time
@@ -169,27 +171,7 @@ class NavigationController(DescribedMixin):
         """Return a state that searches for a way from the measured configuration."""
         q = np.array(measurement.q, dtype=float)
         self.status, self.reason = "replanning", ""
-        return NavigationState(
-            status="replanning",
-            t=None,
-            begin=0.0,
-            way=self._follower.standing(q),
-            progress=WayProgress(),
-            since=_STEP,
-            end=0.0,
-            safe=-np.inf,
-            threat="",
-            tries=0,
-            world=-1,
-            watched=-1,
-            seen=-np.inf,
-            posed=0.0,
-            start=q,
-            slices=0,
-            searches=0,
-            ways=0,
-            reason="",
-        )
+        return NavigationState(self._follower.standing(q), start=q, since=_STEP)
 
     def step(
         self, t: float, measurement: Measurement, state: NavigationState
@@ -311,17 +293,13 @@ class NavigationController(DescribedMixin):
     def _avoided(self, t: float, state: NavigationState) -> NavigationState:
         """State that has looked for another place to stop, on its way or elsewhere.
 
-        A robot that drives keeps its plan until a better one is found. Places where it can stand for half the horizon
-        come after those where it can stand until the horizon.
+        A robot that drives keeps its plan until a better one is found.
         """
         drives = state.progress.place < state.end
         if state.status in ("following", "waiting") or (state.status == "giving way" and drives):
-            braked, horizon = self._follower.braked(state.way, state.progress), self.following.horizon
-            ends = [*([state.way.end] if state.end < state.way.end else []), *([braked] if drives else [])]
-            ends += list(np.arange(braked + _APART, min(braked + horizon, state.way.end), _APART))
-            if state.tries < (1 + drives) * len(ends):
-                end = float(ends[state.tries % len(ends)])
-                safe = t + horizon * (1.0 if state.tries < len(ends) else 0.5)
+            choices = self._choices(t, state)
+            if state.tries < len(choices):
+                end, safe = choices[state.tries]
                 if self._crossing(t, end, state, last=safe)[0]:
                     return state._replace(tries=state.tries + 1)
                 return self._driving(t, end, state, safe)
@@ -329,6 +307,18 @@ class NavigationController(DescribedMixin):
         if drives or (state.status == "stopping" and not len(state.start)):
             return state
         return self._given_way(t, state)
+
+    def _choices(self, t: float, state: NavigationState) -> list[tuple[float, float]]:
+        """Places of the way at which a robot could stop, and times until which nothing may reach it there.
+
+        A robot that drives also stops where it is reached later than now: first as soon as it can, then farther on.
+        """
+        drives, horizon = state.progress.place < state.end, self.following.horizon
+        braked = self._follower.braked(state.way, state.progress)
+        until = (t + horizon, state.safe + _LONGER) if drives else (t + horizon,)
+        ahead = np.arange(braked + _APART, min(braked + horizon, state.way.end), _APART).tolist()
+        last = [state.way.end] if state.end < state.way.end else []
+        return [*((end, t + horizon) for end in last), *product([braked] * drives, until), *product(ahead, until)]
 
     def _given_way(self, t: float, state: NavigationState) -> NavigationState:
         """State of a robot at rest after one slice of the search for a place where nothing reaches it."""
@@ -338,7 +328,7 @@ class NavigationController(DescribedMixin):
         found = self._slice(state)
         state = state._replace(slices=state.slices + 1)
         if not isinstance(found, FollowedWay):
-            late = t > state.safe
+            late = t >= state.safe
             return state._replace(reason=f"{state.threat} comes nearer than the robot can avoid") if late else state
         away = state._replace(way=found, progress=WayProgress(), end=found.end, slices=-1)
         safe = state.begin + self.following.horizon  # as long as it was searched for
@@ -407,7 +397,7 @@ class NavigationController(DescribedMixin):
         if state.status == "giving way":
             still = self._finder.among([each for each in self._obstacles if each.motion is None])
             giving = GivingWay(still, self._checks, self._follower, self.following)
-            return giving.slices(state.begin, state.since, state.way, state.progress.place, seed)
+            return giving.slices(state.begin, state.since, state.safe, (state.way, state.progress.place), seed)
         finder = self._finder.among([each.at_rest(state.posed) for each in self._obstacles])
         return _best(finder.slices(state.start, self.goal, seed, size))
 

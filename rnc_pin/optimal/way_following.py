@@ -102,40 +102,40 @@ class WayProgress(NamedTuple):
 class NavigationState(NamedTuple):
     """Way, the place on it, and the search for the next one."""
 
-    status: Status
-    """"following" a way, "waiting" or "stopping" on it, "replanning" at rest, "giving way", "no way", or "arrived"."""
-    t: float | None
-    """Time of the last step [s]."""
-    begin: float
-    """Time at which the status began [s]."""
     way: FollowedWay
-    progress: WayProgress
-    since: float
-    """Time between the last steps [s]."""
-    end: float
-    """Place at which the robot stops."""
-    safe: float
-    """Time until which nothing reaches a robot that drives there and stands; with a threat, its time [s]."""
-    threat: str
-    """Obstacle that reaches it before the horizon; "" for none."""
-    tries: int
-    """Other places to stop that were tried, or looks at what blocks the way of a robot that waits."""
-    world: int
-    """Number of the obstacles that were set last, as far as the way was checked."""
-    watched: int
-    """The same, as far as obstacles that move were watched."""
-    seen: float
-    """Time at which they were watched [s]."""
-    posed: float
-    """Time of the poses of these obstacles in the search [s]."""
     start: Float[Array, " s"]
     """Configuration from which the search starts; empty if the measured one counts, after the stop."""
-    slices: int
-    """Slices of the search that were made; negative after the last one."""
-    searches: int
-    ways: int
-    reason: str
+    since: float
+    """Time between the last steps [s]."""
+    progress: WayProgress = WayProgress()
+    status: Status = "replanning"
+    """"following" a way, "waiting" or "stopping" on it, "replanning" at rest, "giving way", "no way", or "arrived"."""
+    reason: str = ""
     """Why the robot does not follow a way; "" if it does."""
+    t: float | None = None
+    """Time of the last step [s]."""
+    begin: float = 0.0
+    """Time at which the status began [s]."""
+    end: float = 0.0
+    """Place at which the robot stops."""
+    safe: float = -np.inf
+    """Time until which nothing reaches a robot that drives there and stands; with a threat, its time [s]."""
+    threat: str = ""
+    """Obstacle that reaches it before the horizon; "" for none."""
+    tries: int = 0
+    """Other places to stop that were tried, or looks at what blocks the way of a robot that waits."""
+    world: int = -1
+    """Number of the obstacles that were set last, as far as the way was checked."""
+    watched: int = -1
+    """The same, as far as obstacles that move were watched."""
+    seen: float = -np.inf
+    """Time at which they were watched [s]."""
+    posed: float = 0.0
+    """Time of the poses of these obstacles in the search [s]."""
+    slices: int = 0
+    """Slices of the search that were made; negative after the last one."""
+    searches: int = 0
+    ways: int = 0
 
 
 class WayFollower:

@@ -104,9 +104,9 @@ class WayChecker:
         return self.distances.pairs[found[0]].names[1], found[1]
 
     def _looks(self, time: Float[Array, " n"], q: Float[Array, "n nq"]) -> Iterator[tuple[float, Float[Array, " nq"]]]:
-        """Some times and configurations of a motion, the last one first."""
+        """Some times and configurations of a motion."""
         count = int(np.clip(np.ceil((time[-1] - time[0]) / _APART), 1, _MOST_LOOKS))
-        for t in np.linspace(time[-1], time[0], count + 1).tolist():
+        for t in np.linspace(time[0], time[-1], count + 1).tolist():
             k = int(np.clip(np.searchsorted(time, t, "right") - 1, 0, len(time) - 2))
             part = (t - time[k]) / max(float(time[k + 1] - time[k]), 1e-300)
             yield t, self.manifold.interpolate(q[k : k + 1], q[k + 1 : k + 2], np.array([part]))[0]
