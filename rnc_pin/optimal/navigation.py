@@ -117,7 +117,6 @@ class NavigationController(DescribedMixin):
         seed: int = 0,
     ) -> None:
         self.clearance, self.following, self.seed, self.goal = clearance, following, seed, goal
-        motions = self.search.motions if settings.motions is None else settings.motions
         self._model = KinematicModel(reduced)
         self._rows = GoalRows(self._model, goal, at_rest=False)
         self._reference = reduced.robot.configuration() if isinstance(goal, Mapping) else np.array(goal, dtype=float)
@@ -126,14 +125,13 @@ class NavigationController(DescribedMixin):
             self._reference,
             selection=selection,
             clearance=clearance,
-            settings=replace(settings, seconds=_ALWAYS, motions=motions),
+            settings=replace(settings, seconds=_ALWAYS, motions=settings.motions or self.search.motions),
         )
         if self._finder.steering is None:
             raise ConfigurationError(
                 "navigation: no exact steering is known for this system, see rnc.planning.find_steering"
             )
-        self._planned = self._finder.planned
-        self._follower = WayFollower(self._model, self._planned, following)
+        self._follower = WayFollower(self._model, self._finder.planned, following)
         self._running: tuple[tuple[object, ...], int, Iterator[Way | FollowedWay | None]] | None = None
         self._world = -1
         self.set_obstacles(obstacles)
@@ -183,9 +181,11 @@ class NavigationController(DescribedMixin):
         state = state._replace(t=t, progress=progress, since=since or state.since)
         if state.status in _DRIVES:
             state = self._along(t, q, state)
-        elif state.status == "no way" and self._is_new(t, state):
-            state = self._begun(t, state.start, state)
-        elif state.status == "arrived" and t >= state.begin + _SETTLE and self._is_away(q):
+        elif state.status == "no way":
+            later = t >= state.begin + self.following.check - _END
+            if state.world != self._world or (later and self._checks.have_moved(state.begin, t)):
+                state = self._begun(t, state.start, state)
+        elif state.status == "arrived" and t >= state.begin + _SETTLE and self.missed_goals(q, measurement.v2):
             state = self._begun(t, q, state)
         watched, state = state.watched, self._watched(t, state)
         if state.watched != watched:
@@ -203,19 +203,9 @@ class NavigationController(DescribedMixin):
         errors = self._rows.errors(q)
         if self._rows.configuration is None:
             return errors
-        return {name: error for (name, error), planned in zip(errors.items(), self._planned, strict=True) if planned}
-
-    def _is_away(self, q: Array) -> bool:
-        """True if a configuration is not at the goal."""
-        return max(self._errors(q).values()) > self.following.tolerance
+        return {name: errors[name] for name, planned in zip(errors, self._finder.planned, strict=True) if planned}
 
     # ------------------------------------------------------------------ the world
-
-    def _is_new(self, t: float, state: NavigationState) -> bool:
-        """True if the obstacles are others than at the end of the last search, or elsewhere."""
-        if state.world != self._world:
-            return True
-        return t >= state.begin + self.following.check - _END and self._checks.have_moved(state.begin, t)
 
     def _crossing(
         self, t: float, end: float, state: NavigationState, first: float = -np.inf, last: float = np.inf
@@ -241,8 +231,7 @@ class NavigationController(DescribedMixin):
         """State that follows its way, waits on it, or leaves it."""
         lost = state.status == "stopping" and not len(state.start)
         if not lost and self._follower.away(state.way, state.progress.place, q) > self.following.tube:
-            stopping = self._stopping(t, "the robot is off its way", state)
-            return stopping._replace(start=np.empty(0))
+            return self._stopping(t, "the robot is off its way", state)._replace(start=np.empty(0))
         if not lost and state.world != self._world:
             state = self._looked(t, state)
         if state.status == "stopping" and not state.progress.speed:
@@ -328,8 +317,8 @@ class NavigationController(DescribedMixin):
         found = self._slice(state)
         state = state._replace(slices=state.slices + 1)
         if not isinstance(found, FollowedWay):
-            late = t >= state.safe
-            return state._replace(reason=f"{state.threat} comes nearer than the robot can avoid") if late else state
+            late = f"{state.threat} comes nearer than the robot can avoid"
+            return state._replace(reason=late) if t >= state.safe else state
         away = state._replace(way=found, progress=WayProgress(), end=found.end, slices=-1)
         safe = state.begin + self.following.horizon  # as long as it was searched for
         if self._crossing(t, found.end, away, last=safe)[0]:
@@ -347,8 +336,8 @@ class NavigationController(DescribedMixin):
             return self._begun(t, state.start, state)
         if state.progress.rate or t < state.begin + _SETTLE:  # the measured configuration counts after it has settled
             return state
-        here = state._replace(way=self._follower.standing(q), progress=WayProgress(), end=0.0, safe=t)
-        return self._begun(t, q, here)
+        here = self._follower.standing(q)
+        return self._begun(t, q, state._replace(way=here, progress=WayProgress(), end=0.0, safe=t))
 
     # ------------------------------------------------------------------ the search
 
