@@ -22,6 +22,7 @@ _APART = 0.5  # [s] along the way that the robot came from, between places that 
 _LOOKS, _LOOK = 0.5, 1.0  # [s] between the looks at obstacles that move, before bounds decide, and the effort of each
 _NEAR, _FARTHER, _FAR = 0.5, 1.02, 4.0  # [m or rad]; range of the first drawn places, its growth, and its end
 _PATIENCE = 0.25  # part of the time until something reaches the robot, for better places
+_WORSE = 1.0  # [s] that a place may be reached before the one where its drive begins
 _STILL = 1e-6  # velocity of a joint that counts as none
 _DRAWN = 1.0  # effort of a drawn place, beside its checks
 
@@ -32,15 +33,24 @@ class _Node(NamedTuple):
     q: Float[Array, " nq"]
     time: float
     steps: Float[Array, "k nv"]
+    free: float
+    """Time until which nothing was seen that reaches a robot there [s]."""
+
+
+class Refuge(NamedTuple):
+    """Way to a place, and the time until which nothing was seen that reaches a robot there [s]."""
+
+    way: FollowedWay
+    free: float
 
 
 class GivingWay:
-    """Search for places where nothing reaches a robot at rest until a horizon.
+    """Search for places where nothing reaches a robot at rest, or later than where it is.
 
     A tree grows from the place of the robot: first back along the way that it came from, then over exact motions to
-    drawn places near nodes. The times of its nodes are those of the drive. Where a robot can stand until the horizon,
-    the search hands over the way. Places where it can stand for twice the horizon come first, until a part of the time
-    is over that is left. Looks at samples decide in the tree; the caller checks each way by bounds.
+    drawn places near nodes. The times of its nodes are those of the drive. Where a robot can stand for twice the
+    horizon, the search hands over the way. After a part of the time that is left, it hands over the way to the place
+    that is reached last. Looks at samples decide in the tree; the caller checks each way by bounds.
 
     Args:
         finder: search among the obstacles that stand.
@@ -62,7 +72,7 @@ class GivingWay:
 
     def slices(
         self, t: float, since: float, reached: float, at: tuple[FollowedWay, float], seed: int
-    ) -> Generator[FollowedWay | None, None, None]:
+    ) -> Generator[Refuge | None, None, None]:
         """Search step by step, without an end: None after each slice, and each way that is found.
 
         Args:
@@ -73,8 +83,9 @@ class GivingWay:
             seed: seed of all random choices.
         """
 
-        def work(hand: Callable[[FollowedWay | None], None]) -> None:
+        def work(hand: Callable[[Refuge | None], None]) -> None:
             departure, patience, (way, place) = t, t + _PATIENCE * (reached - t), at
+            last, best = t + 2.0 * self._following.horizon, reached + _LOOKS
             kept: _Node | None = None
 
             def pause() -> None:
@@ -85,36 +96,32 @@ class GivingWay:
             budget = SearchBudget(np.inf, None, pause, self._following.slice_size)
             checker = self._finder.checker
             still = None if checker is None else WayChecker(checker.distances, checker.clearance, budget.spend)
-            root = _Node(self._follower.at(way, place)[0], 0.0, np.zeros((0, len(self._finder.planned))))
+            root = _Node(self._follower.at(way, place)[0], 0.0, np.zeros((0, len(self._finder.planned))), reached)
             nodes = [root]
             for parent, motion in self._motions(nodes, way, place, seed):
                 if kept is not None and departure > patience:
                     self._hand(root.q, kept, pause, hand)
-                    kept = None
+                    kept, best = None, kept.free
                 budget.spend(_DRAWN)
                 time = self._times(motion.steps)
                 begin, arrival = departure + parent.time, departure + parent.time + float(time[-1])
-                if self._meets(budget, motion.q, begin + time, motion.steps):
+                if self._free(budget, motion.q, begin + time, motion.steps) < arrival:
                     continue
-                if still is not None and not still.is_free(motion):
+                stands = np.array([arrival, max(last, arrival)])
+                free = self._free(budget, motion.q[-1:], stands, motion.steps[:0])
+                if free < parent.free - _WORSE or (still is not None and not still.is_free(motion)):
                     continue
-                node = _Node(motion.q[-1], parent.time + float(time[-1]), np.concatenate([parent.steps, motion.steps]))
+                steps = np.concatenate([parent.steps, motion.steps])
+                node = _Node(motion.q[-1], parent.time + float(time[-1]), steps, free)
                 nodes.append(node)
-                last = t + self._following.horizon
-                stays, rests = (
-                    not self._meets(budget, node.q[None], np.array([first, max(end, first)]), motion.steps[:0])
-                    for first, end in ((arrival, last), (last, last + self._following.horizon))
-                )
-                if stays and rests:
+                if free >= last:
                     self._hand(root.q, node, pause, hand)
-                elif stays and kept is None:
+                elif free > max(best, 0.0 if kept is None else kept.free):
                     kept = node
 
         return in_slices(work)
 
-    def _hand(
-        self, q: Array, node: _Node, pause: Callable[[], None], hand: Callable[[FollowedWay | None], None]
-    ) -> None:
+    def _hand(self, q: Array, node: _Node, pause: Callable[[], None], hand: Callable[[Refuge | None], None]) -> None:
         """Hand over the way to a node, in slices."""
         pause()
         try:
@@ -123,7 +130,7 @@ class GivingWay:
             return
         followed = self._follower.followed(found)
         pause()  # the caller's check takes a slice of its own
-        hand(followed)
+        hand(Refuge(followed, node.free))
 
     def _motions(
         self, nodes: list[_Node], way: FollowedWay, place: float, seed: int
@@ -157,8 +164,9 @@ class GivingWay:
         sizes = np.abs(steps[:, self._finder.planned]).max(axis=1) / np.maximum(least, 1e-300)
         return np.concatenate([[0.0], np.cumsum(least / share + share * sizes / self._following.acceleration)])
 
-    def _meets(self, budget: SearchBudget, q: Array, time: Array, steps: Array) -> bool:
-        """True if a look at one of the samples of a drive sees an obstacle that is too near."""
+    def _free(self, budget: SearchBudget, q: Array, time: Array, steps: Array) -> float:
+        """Time until which looks at a drive see no obstacle that is too near [s]."""
+        before = -np.inf
         for at in np.linspace(time[0], time[-1], int(np.clip(np.ceil((time[-1] - time[0]) / _LOOKS), 1, 100)) + 1):
             budget.spend(_LOOK)
             place = q[-1]
@@ -167,5 +175,6 @@ class GivingWay:
                 part = (at - time[k]) / max(time[k + 1] - time[k], 1e-300)
                 place = self._steering.manifold.integrate(q[k][None], part * steps[k][None])[0]
             if self._moving.violation(place, float(at)) is not None:
-                return True
-        return False
+                return before
+            before = float(at)
+        return before

@@ -19,10 +19,9 @@ from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import KinematicModel
 from rnc_pin.optimal.bounds import Goal, GoalRows
-from rnc_pin.optimal.giving_way import GivingWay
+from rnc_pin.optimal.giving_way import GivingWay, Refuge
 from rnc_pin.optimal.way_following import (
     DriveChecks,
-    FollowedWay,
     NavigationState,
     Status,
     WayFollower,
@@ -132,7 +131,7 @@ class NavigationController(DescribedMixin):
                 "navigation: no exact steering is known for this system, see rnc.planning.find_steering"
             )
         self._follower = WayFollower(self._model, self._finder.planned, following)
-        self._running: tuple[tuple[object, ...], int, Iterator[Way | FollowedWay | None]] | None = None
+        self._running: tuple[tuple[object, ...], int, Iterator[Way | Refuge | None]] | None = None
         self._world = -1
         self.set_obstacles(obstacles)
         self.status: Status = "replanning"
@@ -300,14 +299,16 @@ class NavigationController(DescribedMixin):
     def _choices(self, t: float, state: NavigationState) -> list[tuple[float, float]]:
         """Places of the way at which a robot could stop, and times until which nothing may reach it there.
 
-        A robot that drives also stops where it is reached later than now: first as soon as it can, then farther on.
+        A robot that drives also stops where it is reached later than now. One that does not give way yet stops where it
+        has half of the horizon for giving way.
         """
         drives, horizon = state.progress.place < state.end, self.following.horizon
         braked = self._follower.braked(state.way, state.progress)
-        until = (t + horizon, state.safe + _LONGER) if drives else (t + horizon,)
+        first, half = (t + horizon, state.safe + _LONGER)[: 1 + drives], (t + 0.5 * horizon,) * drives
         ahead = np.arange(braked + _APART, min(braked + horizon, state.way.end), _APART).tolist()
-        last = [state.way.end] if state.end < state.way.end else []
-        return [*((end, t + horizon) for end in last), *product([braked] * drives, until), *product(ahead, until)]
+        now, last = [braked] * drives, [state.way.end] * (state.end < state.way.end)
+        found = [*product(last, first[:1]), *product(now, first), *product(ahead, first)]
+        return found if state.status == "giving way" else [*found, *product([*now, *ahead], half)]
 
     def _given_way(self, t: float, state: NavigationState) -> NavigationState:
         """State of a robot at rest after one slice of the search for a place where nothing reaches it."""
@@ -316,14 +317,13 @@ class NavigationController(DescribedMixin):
             state = state._replace(slices=0, searches=state.searches + 1, reason=f"gives way to {state.threat}")
         found = self._slice(state)
         state = state._replace(slices=state.slices + 1)
-        if not isinstance(found, FollowedWay):
+        if not isinstance(found, Refuge):
             late = f"{state.threat} comes nearer than the robot can avoid"
             return state._replace(reason=late) if t >= state.safe else state
-        away = state._replace(way=found, progress=WayProgress(), end=found.end, slices=-1)
-        safe = state.begin + self.following.horizon  # as long as it was searched for
-        if self._crossing(t, found.end, away, last=safe)[0]:
+        away = state._replace(way=found.way, progress=WayProgress(), end=found.way.end, slices=-1)
+        if self._crossing(t, away.end, away, last=found.free)[0]:
             return state
-        return self._driving(t, found.end, away, safe)
+        return self._driving(t, away.end, away, found.free)
 
     def _stopping(self, t: float, reason: str, state: NavigationState) -> NavigationState:
         end = self._follower.braked(state.way, state.progress)
@@ -368,7 +368,7 @@ class NavigationController(DescribedMixin):
         state = state._replace(way=followed, progress=WayProgress(), end=0.0, ways=state.ways + 1, slices=-1)
         return self._searched(t, state) if self._checks.moving is None else state
 
-    def _slice(self, state: NavigationState) -> Way | FollowedWay | None:
+    def _slice(self, state: NavigationState) -> Way | Refuge | None:
         """Result of the next slice of a search; a state from elsewhere repeats the slices before it."""
         key = state.status, state.world, state.posed, state.start.tobytes(), state.searches
         if self._running is None or self._running[:2] != (key, state.slices):
@@ -380,7 +380,7 @@ class NavigationController(DescribedMixin):
         self._running = key, state.slices + 1, slices
         return next(slices)
 
-    def _slices(self, state: NavigationState) -> Iterator[Way | FollowedWay | None]:
+    def _slices(self, state: NavigationState) -> Iterator[Way | Refuge | None]:
         """Search for a way to the goal, or for a place to give way."""
         seed, size = self.seed + state.searches, self.following.slice_size
         if state.status == "giving way":

@@ -72,7 +72,7 @@ def test_a_robot_drives_through_a_gap_to_its_goal(kind):
     reduced, obstacles = SYSTEMS[kind](), wall(0.5, width=1.6)
     goal = at_pose(reduced, 3.5, 0.5)
     controller = NavigationController(reduced, goal, obstacles, clearance=0.06, following=WayFollowing(tolerance=0.01))
-    rows = driven(reduced, controller, at_pose(reduced, -0.5, 0.0), 25.0)
+    rows = driven(reduced, controller, at_pose(reduced, -0.5, 0.0), 25.0, dt=0.05)
     assert rows[-1][3] == "arrived"
     assert not controller.missed_goals(rows[-1][1], np.zeros(reduced.r))
     assert closest(reduced, rows, obstacles) > 0.04
@@ -145,7 +145,8 @@ def test_in_a_corridor_a_robot_backs_off_along_the_way_that_it_came_from():
     reduced = unicycle()
     walls = [Obstacle(coal.Box(4.0, 0.2, 1.0), position=(2.0, y, 0.0), name=f"wall {y}") for y in (-0.5, 0.5)]
     goal, cart = at_pose(reduced, 5.5, 0.0), cart_along([7.0, 0.0], [-2.0, 0.0], 20.0, sides=(0.5, 0.5))
-    controller = NavigationController(reduced, goal, walls, following=WayFollowing(acceleration=1.0), settings=FAST)
+    following = WayFollowing(acceleration=1.0)
+    controller = NavigationController(reduced, goal, walls, following=following, settings=FAST)
     seen = []
 
     def world(t, q):
@@ -159,7 +160,7 @@ def test_in_a_corridor_a_robot_backs_off_along_the_way_that_it_came_from():
     assert nearest_of(reduced, later, cart) > 0.04
     assert closest(reduced, rows, walls) > 0.04
     assert min(q[0] for _, q, *_ in later) < -0.4  # out of the corridor, which is too narrow for both
-    assert rows[-1][3] in ("replanning", "waiting", "following")  # to its goal again
+    assert "gives way to cart" in {row[4].reason for row in later}
 
 
 def test_a_robot_that_cannot_give_way_says_so():
