@@ -101,7 +101,8 @@ class GivingWay:
             for parent, motion in self._motions(nodes, way, place, seed):
                 if kept is not None and departure > patience:
                     self._hand(root.q, kept, pause, hand)
-                    kept, best = None, kept.free
+                    best = kept.free
+                    kept = None
                 budget.spend(_DRAWN)
                 time = self._times(motion.steps)
                 begin, arrival = departure + parent.time, departure + parent.time + float(time[-1])
