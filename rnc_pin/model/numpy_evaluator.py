@@ -39,6 +39,17 @@ class RunRecords(NamedTuple):
         return RunRecords(*(array[run].copy() for array in self))
 
 
+class Dissipation(NamedTuple):
+    """Damping and dry friction of B runs."""
+
+    damping: Float[Array, " nv"] | None
+    """Viscous coefficients; None for zero."""
+    joints: Float[Array, " j"]
+    """Entries of v with dry friction."""
+    limits: Float[Array, "B k"]
+    """Limits of the friction of these joints, then of the inputs if they have friction."""
+
+
 class NumPyRuns:
     """Calls that leave every run to its own path: the status of each is 0. All arrays are contiguous floats.
 
@@ -84,6 +95,26 @@ class NumPyRuns:
             kinematics: records of kinematics at q, if known.
         """
         return q, y, np.zeros(len(q)), np.zeros(len(q))
+
+    def dissipate(
+        self, charts: tuple[object, ...], start: tuple[Array, Array, Array], h: float, steps: int, losses: Dissipation
+    ) -> tuple[Array, Array, Array, Array]:
+        """The same with damping and dry friction, as ``DissipativeStep.advance``; the roughness may be infinite.
+
+        Args:
+            charts: as for ``velocities``.
+            start: states (B, nq) and (B, s), and inputs (B, p).
+            h: duration of each step [s].
+            steps: number of steps.
+            losses: damping and friction.
+        """
+        return *start[:2], np.zeros(len(charts)), np.zeros(len(charts))
+
+    def friction(
+        self, charts: tuple[object, ...], start: tuple[Array, Array, Array], h: float, losses: Dissipation
+    ) -> tuple[Array, Array]:
+        """Generalized forces (B, nv) of dry friction during a step, and status (B,); arguments as of ``dissipate``."""
+        return np.empty((len(charts), 0)), np.zeros(len(charts))
 
     def measure(self, q: Array, v: Array, kinematics: Array, status: Array) -> RunRecords:
         """Quantities of states (q, v) with records of kinematics.

@@ -254,16 +254,12 @@ class ReducedPlant(ReprMixin):
 
     def _step(self, dt: float, steps: int) -> _Step:
         """State after equal steps from the present state."""
-        q, y, h, roughness = self._q, self._y, dt / steps, 0.0
+        q, y, h = self._q, self._y, dt / steps
         try:
-            if not self.dissipates:
-                return _Step(*self._dynamics.advance(q, y, self.applied, h, steps))
-            for _ in range(steps):
-                q, y, rough = self._dissipative.advance(q, y, self.applied, h)
-                roughness += rough
+            mover = self._dissipative if self.dissipates else self._dynamics
+            return _Step(*mover.advance(q, y, self.applied, h, steps))
         except DivergenceError as error:
             return _Step(q, y, np.inf, error)
-        return _Step(q, y, roughness)
 
     def _compared(self, step: _Step, dt: float) -> _Step:
         """Compare a sample with twice as many substeps, and return it with as many as the tolerance asks for."""
