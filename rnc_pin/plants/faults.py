@@ -142,8 +142,8 @@ class FaultyPlant:
         self.applied = self._transmitted = np.zeros(self._reduced.p)
 
     def twin(self) -> FaultyPlant:
-        """Return another plant with the same faults and noise, on a twin of a ``ReducedPlant``."""
-        assert isinstance(self.plant, ReducedPlant)
+        """Return another plant with the same faults and noise, on a twin of a plant that has one."""
+        assert isinstance(self.plant, ReducedPlant | ChangingPlant)
         return FaultyPlant(self.plant.twin(), self.faults, self._reduced, self._dt, self._seed)
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
@@ -271,6 +271,19 @@ def _continue(before: Plant, after: Plant, q: np.ndarray, v: np.ndarray) -> None
         after.keep_errors(errors)
 
 
+def needs_own_steps(plant: object, reduced: ReducedModel) -> bool:
+    """True if a plant with faults takes its steps alone although sensors, loops and records of runs are together.
+
+    It slips, its robot changes, or its model is another one than that of the controller.
+    """
+    if type(plant) is not FaultyPlant:
+        return False
+    moving = plant.plant
+    if type(moving) is ReducedPlant:
+        return moving.reduced is not reduced or plant.faults.slip_speed != 0
+    return type(moving) is ChangingPlant and moving.has_twin
+
+
 @dataclass(frozen=True)
 class MassErrors:
     """Relative errors of the inertias of all bodies.
@@ -363,6 +376,19 @@ class ChangingPlant:
         self._before, self._after, self._switch_time = before, after, time
         self._current, self._time, self._switch_energy = before, 0.0, 0.0
         self._T: np.ndarray | None = None
+
+    def twin(self) -> ChangingPlant:
+        """Return another plant with the same change, on twins of two ``ReducedPlant``."""
+        assert isinstance(self._before, ReducedPlant | ChangingPlant) and isinstance(self._after, ReducedPlant)
+        return ChangingPlant(self._before.twin(), self._after.twin(), self._switch_time)
+
+    @property
+    def has_twin(self) -> bool:
+        """True if ``twin`` is possible."""
+        first = self._before
+        return isinstance(self._after, ReducedPlant) and (
+            first.has_twin if isinstance(first, ChangingPlant) else isinstance(first, ReducedPlant)
+        )
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
         """Restart with the first plant."""

@@ -7,6 +7,7 @@ are evaluated together.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import compress
 from typing import NamedTuple, cast
 
@@ -22,9 +23,13 @@ from rnc_pin.errors import RncError
 from rnc_pin.model.compiled_states import CompiledArraysAtV
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.faults import FaultyPlant, Reading, transmitted
-from rnc_pin.plants.reduced import ReducedPlantBatch
+from rnc_pin.plants.plant import Plant
+from rnc_pin.plants.reduced import IntegrationErrors, ReducedPlantBatch
 from rnc_pin.simulation.sampled_run import SampledRun
+
+_EMPTY = np.zeros(0)
 
 
 class _LastSample(NamedTuple):
@@ -42,6 +47,100 @@ class _LastSample(NamedTuple):
         return _LastSample(measurement, command, self.requested[runs], self.integrals[runs])
 
 
+class SeparatePlants:
+    """Plants of B runs with faults that take their steps one after the other.
+
+    Args:
+        plants: plants at the state of each run; they move.
+        reduced: model of the controllers.
+
+    Attributes:
+        size: number of runs B.
+        failed: mask (B,) of the runs whose last step raised an error; their plants have not moved.
+        applied: inputs (B, p) of the plants within.
+        models: model of each plant.
+    """
+
+    def __init__(self, plants: Sequence[Plant], reduced: ReducedModel) -> None:
+        self.reduced, self.size = reduced, len(plants)
+        self._plants = cast("list[FaultyPlant]", list(plants))
+        self.failed = np.zeros(self.size, dtype=bool)
+        self.applied = np.zeros((self.size, reduced.p))
+
+    def measure(self) -> tuple[StateEvaluation | None, Array]:
+        """Return the true states (B,), None if one is missing, and the mask (B,) of those that the kernel evaluates."""
+        states: list[tuple[Array, Array]] = []
+        valid = np.ones(self.size, dtype=bool)
+        for run, plant in enumerate(self._plants):
+            with suppress(Exception):  # alone it raises the same error
+                states.append(plant.actual())
+            valid[run] = len(states) == run + 1
+            states += [(states[0] if states else (_EMPTY, _EMPTY))] * (run + 1 - len(states))
+        if not valid.all():
+            return None, valid
+        q, v = (np.array(each) for each in zip(*states, strict=True))
+        found = compiled_states(self.reduced, q, v)
+        if found is None:
+            valid[:] = [compiled_states(self.reduced, *each) is not None for each in zip(q, v, strict=True)]
+        return found, valid if found is not None or not valid.all() else ~valid
+
+    @property
+    def models(self) -> list[ReducedModel]:
+        """Model of each plant."""
+        return [cast(ReducedModel, plant.reduced) for plant in self._plants]
+
+    @property
+    def integrals(self) -> Array:
+        """Integrals that the plants know: none."""
+        return np.zeros((self.size, self.reduced.r))
+
+    @property
+    def work(self) -> Array:
+        """Work (B,) done on the plants."""
+        return np.array([plant.work for plant in self._plants])
+
+    @property
+    def external(self) -> list[Array | None]:
+        """Generalized forces (nv,) of each run in addition to the inputs that the loop knows."""
+        return [plant.external for plant in self._plants]
+
+    def apply(self, T: Array) -> None:
+        """Hold the inputs T (B, p) that pass the faults of the actuators."""
+        for run, (plant, own) in enumerate(zip(self._plants, T, strict=True)):
+            plant.plant.apply(own)
+            self.applied[run] = getattr(plant.plant, "applied", own)
+
+    def advance(self, dt: float) -> None:
+        """Advance all plants by a time dt [s]."""
+        for run, plant in enumerate(self._plants):
+            try:
+                plant.advance(dt)
+            except Exception:  # alone it raises the same error
+                self.failed[run] = True
+
+    def errors_of(self, run: int) -> IntegrationErrors:
+        """Return the estimated errors of the integration of one run since its start."""
+        return cast(IntegrationErrors, self._plants[run].errors)
+
+    def checkpoint(self, run: int) -> None:
+        """Return nothing: the plant of a run is at its state."""
+
+    def keep(self, runs: Array) -> None:
+        """Keep only the runs of a mask (B,)."""
+        self._plants, self.failed, self.applied = list(compress(self._plants, runs)), self.failed[runs], self.applied[runs]
+        self.size = len(self._plants)
+
+
+def compiled_states(reduced: ReducedModel, q: Array, v: Array) -> StateEvaluation | None:
+    """States (..., nq), (..., nv) if the kernel evaluates all of them, else None."""
+    try:
+        found = reduced.at(q, v=v)
+    except RncError:  # of one state, whose run raises it alone
+        return None
+    filled = found.arrays_at_v
+    return found if isinstance(filled, CompiledArraysAtV) and filled.rates is not None else None
+
+
 class FaultyRuns:
     """Runs on a ``FaultyPlant`` each, over plants that advance together.
 
@@ -55,7 +154,9 @@ class FaultyRuns:
         applied: inputs (B, p) that the loops know.
     """
 
-    def __init__(self, runs: Sequence[SampledRun], plants: ReducedPlantBatch, dt: float, samples: int) -> None:
+    def __init__(
+        self, runs: Sequence[SampledRun], plants: ReducedPlantBatch | SeparatePlants, dt: float, samples: int
+    ) -> None:
         self._dt = dt
         self._runs, self._plants, self._reduced = list(runs), plants, plants.reduced
         self._faulty = [run.plant for run in runs if isinstance(run.plant, FaultyPlant)]
@@ -95,20 +196,11 @@ class FaultyRuns:
         if failed.any():
             return states, self._plants.integrals, failed
         q, v = (np.array([getattr(each, name) for each in self._valid]) for name in ("q", "v"))
-        seen = self._compiled(q, v)
+        seen = compiled_states(self._reduced, q, v)
         if seen is None:
-            failed[:] = [self._compiled(*each) is None for each in zip(q, v, strict=True)]
+            failed[:] = [compiled_states(self._reduced, *each) is None for each in zip(q, v, strict=True)]
             return states, self._plants.integrals, failed if failed.any() else ~failed
         return seen, self._integrals(t, seen.v2), failed
-
-    def _compiled(self, q: Array, v: Array) -> StateEvaluation | None:
-        """States (..., nq), (..., nv) if the kernel evaluates all of them, else None."""
-        try:
-            found = self._reduced.at(q, v=v)
-        except RncError:  # of one state, whose run raises it alone
-            return None
-        filled = found.arrays_at_v
-        return found if isinstance(filled, CompiledArraysAtV) and filled.rates is not None else None
 
     def _integrals(self, t: float, v2: Array) -> Array:
         if self._last is None:
@@ -120,15 +212,17 @@ class FaultyRuns:
         known, self._passed = transmitted(T, self._effort, self._dead_zone)
         self._plants.apply(self._passed)
         self.applied = known + (self._plants.applied - self._passed)
+        if isinstance(self._plants, SeparatePlants):
+            for faulty, *inputs in zip(self._faulty, self.applied, self._passed, strict=True):
+                faulty.resume(self._time, *inputs, None)
 
     def keep_sample(
-        self, sample: int, q: Array, measurement: Measurement, integrals: Array, command: Command, requested: Array
+        self, sample: int, measurement: Measurement, integrals: Array, command: Command, requested: Array
     ) -> None:
         """Complete a sample: write what the sensors told, and keep what the loops need in the next one.
 
         Args:
             sample: number of the sample.
-            q: true configurations (B, nq).
             measurement: measurement of all runs.
             integrals: integrals (B, r) of the reducing velocities.
             command: commands of all runs.
@@ -136,22 +230,21 @@ class FaultyRuns:
         """
         t = sample * self._dt
         self._last, self._last_time = _LastSample(measurement, command, requested, integrals), t
-        differences = self._plants.applied - self.applied
         for run, (each, valid) in enumerate(zip(self._runs, self._valid, strict=True)):
             each.loop.state = LoopState(0.0, t, valid.q, motion=valid.motion)
             reading = self._readings[run]
             assert reading is not None
             self._v_measured[run][sample] = reading[1]
             each.record.arrays["v_measured"] = self._v_measured[run]
-        for run in np.flatnonzero(differences.any(axis=1)).tolist():
-            record = self._runs[run].record
-            record.written(sample)
-            record.moves(self._reduced, self._faulty[run].lost(q[run], differences[run]))
         self._readings = [None] * len(self._runs)
 
-    def slipping(self) -> Array:
-        """Mask (B,) of the runs that slip against their constraints until the next sample."""
-        return np.array([each.faults.slips(self._time) for each in self._faulty])
+    def lost(self, q: Array) -> list[Array | None] | None:
+        """Generalized forces (nv,) of each run at q (B, nq) that its dead zone takes; None without them."""
+        differences = self._plants.applied - self.applied
+        if self._plants.models is not None or not differences.any():
+            return None
+        pairs = zip(self._faulty, q, differences, strict=True)
+        return [each.lost(*where) if where[1].any() else None for each, *where in pairs]
 
     def advance(self) -> None:
         """Advance the time by a sample."""

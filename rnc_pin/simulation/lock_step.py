@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from itertools import compress
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy import ndarray as Array
@@ -29,8 +29,9 @@ from rnc_pin.math.linear_algebra import apply, clipped
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import FaultyPlant, ReducedPlant, ReducedPlantBatch
+from rnc_pin.plants.faults import needs_own_steps
 from rnc_pin.simulation.error_propagation import ErrorMark, marked
-from rnc_pin.simulation.faulty_runs import FaultyRuns
+from rnc_pin.simulation.faulty_runs import FaultyRuns, SeparatePlants
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.stop import Progress
 
@@ -135,13 +136,11 @@ class LockStep:
     """
 
     def __init__(self, runs: Sequence[SampledRun], dt: float, samples: int) -> None:
-        plant = _without_faults(runs[0])
         self._runs, self._dt, self._samples, self.samples_done = list(runs), dt, samples, 0
-        self._plants = ReducedPlantBatch(plant, len(runs))
+        self._plants = _plants_of(runs)
         self._limits = runs[0].loop.limits
         self._rows = np.full((len(runs), samples, runs[0].record.width), np.nan)
         for place, (run, rows) in enumerate(zip(runs, self._rows, strict=True)):
-            self._plants.rollback(place, _without_faults(run).checkpoint())
             run.record.use(rows)
         faulty = isinstance(runs[0].plant, FaultyPlant)
         self._faults = FaultyRuns(runs, self._plants, dt, samples) if faulty else None
@@ -167,10 +166,6 @@ class LockStep:
                 pass
             self.samples_done = sample + 1
             if sample + 1 < self._samples and len(self.places):
-                if self._faults is not None and (slipping := self._faults.slipping()).any():
-                    self._leave(slipping, sample + 1, sampled=True)
-                    if not len(self.places):
-                        return
                 self._plants.advance(self._dt)
                 if self._faults is not None:
                     self._faults.advance()
@@ -192,7 +187,7 @@ class LockStep:
         """Compute and record a sample. False if runs left instead: then the others have to be sampled again."""
         plants, t = self._plants, sample * self._dt
         states, valid = plants.measure()
-        if not valid.all():
+        if states is None or not valid.all():
             return self._leave(~valid, sample)
         stopped = self._runs[0].stop.stopped(states)
         if stopped.any():
@@ -216,7 +211,7 @@ class LockStep:
         else:
             self._faults.apply(T)
             applied, outputs = self._faults.applied, states.outputs(integrals)
-            self._faults.keep_sample(sample, states.q, measurement, integrals, answer.command, requested)
+            self._faults.keep_sample(sample, measurement, integrals, answer.command, requested)
         self._deficit = None if np.array_equal(requested, applied) else requested - applied
         history = self._runs[self.places[0]].errors
         if history.propagates:
@@ -285,6 +280,15 @@ class LockStep:
         )  # fmt: skip
         np.concatenate(numbers, axis=1, out=(rows := np.empty((count, self._rows.shape[2]))))
         self._rows[self.places, sample] = rows
+        external = plants.external
+        lost = None if self._faults is None else self._faults.lost(states.q)
+        if plants.models is not None or external is not None or lost is not None:
+            for place, run in enumerate(self.places.tolist()):
+                model = plants.reduced if plants.models is None else plants.models[place]
+                forces = [each[place] for each in (external, lost) if each is not None and each[place] is not None]
+                if forces or plants.models is not None:
+                    self._runs[run].record.written(sample)
+                    self._runs[run].record.moves(model, sum(forces) if forces else None)
         if command.estimates is not None or command.prediction_error is not None:
             for place, run in enumerate(self.places.tolist()):
                 record = self._runs[run].record
@@ -326,10 +330,16 @@ class LockStep:
         return False
 
 
-def _without_faults(run: SampledRun) -> ReducedPlant:
-    plant = run.plant.plant if isinstance(run.plant, FaultyPlant) else run.plant
-    assert isinstance(plant, ReducedPlant)
-    return plant
+def _plants_of(runs: Sequence[SampledRun]) -> ReducedPlantBatch | SeparatePlants:
+    """Plants of runs, without those faults that a plant does not have itself, at the state of each."""
+    reduced, plants = runs[0].record.reduced, [run.plant for run in runs]
+    if needs_own_steps(plants[0], reduced):
+        return SeparatePlants(plants, reduced)
+    moving = [each.plant if isinstance(each, FaultyPlant) else each for each in plants]
+    batch = ReducedPlantBatch(cast(ReducedPlant, moving[0]), len(moving))
+    for place, each in enumerate(moving):
+        batch.rollback(place, cast(ReducedPlant, each).checkpoint())
+    return batch
 
 
 def _sizes(measurement: Measurement) -> dict[str, int]:

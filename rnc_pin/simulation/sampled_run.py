@@ -286,16 +286,17 @@ class SampledRun:
         self.record.add(t, state, integrals, command, T, adapter.work, outputs, sensed)
         return measurement, command
 
-    def continue_from(self, samples: int, checkpoint: Checkpoint, state: LoopState) -> None:
+    def continue_from(self, samples: int, checkpoint: Checkpoint | None, state: LoopState) -> None:
         """Continue after samples that somebody else computed and recorded.
 
         Args:
             samples: number of samples before.
-            checkpoint: state of the plant, a ``ReducedPlant``.
+            checkpoint: state of the plant, a ``ReducedPlant``; None if the plant of the run has moved itself.
             state: state of the control loop.
         """
         self.samples, self.loop.state = samples, state
-        self._adapter.restore(checkpoint)
+        if checkpoint is not None:
+            self._adapter.restore(checkpoint)
 
     def advance(self) -> None:
         """Advance the plant to the next sample."""

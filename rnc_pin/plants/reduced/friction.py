@@ -77,7 +77,12 @@ class DryFriction:
     def set_actuators(self, limit: float) -> None:
         """Set the dry friction limit of every actuator [N or N m]."""
         self._actuators = limit > 0
-        self.limits = np.concatenate([self._limits, np.full(self._p, limit)]) if self._actuators else self._limits
+        self.limits = self.limits_of_runs(np.array([limit]))[0] if self._actuators else self._limits
+
+    def limits_of_runs(self, actuators: np.ndarray) -> np.ndarray:
+        """Limits (B, k) of runs with friction of their actuators (B,), or of runs without it."""
+        joints = np.tile(self._limits, (len(actuators), 1))
+        return np.hstack([joints, np.tile(actuators[:, None], self._p)]) if actuators.any() else joints
 
     def rows(self, state: StateEvaluation) -> np.ndarray:
         """Jacobian (k, nv) of the speeds."""
