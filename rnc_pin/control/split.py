@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rnc_pin.control.batches import accepts_batches
 from rnc_pin.control.controller import Command, Controller, Description, State, describe
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.measurement import Measurement
@@ -47,6 +48,11 @@ class SplitController(ReprMixin):
                 f"the parts command outputs {sorted(places.tolist())}, expected each of 0 to {r - 1} once"
             )
 
+    @property
+    def accepts_batches(self) -> bool:
+        """True if all parts accept batches."""
+        return all(accepts_batches(controller) for controller, _ in self._parts)
+
     def describe(self) -> Description:
         """Return the descriptions of the parts, and the indices of their outputs in x2."""
         parts = [{**describe(part), "outputs": outputs.tolist()} for part, outputs in self._parts]
@@ -79,7 +85,7 @@ class SplitController(ReprMixin):
 def _part(measurement: Measurement, outputs: np.ndarray) -> Measurement:
     deficit = measurement.force_deficit
     return measurement._replace(
-        x2=measurement.x2[..., outputs],
-        v2=measurement.v2[..., outputs],
-        force_deficit=None if deficit is None else deficit[..., outputs],
+        x2=measurement.x2.take(outputs, axis=-1),  # contiguous, for the kernel
+        v2=measurement.v2.take(outputs, axis=-1),
+        force_deficit=None if deficit is None else deficit.take(outputs, axis=-1),
     )

@@ -29,19 +29,32 @@ _SERIES_ANGLE = 1e-3  # alpha [rad] below which quotients by alpha use their ser
 class DrivingState(NamedTuple):
     """State of the stabiliser: waiting, resting or driving, and the driving direction."""
 
-    since: float | None
-    """Time of the last start [s]; None while it waits."""
-    resting: bool
-    backwards: bool
+    mode: np.ndarray
+    """Time of the last start [s], NaN while it waits; 1 while it rests; 1 while it drives backwards: (..., 3)."""
+
+    @property
+    def since(self) -> np.ndarray:
+        """Time of the last start [s], NaN while it waits, (...)."""
+        return np.asarray(self.mode[..., 0])
+
+    @property
+    def resting(self) -> np.ndarray:
+        """True while it rests, (...)."""
+        return np.asarray(self.mode[..., 1] == 1.0)
+
+    @property
+    def backwards(self) -> np.ndarray:
+        """True while it drives backwards, (...)."""
+        return np.asarray(self.mode[..., 2] == 1.0)
 
 
 class _PolarPose(NamedTuple):
-    """Pose in the coordinates of the control law, for forward or backward driving."""
+    """Poses (B,) in the coordinates of the control law, for forward or backward driving."""
 
-    distance: float
-    alpha: float
+    distance: np.ndarray
+    alpha: np.ndarray
     """From the heading to the line of sight (-pi, pi]."""
-    theta: float
+    theta: np.ndarray
     """From the goal's heading to the line of sight (-pi, pi]."""
 
 
@@ -55,7 +68,7 @@ class UnicycleStabilizer(DescribedMixin):
     has no direction (no continuous law exists, Brockett 1983): closer than half of ``tolerance`` the vehicle only
     turns.
 
-    Reads from the measurement: ``x1`` (positions), ``x2`` (of speed and yaw), ``v2``. One state at a time.
+    Reads from the measurement: ``x1`` (positions), ``x2`` (of speed and yaw), ``v2``.
 
     Args:
         goal: (x, y, heading) [m, m, rad].
@@ -84,6 +97,7 @@ class UnicycleStabilizer(DescribedMixin):
         array([1., 0.])
     """
 
+    accepts_batches = True
     described = ("goal", "begin", "k", "rate", "tolerance", "ramp_time", "max_speed")
 
     def __init__(
@@ -116,82 +130,93 @@ class UnicycleStabilizer(DescribedMixin):
 
     def initial_state(self, measurement: Measurement) -> DrivingState:
         """Return the waiting state."""
-        self._pose(measurement)
-        return DrivingState(None, False, False)
+        self._pose(measurement.x1, measurement.x2)
+        return DrivingState(np.broadcast_to([np.nan, 0.0, 0.0], (*measurement.x2.shape[:-1], 3)))
 
     def step(self, t: float, measurement: Measurement, state: DrivingState) -> tuple[VelocityTarget, DrivingState]:
-        pose, v2 = self._pose(measurement), np.asarray(measurement.v2, dtype=float)
-        state = self._update_mode(t, pose, v2, state)
-        x1 = np.full(measurement.x1.shape, np.nan)
-        x1[self.position] = self.goal[:2]
-        x2, still = np.array([np.nan, self.goal[2]]), np.zeros(2)
-        if state.since is None or state.resting:
-            return VelocityTarget(v2=still, v2_dot=still, x1=x1, x2=x2), state
-        desired, rate = self._limited(*self._law(self._polar_pose(pose, state.backwards), v2, state.backwards))
-        share, growth = 1.0, 0.0
-        if t - state.since < self.ramp_time:
-            share, growth = (t - state.since) / self.ramp_time, 1.0 / self.ramp_time
-        return VelocityTarget(v2=share * desired, v2_dot=share * rate + growth * desired, x1=x1, x2=x2), state
+        alone = measurement.x2.ndim == 1  # one state is a stack of one, to the bit
+        x1, x2, v2, mode = (
+            np.atleast_2d(np.asarray(each, dtype=float))
+            for each in (measurement.x1, measurement.x2, measurement.v2, state.mode)
+        )
+        pose = self._pose(x1, x2)
+        mode = self._update_mode(t, pose, v2, mode)
+        now = DrivingState(mode)
+        since, sign = now.since, np.where(now.backwards, -1.0, 1.0)
+        desired, rate = self._limited(*self._law(self._polar_pose(pose, sign), v2, sign))
+        ramp, drives = self.ramp_time, np.isfinite(since) & ~now.resting
+        starts = drives & (t - since < ramp)
+        share = np.where(starts, (t - since) / (ramp or 1.0), 1.0)[:, None]
+        growth = np.where(starts, 1.0 / (ramp or 1.0), 0.0)[:, None]
+        goals = np.full(x1.shape, np.nan), np.tile([np.nan, self.goal[2]], (len(x2), 1))
+        goals[0][:, self.position] = self.goal[:2]
+        target = [
+            np.where(drives[:, None], share * desired, 0.0),
+            np.where(drives[:, None], share * rate + growth * desired, 0.0),
+            *goals,
+        ]
+        v2, v2_dot, x1, x2 = (each[0] for each in target) if alone else target
+        return VelocityTarget(v2=v2, v2_dot=v2_dot, x1=x1, x2=x2), DrivingState(mode[0] if alone else mode)
 
-    def _pose(self, measurement: Measurement) -> np.ndarray:
-        """Position in the goal's axes, and the heading relative to the goal's in (-pi, pi]."""
-        dx, dy = measurement.x1[self.position] - self.goal[:2]
+    def _pose(self, x1: np.ndarray, x2: np.ndarray) -> np.ndarray:
+        """Positions in the goal's axes, and headings relative to the goal's in (-pi, pi], (3, ...)."""
+        dx, dy = (x1[..., place] - goal for place, goal in zip(self.position, self.goal, strict=False))
         c, s = np.cos(self.goal[2]), np.sin(self.goal[2])
-        pose = np.array([c * dx + s * dy, c * dy - s * dx, wrapped(measurement.x2[1] - self.goal[2])])
+        pose = np.array([c * dx + s * dy, c * dy - s * dx, wrapped(x2[..., 1] - self.goal[2])])
         if not np.isfinite(pose).all():
             raise InputError("the vehicle's position and heading have to be given in x1 and x2")
         return pose
 
-    def _update_mode(self, t: float, pose: np.ndarray, v2: np.ndarray, state: DrivingState) -> DrivingState:
-        """New state: waiting, resting or driving, and the driving direction."""
+    def _update_mode(self, t: float, pose: np.ndarray, v2: np.ndarray, mode: np.ndarray) -> np.ndarray:
+        """New modes (B, 3): waiting, resting or driving, and the driving direction."""
         if t < self.begin:
-            return state
-        off = max(float(np.hypot(pose[0], pose[1])), abs(float(pose[2])))
-        if off < self.tolerance and float(np.abs(v2).max()) < self.tolerance:
-            return DrivingState(t, True, state.backwards)
-        if state.resting and off < _WAKE_FACTOR * self.tolerance:
-            return state
-        forwards, backwards = (self._angle_cost(self._polar_pose(pose, way)) for way in (False, True))
-        if state.since is None or state.resting:  # start to drive
-            return DrivingState(t, False, backwards < forwards)
-        now, other = (backwards, forwards) if state.backwards else (forwards, backwards)
-        return state._replace(backwards=state.backwards != (other < _REVERSAL_RATIO * now))
+            return mode
+        before = DrivingState(mode)
+        since, resting, backwards = before.since, before.resting, before.backwards
+        off = np.maximum(np.hypot(pose[0], pose[1]), np.abs(pose[2]))
+        rests = (off < self.tolerance) & (np.abs(v2).max(axis=1) < self.tolerance)
+        stays = ~rests & resting & (off < _WAKE_FACTOR * self.tolerance)
+        starts = ~rests & ~stays & (np.isnan(since) | resting)
+        forth, back = (self._angle_cost(self._polar_pose(pose, np.full(len(v2), sign))) for sign in (1.0, -1.0))
+        now, other = np.where(backwards, back, forth), np.where(backwards, forth, back)
+        turns = other < _REVERSAL_RATIO * now
+        way = np.where(starts, back < forth, np.where(rests | stays, backwards, backwards != turns))
+        return np.column_stack([np.where(rests | starts, t, since), np.where(rests | stays, 1.0, 0.0), way])
 
-    def _polar_pose(self, pose: np.ndarray, backwards: bool) -> _PolarPose:
-        """Pose in the coordinates of the law; for backward driving both headings turn by pi."""
+    def _polar_pose(self, pose: np.ndarray, sign: np.ndarray) -> _PolarPose:
+        """Poses in the coordinates of the law; where the sign is -1, for backward driving, both headings turn by pi."""
         x, y, heading = pose
-        about, e = np.pi if backwards else 0.0, float(np.hypot(x, y))
-        if e < self.tolerance / 2:  # at the goal, except for the heading
-            return _PolarPose(0.0, wrapped(-heading), 0.0)
-        bearing = float(np.arctan2(-y, -x))
-        return _PolarPose(e, wrapped(bearing - heading - about), wrapped(bearing - about))
+        about, e = np.where(sign < 0.0, np.pi, 0.0), np.hypot(x, y)
+        there = e < self.tolerance / 2  # at the goal, except for the heading
+        bearing = np.arctan2(-y, -x)
+        alpha = np.where(there, wrapped(-heading), wrapped(bearing - heading - about))
+        return _PolarPose(np.where(there, 0.0, e), alpha, np.where(there, 0.0, wrapped(bearing - about)))
 
-    def _angle_cost(self, polar: _PolarPose) -> float:
+    def _angle_cost(self, polar: _PolarPose) -> np.ndarray:
         """Angle terms of 2 V."""
-        return polar.alpha**2 + self._h * polar.theta**2
+        return np.asarray(polar.alpha**2 + self._h * polar.theta**2)
 
-    def _law(self, polar: _PolarPose, v2: np.ndarray, backwards: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Inputs (v, w) of the law, and their rates while the vehicle moves at v2."""
+    def _law(self, polar: _PolarPose, v2: np.ndarray, sign: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs (v, w) of the law (B, 2), and their rates while the vehicles move at v2; the sign is the direction."""
         (e, alpha, theta), k, h = polar, self.k, self._h
-        sign = -1.0 if backwards else 1.0
-        speed, turn = sign * v2[0], v2[1]
+        speed, turn = sign * v2[:, 0], v2[:, 1]
         c, s = np.cos(alpha), np.sin(alpha)
         # Closer than ``tolerance``, bound the rate of the line of sight: the vehicle is about to rest.
-        theta_dot = speed * s * e / max(e, self.tolerance) ** 2
+        theta_dot = speed * s * e / np.maximum(e, self.tolerance) ** 2
         alpha_dot = theta_dot - turn
         v_dot = k * (-speed * c * c - e * s * alpha_dot)
-        if abs(alpha) < _SERIES_ANGLE:
-            share, slope = 1.0 - 2.0 / 3.0 * alpha**2, -4.0 / 3.0 * alpha  # of cos(alpha) sinc(alpha)
-        else:
-            share, slope = c * s / alpha, (np.cos(2 * alpha) - c * s / alpha) / alpha
+        series = np.abs(alpha) < _SERIES_ANGLE
+        divisor = np.where(series, 1.0, alpha)
+        share = np.where(series, 1.0 - 2.0 / 3.0 * alpha**2, c * s / divisor)  # cos(alpha) sinc(alpha)
+        slope = np.where(series, -4.0 / 3.0 * alpha, (np.cos(2 * alpha) - c * s / divisor) / divisor)
         weighted, weighted_dot = alpha + h * theta, alpha_dot + h * theta_dot
         w = self._c * alpha + k * share * weighted
         w_dot = self._c * alpha_dot + k * (slope * alpha_dot * weighted + share * weighted_dot)
-        return np.array([sign * k * e * c, w]), np.array([sign * v_dot, w_dot])
+        return np.column_stack([sign * k * e * c, w]), np.column_stack([sign * v_dot, w_dot])
 
     def _limited(self, v2: np.ndarray, v2_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Inputs slowed below the limits along the same path, and their rates."""
+        """Inputs (B, 2) slowed below the limits along the same path, and their rates."""
         limits = np.array(self.max_speed)
-        scale = np.sqrt(1.0 + np.sum((v2 / limits) ** 2))
-        scale_dot = np.sum(v2 * v2_dot / limits**2) / scale
+        scale = np.sqrt(1.0 + np.sum((v2 / limits) ** 2, axis=1))[:, None]
+        scale_dot = np.sum(v2 * v2_dot / limits**2, axis=1)[:, None] / scale
         return v2 / scale, (v2_dot - v2 * scale_dot / scale) / scale

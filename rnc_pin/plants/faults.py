@@ -7,15 +7,17 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.constraints import Pfaffian
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.mechanisms import Phrases
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.rows import ConstantRows, ConstraintKind, Rows
 from rnc_pin.plants.plant import Plant, energy_minus_work
 from rnc_pin.plants.reduced import ReducedPlant
 from rnc_pin.robots.robot import Robot
@@ -123,8 +125,8 @@ class FaultyPlant:
     """
 
     def __init__(self, plant: Plant, faults: Faults, reduced: ReducedModel, dt: float, seed: int = 0) -> None:
-        self.plant, self.faults, self._reduced, self._dt, self._seed = plant, faults, reduced, dt, seed
-        self._model = reduced.robot.model
+        self.plant, self.faults, self._reduced, self.dt, self._seed = plant, faults, reduced, dt, seed
+        self.model = reduced.robot.model
         if faults.friction:
             if not hasattr(plant, "set_actuator_friction"):
                 raise ConfigurationError(
@@ -137,14 +139,14 @@ class FaultyPlant:
     def _initialize(self) -> None:
         self._time, self._generator = 0.0, np.random.default_rng(self._seed)
         self._delayed: deque[tuple[np.ndarray, np.ndarray]] = deque()
-        self._slip, self._slip_work = np.zeros(self._model.nv), 0.0
+        self._slip, self._slip_work = np.zeros(self.model.nv), 0.0
         self._reading: Reading | None = None
         self.applied = self._transmitted = np.zeros(self._reduced.p)
 
     def twin(self) -> FaultyPlant:
         """Return another plant with the same faults and noise, on a twin of a plant that has one."""
         assert isinstance(self.plant, ReducedPlant | ChangingPlant)
-        return FaultyPlant(self.plant.twin(), self.faults, self._reduced, self._dt, self._seed)
+        return FaultyPlant(self.plant.twin(), self.faults, self._reduced, self.dt, self._seed)
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
         """Restart with the same noise."""
@@ -198,31 +200,28 @@ class FaultyPlant:
 
     def sensed(self, q: np.ndarray, v: np.ndarray) -> Reading:
         """Return measured q (nq,) and v (nv,) of a true state. Each call is one sample."""
-        faults, draw = self.faults, self._generator
-        # Always drawn, so that the noise of one fault does not depend on the others.
-        noise, chance = draw.normal(size=(2, self._model.nv)), draw.uniform(-1.0, 1.0, size=3)
-        error = faults.position_noise * noise[0] + faults.position_bias + faults.jitter * self._dt * chance[0] * v
-        if error.any():
-            q = pin.integrate(self._model, q, error)
-        if np.isfinite(faults.counts):
-            q = self._quantized(q)
-        v = v + faults.velocity_noise * noise[1] + faults.velocity_bias
-        if abs(chance[2]) < faults.garbage:
-            q, v = np.full(q.shape, np.nan), np.full(v.shape, np.nan)
-        if abs(chance[1]) < faults.dropped and self._delayed:
+        return sensed_together([self], q[None], v[None])[0]
+
+    def draw(self) -> tuple[np.ndarray, np.ndarray]:
+        """Noise (2, nv) and chances (3,) of a sample, which do not depend on the faults."""
+        return self._generator.normal(size=(2, self.model.nv)), self._generator.uniform(-1.0, 1.0, size=3)
+
+    def transmit(self, q: np.ndarray, v: np.ndarray, lost: bool) -> Reading:
+        """Return what arrives now if a sample is sent, with the delay; a lost sample repeats the one before."""
+        if lost and self._delayed:
             q, v = self._delayed[-1]
         self._delayed.append((q, v))
-        while len(self._delayed) > faults.delay + 1:
+        while len(self._delayed) > self.faults.delay + 1:
             self._delayed.popleft()
         q, v = self._delayed[0]
         return q.copy(), v.copy()
 
-    def _quantized(self, q: np.ndarray) -> np.ndarray:
+    def quantized(self, q: np.ndarray) -> np.ndarray:
         """Round a configuration to encoder counts from neutral."""
         step = 2.0 * np.pi / self.faults.counts
-        neutral = pin.neutral(self._model)
+        neutral = pin.neutral(self.model)
         quantized: np.ndarray = pin.integrate(
-            self._model, neutral, step * np.round(pin.difference(self._model, neutral, q) / step)
+            self.model, neutral, step * np.round(pin.difference(self.model, neutral, q) / step)
         )
         return quantized
 
@@ -256,11 +255,11 @@ class FaultyPlant:
             A = self._reduced.at(q).A
             self._slip = np.linalg.pinv(A) @ np.full(len(A), faults.slip_speed)
             balance = energy_minus_work(self.plant)
-            _continue(self.plant, self.plant, pin.integrate(self._model, q, dt * self._slip), v)
+            _continue(self.plant, self.plant, pin.integrate(self.model, q, dt * self._slip), v)
             self.plant.apply(self._transmitted)
             self._slip_work += energy_minus_work(self.plant) - balance
         else:
-            self._slip = np.zeros(self._model.nv)
+            self._slip = np.zeros(self.model.nv)
 
 
 def _continue(before: Plant, after: Plant, q: np.ndarray, v: np.ndarray) -> None:
@@ -269,6 +268,27 @@ def _continue(before: Plant, after: Plant, q: np.ndarray, v: np.ndarray) -> None
     after.reset(q, v)
     if errors is not None and hasattr(after, "keep_errors"):
         after.keep_errors(errors)
+
+
+def sensed_together(plants: Sequence[FaultyPlant], q: np.ndarray, v: np.ndarray) -> list[Reading]:
+    """Measurements of true states (B, nq) and (B, nv), one of each plant of one robot. Each call is one sample."""
+    drawn = [plant.draw() for plant in plants]
+    noise, chance = (np.array(each) for each in zip(*drawn, strict=True))
+    names = "position_noise", "position_bias", "velocity_noise", "velocity_bias", "jitter", "garbage", "dropped"
+    values = np.array([[getattr(plant.faults, name) for name in names] for plant in plants])
+    position_noise, position_bias, velocity_noise, velocity_bias, jitter, garbage, dropped = values.T[:, :, None]
+    dt = np.array([[plant.dt] for plant in plants])
+    error = position_noise * noise[:, 0] + position_bias + jitter * dt * chance[:, :1] * v
+    q, v = q.copy(), v + velocity_noise * noise[:, 1] + velocity_bias
+    for run in np.flatnonzero(error.any(axis=1)).tolist():
+        q[run] = pin.integrate(plants[run].model, q[run], error[run])
+    for run, plant in enumerate(plants):
+        if np.isfinite(plant.faults.counts):
+            q[run] = plant.quantized(q[run])
+    wrong = np.abs(chance[:, 2]) < garbage[:, 0]
+    q[wrong], v[wrong] = np.nan, np.nan
+    lost = (np.abs(chance[:, 1]) < dropped[:, 0]).tolist()
+    return [plant.transmit(*each) for plant, *each in zip(plants, q, v, lost, strict=True)]
 
 
 def needs_own_steps(plant: object, reduced: ReducedModel) -> bool:
@@ -296,7 +316,7 @@ class MassErrors:
     largest: float
     seed: int
 
-    def change(self, robot: Robot) -> list[Pfaffian]:
+    def change(self, robot: Robot) -> list[ConstraintKind]:
         """Multiply the inertias of a robot, which has no other users."""
         generator = np.random.default_rng([self.seed, 1])
         for joint, inertia in enumerate(robot.model.inertias):
@@ -311,7 +331,7 @@ class TimedChange(ABC):
     time: NotNegative
 
     @abstractmethod
-    def change(self, robot: Robot) -> list[Pfaffian]:
+    def change(self, robot: Robot) -> list[ConstraintKind]:
         """Change a robot, which has no other users, and return further constraints.
 
         Raises:
@@ -330,7 +350,7 @@ class Payload(TimedChange):
     time: NotNegative = 0.0
     """Time of the pick-up [s]."""
 
-    def change(self, robot: Robot) -> list[Pfaffian]:
+    def change(self, robot: Robot) -> list[ConstraintKind]:
         place = robot.model.frames[robot.frame_id(self.frame)]
         robot.model.inertias[place.parentJoint] += pin.Inertia(self.mass, place.placement.translation, np.zeros((3, 3)))
         return []
@@ -345,10 +365,29 @@ class StuckJoint(TimedChange):
     time: NotNegative = 0.0
     """Time at which the joint locks [s]."""
 
-    def change(self, robot: Robot) -> list[Pfaffian]:
-        rows = np.eye(robot.nv)[robot.velocity_indices(self.joint)]
-        zeros = np.zeros_like(rows)
-        return [Pfaffian(lambda q: rows, lambda q, v: zeros, [f"stuck({self.joint})"] if len(rows) == 1 else None)]
+    def change(self, robot: Robot) -> list[ConstraintKind]:
+        return [_Locked(self.joint)]
+
+
+@dataclass(frozen=True)
+class _Locked:
+    """Rows that hold a joint where it is."""
+
+    joint: str
+
+    def bind(self, robot: Robot) -> Rows:
+        return _LockedRows(robot, self.joint)
+
+
+class _LockedRows(ConstantRows):
+    def __init__(self, robot: Robot, joint: str) -> None:
+        entries = robot.velocity_indices(joint)
+        self.matrix, self._joint = np.eye(robot.nv)[entries], joint
+        self.names = tuple(f"stuck({robot.velocity_names[entry]})" for entry in np.arange(robot.nv)[entries])
+        self.units = tuple(robot.velocity_units[entry] for entry in np.arange(robot.nv)[entries])
+
+    def phrases(self) -> Phrases:
+        return Phrases(prevents="motion of", where=f"'{self._joint}'")
 
 
 class ChangingPlant:

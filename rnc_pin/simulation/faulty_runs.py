@@ -18,13 +18,14 @@ from rnc_pin.control.batches import Runs
 from rnc_pin.control.controller import Command
 from rnc_pin.control.loop import Decision, LoopState
 from rnc_pin.control.loop.control_loop import trapezoid
-from rnc_pin.control.loop.measurements import InvalidMeasurementError, ValidMeasurement
+from rnc_pin.control.loop.loop_state import VelocityEstimate
+from rnc_pin.control.loop.measurements import InvalidMeasurementError
 from rnc_pin.errors import RncError
 from rnc_pin.model.compiled_states import CompiledArraysAtV
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.plants.faults import FaultyPlant, Reading, transmitted
+from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.plants.faults import FaultyPlant, Reading, sensed_together, transmitted
 from rnc_pin.plants.plant import Plant
 from rnc_pin.plants.reduced import IntegrationErrors, ReducedPlantBatch
 from rnc_pin.simulation.sampled_run import SampledRun
@@ -127,7 +128,11 @@ class SeparatePlants:
 
     def keep(self, runs: Array) -> None:
         """Keep only the runs of a mask (B,)."""
-        self._plants, self.failed, self.applied = list(compress(self._plants, runs)), self.failed[runs], self.applied[runs]
+        self._plants, self.failed, self.applied = (
+            list(compress(self._plants, runs)),
+            self.failed[runs],
+            self.applied[runs],
+        )
         self.size = len(self._plants)
 
 
@@ -165,7 +170,9 @@ class FaultyRuns:
         self._dead_zone = np.array([[each.dead_zone] for each in faults])
         self._time = 0.0
         self._readings: list[Reading | None] = [None] * len(runs)
-        self._valid: list[ValidMeasurement] = []
+        self._together = runs[0].loop.guard.measures_velocity
+        self._valid_q: Array | None = None
+        self._motions: list[VelocityEstimate | None] = []
         self._last: _LastSample | None = None
         self._last_time = 0.0
         self.applied = self._passed = np.zeros((len(runs), self._reduced.p))
@@ -181,21 +188,25 @@ class FaultyRuns:
             runs whose measurement is invalid or needs the formulas of a single state. With one of these, the states are
             the true ones.
         """
-        failed = np.zeros(len(self._runs), dtype=bool)
-        for run, reading in enumerate(self._readings):
-            if reading is None:
-                self._readings[run] = self._faulty[run].sensed(states.q[run], states.v[run] + 0.0)
-        self._valid = []
-        for run, reading in enumerate(self._readings):
-            assert reading is not None
-            loop = self._runs[run].loop
-            try:
-                self._valid.append(loop.guard.check(loop.state, t, *reading))
-            except InvalidMeasurementError:
-                failed[run] = True
+        due = [run for run, reading in enumerate(self._readings) if reading is None]
+        if due:
+            found = sensed_together([self._faulty[run] for run in due], states.q[due], states.v[due] + 0.0)
+            for run, reading in zip(due, found, strict=True):
+                self._readings[run] = reading
+        q, v = (np.array(each) for each in zip(*cast("list[Reading]", self._readings), strict=True))
+        failed, self._motions = np.zeros(len(q), dtype=bool), [None] * len(q)
+        if self._together:
+            q, valid = self._runs[0].loop.guard.check_runs(self._valid_q, t - self._last_time, q, v)
+            failed = ~valid
+        else:
+            for run, each in enumerate(self._runs):
+                try:
+                    q[run], v[run], self._motions[run] = each.loop.guard.check(each.loop.state, t, q[run], v[run])
+                except InvalidMeasurementError:
+                    failed[run] = True
         if failed.any():
             return states, self._plants.integrals, failed
-        q, v = (np.array([getattr(each, name) for each in self._valid]) for name in ("q", "v"))
+        self._seen_q = q
         seen = compiled_states(self._reduced, q, v)
         if seen is None:
             failed[:] = [compiled_states(self._reduced, *each) is None for each in zip(q, v, strict=True)]
@@ -230,18 +241,20 @@ class FaultyRuns:
         """
         t = sample * self._dt
         self._last, self._last_time = _LastSample(measurement, command, requested, integrals), t
-        for run, (each, valid) in enumerate(zip(self._runs, self._valid, strict=True)):
-            each.loop.state = LoopState(0.0, t, valid.q, motion=valid.motion)
-            reading = self._readings[run]
-            assert reading is not None
-            self._v_measured[run][sample] = reading[1]
-            each.record.arrays["v_measured"] = self._v_measured[run]
+        self._valid_q = self._seen_q
+        if not self._together:
+            for each, own, motion in zip(self._runs, self._valid_q, self._motions, strict=True):
+                each.loop.state = LoopState(0.0, t, own, motion=motion)
+        for run, rows, reading in zip(self._runs, self._v_measured, self._readings, strict=True):
+            rows[sample] = cast(Reading, reading)[1]
+            if sample == 0:
+                run.record.arrays["v_measured"] = rows
         self._readings = [None] * len(self._runs)
 
     def lost(self, q: Array) -> list[Array | None] | None:
         """Generalized forces (nv,) of each run at q (B, nq) that its dead zone takes; None without them."""
         differences = self._plants.applied - self.applied
-        if self._plants.models is not None or not differences.any():
+        if isinstance(self._plants, SeparatePlants) or not differences.any():
             return None
         pairs = zip(self._faulty, q, differences, strict=True)
         return [each.lost(*where) if where[1].any() else None for each, *where in pairs]
@@ -263,6 +276,8 @@ class FaultyRuns:
         if self._last is None:
             return state
         loop, T, last = self._runs[place].loop, self.applied[place], self._last.of_runs(place)
+        if self._together:
+            loop.state = LoopState(0.0, self._last_time, cast(Array, self._valid_q)[place])
         measurement = last.measurement
         seen = self._reduced.at(measurement.q, v=measurement.v)
         loop.last = Decision(self._last_time, seen, measurement, last.command, last.requested, T)
@@ -271,8 +286,9 @@ class FaultyRuns:
 
     def keep(self, staying: Array) -> None:
         """Keep only the runs of a mask (B,)."""
-        for name in ("_runs", "_faulty", "_readings", "_valid", "_v_measured"):
+        for name in ("_runs", "_faulty", "_readings", "_motions", "_v_measured"):
             setattr(self, name, list(compress(getattr(self, name), staying)))
+        self._valid_q = None if self._valid_q is None else self._valid_q[staying]
         for name in ("_effort", "_dead_zone", "applied", "_passed"):
             setattr(self, name, getattr(self, name)[staying])
         self._last = None if self._last is None else self._last.of_runs(staying)

@@ -140,7 +140,7 @@ class LockStep:
         self._plants = _plants_of(runs)
         self._limits = runs[0].loop.limits
         self._rows = np.full((len(runs), samples, runs[0].record.width), np.nan)
-        for place, (run, rows) in enumerate(zip(runs, self._rows, strict=True)):
+        for run, rows in zip(runs, self._rows, strict=True):
             run.record.use(rows)
         faulty = isinstance(runs[0].plant, FaultyPlant)
         self._faults = FaultyRuns(runs, self._plants, dt, samples) if faulty else None
@@ -280,13 +280,13 @@ class LockStep:
         )  # fmt: skip
         np.concatenate(numbers, axis=1, out=(rows := np.empty((count, self._rows.shape[2]))))
         self._rows[self.places, sample] = rows
-        external = plants.external
+        external, models = plants.external, plants.models
         lost = None if self._faults is None else self._faults.lost(states.q)
-        if plants.models is not None or external is not None or lost is not None:
+        if models is not None or external is not None or lost is not None:
             for place, run in enumerate(self.places.tolist()):
-                model = plants.reduced if plants.models is None else plants.models[place]
+                model = plants.reduced if models is None else models[place]
                 forces = [each[place] for each in (external, lost) if each is not None and each[place] is not None]
-                if forces or plants.models is not None:
+                if forces or models is not None:
                     self._runs[run].record.written(sample)
                     self._runs[run].record.moves(model, sum(forces) if forces else None)
         if command.estimates is not None or command.prediction_error is not None:
