@@ -418,7 +418,8 @@ class ChangingPlant:
 
     def twin(self) -> ChangingPlant:
         """Return another plant with the same change, on twins of two ``ReducedPlant``."""
-        assert isinstance(self._before, ReducedPlant | ChangingPlant) and isinstance(self._after, ReducedPlant)
+        assert isinstance(self._before, ReducedPlant | ChangingPlant)
+        assert isinstance(self._after, ReducedPlant)
         return ChangingPlant(self._before.twin(), self._after.twin(), self._switch_time)
 
     @property

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from itertools import compress
-from typing import NamedTuple, cast
+from typing import NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy import ndarray as Array
@@ -46,6 +46,19 @@ class _LastSample(NamedTuple):
         parts = (type(each)._make([None if field is None else field[runs] for field in each]) for each in self[:2])
         measurement, command = cast(tuple[Measurement, Command], tuple(parts))
         return _LastSample(measurement, command, self.requested[runs], self.integrals[runs])
+
+
+_Fields = TypeVar("_Fields", Measurement, Command)
+
+
+def with_rows(fields: _Fields, runs: Sequence[int], rows: Sequence[_Fields]) -> _Fields:
+    """Fields (B, ...) of all runs with those of some runs; NaN where these have none."""
+    found = [None if field is None else np.array(field) for field in fields]
+    for run, row in zip(runs, rows, strict=True):
+        for field, own in zip(found, row, strict=True):
+            if field is not None:
+                field[run] = np.nan if own is None else own
+    return cast(_Fields, type(fields)._make(found))
 
 
 class SeparatePlants:
@@ -157,6 +170,7 @@ class FaultyRuns:
 
     Attributes:
         applied: inputs (B, p) that the loops know.
+        apart: mask (B,) of the runs whose last measurement was invalid; their own loops take the next sample.
     """
 
     def __init__(
@@ -175,18 +189,19 @@ class FaultyRuns:
         self._motions: list[VelocityEstimate | None] = []
         self._last: _LastSample | None = None
         self._last_time = 0.0
+        self.apart = np.zeros(len(runs), dtype=bool)
         self.applied = self._passed = np.zeros((len(runs), self._reduced.p))
         self._v_measured = list(np.full((len(runs), samples, self._reduced.n), np.nan))
 
     # ------------------------------------------------------------------ a sample
 
-    def read(self, t: float, states: StateEvaluation) -> tuple[StateEvaluation, Array, Array]:
+    def read(self, t: float, states: StateEvaluation) -> tuple[StateEvaluation, Array, Array, Array]:
         """Take a measurement of true states (B,) at time t [s], once a sample.
 
         Returns:
-            The states that the loops see, the integrals (B, r) of their reducing velocities, and the mask (B,) of the
-            runs whose measurement is invalid or needs the formulas of a single state. With one of these, the states are
-            the true ones.
+            The states that the loops see, true ones of the runs apart; the integrals (B, r) of their reducing
+            velocities; the mask (B,) of invalid measurements of other runs, and that of the runs which need the
+            formulas of a single state.
         """
         due = [run for run, reading in enumerate(self._readings) if reading is None]
         if due:
@@ -194,24 +209,29 @@ class FaultyRuns:
             for run, reading in zip(due, found, strict=True):
                 self._readings[run] = reading
         q, v = (np.array(each) for each in zip(*cast("list[Reading]", self._readings), strict=True))
-        failed, self._motions = np.zeros(len(q), dtype=bool), [None] * len(q)
+        invalid, self._motions = np.zeros(len(q), dtype=bool), [None] * len(q)
         if self._together:
             q, valid = self._runs[0].loop.guard.check_runs(self._valid_q, t - self._last_time, q, v)
-            failed = ~valid
+            invalid = ~valid & ~self.apart
         else:
-            for run, each in enumerate(self._runs):
+            for run in np.flatnonzero(~self.apart).tolist():
+                loop = self._runs[run].loop
                 try:
-                    q[run], v[run], self._motions[run] = each.loop.guard.check(each.loop.state, t, q[run], v[run])
+                    q[run], v[run], self._motions[run] = loop.guard.check(loop.state, t, q[run], v[run])
                 except InvalidMeasurementError:
-                    failed[run] = True
-        if failed.any():
-            return states, self._plants.integrals, failed
-        self._seen_q = q
+                    invalid[run] = True
+        unseen = invalid | self.apart
+        q[unseen], v[unseen] = states.q[unseen], states.v[unseen]
+        self._seen_q, failed = q, np.zeros(len(q), dtype=bool)
         seen = compiled_states(self._reduced, q, v)
         if seen is None:
             failed[:] = [compiled_states(self._reduced, *each) is None for each in zip(q, v, strict=True)]
-            return states, self._plants.integrals, failed if failed.any() else ~failed
-        return seen, self._integrals(t, seen.v2), failed
+            return states, self._plants.integrals, invalid, failed if failed.any() else ~failed
+        return seen, self._integrals(t, seen.v2), invalid, failed
+
+    def reading(self, run: int) -> Reading:
+        """Raw measurement of one run."""
+        return cast(Reading, self._readings[run])
 
     def _integrals(self, t: float, v2: Array) -> Array:
         if self._last is None:
@@ -243,13 +263,26 @@ class FaultyRuns:
         self._last, self._last_time = _LastSample(measurement, command, requested, integrals), t
         self._valid_q = self._seen_q
         if not self._together:
-            for each, own, motion in zip(self._runs, self._valid_q, self._motions, strict=True):
-                each.loop.state = LoopState(0.0, t, own, motion=motion)
+            for run in np.flatnonzero(~self.apart).tolist():
+                self._runs[run].loop.state = LoopState(0.0, t, self._valid_q[run], motion=self._motions[run])
         for run, rows, reading in zip(self._runs, self._v_measured, self._readings, strict=True):
             rows[sample] = cast(Reading, reading)[1]
             if sample == 0:
                 run.record.arrays["v_measured"] = rows
         self._readings = [None] * len(self._runs)
+
+    def rejoin(self, runs: Sequence[int]) -> None:
+        """Let runs apart, whose loops took a valid measurement in this sample, go on with the others."""
+        if not runs:
+            return
+        last = cast(_LastSample, self._last)
+        decisions = [cast(Decision, self._runs[run].loop.last) for run in runs]
+        measurement = with_rows(last.measurement, runs, [each.measurement for each in decisions])
+        command = with_rows(last.command, runs, [each.command for each in decisions])
+        self._last = _LastSample(measurement, command, last.requested, last.integrals)
+        for run in runs:
+            cast(Array, self._valid_q)[run] = self._runs[run].loop.state.q
+        self.apart[runs] = False
 
     def lost(self, q: Array) -> list[Array | None] | None:
         """Generalized forces (nv,) of each run at q (B, nq) that its dead zone takes; None without them."""
@@ -273,6 +306,8 @@ class FaultyRuns:
             state: state of the loop without its measurement.
         """
         self._faulty[place].resume(self._time, self.applied[place], self._passed[place], self._readings[place])
+        if self.apart[place]:
+            return self._runs[place].loop.state
         if self._last is None:
             return state
         loop, T, last = self._runs[place].loop, self.applied[place], self._last.of_runs(place)
@@ -289,6 +324,6 @@ class FaultyRuns:
         for name in ("_runs", "_faulty", "_readings", "_motions", "_v_measured"):
             setattr(self, name, list(compress(getattr(self, name), staying)))
         self._valid_q = None if self._valid_q is None else self._valid_q[staying]
-        for name in ("_effort", "_dead_zone", "applied", "_passed"):
+        for name in ("_effort", "_dead_zone", "applied", "_passed", "apart"):
             setattr(self, name, getattr(self, name)[staying])
         self._last = None if self._last is None else self._last.of_runs(staying)

@@ -22,16 +22,17 @@ from rnc_pin.control.batches import (
     measurement_of_run,
     stack_states,
     state_of_runs,
+    with_states,
 )
 from rnc_pin.control.controller import Command, Controller, State
-from rnc_pin.control.loop import LoopState
+from rnc_pin.control.loop import Decision, LoopState
 from rnc_pin.math.linear_algebra import apply, clipped
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import FaultyPlant, ReducedPlant, ReducedPlantBatch
 from rnc_pin.plants.faults import needs_own_steps
 from rnc_pin.simulation.error_propagation import ErrorMark, marked
-from rnc_pin.simulation.faulty_runs import FaultyRuns, SeparatePlants
+from rnc_pin.simulation.faulty_runs import FaultyRuns, SeparatePlants, with_rows
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.stop import Progress
 
@@ -73,10 +74,13 @@ class _Controllers:
             with suppress(NotStackable):
                 self.states, self._shared = stack_states(states), True
 
-    def step(self, t: float, measurement: Measurement) -> _Answer:
-        """Return the commands of all runs at time t [s]; ``states`` does not change."""
+    def step(self, t: float, measurement: Measurement, apart: Array) -> _Answer:
+        """Return the commands of all runs at time t [s]; those of the mask ``apart`` (B,) mean nothing.
+
+        ``states`` does not change.
+        """
         if not self._shared:
-            return self._in_turn(t, measurement, self.states)
+            return self._in_turn(t, measurement, self.states, apart)
         every = np.ones(len(self._each), dtype=bool)
         try:
             command, states = self._each[0].step(t, measurement, self.states)
@@ -84,8 +88,8 @@ class _Controllers:
                 return _Answer(command, states, ~every)
             return _Answer(Command(), None, every)
         except Exception:  # of one run, which is not known
-            found = self._in_turn(t, measurement, [self.state(place) for place in range(len(every))])
-            if found.failed.any():
+            found = self._in_turn(t, measurement, [self.state(place) for place in range(len(every))], apart)
+            if (found.failed & ~apart).any():
                 return found
             try:
                 return found._replace(states=stack_states(found.states))
@@ -101,12 +105,27 @@ class _Controllers:
         self._each = list(compress(self._each, staying))
         self.states = state_of_runs(self.states, staying) if self._shared else list(compress(self.states, staying))
 
-    def _in_turn(self, t: float, measurement: Measurement, before: Sequence[State]) -> _Answer:
+    def put(self, places: Sequence[int], states: Sequence[State]) -> bool:
+        """Replace the states of some runs; False if they do not fit to the others."""
+        if self._shared:
+            try:
+                self.states = with_states(self.states, places, states)
+            except NotStackable:
+                return False
+        for place, state in zip(places, [] if self._shared else states, strict=not self._shared):
+            self.states[place] = state
+        return True
+
+    def _in_turn(self, t: float, measurement: Measurement, before: Sequence[State], apart: Array) -> _Answer:
         """Commands of one controller after the other."""
         commands: list[object] = []
         states: list[State] = []
         failed = np.zeros(len(before), dtype=bool)
         for place, (controller, state) in enumerate(zip(self._each, before, strict=True)):
+            if apart[place]:
+                commands.append(None)
+                states.append(state)
+                continue
             seen = measurement_of_run(measurement, place)
             if seen.input_deficit is not None and not seen.input_deficit.any():
                 seen = seen._replace(input_deficit=None, force_deficit=None)
@@ -176,7 +195,8 @@ class LockStep:
         """Complete the records of the runs that are still here."""
         for place, run in enumerate(self.places.tolist()):
             record, loop = self._runs[run].record, self._runs[run].loop
-            loop.state = loop.state._replace(controller=self._controllers.state(place))
+            if self._faults is None or not self._faults.apart[place]:
+                loop.state = loop.state._replace(controller=self._controllers.state(place))
             record.written(self.samples_done)
             self._keep_marks(run, self.samples_done)
             self._runs[run].errors.at_the_end = self._plants.errors_of(place)
@@ -192,16 +212,24 @@ class LockStep:
         stopped = self._runs[0].stop.stopped(states)
         if stopped.any():
             return self._leave(stopped, sample)
-        seen, integrals = states, plants.integrals
+        seen, integrals, apart = states, plants.integrals, np.zeros(plants.size, dtype=bool)
         if self._faults is not None:
-            seen, integrals, failed = self._faults.read(t, states)
+            seen, integrals, invalid, failed = self._faults.read(t, states)
             if failed.any():
                 return self._leave(failed, sample)
+            for place in np.flatnonzero(invalid).tolist():
+                self._runs[self.places[place]].loop.state = self._loop_state(place)
+            self._faults.apart |= invalid
+            apart = self._faults.apart
         measurement = self._measurement(seen, integrals)
-        answer = self._controllers.step(t, measurement)
-        if answer.failed.any():
-            return self._leave(answer.failed, sample)
-        requested, failed = self._inputs(seen, answer.command)
+        answer = self._controllers.step(t, measurement, apart)
+        failed = answer.failed & ~apart
+        if failed.any():
+            return self._leave(failed, sample)
+        command = answer.command
+        requested, failed = self._inputs(seen, command, apart)
+        if not failed.any() and apart.any():
+            failed, command = self._step_apart(t, (requested, integrals), command)
         if failed.any():
             return self._leave(failed, sample)
         T = requested if self._limits is None else clipped(requested, self._limits)
@@ -211,7 +239,9 @@ class LockStep:
         else:
             self._faults.apply(T)
             applied, outputs = self._faults.applied, states.outputs(integrals)
-            self._faults.keep_sample(sample, measurement, integrals, answer.command, requested)
+            if any(self._runs[run].loop.last is None for run in self.places[apart].tolist()):
+                outputs = self._before_measurements(states, outputs)
+            self._faults.keep_sample(sample, measurement, integrals, command, requested)
         self._deficit = None if np.array_equal(requested, applied) else requested - applied
         history = self._runs[self.places[0]].errors
         if history.propagates:
@@ -221,8 +251,69 @@ class LockStep:
                 memory = [self._controllers.state(place) if due else None for place in range(plants.size)]
                 self._marks.append((self.places, ErrorMark(sample, plants.charts, memory, integrals)))
         self._controllers.states = answer.states
-        self._record(sample, states, (*outputs, applied, integrals), answer.command)
+        self._record(sample, states, (*outputs, applied, integrals), command)
+        if apart.any():
+            self._rejoin(t)
         return True
+
+    def _step_apart(self, t: float, rows: tuple[Array, Array], command: Command) -> tuple[Array, Command]:
+        """Let the loops of the runs apart take a sample.
+
+        Args:
+            t: time [s].
+            rows: requested inputs (B, p) and integrals (B, r), into which those of these runs are written.
+            command: commands of all runs.
+
+        Returns:
+            The mask (B,) of the runs that have to raise an error alone, and the commands with those of these runs.
+        """
+        faults, failed = cast(FaultyRuns, self._faults), np.zeros(len(self.places), dtype=bool)
+        apart, commands = np.flatnonzero(faults.apart).tolist(), []
+        loops = [self._runs[self.places[place]].loop for place in apart]
+        before = [(loop.state, loop.last) for loop in loops]
+        for place, loop in zip(apart, loops, strict=True):
+            try:
+                T = loop.step(t, *faults.reading(place))
+            except Exception:  # alone it raises the same error
+                failed[place] = True
+                continue
+            valid = loop.state.fault is None and loop.last is not None
+            rows[0][place] = cast(Decision, loop.last).requested if valid else T
+            rows[1][place] = 0.0 if loop.state.integrals is None else loop.state.integrals
+            commands.append(Command() if loop.last is None else loop.last.command)
+        if failed.any():
+            for loop, (state, last) in zip(loops, before, strict=True):
+                loop.state, loop.last = state, last
+            return failed, command
+        return failed, with_rows(command, apart, commands)
+
+    def _before_measurements(self, states: StateEvaluation, outputs: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Outputs x1 and x2, without integrals in the runs that have had no valid measurement."""
+        x1, x2 = outputs[0], np.array(outputs[1])
+        for place in np.flatnonzero(cast(FaultyRuns, self._faults).apart).tolist():
+            if self._runs[self.places[place]].loop.last is None:
+                x2[place] = states.measure(None).x2[place]
+        return x1, x2
+
+    def _rejoin(self, t: float) -> None:
+        """Complete the sample of the loops apart, and let those with a valid measurement go on with the others."""
+        faults, back = cast(FaultyRuns, self._faults), []
+        for place in np.flatnonzero(faults.apart).tolist():
+            run = self._runs[self.places[place]]
+            run.loop.report_applied_input(faults.applied[place].copy())
+            run.count_fallback(t, run.loop.state.fault)
+            if run.loop.state.fault is None:
+                back.append(place)
+        if back and self._controllers.put(back, [self._runs[self.places[p]].loop.state.controller for p in back]):
+            faults.rejoin(back)
+
+    def _loop_state(self, place: int) -> LoopState:
+        """State of the loop of a run that takes the next sample with its own loop."""
+        deficit = None if self._deficit is None else self._deficit[place]
+        if deficit is not None and not deficit.any():
+            deficit = None
+        state = LoopState(begin=0.0, input_deficit=deficit, controller=self._controllers.state(place))
+        return state if self._faults is None else self._faults.leave(place, state)
 
     def _state(self, states: StateEvaluation, run: int) -> StateEvaluation:
         """One of the states that the loops see."""
@@ -242,18 +333,23 @@ class LockStep:
             force[run] = apply(self._state(states, run).input_matrix, deficit[run])
         return measurement._replace(input_deficit=deficit, force_deficit=force)
 
-    def _inputs(self, states: StateEvaluation, command: Command) -> tuple[Array, Array]:
-        """Inputs (B, p) of a command, and the mask (B,) of the runs that have to find theirs alone."""
+    def _inputs(self, states: StateEvaluation, command: Command, apart: Array) -> tuple[Array, Array]:
+        """Inputs (B, p) of a command, and the mask (B,) of the runs, but those ``apart``, that find theirs alone."""
         reduced, count = self._plants.reduced, self._plants.size
         every, T = np.ones(count, dtype=bool), np.zeros((count, reduced.p))
         if (command.F is None) == (command.T is None):
             return T, every
         if command.T is not None:
-            T = np.asarray(command.T, dtype=float)
-            return T, every if T.shape != (count, reduced.p) else ~np.asarray(np.isfinite(T).all(axis=1))
+            T = np.array(command.T, dtype=float)
+            if T.shape != (count, reduced.p):
+                return T, every
+            T[apart] = 0.0
+            return T, ~np.asarray(np.isfinite(T).all(axis=1))
         F = np.asarray(command.F, dtype=float)
         if F.shape != (count, reduced.r):
             return T, every
+        if apart.any():
+            F = np.where(apart[:, None], 0.0, F)
         failed = ~np.isfinite(F).all(axis=1)
         found = None if failed.any() else states.arrays_at_q.allocated(states, F)
         if found is not None:
@@ -310,13 +406,7 @@ class LockStep:
         for place in np.flatnonzero(leaving).tolist():
             number = int(self.places[place])
             run = self._runs[number]
-            deficit = None if self._deficit is None else self._deficit[place]
-            if deficit is not None and not deficit.any():
-                deficit = None
-            state = LoopState(begin=0.0, input_deficit=deficit, controller=self._controllers.state(place))
-            if self._faults is not None:
-                state = self._faults.leave(place, state)
-            run.continue_from(samples, self._plants.checkpoint(place), state)
+            run.continue_from(samples, self._plants.checkpoint(place), self._loop_state(place))
             run.record.written(samples)
             self._keep_marks(number, samples)
             self.leavers.append(Leaver(number, sampled))

@@ -149,7 +149,8 @@ class ReducedPlantBatch:
         some = len(which) < self.size
         now = errors.selected(which) if some else errors
         q, y, status, roughness = self._integrated(which, dt, steps)
-        accepts, after = now.after(cast(float, roughness), dt, self._substeps.followed * dt)
+        with np.errstate(invalid="ignore"):  # an infinite roughness at a stop of friction needs a comparison
+            accepts, after = now.after(cast(float, roughness), dt, self._substeps.followed * dt)
         moved = status == 1.0
         accepted = np.asarray(accepts) & moved
         if accepted.all() and not some:
