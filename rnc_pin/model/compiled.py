@@ -53,6 +53,7 @@ class CompiledEvaluator(NumPyEvaluator):
         return evaluator_for, (self.data,)  # the kernel refers to memory
 
     def rows_changed(self) -> None:
+        super().rows_changed()
         self.kernel.refresh()
 
     # ------------------------------------------------------------------ arrays

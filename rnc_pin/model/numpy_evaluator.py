@@ -156,6 +156,7 @@ class NumPyEvaluator:
     Attributes:
         measures: True if ``measured`` is one call, for many runs too.
         compiled: True if a compiled kernel fills arrays.
+        kept_chart: evaluator of the last velocity chart, and what defines it. Many runs start at one configuration.
     """
 
     measures = compiled = False
@@ -163,6 +164,7 @@ class NumPyEvaluator:
     def __init__(self, data: ReductionData) -> None:
         self.data = data
         self._validator = ConfigurationValidator(data.robot)
+        self.kept_chart: tuple[tuple[object, ...], NumPyEvaluator] | None = None
 
     # ------------------------------------------------------------------ arrays
 
@@ -176,6 +178,7 @@ class NumPyEvaluator:
 
     def rows_changed(self) -> None:
         """Read the parameters of constraint rows again; call it after a change of e.g. the radius of a wheel."""
+        self.kept_chart = None
 
     # ------------------------------------------------------------------ evaluations
 
