@@ -158,6 +158,7 @@ class Evaluator:
         T: _Array,
         h: float,
         steps: int,
+        P: _Optional,
         damping: _Optional,
         joints: _Array,
         limits: _Array,

@@ -20,62 +20,74 @@ typedef struct {
     double *rest, *which, *slides;           /* 1 for rows: that stick at the end, that are to stop, that slide */
     double *x, *at, *y, *q, *flows, *stages; /* (size), (size), y (s), (nq), (size), work */
     double *inputs, *external, *B;           /* inputs (p) and generalized forces (n) with friction; (n, p) */
+    double *at_q, *at_v2;                    /* state (nq), (r) whose position and biases are in scratch */
+    int located, biased;                     /* whether they are */
+    const double *kinematics;                /* those at the start of the run, or NULL */
 } Dissipation;
 
 /* Pointers into a block that calloc returns, or NULL */
+#define PART(name, count)                                                                                              \
+    if (memory) d->name = memory + at;                                                                                 \
+    at += (size_t)(count)
 static double *dissipation_memory(const Evaluator *ev, Dissipation *d)
 {
     Py_ssize_t n = ev->n, r = ev->r, k = d->rows, size = d->size = n + integrated(ev);
-    Py_ssize_t sizes[] = {k * n,
-                          k * r,
-                          k * r,
-                          k * k,
-                          r * r,
-                          r * r,
-                          r * r,
-                          r,
-                          (size - r) * r,
-                          k,
-                          k,
-                          k,
-                          k,
-                          k,
-                          k,
-                          k,
-                          k,
-                          r * k,
-                          r,
-                          10 * r,
-                          k,
-                          k,
-                          k,
-                          size,
-                          size,
-                          size,
-                          ev->nq,
-                          size,
-                          8 * size + k * (k + 1),
-                          ev->p,
-                          n,
-                          n * ev->p};
-    double **parts[] = {&d->J,      &d->along,  &d->moved,  &d->gram,   &d->H,      &d->modes,  &d->inverse,  &d->decay,
-                        &d->follow, &d->speeds, &d->forces, &d->stops,  &d->now,    &d->wanted, &d->shares,   &d->slope,
-                        &d->bias,   &d->basis,  &d->a,      &d->growth, &d->rest,   &d->which,  &d->slides,   &d->x,
-                        &d->at,     &d->y,      &d->q,      &d->flows,  &d->stages, &d->inputs, &d->external, &d->B};
-    size_t count = sizeof(sizes) / sizeof(*sizes), total = 1;
-    for (size_t i = 0; i < count; i++) total += (size_t)sizes[i];
-    double *memory = calloc(total, sizeof(double)), *free_part = memory;
-    for (size_t i = 0; i < count && memory; free_part += sizes[i++]) *parts[i] = free_part;
+    double *memory = NULL;
+    for (int pass = 0; pass < 2; pass++) {
+        size_t at = 0;
+        PART(J, k * n);
+        PART(along, k * r);
+        PART(moved, k * r);
+        PART(gram, k * k);
+        PART(H, r * r);
+        PART(modes, r * r);
+        PART(inverse, r * r);
+        PART(decay, r);
+        PART(follow, (size - r) * r);
+        PART(speeds, k);
+        PART(forces, k);
+        PART(stops, k);
+        PART(now, k);
+        PART(wanted, k);
+        PART(shares, k);
+        PART(slope, k);
+        PART(bias, k);
+        PART(basis, r * k);
+        PART(a, r);
+        PART(growth, 10 * r);
+        PART(rest, k);
+        PART(which, k);
+        PART(slides, k);
+        PART(x, size);
+        PART(at, size);
+        PART(y, size);
+        PART(q, ev->nq);
+        PART(flows, size);
+        PART(stages, 8 * size + k * (k + 1));
+        PART(inputs, ev->p);
+        PART(external, n);
+        PART(B, n * ev->p);
+        PART(at_q, ev->nq);
+        PART(at_v2, r);
+        if (!pass && !(memory = calloc(at + 1, sizeof(double)))) return NULL;
+    }
     return memory;
 }
+#undef PART
 
 /* The position, E and its inverse at q, in scratch, and the rows with friction */
 static int locate(Evaluator *ev, Dissipation *d, const double *q)
 {
     Py_ssize_t n = ev->n;
     double *P = ev->scratch + ev->work;
-    if (!take_position(ev, q, P)) return -1;
+    if (d->located && !memcmp(d->at_q, q, (size_t)ev->nq * sizeof(double))) return 1;
+    d->located = d->biased = 0;
+    if (d->kinematics) memcpy(P, d->kinematics, (size_t)kinematics_size(ev) * sizeof(double));
+    else if (!take_position(ev, q, P)) return -1;
+    d->kinematics = NULL;
     if (!factorize(ev, q, P, NULL, P + kinematics_size(ev))) return 0;
+    memcpy(d->at_q, q, (size_t)ev->nq * sizeof(double));
+    d->located = 1;
     memset(d->J, 0, (size_t)(d->rows * n) * sizeof(double));
     for (Py_ssize_t i = 0; i < d->jointed; i++) d->J[i * n + (Py_ssize_t)d->joints[i]] = 1.0;
     if (d->rows == d->jointed) return 1;
@@ -83,6 +95,17 @@ static int locate(Evaluator *ev, Dissipation *d, const double *q)
     for (Py_ssize_t i = 0; i < ev->p; i++)
         for (Py_ssize_t j = 0; j < n; j++) d->J[(d->jointed + i) * n + j] = d->B[j * ev->p + i];
     return 1;
+}
+
+/* The state derivative at q, which is located */
+static int rates_of(Evaluator *ev, Dissipation *d, const double *q, const double *v2, const double *T,
+                    const double *further, double *out)
+{
+    int same = d->biased && !memcmp(d->at_v2, v2, (size_t)ev->r * sizeof(double));
+    int ok = rates_here(ev, q, v2, T, further, d->damping, same, out);
+    d->biased = ok > 0;
+    memcpy(d->at_v2, v2, (size_t)ev->r * sizeof(double));
+    return ok;
 }
 
 /* Solve A x = b for symmetric positive semidefinite A (k, k), in place, without square roots. Dependent rows get zero;
@@ -405,7 +428,7 @@ static int bent_rates(Evaluator *ev, Dissipation *d, const double *q, const doub
     if (!displace(ev, q, x, d->q)) return -1;
     int ok = locate(ev, d, d->q);
     if (ok > 0 && sticking) ok = stop_rows(ev, d, sticking, y, NULL);
-    if (ok > 0) ok = rates_here(ev, d->q, y, d->inputs, d->external, d->damping, out);
+    if (ok > 0) ok = rates_of(ev, d, d->q, y, d->inputs, d->external, out);
     if (ok <= 0) return ok;
     coordinate_rates(ev, x, out);
     memset(d->flows, 0, (size_t)size * sizeof(double));
@@ -510,7 +533,7 @@ static int begin(Evaluator *ev, Dissipation *d, const double *q, const double *y
 {
     int ok = locate(ev, d, q);
     memcpy(d->q, q, (size_t)ev->nq * sizeof(double));
-    if (ok > 0) ok = rates_here(ev, q, y, d->T, NULL, d->damping, d->x);
+    if (ok > 0) ok = rates_of(ev, d, q, y, d->T, NULL, d->x);
     if (ok > 0) ok = linear_part(ev, d);
     return ok > 0 ? friction_in_step(ev, d, h) : ok;
 }

@@ -1197,10 +1197,10 @@ static double constraint_power(const Evaluator *ev, const double *P, const doubl
 static Py_ssize_t integrated(const Evaluator *ev) { return ev->r + ev->k + (ev->timed ? 2 : 1); }
 
 /* State derivative where position, E and its inverse are in scratch: v (n), v2_dot (r), J1 v (k), 1 for the time, and
-   the power of forces and moving constraints. Forces are those of T, further ones (n) and damping (n), unless NULL. 0:
-   the general way has to decide; -1: an error */
+   the power of forces and moving constraints. Forces are those of T, further ones (n) and damping (n), unless NULL.
+   biased: the biases of this state are in scratch too. 0: the general way has to decide; -1: an error */
 static int rates_here(Evaluator *ev, const double *q, const double *v2, const double *T, const double *further,
-                      const double *damping, double *out)
+                      const double *damping, int biased, double *out)
 {
     Py_ssize_t n = ev->n, r = ev->r, k = ev->k;
     double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *S = F + 2 * n * n + n;
@@ -1213,7 +1213,7 @@ static int rates_here(Evaluator *ev, const double *q, const double *v2, const do
     memset(springs, 0, (size_t)n * sizeof(double));
     if (!add_passive(ev, q, P, v, force, springs)) return 0;
     double stored = dot(springs, v, n);
-    if (!biases(ev, q, P, F, v, NULL, S)) return -1;
+    if (!biased && !biases(ev, q, P, F, v, NULL, S)) return -1;
     if (!accelerate(ev, F, S, force, v2_dot, ev->scratch)) return 0;
     for (Py_ssize_t j = 0; j < k; j++) {
         if (!assemble(ev, q, P, NULL, n + j, n + j + 1, row)) return 0;
@@ -1233,7 +1233,7 @@ static int derivative(Evaluator *ev, const double *q, const double *v2, const do
     double *P = ev->scratch + ev->work;
     if (known) memcpy(P, known, (size_t)kinematics_size(ev) * sizeof(double));
     else if (!take_position(ev, q, P)) return -1;
-    return factorize(ev, q, P, NULL, P + kinematics_size(ev)) ? rates_here(ev, q, v2, T, further, damping, out) : 0;
+    return factorize(ev, q, P, NULL, P + kinematics_size(ev)) ? rates_here(ev, q, v2, T, further, damping, 0, out) : 0;
 }
 
 /* q, v2, T, further forces (n), damping (n), record of the state derivative. False if the general way has to decide. */

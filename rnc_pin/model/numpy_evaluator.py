@@ -39,6 +39,16 @@ class RunRecords(NamedTuple):
         return RunRecords(*(array[run].copy() for array in self))
 
 
+class RunStarts(NamedTuple):
+    """States and inputs of B runs at the start of a step."""
+
+    q: Float[Array, "B nq"]
+    y: Float[Array, "B s"]
+    T: Float[Array, "B p"]
+    kinematics: Array | None = None
+    """Records of kinematics at q, if known."""
+
+
 class Dissipation(NamedTuple):
     """Damping and dry friction of B runs."""
 
@@ -97,13 +107,13 @@ class NumPyRuns:
         return q, y, np.zeros(len(q)), np.zeros(len(q))
 
     def dissipate(
-        self, charts: tuple[object, ...], start: tuple[Array, Array, Array], h: float, steps: int, losses: Dissipation
+        self, charts: tuple[object, ...], start: RunStarts, h: float, steps: int, losses: Dissipation
     ) -> tuple[Array, Array, Array, Array]:
         """The same with damping and dry friction, as ``DissipativeStep.advance``; the roughness may be infinite.
 
         Args:
             charts: as for ``velocities``.
-            start: states (B, nq) and (B, s), and inputs (B, p).
+            start: states and inputs at the start.
             h: duration of each step [s].
             steps: number of steps.
             losses: damping and friction.
@@ -111,7 +121,7 @@ class NumPyRuns:
         return *start[:2], np.zeros(len(charts)), np.zeros(len(charts))
 
     def friction(
-        self, charts: tuple[object, ...], start: tuple[Array, Array, Array], h: float, losses: Dissipation
+        self, charts: tuple[object, ...], start: RunStarts, h: float, losses: Dissipation
     ) -> tuple[Array, Array]:
         """Generalized forces (B, nv) of dry friction during a step, and status (B,); arguments as of ``dissipate``."""
         return np.empty((len(charts), 0)), np.zeros(len(charts))

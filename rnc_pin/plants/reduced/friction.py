@@ -13,7 +13,7 @@ import scipy
 
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.integrators import ExponentialRungeKutta4, LieRungeKutta4, LinearPart, phi_functions
-from rnc_pin.model.numpy_evaluator import Dissipation
+from rnc_pin.model.numpy_evaluator import Dissipation, RunStarts
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, check_conserved
@@ -217,7 +217,7 @@ class DissipativeStep:
 
     def friction_force(self, q: np.ndarray, y: np.ndarray, T: np.ndarray) -> np.ndarray:
         """Generalized forces (nv,) of dry friction at a state."""
-        chart, start = self._dynamics.chart.evaluator, (q[None], y[None], T[None])
+        chart, start = self._dynamics.chart.evaluator, RunStarts(q[None], y[None], T[None])
         found, status = chart.runs.friction((chart.chart,), start, INSTANT, self.of_runs(self.friction.limits[None]))
         if status[0] == 1.0:
             return found[0]
@@ -234,7 +234,7 @@ class DissipativeStep:
         Raises:
             DivergenceError: velocities or accelerations are not finite.
         """
-        chart, start = self._dynamics.chart.evaluator, (q[None], y[None], T[None])
+        chart, start = self._dynamics.chart.evaluator, RunStarts(q[None], y[None], T[None])
         found = chart.runs.dissipate((chart.chart,), start, h, steps, self.of_runs(self.friction.limits[None]))
         if found[2][0] == 1.0:
             return found[0][0], found[1][0], float(found[3][0])

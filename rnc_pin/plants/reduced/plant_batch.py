@@ -13,7 +13,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.input_validation import numbers_of
-from rnc_pin.model.numpy_evaluator import Dissipation, NumPyRuns, RunRecords
+from rnc_pin.model.numpy_evaluator import Dissipation, NumPyRuns, RunRecords, RunStarts
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import MAX_GROWTH, VelocityChart
 from rnc_pin.plants.reduced.friction import INSTANT
@@ -201,7 +201,8 @@ class ReducedPlantBatch:
             kinematics = kinematics[which]
         if not self.dissipates:
             return self._runs.integrate(tuple(calls), *arrays, dt / steps, steps, kinematics)
-        return self._runs.dissipate(tuple(calls), arrays, dt / steps, steps, self._losses(which))
+        start = RunStarts(*arrays, kinematics)
+        return self._runs.dissipate(tuple(calls), start, dt / steps, steps, self._losses(which))
 
     def _losses(self, which: Array) -> Dissipation:
         """Damping and friction of runs (b,), all with friction of their actuators or all without it."""
@@ -244,8 +245,8 @@ class ReducedPlantBatch:
             losses = self._losses(which)
             if not losses.limits.size:
                 continue
-            arrays = self._q[which], self._y[which], self.applied[which]
-            found, status = self._runs.friction(tuple(self._chart_calls[run] for run in which), arrays, INSTANT, losses)
+            start = RunStarts(*(each[which] for each in (self._q, self._y, self.applied, self._kinematics)))
+            found, status = self._runs.friction(tuple(self._chart_calls[run] for run in which), start, INSTANT, losses)
             forces[which[status == 1.0]] += found[status == 1.0]
             for run in which[status != 1.0].tolist():
                 self._single.rollback(self.checkpoint(run))
