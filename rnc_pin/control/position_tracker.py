@@ -150,14 +150,15 @@ class PositionTracker(DescribedMixin):
     ) -> tuple[Command, PositionState]:
         """Sample from one call of the compiled kernel; from the formulas for arrays that it does not take."""
         x2, deficit, sigma = measurement.x2, measurement.force_deficit, self.gains.sigma
-        batch, (k, r) = x2.shape[:-1], (len(self.outputs), x2.shape[-1])
+        batch, k = x2.shape[:-1], len(self.outputs)
         frozen: tuple[np.ndarray | None, ...] = (None, None, None)
         if deficit is not None or self._has_dead_zone:
             before = desired if state.time is None else self.reference.at(state.time)
             frozen = (np.zeros(x2.shape) if deficit is None else deficit), before.velocity, before.acceleration
         leak_time = -expm1(-sigma * elapsed) / sigma if sigma else elapsed
-        sizes = k, k, k, k * k, k * k, k, r, r
-        found = np.empty(sum(sizes) * (len(x2) if batch else 1))
+        n = k * len(x2) if batch else k
+        square = n * k
+        found = np.empty(4 * n + 2 * square + 2 * x2.size)
         point = desired.position, desired.velocity, desired.acceleration, desired.jerk
         arrays = *point, x2, self.outputs, self._table, *state[1:], *frozen
         if not _kernel.library.track_position(*arrays, exp(-sigma * elapsed), leak_time, sigma, elapsed, found):
@@ -166,11 +167,11 @@ class PositionTracker(DescribedMixin):
             runs = [state_of_runs((measurement, state), run) for run in range(len(x2))]
             each = [self._compiled(t, elapsed, desired, *own) for own in runs]
             return cast("tuple[Command, PositionState]", stack_states(each))
-        ends = np.cumsum(sizes) * (len(x2) if batch else 1)
-        F, z, f, A, B, e, v2, x2d = np.split(found, ends[:-1])
+        F, z, f, e = (found[at : at + n] for at in (0, n, 2 * n, 3 * n + 2 * square))
+        A, B = (found[at : at + square].reshape(*batch, k, k) for at in (3 * n, 3 * n + square))
+        v2, x2d = found[-2 * x2.size : -x2.size], found[-x2.size :]
         if batch:
             F, z, f, e, v2, x2d = (part.reshape(*batch, -1) for part in (F, z, f, e, v2, x2d))
-        A, B = A.reshape(*batch, k, k), B.reshape(*batch, k, k)
         return Command(F, None, v2, None, x2d), PositionState(t, z, f, A, B, e)
 
     def _adapted(

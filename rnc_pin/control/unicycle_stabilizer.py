@@ -11,13 +11,15 @@ give ``Vdot = -k e^2 cos^2(alpha) - c alpha^2`` for ``V = (e^2 + alpha^2 + h the
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from rnc_pin.control.controller import DescribedMixin, VelocityTarget
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.math.components import Component
 from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.measurement import Measurement
 
@@ -33,28 +35,28 @@ class DrivingState(NamedTuple):
     """Time of the last start [s], NaN while it waits; 1 while it rests; 1 while it drives backwards: (..., 3)."""
 
     @property
-    def since(self) -> np.ndarray:
+    def since(self) -> Component:
         """Time of the last start [s], NaN while it waits, (...)."""
-        return np.asarray(self.mode[..., 0])
+        return cast(Component, self.mode.T[0])
 
     @property
     def resting(self) -> np.ndarray:
         """True while it rests, (...)."""
-        return np.asarray(self.mode[..., 1] == 1.0)
+        return cast(np.ndarray, self.mode.T[1] == 1.0)
 
     @property
     def backwards(self) -> np.ndarray:
         """True while it drives backwards, (...)."""
-        return np.asarray(self.mode[..., 2] == 1.0)
+        return cast(np.ndarray, self.mode.T[2] == 1.0)
 
 
 class _PolarPose(NamedTuple):
-    """Poses (B,) in the coordinates of the control law, for forward or backward driving."""
+    """Pose in the coordinates of the control law, for forward or backward driving; arrays (B,) of many vehicles."""
 
-    distance: np.ndarray
-    alpha: np.ndarray
+    distance: Component
+    alpha: Component
     """From the heading to the line of sight (-pi, pi]."""
-    theta: np.ndarray
+    theta: Component
     """From the goal's heading to the line of sight (-pi, pi]."""
 
 
@@ -134,89 +136,104 @@ class UnicycleStabilizer(DescribedMixin):
         return DrivingState(np.broadcast_to([np.nan, 0.0, 0.0], (*measurement.x2.shape[:-1], 3)))
 
     def step(self, t: float, measurement: Measurement, state: DrivingState) -> tuple[VelocityTarget, DrivingState]:
-        alone = measurement.x2.ndim == 1  # one state is a stack of one, to the bit
-        x1, x2, v2, mode = (
-            np.atleast_2d(np.asarray(each, dtype=float))
-            for each in (measurement.x1, measurement.x2, measurement.v2, state.mode)
+        pose, v2 = self._pose(measurement.x1, measurement.x2), np.asarray(measurement.v2, dtype=float)
+        state = self._update_mode(t, pose, v2, state)
+        x1, x2 = np.full(measurement.x1.shape, np.nan), np.full(v2.shape, np.nan)
+        x1[..., self.position], x2[..., 1] = self.goal[:2], self.goal[2]
+        drives = np.isfinite(state.since) & ~state.resting
+        if not drives.any():
+            still = np.zeros(v2.shape)
+            return VelocityTarget(v2=still, v2_dot=still, x1=x1, x2=x2), state
+        sign = _choose(state.backwards, -1.0, 1.0)
+        (v, w), (v_dot, w_dot) = self._limited(*self._law(self._polar_pose(pose, sign), v2, sign))
+        ramp, since = self.ramp_time or 1.0, t - state.since
+        starts = since < self.ramp_time
+        share, growth = _choose(starts, since / ramp, 1.0), _choose(starts, 1.0 / ramp, 0.0)
+        desired = _vectors(_choose(drives, share * v, 0.0), _choose(drives, share * w, 0.0))
+        rates = _vectors(
+            _choose(drives, share * v_dot + growth * v, 0.0), _choose(drives, share * w_dot + growth * w, 0.0)
         )
-        pose = self._pose(x1, x2)
-        mode = self._update_mode(t, pose, v2, mode)
-        now = DrivingState(mode)
-        since, sign = now.since, np.where(now.backwards, -1.0, 1.0)
-        desired, rate = self._limited(*self._law(self._polar_pose(pose, sign), v2, sign))
-        ramp, drives = self.ramp_time, np.isfinite(since) & ~now.resting
-        starts = drives & (t - since < ramp)
-        share = np.where(starts, (t - since) / (ramp or 1.0), 1.0)[:, None]
-        growth = np.where(starts, 1.0 / (ramp or 1.0), 0.0)[:, None]
-        goals = np.full(x1.shape, np.nan), np.tile([np.nan, self.goal[2]], (len(x2), 1))
-        goals[0][:, self.position] = self.goal[:2]
-        target = [
-            np.where(drives[:, None], share * desired, 0.0),
-            np.where(drives[:, None], share * rate + growth * desired, 0.0),
-            *goals,
-        ]
-        v2, v2_dot, x1, x2 = (each[0] for each in target) if alone else target
-        return VelocityTarget(v2=v2, v2_dot=v2_dot, x1=x1, x2=x2), DrivingState(mode[0] if alone else mode)
+        return VelocityTarget(v2=desired, v2_dot=rates, x1=x1, x2=x2), state
 
-    def _pose(self, x1: np.ndarray, x2: np.ndarray) -> np.ndarray:
-        """Positions in the goal's axes, and headings relative to the goal's in (-pi, pi], (3, ...)."""
-        dx, dy = (x1[..., place] - goal for place, goal in zip(self.position, self.goal, strict=False))
+    def _pose(self, x1: np.ndarray, x2: np.ndarray) -> Sequence[Component]:
+        """Position in the goal's axes, and the heading relative to the goal's in (-pi, pi]."""
+        dx, dy = (x1.T[place] - goal for place, goal in zip(self.position, self.goal, strict=False))
         c, s = np.cos(self.goal[2]), np.sin(self.goal[2])
-        pose = np.array([c * dx + s * dy, c * dy - s * dx, wrapped(x2[..., 1] - self.goal[2])])
-        if not np.isfinite(pose).all():
+        pose = c * dx + s * dy, c * dy - s * dx, wrapped(x2.T[1] - self.goal[2])
+        if not np.isfinite(pose[0] + pose[1] + pose[2]).all():
             raise InputError("the vehicle's position and heading have to be given in x1 and x2")
         return pose
 
-    def _update_mode(self, t: float, pose: np.ndarray, v2: np.ndarray, mode: np.ndarray) -> np.ndarray:
-        """New modes (B, 3): waiting, resting or driving, and the driving direction."""
+    def _update_mode(self, t: float, pose: Sequence[Component], v2: np.ndarray, state: DrivingState) -> DrivingState:
+        """New state: waiting, resting or driving, and the driving direction."""
         if t < self.begin:
-            return mode
-        before = DrivingState(mode)
-        since, resting, backwards = before.since, before.resting, before.backwards
+            return state
+        since, resting, backwards = state.since, state.resting, state.backwards
         off = np.maximum(np.hypot(pose[0], pose[1]), np.abs(pose[2]))
-        rests = (off < self.tolerance) & (np.abs(v2).max(axis=1) < self.tolerance)
+        rests = (off < self.tolerance) & (np.abs(v2).max(axis=-1) < self.tolerance)
         stays = ~rests & resting & (off < _WAKE_FACTOR * self.tolerance)
         starts = ~rests & ~stays & (np.isnan(since) | resting)
-        forth, back = (self._angle_cost(self._polar_pose(pose, np.full(len(v2), sign))) for sign in (1.0, -1.0))
-        now, other = np.where(backwards, back, forth), np.where(backwards, forth, back)
+        forth, back = (self._angle_cost(self._polar_pose(pose, sign)) for sign in (1.0, -1.0))
+        now, other = _choose(backwards, back, forth), _choose(backwards, forth, back)
         turns = other < _REVERSAL_RATIO * now
-        way = np.where(starts, back < forth, np.where(rests | stays, backwards, backwards != turns))
-        return np.column_stack([np.where(rests | starts, t, since), np.where(rests | stays, 1.0, 0.0), way])
+        way = _choose(starts, back < forth, _choose(rests | stays, backwards, backwards != turns))
+        return DrivingState(_vectors(_choose(rests | starts, t, since), _choose(rests | stays, 1.0, 0.0), way))
 
-    def _polar_pose(self, pose: np.ndarray, sign: np.ndarray) -> _PolarPose:
-        """Poses in the coordinates of the law; where the sign is -1, for backward driving, both headings turn by pi."""
+    def _polar_pose(self, pose: Sequence[Component], sign: Component) -> _PolarPose:
+        """Pose in the coordinates of the law; where the sign is -1, for backward driving, both headings turn by pi."""
         x, y, heading = pose
-        about, e = np.where(sign < 0.0, np.pi, 0.0), np.hypot(x, y)
+        about, e = _choose(np.less(sign, 0.0), np.pi, 0.0), np.hypot(x, y)
         there = e < self.tolerance / 2  # at the goal, except for the heading
         bearing = np.arctan2(-y, -x)
-        alpha = np.where(there, wrapped(-heading), wrapped(bearing - heading - about))
-        return _PolarPose(np.where(there, 0.0, e), alpha, np.where(there, 0.0, wrapped(bearing - about)))
+        alpha = wrapped(_choose(there, -heading, bearing - heading - about))
+        return _PolarPose(_choose(there, 0.0, e), alpha, _choose(there, 0.0, wrapped(bearing - about)))
 
-    def _angle_cost(self, polar: _PolarPose) -> np.ndarray:
+    def _angle_cost(self, polar: _PolarPose) -> Component:
         """Angle terms of 2 V."""
-        return np.asarray(polar.alpha**2 + self._h * polar.theta**2)
+        return polar.alpha * polar.alpha + self._h * (polar.theta * polar.theta)
 
-    def _law(self, polar: _PolarPose, v2: np.ndarray, sign: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Inputs (v, w) of the law (B, 2), and their rates while the vehicles move at v2; the sign is the direction."""
+    def _law(
+        self, polar: _PolarPose, v2: np.ndarray, sign: Component
+    ) -> tuple[tuple[Component, Component], tuple[Component, Component]]:
+        """Inputs (v, w) of the law, and their rates while the vehicle moves at v2; the sign is the direction."""
         (e, alpha, theta), k, h = polar, self.k, self._h
-        speed, turn = sign * v2[:, 0], v2[:, 1]
+        speed, turn = sign * v2.T[0], v2.T[1]
         c, s = np.cos(alpha), np.sin(alpha)
         # Closer than ``tolerance``, bound the rate of the line of sight: the vehicle is about to rest.
-        theta_dot = speed * s * e / np.maximum(e, self.tolerance) ** 2
+        far = np.maximum(e, self.tolerance)
+        theta_dot = speed * s * e / (far * far)
         alpha_dot = theta_dot - turn
         v_dot = k * (-speed * c * c - e * s * alpha_dot)
         series = np.abs(alpha) < _SERIES_ANGLE
-        divisor = np.where(series, 1.0, alpha)
-        share = np.where(series, 1.0 - 2.0 / 3.0 * alpha**2, c * s / divisor)  # cos(alpha) sinc(alpha)
-        slope = np.where(series, -4.0 / 3.0 * alpha, (np.cos(2 * alpha) - c * s / divisor) / divisor)
+        divisor = _choose(series, 1.0, alpha)
+        share = _choose(series, 1.0 - 2.0 / 3.0 * (alpha * alpha), c * s / divisor)  # cos(alpha) sinc(alpha)
+        slope = _choose(series, -4.0 / 3.0 * alpha, (np.cos(2 * alpha) - c * s / divisor) / divisor)
         weighted, weighted_dot = alpha + h * theta, alpha_dot + h * theta_dot
         w = self._c * alpha + k * share * weighted
         w_dot = self._c * alpha_dot + k * (slope * alpha_dot * weighted + share * weighted_dot)
-        return np.column_stack([sign * k * e * c, w]), np.column_stack([sign * v_dot, w_dot])
+        return (sign * k * e * c, w), (sign * v_dot, w_dot)
 
-    def _limited(self, v2: np.ndarray, v2_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Inputs (B, 2) slowed below the limits along the same path, and their rates."""
-        limits = np.array(self.max_speed)
-        scale = np.sqrt(1.0 + np.sum((v2 / limits) ** 2, axis=1))[:, None]
-        scale_dot = np.sum(v2 * v2_dot / limits**2, axis=1)[:, None] / scale
-        return v2 / scale, (v2_dot - v2 * scale_dot / scale) / scale
+    def _limited(
+        self, v2: tuple[Component, Component], v2_dot: tuple[Component, Component]
+    ) -> tuple[tuple[Component, Component], tuple[Component, Component]]:
+        """Inputs slowed below the limits along the same path, and their rates."""
+        (v, w), (v_dot, w_dot), (fast, turning) = v2, v2_dot, self.max_speed
+        scale = np.sqrt(1.0 + ((v / fast) * (v / fast) + (w / turning) * (w / turning)))
+        slows = (v * v_dot / fast**2 + w * w_dot / turning**2) / scale / scale
+        return (v / scale, w / scale), ((v_dot - v * slows) / scale, (w_dot - w * slows) / scale)
+
+
+def _choose(condition: np.ndarray, one: Component, other: Component) -> Component:
+    """One value where a condition holds, else the other one; of one vehicle without the cost of arrays."""
+    if isinstance(condition, np.ndarray):
+        return np.where(condition, one, other)
+    return one if condition else other
+
+
+def _vectors(*entries: Component) -> np.ndarray:
+    """Vector (k,) of numbers, or vectors (B, k) of arrays (B,)."""
+    return (
+        np.ascontiguousarray(np.array(np.broadcast_arrays(*entries), dtype=float).T)
+        if any(isinstance(entry, np.ndarray) for entry in entries)
+        else np.array(entries, dtype=float)
+    )

@@ -225,7 +225,9 @@ class PlanFeedback(ReprMixin):
         return u + apply(K, np.concatenate([moved, w], axis=1)), self._model.velocity(state, u[None])[0]
 
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[Command, None]:
-        q, v2 = np.atleast_2d(np.asarray(measurement.q)), np.atleast_2d(np.asarray(measurement.v2))
+        q, v2 = np.asarray(measurement.q), np.asarray(measurement.v2)
+        if alone := v2.ndim == 1:
+            q, v2 = q[None], v2[None]
         u, v2_desired = self.input_at(t, q, v2)
         x1, x2 = None, None
         over = t - self.plan.duration > 0 and self._after.duration > 0  # the plan has no outputs after its end
@@ -234,8 +236,8 @@ class PlanFeedback(ReprMixin):
         F = None
         if self._model.form != "dynamic":
             rate = u if self._model.form == "acceleration" else self.bandwidth * (u - v2)
-            F = self._reduced.evaluator.inverse_dynamics_of_runs(*map(np.ascontiguousarray, (q, v2, rate)), t)
-        if np.ndim(measurement.v2) == 1:
+            F = self._reduced.evaluator.inverse_dynamics_of_runs(q, v2, rate, t)
+        if alone:
             F, T = (None, u[0]) if F is None else (F[0], None)
             return Command(F, T, v2_desired, x1, x2), None
         goals = [None if each is None else np.tile(each, (len(q), 1)) for each in (v2_desired, x1, x2)]

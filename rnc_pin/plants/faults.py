@@ -126,7 +126,9 @@ class FaultyPlant:
 
     def __init__(self, plant: Plant, faults: Faults, reduced: ReducedModel, dt: float, seed: int = 0) -> None:
         self.plant, self.faults, self._reduced, self.dt, self._seed = plant, faults, reduced, dt, seed
-        self.model = reduced.robot.model
+        self.model, jitter = reduced.robot.model, faults.jitter * dt
+        positions, velocities = (faults.position_noise, faults.position_bias), faults.velocity_noise
+        self.errors_of_sensors = *positions, jitter, velocities, faults.velocity_bias
         if faults.friction:
             if not hasattr(plant, "set_actuator_friction"):
                 raise ConfigurationError(
@@ -200,7 +202,15 @@ class FaultyPlant:
 
     def sensed(self, q: np.ndarray, v: np.ndarray) -> Reading:
         """Return measured q (nq,) and v (nv,) of a true state. Each call is one sample."""
-        return sensed_together([self], q[None], v[None])[0]
+        noise, chance = self.draw()
+        error, v = _disturbed(self.errors_of_sensors, noise, chance[0], v)
+        if error.any():
+            q = pin.integrate(self.model, q, error)
+        if np.isfinite(self.faults.counts):
+            q = self.quantized(q)
+        if abs(chance[2]) < self.faults.garbage:
+            q, v = np.full(q.shape, np.nan), np.full(v.shape, np.nan)
+        return self.transmit(q, v, abs(chance[1]) < self.faults.dropped)
 
     def draw(self) -> tuple[np.ndarray, np.ndarray]:
         """Noise (2, nv) and chances (3,) of a sample, which do not depend on the faults."""
@@ -270,24 +280,37 @@ def _continue(before: Plant, after: Plant, q: np.ndarray, v: np.ndarray) -> None
         after.keep_errors(errors)
 
 
+def _disturbed(
+    sizes: np.ndarray | tuple[float, ...], noise: np.ndarray, chance: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of configurations (..., nv), and measured velocities (..., nv).
+
+    Args:
+        sizes: position noise and bias, shift in time, velocity noise and bias.
+        noise: noise of configurations and of velocities, (..., nv) each.
+        chance: error of the sampling time over the shift.
+        v: velocities (..., nv).
+    """
+    position_noise, position_bias, shift, velocity_noise, velocity_bias = sizes
+    error = position_noise * noise[0] + position_bias + shift * chance * v
+    return error, v + velocity_noise * noise[1] + velocity_bias
+
+
 def sensed_together(plants: Sequence[FaultyPlant], q: np.ndarray, v: np.ndarray) -> list[Reading]:
     """Measurements of true states (B, nq) and (B, nv), one of each plant of one robot. Each call is one sample."""
     drawn = [plant.draw() for plant in plants]
     noise, chance = (np.array(each) for each in zip(*drawn, strict=True))
-    names = "position_noise", "position_bias", "velocity_noise", "velocity_bias", "jitter", "garbage", "dropped"
-    values = np.array([[getattr(plant.faults, name) for name in names] for plant in plants])
-    position_noise, position_bias, velocity_noise, velocity_bias, jitter, garbage, dropped = values.T[:, :, None]
-    dt = np.array([[plant.dt] for plant in plants])
-    error = position_noise * noise[:, 0] + position_bias + jitter * dt * chance[:, :1] * v
-    q, v = q.copy(), v + velocity_noise * noise[:, 1] + velocity_bias
+    sizes = np.array([plant.errors_of_sensors for plant in plants])
+    garbage, dropped = np.array([(plant.faults.garbage, plant.faults.dropped) for plant in plants]).T
+    q, (error, v) = q.copy(), _disturbed(sizes.T[:, :, None], noise.swapaxes(0, 1), chance[:, :1], v)
     for run in np.flatnonzero(error.any(axis=1)).tolist():
         q[run] = pin.integrate(plants[run].model, q[run], error[run])
     for run, plant in enumerate(plants):
         if np.isfinite(plant.faults.counts):
             q[run] = plant.quantized(q[run])
-    wrong = np.abs(chance[:, 2]) < garbage[:, 0]
+    wrong = np.abs(chance[:, 2]) < garbage
     q[wrong], v[wrong] = np.nan, np.nan
-    lost = (np.abs(chance[:, 1]) < dropped[:, 0]).tolist()
+    lost = (np.abs(chance[:, 1]) < dropped).tolist()
     return [plant.transmit(*each) for plant, *each in zip(plants, q, v, lost, strict=True)]
 
 
