@@ -147,7 +147,7 @@ class UnicycleStabilizer(DescribedMixin):
         sign = _choose(state.backwards, -1.0, 1.0)
         (v, w), (v_dot, w_dot) = self._limited(*self._law(self._polar_pose(pose, sign), v2, sign))
         ramp, since = self.ramp_time or 1.0, t - state.since
-        starts = since < self.ramp_time
+        starts = np.less(since, self.ramp_time)
         share, growth = _choose(starts, since / ramp, 1.0), _choose(starts, 1.0 / ramp, 0.0)
         desired = _vectors(_choose(drives, share * v, 0.0), _choose(drives, share * w, 0.0))
         rates = _vectors(
@@ -185,8 +185,8 @@ class UnicycleStabilizer(DescribedMixin):
         about, e = _choose(np.less(sign, 0.0), np.pi, 0.0), np.hypot(x, y)
         there = e < self.tolerance / 2  # at the goal, except for the heading
         bearing = np.arctan2(-y, -x)
-        alpha = wrapped(_choose(there, -heading, bearing - heading - about))
-        return _PolarPose(_choose(there, 0.0, e), alpha, _choose(there, 0.0, wrapped(bearing - about)))
+        alpha = cast(np.ndarray, _choose(there, -heading, bearing - heading - about))
+        return _PolarPose(_choose(there, 0.0, e), wrapped(alpha), _choose(there, 0.0, wrapped(bearing - about)))
 
     def _angle_cost(self, polar: _PolarPose) -> Component:
         """Angle terms of 2 V."""

@@ -368,10 +368,9 @@ class CompiledRuns(NumPyRuns):
         y_end: Array,
     ) -> tuple[Array, Array, Array, Array]:
         q_end, status, roughness = np.empty_like(start[0]), np.zeros(len(charts)), np.zeros(len(charts))
-        self._calls.dissipate_runs(
-            charts, *start[:3], *steps, start.kinematics, *losses, q_end, y_end, status, roughness
-        )
-        return q_end, y_end, status, roughness
+        (q, y, T, kinematics), (damping, joints, limits), found = start, losses, (q_end, y_end, status, roughness)
+        self._calls.dissipate_runs(charts, q, y, T, *steps, kinematics, damping, joints, limits, *found)
+        return found
 
     def measure(self, q: Array, v: Array, kinematics: Array, status: Array) -> RunRecords:
         kernel, data = self._kernel, self._kernel.data

@@ -58,7 +58,7 @@ def with_rows(fields: _Fields, runs: Sequence[int], rows: Sequence[_Fields]) -> 
         for field, own in zip(found, row, strict=True):
             if field is not None:
                 field[run] = np.nan if own is None else own
-    return cast(_Fields, type(fields)._make(found))
+    return type(fields)._make(found)
 
 
 class SeparatePlants:
@@ -244,8 +244,8 @@ class FaultyRuns:
         self._plants.apply(self._passed)
         self.applied = known + (self._plants.applied - self._passed)
         if isinstance(self._plants, SeparatePlants):
-            for faulty, *inputs in zip(self._faulty, self.applied, self._passed, strict=True):
-                faulty.resume(self._time, *inputs, None)
+            for faulty, applied, passed in zip(self._faulty, self.applied, self._passed, strict=True):
+                faulty.resume(self._time, applied, passed, None)
 
     def keep_sample(
         self, sample: int, measurement: Measurement, integrals: Array, command: Command, requested: Array
@@ -265,10 +265,10 @@ class FaultyRuns:
         if not self._together:
             for run in np.flatnonzero(~self.apart).tolist():
                 self._runs[run].loop.state = LoopState(0.0, t, self._valid_q[run], motion=self._motions[run])
-        for run, rows, reading in zip(self._runs, self._v_measured, self._readings, strict=True):
+        for each, rows, reading in zip(self._runs, self._v_measured, self._readings, strict=True):
             rows[sample] = cast(Reading, reading)[1]
             if sample == 0:
-                run.record.arrays["v_measured"] = rows
+                each.record.arrays["v_measured"] = rows
         self._readings = [None] * len(self._runs)
 
     def rejoin(self, runs: Sequence[int]) -> None:

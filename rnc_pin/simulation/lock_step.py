@@ -244,7 +244,7 @@ class LockStep:
             self._faults.keep_sample(sample, measurement, integrals, command, requested)
         self._deficit = None if np.array_equal(requested, applied) else requested - applied
         history = self._runs[self.places[0]].errors
-        if history.propagates:
+        if history.propagates and isinstance(plants, ReducedPlantBatch):
             self._steps[self.places, sample] = plants.steps
             if marked(sample):
                 due = history.sees(sample)
@@ -317,7 +317,7 @@ class LockStep:
 
     def _state(self, states: StateEvaluation, run: int) -> StateEvaluation:
         """One of the states that the loops see."""
-        if self._faults is None:
+        if isinstance(self._plants, ReducedPlantBatch) and self._faults is None:
             return self._plants.state(states, run)
         return self._plants.reduced.at(states.q[run], v=states.v[run])
 
@@ -381,10 +381,13 @@ class LockStep:
         if models is not None or external is not None or lost is not None:
             for place, run in enumerate(self.places.tolist()):
                 model = plants.reduced if models is None else models[place]
-                forces = [each[place] for each in (external, lost) if each is not None and each[place] is not None]
-                if forces or models is not None:
+                forces: Array | None = None if external is None else external[place]
+                taken = None if lost is None else lost[place]
+                if taken is not None:
+                    forces = taken if forces is None else forces + taken
+                if forces is not None or models is not None:
                     self._runs[run].record.written(sample)
-                    self._runs[run].record.moves(model, sum(forces) if forces else None)
+                    self._runs[run].record.moves(model, forces)
         if command.estimates is not None or command.prediction_error is not None:
             for place, run in enumerate(self.places.tolist()):
                 record = self._runs[run].record

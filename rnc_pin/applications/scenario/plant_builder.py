@@ -23,7 +23,7 @@ from rnc_pin.plants import (
     VelocityPlant,
     mujoco,
 )
-from rnc_pin.robots.robot import Robot
+from rnc_pin.robots import Robot
 
 
 def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -> Plant:
