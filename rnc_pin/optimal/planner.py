@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
 from itertools import chain
 from typing import Annotated, Literal
 
@@ -12,7 +14,7 @@ from annotated_types import Ge, Le
 from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.derivatives import state_derivatives
-from rnc_pin.errors import ConfigurationError, ModelWarning
+from rnc_pin.errors import ConfigurationError, InfeasibleError, ModelWarning
 from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import Form, action_model
@@ -26,8 +28,10 @@ from rnc_pin.optimal.plan_search import Gains, PlanProgress, PlanSearch, SearchE
 from rnc_pin.optimal.problem_building import build_problem, check_start, initial_node
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.transcription import Iterate, Transcription
+from rnc_pin.planning.way import Way, intervals_along
 
 _EXPENSIVE = (DISTANCE, "normal_force", "grip")  # bounds whose rows take most of the time of a solution
+_POINTS = 400  # of a way
 _USUAL = 5  # guesses among whose solutions the cheapest is chosen, where the straight line does not hold the rows
 _ROUNDING = 1e-6  # of a velocity along the straight line
 _DEFAULT, _OF_FILE = SolverSettings(), FileLimits()
@@ -81,7 +85,10 @@ def plan_motion(
         limits: limits of the robot's file that hold too: all by default; None for none. Positions and velocities hold
             in every form, efforts in the form "dynamic".
         settings: settings of the solver.
-        guess: another plan, or configurations (n, nq) at equal times; the straight line by default.
+        guess: another plan, a way of ``find_way``, or configurations (n, nq) at equal times; the straight line by
+            default. If the configurations of a way do not lead to a plan, a motion along it is the guess that stops
+            where the velocity of the way jumps; the number of nodes is doubled for it, at most three times. If nothing
+            better than a given guess is found, and the verification confirms it, it is the plan.
         seeds: number of further guesses that are tried if others do not lead to a plan. The first ones pass both sides
             of obstacles in the way of a mobile base. Shortest paths of a car in turn with random motions follow, for
             other systems loops of the shape where the rows couple the rest to it, then random motions.
@@ -119,21 +126,30 @@ def plan_motion(
     model = action_model(reduced, form)
     end = None if goal is None else GoalRows(model, goal, at_rest)
     start = initial_node(model, q0, v2_0)
-    problem = build_problem(model, start, end, duration, costs, bounds, settings.nodes, limits)
-    problem.time_weight = time_weight
-    check_start(problem, settings.accuracy)
-    _warn_of_differences(problem)
+    wanted = solutions or 1
     if jobs == 0 or jobs < -1:
         raise ConfigurationError(f"jobs {jobs}: expected a number of processes, or -1 for all cores")
-    wanted = solutions or 1
-    starts = guesses(problem, goal, guess, seeds + wanted - 1, seed)
-    if solutions is None and seeds and guess is None:
-        first = next(starts)
-        several, starts = _bends(problem, first[1]), chain([first], starts)
-        effort = SearchEffort(_USUAL if several else 1, _USUAL, jobs=jobs, progress=progress)
-    else:
-        effort = SearchEffort(wanted, np.inf, alone=not seeds and wanted == 1, jobs=jobs, progress=progress)
-    made = PlanSearch(problem, settings, _gains(reduced, feedback), effort).run(starts)
+
+    def solved(guess: Guess, settings: SolverSettings, seeds: int) -> MotionPlan:
+        problem = build_problem(model, start, end, duration, costs, bounds, settings.nodes, limits)
+        problem.time_weight = time_weight
+        check_start(problem, settings.accuracy)
+        _warn_of_differences(problem)
+        starts = guesses(problem, goal, guess, seeds + wanted - 1, seed)
+        if solutions is None and seeds and guess is None:
+            first = next(starts)
+            several, starts = _bends(problem, first[1]), chain([first], starts)
+            effort = SearchEffort(_USUAL if several else 1, _USUAL, jobs=jobs, progress=progress)
+        else:
+            effort = SearchEffort(wanted, np.inf, alone=not seeds and wanted == 1, jobs=jobs, progress=progress)
+        return PlanSearch(problem, settings, _gains(reduced, feedback), effort).run(starts)
+
+    if isinstance(guess, Way):
+        if wanted == 1:
+            with suppress(InfeasibleError):
+                return solved(guess.at(np.linspace(0.0, guess.duration, _POINTS)), settings, 0)
+        settings = replace(settings, nodes=intervals_along(guess, settings.nodes, float(np.max(duration))))
+    made = solved(guess, settings, seeds)
     if made.info.solutions < wanted:
         found, tried = made.info.solutions, made.info.guesses
         text = f"plan: {found} solutions instead of {wanted}: the other {tried - found} of {tried} guesses led to none"
@@ -167,7 +183,7 @@ def _warn_of_differences(problem: Transcription) -> None:
     error = float(np.max(moving.difference_error))
     if error > 0:
         text = f"derivatives of user-defined rows or outputs are finite differences (error {error:.1g} at the start)"
-        warnings.warn(f"plan: {text}; nodes are evaluated one at a time", ModelWarning, stacklevel=3)
+        warnings.warn(f"plan: {text}; nodes are evaluated one at a time", ModelWarning, stacklevel=4)
 
 
 plan = plan_motion
