@@ -19,7 +19,7 @@ from rnc_pin.control import (
 )
 from rnc_pin.control.batches import accepts_batches, stack_states, state_of_runs
 from rnc_pin.planning import CarPath, Hold, MinimumJerk
-from rnc_pin.plants.faults import MassErrors, Payload
+from rnc_pin.plants import MassErrors, Payload
 from rnc_pin.simulation import RunArguments
 from same_runs import check_same
 from simple_controllers import Inputs
@@ -249,8 +249,9 @@ def true_plant(sleigh, change):
 @pytest.mark.parametrize("tracker", ["velocity", "position"])
 def test_changed_robots_and_friction_have_the_bits_of_runs_alone(sleigh, at_rest, change, faults, tracker):
     """Plants of other models take their own steps, with sensors and loops together; friction is in the batch."""
+    each = [rnc.Faults(**faults)] * 2 + [rnc.Faults(**{**faults, "friction": 0.0})]
     plants = [
-        rnc.plants.FaultyPlant(true_plant(sleigh, change), rnc.Faults(**faults), sleigh, DT, seed) for seed in range(3)
+        rnc.plants.FaultyPlant(true_plant(sleigh, change), own, sleigh, DT, seed) for seed, own in enumerate(each)
     ]
     target = hold(sleigh)
     controller = VelocityTracker(target) if tracker == "velocity" else rnc.control.PositionTracker(target.reference)

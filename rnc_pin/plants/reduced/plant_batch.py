@@ -159,6 +159,7 @@ class ReducedPlantBatch:
             for each, all_runs in zip(after.arrays, errors.arrays, strict=True):
                 all_runs[which[accepted]] = each[accepted]
         due, limit = np.flatnonzero(moved & ~accepted), self._substeps.tolerance * dt
+        most = MOST_EVENT_SUBSTEPS if self._dissipate(which) else MOST_SUBSTEPS
         while len(due):
             fine = self._integrated(which[due], dt, 2 * steps)
             valid = fine[2] == 1.0
@@ -171,7 +172,7 @@ class ReducedPlantBatch:
                 dynamics.chart = self._chart(run)
                 found = dynamics.errors((q[k], y[k]), finer, bool(fine[3][place] < np.inf))
                 enough = bool(np.abs(found).max() <= limit)
-                if enough or (self._substeps.number is None and steps >= self._most):
+                if enough or (self._substeps.number is None and steps >= most):
                     own, axes = errors.of_run(run), dynamics.steady_axes(self._q[run])
                     compared = own.compared(steps, float(roughness[k]), (found, axes), dt, self._substeps, steps)
                     errors.write(run, compared)
@@ -199,7 +200,7 @@ class ReducedPlantBatch:
         if len(which) < self.size:
             calls, arrays = [calls[run] for run in which], tuple(each[which] for each in arrays)
             kinematics = kinematics[which]
-        if not self.dissipates:
+        if not self._dissipate(which):
             return self._runs.integrate(tuple(calls), *arrays, dt / steps, steps, kinematics)
         start = RunStarts(*arrays, kinematics)
         return self._runs.dissipate(tuple(calls), start, dt / steps, steps, self._losses(which))
@@ -234,7 +235,7 @@ class ReducedPlantBatch:
     @property
     def external(self) -> Float[Array, "B nv"] | None:
         """Current generalized forces (B, nv) of damping and friction, NaN of failed runs; None without them."""
-        if not self.dissipates:
+        if not self._dissipate(slice(None)):
             return None
         self._locate()
         damping, forces = self._single.damping, np.where(self.failed[:, None], np.nan, 0.0 * self._v)
@@ -253,16 +254,10 @@ class ReducedPlantBatch:
                 forces[run] = self._single.external
         return forces
 
-    @property
-    def dissipates(self) -> bool:
-        """True if damping or friction is active in a run."""
-        dry = len(self._single._dissipative.friction.entries) > 0 or bool(self._friction.any())
+    def _dissipate(self, which: Array | slice) -> bool:
+        """True if damping or friction is active in some runs."""
+        dry = len(self._single._dissipative.friction.entries) > 0 or bool(self._friction[which].any())
         return self._single.damping is not None or dry
-
-    @property
-    def _most(self) -> int:
-        """Largest number of substeps."""
-        return MOST_EVENT_SUBSTEPS if self.dissipates else MOST_SUBSTEPS
 
     # ------------------------------------------------------------------ single runs
 
