@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, Obstacle
-from rnc_pin.collision.convex_shapes import bounding_box
+from rnc_pin.collision.shapes import bounding_box
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.reduced_model import ReducedModel

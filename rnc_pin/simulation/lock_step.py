@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 from rnc_pin.control.controller import Command
 from rnc_pin.control.loop import Decision, LoopState
 from rnc_pin.math.linear_algebra import apply, clipped
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import FaultyPlant, ReducedPlant, ReducedPlantBatch
 from rnc_pin.plants.faults import needs_own_steps

@@ -10,16 +10,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.control.batches import (
+from rnc_pin.control.controller import (
+    Command,
+    Controller,
     NotStackable,
+    State,
     accepts_batches,
     measurement_of_run,
     stack_states,
     state_of_runs,
     with_states,
 )
-from rnc_pin.control.controller import Command, Controller, State
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 
 
 class Answer(NamedTuple):

@@ -7,7 +7,7 @@ import rnc_pin as rnc
 from controlled_tasks import Cubic, task_at, wide
 from rnc_pin.control import RedundancyController
 from rnc_pin.control.redundancy import check_freedom
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.planning import Hold
 from systems import space_robot
 

@@ -26,7 +26,7 @@ PLACEHOLDERS = {
     "FILE.csv": "runs.csv",
     "FOLDER...": "runs",
     "FOLDER": "runs/space-robot",
-    "MODULE...": "rnc_pin/control/adaptation.py",
+    "MODULE...": "rnc_pin/control/feedback.py",
     "NAME": "space-robot",
     "[NAME...]": "systems",
     "[PAGE...]": "01_your_robot",
