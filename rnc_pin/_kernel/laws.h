@@ -226,8 +226,8 @@ static PyObject *polynomial(PyObject *module, PyObject *const *args, Py_ssize_t 
    each), x2 (r), indices of the outputs (k), table (7, k): k1, k2, gamma, beta, dead zone, compensation, ones for
    angles; z, f (k), A, B (k, k), error (k) before; deficit of force (r), then velocity and acceleration of the
    reference before (k each), or None each if nothing can freeze; decay, time of the leak, sigma, time elapsed, record
-   of F, z, f (k each), A, B (k, k), error (k), v2 and x2 desired (r each), each of all runs. x2, what was before and the
-   deficit are those of one run or of a stack of runs. False if the arrays or the numbers need the other path. */
+   of F, z, f (k each), A, B (k, k), error (k), v2 and x2 desired (r each), each of all runs. x2, what was before and
+   the deficit are those of one run or of a stack of runs. False if the arrays or the numbers need the other path. */
 static PyObject *track_position(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     enum { X2 = 4, AT, TABLE, Z, F0, A0, B0, E0, DEFICIT, V_BEFORE, A_BEFORE, OUT };
