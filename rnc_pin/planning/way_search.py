@@ -210,10 +210,14 @@ class WaySearch:
             last = self._budget.motions + most
             failed: list[BaseException] = []
 
-            def safely(answer: Callable[[], bool]) -> bool:
-                """Answer of a callback; an exception ends the search, because it must not cross OMPL's code."""
+            def safely(answer: Callable[..., bool], states: list[ob.State]) -> bool:
+                """Answer for the configurations of states; an exception ends the search: it must not cross OMPL's code.
+
+                The states leave the list, and no frame keeps them: the frames of an exception live on when OMPL has
+                freed the states, and its bindings take a Python object for the new state at the same address.
+                """
                 try:
-                    return not failed and answer()
+                    return not failed and answer(*[space.read(states.pop(0)) for _ in range(len(states))])
                 except BaseException as error:
                     failed.append(error)
                     return False
@@ -222,11 +226,21 @@ class WaySearch:
                 """Exact motions as the edges of OMPL's trees."""
 
                 def checkMotion(self, first: ob.State, second: ob.State) -> bool:
-                    return safely(lambda: connect(space.read(first), space.read(second)) is not None)
+                    states = [first, second]
+                    del first, second
+                    return safely(connects, states)
 
-            connect, validator = self.connect, Validator(information)
+            def is_valid(state: ob.State) -> bool:
+                states = [state]
+                del state
+                return safely(self._is_valid, states)
+
+            def connects(first: Array, second: Array) -> bool:
+                return self.connect(first, second) is not None
+
+            validator = Validator(information)
             information.setMotionValidator(validator)
-            information.setStateValidityChecker(lambda state: safely(lambda: self._is_valid(space.read(state))))
+            information.setStateValidityChecker(is_valid)
             information.setup()
             problem = ob.ProblemDefinition(information)
             start = _state(information, space, self._start)

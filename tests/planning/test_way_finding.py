@@ -1,11 +1,13 @@
 """Ways between configurations: exact, free of collisions between samples too, deterministic, or an honest error."""
 
+import inspect
 from typing import NamedTuple
 
 import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from ompl import base as ob
 from scipy.integrate import solve_ivp
 
 import rnc_pin as rnc
@@ -15,6 +17,7 @@ from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.planning import WaySettings, find_way
 from rnc_pin.planning.exact_steering import ExactMotion
 from rnc_pin.planning.way_finding import WayFinder
+from rnc_pin.planning.way_search import WaySearch
 from systems import ROLLERS, WHEEL, four_bar, mecanum, tiago, with_box
 
 Obstacle = rnc.collision.Obstacle
@@ -133,8 +136,6 @@ def test_a_goal_of_outputs_is_reached():
 @pytest.mark.parametrize("reverse", [True, False])
 @pytest.mark.parametrize("seed", range(5))
 def test_without_obstacles_a_car_drives_the_shortest_path_of_ompl(seed, reverse):
-    from ompl import base as ob
-
     reduced = car()
     x, y, yaw = np.random.default_rng(seed).uniform([-3, -3, -3], 3)
     settings = WaySettings(shortcuts=0, reverse=reverse)
@@ -314,14 +315,22 @@ def test_no_reverse_needs_a_forward_direction():
 
 
 def test_an_error_in_the_search_is_not_lost(monkeypatch):
-    def interrupted(self, q):
-        self.calls = getattr(self, "calls", 0) + 1
-        if self.calls > 20:
+    def interrupted(self, first, second):
+        if any(frame.function == "checkMotion" for frame in inspect.stack(0)):
             raise KeyboardInterrupt
+        return connect(self, first, second)
 
-    monkeypatch.setattr("rnc_pin.planning.way_checking.WayChecker.violation", interrupted)
-    with pytest.raises(KeyboardInterrupt):
+    connect = WaySearch.connect
+    monkeypatch.setattr(WaySearch, "connect", interrupted)
+    with pytest.raises(KeyboardInterrupt) as caught:
         find_way(*TASKS["car"]())
+
+    # OMPL frees its states. A frame of the error that kept one would give its Python object to a later search.
+    frames = [each.frame.raw for each in caught.traceback]
+    frames += [frame.f_back for frame in frames if frame.f_code.co_name == "safely"]
+    frames = [frame for frame in frames if frame is not None and frame.f_code.co_name != "run"]
+    assert "safely" in [frame.f_code.co_name for frame in frames]
+    assert not [each for frame in frames for each in frame.f_locals.values() if isinstance(each, ob.State)]
 
 
 def cart_across(y, speed=1.0):
