@@ -264,23 +264,16 @@ def test_a_branch_that_does_not_go_on_is_said():
         rnc.continuation(hoop, np.array([0.0, np.arccos(G / (L * 16.0))]), [4.0, 5.0], hold=["bead"])
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "words"),
-    [
-        (
-            lambda r, q: rnc.equilibrium(r, q, v2={"axel": 1.0}),
-            rnc.ModelError,
-            "v2: no reducing output 'axel'; did you",
-        ),
-        (lambda r, q: rnc.equilibrium(r, q, v2={"axle": np.nan}), rnc.InputError, "v2"),
-        (lambda r, q: rnc.equilibrium(r, q, v2=[1.0, 0.0], cyclic=["axel"]), rnc.ModelError, "axel"),
-        (lambda r, q: rnc.continuation(r, q, [1.0]), rnc.InputError, "the name of a reducing output as parameter"),
-        (lambda r, q: rnc.continuation(lambda p: r, q, [1.0], "axle"), rnc.InputError, "or a function without one"),
-        (lambda r, q: rnc.continuation(r, q, [1.0], "axel"), rnc.ModelError, "did you mean 'axle'"),
-        (lambda r, q: rnc.continuation(r, q, [np.nan], "axle"), rnc.InputError, "values"),
-        (lambda r, q: rnc.continuation(r, q[:-1], [1.0], "axle"), rnc.InputError, "q has shape"),
-    ],
-)
+@pytest.mark.parametrize(("call", "error", "words"), [
+    (lambda r, q: rnc.equilibrium(r, q, v2={"axel": 1.0}), rnc.ModelError, "v2: no reducing output 'axel'; did you"),
+    (lambda r, q: rnc.equilibrium(r, q, v2={"axle": np.nan}), rnc.InputError, "v2"),
+    (lambda r, q: rnc.equilibrium(r, q, v2=[1.0, 0.0], cyclic=["axel"]), rnc.ModelError, "axel"),
+    (lambda r, q: rnc.continuation(r, q, [1.0]), rnc.InputError, "the name of a reducing output as parameter"),
+    (lambda r, q: rnc.continuation(lambda p: r, q, [1.0], "axle"), rnc.InputError, "or a function without one"),
+    (lambda r, q: rnc.continuation(r, q, [1.0], "axel"), rnc.ModelError, "did you mean 'axle'"),
+    (lambda r, q: rnc.continuation(r, q, [np.nan], "axle"), rnc.InputError, "values"),
+    (lambda r, q: rnc.continuation(r, q[:-1], [1.0], "axle"), rnc.InputError, "q has shape"),
+])  # fmt: skip
 def test_what_makes_no_sense_is_refused(call, error, words):
     reduced = vertical_disk()
     with pytest.raises(error, match=words) as told:

@@ -327,19 +327,15 @@ def test_samples_next_to_singular_ones_do_not_decide(tmp_path):
     assert sum(count for _, count in evidence.others) == evidence.samples - evidence.agreeing > 0
 
 
-@pytest.mark.parametrize(
-    ("make", "expected"),
-    [
-        (unicycle, (2, 3)),
-        (fire_truck, (3, 5, 6)),
-        (space_robot, (3, 4)),
-        (leaning_wheel, (3, 4, 5)),  # the height above the plane is holonomic
-        # Linear momentum is holonomic, because the centre of mass stays: test_integrability shows it too.
-        pytest.param(free_flying_panda, (7, 10), marks=pytest.mark.long),
-        (tiago, (12, 13, 14)),  # the difference of the wheels' angles is the heading
-    ],
-    ids=["unicycle", "fire truck", "space robot", "disk", "panda", "tiago"],
-)
+@pytest.mark.parametrize(("make", "expected"), [
+    (unicycle, (2, 3)),
+    (fire_truck, (3, 5, 6)),
+    (space_robot, (3, 4)),
+    (leaning_wheel, (3, 4, 5)),  # the height above the plane is holonomic
+    # Linear momentum is holonomic, because the centre of mass stays: test_integrability shows it too.
+    pytest.param(free_flying_panda, (7, 10), marks=pytest.mark.long),
+    (tiago, (12, 13, 14)),  # the difference of the wheels' angles is the heading
+], ids=["unicycle", "fire truck", "space robot", "disk", "panda", "tiago"])  # fmt: skip
 def test_growth_vector(make, expected):
     reduced = make()
     q, _ = random_states(reduced, 1, seed=11)[0]

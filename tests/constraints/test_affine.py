@@ -181,18 +181,13 @@ def test_rows_that_demand_two_things_are_refused():
         rnc.NonholonomicSystem(robot, [turning(0.5, "a"), turning(0.7, "b")])
 
 
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda r: rnc.MomentumConservation("platform", [1.0, 2.0]), "takes 1 finite number, found"),
-        (lambda r: rnc.MomentumConservation("platform", np.nan), "takes 1 finite number, found nan"),
-        (lambda r: rnc.Pfaffian(lambda q: np.eye(4)[:1], rate_dot=lambda q, v: v[:1]), "only together"),
-        (
-            lambda r: rnc.Pfaffian(lambda q: np.eye(4)[:1], rate=lambda q: q[:1], residual=lambda q: q[:1]),
-            "'rate' or 'residual', not both",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("make", "words"), [
+    (lambda r: rnc.MomentumConservation("platform", [1.0, 2.0]), "takes 1 finite number, found"),
+    (lambda r: rnc.MomentumConservation("platform", np.nan), "takes 1 finite number, found nan"),
+    (lambda r: rnc.Pfaffian(lambda q: np.eye(4)[:1], rate_dot=lambda q, v: v[:1]), "only together"),
+    (lambda r: rnc.Pfaffian(lambda q: np.eye(4)[:1], rate=lambda q: q[:1], residual=lambda q: q[:1]),
+        "'rate' or 'residual', not both"),
+])  # fmt: skip
 def test_values_that_do_not_fit_are_refused(make, words):
     robot = rnc.Robot.from_urdf("space_robot.urdf")
     with pytest.raises(rnc.ConstraintError, match=words):

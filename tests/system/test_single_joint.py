@@ -272,16 +272,12 @@ def test_a_loop_that_is_always_closed_says_nothing(swing):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize(
-    "constraint",
-    [
-        rnc.NoSideSlip("tip", "x"),
-        rnc.LoopClosure("universe", "bob", "frame"),
-        rnc.RollingWheel("bob", 0.1),
-        rnc.MomentumConservation("hinge"),
-    ],
-    ids=lambda each: type(each).__name__,
-)
+@pytest.mark.parametrize("constraint", [
+    rnc.NoSideSlip("tip", "x"),
+    rnc.LoopClosure("universe", "bob", "frame"),
+    rnc.RollingWheel("bob", 0.1),
+    rnc.MomentumConservation("hinge"),
+], ids=lambda each: type(each).__name__)  # fmt: skip
 def test_a_constraint_on_the_only_joint_leaves_no_motion(kind, constraint, tmp_path):
     weightless = rnc.Robot.from_urdf(write(tmp_path, *pendulum(kind, "0 -1 0")), gravity=(0, 0, 0))
     with pytest.raises(rnc.ConstraintError, match="1 independent constraint rows leave no motion of 1 degrees"):
@@ -335,15 +331,11 @@ def test_a_draft_finds_wheels_about_any_direction_of_their_axle(tmp_path):
 # ---------------------------------------------------------------------- the command
 
 
-@pytest.mark.parametrize(
-    ("parts", "steps"),
-    [
-        (pendulum("revolute", "0 1 0"), [-0.2]),  # there is more room below
-        (slider("0 0 -1"), [-0.05]),
-        ([link("wheel", shape=TYRE) + joint("axle", "base", "wheel", "continuous", "0 -1 0")], [0.5, 0.4]),
-    ],
-    ids=["pendulum", "slider", "wheel"],
-)
+@pytest.mark.parametrize(("parts", "steps"), [
+    (pendulum("revolute", "0 1 0"), [-0.2]),  # there is more room below
+    (slider("0 0 -1"), [-0.05]),
+    ([link("wheel", shape=TYRE) + joint("axle", "base", "wheel", "continuous", "0 -1 0")], [0.5, 0.4]),
+], ids=["pendulum", "slider", "wheel"])  # fmt: skip
 def test_init_inspect_and_run_of_one_joint(parts, steps, call, tmp_path, monkeypatch, no_pictures):
     monkeypatch.chdir(tmp_path)
     write(tmp_path, *parts)

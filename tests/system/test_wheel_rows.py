@@ -293,34 +293,20 @@ def test_a_leg_folded_flat_is_singular_there_and_nowhere_else(tmp_path):
         assert np.isfinite(reduced.at(reduced.random_configuration(np.random.default_rng(0))).R).all()
 
 
-@pytest.mark.parametrize(
-    ("loop", "error", "words"),
-    [
-        (rnc.LoopClosure("rear", "front", "point", rpy=(0, 0, 1)), rnc.ConfigurationError, "omit rpy"),
-        (
-            rnc.LoopClosure("rear", "front", "point", (0, 1)),
-            rnc.ConfigurationError,
-            "point on frame 'rear': expected three",
-        ),
-        (rnc.LoopClosure("rear", "front", rpy=(0, np.nan, 1)), rnc.ConfigurationError, "rpy of the loop of 'rear' and"),
-        (rnc.NoSideSlip("frame", at=(0, 1)), rnc.ConfigurationError, "expected three finite numbers, found"),
-        (rnc.NoSideSlip("fram", at=(0, 1, 0)), rnc.ModelError, "did you mean 'frame'"),
-        (
-            rnc.Caster("frame", -0.1),
-            rnc.ConstraintError,
-            "radius of caster 'frame' has to be zero or positive, found -0.1",
-        ),
-        (rnc.Caster("fram", 0.1), rnc.ModelError, "did you mean 'frame'"),
-        (
-            rnc.RollingWheel("rear", 0.3, roller=1.6),
-            rnc.ConstraintError,
-            "roller of wheel 'rear' has to point less than",
-        ),
-        (rnc.RollingWheel("rear", 0.3, roller=45), rnc.ConstraintError, "found 45 rad .* 0.7854 or -0.7854"),
-        (rnc.RollingWheel("rear", 0.3, roller=np.nan), rnc.ConstraintError, "found nan rad"),
-        (rnc.RollingWheel("rear", 0.3, roller=0, lateral=False), rnc.ConfigurationError, "omit one of them"),
-    ],
-)
+@pytest.mark.parametrize(("loop", "error", "words"), [
+    (rnc.LoopClosure("rear", "front", "point", rpy=(0, 0, 1)), rnc.ConfigurationError, "omit rpy"),
+    (rnc.LoopClosure("rear", "front", "point", (0, 1)), rnc.ConfigurationError,
+        "point on frame 'rear': expected three"),
+    (rnc.LoopClosure("rear", "front", rpy=(0, np.nan, 1)), rnc.ConfigurationError, "rpy of the loop of 'rear' and"),
+    (rnc.NoSideSlip("frame", at=(0, 1)), rnc.ConfigurationError, "expected three finite numbers, found"),
+    (rnc.NoSideSlip("fram", at=(0, 1, 0)), rnc.ModelError, "did you mean 'frame'"),
+    (rnc.Caster("frame", -0.1), rnc.ConstraintError, "radius of caster 'frame' has to be zero or positive, found -0.1"),
+    (rnc.Caster("fram", 0.1), rnc.ModelError, "did you mean 'frame'"),
+    (rnc.RollingWheel("rear", 0.3, roller=1.6), rnc.ConstraintError, "roller of wheel 'rear' has to point less than"),
+    (rnc.RollingWheel("rear", 0.3, roller=45), rnc.ConstraintError, "found 45 rad .* 0.7854 or -0.7854"),
+    (rnc.RollingWheel("rear", 0.3, roller=np.nan), rnc.ConstraintError, "found nan rad"),
+    (rnc.RollingWheel("rear", 0.3, roller=0, lateral=False), rnc.ConfigurationError, "omit one of them"),
+])  # fmt: skip
 def test_what_makes_no_sense_is_refused(loop, error, words):
     with pytest.raises(error, match=words) as caught:
         loop.bind(bicycle().robot)

@@ -269,126 +269,74 @@ FILES = {
 
 # name: (changes of the cart's scenario, words)
 MEETINGS = {
-    "misspelt wheel": (
-        {"constraints.0.rolling_wheel.frame": "wheel_lef"},
-        ["mine.yaml", "frame 'wheel_lef'", "did you mean 'wheel_left'?"],
-    ),
+    "misspelt wheel": ({"constraints.0.rolling_wheel.frame": "wheel_lef"},
+        ["mine.yaml", "frame 'wheel_lef'", "did you mean 'wheel_left'?"]),
     "frame for a joint": ({"actuators.0": "base"}, ["joint 'base'", "wheel_left_joint"]),
     "actuator of the whole base": ({"actuators.0": "root_joint"}, ["'root_joint'", "several degrees of freedom"]),
     "force without an axis": ({"actuators.0": {"force": {"frame": "base"}}}, ["actuators[0].force.axis: is missing"]),
-    "force of no limit": (
-        {"actuators.0": {"force": {"frame": "base", "axis": "x", "limit": 0}}},
-        ["actuators[0].force.limit", "greater than 0"],
-    ),
+    "force of no limit": ({"actuators.0": {"force": {"frame": "base", "axis": "x", "limit": 0}}},
+        ["actuators[0].force.limit", "greater than 0"]),
     "actuator that is a number": ({"actuators.0": 3}, ["actuators[0]", "found 3"]),
     "fixed base under wheels": ({"robot.base": "fixed"}, ["mine.yaml"]),
-    "wheel on a base without an axle": (
-        {"constraints.0": {"rolling_wheel": {"frame": "base", "radius": 0.1}}},
-        ["'base'", "root_joint", "axis="],
-    ),
+    "wheel on a base without an axle": ({"constraints.0": {"rolling_wheel": {"frame": "base", "radius": 0.1}}},
+        ["'base'", "root_joint", "axis="]),
     "radius with a unit": ({"constraints.0.rolling_wheel.radius": "10 cm"}, ["radius: expected", "number", "'10 cm'"]),
-    "radius that is true": (
-        {"constraints.0.rolling_wheel.radius": True},
-        ["constraints[0].rolling_wheel", "'radius'", "True"],
-    ),
-    "two kinds in one constraint": (
-        {"constraints.0": {"rolling_wheel": {}, "no_side_slip": {}}},
-        ["constraints[0]: expected a mapping with one key"],
-    ),
+    "radius that is true": ({"constraints.0.rolling_wheel.radius": True},
+        ["constraints[0].rolling_wheel", "'radius'", "True"]),
+    "two kinds in one constraint": ({"constraints.0": {"rolling_wheel": {}, "no_side_slip": {}}},
+        ["constraints[0]: expected a mapping with one key"]),
     "constraint of nothing": ({"constraints.0": None}, ["constraints[0]", "None"]),
-    "momentum under driven wheels": (
-        {"constraints": [{"momentum": "wheel_left_joint"}]},
-        ["'wheel_left_joint' drives momentum(wheel_left_joint)"],
-    ),
-    "constraints that leave no motion": (
-        {
-            "constraints": [
-                {"no_side_slip": {"frame": "base", "axis": "x"}},
-                {"no_side_slip": {"frame": "base", "axis": "y"}},
-                {"no_side_slip": {"frame": "wheel_left", "axis": "x"}},
-                {"rolling_wheel": {"frame": "wheel_left", "radius": 0.1}},
-                {"rolling_wheel": {"frame": "wheel_right", "radius": 0.1}},
-            ]
-        },
-        ["mine.yaml"],
-    ),
-    "outputs that contradict": (
-        {"outputs.reducing": [{"joint": "wheel_left_joint"}, {"frame_speed": {"frame": "wheel_left", "axis": "y"}}]},
-        ["do not parametrise the motion"],
-    ),
-    "outputs that are blocked": (
-        {"outputs.reducing.0.frame_speed.axis": "y"},
-        ["do not parametrise the motion", "base_speed_y"],
-    ),
-    "distance to itself": (
-        {"outputs.vertical": [{"distance": {"frame_a": "base", "frame_b": "base"}}]},
-        ["mine.yaml", "base"],
-    ),
-    "position on no axis": (
-        {"outputs.vertical": [{"frame_position": {"frame": "base", "axes": ""}}]},
-        ["mine.yaml", "axes"],
-    ),
+    "momentum under driven wheels": ({"constraints": [{"momentum": "wheel_left_joint"}]},
+        ["'wheel_left_joint' drives momentum(wheel_left_joint)"]),
+    "constraints that leave no motion": ({"constraints": [{"no_side_slip": {"frame": "base", "axis": "x"}},
+        {"no_side_slip": {"frame": "base", "axis": "y"}}, {"no_side_slip": {"frame": "wheel_left", "axis": "x"}},
+        {"rolling_wheel": {"frame": "wheel_left", "radius": 0.1}},
+        {"rolling_wheel": {"frame": "wheel_right", "radius": 0.1}}]}, ["mine.yaml"]),
+    "outputs that contradict": ({"outputs.reducing": [{"joint": "wheel_left_joint"},
+        {"frame_speed": {"frame": "wheel_left", "axis": "y"}}]}, ["do not parametrise the motion"]),
+    "outputs that are blocked": ({"outputs.reducing.0.frame_speed.axis": "y"},
+        ["do not parametrise the motion", "base_speed_y"]),
+    "distance to itself": ({"outputs.vertical": [{"distance": {"frame_a": "base", "frame_b": "base"}}]},
+        ["mine.yaml", "base"]),
+    "position on no axis": ({"outputs.vertical": [{"frame_position": {"frame": "base", "axes": ""}}]},
+        ["mine.yaml", "axes"]),
     "output of a joint of several": ({"outputs.vertical": [{"joint": "root_joint"}]}, ["mine.yaml", "'root_joint'"]),
-    "reference of nothing": (
-        {"reference.primary.minimum_jerk.by": []},
-        ["reference.primary.minimum_jerk.by", "at least 1"],
-    ),
-    "two references in one": (
-        {"reference.primary": {"minimum_jerk": {}, "hold": {}}},
-        ["reference.primary: expected a mapping with one key"],
-    ),
-    "points and times of different length": (
-        {"reference.primary": {"via_points": {"times": [1, 2], "points": [[1, 1]]}}},
-        ["reference.primary", "2 times for 1 points"],
-    ),
-    "point at time zero": (
-        {"reference.primary": {"via_points": {"times": [0, 2], "points": [[1, 1], [2, 2]]}}},
-        ["reference.primary", "via_points.times", "greater than 0; found 0"],
-    ),
-    "points of different length": (
-        {"reference.primary": {"via_points": {"times": [1, 2], "points": [[1, 1], [1]]}}},
-        ["reference.primary", "1 values for 2"],
-    ),
-    "reference for what is not there": (
-        {"reference.vertical": {"hold": {"value": [1]}}},
-        ["reference.vertical", "1 values for 0"],
-    ),
-    "active actuator of another type": (
-        {"controller.active": ["wheel_left_joint"]},
-        ["controller.active", "'reducing_outputs'"],
-    ),
+    "reference of nothing": ({"reference.primary.minimum_jerk.by": []},
+        ["reference.primary.minimum_jerk.by", "at least 1"]),
+    "two references in one": ({"reference.primary": {"minimum_jerk": {}, "hold": {}}},
+        ["reference.primary: expected a mapping with one key"]),
+    "points and times of different length": ({"reference.primary": {"via_points": {"times": [1, 2],
+        "points": [[1, 1]]}}}, ["reference.primary", "2 times for 1 points"]),
+    "point at time zero": ({"reference.primary": {"via_points": {"times": [0, 2], "points": [[1, 1], [2, 2]]}}},
+        ["reference.primary", "via_points.times", "greater than 0; found 0"]),
+    "points of different length": ({"reference.primary": {"via_points": {"times": [1, 2], "points": [[1, 1], [1]]}}},
+        ["reference.primary", "1 values for 2"]),
+    "reference for what is not there": ({"reference.vertical": {"hold": {"value": [1]}}},
+        ["reference.vertical", "1 values for 0"]),
+    "active actuator of another type": ({"controller.active": ["wheel_left_joint"]},
+        ["controller.active", "'reducing_outputs'"]),
     "controller of no type": ({"controller": {"preset": "paper"}}, ["controller.type: is missing"]),
     "redundancy without vertical outputs": ({"controller": {"type": "redundancy"}}, ["mine.yaml"]),
     "steering without a steering wheel": ({"controller": {"type": "steering"}}, ["mine.yaml"]),
     "two phases without a platform": ({"controller": {"type": "two_phase"}}, ["controller.platform: is missing"]),
-    "unknown masses without a word": (
-        {"controller": {"type": "uncertain_redundancy"}},
-        ["controller.unknown: is missing"],
-    ),
+    "unknown masses without a word": ({"controller": {"type": "uncertain_redundancy"}},
+        ["controller.unknown: is missing"]),
     "transpose without actuators": ({"controller": {"type": "jacobian_transpose"}}, ["controller.active: is missing"]),
-    "transpose of an unknown actuator": (
-        {"controller": {"type": "jacobian_transpose", "active": ["wheel_lef"]}},
-        ["'wheel_lef'", "did you mean"],
-    ),
-    "path of a frame that is not there": (
-        {"reference": {"path": {"frame": "bas", "to": [1, 0, 0], "duration": 3, "wheelbase": 1}}},
-        ["mine.yaml"],
-    ),
+    "transpose of an unknown actuator": ({"controller": {"type": "jacobian_transpose", "active": ["wheel_lef"]}},
+        ["'wheel_lef'", "did you mean"]),
+    "path of a frame that is not there": ({"reference": {"path": {"frame": "bas", "to": [1, 0, 0], "duration": 3,
+        "wheelbase": 1}}}, ["mine.yaml"]),
     "step longer than the run": ({"simulation.dt": 5}, ["mine.yaml", "dt"]),
     "run beyond memory": ({"simulation.duration": 1e12, "simulation.dt": 1e-6}, ["mine.yaml", "simulation"]),
     "locked wheel": ({"robot.lock": {"wheel_left_joint": 0}}, ["mine.yaml"]),
     "title that is a list": ({"title": ["a", "b"]}, ["title", "['a', 'b']"]),
     "ground in words": ({"view.ground": "floor"}, ["view.ground", "'floor'"]),
     "comparison that is a word": ({"comparisons": {"other": "paper"}}, ["comparisons.other"]),
-    "comparison by an unknown path": (
-        {"comparisons": {"other": {"actuators.7": "base"}}},
-        ["actuators.7", "not an index into a list of 2"],
-    ),
-    "comparisons of one name": (
-        {"comparisons": {"a b": {"seed": 1}, "a-b": {"seed": 2}}},
-        ["comparisons", "give one file name"],
-    ),
-}
+    "comparison by an unknown path": ({"comparisons": {"other": {"actuators.7": "base"}}},
+        ["actuators.7", "not an index into a list of 2"]),
+    "comparisons of one name": ({"comparisons": {"a b": {"seed": 1}, "a-b": {"seed": 2}}},
+        ["comparisons", "give one file name"]),
+}  # fmt: skip
 
 
 @pytest.fixture

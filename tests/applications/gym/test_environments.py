@@ -145,20 +145,12 @@ def test_an_episode_ends_near_a_singularity():
     assert values[-1] < 0.08 < values[-2]
 
 
-@pytest.mark.parametrize(
-    ("failure", "name", "options", "inputs", "limits"),
-    [
-        ("ended_early", "space-robot", SHORT, [200.0, 200.0, 200.0], LIMITS),
-        (
-            "position",
-            "mobile-manipulator",
-            {"initial.q.joint_1": 62.5},
-            [0.0, 0.0, 400.0, 0.0],
-            rnc.gym.EpisodeLimits(input=500.0, speed=1e4, output=3.0),
-        ),
-        ("singular", "space-robot", SHORT, [0.0, -20.0, 20.0], LIMITS),
-    ],
-)
+@pytest.mark.parametrize(("failure", "name", "options", "inputs", "limits"), [
+    ("ended_early", "space-robot", SHORT, [200.0, 200.0, 200.0], LIMITS),
+    ("position", "mobile-manipulator", {"initial.q.joint_1": 62.5}, [0.0, 0.0, 400.0, 0.0],
+        rnc.gym.EpisodeLimits(input=500.0, speed=1e4, output=3.0)),
+    ("singular", "space-robot", SHORT, [0.0, -20.0, 20.0], LIMITS),
+])  # fmt: skip
 def test_failures_are_the_findings_of_a_run(failure, name, options, inputs, limits):
     """The same inputs in a run of ``simulate``, with the limits of the environment as conditions to stop."""
     smallest = 0.08 if failure == "singular" else 0.01

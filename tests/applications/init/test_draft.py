@@ -90,23 +90,14 @@ def test_a_draft_for_a_wheeled_robot_runs_as_it_is(name, expected, tmp_path):
     assert summary["constraint_residual_max"] < 1e-9
 
 
-@pytest.mark.parametrize(
-    ("name", "constraints", "primary"),
-    [
-        ("space_robot.urdf", [{"momentum": "platform"}], ["joint_1", "joint_2", "joint_3"]),
-        (
-            "mobile_manipulator.urdf",
-            [{"no_side_slip": {"frame": "axle", "axis": "y"}}],
-            ["base_speed_x", "base_yaw", "joint_1", "joint_2"],
-        ),
-        (
-            "fire_truck.urdf",
-            [{"no_side_slip": {"frame": f"{each}_axle", "axis": "y"}} for each in ("tractor", "front", "rear")],
-            ["tractor_speed_x", "front_steering", "rear_steering"],
-        ),
-        ("panda", [], [*(f"panda_joint{k}" for k in range(1, 8)), "panda_finger_joint1"]),
-    ],
-)
+@pytest.mark.parametrize(("name", "constraints", "primary"), [
+    ("space_robot.urdf", [{"momentum": "platform"}], ["joint_1", "joint_2", "joint_3"]),
+    ("mobile_manipulator.urdf", [{"no_side_slip": {"frame": "axle", "axis": "y"}}],
+        ["base_speed_x", "base_yaw", "joint_1", "joint_2"]),
+    ("fire_truck.urdf", [{"no_side_slip": {"frame": f"{each}_axle", "axis": "y"}} for each in ("tractor", "front",
+        "rear")], ["tractor_speed_x", "front_steering", "rear_steering"]),
+    ("panda", [], [*(f"panda_joint{k}" for k in range(1, 8)), "panda_finger_joint1"]),
+])  # fmt: skip
 def test_a_draft_for_a_robot_without_wheels_runs_as_it_is(name, constraints, primary, tmp_path):
     content, path = drafted(name, tmp_path)
     assert content.get("constraints", []) == constraints

@@ -135,24 +135,19 @@ def test_null_takes_a_setting_away_so_that_a_comparison_may_change_the_type():
     assert isinstance(settings, TYPES["reducing_outputs"])
 
 
-@pytest.mark.parametrize(
-    ("controller", "words"),
-    [
-        ({"type": "jacobian_transpose"}, "controller.active: is missing; expected actuators that are on"),
-        ({"type": "two_phase"}, "controller.platform: is missing; expected goal pose and start time"),
-        ({"type": "uncertain_redundancy"}, "controller.unknown: is missing; expected masses, or radii and tracks"),
-        ({"type": "steering", "k3": "x"}, "controller.k3: expected a valid number"),
-        ({"type": "two_phase", "preset": "paper", **NEEDED["two_phase"], "adaptation": 2}, "belongs to the preset"),
-        ({"type": "redundancy", "inertia_bound": 9}, "controller.inertia_bound: belongs to the preset 'normalised'"),
-        ({"type": "redundancy", "preset": "normalised"}, "controller.inertia_bound: is missing; the preset 'normal"),
-        (
-            {"type": "redundancy", "preset": "normalised", "inertia_bound": [9, 0, 9]},
-            "inertia_bound: expected positive numbers, found",
-        ),
-        ({"type": ["steering"]}, r"controller.type: expected 'redundancy', .* or 'none', found \['steering'\]"),
-        ("steering", "controller: expected a mapping, found 'steering'"),
-    ],
-)
+@pytest.mark.parametrize(("controller", "words"), [
+    ({"type": "jacobian_transpose"}, "controller.active: is missing; expected actuators that are on"),
+    ({"type": "two_phase"}, "controller.platform: is missing; expected goal pose and start time"),
+    ({"type": "uncertain_redundancy"}, "controller.unknown: is missing; expected masses, or radii and tracks"),
+    ({"type": "steering", "k3": "x"}, "controller.k3: expected a valid number"),
+    ({"type": "two_phase", "preset": "paper", **NEEDED["two_phase"], "adaptation": 2}, "belongs to the preset"),
+    ({"type": "redundancy", "inertia_bound": 9}, "controller.inertia_bound: belongs to the preset 'normalised'"),
+    ({"type": "redundancy", "preset": "normalised"}, "controller.inertia_bound: is missing; the preset 'normal"),
+    ({"type": "redundancy", "preset": "normalised", "inertia_bound": [9, 0, 9]},
+        "inertia_bound: expected positive numbers, found"),
+    ({"type": ["steering"]}, r"controller.type: expected 'redundancy', .* or 'none', found \['steering'\]"),
+    ("steering", "controller: expected a mapping, found 'steering'"),
+])  # fmt: skip
 def test_what_is_wrong_is_told_without_words_of_the_union(controller, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         validate(scenario(controller), "mine")
