@@ -77,14 +77,10 @@ def test_limits_of_a_velocity_program_hold_in_mujoco():
     """Wheel speeds and a wall in front of the base limit the motion; the outer wheel turns faster in the curve."""
     reduced = systems.differential_drive()
     wanted = [
-        rnc.control.tasks.OutputTask(
-            rnc.FrameSpeed("base"),
-            rnc.planning.MinimumJerk([0.0], [1.5], duration=2.0),
-        ),
-        rnc.control.tasks.OutputTask(
-            rnc.FrameYaw("base"), rnc.planning.MinimumJerk([0.0], [0.5], duration=1.5), gain=3.0
-        ),
-    ]
+        rnc.control.tasks.OutputTask(rnc.FrameSpeed("base"), rnc.planning.MinimumJerk([0.0], [1.5], duration=2.0)),
+        rnc.control.tasks.OutputTask(rnc.FrameYaw("base"), rnc.planning.MinimumJerk([0.0], [0.5], duration=1.5),
+            gain=3.0),
+    ]  # fmt: skip
     allowed = [
         rnc.control.limits.JointVelocityLimit(["left_wheel_joint", "right_wheel_joint"], 6.0, margin=0.05),
         rnc.control.limits.AccelerationLimit(1.0),

@@ -430,13 +430,8 @@ def test_steering_that_is_none_is_refused():
     add("also_beside", pin.JointModelRZ(), [0.0, -0.9, 0.0])
     robot = rnc.Robot(model)
     for left, right, axle, error, words in (
-        (
-            "left_steer",
-            "leaning",
-            "bl",
-            rnc.ConstraintError,
-            r"'leaning' turns about \(0.4, 0, 0.9165\), expected a vertical",
-        ),
+        ("left_steer", "leaning", "bl", rnc.ConstraintError,
+            r"'leaning' turns about \(0.4, 0, 0.9165\), expected a vertical"),
         ("left_steer", "sliding", "bl", rnc.ConstraintError, "'sliding' slides, expected a vertical axis"),
         ("left_steer", "fl_spin", "bl", rnc.ConstraintError, r"'fl_spin' turns about \(0, 1, 0\)"),
         ("left_steer", "root_joint", "bl", rnc.ConstraintError, "'root_joint' has 3 degrees of freedom, expected one"),
@@ -444,7 +439,7 @@ def test_steering_that_is_none_is_refused():
         ("beside", "also_beside", "bl", rnc.ConstraintError, "have to be above 1e-06 m, found 1.8 m and 0 m"),
         ("left_stear", "right_steer", "bl", rnc.ModelError, "did you mean 'left_steer'"),
         ("left_steer", "right_steer", "b", rnc.ModelError, "no frame 'b'"),
-    ):
+    ):  # fmt: skip
         with pytest.raises(error, match=words) as caught:
             rnc.AckermannSteering(left, right, axle).bind(robot)
         assert "\n" not in str(caught.value)
