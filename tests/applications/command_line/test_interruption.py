@@ -4,7 +4,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.simulation import run_figure
 from rnc_pin.simulation.record import Record
 from systems import sleigh
+from terminal import UNDRAWN
 
 RUN = ["run", "space-robot", "--set", "comparisons={}", "--set", "plots={}"]
 LONG = ["--set", "simulation.duration=100"]
@@ -197,7 +197,7 @@ def processor_time(pid):
 
 
 def started(*arguments, **options):
-    command = [sys.executable, "-m", "rnc_pin", *map(str, arguments)]
+    command = [*UNDRAWN, *map(str, arguments)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 
