@@ -361,6 +361,7 @@ def _release(information: ob.SpaceInformation) -> None:
 def _state(information: object, space: WaySpace, q: Array) -> object:
     state = information.allocState()  # type: ignore[attr-defined]
     space.write(state, q)
+    information.enforceBounds(state)  # type: ignore[attr-defined]  # the angle pi is out of OMPL's [-pi, pi)
     return state
 
 

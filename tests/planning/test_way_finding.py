@@ -210,6 +210,14 @@ def test_who_does_not_reverse_drives_forwards_only(kind, seed):
     assert way.residual < 1e-9
 
 
+@pytest.mark.parametrize("kind", [car, unicycle, mecanum_box])
+def test_half_a_turn_is_a_heading_like_any_other(kind):
+    reduced = kind()
+    start, goal = at_pose(reduced, -2.0, 2.0, np.pi), at_pose(reduced, 5.0, 2.0, np.pi)
+    way = find_way(reduced, start, goal, gap(1.6), settings=WaySettings(seconds=10.0), seed=1)
+    assert np.allclose(way.q[-1, :4], [5.0, 2.0, -1.0, 0.0], atol=1e-9)
+
+
 def test_the_joints_that_are_held_do_not_move():
     reduced, q0, goal, obstacles = TASKS["differential drive"]()
     way = find_way(reduced, q0, goal, obstacles)
