@@ -109,19 +109,10 @@ def test_what_is_not_finite_is_refused_everywhere(make, bad):
     v, T = reduced.at(q, v2).v, np.zeros(reduced.p)
     good = {"q": q, "v2": v2, "v": v, "T": T, "F": v2, "v2_dot": v2, "integrals": v2}
     calls = {
-        "forward_dynamics": "q v2 T",
-        "inverse_dynamics": "q v2 v2_dot",
-        "allocate": "q F",
-        "multipliers": "q v2 T",
-        "energy": "q v2",
-        "terms": "q v2",
-        "lagrangian_terms": "q v2",
-        "at": "q",
-        "at, reduced velocity": "q v2",
-        "at, full velocity": "q v",
-        "flow": "q v2 T",
-        "contact_forces": "q v2 T",
-    }
+        "forward_dynamics": "q v2 T", "inverse_dynamics": "q v2 v2_dot", "allocate": "q F", "multipliers": "q v2 T",
+        "energy": "q v2", "terms": "q v2", "lagrangian_terms": "q v2", "at": "q", "at, reduced velocity": "q v2",
+        "at, full velocity": "q v", "flow": "q v2 T", "contact_forces": "q v2 T",
+    }  # fmt: skip
     functions = {name: getattr(reduced, name.split(",")[0], None) for name in calls}
     functions["flow"] = lambda q, v2, T: reduced.at(q, v2).flow(T)
     functions["contact_forces"] = lambda q, v2, T: reduced.at(q, v2).contact_forces(T)
