@@ -119,32 +119,6 @@ def test_the_default_reward_is_the_mean_relative_error_and_failing_never_pays():
         env.step(np.zeros(3))
 
 
-def test_an_episode_ends_at_a_position_limit():
-    limits = rnc.gym.EpisodeLimits(input=500.0, speed=1e4, output=3.0)
-    env = rnc.gym.make("mobile-manipulator", draws={}, options={"initial.q.joint_1": 62.5}, limits=limits, period=0.05)
-    env.reset(seed=0)
-    failed = False
-    while not failed:
-        angle = env.unwrapped.batch.configurations[0, 4]
-        _, _, failed, _, info = env.step([0.0, 0.0, 400.0, 0.0])
-    assert info["failure"] == "position"
-    assert angle < 20 * np.pi < env.unwrapped.batch.configurations[0, 4]
-
-
-def test_an_episode_ends_near_a_singularity():
-    """The forearm turns towards its singular position, and the smallest singular value passes its limit."""
-    settings = {**SETTINGS, "limits": replace(LIMITS, singular_value=0.08)}
-    env = rnc.gym.make("space-robot", draws={}, **settings)
-    reduced = EpisodeTask("space-robot", SHORT, {}, 0.05, 0.0).reduced
-    env.reset(seed=0)
-    values, failed = [], False
-    while not failed:
-        _, _, failed, _, info = env.step([0.0, -20.0, 20.0])
-        values.append(reduced.at(env.unwrapped.batch.configurations[0]).smallest_singular_value)
-    assert info["failure"] == "singular"
-    assert values[-1] < 0.08 < values[-2]
-
-
 @pytest.mark.parametrize(("failure", "name", "options", "inputs", "limits"), [
     ("ended_early", "space-robot", SHORT, [200.0, 200.0, 200.0], LIMITS),
     ("position", "mobile-manipulator", {"initial.q.joint_1": 62.5}, [0.0, 0.0, 400.0, 0.0],
