@@ -53,7 +53,7 @@ def test_built_in_scenarios_can_run(name):
     """With their comparisons. Their whole length is planned here or in test_built_in_runs."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", rnc.ModelWarning)
-        prepared = Scenario.load(name, {} if name in CUT_SHORT else {"simulation.duration": 1.0}).build()
+        prepared = Scenario.load(name, {} if name in CUT_SHORT else {"simulation.duration": 0.4}).build()
     scenario = prepared.experiment.scenario
     assert prepared.name == name
     assert scenario.title
