@@ -15,7 +15,7 @@ from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.simulation import derived_quantities
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import Provenance
-from simple_controllers import Inputs
+from simple_controllers import Inputs, Memoryless
 from systems import ALL, four_bar, mobile_manipulator, random_states, space_robot, space_robot_in_joints
 from tolerances import REFERENCE_SIMULATION
 
@@ -308,14 +308,8 @@ def test_a_roll_out_keeps_loops_closed():
     q0 = reduced.assembled(reduced.robot.configuration({"crank": 0.3, "coupler": 0.5, "rocker": 1.5}))
     crank = reduced.at(q0).outputs()[1]
 
-    class Turn:
-        def initial_state(self, measurement):
-            return None
-
-        def step(self, t, measurement, state):
-            return rnc.control.VelocityTarget(v2=np.array([4.0]), v2_dot=np.zeros(1)), None
-
-    _, path = rnc.kinematic_rollout(reduced, Turn(), q0, 1.2, 0.1)
+    turn = Memoryless(lambda *_: rnc.control.VelocityTarget(v2=np.array([4.0]), v2_dot=np.zeros(1)))
+    _, path = rnc.kinematic_rollout(reduced, turn, q0, 1.2, 0.1)
     assert abs(reduced.at(path[-1]).outputs()[1] - crank) > 1.0
     assert np.abs(reduced.assembly.residual(path)).max() < 1e-10
 

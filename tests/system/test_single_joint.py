@@ -10,8 +10,9 @@ from scipy.special import ellipk
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.applications.scenario.files import read_yaml
-from rnc_pin.control import Command, MomentumRegressor, UnknownMass
+from rnc_pin.control import MomentumRegressor, UnknownMass
 from rnc_pin.planning import Hold, TaskReference
+from simple_controllers import Idle
 from tolerances import ROUNDING
 
 pytestmark = pytest.mark.filterwarnings("error", "ignore:zmq.eventloop.ioloop is deprecated:DeprecationWarning")
@@ -123,26 +124,13 @@ def test_a_pendulum_moves_as_by_hand(swing):
         assert reduced.energy(at, w) == pytest.approx(energy[0, i], abs=ROUNDING)
 
 
-class Idle:
-    """A controller that leaves the inputs as they are."""
-
-    def __init__(self, *inputs):
-        self.inputs = np.array(inputs)
-
-    def initial_state(self, measurement):
-        return None
-
-    def step(self, t, measurement, state):
-        return Command(T=self.inputs), None
-
-
 @pytest.mark.parametrize("swing", [("revolute", "-0.8 0 -0.6"), ("continuous", "0.6 0 0.8")], indirect=True)
 def test_a_pendulum_is_back_after_its_period(swing):
     """4 K(sin^2 (amplitude / 2)) / omega, K the complete elliptic integral."""
     robot, _, inertia, weight = swing
     period = 4 * ellipk(np.sin(0.75) ** 2) / np.sqrt(weight / inertia)
     q = robot.configuration({"hinge": 1.5})
-    run = rnc.simulate(reduced_of(robot), Idle(0.0), q, period, period / 1000)
+    run = rnc.simulate(reduced_of(robot), Idle(1), q, period, period / 1000)
     assert run.outcome == rnc.Outcome.COMPLETED
     np.testing.assert_allclose(run.x2[[0, 500, 1000], 0], [1.5, -1.5, 1.5], atol=INTEGRATED)
     exact = rnc.free_motion(reduced_of(robot), q, np.zeros(1), period, period / 10)
