@@ -82,23 +82,6 @@ def test_reference_simulation_of_the_space_robot():
         np.testing.assert_allclose(y[:3], data["v"][k], atol=REFERENCE_SIMULATION)
 
 
-def test_closed_form_motion_of_the_chaplygin_sleigh():
-    from textbook_systems import SLEIGH, chaplygin_sleigh
-
-    data, reduced = SLEIGH["trajectory"], chaplygin_sleigh()
-    q0 = reduced.robot.configuration({"root_joint": data["q0"]})
-    idle = Inputs(lambda t: np.zeros(2))
-    run = rnc.simulate(reduced, idle, q0, duration=5.0, dt=0.005, v2_0=np.array(data["v0"]))
-    early = np.array(data["t"]) <= 5.0
-    every = np.searchsorted(run.time, np.array(data["t"])[early] - 1e-9)
-    x1, x2 = run.x1[every], run.x2[every]
-    np.testing.assert_allclose(np.column_stack([x1, x2[:, 1]]), np.array(data["q"])[early], atol=REFERENCE_SIMULATION)
-    np.testing.assert_allclose(run.v2[every], np.array(data["v"])[early], atol=REFERENCE_SIMULATION)
-    # The quasi-velocity has no coordinate: its column is its integral, here the length of the path.
-    speed = np.trapezoid(run.v2[:, 0], run.time)
-    assert run.x2[-1, 0] == pytest.approx(speed, abs=1e-5)
-
-
 def test_inputs_are_held_between_samples():
     reduced = space_robot_in_joints()
     q0 = reduced.robot.configuration({"joint_2": 1.0})
