@@ -96,21 +96,6 @@ def test_no_momentum_is_the_homogeneous_constraint():
         assert not system.constraints.affine
 
 
-def test_energy_is_that_of_the_whole_motion(reduced):
-    model = reduced.robot.model
-    data = model.createData()
-    q, v2 = (np.stack(each) for each in zip(*random_states(reduced, 3), strict=True))
-    v = reduced.at(q, v2).v
-    expected = [
-        pin.computeKineticEnergy(model, data, a, b) + pin.computePotentialEnergy(model, data, a)
-        for a, b in zip(q, v, strict=True)
-    ]
-    np.testing.assert_allclose(reduced.energy(q, v2), expected, rtol=1e-12)
-    np.testing.assert_allclose(reduced.terms(q, v2).v, v, atol=1e-12)
-    # Conserved momentum needs no constraint force.
-    assert np.abs(reduced.multipliers(q, v2, np.ones((3, reduced.p)))).max() < 1e-7
-
-
 def test_a_run_keeps_momentum_and_energy():
     reduced = spinning_space_robot()
     task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])

@@ -28,7 +28,7 @@ def away(run):
 @pytest.mark.parametrize(
     ("form", "aside", "yaw"),
     [
-        *(("dynamic", *start) for start in ((0.3, 0.0), (0.3, 0.2), (1.0, 0.5))),
+        ("dynamic", 0.3, 0.2),
         ("acceleration", 0.3, 0.0),
         ("kinematic", 1.0, 0.5),
     ],
