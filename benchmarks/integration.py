@@ -27,7 +27,7 @@ from rnc_pin.applications.scenario.files import built_in_names
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.sweep.scenario_runs import arguments_of
 from rnc_pin.control.controller import Command
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.simulation_options import RunArguments
 from rnc_pin.simulation.stop import complete_run

@@ -39,7 +39,7 @@ from rnc_pin.optimal import (
 from rnc_pin.optimal.action_models import action_model
 from rnc_pin.optimal.bounds import GoalRows
 from rnc_pin.optimal.guesses import along
-from rnc_pin.optimal.problem_building import build_problem, initial_node
+from rnc_pin.optimal.planner import build_problem, initial_node
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
 from rnc_pin.plants.mujoco import MuJoCoPlant
 

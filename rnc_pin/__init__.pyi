@@ -81,7 +81,7 @@ from .model.actuation import FrameTorque as FrameTorque
 from .model.actuation import OutputForce as OutputForce
 from .model.impact import Impact as Impact
 from .model.impact import impact as impact
-from .model.measurement import Measurement as Measurement
+from .model.reduced_kinematics import Measurement as Measurement
 from .model.reduced_model import ReducedModel as ReducedModel
 from .model.system import NonholonomicSystem as NonholonomicSystem
 from .model.task import Task as Task

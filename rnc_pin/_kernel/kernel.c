@@ -1287,7 +1287,7 @@ static void bracket(long kind, const double *u, const double *x, double *out)
     cross(u + 3, x + 3, out + 3);
 }
 
-/* v -> rate of u where q = q0 (+) u; see exponential_coordinates.py */
+/* v -> rate of u where q = q0 (+) u; see runge_kutta.py */
 static void coordinate_rates(const Evaluator *ev, const double *u, double *v)
 {
     for (Py_ssize_t j = 0; j < ev->curves; j++) {
@@ -1337,7 +1337,7 @@ static int displace(Evaluator *ev, const double *q, const double *u, double *out
 
 static Py_ssize_t stages_size(const Evaluator *ev) { return 5 * (ev->n + integrated(ev)) + ev->nq; }
 
-/* One step of the method of lie_runge_kutta.py: q and y after a time h. known: kinematics at q, or NULL. rates: mu and
+/* One step of the method of runge_kutta.py: q and y after a time h. known: kinematics at q, or NULL. rates: mu and
    its rates at the begin, the middle and the end of the step, or NULL. rough: grows by the roughness of the step. */
 static int step(Evaluator *ev, const double *T, double h, const double *known, const double *rates, double *q,
                 double *y, double *rough)

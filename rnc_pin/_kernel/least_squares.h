@@ -1,4 +1,4 @@
-/* Programs of whole-body control; see task_hierarchy.py, collision_avoidance.py and look_at_task.py. Included at the
+/* Programs of whole-body control; see task_hierarchy.py, distance_limits.py and output_tasks.py. Included at the
  * end of kernel.c. */
 
 /* Triangular factor of rows (k, n + 1), whose last column is the right-hand side, by reflections; in place, k >= n. */

@@ -72,7 +72,7 @@ static PyObject *pair_bounds(PyObject *module, PyObject *const *args, Py_ssize_t
     return result(&all, ok);
 }
 
-/* Largest velocities from which joints stop in time; see joint_position_limit.py. q, v, places of the joints in both
+/* Largest velocities from which joints stop in time; see joint_limits.py. q, v, places of the joints in both
    (k), limits and decelerations (3, k), duration of the sample, record of lower and upper bounds (2, k). False if the
    arrays need the other path. */
 static PyObject *stopping_velocities(PyObject *module, PyObject *const *args, Py_ssize_t given)

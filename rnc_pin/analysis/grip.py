@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.analysis.contact_force_set import ContactForceSet, dependent_groups, linked_contacts
+from rnc_pin.analysis.contact_forces import ContactForceSet, dependent_groups, linked_contacts
 from rnc_pin.analysis.normal_forces import LiftOff, NormalForces, first_lift_off
 from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import ConfigurationError, nearest

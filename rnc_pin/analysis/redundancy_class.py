@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from rnc_pin.io.json import Json, to_json_mapping
-from rnc_pin.model.output_gradients import kinematic_gradient
+from rnc_pin.model.reduced_kinematics import kinematic_gradient
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.task import Task

@@ -10,10 +10,16 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.growth import GrowthEvidence
 from rnc_pin.analysis.integrability import integrability
-from rnc_pin.analysis.lemma_1 import Boundedness, boundedness, lemma_1_residuals
 from rnc_pin.analysis.limit_effects import LimitedProgram, LimitEffect, limit_effects
 from rnc_pin.analysis.redundancy_class import Redundancy, Spread, classify
-from rnc_pin.analysis.singularities import Singularity, stack_singularities, task_singularities
+from rnc_pin.analysis.singularities import (
+    Boundedness,
+    Singularity,
+    boundedness,
+    lemma_1_residuals,
+    stack_singularities,
+    task_singularities,
+)
 from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.independence import DroppedRow

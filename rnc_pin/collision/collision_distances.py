@@ -12,12 +12,24 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from rnc_pin import _kernel
-from rnc_pin.collision.convex_shapes import SpinningShapes, axes_of_rotation, bounding_box, convex_shape
-from rnc_pin.collision.distance_bounds import DistanceBounds, PlacedBodies, ShapePoses
-from rnc_pin.collision.flat_contacts import FlatParts, common_corners
-from rnc_pin.collision.obstacle import Obstacle, check_ignored_links
-from rnc_pin.collision.pair_measurement import NUMBERS, PairDistances, PairMeasurement
-from rnc_pin.collision.pair_selection import LinkPair, OmittedPair, PairSelection, select_pairs
+from rnc_pin.collision.distance_bounds import DistanceBounds, FlatParts, PlacedBodies, ShapePoses, common_corners
+from rnc_pin.collision.pairs import (
+    NUMBERS,
+    LinkPair,
+    OmittedPair,
+    PairDistances,
+    PairMeasurement,
+    PairSelection,
+    select_pairs,
+)
+from rnc_pin.collision.shapes import (
+    Obstacle,
+    SpinningShapes,
+    axes_of_rotation,
+    bounding_box,
+    check_ignored_links,
+    convex_shape,
+)
 from rnc_pin.errors import InputError, ModelError
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import ConfigurationValidator

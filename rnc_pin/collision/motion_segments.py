@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float, Int
-from rnc_pin.collision.obstacle import Obstacle, ObstacleMotion
+from rnc_pin.collision.shapes import Obstacle, ObstacleMotion
 from rnc_pin.errors import ModelError
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 

@@ -1,4 +1,4 @@
-"""Constraints ``A v = 0`` or ``A v = mu``, which may depend on time: one file for each kind."""
+"""Constraints ``A v = 0`` or ``A v = mu``, which may depend on time."""
 
 from rnc_pin.lazy_exports import lazy_exports
 

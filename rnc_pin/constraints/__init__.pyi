@@ -2,27 +2,27 @@
 
 from rnc_pin.model.rows import Rows as Rows
 
-from .ackermann_steering import AckermannSteering as AckermannSteering
+from .blades_and_casters import Caster as Caster
+from .blades_and_casters import NoSideSlip as NoSideSlip
 from .body_shapes import Cone as Cone
 from .body_shapes import Cylinder as Cylinder
 from .body_shapes import Ellipsoid as Ellipsoid
 from .body_shapes import Sphere as Sphere
 from .body_shapes import Torus as Torus
-from .body_surface import BodySurface as BodySurface
-from .caster import Caster as Caster
+from .couplings import AckermannSteering as AckermannSteering
+from .couplings import JointCoupling as JointCoupling
+from .couplings import LoopClosure as LoopClosure
 from .curved_grounds import CurvedGround as CurvedGround
 from .curved_grounds import CylindricalGround as CylindricalGround
 from .curved_grounds import HeightField as HeightField
 from .curved_grounds import SphericalGround as SphericalGround
-from .fixed_output import FixedOutput as FixedOutput
 from .ground_plane import GroundPlane as GroundPlane
-from .joint_coupling import JointCoupling as JointCoupling
-from .loop_closure import LoopClosure as LoopClosure
+from .ground_plane import RollingRows as RollingRows
+from .kept_outputs import FixedOutput as FixedOutput
+from .kept_outputs import PrescribedMotion as PrescribedMotion
 from .momentum import MomentumConservation as MomentumConservation
-from .no_side_slip import NoSideSlip as NoSideSlip
 from .pfaffian import Pfaffian as Pfaffian
-from .prescribed_motion import PrescribedMotion as PrescribedMotion
-from .rolling_ball import RollingBall as RollingBall
+from .rolling_body import BodySurface as BodySurface
+from .rolling_body import RollingBall as RollingBall
 from .rolling_body import RollingBody as RollingBody
 from .rolling_wheel import RollingWheel as RollingWheel
-from .wheel_rows import RollingRows as RollingRows

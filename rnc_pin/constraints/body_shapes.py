@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.model.frame_velocity import axis_index
+from rnc_pin.model.frame_rows import axis_index
 from rnc_pin.model.parameter_types import Axis, NotNegative, Positive, Vector
 
 _EYE = np.eye(3)

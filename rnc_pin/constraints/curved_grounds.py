@@ -10,7 +10,7 @@ import numpy as np
 
 from rnc_pin.constraints.body_shapes import grid_triangles
 from rnc_pin.errors import ConfigurationError, ConstraintError
-from rnc_pin.model.offset_frame import triple
+from rnc_pin.model.frame_rows import triple
 from rnc_pin.model.parameter_types import Positive, Vector
 
 _EYE = np.eye(3)

@@ -1,26 +1,25 @@
-"""Body with a smooth convex surface that rolls without slip on a plane or on a curved surface."""
+"""Bodies with smooth convex surfaces that roll without slip: on planes, on curved surfaces, and on each other."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.constraints.body_shapes import Apex, BodyShape, Cone, Cylinder, support_numbers
-from rnc_pin.constraints.curved_grounds import CurvedGround, admit_ground
+from rnc_pin.constraints.body_shapes import Apex, BodyShape, Cone, Cylinder, Sphere, grid_triangles, support_numbers
+from rnc_pin.constraints.curved_grounds import CurvedGround, Levelled, admit_ground, unit_vectors
 from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier
 from rnc_pin.constraints.surface_contact import SurfaceContactRows, contact_wrench_rates, contact_wrenches
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, vector_product
+from rnc_pin.model.frame_rows import FLAT, ConstantWrenchRows, WrenchRows, point_name, triple
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.model.kinematics import Placement, PositionKinematics
-from rnc_pin.model.mechanisms import Phrases
-from rnc_pin.model.offset_frame import point_name, triple
-from rnc_pin.model.parameter_types import Vector
-from rnc_pin.model.rows import Rows, check_defined
-from rnc_pin.model.wrench_rows import FLAT, WrenchRows
+from rnc_pin.model.parameter_types import Positive, Vector
+from rnc_pin.model.rows import GroundContact, Phrases, Rows, check_defined
 from rnc_pin.robots.robot import Robot
 
 
@@ -198,3 +197,189 @@ class _RollingBodyRows(WrenchRows):
 
     def phrases(self) -> Phrases:
         return Phrases("rolling body", prevents="slip at", where=self._body)
+
+
+@dataclass(frozen=True)
+class RollingBall:
+    """Ball whose contact point has the velocity of the ground: two rolling rows and a vertical row.
+
+    The contact point is ``radius`` below the centre at any attitude. The rows are the velocity of the material point
+    there along the world's x, y and z, or along the axes of the ground. The vertical row is holonomic: the centre stays
+    at height ``radius``. For a planar base on level ground, it is zero and is dropped.
+
+    Args:
+        frame: a frame at the centre of the ball that turns with it.
+        radius: radius of the ball [m].
+        ground: a plane, or curved ground as of a ``RollingBody``; None for z = 0 at rest.
+
+    Raises:
+        ModelError: unknown frame.
+        ConstraintError: the radius is not positive, or a ground of another kind.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.RollingBall("ball", radius=0.3)])
+        >>> reduced = system.reduce([rnc.FrameAngularVelocity("ball", axis) for axis in "xyz"])
+        >>> q = robot.configuration({"root_joint": [0, 0, 0.3, 0, 0, 0, 1]})
+        >>> reduced.at(q, [0.0, 2.0, 0.0]).v[[0, 4]].round(3)  # as it turns about y it goes along x
+        array([0.6, 2. ])
+    """
+
+    frame: str
+    radius: Positive
+    ground: GroundPlane | CurvedGround | None = None
+
+    def bind(self, robot: Robot) -> Rows:
+        if not (np.isfinite(self.radius) and self.radius > 0):
+            raise ConstraintError(f"radius of ball '{self.frame}' has to be positive, found {self.radius}")
+        if self.ground is None or isinstance(self.ground, GroundPlane):
+            return on_carrier(
+                _RollingBallRows(self, self.ground or GroundPlane(), robot), self.frame, self.ground, robot
+            )
+        return RollingBody(self.frame, Sphere(self.radius), ground=self.ground).bind(robot)
+
+
+class _RollingBallRows(ConstantWrenchRows):
+    """Velocity of the material at a constant arm from the centre, along the axes of the plane."""
+
+    holonomic = (False, False, True)
+    on_ground = True
+    units = ("m/s",) * 3
+
+    def __init__(self, kind: RollingBall, plane: GroundPlane, robot: Robot) -> None:
+        self.names = tuple(f"{part}({kind.frame})" for part in ("rolling_x", "rolling_y", "vertical"))
+        self._ball, self.frame = kind, robot.frame_id(kind.frame)
+        self.ground = None if plane.is_default else plane
+        self.twist, self.affine = plane.twist, plane.moves
+        self._plane, self._axes, self._arm = plane, plane.axes, -kind.radius * plane.axes[2]
+        self.matrix = np.hstack([self._axes, np.cross(self._arm, self._axes)])
+
+    def residual(self, at: PositionKinematics) -> np.ndarray:
+        height = (self._contact(at) - self._plane.point) @ self._axes[2]
+        return np.asarray(height)[..., None] * [0.0, 0.0, 1.0]
+
+    def _contact(self, at: PositionKinematics) -> np.ndarray:
+        """Contact point (..., 3) in the world."""
+        return np.asarray(at.placement(self.frame).translation + self._arm)
+
+    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        contact = self._contact(at)[..., None, :]
+        shape = (*contact.shape[:-2], 3, 3)
+        return np.broadcast_to(contact, shape), np.broadcast_to(self._axes, shape)
+
+    def mechanisms(self) -> tuple[GroundContact]:
+        return (GroundContact(self._ball.frame, self._ball.radius),)
+
+    def phrases(self) -> Phrases:
+        return Phrases("rolling ball", prevents="slip at", where=self._ball.frame)
+
+
+_EYE = np.eye(3)
+_FINE = 32  # edges of the drawn surface
+
+
+class LevelledShape(BodyShape, Levelled, Protocol):
+    """Shape with a function that is zero on its surface, in the axes of its body."""
+
+
+@dataclass(frozen=True)
+class BodySurface:
+    """Outside of a convex body, on which another body rolls. Both move; a frame carries the surface.
+
+    Args:
+        shape: ``Sphere``, ``Ellipsoid``, ``Torus`` with a tube, or a ``BodyShape`` with ``level``, ``gradient`` and
+            ``hessian``.
+        frame: name of the frame that carries the shape; None for a body at rest in the world.
+        at: centre of the shape in the frame's axes [m].
+        rpy: orientation of the shape relative to the frame: roll, pitch and yaw as in a URDF [rad].
+
+    Raises:
+        ConstraintError: a shape without these methods.
+        ConfigurationError: vectors that are not three finite numbers.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
+        >>> hill = rnc.BodySurface(rnc.Ellipsoid((2.0, 1.0, 0.5)))
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBall("ball", 0.2, ground=hill)]).reduce()
+        >>> q = reduced.assembled(robot.configuration({"root_joint": [0, 0, 1, 0, 0, 0, 1]}))
+        >>> q[2].round(6)  # height of the centre above that of the hill
+        np.float64(0.7)
+    """
+
+    shape: LevelledShape
+    frame: str | None = None
+    at: Vector = (0.0, 0.0, 0.0)
+    rpy: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        names = ("point", "level", "gradient", "hessian")
+        missing = [name for name in names if not hasattr(self.shape, name)]
+        if missing or isinstance(self.shape, type):
+            raise ConstraintError(
+                "shape of a body's surface: expected Sphere, Ellipsoid, Torus or an object with the methods "
+                f"{', '.join(names)}, found {self.shape!r}"
+            )
+        if getattr(self.shape, "tube", 1.0) == 0:
+            raise ConstraintError("shape of a body's surface: a Torus with tube=0 is a sharp edge; give it a tube")
+        triple(self.at, "centre of a body's surface")
+        triple(self.rpy, "rpy of a body's surface")
+
+    @property
+    def _axes(self) -> np.ndarray:
+        """Axes of the shape as columns (3, 3)."""
+        return np.asarray(pin.rpy.rpyToMatrix(np.asarray(self.rpy, dtype=float)))
+
+    def _local(self, point: np.ndarray) -> np.ndarray:
+        return np.asarray((point - np.asarray(self.at)) @ self._axes)
+
+    @property
+    def moves(self) -> bool:
+        """False: the surface is at rest in the frame that carries it."""
+        return False
+
+    @property
+    def angular_velocity(self) -> np.ndarray:
+        """Zero (3,)."""
+        return np.zeros(3)
+
+    @property
+    def along(self) -> np.ndarray:
+        """Direction of the first rolling row: the carrier's x."""
+        return _EYE[0]
+
+    def level(self, point: np.ndarray) -> np.ndarray:
+        """Function (...) that is zero on the surface and grows outwards, at each point (..., 3) [m]."""
+        return self.shape.level(self._local(point))
+
+    def gradient(self, point: np.ndarray) -> np.ndarray:
+        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
+        return apply(self._axes, self.shape.gradient(self._local(point)))
+
+    def hessian(self, point: np.ndarray) -> np.ndarray:
+        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3)."""
+        axes = self._axes
+        return np.asarray(axes @ self.shape.hessian(self._local(point)) @ axes.T)
+
+    def below(self, place: np.ndarray) -> np.ndarray:
+        """Points (..., 3) of the surface whose normals are along the lines from its centre to each place (..., 3)."""
+        normal = unit_vectors(self._local(place), _EYE[2])
+        return np.asarray(self.at) + apply(self._axes, self.shape.point(normal))
+
+    def material_velocity(self, place: np.ndarray) -> np.ndarray:
+        """Zero (..., 3) at each place (..., 3)."""
+        return np.zeros_like(place)
+
+    def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+        """Whole surface, for drawings: vertices (n, 3) and triangles (m, 3).
+
+        Args:
+            center: not used.
+            size: not used.
+        """
+        tilt = (np.arange(_FINE) + 0.5) * np.pi / _FINE
+        around = np.linspace(0.0, 2 * np.pi, 2 * _FINE + 1)
+        height, angle = np.meshgrid(np.cos(tilt), around, indexing="ij")
+        width = np.sqrt(1.0 - height**2)
+        normals = np.stack([width * np.cos(angle), width * np.sin(angle), height], axis=-1).reshape(-1, 3)
+        vertices = np.asarray(self.at) + apply(self._axes, self.shape.point(normals))
+        return vertices, grid_triangles(_FINE, 2 * _FINE + 1)

@@ -9,20 +9,14 @@ import pinocchio as pin
 
 from rnc_pin.constraints.body_shapes import Torus
 from rnc_pin.constraints.curved_grounds import CurvedGround, admit_ground
-from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier
+from rnc_pin.constraints.ground_plane import GroundPlane, RollingRows, WheelDisk, on_carrier
 from rnc_pin.constraints.surface_contact import SurfaceContact, SurfaceContactRows
-from rnc_pin.constraints.wheel_rows import RollingRows, WheelDisk
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.linear_algebra import apply, vector_product
-from rnc_pin.model.frame_velocity import axis_index
-from rnc_pin.model.kinematics import (
-    OWN_AXES,
-    Kinematics,
-    PositionKinematics,
-)
-from rnc_pin.model.mechanisms import Friction, Phrases
+from rnc_pin.model.frame_rows import axis_index
+from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics
 from rnc_pin.model.parameter_types import Axis, Positive
-from rnc_pin.model.rows import Rows
+from rnc_pin.model.rows import Friction, Phrases, Rows
 from rnc_pin.robots.robot import Robot
 
 

@@ -12,12 +12,10 @@ from rnc_pin.constraints.body_shapes import BodyShape, Sphere
 from rnc_pin.constraints.curved_grounds import CurvedGround, CylindricalGround, SphericalGround
 from rnc_pin.math.components import Entry, cross, dot
 from rnc_pin.math.linear_algebra import apply, cross_columns, vector_product
+from rnc_pin.model.frame_rows import WrenchRows, point_name
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.model.kinematics import Placement, PositionKinematics
-from rnc_pin.model.mechanisms import Phrases
-from rnc_pin.model.offset_frame import point_name
-from rnc_pin.model.rows import check_defined
-from rnc_pin.model.wrench_rows import WrenchRows
+from rnc_pin.model.rows import Phrases, check_defined
 from rnc_pin.robots.robot import Robot
 
 _STEPS, _ACCURATE = 60, 1e-12  # Newton steps, and the last one relative to the size of the contact

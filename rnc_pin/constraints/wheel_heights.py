@@ -13,9 +13,8 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.constraints.ground_plane import GroundPlane
 from rnc_pin.errors import ModelError
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
-from rnc_pin.model.mechanisms import GroundContact
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.rows import Rows
+from rnc_pin.model.rows import GroundContact, Rows
 from rnc_pin.robots.robot import Robot
 from rnc_pin.verdict import Finding, FindingKind, Severity
 

@@ -1,4 +1,4 @@
-"""Controllers: one file each, one protocol, gains beside them."""
+"""Controllers: one protocol, gains beside them."""
 
 from rnc_pin.lazy_exports import lazy_exports
 

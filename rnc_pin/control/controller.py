@@ -8,12 +8,21 @@ saved, resumed, batched and replayed bit for bit:
 
 Controllers of this package also implement ``describe()``, so that the record of a run contains their gains. This method
 is optional.
+
+A controller whose attribute ``accepts_batches`` is True also takes the measurements of B runs, each field with a
+leading axis (B, ...), and returns commands with that axis. Every row has the bits of a step of that run alone.
+Its state then consists of nested tuples of arrays (B, ...), and of values that all runs share, such as the time.
+A state of another form has a method ``together(states)`` that returns a ``RunStates``.
+An error of a step in which several runs take part names no run; the runs are then stepped one by one.
+
+``simulate`` steps other controllers once for each run of a batch.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -22,7 +31,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.io.json import Json
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.planning.references import Reference
 from rnc_pin.printing import ReprMixin, printed
 
@@ -300,3 +309,71 @@ def limited_accelerations(controller: object) -> tuple[LimitedAcceleration, ...]
     while controller is not None and not hasattr(controller, "limited_accelerations"):
         controller = getattr(controller, "target", None)
     return () if controller is None else controller.limited_accelerations
+
+
+# ------------------------------------------------------------------ many runs at once
+
+Runs = int | slice | np.ndarray
+"""Index of one run, or a mask or indices of some runs."""
+
+
+class NotStackable(ValueError):
+    """States of runs that one state cannot hold."""
+
+
+class RunStates(ABC):
+    """States of many runs that arrays (B, ...) cannot hold, because their sizes differ."""
+
+    @abstractmethod
+    def of_runs(self, runs: Runs) -> State:
+        """Return the states of some runs, by a mask or indices, or the state of one run, by its index."""
+
+
+def accepts_batches(controller: object) -> bool:
+    """True if a controller declares that it takes the measurements of many runs."""
+    return getattr(controller, "accepts_batches", False) is True
+
+
+def stack_states(states: Sequence[State]) -> State:
+    """State of many runs from a state of each.
+
+    Raises:
+        NotStackable: a value that is no array differs between the runs, or arrays have different shapes.
+    """
+    first = states[0]
+    if isinstance(first, np.ndarray):
+        if any(not isinstance(each, np.ndarray) or each.shape != first.shape for each in states):
+            raise NotStackable
+        return np.stack(states)
+    if hasattr(first, "together"):
+        if any(type(each) is not type(first) for each in states):
+            raise NotStackable
+        return first.together(states)
+    if isinstance(first, tuple):
+        if any(type(each) is not type(first) or len(each) != len(first) for each in states):
+            raise NotStackable
+        return _like(first, [stack_states(parts) for parts in zip(*states, strict=True)])
+    if any(type(each) is not type(first) or each != first for each in states):
+        raise NotStackable
+    return first
+
+
+def state_of_runs(state: State, runs: Runs) -> State:
+    """State of some runs, by a mask or indices, or of one run, by its index."""
+    if isinstance(state, np.ndarray):
+        return state[runs]
+    if isinstance(state, RunStates):
+        return state.of_runs(runs)
+    if isinstance(state, tuple):
+        return _like(state, [state_of_runs(part, runs) for part in state])
+    return state
+
+
+def measurement_of_run(measurement: Measurement, run: int) -> Measurement:
+    """Measurement of one run of a batch."""
+    return Measurement._make([None if field is None else field[run] for field in measurement])
+
+
+def _like(first: tuple[State, ...], parts: list[State]) -> tuple[State, ...]:
+    make = getattr(first, "_make", None)
+    return tuple(parts) if make is None else make(parts)

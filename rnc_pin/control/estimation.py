@@ -17,13 +17,13 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.adaptation import apply_dead_zone
 from rnc_pin.control.controller import Description, elapsed_time, listed
+from rnc_pin.control.feedback import apply_dead_zone
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply, solve
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import ReductionData, row_scales
 from rnc_pin.model.row_stack import RowStack
@@ -212,7 +212,7 @@ def adapt(
 
     The step is bounded as in the trackers: it never corrects more than the measured error, so ``|p - phat|`` does not
     grow (Lemma 4). With noise within the dead zone it does not grow for small steps, because the law ignores such
-    errors (``control.adaptation``). Clipping to a box that contains p does not make it grow either.
+    errors (``control.feedback``). Clipping to a box that contains p does not make it grow either.
     """
     step = gain * elapsed
     has_zone = bool(dead_zone) if isinstance(dead_zone, float) else bool(np.any(dead_zone))

@@ -120,7 +120,7 @@ class VelocityGains(TrackerGains):
         beta: adaptation gain (10); one number, or one for each reducing output.
         sigma: leak rate of the adapted values [1/s].
         dead_zone: velocity error below which adaptation stops, as large as the velocity noise [m/s or rad/s]; zero in
-            the paper (``control.adaptation``). One number, or one for each reducing output.
+            the paper (``control.feedback``). One number, or one for each reducing output.
         modes: matrix S (r, r). The tracker then works on the mode velocities ``S^T v2`` with mode forces F', and
             ``F = S F'``: ``k`` and ``beta`` are those of the modes. None for gains of single outputs.
     """

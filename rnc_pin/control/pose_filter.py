@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Description, elapsed_time
-from rnc_pin.control.wheel_odometry import WheelOdometry, composed
+from rnc_pin.control.wheeled_base import WheelOdometry, composed
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.coordinates import arc_chord, wrapped
 from rnc_pin.model.input_validation import ArrayInput, vector

@@ -10,15 +10,14 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.adaptation import saturation_mask
 from rnc_pin.control.controller import Command, DescribedMixin, check_size, elapsed_time, goals_at
-from rnc_pin.control.deviation import fed_back
+from rnc_pin.control.feedback import fed_back, saturation_mask
 from rnc_pin.control.gain_design import PositionGains
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.coordinates import Coordinates, angle_difference
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.planning.references import Reference, ReferencePoint
 
 
@@ -52,7 +51,7 @@ class PositionTracker(DescribedMixin):
     with ``q = k2 e / (k1 gamma) - w / gamma``. Filter and leak are exact over a sample.
 
     For an output with saturated actuators, the learnt force does not grow in the saturated direction
-    (``control.adaptation``). For an output with an error within the dead zone, it does not change at all.
+    (``control.feedback``). For an output with an error within the dead zone, it does not change at all.
 
     Reads from the measurement: ``x2``, and ``force_deficit`` if available.
 

@@ -7,7 +7,6 @@ from typing import cast
 import numpy as np
 
 from rnc_pin import _kernel
-from rnc_pin.control.batches import measurement_of_run, stack_states
 from rnc_pin.control.controller import (
     DescribedMixin,
     Description,
@@ -16,13 +15,15 @@ from rnc_pin.control.controller import (
     describe,
     goals_at,
     listed,
+    measurement_of_run,
+    stack_states,
 )
-from rnc_pin.control.deviation import deviation, fed_back
+from rnc_pin.control.feedback import deviation, fed_back
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.control.secondary import Secondary
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import apply, condition_number, solve
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference, ReferencePoint
 

@@ -16,13 +16,12 @@ import pinocchio as pin
 from annotated_types import Gt, Le, Len
 
 from rnc_pin.control.controller import DescribedMixin, Description, check_size, describe, listed
-from rnc_pin.control.deviation import deviation, fed_back
-from rnc_pin.control.whole_body.limits.limited_joints import limited_positions
+from rnc_pin.control.feedback import deviation, fed_back
+from rnc_pin.control.whole_body.limits.joint_limits import limited_positions
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.kinematics import over_states
-from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.output_gradients import kinematic_gradient, log_determinant_gradient
+from rnc_pin.model.reduced_kinematics import Measurement, kinematic_gradient, log_determinant_gradient
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference

@@ -12,11 +12,11 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.batches import Runs, RunStates, measurement_of_run
+from rnc_pin.control.controller import Runs, RunStates, measurement_of_run
 from rnc_pin.control.path_fit import PathPoint, chord_end_between, chord_end_fitted
 from rnc_pin.errors import ConfigurationError, SingularityError, nearest
 from rnc_pin.model.coordinates import wrapped
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import ReferencePoint

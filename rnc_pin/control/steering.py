@@ -7,14 +7,13 @@ from math import isfinite
 import numpy as np
 
 from rnc_pin import _kernel
-from rnc_pin.control.batches import state_of_runs
-from rnc_pin.control.controller import DescribedMixin, VelocityTarget, check_size, goals_at
-from rnc_pin.control.deviation import Feedback
+from rnc_pin.control.controller import DescribedMixin, VelocityTarget, check_size, goals_at, state_of_runs
+from rnc_pin.control.feedback import Feedback
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS, OuterGains
 from rnc_pin.control.slithering import PathState, SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, clipped, solve
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference, ReferencePoint

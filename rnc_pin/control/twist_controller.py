@@ -16,11 +16,18 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.actuator_velocity import driven_joints, velocity_limits
-from rnc_pin.control.twist_command import FeasibleTwist, Twist, TwistCommand, TwistCut, TwistState
+from rnc_pin.control.actuator_velocity import (
+    FeasibleTwist,
+    Twist,
+    TwistCommand,
+    TwistCut,
+    TwistState,
+    driven_joints,
+    velocity_limits,
+)
 from rnc_pin.control.wheeled_base import BaseMotion, WheeledBase
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
-from rnc_pin.control.whole_body.limits.limited_joints import limited_positions
+from rnc_pin.control.whole_body.limits.joint_limits import limited_positions
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
 from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.input_validation import ConfigurationValidator

@@ -10,7 +10,7 @@ import numpy as np
 from rnc_pin.control.controller import Command, Controller, Description, State, VelocityTarget, describe
 from rnc_pin.control.estimation import BOUNDS, Bounds, Estimator, EstimatorState, Regressor, with_estimated_kinematics
 from rnc_pin.control.redundancy import RedundancyController
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
 

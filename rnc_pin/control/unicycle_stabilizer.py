@@ -19,7 +19,7 @@ from rnc_pin.control.controller import DescribedMixin, VelocityTarget
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.coordinates import wrapped
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 
 _WAKE_FACTOR = 2.0  # distance or heading error, in multiples of ``tolerance``, at which a resting vehicle starts again
 _REVERSAL_RATIO = 0.5  # largest ratio of the angle terms of V, after to before, for a change of driving direction

@@ -10,20 +10,22 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.adaptation import apply_dead_zone, saturation_mask
-from rnc_pin.control.batches import accepts_batches, stack_states, state_of_runs
 from rnc_pin.control.controller import (
     Command,
     DescribedMixin,
     KinematicController,
     State,
     VelocityTarget,
+    accepts_batches,
     command_towards,
     elapsed_time,
+    stack_states,
+    state_of_runs,
 )
+from rnc_pin.control.feedback import apply_dead_zone, saturation_mask
 from rnc_pin.control.gain_design import VelocityGains
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 
 _Learnt = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # force, and learnt g, C and D
 
@@ -47,9 +49,9 @@ class VelocityTracker(DescribedMixin):
     large ``beta |w|^2 dt`` is (explicit Euler diverges above 2). For small steps both are the paper's.
 
     With a dead zone z the laws use only the part of ``e_v`` beyond z. For an output within the zone, adaptation and
-    leak stop. So velocity noise below z causes no drift (``control.adaptation``); only the feedback k corrects errors
+    leak stop. So velocity noise below z causes no drift (``control.feedback``); only the feedback k corrects errors
     below z. For an output with saturated actuators, the learnt force does not grow in the saturated direction
-    (``control.adaptation``).
+    (``control.feedback``).
 
     With modes S in the gains, all of this holds for the mode velocities ``S^T v2``, with ``F = S F'``: F' follows from
     the same law, and so do its learnt gains. The power ``F^T v2`` is that of the modes.

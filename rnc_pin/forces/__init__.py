@@ -1,4 +1,4 @@
-"""Forces that follow from the state: springs, dampers, friction, wrenches, laws of a user; one file for each kind."""
+"""Forces that follow from the state: springs, dampers, friction, wrenches, laws of a user."""
 
 from rnc_pin.lazy_exports import lazy_exports
 

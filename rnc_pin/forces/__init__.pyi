@@ -1,8 +1,8 @@
 """Exports of ``rnc_pin.forces``, which ``__init__.py`` imports at their first use."""
 
-from .damper import Damper as Damper
-from .force_function import ForceFunction as ForceFunction
-from .force_law import ForceLaw as ForceLaw
-from .smooth_friction import SmoothFriction as SmoothFriction
-from .spring import Spring as Spring
-from .wrench import Wrench as Wrench
+from .output_forces import Damper as Damper
+from .output_forces import ForceLaw as ForceLaw
+from .output_forces import SmoothFriction as SmoothFriction
+from .output_forces import Spring as Spring
+from .robot_forces import ForceFunction as ForceFunction
+from .robot_forces import Wrench as Wrench

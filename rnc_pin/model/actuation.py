@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import ConstraintError, ModelError, SingularityError
-from rnc_pin.model.frame_velocity import axis_index
+from rnc_pin.model.frame_rows import axis_index
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.parameter_types import Axis, Positive
 from rnc_pin.model.rows import OutputKind, OutputRows, admit_rows

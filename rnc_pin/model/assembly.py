@@ -191,6 +191,20 @@ class Assembly:
         tries = f"any of {_TRIES} random configurations" if len(failures) != _OF else f"{_OF} random configurations"
         raise ConstraintError(f"constraints cannot be satisfied from {tries}{worst if failures else ''}")
 
+    def samples(self, count: int) -> np.ndarray:
+        """Seeded random configurations and the neutral one, (count or count + 1, nq), which satisfy the rows.
+
+        At other configurations, the rank of the rows may differ. The neutral configuration is omitted if it cannot be
+        assembled, or if loops lose rank there, e.g. of a linkage that is folded flat and can continue in several ways.
+        """
+        generator = np.random.default_rng(0)
+        configurations = [self.random_configuration(generator) for _ in range(count)]
+        with suppress(ConstraintError, SingularityError):
+            neutral = self.project(self.robot.configuration())
+            if self.rank(neutral) >= max(map(self.rank, configurations)):
+                configurations.append(neutral)
+        return np.stack(configurations)
+
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         """Jacobian (h, nv) of the rows at one configuration; it gives the rate of ``residual`` where that is zero."""
         return np.concatenate([block.jacobian(at)[chosen] for block, chosen in self._places])

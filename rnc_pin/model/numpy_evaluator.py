@@ -13,14 +13,8 @@ from rnc_pin.errors import InputError
 from rnc_pin.math.components import Component
 from rnc_pin.model.configuration_evaluation import NOTHING_AT_Q, ConfigurationEvaluation
 from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations, HasArraysAtQ, ReducedTerms, States
-from rnc_pin.model.input_validation import (
-    ArrayInput,
-    ConfigurationValidator,
-    admit_times,
-    broadcast_states,
-    vector,
-)
-from rnc_pin.model.output_gradients import output_slopes
+from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator, admit_times, broadcast_states, vector
+from rnc_pin.model.reduced_kinematics import output_slopes
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.state_evaluation import StateEvaluation
 

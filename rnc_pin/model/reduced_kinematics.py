@@ -1,4 +1,4 @@
-"""Kinematics of a reduced model at states (q, v): velocities, rates of R, and measurements; no inertia.
+"""Kinematics of a reduced model at states (q, v): velocities, rates of R, gradients, and measurements; no inertia.
 
     Rdot = -E^-1 Edot R,   x1dot = A_star v2 + J1 b.
 
@@ -11,6 +11,9 @@ Paper (2)-(3). All quantities have leading batch axes.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, cast
+
 import numpy as np
 from numpy import ndarray as Array
 
@@ -18,11 +21,57 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.math.linear_algebra import apply, product
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.evaluator import ArraysAtV, filled_for_v
+from rnc_pin.model.evaluator import ArraysAtV, filled_for_v, solved_for_q
 from rnc_pin.model.input_validation import ArrayInput
 from rnc_pin.model.kinematics import VelocityKinematics
-from rnc_pin.model.measurement import Measurement
-from rnc_pin.printing import ObjectSummary, described
+from rnc_pin.printing import ObjectSummary, described, printed
+
+_ABSENT = cast(Array, None)  # a field may be absent if the controller does not read it
+
+
+@printed()
+class Measurement(NamedTuple):
+    """Outputs, their rates and the kinematics between them, without inertia.
+
+    ``ReducedModel.measure`` makes one from a state. In your own control loop, set the fields that the controller reads
+    and omit the others. The docstring of each controller lists them.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> measurement = reduced.at(robot.configuration(), v=[0.5, 0.01, 0.1]).measure(np.zeros(2))
+        >>> measurement.v2, measurement.residual  # the sleigh slips sideways
+        (array([0.5, 0.1]), array([0.01]))
+    """
+
+    q: Float[Array, "*batch nq"] = _ABSENT
+    """Configurations."""
+    v: Float[Array, "*batch nv"] = _ABSENT
+    """Full velocity, e.g. from joint encoders and a gyroscope on the base; it need not satisfy the constraints."""
+    v2: Float[Array, "*batch r"] = _ABSENT
+    """Rates of the reducing outputs."""
+    x1: Float[Array, "*batch k"] = _ABSENT
+    """Vertical outputs."""
+    x2: Float[Array, "*batch r"] = _ABSENT
+    """Reducing outputs; for quasi-velocities the integrals of v2, NaN if they are not given."""
+    v1: Float[Array, "*batch k"] = _ABSENT
+    """Rates of the vertical outputs, ``J1 v``; equal to ``A_star v2 + v1_offset`` if v satisfies the constraints."""
+    A_star: Float[Array, "*batch k r"] = _ABSENT
+    """Kinematics (3a), ``v1 = A_star v2``."""
+    A_star_dot: Float[Array, "*batch k r"] = _ABSENT
+    """Rate of ``A_star``."""
+    v1_offset: Float[Array, "*batch k"] | None = None
+    """Rates of the vertical outputs at ``v2 = 0``; None if the constraints are homogeneous."""
+    v1_offset_dot: Float[Array, "*batch k"] | None = None
+    """Rate of ``v1_offset``."""
+    residual: Float[Array, "*batch m"] | None = None
+    """Slip: ``A v - mu`` of the measured velocity; None if it is not computed."""
+    force_deficit: Float[Array, "*batch r"] | None = None
+    """Reduced force that saturation cut off at the last sample: requested minus applied force. None without saturation,
+    or if it is not computed."""
+    input_deficit: Float[Array, "*batch p"] | None = None
+    """Actuator inputs that saturation cut off at the last sample: requested minus applied inputs."""
 
 
 class ReducedKinematics(ConfigurationEvaluation):
@@ -177,3 +226,41 @@ class ReducedKinematics(ConfigurationEvaluation):
             offset_dot = apply(self.J1_dot, self.b) + apply(self.J1, self.b_dot)
         fields = self.q, self.v, self.v2, x1, x2, self.v1, self.A_star, self.A_star_dot, offset, offset_dot
         return Measurement(*fields, self.residual)
+
+
+# ------------------------------------------------------------------ gradients along reducing outputs
+
+
+def kinematic_gradient(here: ConfigurationEvaluation, along: Sequence[int] | Array) -> Float[Array, "*batch k r s"]:
+    """Derivatives of ``A_star`` with respect to single reducing outputs, along their motions at unit rate.
+
+    Args:
+        here: evaluation at configurations.
+        along: indices in x2, (s,).
+    """
+    return np.moveaxis(output_slopes(here, along), 0, -1)
+
+
+@solved_for_q
+def output_slopes(here: ConfigurationEvaluation, along: Sequence[int] | Array) -> Float[Array, "s *batch k r"]:
+    """Rates of ``A_star`` in the motions of single reducing outputs at unit rate, by their indices in x2, (s,)."""
+    return _single_motions(here, along, lambda state: state.A_star_dot)
+
+
+def log_determinant_gradient(here: ConfigurationEvaluation, along: Sequence[int] | Array) -> Float[Array, "*batch s"]:
+    """Derivatives ``tr(E^-1 Edot)`` of ``log |det E|`` along the motions of single reducing outputs.
+
+    Args:
+        here: evaluation at configurations.
+        along: indices in x2, (s,).
+    """
+    traces = _single_motions(here, along, lambda state: np.einsum("...ij,...ji->...", state.E_inverse, state.E_dot))
+    return np.moveaxis(traces, 0, -1)
+
+
+def _single_motions(
+    here: ConfigurationEvaluation, along: Sequence[int] | Array, quantity: Callable[[ReducedKinematics], Array]
+) -> Array:
+    """Quantity (s, ...) at the states in which one reducing output moves at unit rate and the others rest."""
+    each = [quantity(ReducedKinematics(here, v=here.R[..., j])) for j in along]
+    return np.stack(each) if each else np.zeros((0, *quantity(ReducedKinematics(here, v=here.R[..., 0])).shape))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import TypeVar
 
@@ -13,11 +13,15 @@ from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError, few
 from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model.actuation import Actuation, Actuators
 from rnc_pin.model.assembly import Assembly
-from rnc_pin.model.conservation import check_actuators, check_forces, check_reactions
-from rnc_pin.model.coupling import CouplingRow, mimic_row, mimic_rows
-from rnc_pin.model.independence import Selection, block_row_scales, select_independent
+from rnc_pin.model.independence import (
+    Selection,
+    block_row_scales,
+    check_actuators,
+    check_forces,
+    check_reactions,
+    select_independent,
+)
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.mechanisms import FrameAnchor
 from rnc_pin.model.passive_forces import ForceKind, PassiveForces
 from rnc_pin.model.reduced_model import ReducedModel, system_headline, system_lines
 from rnc_pin.model.reduction_data import (
@@ -28,8 +32,9 @@ from rnc_pin.model.reduction_data import (
     completing_entries,
     row_scales,
 )
+from rnc_pin.model.relative_rows import CouplingRow, is_loose, loose_mimics, mimic_rows
 from rnc_pin.model.row_stack import OutputStack, RowStack
-from rnc_pin.model.rows import ConstraintKind, OutputKind, Rows, parts_of
+from rnc_pin.model.rows import ConstraintKind, FrameAnchor, OutputKind, Rows, parts_of
 from rnc_pin.printing import ObjectSummary, SummaryMixin
 from rnc_pin.robots.joint_values import base_of, fixed_base
 from rnc_pin.robots.robot import Robot
@@ -100,15 +105,18 @@ class NonholonomicSystem(SummaryMixin):
         self.forces = PassiveForces(_kinds(forces, "forces"), robot)
         self._given = SystemParts(tuple(_kinds(constraints, "constraints")), actuators, mimic, tuple(forces))
         constraints = parts_of(self._given.constraints)
-        blocks = _numbered([_bound(kind, robot) for kind in constraints])
+        blocks = _numbered([kind.bind(robot) for kind in constraints])
+        for kind, block in zip(constraints, blocks, strict=True):
+            block.kind = kind
         if mimic and robot.mimics:
             blocks += _not_implied(mimic_rows(robot, blocks), robot, blocks)
         self.rows = RowStack(blocks)
         _check_unique(self.rows.names, "constraint row")
         self.assembly = Assembly(robot, blocks)
-        self._samples = _sampled_configurations(self.assembly)
+        self._samples = self.assembly.samples(_SAMPLES)
         samples, rates = _sample_rows(self.rows, robot, self._samples)
-        lengths = _lengths(self.rows, samples)
+        scales = [block_row_scales(block, samples[:, at]) for block, at, _ in self.rows.places]
+        lengths = np.concatenate([np.zeros(0), *scales])  # relative to which rows count as zero
         coupled = [name for block in blocks[len(constraints) :] for name in block.names]
         check_reactions(self.rows, samples, lengths, coupled)
         angular = np.array([unit == "rad/s" for unit in robot.velocity_units])
@@ -132,9 +140,8 @@ class NonholonomicSystem(SummaryMixin):
         kinematics = Kinematics(robot)
         check_actuators(blocks, self.actuation, kinematics, self._samples)
         check_forces(blocks, self.forces, kinematics, self._samples)
-        _warn_of_mimics(robot, samples[:, self.kept])
-        _warn_of_open_loops(robot, blocks)
-        _warn_of_rounding(robot, merged, found)
+        for doubt in _doubts(robot, blocks, samples[:, self.kept], found):
+            warnings.warn(f"robot '{robot.name}': {doubt}", ModelWarning, stacklevel=2)
 
     def with_constraints(self, constraints: Sequence[ConstraintKind], may_stop: bool = False) -> NonholonomicSystem:
         """The same robot, actuators and forces with further constraints.
@@ -285,12 +292,6 @@ def _kinds(kinds: Sequence[_Kind], what: str) -> Sequence[_Kind]:
     return kinds
 
 
-def _bound(kind: ConstraintKind, robot: Robot) -> Rows:
-    rows = kind.bind(robot)
-    rows.kind = kind
-    return rows
-
-
 def _numbered(blocks: list[Rows]) -> list[Rows]:
     """Number the unnamed rows of all blocks consecutively."""
     count = 0
@@ -299,21 +300,6 @@ def _numbered(blocks: list[Rows]) -> list[Rows]:
             block.names = tuple(f"row[{count + row}]" for row in range(len(block.names)))
             count += len(block.names)
     return blocks
-
-
-def _sampled_configurations(assembly: Assembly) -> np.ndarray:
-    """Seeded random configurations and the neutral one, (count, nq), which satisfy the holonomic rows.
-
-    At other configurations, the rank of the rows may differ. The neutral configuration is omitted if it cannot be
-    assembled, or if loops lose rank there, e.g. of a linkage that is folded flat and can continue in several ways.
-    """
-    generator = np.random.default_rng(0)
-    configurations = [assembly.random_configuration(generator) for _ in range(_SAMPLES)]
-    with suppress(ConstraintError, SingularityError):
-        neutral = assembly.project(assembly.robot.configuration())
-        if assembly.rank(neutral) >= max(map(assembly.rank, configurations)):
-            configurations.append(neutral)
-    return np.stack(configurations)
 
 
 def _sample_rows(rows: RowStack, robot: Robot, configurations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -351,46 +337,26 @@ def _still(rows: RowStack, robot: Robot, configurations: np.ndarray) -> str:
     return f"; no joint moves {few(names)}: {fixed_base(robot.model)}" if names else ""
 
 
-def _lengths(rows: RowStack, samples: np.ndarray) -> np.ndarray:
-    """Reference length of each row, relative to which it counts as zero, (k,)."""
-    return np.concatenate([np.zeros(0), *(block_row_scales(block, samples[:, at]) for block, at, _ in rows.places)])
-
-
 def _not_implied(couplings: Sequence[CouplingRow], robot: Robot, blocks: Sequence[Rows]) -> list[CouplingRow]:
     """Coupling rows of the robot's file that the given constraints do not already imply."""
     if not blocks or not couplings:
         return list(couplings)
-    samples, _ = _sample_rows(RowStack(blocks), robot, _sampled_configurations(Assembly(robot, blocks)))
-    return [each for each in couplings if _is_loose(each.matrix[0], samples)]
+    samples, _ = _sample_rows(RowStack(blocks), robot, Assembly(robot, blocks).samples(_SAMPLES))
+    return [each for each in couplings if is_loose(each.matrix[0], samples)]
 
 
-def _is_loose(row: np.ndarray, samples: np.ndarray) -> bool:
-    """Return True if a row (nv,) is independent of the rows (samples, m, nv) at some configuration."""
-    for matrix in samples:
-        rest = row - np.linalg.lstsq(matrix.T, row, rcond=None)[0] @ matrix
-        if np.linalg.norm(rest) > 1e-6 * np.linalg.norm(row):
-            return True
-    return False
+def _doubts(robot: Robot, blocks: Sequence[Rows], samples: np.ndarray, found: Selection) -> Iterator[str]:
+    """Texts of warnings about a system whose kept rows are ``samples`` (samples, m, nv).
 
-
-def _warn_of_mimics(robot: Robot, samples: np.ndarray) -> None:
-    """Warn of mimic joints of the robot's file that the kept rows (samples, m, nv) do not couple."""
-    loose = []
-    for mimic in robot.mimics:
-        row = mimic_row(robot, mimic)
-        if row is not None and _is_loose(row.matrix[0], samples):
-            loose.append(f"{mimic.joint} (of {mimic.of})")
+    They are about mimic joints and loops of the robot's file that no constraint keeps, about rows that are dependent
+    only to rounding, and about rows that are nearly dependent.
+    """
+    loose = [f"{mimic.joint} (of {mimic.of})" for mimic in loose_mimics(robot, samples)]
     if loose:
-        warnings.warn(
-            f"robot '{robot.name}': joints that should mimic others move independently: {few(loose)}; "
-            "couple them (mimic=True, JointCoupling), or lock them together with the joints that they follow",
-            ModelWarning,
-            stacklevel=3,
+        yield (
+            f"joints that should mimic others move independently: {few(loose)}; "
+            "couple them (mimic=True, JointCoupling), or lock them together with the joints that they follow"
         )
-
-
-def _warn_of_open_loops(robot: Robot, blocks: Sequence[Rows]) -> None:
-    """Warn of loop closures of the robot's file that no constraint closes."""
     closed = [{*each.frames} for block in blocks for each in block.mechanisms() if isinstance(each, FrameAnchor)]
     loose = [
         f"{a} and {b}"
@@ -398,29 +364,20 @@ def _warn_of_open_loops(robot: Robot, blocks: Sequence[Rows]) -> None:
         if {a, b} not in closed and len({robot.model.frames[robot.frame_id(each)].parentJoint for each in (a, b)}) > 1
     ]
     if loose:
-        text = (
-            f"robot '{robot.name}': loops that the file closes are open: {few(loose)}; "
+        yield (
+            f"loops that the file closes are open: {few(loose)}; "
             "add LoopClosure(*closure) to the constraints for each closure in robot.closures"
         )
-        warnings.warn(text, ModelWarning, stacklevel=3)
-
-
-def _warn_of_rounding(robot: Robot, merged: Mapping[str, float], found: Selection) -> None:
-    """Warn of rows that are dependent only to rounding, and of rows that are nearly dependent."""
-    words = []
+    remedy = "check for rounded angles of wheels or loops"
+    merged = {row.name: row.rounding for row in found.dropped if row.rounding}
     if merged:
-        words.append(
-            f"rows that depend on others except for rounding ({max(merged.values()):.2g}) are dropped: "
-            f"{few(list(merged))}"
-        )
+        largest = f"{max(merged.values()):.2g}"
+        yield f"rows that depend on others except for rounding ({largest}) are dropped: {few(list(merged))}; {remedy}"
     if found.margin < _THIN:
-        words.append(
+        yield (
             f"rows are nearly dependent (smallest singular value {found.margin:.2g} at best), so the remaining motion "
-            f"may not be the intended one: {few(found.weak)}"
+            f"may not be the intended one: {few(found.weak)}; {remedy}"
         )
-    for each in words:
-        text = f"robot '{robot.name}': {each}; check for rounded angles of wheels or loops"
-        warnings.warn(text, ModelWarning, stacklevel=3)
 
 
 def _check_unique(names: Sequence[str], what: str) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, PairDistances
 from rnc_pin.errors import ConfigurationError, InputError, nearest
-from rnc_pin.model.output_targets import OutputTarget
+from rnc_pin.model.task import OutputTarget
 from rnc_pin.optimal.action_models import ActionModel, Nodes
 from rnc_pin.optimal.node_data import (
     NodeData,

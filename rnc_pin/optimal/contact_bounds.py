@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.analysis.contact_force_gradients import ContactForceGradients
-from rnc_pin.analysis.contact_force_set import ContactForceSet, dependent_groups, linked_contacts
+from rnc_pin.analysis.contact_forces import ContactForceGradients, ContactForceSet, dependent_groups, linked_contacts
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import ConfigurationError, RncError

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, Obstacle
-from rnc_pin.collision.convex_shapes import bounding_box
+from rnc_pin.collision.shapes import bounding_box
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.reduced_model import ReducedModel
@@ -19,10 +19,12 @@ from rnc_pin.optimal.action_models import ActionModel, KinematicModel, Nodes
 from rnc_pin.optimal.bounds import DistanceRows, Goal
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.transcription import Iterate, Transcription
-from rnc_pin.planning import IkSearch, Reference, find_steering, solve_ik
+from rnc_pin.planning import IkSearch, Reference, Way, find_steering, solve_ik
 from rnc_pin.planning.exact_steering import CarSteering
+from rnc_pin.planning.way import motion_along
 from rnc_pin.printing import counted
 
+GIVEN = "given"  # name of a guess of the caller
 _HARMONICS = 3
 _PAIRS = 6  # pairs of reducing outputs whose loops are tried: those of the largest effect
 _SMALL = 0.5  # [m or rad]; radius of the loops that choose them
@@ -34,8 +36,8 @@ _LOOPS = 4  # loops that are tried
 _SHORT = 1e-6  # length of a segment of a path that counts as none, in turning radii
 _PATIENCE = 10  # singular random motions in succession after which no more are drawn
 
-Guess = MotionPlan | Iterate | ArrayLike | None
-"""Another plan, a motion, or configurations (n, nq) at equal times; None for the straight line."""
+Guess = MotionPlan | Iterate | Way | ArrayLike | None
+"""Another plan, a motion, a way, or configurations (n, nq) at equal times; None for the straight line."""
 
 
 def guesses(
@@ -46,7 +48,7 @@ def guesses(
     Args:
         problem: the problem.
         goal: the goal, for the straight line.
-        given: a plan, configurations (n, nq) at equal times, an iterate, or None for the straight line.
+        given: a plan, a way, configurations (n, nq) at equal times, an iterate, or None for the straight line.
         seeds: number of guesses after it: detours first, then loops of the shape, then random ones.
         seed: of the random generator.
     """
@@ -55,7 +57,7 @@ def guesses(
     if given is None:
         yield "straight line", along(problem.model, line, begin)
     else:
-        yield "given", _given(problem, given, begin)
+        yield GIVEN, _given(problem, given, begin)
     random = _random_motions(problem, line, begin, seed)
     words = list(_words(problem, line, begin))
     shaped = chain(*zip(words, random, strict=False)) if words else _loops(problem, line, begin)
@@ -265,7 +267,12 @@ def along(model: ActionModel, q: Array, duration: float, w: Array | None = None)
         return Iterate(q, np.empty((K + 1, 0)), v2, duration)
     nodes = np.concatenate([v2[:1], (v2[:-1] + v2[1:]) / 2, v2[-1:]])
     nodes[0] = 0.0
-    rates = np.diff(nodes, axis=0) / h
+    return _with_inputs(model, q, nodes, duration)
+
+
+def _with_inputs(model: ActionModel, q: Array, nodes: Array, duration: float) -> Iterate:
+    """Motion with the inputs that reduced velocities (K + 1, r) at the nodes need."""
+    rates = np.diff(nodes, axis=0) * ((len(q) - 1) / duration)
     if model.form == "acceleration":
         return Iterate(q, nodes, rates, duration)
     return Iterate(q, nodes, inputs_for(model, Nodes(q[:-1], nodes[:-1]), rates), duration)
@@ -355,11 +362,16 @@ def goal_configuration(reduced: ReducedModel, q0: Array, goal: Goal | None) -> A
     return np.array(found.q) if found.converged else q0
 
 
-def _given(problem: Transcription, given: MotionPlan | Iterate | ArrayLike, duration: float) -> Iterate:
-    """Guess from a plan, an iterate or configurations."""
+def _given(problem: Transcription, given: MotionPlan | Iterate | Way | ArrayLike, duration: float) -> Iterate:
+    """Guess from a plan, an iterate, a way or configurations."""
     K, model = problem.K, problem.model
     if isinstance(given, Iterate):
         return given
+    if isinstance(given, Way):
+        q, nodes, mean = motion_along(given, K, duration)
+        if model.form == "kinematic":
+            return Iterate(q, np.empty((K + 1, 0)), mean, duration)
+        return _with_inputs(model, q, nodes, duration)
     if isinstance(given, MotionPlan):
         inside = np.clip(given.duration, *problem.duration)
         if given.info.form == model.form and given.info.input_names == model.input_names:

@@ -13,8 +13,8 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.control.controller import DescribedMixin, Description, MissedGoal, VelocityTarget, elapsed_time
 from rnc_pin.errors import ConfigurationError, RncError
-from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.parameter_types import NotNegative
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import KinematicModel
 from rnc_pin.optimal.bounds import Goal, GoalRows

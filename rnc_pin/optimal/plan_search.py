@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple, TypeGuard
 
 import numpy as np
@@ -16,10 +17,9 @@ from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
 from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
 from rnc_pin.optimal.action_models import ActionModel, Nodes
 from rnc_pin.optimal.bounds import DISTANCE, GOAL
-from rnc_pin.optimal.guess_solver import Candidate, GuessSolver, LimitSolver
-from rnc_pin.optimal.guesses import resampled
+from rnc_pin.optimal.guesses import GIVEN, resampled
 from rnc_pin.optimal.motion_plan import Integration, MotionPlan, PlanInfo, PlanVerification
-from rnc_pin.optimal.sequential_quadratic import SolverSettings
+from rnc_pin.optimal.sequential_quadratic import Candidate, GuessSolver, LimitSolver, Solution, SolverSettings
 from rnc_pin.optimal.transcription import Iterate, Transcription
 from rnc_pin.optimal.verification import Excess, excess_text, plan_findings, verify_inputs
 
@@ -134,6 +134,7 @@ class PlanSearch:
         self._rejected: list[_Made] = []
         self._vain: list[Iterate] = []  # solutions of guesses whose improvements were rejected
         self._left, self._spent = 0.0, False
+        self._given: Iterate | None = None
 
     def run(self, starts: Iterator[tuple[str, Iterate]]) -> MotionPlan:
         """Return the first verified plan: the cheapest of the wanted solutions, else the next one.
@@ -141,6 +142,9 @@ class PlanSearch:
         Raises:
             InfeasibleError: there is none.
         """
+        first = next(starts)
+        self._given = first[1] if first[0] == GIVEN else None
+        starts = chain([first], starts)
         with closing(GuessSolver(self._problem, self._settings).solutions(starts, self._effort.jobs)) as found:
             return self._cheapest(found)
 
@@ -155,6 +159,8 @@ class PlanSearch:
                     break
                 if self._is_solution(candidate):
                     pool.append(candidate)
+                else:
+                    pool += self._unimproved()
                 if effort.progress is not None:
                     effort.progress(self._tried, self._solved)
             if not pool:
@@ -168,6 +174,25 @@ class PlanSearch:
                 return made.plan
             self._rejected.append(made)
             self._vain.append(best.solution.iterate)
+            if best.name == GIVEN:
+                pool += self._unimproved()
+
+    def _unimproved(self) -> list[Candidate]:
+        """The given guess itself, if it keeps all rows and was not taken before: no solution is better than it."""
+        at, problem, self._given = self._given, self._problem, None
+        if at is None:
+            return []
+        start = problem.start
+        at = at._replace(q=np.concatenate([start.q, at.q[1:]]), w=np.concatenate([start.w, at.w[1:]]))
+        try:
+            values = problem.values(at)
+        except RncError:
+            return []
+        violation = problem.worst(values, at.duration)
+        if violation.amount > self._settings.accuracy:
+            return []
+        self._solved += 1
+        return [Candidate(f"{GIVEN}, as it is", Solution(at, values.cost, violation, 0, "feasible"))]
 
     def _same(self, one: Iterate, other: Iterate) -> bool:
         """True if two motions over equal intervals are the same, within a part of the accuracy."""

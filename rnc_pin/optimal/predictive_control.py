@@ -14,16 +14,24 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, LimitedAcceleration, MissedGoal, VelocityTarget
 from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import Form, Nodes, action_model, check_velocity_form
 from rnc_pin.optimal.bounds import BoundKind, Goal, GoalRows
 from rnc_pin.optimal.costs import CostKind
 from rnc_pin.optimal.guesses import along
-from rnc_pin.optimal.problem_building import build_problem, initial_node
+from rnc_pin.optimal.planner import build_problem, initial_node
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic, SolverSettings
-from rnc_pin.optimal.set_point import SetPoint, SetPointBound
-from rnc_pin.optimal.stall import AT_REST, QUADRATIC, TOLERANCE, first_motion, quadratic_set_point, stalls
+from rnc_pin.optimal.set_point import (
+    AT_REST,
+    QUADRATIC,
+    TOLERANCE,
+    SetPoint,
+    SetPointBound,
+    first_motion,
+    quadratic_set_point,
+    stalls,
+)
 from rnc_pin.optimal.transcription import Iterate
 from rnc_pin.printing import ReprMixin
 

@@ -11,8 +11,8 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, MissedGoal, VelocityTarget
 from rnc_pin.errors import InfeasibleError, RncError
-from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.parameter_types import Positive, check_positive_settings
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import Form, KinematicModel, Nodes, action_model, check_velocity_form
 from rnc_pin.optimal.bounds import BoundKind, DistanceBound, Goal, InputBound, OutputBound
@@ -24,8 +24,7 @@ from rnc_pin.optimal.node_data import NodeData
 from rnc_pin.optimal.plan_feedback import regulator_gains, tvlqr
 from rnc_pin.optimal.planner import plan_motion
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
-from rnc_pin.optimal.set_point import SetPoint
-from rnc_pin.optimal.stall import AT_REST, leads_nearer
+from rnc_pin.optimal.set_point import AT_REST, SetPoint, leads_nearer
 from rnc_pin.printing import ReprMixin
 
 _OF_FILE = FileLimits()

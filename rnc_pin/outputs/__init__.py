@@ -1,4 +1,4 @@
-"""Reducing and vertical outputs: one file for each kind."""
+"""Reducing and vertical outputs."""
 
 from rnc_pin.lazy_exports import lazy_exports
 

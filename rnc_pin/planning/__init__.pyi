@@ -1,6 +1,6 @@
 """Exports of ``rnc_pin.planning``, which ``__init__.py`` imports at their first use."""
 
-from rnc_pin.model.output_targets import OutputTarget as OutputTarget
+from rnc_pin.model.task import OutputTarget as OutputTarget
 
 from .car_path import CarPath as CarPath
 from .car_path import Leg as Leg

@@ -15,8 +15,8 @@ from rnc_pin.collision import CollisionDistances
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.output_targets import OutputTarget, OutputTargets
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.task import OutputTarget, OutputTargets
 from rnc_pin.planning.bounded_descent import Descent, Residuals, TangentBounds, descend
 from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, counted, items
 

@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, SingularityError
-from rnc_pin.model.frame_velocity import FrameVelocityRows
+from rnc_pin.model.frame_rows import FrameVelocityRows
 from rnc_pin.model.kinematics import OWN_AXES
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.array_shapes import Bool, Float, Int
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.exact_steering import ExactMotion
@@ -18,6 +19,8 @@ from rnc_pin.planning.way_checking import NarrowPlace, WayChecker
 from rnc_pin.planning.way_search import speed_limits
 from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, counted, items
 
+_JUMP = 1e-6  # change of the direction of reduced velocities above which a motion stops in between
+_TURN = 0.02  # the same for propagated ways, whose nodes give velocities to the accuracy of a step
 _SEEN = 1.0  # [m]; the narrowest place is looked for within this distance
 
 
@@ -183,3 +186,88 @@ def _residual(reduced: ReducedModel, motion: ExactMotion, v: Array, geodesic: bo
         ]
     pairs = [(q, rate) for each in places for q, rate in zip(each, v, strict=True)]
     return max((float(np.abs(reduced.at(q).A @ rate).max(initial=0.0)) for q, rate in pairs), default=0.0)
+
+
+class _Pieces(NamedTuple):
+    """Way in places: lengths in the reduced coordinates, by the largest entry of each step."""
+
+    k: Int[Array, " n"]
+    """Nodes after which the way moves."""
+    directions: Float[Array, "n r"]
+    """Reduced velocities there, of largest entry one."""
+    ends: Float[Array, " n1"]
+    """Places where the motions after these nodes begin, and the place of the goal."""
+    stops: Float[Array, " m1"]
+    """Places at which the direction jumps, begin and end."""
+    slowest: Float[Array, " m"]
+    """Smallest speed of the way between stops."""
+
+    def counts(self, intervals: int) -> tuple[Int[Array, " m"], Int[Array, " m"]]:
+        """Intervals of each piece, by its duration, and those among them in which its speed rises, and falls."""
+        durations = np.diff(self.stops) / self.slowest
+        share = (intervals - 2 * len(durations)) * np.cumsum(durations) / durations.sum()
+        counts = 2 + np.diff(np.round(share), prepend=0.0).astype(int)
+        return counts, np.maximum(counts // 4, 1)
+
+
+def _pieces(way: Way) -> _Pieces:
+    u = np.matvec(way.reduced.at(way.q[:-1]).J2, way.v)
+    sizes = np.abs(u).max(axis=1)
+    k = np.flatnonzero(sizes)
+    sizes, directions = sizes[k], u[k] / sizes[k, None]
+    ends = np.concatenate([[0.0], np.cumsum(sizes * np.diff(way.time)[k])])
+    turns = np.abs(np.diff(directions, axis=0, prepend=2.0)).max(axis=1)
+    first = np.flatnonzero(turns > (_JUMP if way.geodesic else _TURN))
+    return _Pieces(k, directions, ends, ends[np.append(first, len(k))], np.minimum.reduceat(sizes, first))
+
+
+def intervals_along(way: Way, least: int, duration: float) -> int:
+    """Number of intervals in which ``motion_along`` stops where it has to, and keeps the speeds of the way.
+
+    Args:
+        way: a way that moves.
+        least: number to begin with; it is doubled up to three times, unless even that leaves no time to stop.
+        duration: duration of the motion [s].
+    """
+    pieces, found = _pieces(way), least
+    for intervals in [least * 2**doubled for doubled in range(4)]:
+        counts, ramps = pieces.counts(intervals)
+        if counts.min() < 2:
+            continue
+        found = intervals
+        if (np.diff(pieces.stops) <= pieces.slowest * duration / intervals * (counts - ramps)).all():
+            break
+    return found
+
+
+def motion_along(
+    way: Way, intervals: int, duration: float
+) -> tuple[Float[Array, "n nq"], Float[Array, "n r"], Float[Array, "k r"]]:
+    """Configurations and reduced velocities (K + 1, r) at equal times, and the means of these over the intervals.
+
+    The motion starts and ends at rest, and stops where the direction of the reduced velocities jumps. In between, they
+    keep their direction, and the reduced acceleration is constant over each interval: so the motion is exact where the
+    way is. With less than two intervals for each piece, the speed is constant.
+
+    Args:
+        way: a way that moves.
+        intervals: number K of intervals.
+        duration: duration [s].
+    """
+    pieces, h = _pieces(way), duration / intervals
+    counts, ramps = pieces.counts(intervals)
+    speed = np.full(intervals + 1, pieces.ends[-1] / duration)
+    if (counts >= 2).all():
+        within = np.concatenate([np.arange(count) for count in counts])
+        left, ramp = np.repeat(counts, counts) - within, np.repeat(ramps, counts)
+        most = np.repeat(np.diff(pieces.stops) / (h * (counts - ramps)), counts)
+        speed[:-1] = most * np.minimum(np.minimum(within, left) / ramp, 1.0)
+        speed[-1] = 0.0
+    mean = 0.5 * (speed[:-1] + speed[1:])
+    places = np.concatenate([[0.0], np.cumsum(h * mean)])
+    middle = np.searchsorted(pieces.ends, 0.5 * (places[:-1] + places[1:]), "right") - 1
+    along = pieces.directions[np.clip(middle, 0, len(pieces.k) - 1)]
+    at = np.clip(np.searchsorted(pieces.ends, places, "right") - 1, 0, len(pieces.k) - 1)
+    share = np.clip((places - pieces.ends[at]) / np.diff(pieces.ends)[at], 0.0, 1.0)
+    times = way.time[pieces.k[at]] + share * np.diff(way.time)[pieces.k[at]]
+    return way.at(times), speed[:, None] * pieces.directions[at], mean[:, None] * along

@@ -17,9 +17,9 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
 from rnc_pin.extras import check_extra
-from rnc_pin.model.output_targets import OutputTarget
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.task import OutputTarget
 from rnc_pin.planning.exact_steering import ExactMotion, Steering
 from rnc_pin.planning.kinematic_flow import KinematicFlow
 from rnc_pin.planning.steering_detection import find_steering, planned_velocities

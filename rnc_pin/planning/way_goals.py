@@ -15,8 +15,8 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, PairSelection
 from rnc_pin.errors import InfeasibleError, InputError
 from rnc_pin.model.input_validation import ConfigurationValidator
-from rnc_pin.model.output_targets import OutputTarget
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.task import OutputTarget
 from rnc_pin.planning.bounded_descent import TangentBounds
 from rnc_pin.planning.exact_steering import CarSteering, Steering
 from rnc_pin.planning.inverse_kinematics import IkSearch, solve_ik

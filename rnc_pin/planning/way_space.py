@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import Obstacle
-from rnc_pin.collision.convex_shapes import bounding_box
+from rnc_pin.collision.shapes import bounding_box
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.exact_steering import Steering

@@ -16,8 +16,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.analysis import StateDerivatives, state_derivatives
-from rnc_pin.control.batches import accepts_batches, stack_states
-from rnc_pin.control.controller import Controller, State
+from rnc_pin.control.controller import Controller, State, accepts_batches, stack_states
 from rnc_pin.control.loop.options import input_of
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
 from rnc_pin.errors import RncError

@@ -13,14 +13,13 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.control.batches import Runs
-from rnc_pin.control.controller import Command
+from rnc_pin.control.controller import Command, Runs
 from rnc_pin.control.loop import Decision, LoopState
 from rnc_pin.control.loop.control_loop import trapezoid
 from rnc_pin.control.loop.measurements import InvalidMeasurementError, ValidMeasurement
 from rnc_pin.errors import RncError
 from rnc_pin.model.compiled_states import CompiledArraysAtV
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.faults import FaultyPlant, Reading, transmitted
 from rnc_pin.plants.reduced import ReducedPlantBatch

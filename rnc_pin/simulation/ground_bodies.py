@@ -12,8 +12,8 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
-from rnc_pin.model.mechanisms import GroundContact
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.rows import GroundContact
 from rnc_pin.robots.robot import Robot
 
 _UPRIGHT = 0.7  # smallest vertical component of a unit vector that counts as vertical

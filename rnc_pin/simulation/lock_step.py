@@ -16,17 +16,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.control.batches import (
+from rnc_pin.control.controller import (
+    Command,
+    Controller,
     NotStackable,
+    State,
     accepts_batches,
     measurement_of_run,
     stack_states,
     state_of_runs,
 )
-from rnc_pin.control.controller import Command, Controller, State
 from rnc_pin.control.loop import LoopState
 from rnc_pin.math.linear_algebra import apply, clipped
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import FaultyPlant, ReducedPlant, ReducedPlantBatch
 from rnc_pin.simulation.error_propagation import ErrorMark, marked

@@ -14,7 +14,7 @@ from rnc_pin.control.loop.options import admit_controller, admit_model, type_nam
 from rnc_pin.control.whole_body.braking_motion import BrakingCount
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
 from rnc_pin.model.input_validation import numbers_of
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ContactEvent, FaultyPlant, Plant, ReducedPlant

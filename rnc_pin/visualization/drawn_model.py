@@ -6,9 +6,8 @@ import copy
 from dataclasses import dataclass, replace
 
 from rnc_pin.collision import Obstacle
-from rnc_pin.model.mechanisms import GroundSurface
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.rows import ConstraintKind
+from rnc_pin.model.rows import ConstraintKind, GroundSurface
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import OutputNames, output_names
 from rnc_pin.visualization.view import View

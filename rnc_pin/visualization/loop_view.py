@@ -18,7 +18,7 @@ from rnc_pin.control.controller import Command
 from rnc_pin.errors import InputError, RncError
 from rnc_pin.io.json import Json
 from rnc_pin.model.input_validation import vector
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 from rnc_pin.robots.robot import Robot

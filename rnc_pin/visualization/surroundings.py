@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.collision import Obstacle
-from rnc_pin.model.mechanisms import GroundSurface, carrier_of
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.rows import GroundSurface, carrier_of
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.mesh_formats import convex_hull
 from rnc_pin.visualization.drawn_model import grounds_of

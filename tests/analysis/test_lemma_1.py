@@ -8,8 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis import boundedness, lemma_1_residuals
-from rnc_pin.analysis.lemma_1 import _order
-from rnc_pin.analysis.singularities import Singularity
+from rnc_pin.analysis.singularities import Singularity, _order
 from systems import ALL, random_states, reacting, without_outputs
 from textbook_systems import rail_sliders
 from tolerances import CONSTRAINT, FINITE_DIFFERENCE, KKT, LEMMA_1, ROUNDING
@@ -290,7 +289,7 @@ def sizes(monkeypatch):
             raise chosen["error"]
         return chosen["H"](d), chosen["V"](d), 0 * d
 
-    monkeypatch.setattr(sys.modules["rnc_pin.analysis.lemma_1"], "_sizes", fake)
+    monkeypatch.setattr(sys.modules["rnc_pin.analysis.singularities"], "_sizes", fake)
     return chosen
 
 

@@ -6,8 +6,8 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.collision.convex_shapes import hull_of
 from rnc_pin.collision.pair_bounds import support
+from rnc_pin.collision.shapes import hull_of
 from tolerances import ROUNDING
 
 HULL = hull_of(np.random.default_rng(0).normal(size=(40, 3)), "hull")

@@ -9,7 +9,7 @@ from bodies import add_body
 from rnc_pin.analysis import lemma_1_residuals
 from rnc_pin.control import ComputedTorque, RedundancyController
 from rnc_pin.model.integrators import LieRungeKutta4
-from rnc_pin.model.output_gradients import kinematic_gradient
+from rnc_pin.model.reduced_kinematics import kinematic_gradient
 from rnc_pin.planning import MinimumJerk
 from systems import drifting_manipulator, random_states, spinning_space_robot, tumbling_panda
 from tolerances import ROUNDING

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.coupling import CouplingRow, mimic_row
 from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.relative_rows import CouplingRow, mimic_row
 from rnc_pin.robots.sources.description import Mimic
 from systems import four_bar_robot, sleigh
 from textbook_systems import sliders

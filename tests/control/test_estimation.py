@@ -18,7 +18,7 @@ from rnc_pin.control import (
     WheelRegressor,
 )
 from rnc_pin.control.estimation import EstimatorState, adapt, with_estimated_kinematics
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from textbook_systems import reduced_cart, two_wheeled_cart
 
 

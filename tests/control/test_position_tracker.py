@@ -9,7 +9,7 @@ import rnc_pin as rnc
 from controlled_tasks import ARM_START, Cubic, learnt_over
 from rnc_pin.control import JacobianTransposeController, PositionGains, PositionTracker, effective_inertia
 from rnc_pin.control.position_tracker import PositionState
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.planning import Harmonic, Hold, MinimumJerk
 from systems import space_robot, space_robot_in_joints
 

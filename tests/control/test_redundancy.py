@@ -7,7 +7,7 @@ import rnc_pin as rnc
 from controlled_tasks import Cubic, task_at, wide
 from rnc_pin.control import RedundancyController
 from rnc_pin.control.redundancy import check_freedom
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.planning import Hold
 
 K3, K21, WEIGHTS = np.array([1.7, 0.6]), np.array([0.9, 2.3]), np.array([0.5, 3.0, 1.3])

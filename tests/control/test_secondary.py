@@ -13,7 +13,7 @@ from controlled_tasks import LIMITS, limited_sliders, manipulator
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Combined, ComputedTorque, JointLimits, Posture, RedundancyController, SingularityDistance
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.planning import Hold, MinimumJerk
 from systems import mobile_manipulator, random_states, space_robot
 from tolerances import FINITE_DIFFERENCE, ROUNDING

@@ -11,7 +11,7 @@ from controlled_tasks import TASK
 from places import ROOT
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import DrivenPath, SlitheringReference, SteeringController
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.planning import CarPath
 from rnc_pin.robots.robot_files import find_urdf
 from systems import fire_truck

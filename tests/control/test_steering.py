@@ -9,8 +9,7 @@ import pytest
 import rnc_pin as rnc
 from controlled_tasks import Cubic, task_at, truck_task
 from rnc_pin.control import OuterGains, SteeringController
-from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.output_gradients import kinematic_gradient
+from rnc_pin.model.reduced_kinematics import Measurement, kinematic_gradient
 from rnc_pin.planning import Hold
 from systems import fire_truck, random_states
 from tolerances import FINITE_DIFFERENCE

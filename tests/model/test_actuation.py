@@ -8,10 +8,8 @@ import rnc_pin as rnc
 from bodies import add_body
 from plain_kinematics import ROBOTS, Plain, near, states
 from rnc_pin.model.actuation import Actuation
-from rnc_pin.model.frame_velocity import axis_index
+from rnc_pin.model.frame_rows import OffsetFrame, PointRows, axis_index, triple
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics
-from rnc_pin.model.offset_frame import OffsetFrame, triple
-from rnc_pin.model.wrench_rows import PointRows
 from systems import bicycle
 
 

@@ -9,7 +9,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin import _kernel
 from rnc_pin.math.linear_algebra import null_space
-from rnc_pin.model import output_gradients
+from rnc_pin.model import reduced_kinematics
 from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.compiled_states import CompiledArraysAtQ, CompiledArraysAtV
 from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, _Filled
@@ -138,7 +138,7 @@ def test_arrays_have_the_names_of_quantities(arrays):
     names = {name for name, entry in vars(arrays).items() if hasattr(entry, "__get__") and name[0] != "_"} - records
     methods = {"position_of", "output_values"}  # of ``ArraysAtQ``
     for name in names - methods:
-        quantity = getattr(StateEvaluation, name, None) or getattr(output_gradients, name)
+        quantity = getattr(StateEvaluation, name, None) or getattr(reduced_kinematics, name)
         assert isinstance(quantity, _Filled) or hasattr(quantity, "__wrapped__"), name
 
 

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from plain_kinematics import ROBOTS, Plain, near, states
-from rnc_pin.model.frame_velocity import FrameVelocityRows
+from rnc_pin.model.frame_rows import FrameVelocityRows
 from rnc_pin.model.kinematics import ALL, OWN_AXES, WORLD_AXES, Kinematics, over_states
 
 ROWS = (ALL, slice(1, 2), slice(4, 6), slice(2, 5), [0, 4, 2], [5])

@@ -15,8 +15,8 @@ from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.independence import _choose
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
-from rnc_pin.model.output_gradients import kinematic_gradient, log_determinant_gradient
 from rnc_pin.model.passive_forces import PassiveForces
+from rnc_pin.model.reduced_kinematics import kinematic_gradient, log_determinant_gradient
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import OutputRows

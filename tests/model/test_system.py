@@ -10,8 +10,8 @@ import scipy.linalg
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.model.reduction_data import best_entries
+from rnc_pin.model.relative_rows import is_loose
 from rnc_pin.model.rows import Rows, check_defined
-from rnc_pin.model.system import _is_loose
 from rnc_pin.robots.sources.description import Mimic
 from systems import leaning_wheel, rolling_base, sleigh, space_robot, tiago
 from textbook_systems import Bound, Flat, Turning, coupling, sliders
@@ -291,11 +291,11 @@ def test_a_row_is_loose_where_rows_of_some_sample_do_not_say_it():
     for scale in (3.0, 1e-5):
         for off, loose in ((0.9e-6, False), (1.1e-6, True), (0.0, False)):
             row = scale * np.array([0.6, -0.8, off])
-            assert _is_loose(row, rows) == loose
+            assert is_loose(row, rows) == loose
     rows[1, 1] = 0.0
-    assert _is_loose(np.array([0.6, -0.8, 0.0]), rows)
-    assert not _is_loose(np.array([0.6, 0.0, 0.0]), rows)
-    assert _is_loose(np.array([0.6, 0.0, 0.0]), np.zeros((1, 0, 3)))
+    assert is_loose(np.array([0.6, -0.8, 0.0]), rows)
+    assert not is_loose(np.array([0.6, 0.0, 0.0]), rows)
+    assert is_loose(np.array([0.6, 0.0, 0.0]), np.zeros((1, 0, 3)))
 
 
 def test_a_row_that_is_no_number_is_named_with_the_configuration():

@@ -11,7 +11,7 @@ from benchmarks.planned_models import car
 from rnc_pin.optimal.action_models import action_model
 from rnc_pin.optimal.bounds import GoalRows
 from rnc_pin.optimal.guesses import guesses
-from rnc_pin.optimal.problem_building import build_problem, initial_node
+from rnc_pin.optimal.planner import build_problem, initial_node
 
 BEST = 1.93506  # of 40 solutions from random guesses
 ARM = {"joint_1": -0.4, "joint_2": 1.2, "joint_3": -0.8}

@@ -7,7 +7,7 @@ import rnc_pin as rnc
 from rnc_pin.optimal import EffortCost, InputBound, PostureCost, SolverSettings, VelocityCost, action_model
 from rnc_pin.optimal.guesses import along
 from rnc_pin.optimal.interior_point import InteriorPointSolver
-from rnc_pin.optimal.problem_building import build_problem, initial_node
+from rnc_pin.optimal.planner import build_problem, initial_node
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
 from rnc_pin.optimal.transcription import Transcription
 

@@ -11,7 +11,7 @@ import rnc_pin as rnc
 import systems
 from bodies import add_body
 from rnc_pin.collision import CollisionDistances, Obstacle
-from rnc_pin.model.output_targets import OutputTargets
+from rnc_pin.model.task import OutputTargets
 from rnc_pin.planning.inverse_kinematics import _Problem
 
 

@@ -16,6 +16,7 @@ from benchmarks.planned_models import car, mobile_manipulator, tractor
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.planning import WaySettings, find_way
 from rnc_pin.planning.exact_steering import ExactMotion
+from rnc_pin.planning.way import intervals_along, motion_along
 from rnc_pin.planning.way_finding import WayFinder
 from rnc_pin.planning.way_search import WaySearch
 from systems import ROLLERS, WHEEL, four_bar, mecanum, tiago, with_box
@@ -196,6 +197,44 @@ def test_shortcuts_make_a_way_faster_and_keep_it_free():
     shorter = find_way(reduced, q0, goal, obstacles)
     assert shorter.duration <= first.duration
     assert closest(shorter, obstacles) >= 0.01
+
+
+@pytest.mark.parametrize("kind", ["car", "differential drive", "mecanum"])
+def test_a_motion_along_a_way_stops_at_its_corners_and_is_exact(kind):
+    """Constant reduced accelerations, integrated by another method, lead along the way to its end."""
+    reduced, q0, goal, obstacles = TASKS[kind]()
+    way = find_way(reduced, q0, goal, obstacles, seed=1)
+    duration = 2.0 * way.duration
+    K = intervals_along(way, 10, duration)
+    q, v2, mean = motion_along(way, K, duration)
+    h, model = duration / K, reduced.robot.model
+    assert np.abs(v2[[0, -1]]).max() == 0
+    assert mean == pytest.approx((v2[:-1] + v2[1:]) / 2, abs=1e-9)
+    assert np.abs(pin.difference(model, q[-1], way.q[-1])).max() < 1e-9
+    for k in range(0, K, max(1, K // 15)):
+
+        def rate(t, x, k=k):
+            here = reduced.at(pin.integrate(model, q[k], x))
+            slope = pin.dIntegrate(model, q[k], x)[1]
+            return np.linalg.solve(slope, here.R @ (v2[k] + (v2[k + 1] - v2[k]) * t / h))
+
+        found = solve_ivp(rate, (0.0, h), np.zeros(model.nv), rtol=1e-10, atol=1e-11)
+        end = pin.integrate(model, q[k], found.y[:, -1])
+        assert np.abs(pin.difference(model, end, q[k + 1])).max() < 1e-8
+    assert np.isclose(np.abs(v2).max(axis=1), 0.0).sum() >= 3  # it stops on the way
+
+
+def test_a_way_that_no_iteration_improves_is_the_plan_itself():
+    reduced, q0, goal, obstacles = TASKS["car"]()
+    way = find_way(reduced, q0, goal, obstacles, clearance=0.02, seed=1)
+    near = rnc.collision.CollisionDistances(reduced.robot, obstacles, q0=q0)
+    bound, settings = rnc.optimal.DistanceBound(near, 0.02), rnc.optimal.SolverSettings(iterations=1)
+    plan = rnc.optimal.plan(
+        reduced, q0, goal, 2.0 * way.duration, bounds=[bound], guess=way, seeds=0, settings=settings
+    )
+    assert plan.info.guess == "given, as it is"
+    assert plan.verdict.succeeded
+    assert closest(way, obstacles) - 1e-6 <= min(near.smallest(q, 0.0, 0.2).min() for q in plan.q)
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("car", 0), ("car", 1), ("differential drive", 0)])

@@ -16,7 +16,7 @@ from rnc_pin.control import (
     SteeringController,
     VelocityTracker,
 )
-from rnc_pin.control.batches import accepts_batches, stack_states, state_of_runs
+from rnc_pin.control.controller import accepts_batches, stack_states, state_of_runs
 from rnc_pin.planning import CarPath, Hold, MinimumJerk
 from rnc_pin.simulation import RunArguments
 from same_runs import check_same

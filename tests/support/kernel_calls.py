@@ -22,12 +22,12 @@ from rnc_pin.control import (
     limits,
     tasks,
 )
-from rnc_pin.control.deviation import Feedback
 from rnc_pin.control.estimation import adapt
+from rnc_pin.control.feedback import Feedback
 from rnc_pin.control.velocity_tracker import TrackerState
 from rnc_pin.control.whole_body import ControlSample
 from rnc_pin.model.coordinates import Coordinates
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.optimal.interior_point import InteriorPointSolver
 from rnc_pin.optimal.linear_quadratic import LinearQuadratic, RiccatiFactors
 from rnc_pin.planning import Harmonic, Hold, MinimumJerk, ViaPoints

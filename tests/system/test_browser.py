@@ -14,7 +14,7 @@ from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.saved_run import view_of
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.simulation import Sample, tracking_errors
 from rnc_pin.visualization.drawn_state import RATE, sample_configurations
 from rnc_pin.visualization.live import LiveView

@@ -7,6 +7,7 @@ import sys
 import textwrap
 from enum import Enum
 from itertools import pairwise
+from typing import get_type_hints
 
 import pytest
 
@@ -26,10 +27,24 @@ METHODS = {
 
 
 def parameters(thing) -> list[inspect.Parameter]:
-    """Those of a call; none where an error or an enumeration takes what Python's own does."""
+    """Those of a call; none where an error or an enumeration takes what Python's own does.
+
+    The keys of ``**options: Unpack[...]`` are parameters: type checkers know them, and no other is taken.
+    """
     if isinstance(thing, type) and issubclass(thing, Exception | Enum) and "__init__" not in vars(thing):
         return []
-    return [each for each in inspect.signature(thing).parameters.values() if each.name != "self"]
+    found = [each for each in inspect.signature(thing).parameters.values() if each.name != "self"]
+    options = [key for each in found for key in keys_of(each, thing)]
+    return [*(each for each in found if not keys_of(each, thing)), *options]
+
+
+def keys_of(parameter: inspect.Parameter, thing) -> list[inspect.Parameter]:
+    """Parameters that ``**options: Unpack[...]`` stands for."""
+    kind = re.fullmatch(r"Unpack\[(\w+)\]", str(parameter.annotation))
+    if parameter.kind is not inspect.Parameter.VAR_KEYWORD or kind is None:
+        return []
+    keys = get_type_hints(getattr(sys.modules[thing.__module__], kind[1]))
+    return [inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY) for key in keys]
 
 
 def documented(thing) -> set[str]:
@@ -38,6 +53,8 @@ def documented(thing) -> set[str]:
     for section in re.findall(r"^(?:Args|Attributes):\n((?:(?: .*)?\n?)*)", inspect.getdoc(thing) or "", re.MULTILINE):
         for listed in re.findall(r"^    (\w+(?:, \w+)*): ", section, re.MULTILINE):
             names |= set(listed.split(", "))
+    if "options" in names:  # by name, as fields of a class that the docstring names
+        names |= documented(rnc.loop.LoopSettings)
     kinds = [each for each in thing.__mro__ if each.__module__.startswith("rnc_pin")] if isinstance(thing, type) else []
     return names.union(*map(fields_with_docstrings, kinds))
 

@@ -41,7 +41,7 @@ def test_example_fits_on_a_screen(example):
 
 @pytest.mark.parametrize(
     "example",
-    # tests/control/test_split.py and tests/applications/gym/test_learning.py run the others.
+    # tests/control/test_partial_controllers.py and tests/applications/gym/test_learning.py run the others.
     [path for path in EXAMPLES if path.name not in ("two_phases.py", "learn_reaching.py")],
     ids=lambda path: path.name,
 )

@@ -22,7 +22,7 @@ from patience import PATIENCE, eventually
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.simulation import Sample
 from rnc_pin.visualization.browser.access import is_loopback
 from rnc_pin.visualization.browser.page import in_order

@@ -32,11 +32,12 @@ from rnc_pin.optimal import (
     goal_configuration,
     tvlqr,
 )
-from rnc_pin.planning import OutputTarget, Reference, WaySettings, find_way
+from rnc_pin.planning import OutputTarget, Reference, Way, WaySettings, find_way
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import PlannedPath
 
 _SEARCH = WaySettings(seconds=150.0, motions=20_000)  # the motions end it on a usual computer, a busy one has time
+_SLOWER = 1.5  # default of the duration, in durations of the way: accelerations take time
 _POINTS = 400  # of a planned path
 
 
@@ -81,13 +82,15 @@ def build_plan(
         if kinematic and start.v2.any():
             raise ConfigurationError("form 'kinematic' starts with any velocity; remove 'initial.v2'")
         goal = goal_of(settings.goal, scenario.listed_outputs, reduced) or None
+        guess, duration = _first_guess(scenario, reduced, start, goal, obstacles)
         return settings.build(
             reduced,
             q0=start.q,
             goal=goal,
             costs=list(_costs(settings, start, names)),
             bounds=list(bounds_of(settings, reduced, obstacles)),
-            guess=_first_guess(scenario, reduced, start, goal, obstacles),
+            duration=duration,
+            guess=guess,
             seed=scenario.seed,
             v2_0=None if kinematic else start.v2,
             feedback=_feedback(scenario, reduced),
@@ -149,10 +152,12 @@ def _first_guess(
     start: Start,
     goal: Mapping[OutputTarget, ArrayLike] | None,
     obstacles: Sequence[Obstacle],
-) -> np.ndarray | None:
-    """Configurations (n, nq) of the first guess; None for the straight line."""
+) -> tuple[Way | np.ndarray | None, float | tuple[float, ...]]:
+    """First guess, a way, configurations (n, nq) or None for the straight line, and the duration."""
     settings = scenario.planner
     assert settings is not None
+    given = settings.duration
+    duration = tuple(given) if isinstance(given, list) else given
     if settings.type == "global":
         assert goal is not None
         selection, clearance = PairSelection(links=settings.links), settings.clearance or 0.0
@@ -167,19 +172,28 @@ def _first_guess(
             settings=_SEARCH,
             seed=scenario.seed,
         )
-        moves = any(each.motion is not None for each in beside)  # the plan then has to keep the times of the way
-        until = max(way.duration, float(np.mean(settings.duration))) if moves else way.duration
-        return way.at(np.linspace(0.0, until, _POINTS))
-    return None if settings.guess is None else _guess(settings, reduced, start, goal)
+        if duration is None:
+            duration = _SLOWER * way.duration
+        if not any(each.motion is not None for each in beside):
+            return way, duration
+        until = max(way.duration, float(np.mean(duration)))  # the plan has to keep the times of the way
+        return way.at(np.linspace(0.0, until, _POINTS)), duration
+    assert duration is not None
+    return None if settings.guess is None else _guess(
+        settings, reduced, start, goal, float(np.mean(duration))
+    ), duration
 
 
 def _guess(
-    settings: OptimalPlanner, reduced: ReducedModel, start: Start, goal: Mapping[OutputTarget, ArrayLike] | None
+    settings: OptimalPlanner,
+    reduced: ReducedModel,
+    start: Start,
+    goal: Mapping[OutputTarget, ArrayLike] | None,
+    duration: float,
 ) -> np.ndarray:
     """Configurations (n, nq) of the first guess."""
     guess = settings.guess
     assert guess is not None
-    duration = float(np.mean(settings.duration))
     if guess.path is not None:
         reference = _path(guess.path, reduced, start.q, duration)
         return driven_configurations(reduced, start.q, reference, duration)

@@ -4,6 +4,7 @@ from .control_loop import ControlLoop as ControlLoop
 from .control_loop import Decision as Decision
 from .loop_state import LoopState as LoopState
 from .options import LoopOptions as LoopOptions
+from .options import LoopSettings as LoopSettings
 from .velocity_loop import BaseTwist as BaseTwist
 from .velocity_loop import VelocityCommand as VelocityCommand
 from .velocity_loop import VelocityInputLoop as VelocityInputLoop

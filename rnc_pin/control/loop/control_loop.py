@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple, Unpack
 
 import numpy as np
 from numpy import ndarray as Array
@@ -21,10 +21,11 @@ from rnc_pin.control.loop.measurements import (
 )
 from rnc_pin.control.loop.options import (
     ControllerOrFactory,
+    LoopOptions,
+    LoopSettings,
     admit_controller,
     admit_limits,
     admit_model,
-    check_choice,
     check_number,
     input_of,
     unpack_step,
@@ -32,15 +33,12 @@ from rnc_pin.control.loop.options import (
 from rnc_pin.errors import ConstraintError, InputError, RncError, SingularityError, printable
 from rnc_pin.math.linear_algebra import apply, clipped
 from rnc_pin.model.input_validation import vector
-from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.parameter_types import NotNegative, Positive
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import ReprMixin, printed
 
 _TIME_TOLERANCE = 1 + 1e-9  # tolerance of a time that is a sum of steps, relative
-_FALLBACKS = ("hold", "brake", "zero", "raise")
-_VELOCITIES = ("measured", "filtered", "observer")
 
 
 @printed()
@@ -86,21 +84,11 @@ class ControlLoop(ReprMixin):
         controller: a controller of this package or of the same protocol. Or a function from the first measurement to a
             controller, so that its references start at the measured state.
         dt: nominal sampling period [s].
-        velocity: "measured"; or estimated from configurations: "filtered" (two low-pass filters: smooth, with lag) or
-            "observer" (a fading-memory filter: no lag at constant acceleration).
-        cutoff: cutoff frequency of the velocity estimate [rad/s]; 0.3 / dt by default.
-        limits: True clips inputs to the effort limits of the actuators, False does not clip; or limits (p,). The safe
-            command and held inputs are always clipped. With False their limits are those of the actuators.
-        fallback: safe command: "hold" the last inputs, "brake" (``F = -brake diag(H) v2``, with the inertia of the
-            model), "zero", or "raise" the error. The default of
-            ``simulate`` and of scenarios is "raise" on the reduced model without faults.
-        timeout: time for which the last inputs are held while measurements are invalid [s]; five steps by default.
-        max_speed: largest valid speed, of v and of the difference of two configurations over time [rad/s, m/s].
-        min_singular_value: limit for the smallest singular value of E. Below it the loop fails with a
-            SingularityError instead of a step.
-        brake: decay rate of the velocities under "brake" [1/s].
+        options: options by name, the fields of ``LoopSettings``: ``velocity``, ``cutoff``, ``limits``, ``fallback``,
+            ``timeout``, ``max_speed``, ``min_singular_value`` and ``brake``.
 
     Attributes:
+        settings: options of the loop.
         state: data of the loop between two steps; ``resume`` continues from it bit for bit.
         last: result of the last step of the controller; None before the first.
         limits: limits (p,) to which inputs are clipped; None if they are not.
@@ -126,31 +114,17 @@ class ControlLoop(ReprMixin):
         reduced: ReducedModel,
         controller: ControllerOrFactory,
         dt: float,
-        *,
-        velocity: Literal["measured", "filtered", "observer"] = "measured",
-        cutoff: Positive | None = None,
-        limits: bool | Float[Array, " p"] = True,
-        fallback: Literal["hold", "brake", "zero", "raise"] = "hold",
-        timeout: Positive | None = None,
-        max_speed: Positive = 100.0,
-        min_singular_value: NotNegative = 0.0,
-        brake: Positive = 5.0,
+        **options: Unpack[LoopOptions],
     ) -> None:
         check_number("dt", dt)
         self.reduced, self.dt = admit_model(reduced), dt
         admit_controller(controller, of_measurement=True)
+        self.settings = LoopSettings(**options)
         self._controller = controller if isinstance(controller, Controller) else None
         self._factory = None if isinstance(controller, Controller) else controller
-        self._fallback, self._timeout = fallback, 5 * dt if timeout is None else timeout
-        check_choice("fallback", fallback, _FALLBACKS)
-        check_number("max_speed", max_speed)
-        check_number("min_singular_value", min_singular_value, zero=True)
-        check_number("brake", brake, zero=True)
-        check_number("timeout", self._timeout, zero=True)
-        self.guard = Guard(reduced, max_speed, self._estimator(velocity, cutoff))
-        self.limits = admit_limits(reduced, limits)
+        self.guard = Guard(reduced, self.settings.max_speed, self._estimator())
+        self.limits = admit_limits(reduced, self.settings.limits)
         self._fallback_limits = reduced.actuation.limits if self.limits is None else self.limits
-        self._min_singular_value, self._brake = min_singular_value, brake
         self.state = LoopState()
         self.last: Decision | None = None
         self.active_component = "the model"
@@ -158,10 +132,8 @@ class ControlLoop(ReprMixin):
     def _settings(self) -> dict[str, object]:
         return {"reduced": self.reduced, "controller": self._controller or self._factory, "dt": self.dt}
 
-    def _estimator(self, velocity: str, cutoff: float | None) -> VelocityEstimator | None:
-        check_choice("velocity", velocity, _VELOCITIES)
-        if cutoff is not None:
-            check_number("cutoff", cutoff)
+    def _estimator(self) -> VelocityEstimator | None:
+        velocity, cutoff = self.settings.velocity, self.settings.cutoff
         if velocity == "measured":
             return None
         kind = FilteredVelocity if velocity == "filtered" else VelocityObserver
@@ -198,7 +170,7 @@ class ControlLoop(ReprMixin):
         try:
             return self.compute_input(t, self._evaluated(t, valid.q, valid.v), integrals).copy()
         except Exception as error:
-            if self._fallback == "raise":
+            if self.settings.fallback == "raise":
                 raise
             reason = str(error) if isinstance(error, RncError) else f"{type(error).__name__}: {error}"
             self.state = self.state._replace(fault=printable(reason), failed=True)
@@ -221,10 +193,11 @@ class ControlLoop(ReprMixin):
         if before.input_deficit is not None:
             force = apply(state.input_matrix, before.input_deficit)
             measurement = measurement._replace(input_deficit=before.input_deficit, force_deficit=force)
-        if self._min_singular_value > 0 and state.smallest_singular_value < self._min_singular_value:
+        least = self.settings.min_singular_value
+        if least > 0 and state.smallest_singular_value < least:
             smallest = float(state.smallest_singular_value)
             raise SingularityError(
-                f"the smallest singular value of E is {smallest:.3g}, below the limit {self._min_singular_value:g}",
+                f"the smallest singular value of E is {smallest:.3g}, below the limit {least:g}",
                 q=np.array(state.q),
                 condition=float(state.condition),
                 rows=self.reduced.reducing.names,
@@ -277,7 +250,7 @@ class ControlLoop(ReprMixin):
     # ------------------------------------------------------------------ safe command
 
     def _reject(self, t: float, problem: str, v: Array | None) -> Array:
-        if self._fallback == "raise":
+        if self.settings.fallback == "raise":
             raise InputError(f"measurement at t = {t:g} s: {problem}" if is_time(t) else problem)
         before, last = self.state, 0.0 if self.state.time is None else self.state.time
         runs = is_time(t) and (before.time is None or t > last)
@@ -286,7 +259,7 @@ class ControlLoop(ReprMixin):
         if not runs and before.invalid_since is not None:
             since -= self.dt  # the timeout elapses even if the clock stands still
         self.state = before._replace(invalid_since=since, fault=problem)
-        if before.T is not None and not now - since > _TIME_TOLERANCE * self._timeout:
+        if before.T is not None and not now - since > _TIME_TOLERANCE * self.timeout:
             return self._clipped(before.T)
         return self._fallback_input(v)
 
@@ -297,9 +270,9 @@ class ControlLoop(ReprMixin):
     def _fallback_input(self, v: Array | None) -> Array:
         """Inputs of the safe command."""
         T = np.zeros(self.reduced.p)
-        if self._fallback == "hold" and self.state.T is not None:
+        if self.settings.fallback == "hold" and self.state.T is not None:
             T = self._clipped(self.state.T)
-        elif self._fallback == "brake":
+        elif self.settings.fallback == "brake":
             T = self._braking_input(v)
         self.state = self.state._replace(T=T, input_deficit=None)
         return T
@@ -312,7 +285,7 @@ class ControlLoop(ReprMixin):
             return nothing
         try:
             state = self._evaluated(self.state.time or 0.0, q, v)
-            T = state.allocate(-self._brake * np.diagonal(state.H) * state.v2)
+            T = state.allocate(-self.settings.brake * np.diagonal(state.H) * state.v2)
         except (SingularityError, ConstraintError):
             return nothing
         return self._clipped(T)
@@ -322,7 +295,7 @@ class ControlLoop(ReprMixin):
     @property
     def timeout(self) -> float:
         """Time for which the last inputs are held while measurements are invalid [s]."""
-        return self._timeout
+        return 5 * self.dt if self.settings.timeout is None else self.settings.timeout
 
     def reset(self) -> None:
         """Clear the state: the next step is the first."""

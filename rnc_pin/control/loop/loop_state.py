@@ -22,7 +22,7 @@ from rnc_pin.errors import ConfigurationError, InputError, RncError, printable
 from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.model.input_validation import ConfigurationValidator
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 

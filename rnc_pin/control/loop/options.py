@@ -1,8 +1,9 @@
-"""Checks of the options of a control loop, of its controller, and of the commands of the controller."""
+"""Options of a control loop, and checks of them, of its controller, and of the commands of the controller."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import isfinite
 from typing import Literal, TypedDict, TypeVar
 
@@ -12,7 +13,8 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Controller, State, VelocityTarget
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.parameter_types import NotNegative, Positive
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
@@ -23,17 +25,66 @@ _REMEDY = "put a controller of forces over it, such as rnc.control.VelocityTrack
 _T = TypeVar("_T")
 
 
-class LoopOptions(TypedDict, total=False):
-    """Keyword options of ``ControlLoop``; see there."""
+class GuardOptions(TypedDict, total=False):
+    """Keyword options that ``ControlLoop`` and ``VelocityLoop`` share: fields of ``LoopSettings``."""
 
-    velocity: Literal["measured", "filtered", "observer"]
     cutoff: float | None
-    limits: bool | Float[Array, " p"]
-    fallback: Literal["hold", "brake", "zero", "raise"]
     timeout: float | None
     max_speed: float
     min_singular_value: float
     brake: float
+
+
+class LoopOptions(GuardOptions, total=False):
+    """Keyword options of ``ControlLoop``: fields of ``LoopSettings``."""
+
+    velocity: Literal["measured", "filtered", "observer"]
+    limits: bool | Float[Array, " p"]
+    fallback: Literal["hold", "brake", "zero", "raise"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopSettings:
+    """Options of a control loop.
+
+    Attributes:
+        velocity: "measured"; or estimated from configurations: "filtered" (two low-pass filters: smooth, with lag) or
+            "observer" (a fading-memory filter: no lag at constant acceleration).
+        cutoff: cutoff frequency of the velocity estimate [rad/s]; 0.3 / dt by default.
+        limits: True clips inputs to the effort limits of the actuators, False does not clip; or limits (p,). The safe
+            command and held inputs are always clipped. With False their limits are those of the actuators.
+        fallback: safe command: "hold" the last inputs, "brake" (``F = -brake diag(H) v2``, with the inertia of the
+            model), "zero", or "raise" the error. The default of
+            ``simulate`` and of scenarios is "raise" on the reduced model without faults.
+        timeout: time for which the last inputs are held while measurements are invalid [s]; five steps by default.
+        max_speed: largest valid speed, of v and of the difference of two configurations over time [rad/s, m/s].
+        min_singular_value: limit for the smallest singular value of E. Below it the loop fails with a
+            SingularityError instead of a step.
+        brake: decay rate of the velocities under "brake" [1/s].
+
+    Raises:
+        ConfigurationError: an option has an invalid value.
+    """
+
+    velocity: Literal["measured", "filtered", "observer"] = "measured"
+    cutoff: Positive | None = None
+    limits: bool | Float[Array, " p"] = True
+    fallback: Literal["hold", "brake", "zero", "raise"] = "hold"
+    timeout: Positive | None = None
+    max_speed: Positive = 100.0
+    min_singular_value: NotNegative = 0.0
+    brake: Positive = 5.0
+
+    def __post_init__(self) -> None:
+        check_choice("fallback", self.fallback, ("hold", "brake", "zero", "raise"))
+        check_number("max_speed", self.max_speed)
+        check_number("min_singular_value", self.min_singular_value, zero=True)
+        check_number("brake", self.brake, zero=True)
+        if self.timeout is not None:
+            check_number("timeout", self.timeout, zero=True)
+        check_choice("velocity", self.velocity, ("measured", "filtered", "observer"))
+        if self.cutoff is not None:
+            check_number("cutoff", self.cutoff)
 
 
 def admit_model(reduced: object) -> ReducedModel:

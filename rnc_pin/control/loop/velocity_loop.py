@@ -21,9 +21,16 @@ from rnc_pin.control.actuator_velocity import (
 from rnc_pin.control.controller import KinematicController
 from rnc_pin.control.loop.control_loop import ControlLoop, Decision
 from rnc_pin.control.loop.loop_state import LoopState
-from rnc_pin.control.loop.options import ControllerOrFactory, LoopOptions, admit_controller, admit_model, check_choice
+from rnc_pin.control.loop.options import (
+    ControllerOrFactory,
+    GuardOptions,
+    LoopOptions,
+    admit_controller,
+    admit_model,
+    check_choice,
+)
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 
@@ -73,7 +80,7 @@ class VelocityInputLoop(ControlLoop):
     def _braking_input(self, v: Array | None) -> Array:
         """Last velocities, after a decay over one sample."""
         last = self.state.T
-        return np.zeros(self.reduced.p) if last is None else last * np.exp(-self._brake * self.dt)
+        return np.zeros(self.reduced.p) if last is None else last * np.exp(-self.settings.brake * self.dt)
 
 
 class VelocityLoop:
@@ -90,15 +97,12 @@ class VelocityLoop:
         dt: nominal sampling period [s].
         velocity: "measured"; "filtered" or "observer" as for ``ControlLoop``; or "commanded": the last command replaces
             the measured velocity, for robots that report positions only.
-        cutoff: cutoff frequency of the velocity estimate [rad/s]; 0.3 / dt by default.
         limits: True for the velocity limits of the robot's file, False for none; or limits (nv,) of the velocity v.
         base: frame whose twist is commanded; by default the body of a planar or free base joint.
         joints: joints whose velocities are commanded; by default those that the actuators drive.
         fallback: safe command: "zero" velocities, "brake" (velocities decay), "hold" the last ones, or "raise".
-        timeout: time for which the last command is held while measurements are invalid [s]; five steps by default.
-        max_speed: largest valid measured speed [rad/s, m/s].
-        min_singular_value: limit for the smallest singular value of E; below it the loop fails.
-        brake: decay rate of the velocities under "brake" [1/s].
+        options: further options by name, as for ``ControlLoop``: ``cutoff``, ``timeout``, ``max_speed``,
+            ``min_singular_value`` and ``brake``.
 
     Attributes:
         joints: names of the commanded joints, (j,).
@@ -126,15 +130,11 @@ class VelocityLoop:
         dt: float,
         *,
         velocity: Literal["measured", "filtered", "observer", "commanded"] = "measured",
-        cutoff: float | None = None,
         limits: bool | Float[Array, " nv"] = True,
         base: str | None = None,
         joints: Sequence[str] | None = None,
         fallback: Literal["zero", "brake", "hold", "raise"] = "zero",
-        timeout: float | None = None,
-        max_speed: float = 100.0,
-        min_singular_value: float = 0.0,
-        brake: float = 5.0,
+        **options: Unpack[GuardOptions],
     ) -> None:
         self.reduced = admit_model(reduced)
         target = admit_controller(target, of_measurement=True)
@@ -145,13 +145,9 @@ class VelocityLoop:
             _velocity_controller(reduced, target, limits),
             dt,
             velocity="measured" if velocity == "commanded" else velocity,
-            cutoff=cutoff,
             limits=False,
             fallback=fallback,
-            timeout=timeout,
-            max_speed=max_speed,
-            min_singular_value=min_singular_value,
-            brake=brake,
+            **options,
         )
         robot = reduced.robot
         self._base = None if base is None else robot.frame_id(base)

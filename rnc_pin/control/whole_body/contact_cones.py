@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.analysis.contact_force_set import ContactForceSet
+from rnc_pin.analysis.contact_forces import ContactForceSet
 from rnc_pin.array_shapes import Float
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation

@@ -23,12 +23,12 @@ from rnc_pin.control.whole_body.task_hierarchy import (
     column_norms,
     solve_within,
 )
-from rnc_pin.control.whole_body.tasks.control_task import ControlTask
+from rnc_pin.control.whole_body.tasks.output_tasks import ControlTask
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.integrators.lie_runge_kutta import DEFAULT_TOLERANCE, LieRungeKutta4
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE, LieRungeKutta4
 from rnc_pin.model.parameter_types import Positive
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 

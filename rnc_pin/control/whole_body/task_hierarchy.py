@@ -20,8 +20,7 @@ from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import LimitStack, ProgramBounds, distinct
-from rnc_pin.control.whole_body.tasks.control_task import ControlTask
-from rnc_pin.control.whole_body.tasks.output_task import BoundOutput, OutputsTogether
+from rnc_pin.control.whole_body.tasks.output_tasks import BoundOutput, ControlTask, OutputsTogether
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
 

@@ -23,11 +23,11 @@ from rnc_pin.control.whole_body.task_hierarchy import (
     solve_cascade,
     solve_within,
 )
-from rnc_pin.control.whole_body.tasks.control_task import ControlTask
+from rnc_pin.control.whole_body.tasks.output_tasks import ControlTask
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram, limit_report
 from rnc_pin.errors import ConfigurationError, InputError
-from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.parameter_types import NotNegative
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 
 

@@ -13,13 +13,13 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Description, LimitedAcceleration, State
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import LimitStack
-from rnc_pin.control.whole_body.limits.acceleration_limit import AccelerationLimit
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
+from rnc_pin.control.whole_body.limits.joint_limits import AccelerationLimit
 from rnc_pin.control.whole_body.task_hierarchy import TaskStack
-from rnc_pin.control.whole_body.tasks.control_task import BoundTask, ControlTask
+from rnc_pin.control.whole_body.tasks.output_tasks import BoundTask, ControlTask
 from rnc_pin.errors import InputError
 from rnc_pin.io.json import Json
-from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.model.integrators.exponential_coordinates import ExponentialCoordinates, Rate, check_reach
+from rnc_pin.model.integrators.runge_kutta import ExponentialCoordinates, Rate, check_reach
 from rnc_pin.robots.robot import Robot
 
 _SERIES_BELOW = 1.0  # below it the recurrence of the phi functions loses digits by cancellation

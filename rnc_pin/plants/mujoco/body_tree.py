@@ -11,8 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.mechanisms import FrameAnchor, JointCoupler
-from rnc_pin.model.rows import Rows
+from rnc_pin.model.rows import FrameAnchor, JointCoupler, Rows
 from rnc_pin.plants.mujoco.engine import mujoco
 from rnc_pin.plants.mujoco.joint_coordinates import (
     BallJoint,

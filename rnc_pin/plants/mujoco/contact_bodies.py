@@ -17,8 +17,7 @@ import scipy
 
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import ConfigurationError, argument
-from rnc_pin.model.mechanisms import Friction, GroundContact, carrier_of
-from rnc_pin.model.rows import Rows
+from rnc_pin.model.rows import Friction, GroundContact, Rows, carrier_of
 from rnc_pin.plants.mujoco.body_tree import Root
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
 from rnc_pin.robots.robot import Robot

@@ -1,6 +1,6 @@
 """Exports of ``rnc_pin.plants.reduced``, which ``__init__.py`` imports at their first use."""
 
-from rnc_pin.model.integrators.lie_runge_kutta import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
+from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
 
 from .constrained_dynamics import ConstrainedDynamics as ConstrainedDynamics
 from .constrained_dynamics import integrated_outputs as integrated_outputs

@@ -10,7 +10,7 @@ import numpy as np
 
 from rnc_pin.errors import ConfigurationError, SimulationError
 from rnc_pin.model.impact import Impact
-from rnc_pin.model.integrators.lie_runge_kutta import DEFAULT_TOLERANCE
+from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants.reduced.contact_modes import NONE, Closed, ContactModes, consistent, force_margin

@@ -11,7 +11,7 @@ import scipy
 
 from rnc_pin.errors import ConfigurationError, DivergenceError
 from rnc_pin.math.linear_algebra import null_space, solve_positive_definite_columns
-from rnc_pin.model.integrators.lie_runge_kutta import DEFAULT_TOLERANCE
+from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system import NonholonomicSystem

@@ -11,7 +11,7 @@ import scipy
 from numpy import ndarray as Array
 
 from rnc_pin.errors import DivergenceError
-from rnc_pin.model.integrators.lie_runge_kutta import DEFAULT_TOLERANCE
+from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, VelocityChart, in_charts

@@ -12,9 +12,8 @@ from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.kernel_rows import KernelRow
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
-from rnc_pin.model.mechanisms import carrier_of
 from rnc_pin.model.parameter_types import NotNegative
-from rnc_pin.model.rows import ConstraintKind, Rows
+from rnc_pin.model.rows import ConstraintKind, Rows, carrier_of
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.robots.robot import Robot
 

@@ -12,7 +12,7 @@ from carts import WHEELS, cart_with_arm
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, ground_shape
 from rnc_pin.control.whole_body import ControlSample, InverseDynamicsQP
 from rnc_pin.control.whole_body.limits import CollisionAvoidance
-from rnc_pin.control.whole_body.limits.collision_avoidance import approach_speed
+from rnc_pin.control.whole_body.limits.distance_limits import approach_speed
 from rnc_pin.control.whole_body.tasks import OutputTask
 
 DT = 0.01

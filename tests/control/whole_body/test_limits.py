@@ -9,7 +9,7 @@ import pytest
 import rnc_pin as rnc
 from driven import drive
 from rnc_pin.control import InverseDynamicsQP, VelocityQP, limits, tasks
-from rnc_pin.control.whole_body.limits.joint_position_limit import velocity_to_stop
+from rnc_pin.control.whole_body.limits.joint_limits import velocity_to_stop
 from rnc_pin.planning import Hold
 from systems import mecanum, mobile_manipulator, space_robot_in_joints, tiago
 

@@ -18,7 +18,7 @@ from rnc_pin.applications.command_line.commands.inspect import print_report
 from rnc_pin.applications.command_line.tables import print_summary
 from rnc_pin.applications.scenario.files import parse_option, read_yaml
 from rnc_pin.applications.scenario.saved_run import load_run
-from rnc_pin.control.jacobian_transpose import effective_inertia
+from rnc_pin.control.partial_controllers import effective_inertia
 from rnc_pin.errors import nearest
 from rnc_pin.io.json import dump_json
 from rnc_pin.robots.robot_files import shipped_directory

@@ -128,8 +128,9 @@ class OptimalPlanner(MotionProblem, _PLAN.model, _SOLVER.model):  # type: ignore
 
     type: Literal["optimal", "global"]
     """Optimal control with exact derivatives; "global" first searches a way around the obstacles, its guess."""
-    duration: Positive | Annotated[list[Positive], Field(min_length=2, max_length=2)]
-    """Duration [s], or its shortest and longest value for a free duration."""
+    duration: Positive | Annotated[list[Positive], Field(min_length=2, max_length=2)] | None = None
+    """Duration [s], or its shortest and longest value for a free duration. By default 1.5 times that of the way; type
+    "optimal" needs one."""
     costs: CostSettings = CostSettings()
     """Costs."""
     limits: LimitItem | None = Field({}, validate_default=True)
@@ -143,11 +144,10 @@ class OptimalPlanner(MotionProblem, _PLAN.model, _SOLVER.model):  # type: ignore
             raise ValueError("type 'global' searches the guess: remove 'guess', or use type 'optimal'")
         if self.type == "global" and not self.goal:
             raise ValueError("type 'global' needs a goal")
+        if self.type == "optimal" and self.duration is None:
+            raise ValueError("type 'optimal' needs a duration")
         return self
 
     def build(self, reduced: ReducedModel, **others: object) -> MotionPlan:
         """Plan a motion; the arguments are those of ``plan`` that the file does not give."""
-        duration = tuple(self.duration) if isinstance(self.duration, list) else self.duration
-        return _PLAN.build(
-            self, reduced=reduced, duration=duration, limits=self.limits, settings=_SOLVER.build(self), **others
-        )
+        return _PLAN.build(self, reduced=reduced, limits=self.limits, settings=_SOLVER.build(self), **others)

@@ -28,7 +28,7 @@ from rnc_pin.applications.scenario.schema.robot_source import RobotSource
 from rnc_pin.applications.scenario.schema.simulation_settings import GripSettings, SimulationSettings
 from rnc_pin.applications.scenario.schema.sweep_settings import Distribution
 from rnc_pin.constraints import GroundPlane
-from rnc_pin.control.loop import ControlLoop
+from rnc_pin.control.loop import LoopSettings
 from rnc_pin.errors import nearest
 from rnc_pin.figures import Sheet, Size
 from rnc_pin.model import NonholonomicSystem, NotNegative, OutputKind, Positive, ReducedModel
@@ -40,10 +40,10 @@ from rnc_pin.visualization import View
 
 _MUJOCO, _FAULTS = Entry(MuJoCoSettings), Entry(Faults)
 LoopItem = Annotated[
-    PartialCall[ControlLoop],
+    PartialCall[LoopSettings],
     Entry(
-        ControlLoop,
-        late=("reduced", "controller", "dt", "limits"),
+        LoopSettings,
+        late=("limits",),
         optional=("fallback",),
         forms={"max_speed": Positive | None, "min_singular_value": NotNegative | None, "brake": Positive | None},
     ),

@@ -1,4 +1,4 @@
-"""Limits of whole-body control; one file each."""
+"""Limits of whole-body control."""
 
 from rnc_pin.lazy_exports import lazy_exports
 

@@ -1,4 +1,4 @@
-"""Tasks of whole-body control; one file each."""
+"""Tasks of whole-body control."""
 
 from rnc_pin.lazy_exports import lazy_exports
 

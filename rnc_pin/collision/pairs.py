@@ -1,0 +1,265 @@
+"""Pairs of shapes: selection of those that may collide, and signed distances with nearest points and rates by coal."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.array_shapes import Float, Int
+from rnc_pin.errors import ModelError, SimulationError, nearest
+from rnc_pin.io.safe_read import read_bytes
+from rnc_pin.io.safe_xml import parse_tree
+
+
+class LinkPair(NamedTuple):
+    """Two shapes by index in the geometry, and their names: the link's name, or that of the obstacle.
+
+    Attributes:
+        first: index of the shape of a link.
+        second: index of the other shape.
+        names: names of the two bodies.
+    """
+
+    first: int
+    second: int
+    names: tuple[str, str]
+
+    @property
+    def label(self) -> str:
+        """Both names in one text."""
+        return f"{self.names[0]} / {self.names[1]}"
+
+
+class OmittedPair(NamedTuple):
+    """Pair that is not checked, and the reason.
+
+    Attributes:
+        names: names of the two bodies.
+        reason: the reason, in words.
+        depth: depth of the overlap [m]; zero for other reasons.
+    """
+
+    names: tuple[str, str]
+    reason: str
+    depth: float = 0.0
+
+    def __str__(self) -> str:
+        return f"{' / '.join(self.names)}: {self.reason}"
+
+
+@dataclass(frozen=True)
+class PairSelection:
+    """Rules by which pairs of links are selected. Every link is always checked against every obstacle.
+
+    Attributes:
+        pairs: pairs of links to check, by name; None checks all pairs, except those that the other rules exclude.
+        disabled: pairs of links to omit, by name, such as the result of ``read_disabled_pairs``.
+        links: True to check links against each other; obstacles always count.
+    """
+
+    pairs: Sequence[tuple[str, str]] | None = None
+    disabled: Sequence[tuple[str, str]] = ()
+    links: bool = True
+
+
+def select_pairs(
+    model: pin.Model, names: Sequence[str], joints: Sequence[int], selection: PairSelection
+) -> tuple[list[LinkPair], list[OmittedPair]]:
+    """Return the pairs of links to check, and the pairs that a rule omits. Shapes of one rigid body are no pair.
+
+    Args:
+        model: model of the robot.
+        names: link of each shape.
+        joints: parent joint of each shape.
+        selection: rules.
+
+    Raises:
+        ModelError: a rule names a link without collision geometry.
+    """
+    wanted = None if selection.pairs is None else _checked(selection.pairs, names)
+    disabled = _checked(selection.disabled, names)
+    kept: list[LinkPair] = []
+    omitted: list[OmittedPair] = []
+    for first, second in combinations(range(len(names)) if selection.links else (), 2):
+        a, b = joints[first], joints[second]
+        pair = names[first], names[second]
+        if a == b:
+            continue
+        if wanted is not None:
+            if frozenset(pair) in wanted:
+                kept.append(LinkPair(first, second, pair))
+        elif frozenset(pair) in disabled:
+            omitted.append(OmittedPair(pair, "disabled"))
+        elif model.parents[a] == b or model.parents[b] == a:
+            omitted.append(OmittedPair(pair, "adjacent links"))
+        else:
+            kept.append(LinkPair(first, second, pair))
+    return kept, omitted
+
+
+def _checked(pairs: Iterable[tuple[str, str]], names: Sequence[str]) -> set[frozenset[str]]:
+    found = set()
+    for pair in pairs:
+        if len(pair) != 2 or isinstance(pair, str):
+            raise ModelError(f"expected a pair of links, found {pair!r}")
+        for name in pair:
+            if name not in names:
+                raise ModelError(f"no link '{name}' with collision geometry{nearest(str(name), dict.fromkeys(names))}")
+        found.add(frozenset(pair))
+    return found
+
+
+def read_disabled_pairs(path: str | Path, names: Iterable[str]) -> tuple[tuple[str, str], ...]:
+    """Return the pairs of links that an SRDF file disables.
+
+    Args:
+        path: the file.
+        names: links of the robot with collision geometry; pairs with other links do not matter and are dropped.
+
+    Raises:
+        ModelError: the file cannot be read, or is not an SRDF.
+    """
+    valid = set(names)
+    try:
+        root = parse_tree(read_bytes(Path(path)))
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise ModelError(f"{path}: not well-formed XML: {error}") from None
+    if root.tag != "robot":
+        raise ModelError(f"{path}: not an SRDF: its root element is <{str(root.tag)[:40]}>, expected <robot>")
+    pairs = [(element.get("link1", ""), element.get("link2", "")) for element in root.iter("disable_collisions")]
+    return tuple(pair for pair in pairs if valid.issuperset(pair))
+
+
+# ------------------------------------------------------------------ measurement
+
+
+@dataclass(frozen=True)
+class PairDistances:
+    """Distances of k pairs at one configuration and time.
+
+    Attributes:
+        pairs: indices of the pairs in ``CollisionDistances.pairs``, each once unless corners were asked for.
+        distance: signed distances [m]; negative for penetration: minus the shortest translation that separates.
+        point_a: nearest points of the first bodies, in the world [m].
+        point_b: nearest points of the second bodies, in the world [m].
+        normal: unit vectors from the first to the second body, ``point_b - point_a = distance * normal``.
+        jacobian: rows of the rates: ``d_dot = jacobian @ v + drift``.
+        drift: part of the rates that the prescribed motion of obstacles causes [m/s].
+    """
+
+    pairs: Int[np.ndarray, " k"]
+    distance: Float[np.ndarray, " k"]
+    point_a: Float[np.ndarray, "k 3"]
+    point_b: Float[np.ndarray, "k 3"]
+    normal: Float[np.ndarray, "k 3"]
+    jacobian: Float[np.ndarray, "k nv"]
+    drift: Float[np.ndarray, " k"]
+
+    def __post_init__(self) -> None:
+        for array in vars(self).values():
+            array.flags.writeable = False
+
+    def rates(self, v: np.ndarray) -> np.ndarray:
+        """Rates (k,) of the distances [m/s] at a velocity v (nv,)."""
+        return np.asarray(self.jacobian @ v + self.drift)
+
+
+NUMBERS = 10
+"""Numbers of a pair: distance, normal from the first to the second body, nearest points of both, in the world."""
+
+_GJK, _EPA = 1e-9, 1e-6
+"""Tolerances of coal: with these, distances are correct to 1e-7 m and depths to 2e-6 m. Its default for GJK is wrong by
+up to 4e-5 m for cylinders, and a finer one for EPA makes it fail."""
+_ITERATIONS = 256
+_FAILED = -1e6  # [m]; coal returns the smallest float if EPA fails
+
+
+class PairMeasurement:
+    """Measurement of pairs at given poses. One object serves one thread at a time.
+
+    Pinocchio's ``computeDistance`` and coal's ``ComputeDistance`` start from their last result, so that the last digits
+    would depend on the history. ``coal.distance`` starts anew.
+
+    Args:
+        shapes: convex shapes.
+        pairs: pairs of them.
+    """
+
+    def __init__(self, shapes: Sequence[coal.CollisionGeometry], pairs: Sequence[LinkPair]) -> None:
+        self._pairs, self._poses = pairs, [coal.Transform3s() for _ in shapes]
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        request.gjk_tolerance, request.epa_tolerance = _GJK, _EPA
+        request.gjk_max_iterations = _ITERATIONS
+        self._result, self._memory = result, _memory_of(result)
+        poses = self._poses
+        self._arguments = [
+            (shapes[a], poses[a], shapes[b], poses[b], request, result) for a, b in (pair[:2] for pair in pairs)
+        ]
+        self._shapes_of = [pair[:2] for pair in pairs]
+
+    def place(
+        self, pairs: Sequence[int], rotations: Float[np.ndarray, "s 3 3"], origins: Float[np.ndarray, "s 3"]
+    ) -> None:
+        """Give coal the poses of the shapes of these pairs."""
+        columns = rotations.swapaxes(1, 2).copy()  # coal copies matrices that are stored by rows
+        poses, used = self._poses, {shape for pair in pairs for shape in self._shapes_of[pair]}
+        for k in used:
+            poses[k].setTransform(columns[k].T, origins[k])
+
+    def measure(self, pairs: Sequence[int]) -> Float[np.ndarray, "k 10"]:
+        """Numbers of pairs, read-only.
+
+        Raises:
+            SimulationError: coal finds no depth of a penetration.
+        """
+        if self._memory is None:
+            return self._measure_by_attributes(pairs)
+        clear, read, arguments = self._result.clear, self._memory.tobytes, self._arguments
+        found = []
+        for pair in pairs:
+            clear()
+            if not coal.distance(*arguments[pair]) > _FAILED:
+                raise self._failure(pair)
+            found.append(read())
+        return np.frombuffer(b"".join(found)).reshape(-1, NUMBERS)
+
+    def _measure_by_attributes(self, pairs: Sequence[int]) -> Float[np.ndarray, "k 10"]:
+        found, result = np.empty((len(pairs), NUMBERS)), self._result
+        for row, pair in zip(found, pairs, strict=True):
+            result.clear()
+            row[0] = coal.distance(*self._arguments[pair])
+            if not row[0] > _FAILED:
+                raise self._failure(pair)
+            row[1:4], row[4:7], row[7:] = result.normal, result.getNearestPoint1(), result.getNearestPoint2()
+        found.flags.writeable = False
+        return found
+
+    def _failure(self, pair: int) -> SimulationError:
+        return SimulationError(f"coal found no penetration depth of {self._pairs[pair].label}")
+
+
+def _memory_of(result: coal.DistanceResult) -> Float[np.ndarray, " 10"] | None:
+    """View of the numbers in the memory of a result; None if this version of coal stores them in another order.
+
+    To read the attributes takes as long as to measure the distance. The caller keeps the result alive.
+    """
+    if result.normal.flags.owndata:
+        return None
+    first = result.normal.ctypes.data - ctypes.sizeof(ctypes.c_double)
+    memory = np.ctypeslib.as_array((ctypes.c_double * NUMBERS).from_address(first))
+    boxes, apart = [coal.Box(*sides) for sides in ((0.3, 0.5, 0.7), (0.2, 0.4, 0.6))], coal.Transform3s()
+    apart.setTranslation(np.array([1.0, 2.0, 3.0]))
+    distance = coal.distance(boxes[0], coal.Transform3s(), boxes[1], apart, coal.DistanceRequest(), result)
+    points = result.getNearestPoint1(), result.getNearestPoint2()
+    return memory if np.array_equal(memory, np.concatenate([[distance], result.normal, *points])) else None

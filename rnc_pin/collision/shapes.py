@@ -1,0 +1,377 @@
+"""Shapes for coal: primitives as they are, the convex hull of each mesh, and obstacles, at rest or in motion.
+
+The distance between two convex shapes is signed, and its rate follows from the nearest points. A mesh of triangles has
+neither: coal reports the depth of one pair of triangles where two meshes overlap. A hull contains its mesh, so that a
+distance of hulls is never larger than that of the meshes.
+
+A joint that turns a shape of revolution about its own axis, such as a wheel, does not move it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import Protocol
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
+from numpy.typing import ArrayLike
+
+from rnc_pin.array_shapes import Float, Int
+from rnc_pin.errors import InputError, ModelError, nearest
+from rnc_pin.robots.robot import Robot
+from rnc_pin.robots.sources.mesh_formats import Mesh, MeshError, convex_hull, read_mesh
+
+_THICKNESS = 1e-3  # thickness of the hull of a flat mesh over its extent
+_LARGEST = 1e3  # [m]; no finite bounding sphere is of use beyond it
+_BEYOND = 1e6  # [m]; half side of the box that stands for a half space in the broad phase
+_PRIMITIVES = (coal.Box, coal.Sphere, coal.Cylinder, coal.Capsule, coal.Cone, coal.Ellipsoid, coal.Convex)
+_WOBBLE = 2e-6  # [m]; axes in robot files have few digits: 1.5708 for a right angle moves the rim of a wheel by 1e-6 m
+_OF_REVOLUTION = (coal.Cylinder, coal.Capsule, coal.Cone)  # about the z axes of their frames
+_REVOLUTE = "JointModelR"  # bounded and unbounded, along an axis of the frame or not
+
+
+def convex_shape(shape: coal.CollisionGeometry, name: str) -> coal.CollisionGeometry:
+    """Return a convex shape that contains a shape: itself if it is convex, else the hull of its vertices.
+
+    Args:
+        shape: shape of a collision model.
+        name: its name, for errors.
+
+    Raises:
+        ModelError: the shape is neither convex nor a mesh, such as a plane or a height field.
+    """
+    if isinstance(shape, _PRIMITIVES):
+        return shape
+    if not isinstance(shape, coal.BVHModelBase):
+        kind = type(shape).__name__
+        raise ModelError(f"shape '{name}' is a {kind}: distances need a box, sphere, cylinder, capsule or mesh")
+    return hull_of(np.array(shape.vertices()), name)
+
+
+def hull_of(points: np.ndarray, name: str) -> coal.Convex:
+    """Return the convex hull of points (n, 3) [m]. Points in a plane get a small thickness.
+
+    coal takes at most 255 edges at a corner. Flat faces are triangulated anew if a corner has more; if that does not
+    help, as at the tip of a fine cone, the box around the points takes the place of their hull.
+
+    Raises:
+        ModelError: the points have no hull.
+    """
+    try:
+        mesh = convex_hull(points)
+    except MeshError:
+        points = _thickened(points)
+        try:
+            mesh = convex_hull(points)
+        except MeshError as error:
+            raise ModelError(f"mesh '{name}': {error}") from None
+    corners = np.array(list(product(*zip(points.min(axis=0), points.max(axis=0), strict=True))))
+    for attempt in (partial(convex_hull, points, joggled=True), partial(convex_hull, corners)):
+        try:
+            return _convex(mesh)
+        except RuntimeError:  # too many edges at a corner
+            mesh = attempt()
+    return _convex(mesh)
+
+
+def _convex(mesh: Mesh) -> coal.Convex:
+    vertices, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    for vertex in mesh.vertices:
+        vertices.append(vertex)
+    for corners in mesh.triangles.tolist():
+        triangles.append(coal.Triangle(*corners))
+    return coal.Convex(vertices, triangles)
+
+
+def _thickened(points: np.ndarray) -> np.ndarray:
+    """Points (6n, 3), moved by a small distance along the principal axes."""
+    centered = points - points.mean(axis=0)
+    extent = max(float(np.ptp(points, axis=0).max(initial=0.0)), 1e-3)
+    axes = np.linalg.eigh(centered.T @ centered)[1].T * (0.5 * _THICKNESS * extent)
+    return np.concatenate([points + sign * axis for axis in axes for sign in (1.0, -1.0)])
+
+
+def bounding_box(shape: coal.CollisionGeometry, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return centre and half sides, (3,) each [m], of the box around a shape in its own frame.
+
+    The box of a half space ends at its surface, if its normal is an axis, and 1000 km away.
+
+    Raises:
+        ModelError: the shape is not finite.
+    """
+    shape.computeLocalAABB()
+    low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
+    if isinstance(shape, coal.Halfspace):
+        low, high = np.clip(low, -_BEYOND, _BEYOND), np.clip(high, -_BEYOND, _BEYOND)
+        return 0.5 * (low + high), 0.5 * (high - low)
+    if not (np.abs([low, high]) < _LARGEST).all():
+        raise ModelError(f"shape '{name}' extends beyond {_LARGEST:g} m: distances need a finite shape")
+    return 0.5 * (low + high), 0.5 * (high - low)
+
+
+class SpinningShapes:
+    """Shapes of revolution whose joint turns about their axis, and the poses that they have without this turn.
+
+    Args:
+        model: model of the robot.
+        axes: axes of its joints, by ``axes_of_rotation``.
+        shapes: convex shapes; only those with a carrier are looked at.
+        carriers: joint that carries each of the first shapes.
+        rotations, origins: poses of the shapes in their joints, (s, 3, 3) and (s, 3) [m].
+        radii: radii of the spheres around the shapes [m].
+
+    Attributes:
+        shapes: indices (n,) of the shapes that spin.
+        wobble: largest distance (s,) of a point of each shape from that of an exact shape of revolution [m].
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        axes: Float[Array, "njoints 3"],
+        shapes: Sequence[coal.CollisionGeometry],
+        carriers: Int[Array, " k"],
+        rotations: Float[Array, "s 3 3"],
+        origins: Float[Array, "s 3"],
+        radii: Float[Array, " s"],
+    ) -> None:
+        self.wobble = np.zeros(len(shapes))
+        found = []
+        for k, joint in enumerate(carriers.tolist()):
+            axis = axes[joint]
+            if (
+                np.isnan(axis).any()
+                or model.joints[joint].nv != 1
+                or not isinstance(shapes[k], (coal.Sphere, *_OF_REVOLUTION))
+            ):
+                continue
+            tilt = (
+                0.0 if isinstance(shapes[k], coal.Sphere) else float(np.linalg.norm(np.cross(axis, rotations[k, :, 2])))
+            )
+            wobble = float(np.linalg.norm(np.cross(axis, origins[k]))) + tilt * float(radii[k])
+            if wobble < _WOBBLE:
+                found.append(k)
+                self.wobble[k] = wobble
+        self.shapes = np.array(found, dtype=int)
+        joints = carriers[self.shapes]
+        self._parents = np.array([model.parents[joint] for joint in joints.tolist()], dtype=int)
+        placed = [model.jointPlacements[joint].rotation for joint in joints.tolist()]
+        self._rotations = np.array(placed).reshape(-1, 3, 3) @ rotations[self.shapes]
+
+    def without_spin(
+        self, rotations: Float[Array, "n s 3 3"], joints: Float[Array, "n j 3 3"]
+    ) -> Float[Array, "n s 3 3"]:
+        """Rotations of all shapes, with those of spinning ones as if their joints stood at zero.
+
+        Args:
+            rotations: rotations of all shapes in the world.
+            joints: rotations of all joints in the world.
+        """
+        if not len(self.shapes):
+            return rotations
+        still = rotations.copy()
+        still[:, self.shapes] = joints[:, self._parents] @ self._rotations
+        return still
+
+
+def axes_of_rotation(model: pin.Model) -> Float[Array, "njoints 3"]:
+    """Axis of each joint that turns about one axis, in its frame; NaN for other joints."""
+    axes, q = np.full((model.njoints, 3), np.nan), pin.neutral(model)
+    for k, joint in enumerate(list(model.joints)[1:], start=1):
+        if joint.shortname().startswith(_REVOLUTE) and joint.nv == 1:
+            data = joint.createData()
+            joint.calc(data, q)
+            axes[k] = np.ravel(data.S)[3:]
+        elif joint.shortname() == "JointModelPlanar":
+            axes[k] = [0.0, 0.0, 1.0]
+    return axes
+
+
+# ------------------------------------------------------------------ obstacles
+
+
+class MotionPoint(Protocol):
+    """Value of a motion at one time, such as a ``ReferencePoint``."""
+
+    @property
+    def position(self) -> np.ndarray: ...
+    @property
+    def velocity(self) -> np.ndarray: ...
+
+
+class ObstacleMotion(Protocol):
+    """Motion of an obstacle: x, y, z [m] and yaw [rad] over time, such as a ``Reference`` of four numbers."""
+
+    size: int
+
+    def at(self, t: float) -> MotionPoint: ...
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """Convex body in the world.
+
+    Args:
+        shape: a coal shape: ``coal.Box(x, y, z)``, ``coal.Sphere(radius)``, ``coal.Cylinder(radius, length)`` and
+            ``coal.Capsule(radius, length)`` along z, ``coal.Halfspace(normal, offset)``, or the result of
+            ``load_mesh_shape``. A mesh counts as its hull. ``ground_shape()`` is a floor.
+        position: position of the shape's centre in the world (3,) [m]; of a mesh, of its file's origin; of a floor,
+            of a point on it.
+        yaw: rotation about the world's z [rad], after roll and pitch.
+        roll: rotation about x [rad].
+        pitch: rotation about y [rad].
+        name: unique name.
+        motion: x, y, z and yaw over time; it replaces ``position`` and ``yaw``. Roll and pitch are constant.
+        ignored_links: names of links whose distances to this obstacle do not matter, such as wheels on a floor.
+
+    Raises:
+        InputError: a number is not finite, a size is not positive, the motion does not have four numbers, or
+            ``ignored_links`` are no names.
+        ModelError: the shape is not convex and not a mesh.
+
+    Example:
+        >>> import coal
+        >>> table = rnc.collision.Obstacle(coal.Box(0.6, 1.0, 0.05), position=(1.2, 0.0, 0.7), name="table")
+        >>> table.placement(0.0).translation
+        array([1.2, 0. , 0.7])
+        >>> to_the_left = rnc.planning.MinimumJerk([2.0, -1.0, 0.5, 0.0], [2.0, 1.0, 0.5, 0.0], duration=4.0)
+        >>> person = rnc.collision.Obstacle(coal.Capsule(0.3, 1.2), name="person", motion=to_the_left)
+        >>> person.twist(2.0)[:3].round(3)  # linear velocity at its own origin
+        array([0.   , 0.938, 0.   ])
+    """
+
+    shape: coal.CollisionGeometry
+    position: ArrayLike = (0.0, 0.0, 0.0)
+    yaw: float = 0.0
+    roll: float = 0.0
+    pitch: float = 0.0
+    name: str = "obstacle"
+    motion: ObstacleMotion | None = None
+    ignored_links: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        title = f"obstacle '{self.name}'"
+        try:
+            numbers = np.array([*np.ravel(self.position), self.yaw, self.roll, self.pitch], dtype=float)
+        except (TypeError, ValueError):
+            raise InputError(f"{title}: position and angles have to be numbers") from None
+        if numbers.size != 6 or not np.isfinite(numbers).all():
+            raise InputError(f"{title}: expected three finite numbers for the position, and finite angles")
+        if self.motion is not None and self.motion.size != 4:
+            raise InputError(f"{title}: its motion has {self.motion.size} numbers, expected x, y, z and yaw")
+        if not isinstance(self.shape, coal.CollisionGeometry):
+            raise ModelError(f"{title}: expected a coal shape, found {type(self.shape).__name__}")
+        sizes = _sizes(self.shape)
+        if not all(0 < size < np.inf for size in sizes):
+            raise InputError(f"{title}: sizes have to be positive and finite, found {[float(size) for size in sizes]}")
+        if isinstance(self.ignored_links, str) or not all(isinstance(each, str) for each in self.ignored_links):
+            raise InputError(f"{title}: ignored_links takes names of links, found {self.ignored_links!r}")
+        object.__setattr__(self, "ignored_links", tuple(self.ignored_links))
+        if not isinstance(self.shape, coal.Halfspace):
+            object.__setattr__(self, "shape", convex_shape(self.shape, self.name))
+        bounding_box(self.shape, self.name)
+        fixed = numbers[:3].copy()
+        fixed.flags.writeable = False
+        object.__setattr__(self, "position", fixed)
+
+    def __getstate__(self) -> dict[str, object]:
+        """State for a pickle: coal cannot pickle half spaces."""
+        state = dict(vars(self))
+        if isinstance(self.shape, coal.Halfspace):
+            state["shape"] = self.shape.n.copy(), float(self.shape.d)
+        return state
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        shape = state["shape"]
+        vars(self).update(state, shape=coal.Halfspace(*shape) if isinstance(shape, tuple) else shape)
+        self.position.setflags(write=False)  # type: ignore[union-attr]  # __post_init__ made an array
+
+    @property
+    def unbounded(self) -> bool:
+        """True for a half space, which has no outline."""
+        return isinstance(self.shape, coal.Halfspace)
+
+    def placement(self, t: float) -> pin.SE3:
+        """Pose in the world at time t [s]."""
+        pose = self._pose(t)
+        return pin.SE3(pin.rpy.rpyToMatrix(self.roll, self.pitch, float(pose[3])), pose[:3].copy())
+
+    def twist(self, t: float) -> np.ndarray:
+        """Velocity (6,) at time t [s]: linear at its origin [m/s], then angular [rad/s], in the world."""
+        if self.motion is None:
+            return np.zeros(6)
+        rate = self.motion.at(t).velocity
+        return np.array([rate[0], rate[1], rate[2], 0.0, 0.0, rate[3]])
+
+    def at_rest(self, t: float) -> Obstacle:
+        """The obstacle at rest where it is at time t [s]."""
+        if self.motion is None:
+            return self
+        pose = self._pose(t)
+        return replace(self, motion=None, position=pose[:3], yaw=float(pose[3]))
+
+    def _pose(self, t: float) -> np.ndarray:
+        if self.motion is None:
+            return np.append(np.asarray(self.position), self.yaw)
+        return np.asarray(self.motion.at(t).position, dtype=float)
+
+
+def ground_shape() -> coal.Halfspace:
+    """Half space below the plane z = 0 of its own frame: the shape of a floor.
+
+    Example:
+        >>> wheels = ("wheel_left_link", "wheel_right_link")
+        >>> floor = rnc.collision.Obstacle(rnc.collision.ground_shape(), name="floor", ignored_links=wheels)
+        >>> floor.unbounded
+        True
+    """
+    return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+
+
+def check_ignored_links(obstacles: Iterable[Obstacle], robot: Robot) -> None:
+    """Check that the robot has the links that obstacles ignore.
+
+    Raises:
+        ModelError: it has no such link.
+    """
+    for obstacle in obstacles:
+        for name in obstacle.ignored_links:
+            if not robot.model.existFrame(name):
+                links = [frame.name for frame in robot.model.frames if frame.type == pin.FrameType.BODY]
+                close = nearest(name, links)
+                raise ModelError(f"obstacle '{obstacle.name}': ignored_links: no link '{name}'{close}")
+
+
+def _sizes(shape: coal.CollisionGeometry) -> list[float]:
+    """Radii, lengths and sides of a primitive [m]."""
+    sizes = [getattr(shape, key) for key in ("radius", "halfLength") if hasattr(shape, key)]
+    return [*sizes, *(np.ravel(shape.halfSide) if hasattr(shape, "halfSide") else ())]
+
+
+def load_mesh_shape(path: str | Path, scale: float | ArrayLike = 1.0) -> coal.CollisionGeometry:
+    """Return the convex hull of a mesh file, read by the checked readers of robot files.
+
+    Args:
+        path: a .dae, .glb, .gltf, .msh, .obj, .ply or .stl file.
+        scale: factor or three factors of its coordinates.
+
+    Raises:
+        ModelError: the file cannot be read, or its points have no hull.
+    """
+    factors = np.asarray(scale, dtype=float)
+    if factors.shape not in ((), (3,)) or not (np.isfinite(factors).all() and factors.all()):
+        raise ModelError(f"mesh '{path}': scale takes one number or three, not zero, found {factors.tolist()}")
+    try:
+        mesh = read_mesh(Path(path))
+    except MeshError as error:
+        raise ModelError(f"mesh '{path}': {error}") from None
+    points = np.asarray(mesh.vertices * factors)
+    if not np.isfinite(points).all():
+        raise ModelError(f"mesh '{path}': its scale gives coordinates that are not finite")
+    return hull_of(points, str(path))

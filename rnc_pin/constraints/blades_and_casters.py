@@ -1,0 +1,156 @@
+"""Knife edges, which prevent side slip, and casters, which only support the weight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier, plane_below
+from rnc_pin.errors import ConstraintError
+from rnc_pin.math.components import Entry, cross
+from rnc_pin.model.frame_rows import ConstantWrenchRows, DirectionRows, OffsetFrame, axis_index
+from rnc_pin.model.kernel_rows import Form, KernelRow, wrench_rows
+from rnc_pin.model.kinematics import Placement, PositionKinematics
+from rnc_pin.model.parameter_types import Axis, NotNegative, Vector
+from rnc_pin.model.rows import GroundContact, Phrases, Rows
+from rnc_pin.robots.robot import Robot
+
+
+@dataclass(frozen=True)
+class NoSideSlip:
+    """Zero velocity of a point of a frame along the frame's own axis, e.g. of a skate or an axle without slip.
+
+    On ground that moves, it is the velocity relative to the material of the ground.
+
+    The row is nonholonomic on a body that can turn. The point is the frame's origin, or a point with an offset, e.g.
+    the middle of an axle at which the robot has no frame, or the point about which a skid-steered base turns.
+
+    Args:
+        frame: name of the frame.
+        axis: the frame's own axis, "x", "y" or "z".
+        at: the point, in the frame's own axes [m].
+        ground: the plane; None for ground at rest. Only its motion has an effect.
+
+    Raises:
+        ModelError: unknown frame.
+        ConstraintError: the ground is no plane.
+        ConfigurationError: unknown axis, or a point that is not three finite numbers.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh", at=(0.5, 0, 0))])
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> reduced.at(robot.configuration()).A.round(3)
+        array([[0. , 1. , 0.5]])
+    """
+
+    frame: str
+    axis: Axis = "y"
+    at: Vector = (0.0, 0.0, 0.0)
+    ground: GroundPlane | None = None
+
+    def bind(self, robot: Robot) -> Rows:
+        plane = plane_below(self.ground, f"knife edge '{self.frame}'") or GroundPlane()
+        return on_carrier(_NoSideSlipRow(self, plane, robot), self.frame, self.ground, robot)
+
+
+class _NoSideSlipRow(DirectionRows):
+    """Velocity of a point at an arm from the frame's origin, along an axis of the frame."""
+
+    units = ("m/s",)
+
+    def __init__(self, kind: NoSideSlip, plane: GroundPlane, robot: Robot) -> None:
+        self._edge, self._axis = kind, axis_index(kind.axis)
+        self._point = OffsetFrame(robot, kind.frame, kind.at)
+        self.names = (f"no_side_slip({self._point.name}.{kind.axis})",)
+        self.frame, self.directions = self._point.index, np.array([np.eye(3)[self._axis], kind.at], dtype=float).T
+        self.ground = plane if plane.moves else None
+        self.twist, self.affine = plane.twist, plane.moves
+
+    def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
+        along, arm = directions
+        return [[*along, *cross(arm, along)]]
+
+    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        placement = self._point.placement(at)
+        return placement.translation[..., None, :].copy(), placement.rotation[..., :, self._axis][..., None, :].copy()
+
+    def arm_gradient(self, place: Placement, turning: np.ndarray) -> np.ndarray:
+        return np.cross(turning, (place.rotation @ self.directions[:, 1])[:, None], axis=0)
+
+    def mechanisms(self) -> tuple[GroundContact]:
+        center = np.asarray(self._edge.at, dtype=float)
+        return (GroundContact(self._edge.frame, None, np.eye(3)[self._axis], center, "lateral"),)
+
+    def phrases(self) -> Phrases:
+        return Phrases("knife edge", prevents="slide sideways at", where=self._edge.frame)
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        return wrench_rows(Form.OWN, self._point.attached(model), [np.eye(6)[self._axis].tolist()], self.twist)
+
+
+@dataclass(frozen=True)
+class Caster:
+    """Frictionless ball on the ground: it supports the robot and moves freely in the plane.
+
+    It models a caster whose swivel and wheel are not joints of the model, a ball transfer unit, or a skid.
+    The only row, vertical, is holonomic: the frame's origin stays at height ``radius``. For a planar base, the row is
+    zero and is dropped.
+
+    Args:
+        frame: a frame at the centre of the ball.
+        radius: radius of the ball [m]; 0 for a point contact.
+        ground: the plane; None for z = 0. Its motion has no effect.
+
+    Raises:
+        ModelError: unknown frame.
+        ConstraintError: the radius is negative, or the ground is no plane.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="free")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+        >>> system = rnc.NonholonomicSystem(robot, [*wheels, rnc.Caster("nose", radius=0.1)])
+        >>> print(system.r, system.assembled(robot.configuration())[2].round(3))  # it stands, and drives as on a plane
+        2 0.1
+    """
+
+    frame: str
+    radius: NotNegative
+    ground: GroundPlane | None = None
+
+    def bind(self, robot: Robot) -> Rows:
+        if not (np.isfinite(self.radius) and self.radius >= 0):
+            raise ConstraintError(f"radius of caster '{self.frame}' has to be zero or positive, found {self.radius}")
+        plane = plane_below(self.ground, f"caster '{self.frame}'") or GroundPlane()
+        return on_carrier(_CasterRow(self, plane, robot), self.frame, self.ground, robot)
+
+
+class _CasterRow(ConstantWrenchRows):
+    """Velocity of the centre along the normal of the plane."""
+
+    holonomic = (True,)
+    on_ground = True
+    units = ("m/s",)
+
+    def __init__(self, kind: Caster, plane: GroundPlane, robot: Robot) -> None:
+        self.names, self.frame = (f"vertical({kind.frame})",), robot.frame_id(kind.frame)
+        self.ground = None if plane.is_default else plane
+        self._caster, self._point, self._normal = kind, np.asarray(plane.point), plane.axes[2]
+        self.matrix = np.array([[*self._normal, 0.0, 0.0, 0.0]])
+
+    def residual(self, at: PositionKinematics) -> np.ndarray:
+        height = (at.placement(self.frame).translation - self._point) @ self._normal - self._caster.radius
+        return np.asarray(height[..., None])
+
+    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        contact = at.placement(self.frame).translation[..., None, :] - self._caster.radius * self._normal
+        return contact, np.broadcast_to(self._normal, contact.shape)
+
+    def mechanisms(self) -> tuple[GroundContact]:
+        return (GroundContact(self._caster.frame, self._caster.radius, friction="none"),)
+
+    def phrases(self) -> Phrases:
+        return Phrases()

@@ -1,0 +1,188 @@
+"""Controllers of some outputs: by some of the actuators, paper 4.1, or several controllers side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rnc_pin.control.controller import Command, Controller, Description, State, describe
+from rnc_pin.control.position_tracker import PositionState, PositionTracker
+from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.math.linear_algebra import apply_transposed
+from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import ReprMixin
+
+
+def effective_inertia(reduced: ReducedModel, q: np.ndarray, outputs: np.ndarray, active: Sequence[str]) -> np.ndarray:
+    """Return the inertia M that F21 moves while some actuators are off: ``x21ddot = M^-1 F21`` at rest.
+
+    M serves to choose gains beforehand. It is not symmetric, because the joints that are off move along.
+
+    Args:
+        reduced: the model.
+        q: configurations (..., nq).
+        outputs: indices of x21 in x2, (k,).
+        active: names of the actuators that are on; at least k.
+
+    Returns:
+        M, (..., k, k).
+
+    Raises:
+        ConfigurationError: unknown actuator, or fewer of them than outputs.
+    """
+    outputs = np.asarray(outputs, dtype=int)
+    on = _places(reduced, active, outputs)
+    here = reduced.at(q)
+    drive = (here.J2 @ here.B)[..., outputs, :][..., on]
+    forces = here.input_matrix[..., on] @ drive.mT
+    response = np.linalg.solve(here.H, forces)[..., outputs, :]
+    return np.linalg.inv(response)
+
+
+class JacobianTransposeController(ReprMixin):
+    """``T = (J21 B)^T F21`` on the active actuators, zero on the others.
+
+    F21 comes from (8)-(9), so the controller reads neither rates nor inertia. J21 is the Jacobian of the tracked
+    outputs. If the first joint of the space robot is off, no force acts on the platform, and it stays at rest.
+
+    Reads from the measurement: ``q, x2``.
+
+    Args:
+        reduced: model that provides the kinematics.
+        tracker: position tracker of the outputs x21.
+        active: actuators that are on, by name; at least as many as outputs.
+
+    Raises:
+        ConfigurationError: unknown actuator, or fewer of them than outputs.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce([rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")])
+        >>> tracker = rnc.control.PositionTracker(rnc.planning.Hold([1.0, 1.0]), outputs=np.array([0, 1]))
+        >>> controller = rnc.control.JacobianTransposeController(reduced, tracker, ["joint_2", "joint_3"])
+        >>> measurement = reduced.at(robot.configuration({"joint_2": 1.8}), np.zeros(3)).measure()
+        >>> command, state = controller.step(0.0, measurement, controller.initial_state(measurement))
+        >>> command.T.shape, float(command.T[0])  # joint_1 is off
+        ((3,), 0.0)
+    """
+
+    def __init__(self, reduced: ReducedModel, tracker: PositionTracker, active: Sequence[str]) -> None:
+        self.tracker = tracker
+        self._reduced = reduced
+        self._active = _places(reduced, active, tracker.outputs)
+
+    def describe(self) -> Description:
+        """Return the active actuators, and the tracker."""
+        names = self._reduced.actuation.names
+        return {
+            "type": type(self).__name__,
+            "active": [names[place] for place in self._active],
+            "tracker": describe(self.tracker),
+        }
+
+    def initial_state(self, measurement: Measurement) -> PositionState:
+        """Return the initial state of the tracker."""
+        return self.tracker.initial_state(measurement)
+
+    def step(self, t: float, measurement: Measurement, state: PositionState) -> tuple[Command, PositionState]:
+        command, state = self.tracker.step(t, measurement, state)
+        assert command.F is not None
+        here = self._reduced.at(measurement.q)
+        drive = (here.J2 @ here.B)[..., self.tracker.outputs, :][..., self._active]
+        T = np.zeros((*command.F.shape[:-1], self._reduced.p))
+        T[..., self._active] = apply_transposed(drive, command.F)
+        return command._replace(F=None, T=T), state
+
+    def effective_inertia(self, q: np.ndarray) -> np.ndarray:
+        """Return the effective inertia of the tracked outputs under the active actuators, (..., k, k)."""
+        names = self._reduced.actuation.names
+        return effective_inertia(self._reduced, q, self.tracker.outputs, [names[place] for place in self._active])
+
+
+def _places(reduced: ReducedModel, active: Sequence[str], outputs: np.ndarray) -> np.ndarray:
+    names = list(reduced.actuation.names)
+    for name in active:
+        if name not in names:
+            raise ConfigurationError(f"no actuator '{name}'{nearest(name, names)}")
+    twice = [name for name in dict.fromkeys(active) if list(active).count(name) > 1]
+    if twice:
+        raise ConfigurationError(f"active actuator '{twice[0]}' is named twice")
+    if len(active) < len(outputs):
+        raise ConfigurationError(f"{len(active)} active actuators cannot drive {len(outputs)} outputs")
+    return np.array([names.index(name) for name in active], dtype=int)
+
+
+class SplitController(ReprMixin):
+    """Controller of several parts; each measures and commands its own reducing outputs.
+
+    The coupling forces between the parts are disturbances. The measurement of a part has ``x2`` and ``v2`` of its own
+    outputs only; all other fields are complete.
+
+    Args:
+        parts: controllers and the indices of their outputs in x2.
+        r: number of reducing outputs; each has to belong to one part.
+
+    Raises:
+        ConfigurationError: an output belongs to no part, or to two.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])
+        >>> arm = rnc.control.PositionTracker(rnc.planning.Hold([0.1, 1.8]))
+        >>> hand = rnc.control.PositionTracker(rnc.planning.Hold([0.2]))
+        >>> controller = rnc.control.SplitController([(arm, [0, 1]), (hand, [2])], r=3)
+        >>> measurement = reduced.at(robot.configuration({"joint_2": 1.8}), np.zeros(3)).measure()
+        >>> command, state = controller.step(0.0, measurement, controller.initial_state(measurement))
+        >>> command.F.round(6)  # the error of joint_3 is twice that of joint_1
+        array([4., 0., 8.])
+    """
+
+    def __init__(self, parts: Sequence[tuple[Controller, np.ndarray]], r: int) -> None:
+        self._parts = [(controller, np.asarray(outputs, dtype=int)) for controller, outputs in parts]
+        self._r = r
+        places = np.concatenate([outputs for _, outputs in self._parts])
+        if sorted(places.tolist()) != list(range(r)):
+            raise ConfigurationError(
+                f"the parts command outputs {sorted(places.tolist())}, expected each of 0 to {r - 1} once"
+            )
+
+    def describe(self) -> Description:
+        """Return the descriptions of the parts, and the indices of their outputs in x2."""
+        parts = [{**describe(part), "outputs": outputs.tolist()} for part, outputs in self._parts]
+        return {"type": type(self).__name__, "parts": parts}
+
+    def initial_state(self, measurement: Measurement) -> tuple[State, ...]:
+        """Return the initial states of the parts."""
+        return tuple(controller.initial_state(_part(measurement, outputs)) for controller, outputs in self._parts)
+
+    def step(self, t: float, measurement: Measurement, state: tuple[State, ...]) -> tuple[Command, tuple[State, ...]]:
+        shape = measurement.x2.shape
+        F, v2, x2 = np.empty(shape), np.full(shape, np.nan), np.full(shape, np.nan)
+        x1: np.ndarray | None = None
+        states = []
+        for (controller, outputs), own in zip(self._parts, state, strict=True):
+            command, own = controller.step(t, _part(measurement, outputs), own)
+            states.append(own)
+            F[..., outputs] = command.F
+            if command.v2_desired is not None:
+                v2[..., outputs] = command.v2_desired
+            if command.x2_desired is not None:
+                x2[..., outputs] = command.x2_desired
+            x1 = command.x1_desired if x1 is None else x1
+        return Command(F=F, v2_desired=v2, x1_desired=x1, x2_desired=x2), tuple(states)
+
+    def _settings(self) -> dict[str, object]:
+        return {"parts": [controller for controller, _ in self._parts]}
+
+
+def _part(measurement: Measurement, outputs: np.ndarray) -> Measurement:
+    deficit = measurement.force_deficit
+    return measurement._replace(
+        x2=measurement.x2[..., outputs],
+        v2=measurement.v2[..., outputs],
+        force_deficit=None if deficit is None else deficit[..., outputs],
+    )

@@ -1,0 +1,340 @@
+"""Base of the tasks of whole-body control, rows ``J v = rate``, and tasks of outputs and frames."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
+
+from rnc_pin import _kernel
+from rnc_pin.array_shapes import Float
+from rnc_pin.control.controller import check_size
+from rnc_pin.control.whole_body.control_sample import ControlSample
+from rnc_pin.errors import ConfigurationError, SingularityError
+from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.compiled import evaluator_for
+from rnc_pin.model.coordinates import wrapped
+from rnc_pin.model.frame_rows import axis_index
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator
+from rnc_pin.model.parameter_types import Axis, NotNegative
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import OutputStack
+from rnc_pin.model.rows import ConstantRows, OutputKind
+from rnc_pin.outputs import CenterOfMass, FramePosition, FrameYaw
+from rnc_pin.planning.references import Reference
+
+
+class TaskRows(NamedTuple):
+    """Rows of a task at one sample: the program minimises ``weight (J v - rate)^2`` of each."""
+
+    jacobian: Float[Array, "k nv"]
+    """Jacobian J on the full velocity at the end of the sample; the program multiplies it by R."""
+    rate: Float[Array, " k"]
+    """Desired rate."""
+
+
+class BoundTask(ABC):
+    """Task of one model.
+
+    Attributes:
+        names: name of each row, (k,).
+        goal_names: names of the outputs that ``goal`` describes; empty if there are none.
+        constant: True if the Jacobian on the full velocity does not depend on the configuration, as for joints.
+    """
+
+    names: tuple[str, ...]
+    goal_names: tuple[str, ...] = ()
+    constant: bool = False
+
+    @abstractmethod
+    def rows(self, sample: ControlSample) -> TaskRows:
+        """Return the rows at the end of a sample."""
+
+    def goal(self, time: float) -> Float[Array, " k"]:
+        """Return the desired values of the outputs ``goal_names`` at a time [s], for the record of a run."""
+        return np.zeros(0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlTask(ABC):
+    """Task of whole-body control: a description without a model.
+
+    To add a task, derive a frozen dataclass with its settings and a ``bind`` method.
+
+    Args:
+        weight: weight of the squared error within the same priority; a number, or one for each row.
+        gain: rate of convergence [1/s]; a number, or one for each row.
+        priority: level of the task. Level 0 is strictly above level 1, and so on.
+    """
+
+    weight: float | Sequence[float] = 1.0
+    gain: float | Sequence[float] = 1.0
+    priority: int = 0
+
+    @abstractmethod
+    def bind(self, reduced: ReducedModel) -> BoundTask:
+        """Return the task of a model, with all names resolved.
+
+        Raises:
+            ModelError: a joint or frame does not exist.
+            ConfigurationError: the settings do not fit the model.
+        """
+
+    def numbers(self, name: str, value: float | Sequence[float], size: int) -> Float[Array, " k"]:
+        """Return a setting as one number for each of ``size`` rows.
+
+        Raises:
+            ConfigurationError: a number is negative or not finite, or their count is neither one nor ``size``.
+        """
+        array = np.asarray(value, dtype=float)
+        if array.shape not in ((), (size,)) or not (np.isfinite(array).all() and (array >= 0).all()):
+            raise ConfigurationError(
+                f"{name} of {type(self).__name__} has to be a number or {size} numbers, not negative, found {value}"
+            )
+        return np.array(np.broadcast_to(array, (size,)))
+
+
+# ------------------------------------------------------------------ tasks
+
+
+@dataclass(frozen=True)
+class OutputTask(ControlTask):
+    """Output that follows a reference: ``J v = xd_dot + gain (xd - x)``.
+
+    Any output serves, whether it is a reducing output, a vertical output or neither. Angles and orientations take the
+    shortest rotation. A quasi-velocity such as a speed follows the velocity of its reference; it has no position error.
+
+    Args:
+        output: the output, e.g. ``rnc.FramePosition("hand")``.
+        reference: its reference.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> task = rnc.control.tasks.OutputTask(rnc.JointPosition("joint_1"), rnc.planning.Hold([0.5]), gain=2.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = task.bind(reduced).rows(sample)
+        >>> rows.rate.round(6) + 0.0  # gain times the error
+        array([1.])
+    """
+
+    output: OutputKind
+    reference: Reference
+
+    def bind(self, reduced: ReducedModel) -> BoundOutput:
+        return BoundOutput(self, self.output, self.reference, reduced)
+
+
+class BoundOutput(BoundTask):
+    """Output that follows a reference, for one model; ``TaskStack`` evaluates all of them together.
+
+    Args:
+        task: the task, which has the gain.
+        output: the output.
+        reference: its reference.
+        reduced: the model.
+
+    Attributes:
+        block: rows of the output.
+        reference: its reference.
+        gain: rate of convergence of each row (k,) [1/s]; zero for a quasi-velocity.
+    """
+
+    def __init__(self, task: ControlTask, output: OutputKind, reference: Reference, reduced: ReducedModel) -> None:
+        self.block, self.reference = output.bind(reduced.robot), reference
+        self._together = OutputsTogether([self], reduced)
+        self.names = self.goal_names = self.block.names
+        self.constant = isinstance(self.block, ConstantRows)
+        check_size(reference, len(self.names), f"'{', '.join(self.names)}'")
+        self.gain = task.numbers("gain", task.gain, len(self.names)) * (not self.block.quasi)
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        return self._together.rows(sample)
+
+    def goal(self, time: float) -> np.ndarray:
+        return self.reference.at(time).position
+
+
+class OutputsTogether:
+    """Several output tasks of one model, with one evaluation of all outputs.
+
+    Args:
+        tasks: the tasks.
+        reduced: the model.
+    """
+
+    def __init__(self, tasks: Sequence[BoundOutput], reduced: ReducedModel) -> None:
+        self._tasks, self._reduced = tasks, reduced
+        self._stack = OutputStack([task.block for task in tasks])
+
+    @cached_property
+    def _evaluator(self) -> NumPyEvaluator:
+        return evaluator_for(self._reduced.reduction_data.measuring(self._stack), self._reduced.evaluator)
+
+    @cached_property
+    def _gain(self) -> np.ndarray:
+        return np.concatenate([task.gain for task in self._tasks])
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        """Return the rows of all tasks at the end of a sample."""
+        here = sample.end.configuration.in_reduction(self._evaluator)
+        points = [task.reference.at(sample.time) for task in self._tasks]
+        position, velocity, acceleration = (np.concatenate(each) for each in list(zip(*points, strict=True))[:3])
+        coordinates = self._stack.coordinates
+        rate = coordinates.to_rates(position, velocity, acceleration)[0]
+        return TaskRows(here.J1, rate + self._gain * coordinates.difference(position, here.outputs()[0]))
+
+
+@dataclass(frozen=True)
+class CenterOfMassTask(ControlTask):
+    """Centre of mass of the robot that follows a reference in the world.
+
+    Args:
+        reference: of the coordinates [m].
+        axes: world axes, e.g. "xy" or "xyz".
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> task = rnc.control.tasks.CenterOfMassTask(rnc.planning.Hold([1.5, 0.0]), axes="xy", gain=2.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = task.bind(reduced).rows(sample)
+        >>> rows.rate.round(6) + 0.0  # the centre is at x = 1 m
+        array([1., 0.])
+    """
+
+    reference: Reference
+    axes: str = "xyz"
+
+    def bind(self, reduced: ReducedModel) -> BoundOutput:
+        check_size(self.reference, len(self.axes), "centre-of-mass")
+        return BoundOutput(self, CenterOfMass(self.axes), self.reference, reduced)
+
+
+@dataclass(frozen=True)
+class BasePoseTask(ControlTask):
+    """Frame of a base that follows a reference pose (x, y, yaw) in the plane.
+
+    A base that cannot move sideways corrects a lateral error by turning while it moves: set ``lateral_gain`` (Y.
+    Kanayama et al., IEEE ICRA 1990). The yaw rate then grows by ``lateral_gain u e``, with the reference's forward
+    speed u and the lateral error e to the left. At rest such a base keeps a lateral error.
+
+    Args:
+        frame: frame of the base, with x forward.
+        reference: of x, y [m] and yaw [rad].
+        lateral_gain: yaw rate per forward speed and lateral error [rad/m^2].
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> task = rnc.control.tasks.BasePoseTask("base", rnc.planning.Hold([1.0, 0.0, 0.2]), gain=2.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = task.bind(reduced).rows(sample)
+        >>> rows.rate.round(6) + 0.0
+        array([2. , 0. , 0.4])
+    """
+
+    frame: str
+    reference: Reference
+    lateral_gain: NotNegative = 0.0
+
+    def bind(self, reduced: ReducedModel) -> BoundTask:
+        return _BoundBase(self, reduced)
+
+
+class _BoundBase(BoundTask):
+    def __init__(self, task: BasePoseTask, reduced: ReducedModel) -> None:
+        self._position = FramePosition(task.frame, "xy").bind(reduced.robot)
+        self._yaw = FrameYaw(task.frame).bind(reduced.robot)
+        self.names = self.goal_names = (*self._position.names, *self._yaw.names)
+        check_size(task.reference, 3, "base pose")
+        self._reference, self._gain = task.reference, task.numbers("gain", task.gain, 3)
+        (self._lateral_gain,) = task.numbers("lateral_gain", task.lateral_gain, 1)
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        at, desired = sample.end.position, self._reference.at(sample.time)
+        yaw = float(self._yaw.value(at)[0])
+        offset = desired.position[:2] - self._position.value(at)
+        error = np.array([*offset, wrapped(desired.position[2] - yaw)])
+        rate = desired.velocity + self._gain * error
+        cosine, sine = np.cos(desired.position[2]), np.sin(desired.position[2])
+        forward = cosine * desired.velocity[0] + sine * desired.velocity[1]
+        rate[2] += self._lateral_gain * forward * (np.cos(yaw) * offset[1] - np.sin(yaw) * offset[0])
+        return TaskRows(np.vstack([self._position.jacobian(at), self._yaw.jacobian(at)]), rate)
+
+    def goal(self, time: float) -> np.ndarray:
+        return self._reference.at(time).position
+
+
+_NEAR = 1e-6  # [m]
+
+
+@dataclass(frozen=True)
+class LookAtTask(ControlTask):
+    """Frame whose own axis points at a point of the world, or at another frame.
+
+    With the axis a, the unit vector d to the point and the error ``e = a - d``, the task is ``e_dot = -gain e``. The
+    three rows have rank two: the rotation about the axis is free.
+
+    Args:
+        frame: name of the frame, e.g. of a camera.
+        target: point in the world (x, y, z) [m], or the name of a frame.
+        axis: the frame's own axis.
+
+    Raises:
+        SingularityError: at a sample, the point is at the origin of the frame.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> task = rnc.control.tasks.LookAtTask("tip", target=[2.0, 3.0, 0.48], axis="x", gain=2.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = task.bind(reduced).rows(sample)
+        >>> rows.rate.round(6) + 0.0  # -gain (a - d): the point is to the left of the tip
+        array([-2.,  2.,  0.])
+    """
+
+    frame: str
+    target: Sequence[float] | str
+    axis: Axis = "x"
+
+    def bind(self, reduced: ReducedModel) -> BoundTask:
+        return _BoundLook(self, reduced)
+
+
+class _BoundLook(BoundTask):
+    def __init__(self, task: LookAtTask, reduced: ReducedModel) -> None:
+        robot = reduced.robot
+        self._frame, self._axis = robot.frame_id(task.frame), axis_index(task.axis)
+        self._other = robot.frame_id(task.target) if isinstance(task.target, str) else None
+        self._point = np.zeros(3) if isinstance(task.target, str) else np.asarray(task.target, dtype=float)
+        if self._point.shape != (3,) or not np.isfinite(self._point).all():
+            raise ConfigurationError(f"frame '{task.frame}' looks at a frame or at (x, y, z), found {task.target}")
+        self.names = tuple(f"{task.frame} looks {axis}" for axis in "xyz")
+        self._gain = task.numbers("gain", task.gain, 3)
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        at = sample.end.position
+        here, J = at.placement(self._frame), at.jacobian(self._frame)
+        axis, point, other = here.rotation[:, self._axis].copy(), self._point, None
+        if self._other is not None:
+            point, other = at.placement(self._other).translation, at.jacobian(self._other)
+        ray = point - here.translation
+        length = float(np.sqrt(ray @ ray))
+        if length < _NEAR:
+            raise SingularityError(
+                "a frame cannot look at its own origin", q=sample.end.q.copy(), condition=np.inf, rows=self.names
+            )
+        direction = ray / length
+        rate = -self._gain * (axis - direction)
+        rows = np.empty((3, J.shape[-1]))
+        if _kernel.library.look_rows(J, other, axis, ray, length, rows):
+            return TaskRows(rows, rate)
+        approach = -J[:3] if other is None else other[:3] - J[:3]
+        turn = (approach - np.outer(direction, direction @ approach)) / length
+        return TaskRows(-pin.skew(axis) @ J[3:] - turn, rate)

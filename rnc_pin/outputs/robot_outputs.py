@@ -1,0 +1,214 @@
+"""Outputs of the whole robot: positions of joints, the centre of mass, and functions of a user."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ConfigurationError, ConstraintError, ModelError
+from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.frame_rows import OffsetFrame, PointRows, axis_index
+from rnc_pin.model.kernel_rows import Form, KernelRow, Value
+from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
+from rnc_pin.model.rows import ConstantRows, OutputRows, admit_rows
+from rnc_pin.model.user_functions import DerivedRate, Rate, check_rate
+from rnc_pin.robots.robot import Robot
+
+
+@dataclass(frozen=True)
+class JointPosition:
+    """Angle [rad] or displacement [m] of a joint with one degree of freedom.
+
+    Args:
+        joint: name of the joint. The value of a continuous joint is in (-pi, pi].
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> joints = ["joint_1", "joint_2", "joint_3"]
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], joints)
+        >>> reduced = system.reduce([rnc.JointPosition(name) for name in joints], [rnc.JointPosition("platform")])
+        >>> reduced.at(robot.configuration()).A_star.round(3)  # how far the platform turns for each joint
+        array([[-0.933, -0.533, -0.2  ]])
+    """
+
+    joint: str
+
+    def bind(self, robot: Robot) -> OutputRows:
+        return _JointRow(self, robot)
+
+
+class _JointRow(ConstantRows, OutputRows):
+    def __init__(self, kind: JointPosition, robot: Robot) -> None:
+        joint = robot.single_joint(kind.joint, "use outputs of a frame (FramePosition, FrameYaw, FrameSpeed) for it")
+        self.names, self.units, self.angular = (kind.joint,), (joint.unit,), (joint.continuous,)
+        self._joint = joint
+        self.matrix = np.zeros((1, robot.nv))
+        self.matrix[0, joint.idx_v] = 1.0
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        value = Value.CONTINUOUS_JOINT if self.angular[0] else Value.JOINT
+        return [KernelRow(Form.CONSTANT, value=(value, self._joint.idx_q))]
+
+    def value(self, at: PositionKinematics) -> np.ndarray:
+        return self._joint.position(at.q)[..., None]
+
+
+@dataclass(frozen=True)
+class CenterOfMass:
+    """World coordinates of the centre of mass of the whole robot [m]; their rates are its momentum over its mass.
+
+    Args:
+        axes: world axes, e.g. "xy" or "xyz".
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")])
+        >>> reduced = system.reduce(vertical=[rnc.CenterOfMass("xy")])
+        >>> x1, _ = reduced.at(robot.configuration()).outputs()
+        >>> x1.round(3)
+        array([1., 0.])
+    """
+
+    axes: str = "xyz"
+
+    def bind(self, robot: Robot) -> OutputRows:
+        chosen = [axis_index(axis) for axis in self.axes]
+        if not chosen or len(set(chosen)) != len(chosen):
+            raise ConfigurationError(f"axes '{self.axes}' of the centre of mass: name each of x, y, z at most once")
+        return _CenterOfMassRows(robot, chosen)
+
+
+class _CenterOfMassRows(OutputRows):
+    """Sum of the velocities of the bodies' centres, each times its part of the mass."""
+
+    def __init__(self, robot: Robot, chosen: list[int]) -> None:
+        self._chosen = chosen
+        self.names = tuple(f"center_of_mass_{'xyz'[axis]}" for axis in chosen)
+        self.units, self.angular = ("m/s",) * len(chosen), (False,) * len(chosen)
+        inertias = robot.model.inertias
+        heavy = [index for index, each in enumerate(inertias) if index and each.mass > 0]
+        total = sum(inertias[index].mass for index in heavy)
+        self._bodies = [(inertias[index].mass / total, PointRows(_center(robot, index))) for index in heavy]
+
+    def _sum(self, of: Callable[[PointRows], np.ndarray]) -> np.ndarray:
+        return np.asarray(sum(share * of(center) for share, center in self._bodies))
+
+    def value(self, at: PositionKinematics) -> np.ndarray:
+        return self._sum(lambda center: center.point.placement(at).translation)[..., self._chosen]
+
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
+        return self._sum(lambda center: center.jacobian(at))[..., self._chosen, :]
+
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
+        return self._sum(lambda center: center.jacobian_dot(at))[..., self._chosen, :]
+
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
+        return self._sum(lambda center: center.bias_acceleration(at))[..., self._chosen]
+
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
+        return self._sum(lambda center: center.bias_acceleration_gradient(at))[self._chosen]
+
+
+def _center(robot: Robot, joint: int) -> OffsetFrame:
+    """Centre of mass of the body behind a joint.
+
+    Raises:
+        ModelError: it has no frame.
+    """
+    model, inertia = robot.model, robot.model.inertias[joint]
+    for index, frame in enumerate(model.frames):
+        if frame.parentJoint == joint and robot.frame_id(frame.name) == index:
+            return OffsetFrame(robot, frame.name, frame.placement.actInv(inertia.lever))
+    raise ModelError(
+        f"body behind joint '{model.names[joint]}' has no frame with a name of its own: add one with model.addFrame"
+    )
+
+
+@dataclass(frozen=True)
+class Output:
+    """User-defined output ``x(q)`` with its Jacobian on the tangent space.
+
+    Args:
+        value: ``value(q) -> (k,)``, or None for a quasi-velocity.
+        jacobian: ``jacobian(q) -> (k, nv)``.
+        jacobian_dot: ``jacobian_dot(q, v) -> (k, nv)``, its rate along v; derived from ``jacobian`` by default.
+        names: name of each row.
+        angular: True if the values are angles, compared modulo a full turn.
+
+    Raises:
+        InputError: a function returns an array of wrong shape.
+        ConstraintError: no names, or a given derivative differs from differences at random states.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> row = np.array([[1.0, 1.0, 1.0, 1.0]])
+        >>> hand = rnc.Output(lambda q: row @ q, lambda q: row, names=["hand_angle"], angular=True)
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> x1, _ = system.reduce(vertical=[hand]).at(robot.configuration({"joint_1": 0.3, "joint_3": 0.4})).outputs()
+        >>> x1.round(3)
+        array([0.7])
+    """
+
+    value: Callable[[np.ndarray], np.ndarray] | None
+    jacobian: Callable[[np.ndarray], np.ndarray]
+    jacobian_dot: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    names: Sequence[str] = ()
+    angular: bool = False
+
+    def bind(self, robot: Robot) -> OutputRows:
+        return _CustomRows(self, robot)
+
+
+class _CustomRows(OutputRows):
+    def __init__(self, kind: Output, robot: Robot) -> None:
+        size = len(kind.names)
+        if isinstance(kind.names, str) or size == 0:
+            raise ConstraintError(f"names of a user-defined output have to be a list of strings, found {kind.names!r}")
+        self.names = tuple(kind.names)
+        self.units = ("",) * size
+        self.angular = (kind.angular,) * size
+        self.quasi = kind.value is None
+        self._kind = kind
+        self._shape = (size, robot.nv)
+        admit_rows(kind.jacobian(robot.configuration()), self._shape, f"jacobian(q) of output {self.names}")
+        whose = f" of output {self.names}"
+        if kind.value is not None:
+            along = partial(_product, kind.jacobian)
+            admit_rows(kind.value(robot.configuration()), self._shape[:1], f"value(q){whose}")
+            check_rate(robot, kind.value, along, ("value(q)", f"jacobian(q) v{whose}"), self.names, kind.angular)
+        if kind.jacobian_dot is None:
+            self._jacobian_dot: Rate = DerivedRate(robot, kind.jacobian, f"jacobian(q){whose}")
+        else:
+            self._jacobian_dot = kind.jacobian_dot
+            labels = "jacobian(q)", f"jacobian_dot(q, v){whose}"
+            check_rate(robot, kind.jacobian, kind.jacobian_dot, labels, self.names)
+
+    def value(self, at: PositionKinematics) -> np.ndarray:
+        value = self._kind.value
+        if value is None:
+            return super().value(at)
+        return over_states(partial(self._admitted, value, "value(q)", self._shape[:1]), self._shape[:1], at.q)
+
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
+        rows = partial(self._admitted, self._kind.jacobian, "jacobian(q)", self._shape)
+        return over_states(rows, self._shape, at.q)
+
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
+        rows = partial(self._admitted, self._jacobian_dot, "jacobian_dot(q, v)", self._shape)
+        return over_states(rows, self._shape, at.q, at.v)
+
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
+        return apply(self.jacobian_dot(at), at.v)
+
+    def _admitted(
+        self, function: Callable[..., object], what: str, shape: tuple[int, ...], *state: np.ndarray
+    ) -> np.ndarray:
+        return admit_rows(function(*state), shape, f"{what} of output {self.names}")
+
+
+def _product(jacobian: Callable[[np.ndarray], np.ndarray], q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    return np.asarray(jacobian(q) @ v)

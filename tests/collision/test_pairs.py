@@ -1,0 +1,76 @@
+"""Pairs that an SRDF file disables, and numbers that PairMeasurement reads, against coal's and closed forms."""
+
+import coal
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.collision import read_disabled_pairs
+from rnc_pin.collision.pairs import LinkPair, PairMeasurement
+from rnc_pin.errors import SimulationError
+
+SRDF = """<robot name="r">
+  <group name="arm"/>
+  <disable_collisions link1="a" link2="b" reason="Never"/>
+  <disable_collisions link1="a" link2="elsewhere" reason="Never"/>
+</robot>"""
+
+
+def test_disabled_pairs_are_read(tmp_path):
+    file = tmp_path / "r.srdf"
+    file.write_text(SRDF)
+    assert read_disabled_pairs(file, ["a", "b", "c"]) == (("a", "b"),)
+
+
+@pytest.mark.parametrize(("text", "words"), [("<robot>", "not well-formed"), ("<sdf/>", "expected <robot>")])
+def test_other_files_are_refused(tmp_path, text, words):
+    file = tmp_path / "r.srdf"
+    file.write_text(text)
+    with pytest.raises(rnc.ModelError, match=words):
+        read_disabled_pairs(file, ["a"])
+    with pytest.raises(rnc.ModelError, match="cannot be read"):
+        read_disabled_pairs(tmp_path / "none.srdf", ["a"])
+
+
+SHAPES = [coal.Sphere(0.3), coal.Box(0.4, 0.6, 0.8), coal.Cylinder(0.2, 0.5), coal.Capsule(0.1, 0.7), coal.Sphere(0.2)]
+PAIRS = [LinkPair(a, b, (f"{a}", f"{b}")) for a in range(5) for b in range(a + 1, 5)]
+
+
+@pytest.fixture
+def placed():
+    generator = np.random.default_rng(5)
+    rotations = np.linalg.qr(generator.standard_normal((5, 3, 3)))[0]
+    rotations *= np.linalg.det(rotations)[:, None, None]
+    origins = generator.uniform(-0.6, 0.6, (5, 3))
+    origins[4] = origins[1]  # a sphere inside a box
+    measurement = PairMeasurement(SHAPES, PAIRS)
+    measurement.place(range(len(PAIRS)), rotations, origins)
+    return measurement, origins
+
+
+def test_memory_has_the_numbers_of_the_attributes(placed, monkeypatch):
+    measurement, _ = placed
+    assert measurement._memory is not None
+    found = measurement.measure([3, 0, 6, 9, 8])
+    assert found[2, 0] < 0 < found[1, 0]
+    monkeypatch.setattr(measurement, "_memory", None)
+    np.testing.assert_array_equal(found, measurement.measure([3, 0, 6, 9, 8]))
+
+
+def test_two_spheres_have_the_closed_form(placed):
+    measurement, origins = placed
+    ((distance, *rest),) = measurement.measure([3])
+    offset = origins[4] - origins[0]
+    normal = offset / np.linalg.norm(offset)
+    assert distance == pytest.approx(np.linalg.norm(offset) - 0.5, abs=1e-12)
+    np.testing.assert_allclose(rest, [*normal, *(origins[0] + 0.3 * normal), *(origins[4] - 0.2 * normal)], atol=1e-12)
+
+
+@pytest.mark.parametrize("memory", [True, False])
+def test_a_failed_search_of_a_depth_is_an_error(placed, monkeypatch, memory):
+    measurement, _ = placed
+    monkeypatch.setattr(coal, "distance", lambda *given: -np.finfo(float).max)
+    if not memory:
+        monkeypatch.setattr(measurement, "_memory", None)
+    with pytest.raises(SimulationError, match="no penetration depth of 0 / 4"):
+        measurement.measure([3])

@@ -1,0 +1,148 @@
+"""Hulls of meshes, and obstacles: poses, motions, meshes from files, and what is refused."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, ground_shape, load_mesh_shape
+from rnc_pin.collision.shapes import hull_of
+
+ANGLES = np.linspace(0.0, 2 * np.pi, 400, endpoint=False)
+RING = np.column_stack([np.cos(ANGLES), np.sin(ANGLES), 0 * ANGLES])
+
+
+def test_a_drum_of_many_corners_keeps_its_shape():
+    """Its flat faces are fans about one corner at first."""
+    hull = hull_of(np.vstack([RING, RING + np.array([0.0, 0.0, 2.0])]), "drum")
+    assert hull.num_points == 800
+    assert hull.computeVolume() == pytest.approx(2.0 * 200 * np.sin(2 * np.pi / 400), rel=1e-9)
+
+
+def test_the_tip_of_a_fine_cone_gets_a_box_that_contains_it():
+    hull = hull_of(np.vstack([RING, [[0.0, 0.0, 1.0]]]), "cone")
+    assert hull.num_points == 8
+    assert hull.computeVolume() == pytest.approx(4.0)
+
+
+def wheel_on_an_axle(shape, placement):
+    """A shape on a revolute joint about an axis that is not one of the frame, 0.5 m beside a small ball."""
+    model, geometry = pin.Model(), pin.GeometryModel()
+    axle = pin.JointModelRevoluteUnaligned(np.array([0.0, 0.6, 0.8]))
+    joint = model.addJoint(0, axle, pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.2, 0.1), np.array([0.0, 0.0, 1.0])), "axle")
+    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    frame = model.addFrame(pin.Frame("wheel", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
+    geometry.addGeometryObject(pin.GeometryObject("wheel_0", joint, frame, placement, shape))
+    ball = Obstacle(coal.Sphere(0.1), position=(0.5, 0.4, 0.9), name="ball")
+    return CollisionDistances(rnc.Robot(model, geometry, geometry), [ball], PairSelection(links=False))
+
+
+ALONG = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.6, 0.8])).toRotationMatrix()
+
+
+@pytest.mark.parametrize(
+    "shape", [coal.Cylinder(0.3, 0.1), coal.Capsule(0.1, 0.3), coal.Cone(0.3, 0.2), coal.Sphere(0.3)]
+)
+def test_a_wheel_keeps_its_distance_and_its_pose_without_spin(shape):
+    distances = wheel_on_an_axle(shape, pin.SE3(ALONG, 0.05 * ALONG[:, 2]))
+    assert distances.spinning.shapes.tolist() == [0]
+    assert distances.spinning.wobble[0] < 1e-15
+    placed = [distances.place(np.array([[angle]]), np.zeros(1)).still[0, 0] for angle in (0.0, 1.0, 2.0)]
+    np.testing.assert_allclose(placed[1], placed[0], atol=1e-14)
+    measured = [distances.smallest([angle], beyond=9.0)[0] for angle in np.linspace(-3.0, 3.0, 7)]
+    assert np.ptp(measured) < 1e-7
+
+
+def test_the_wobble_bounds_what_rounded_angles_change():
+    """A wheel whose angles have five digits: its distances change, by less than twice the wobble."""
+    tilted = ALONG @ pin.rpy.rpyToMatrix(4e-6, 0.0, 0.0)
+    distances = wheel_on_an_axle(coal.Cylinder(0.3, 0.1), pin.SE3(tilted, np.zeros(3)))
+    wobble = distances.spinning.wobble[0]
+    assert 1e-6 < wobble < 2e-6
+    measured = [distances.smallest([angle], beyond=9.0)[0] for angle in np.linspace(-3.0, 3.0, 40)]
+    assert 1e-7 < np.ptp(measured) < 2.0 * wobble
+
+
+@pytest.mark.parametrize(("shape", "placement"), [
+    (coal.Cylinder(0.3, 0.1), pin.SE3(ALONG @ pin.rpy.rpyToMatrix(1e-3, 0.0, 0.0), np.zeros(3))),
+    (coal.Cylinder(0.3, 0.1), pin.SE3(ALONG, np.array([1e-3, 0.0, 0.0]))),
+    (coal.Sphere(0.3), pin.SE3(ALONG, np.array([1e-3, 0.0, 0.0]))),
+    (coal.Box(0.3, 0.3, 0.1), pin.SE3(ALONG, np.zeros(3))),
+], ids=["tilted", "eccentric", "eccentric ball", "box"])  # fmt: skip
+def test_other_bodies_spin(shape, placement):
+    assert not len(wheel_on_an_axle(shape, placement).spinning.shapes)
+
+
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+def test_pose_turns_by_roll_pitch_and_yaw():
+    pose = Obstacle(coal.Box(1, 2, 3), position=(1, 2, 3), yaw=np.pi / 2, roll=np.pi / 2).placement(0.0)
+    np.testing.assert_allclose(pose.rotation @ [0, 1, 0], [0, 0, 1], atol=1e-15)
+    np.testing.assert_allclose(pose.rotation @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+
+
+def test_twist_is_the_derivative_of_the_pose():
+    motion = rnc.planning.Harmonic([1.0, 2.0, 0.5, 0.2], [0.3, -0.2, 0.1, 0.7], 0.4)
+    obstacle = Obstacle(coal.Sphere(0.1), motion=motion, name="ball")
+    t, h = 1.3, 1e-6
+    ahead, behind = obstacle.placement(t + h), obstacle.placement(t - h)
+    twist = obstacle.twist(t)
+    np.testing.assert_allclose((ahead.translation - behind.translation) / (2 * h), twist[:3], atol=1e-8)
+    turning = (ahead.rotation - behind.rotation) / (2 * h) @ obstacle.placement(t).rotation.T
+    np.testing.assert_allclose([turning[2, 1], turning[0, 2], turning[1, 0]], twist[3:], atol=1e-8)
+
+
+def test_mesh_becomes_its_hull(tmp_path):
+    file = tmp_path / "rock.obj"
+    file.write_text(TETRAHEDRON)
+    shape = load_mesh_shape(file, scale=(2.0, 1.0, 1.0))
+    assert shape.computeVolume() == pytest.approx(2.0 / 6.0)
+    assert Obstacle(shape, name="rock").shape is shape
+
+
+def test_flat_mesh_gets_a_thickness(tmp_path):
+    file = tmp_path / "sheet.obj"
+    file.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n")
+    assert 0.0 < load_mesh_shape(file).computeVolume() < 2e-3
+
+
+def test_floor_is_a_half_space():
+    floor = Obstacle(ground_shape(), position=(0, 0, 0.2), name="floor", ignored_links=["wheel"])
+    assert floor.unbounded
+    assert floor.ignored_links == ("wheel",)
+    assert not Obstacle(coal.Sphere(1)).unbounded
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"shape": coal.Box(1, 0, 1)}, "sizes have to be positive"),
+        ({"shape": coal.Sphere(-1)}, "sizes have to be positive"),
+        ({"shape": coal.Sphere(np.inf)}, "sizes have to be positive and finite"),
+        ({"shape": coal.Sphere(1), "position": (0, 0)}, "three finite numbers"),
+        ({"shape": coal.Sphere(1), "position": (0, 0, np.nan)}, "three finite numbers"),
+        ({"shape": coal.Sphere(1), "yaw": "left"}, "have to be numbers"),
+        ({"shape": coal.Sphere(1), "motion": rnc.planning.Hold([0, 0, 0])}, "motion has 3 numbers"),
+        ({"shape": coal.Plane(np.array([0.0, 0.0, 1.0]), 0.0)}, "is a Plane"),
+        ({"shape": "box"}, "expected a coal shape"),
+        ({"shape": coal.Box(1, 1, 1), "ignored_links": "wheel"}, "takes names of links, found 'wheel'"),
+    ],
+)
+def test_unusable_obstacles_are_refused(arguments, words):
+    with pytest.raises(rnc.RncError, match=words):
+        Obstacle(name="it", **arguments)
+
+
+def test_unusable_meshes_are_refused(tmp_path):
+    with pytest.raises(rnc.ModelError, match="rock"):
+        load_mesh_shape(tmp_path / "rock.obj")
+    bad = tmp_path / "bad.stl"
+    bad.write_bytes(b"\xff" * 90)
+    with pytest.raises(rnc.ModelError, match=r"bad\.stl"):
+        load_mesh_shape(bad)
+    good = tmp_path / "rock.obj"
+    good.write_text(TETRAHEDRON)
+    with pytest.raises(rnc.ModelError, match="scale"):
+        load_mesh_shape(good, 0.0)

@@ -1,0 +1,312 @@
+"""Outputs that keep a value or follow a motion, beside models without the joint and equations written out here."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import scipy
+
+import rnc_pin as rnc
+from bodies import add_body
+from rnc_pin.control import ZeroInput
+from rnc_pin.control.whole_body.tasks import DampingTask, OutputTask
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.planning import Harmonic, Hold, MinimumJerk
+
+ANGLE = 0.4
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return rnc.Robot.from_urdf("space_robot.urdf")
+
+
+def test_a_welded_joint_is_a_locked_one(robot):
+    """Its dynamics are those of Pinocchio's model without the joint."""
+    welded = rnc.FixedOutput(rnc.JointPosition("joint_1"), ANGLE)
+    reduced = rnc.NonholonomicSystem(robot, [welded], ["joint_2", "joint_3"]).reduce()
+    q = reduced.assembled(robot.configuration({"joint_2": 0.7, "joint_3": -0.2}))
+    assert not reduced.rheonomic
+    assert not reduced.all_constraints.affine
+    locked = pin.buildReducedModel(robot.model, [robot.joint_id("joint_1")], q)
+    generator = np.random.default_rng(2)
+    v, T = generator.normal(size=locked.nv), generator.normal(size=2)
+    free = [k for k, name in enumerate(robot.velocity_names) if "joint_1" not in name]
+    whole = np.zeros(robot.nv)
+    whole[free] = v
+    state = reduced.at(q, v=whole)
+    found = state.acceleration(T)
+    forces = np.zeros(locked.nv)
+    forces[-2:] = T
+    q_free = np.delete(q, robot.model.idx_qs[robot.joint_id("joint_1")])
+    expected = pin.aba(locked, locked.createData(), q_free, v, forces)
+    np.testing.assert_allclose(found[free], expected, rtol=1e-9, atol=1e-10)
+    assert found[robot.velocity_names.index("joint_1")] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_hand_stays_on_its_wall(robot):
+    """The distance to the wall is kept over a free motion, and the force on the hand does no work."""
+    q0 = robot.configuration({"joint_1": 0.3, "joint_2": 0.5, "joint_3": 0.4})
+    frame = robot.model.frames[-1].name
+    place = rnc.FramePosition(frame, "x")
+    value = place.bind(robot).value(rnc.NonholonomicSystem(robot).reduce().at(q0).position)
+    reduced = rnc.NonholonomicSystem(robot, [rnc.FixedOutput(place, value)], robot.joint_names[1:]).reduce()
+    start = np.linspace(0.1, 0.3, reduced.r)
+    run = rnc.free_motion(reduced, q0, start, 1.0, 0.1, tolerance=1e-10)
+    assert run.position_residual.max() < 1e-9
+    np.testing.assert_allclose(run.energy, run.energy[0], rtol=1e-9)
+    assert np.abs(run.contact_forces).max() > 1e-3
+
+
+def test_what_cannot_be_kept_is_refused(robot):
+    with pytest.raises(rnc.ConstraintError, match=r"fixed output joint_1: expected 1 numbers, found \[1, 2\]"):
+        rnc.FixedOutput(rnc.JointPosition("joint_1"), [1, 2]).bind(robot)
+    base = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    with pytest.raises(rnc.ConstraintError, match="a speed has no value; PrescribedMotion prescribes its rate"):
+        rnc.FixedOutput(rnc.FrameSpeed("sleigh", "x"), 0.0).bind(base)
+
+
+def test_an_impact_takes_the_time_of_a_prescribed_motion(robot):
+    """A joint that starts to follow its motion at t jumps to the rate of this time."""
+    swing = Harmonic([0.0], [0.3], 0.5)
+    driven = rnc.PrescribedMotion(rnc.JointPosition("joint_1"), swing)
+    reduced = rnc.NonholonomicSystem(robot, [driven], ["joint_2", "joint_3"]).reduce()
+    t = 0.8
+    q = robot.configuration({"joint_1": swing.at(t).position[0]})
+    jump = rnc.impact(reduced, q, np.zeros(robot.nv), t=t)
+    assert jump.v[robot.velocity_names.index("joint_1")] == pytest.approx(swing.at(t).velocity[0], rel=1e-12)
+    with pytest.raises(rnc.InputError, match="depend on time"):
+        rnc.impact(reduced, q, np.zeros(robot.nv))
+
+
+def test_a_scenario_file_welds_a_joint(tmp_path):
+    text = (
+        "robot: {urdf: space_robot.urdf}\nconstraints:\n  - {momentum: platform}\n"
+        "  - {fixed_output: {output: {joint: joint_1}, value: 0.3}}\n"
+        "actuators: [joint_2, joint_3]\ncontroller: {type: none}\nsimulation: {duration: 0.02, dt: 0.01}\n"
+    )
+    (tmp_path / "welded.yaml").write_text(text)
+    scenario = rnc.Scenario.load(str(tmp_path / "welded.yaml"))
+    assert "fixed(joint_1)" in scenario.system.constraints.names
+    assert scenario.run().position_residual.max() < 1e-12
+
+
+LENGTH, MASS, GRAVITY = 0.4, 1.3, 9.81
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(5)
+
+
+@pytest.fixture(scope="module")
+def pendulum():
+    """Pendulum on a pivot that slides vertically; at angle zero it stands upright."""
+    model = pin.Model()
+    pivot = add_body(model, "pivot", "PZ", 0.5, moments=1e-3)
+    hinge = model.addJoint(pivot, pin.JointModelRY(), pin.SE3.Identity(), "hinge")
+    bob = pin.Inertia(MASS, np.array([0.0, 0.0, LENGTH]), 1e-9 * np.eye(3))
+    model.appendBodyToJoint(hinge, bob, pin.SE3.Identity())
+    model.damping = np.array([0.0, 0.2])
+    robot = rnc.Robot(model)
+    shaken = Harmonic([0.0], [0.02], 30.0, phase=np.pi / 2, ramp=0.2)
+    system = rnc.NonholonomicSystem(robot, [rnc.PrescribedMotion(rnc.JointPosition("pivot"), shaken)], ["hinge"])
+    return SimpleNamespace(robot=robot, shaken=shaken, system=system, reduced=system.reduce())
+
+
+def kapitza(shaken, times, damping=0.0):
+    """Angles of the pendulum whose pivot is shaken: ``I th'' = m l (g + z'') sin th - d th'``."""
+
+    def rates(t, x):
+        torque = MASS * LENGTH * (GRAVITY + shaken.at(t).acceleration[0]) * np.sin(x[0]) - damping * x[1]
+        return [x[1], torque / (MASS * LENGTH**2 + 1e-9)]
+
+    return scipy.integrate.solve_ivp(
+        rates, (0, times[-1]), [0.3, 0.0], "DOP853", times, rtol=1e-12, atol=1e-12, max_step=0.005
+    ).y[0]
+
+
+class Nothing:
+    """Controller that gives no input, and notes the times and velocities of its samples."""
+
+    def __init__(self):
+        self.seen = []
+
+    def initial_state(self, measurement):
+        return None
+
+    def step(self, t, measurement, state):
+        self.seen.append((t, measurement.v.copy(), measurement.v1_offset))
+        return rnc.control.Command(T=np.zeros(1)), state
+
+
+def test_a_sampled_run_with_damping_knows_the_time_of_each_stage(pendulum):
+    plant = rnc.ReducedPlant(pendulum.reduced, joint_damping=True, substeps=2)
+    run = rnc.simulate(pendulum.reduced, Nothing(), np.array([0.0, 0.3]), 0.2, dt=0.002, plant=plant)
+    np.testing.assert_allclose(run.q[:, 1], kapitza(pendulum.shaken, run.time, 0.2), atol=1e-5)
+
+
+def test_a_loop_counts_the_time_of_the_constraints_from_its_first_step(pendulum):
+    controller = Nothing()
+    loop = rnc.ControlLoop(pendulum.reduced, controller, 0.01)
+    for k in range(3):
+        t = 7.0 + 0.01 * k
+        v = np.array([pendulum.shaken.at(t - 7.0).velocity[0], 0.4])
+        loop.step(t, np.array([pendulum.shaken.at(t - 7.0).position[0], 0.3]), v)
+        assert np.abs(loop.last.measurement.residual).max() < 1e-12
+
+
+def test_evaluations_need_the_time_and_take_one_for_each_state(pendulum, rng):
+    reduced, q, v2 = pendulum.reduced, rng.uniform(-0.3, 0.3, (4, 2)), rng.uniform(-1, 1, (4, 1))
+    times = np.array([0.05, 0.1, 0.3, 0.9])
+    together = reduced.at(q, v2, t=times)
+    for k, t in enumerate(times):
+        alone = reduced.at(q[k], v2[k], t=t)
+        point = pendulum.shaken.at(t)
+        np.testing.assert_allclose(alone.v, [point.velocity[0], v2[k, 0]], rtol=1e-12)
+        np.testing.assert_allclose(alone.v_dot(np.array([0.5])), [point.acceleration[0], 0.5], rtol=1e-12)
+        for name in ("v", "H", "G", "b_dot"):
+            np.testing.assert_allclose(getattr(together, name)[k], getattr(alone, name), rtol=1e-12, atol=1e-12)
+        frozen = reduced.frozen(t)
+        np.testing.assert_array_equal(frozen.at(q[k], v2[k]).G, alone.G)
+        np.testing.assert_array_equal(frozen.forward_dynamics(q[k], v2[k], [0.2]), alone.v2_dot([0.2]))
+        assert frozen.assembled(q[k])[0] == pytest.approx(point.position[0], abs=1e-12)
+    for refused in (
+        lambda: reduced.at(q[0], v2[0]),
+        lambda: reduced.forward_dynamics(q[0], v2[0], [0.0]),
+        lambda: rnc.linearize(reduced, q[0], v2[0]),
+    ):
+        with pytest.raises(rnc.InputError, match=r"prescribed\(pivot\): .* t=0.0.*frozen"):
+            refused()
+    with pytest.raises(rnc.InputError, match="t has shape"):
+        reduced.at(q, v2, t=times[:3])
+    assert rnc.analyze(reduced, samples=4).rank == 1
+
+
+OUTPUTS = {
+    "position": (rnc.FramePosition("hand", "xyz"), 3),
+    "orientation": (rnc.FrameOrientation("hand"), 3),
+    "yaw": (rnc.FrameYaw("hand"), 1),
+    "speed": (rnc.FrameSpeed("hand", "y"), 1),
+    "angular velocity": (rnc.FrameAngularVelocity("hand", "z"), 1),
+}
+
+
+@pytest.mark.parametrize("name", OUTPUTS)
+def test_rates_of_the_rows_are_those_of_their_residual_over_time(name, rng):
+    """On a free-flying body, along a motion that satisfies the rows: differences over time of all that has a rate."""
+    model = pin.Model()
+    body = add_body(model, "root_joint", "FreeFlyer", 2.0)
+    place = pin.SE3(pin.exp3(np.array([0.3, -0.5, 0.9])), np.array([0.2, 0.1, -0.4]))
+    model.addFrame(pin.Frame("hand", body, 0, place, pin.FrameType.OP_FRAME))
+    robot, (output, size) = rnc.Robot(model), OUTPUTS[name]
+    motion = MinimumJerk(rng.uniform(-0.4, 0.4, size), rng.uniform(-0.4, 0.4, size), 1.3)
+    rows = rnc.PrescribedMotion(output, motion).bind(robot)
+    kinematics, q, t = Kinematics(robot), robot.random_configuration(rng), 0.6
+
+    def at(s, v=None):
+        here = kinematics.position(pin.integrate(model, q, s * along), t + s)
+        return here if v is None else here.with_velocity(v)
+
+    along = np.linalg.lstsq(rows.jacobian(kinematics.position(q, t)), rows.rate(kinematics.position(q, t)), rcond=None)[
+        0
+    ]
+    moving, step = at(0.0, along), 1e-4
+
+    def difference(of):
+        return (8 * (of(at(step)) - of(at(-step))) - of(at(2 * step)) + of(at(-2 * step))) / (12 * step)
+
+    np.testing.assert_allclose(rows.rate_dot(moving), difference(rows.rate), atol=1e-8)
+    np.testing.assert_allclose(rows.jacobian_dot(moving), difference(rows.jacobian), atol=1e-8)
+    expected = rows.jacobian_dot(moving) @ along - rows.rate_dot(moving)
+    np.testing.assert_allclose(rows.bias_acceleration(moving), expected, atol=1e-10)
+    if any(rows.holonomic):
+        start = rnc.NonholonomicSystem(robot, [rnc.PrescribedMotion(output, motion)]).assembly.project(q, t=t)
+        q = start
+        along = np.linalg.lstsq(
+            rows.jacobian(kinematics.position(q, t)), rows.rate(kinematics.position(q, t)), rcond=None
+        )[0]
+        np.testing.assert_allclose(rows.residual(kinematics.position(q, t)), 0.0, atol=1e-11)
+        np.testing.assert_allclose(difference(rows.residual), 0.0, atol=1e-8)
+
+
+def test_a_motion_of_another_size_is_refused(pendulum):
+    with pytest.raises(rnc.ConstraintError, match=r"pivot: expected a Reference of size 1, found .* of size 2"):
+        rnc.PrescribedMotion(rnc.JointPosition("pivot"), Harmonic([0, 0], 1.0, 1.0)).bind(pendulum.robot)
+    with pytest.raises(rnc.ConstraintError, match=r"expected a Reference of size 1, found 0\.3"):
+        rnc.PrescribedMotion(rnc.JointPosition("pivot"), 0.3).bind(pendulum.robot)
+
+
+def test_controllers_with_a_model_follow_on_a_base_that_moves():
+    """Of the space robot, the first joint swings and the others follow a reference; then a scenario file says it."""
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    driven = rnc.PrescribedMotion(rnc.JointPosition("joint_1"), Harmonic([0.0], [0.4], 0.5))
+    outputs = [rnc.JointPosition(name) for name in ("platform", "joint_2", "joint_3")]
+    reduced = rnc.NonholonomicSystem(robot, [driven], ["platform", "joint_2", "joint_3"]).reduce(outputs)
+    goal = MinimumJerk(np.zeros(3), [0.2, 0.1, -0.1], 0.5)
+    follow = rnc.control.ReducingOutputController(reduced, goal)
+    run = rnc.simulate(
+        reduced, rnc.control.ComputedTorque(reduced, follow, k=50.0), robot.configuration(), 0.5, dt=0.005
+    )
+    np.testing.assert_allclose(run.x2[-1], [0.2, 0.1, -0.1], atol=2e-3)
+    assert abs(run.q[-1, 1] - driven.motion.at(0.5).position[0]) < 1e-10
+    hand = OutputTask(rnc.JointPosition("joint_2"), Hold([0.1]), gain=5.0)
+    program = rnc.control.VelocityQP(reduced, [hand, DampingTask(weight=1e-6)], [], dt=0.005)
+    _, path = rnc.kinematic_rollout(reduced, program, robot.configuration(), 0.5, dt=0.005)
+    assert abs(path[-1, 1] - driven.motion.at(0.5).position[0]) < 1e-9
+
+
+def test_a_motion_continues_over_phases(pendulum):
+    """Two phases with one shaken pivot are the run without phases; the second one reads the clock of the run."""
+    whole = rnc.simulate(pendulum.reduced, ZeroInput(pendulum.reduced), np.array([0.0, 0.3]), 0.2, 0.002)
+
+    def later(q, v, t):
+        motion = rnc.PrescribedMotion(rnc.JointPosition("pivot"), pendulum.shaken, start_time=t)
+        return rnc.Phase(rnc.NonholonomicSystem(pendulum.robot, [motion], ["hinge"]).reduce(), 0.1)
+
+    run = rnc.simulate_phases([rnc.Phase(pendulum.reduced, 0.1), later], np.array([0.0, 0.3]), 0.002)
+    np.testing.assert_allclose(run.q[-1], whole.q[-1], atol=1e-9)
+    np.testing.assert_allclose(run.contact_forces[-1], whole.contact_forces[-1], rtol=1e-6)
+    assert not run.info.phases[1].impulses
+    assert run.work[-1] == pytest.approx(whole.work[-1], abs=1e-8)
+    assert run.position_residual.max() < 1e-12
+
+
+def test_mujoco_refuses_a_prescribed_motion_by_name(pendulum):
+    mujoco = pytest.importorskip("rnc_pin.plants.mujoco")
+    with pytest.raises(rnc.RncError, match=r"prescribed\(pivot\)"):
+        mujoco.MuJoCoPlant(pendulum.reduced)
+
+
+# ---------------------------------------------------------------------- user-defined rows
+
+
+def test_a_wrong_rate_over_time_is_refused():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    with pytest.raises(rnc.ConstraintError, match=r"rate_dot\(q, v\).* row 'belt'"):
+        rnc.Pfaffian(
+            lambda q, t: np.eye(4)[:1],
+            names=["belt"],
+            rate=lambda q, t: np.array([t**2]),
+            rate_dot=lambda q, v, t: np.array([t]),
+            rheonomic=True,
+        ).bind(robot)
+
+
+@pytest.mark.parametrize("smooth", [True, False])
+def test_a_holonomic_row_of_the_user_may_move(smooth):
+    """The first joint follows sin(2 t), with a complex step or with differences."""
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    wave = (lambda t: np.sin(2 * t)) if smooth else (lambda t: np.sin(2 * float(t)))
+    slope = (lambda t: 2 * np.cos(2 * t)) if smooth else (lambda t: 2 * np.cos(2 * float(t)))
+    driven = rnc.Pfaffian(
+        lambda q, t: np.eye(4)[1:2],
+        rate=lambda q, t: np.array([slope(t)]),
+        residual=lambda q, t: q[1:2] - wave(t),
+        rheonomic=True,
+    )
+    reduced = rnc.NonholonomicSystem(robot, [driven], ["joint_2", "joint_3"]).reduce()
+    run = rnc.free_motion(reduced, robot.configuration(), np.zeros(3), 0.5, 0.1)
+    np.testing.assert_allclose(run.q[:, 1], np.sin(2 * run.time), atol=1e-11)
+    assert np.ptp(run.energy - run.work) < 1e-9

@@ -1,0 +1,298 @@
+"""Computed torque, references of the reducing outputs, and linear-quadratic regulators with the feedback of states."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+
+import rnc_pin as rnc
+from controlled_tasks import Cubic
+from rnc_pin.applications.scenario.execution import execute, write
+from rnc_pin.applications.scenario.saved_run import load_run
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.control import ComputedTorque, ReducingOutputController, StateFeedback, VelocityTarget
+from rnc_pin.model.coordinates import Coordinates
+from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.planning import Hold
+from systems import random_states, space_robot
+from textbook_systems import acrobot, wheeled_pendulum
+
+
+class Counting:
+    """A target that is written down."""
+
+    def initial_state(self, measurement):
+        return 5
+
+    def step(self, t, measurement, state):
+        return VelocityTarget(
+            np.array([0.4, -0.2, 0.3]), np.array([1.1, 0.7, -0.9]), estimates=np.array([t])
+        ), state + 1
+
+
+def test_computed_torque_makes_the_velocity_error_fade_at_its_gain():
+    """Closed loop of the model under its force: ``v2_dot = v2d_dot + k (v2d - v2)``."""
+    reduced, k = space_robot(), np.array([3.0, 7.0, 1.5])
+    law = ComputedTorque(reduced, Counting(), k)
+    for q, v2 in random_states(reduced, 3, condition=30.0):
+        m = reduced.at(q, v2).measure()
+        command, state = law.step(0.7, m, law.initial_state(m))
+        assert state == 6
+        rate = reduced.forward_dynamics(q, v2, reduced.allocate(q, command.F))
+        np.testing.assert_allclose(rate, [1.1, 0.7, -0.9] + k * ([0.4, -0.2, 0.3] - v2), atol=1e-8)
+        assert command.estimates.tolist() == [0.7]
+        assert command.v2_desired.tolist() == [0.4, -0.2, 0.3]
+    assert law.describe()["k"] == [3.0, 7.0, 1.5]
+
+
+@pytest.mark.parametrize("monitored", [False, True])
+def test_reducing_outputs_follow_at_their_gains(monitored):
+    """Angles by the shorter way; batches; what is monitored is said and moves nothing."""
+    reference, k2 = Cubic([0.1, 2.9], [0.5, -0.8], [0.4, 0.3], [-0.7, 1.1]), np.array([1.7, 0.6])
+    reduced = SimpleNamespace(r=2, reducing=SimpleNamespace(coordinates=Coordinates([False, True])))
+    aside = (np.array([2, 0]), Hold([0.5, 0.6])) if monitored else None
+    law = ReducingOutputController(reduced, reference, k2, aside)
+    generator = np.random.default_rng(1)
+    m = Measurement(x1=np.zeros((4, 3)), x2=generator.uniform(-2, 2, (4, 2)), v2=generator.normal(size=(4, 2)))
+    target, state = law.step(0.3, m, law.initial_state(m))
+    point = reference.at(0.3)
+    error = point.position - m.x2
+    error[:, 1] = np.angle(np.exp(1j * error[:, 1]))
+    np.testing.assert_allclose(target.v2, point.velocity + k2 * error, rtol=1e-12)
+    np.testing.assert_allclose(target.v2_dot, point.acceleration + k2 * (point.velocity - m.v2), rtol=1e-12)
+    np.testing.assert_array_equal(target.x2, np.tile(point.position, (4, 1)))
+    assert state is target.estimates is target.prediction_error is None
+    if monitored:
+        np.testing.assert_array_equal(target.x1, np.tile([0.6, np.nan, 0.5], (4, 1)))
+    else:
+        assert target.x1 is None
+    with pytest.raises(rnc.ConfigurationError, match="the reducing reference has 3 values for 2 outputs"):
+        ReducingOutputController(reduced, Hold(np.zeros(3)))
+    assert law.describe() == {"type": "ReducingOutputController", "k2": [1.7, 0.6]}
+
+
+def test_modes_out_of_reach_are_named():
+    """With both wheels on one motor the pendulum balances, but nothing turns it."""
+    robot = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
+    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
+    both = np.zeros((robot.nv, 1))
+    for side in ("left", "right"):
+        both[robot.velocity_indices(f"{side}_axle")] = 1.0
+    reduced = rnc.NonholonomicSystem(robot, wheels, both).reduce(
+        [rnc.FrameSpeed("base"), rnc.JointPosition("pitch"), rnc.FrameYaw("base")]
+    )
+    linear = rnc.linearize(reduced, robot.configuration(), coordinates=["pitch"])
+    with pytest.raises(rnc.ConstraintError, match=r"do not control a mode .* it moves base_yaw_dot$"):
+        rnc.lqr(linear, 1.0)
+    alone = rnc.linearize(reduced, robot.configuration(), coordinates=["pitch"], rates=["base_speed_x", "pitch"])
+    assert rnc.lqr(alone, 1.0).shape == (1, 3)
+    free = wheeled_pendulum(())
+    linear = rnc.linearize(free, free.robot.configuration(), coordinates=["pitch"])
+    with pytest.raises(rnc.ConstraintError, match="at least one actuator"):
+        rnc.lqr(linear, 1.0)
+
+
+def test_an_acrobot_is_balanced_upright():
+    reduced = acrobot()
+    found = rnc.equilibrium(reduced, [np.pi - 0.05, 0.1], hold=[])
+    linear = rnc.linearize(reduced, found.q, T=found.T)
+    run = rnc.simulate(
+        reduced, StateFeedback(linear, rnc.lqr(linear, 1.0)), found.q + np.array([0.01, 0.0]), 8.0, 0.005
+    )
+    np.testing.assert_allclose(run.q[-1], found.q, atol=1e-3)
+
+
+# ---------------------------------------------------------------------- scenario files
+
+PENDULUM = """
+robot: {urdf: wheeled_pendulum.urdf, base: planar}
+constraints:
+  - rolling_wheel: {frame: left_wheel, radius: 0.1}
+  - rolling_wheel: {frame: right_wheel, radius: 0.1}
+actuators: [left_axle, right_axle]
+outputs: {reducing: [{frame_speed: {frame: base}}, {joint: pitch}, {frame_yaw: base}]}
+task: {primary: [base_speed_x, base_yaw], redundant: [pitch]}
+initial: {q: {pitch: 0.1}}
+reference: {primary: {minimum_jerk: {by: [1.0, 0.5], duration: 5}}}
+controller:
+  type: state_feedback
+  coordinates: [pitch, {frame_yaw: base}]
+  state_cost: {pitch: 20, base_yaw: 5, base_speed_x: 5, pitch_dot: 1, base_yaw_dot: 1}
+simulation: {duration: 8, dt: 0.005}
+"""
+
+BICYCLE = """
+robot: {urdf: bicycle.urdf, base: free}
+constraints:
+  - rolling_wheel: {frame: rear_wheel, radius: 0.3}
+  - rolling_wheel: {frame: front_wheel, radius: 0.35}
+actuators: [steering]
+outputs:
+  reducing: [{frame_tilt: {frame: rear_frame, axis: y}}, {joint: steering}, {joint: rear_axle}]
+initial:
+  q: {root_joint: [0, 0, 0.3, 0, 0, 0, 1]}
+  v2: {rear_axle: 10, rear_frame_tilt_y: 0.1}
+controller:
+  type: state_feedback
+  coordinates: [{frame_tilt: {frame: rear_frame, axis: y}}, steering]
+  rates: [rear_frame_tilt_y, steering]
+  state_cost: {rear_frame_tilt_y: 10, steering: 1}
+  v2: {rear_axle: 10}
+  hold: [steering]
+simulation: {duration: 4, dt: 0.01}
+"""
+
+
+def written(tmp_path, text, **changes):
+    raw = yaml.safe_load(text)
+    for key, value in changes.items():
+        section, _, name = key.partition("__")
+        raw[section] = {**raw.get(section, {}), name: value}
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(raw))
+    return path
+
+
+def test_a_pendulum_that_leans_is_balanced_and_driven(tmp_path):
+    result = execute(Scenario.load(str(written(tmp_path, PENDULUM))))
+    assert result.error is None
+    run = result.trajectory
+    assert run.x2[0, 1] == pytest.approx(0.1)
+    assert abs(run.x2[-1, 1]) < 2e-3
+    assert run.x2[-1, 2] == pytest.approx(0.5, abs=0.01)
+    np.testing.assert_allclose(run.v2[-1], 0, atol=0.01)
+    assert run.info.provenance.controller["type"] == "StateFeedback"
+
+
+def test_a_bicycle_is_kept_upright_by_its_steering_alone(tmp_path):
+    path = written(tmp_path, BICYCLE)
+    planned = Scenario.load(str(path)).build()
+    result = execute(planned)
+    assert result.error is None
+    run = result.trajectory
+    np.testing.assert_allclose(run.v2[0], [0.1, 0.0, 10.0], atol=1e-12)
+    assert np.abs(run.x2[:, 0]).max() > 0.01
+    np.testing.assert_allclose(run.x2[-1, :2], 0, atol=2e-3)
+    assert run.v2[-1, 2] == pytest.approx(10.0, abs=0.1)
+    write(planned, result, tmp_path)
+    again = load_run(tmp_path)
+    assert again.scenario.initial.v2 == {"rear_axle": 10, "rear_frame_tilt_y": 0.1}
+    np.testing.assert_array_equal(again.trajectory.v2, run.v2)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"initial__v2": {"rear_axel": 10}}, "initial.v2: no reducing output 'rear_axel'; did you mean 'rear_axle'"),
+        ({"controller__v2": {"stering": 1}}, "controller.v2: no reducing output 'stering'; did you mean 'steering'"),
+        ({"controller__coordinates": ["stering"]}, "controller: no coordinate 'stering'"),
+        ({"controller__state_cost": {"stering": 1}}, "controller: state_cost: no 'stering'; did you mean 'steering'"),
+        ({"controller__rates": ["steering"]}, "controller: not a closed system: the motion of"),
+        ({"controller__input_cost": 0}, "controller: input_cost: every input needs a positive weight"),
+        ({"simulation__dt": 1.0}, "unstable in discrete time.* the sampling period 1 s"),
+        ({"reference__vertical": {"hold": {}}}, "is not followed by a controller of type 'state_feedback'"),
+    ],
+)
+def test_what_a_file_gets_wrong_is_said_in_a_line(tmp_path, changes, words):
+    with pytest.raises(rnc.RncError, match=words) as caught:
+        Scenario.load(str(written(tmp_path, BICYCLE, **changes))).build()
+    assert "\n" not in str(caught.value)
+
+
+def balancing(scale):
+    """Gains of the wheeled pendulum, masses in other units and inputs weighed accordingly."""
+    robot = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
+    for joint, inertia in enumerate(robot.model.inertias):
+        robot.model.inertias[joint] = pin.Inertia(scale * inertia.mass, inertia.lever, scale * inertia.inertia)
+    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+    system = rnc.NonholonomicSystem(robot, wheels, ["left_axle", "right_axle"])
+    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("pitch"), rnc.FrameYaw("base")])
+    linear = rnc.linearize(reduced, robot.configuration(), coordinates=["pitch"], rates=["base_speed_x", "pitch"])
+    return rnc.lqr(linear, {"pitch": 10.0, "base_speed_x": 1.0}, 1.0 / scale**2)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-4, 1e5, 1e9])
+def test_a_regulator_does_not_mind_units_of_mass(scale):
+    np.testing.assert_allclose(balancing(scale) / scale, balancing(1.0), rtol=1e-6)
+
+
+STATES = ("tilt", "arm", "speed", "tilt_dot", "wheel_dot", "yaw_dot")
+
+
+def linear():
+    """Five outputs, of which speed and spin are quasi-velocities; not every value is a state, nor every rate."""
+    names = ("speed", "tilt", "wheel", "spin", "arm")
+    outputs = SimpleNamespace(
+        names=names,
+        quasi=[True, False, False, True, False],
+        coordinates=Coordinates([False, True, True, False, True]),
+    )
+    generator = np.random.default_rng(1)
+    return SimpleNamespace(
+        B=np.zeros((6, 2)),
+        T=np.array([0.3, -0.8]),
+        v2=np.array([1.0, 2.0, 3.0, 4.0, 5.0]),
+        state_names=STATES,
+        reducing=outputs,
+        deviation=lambda q, v2: np.concatenate([q, v2[:1], v2[1:4]]),
+    ), generator.uniform(-1, 1, (2, 6))
+
+
+def test_state_feedback_sees_the_deviation_from_where_it_was_linearised():
+    model, K = linear()
+    law = StateFeedback(model, K)
+    q, v2 = np.array([0.5, -0.7]), np.array([0.1, 0.2, -0.3, 0.4, 0.5])
+    m = Measurement(q=q, v2=v2)
+    command, state = law.step(0.4, m, law.initial_state(m))
+    np.testing.assert_allclose(command.T, model.T - K @ [0.5, -0.7, 0.1, 0.2, -0.3, 0.4], rtol=1e-12)
+    assert command.v2_desired is model.v2
+    assert command.x2_desired is command.F is state is None
+    assert law.outputs == ()
+    assert law.describe() == {
+        "type": "StateFeedback", "states": list(STATES), "K": K.tolist(), "T": [0.3, -0.8], "v2": [1, 2, 3, 4, 5],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("names", [["arm", "wheel", "speed", "tilt"], ["tilt", "arm"], ["speed"]])
+def test_state_feedback_moves_the_states_of_outputs_that_have_a_reference(names):
+    """Values where they are states, and rates where those are; angles by the shorter way."""
+    model, K = linear()
+    places = [model.reducing.names.index(name) for name in names]
+    orders = np.random.default_rng(9).uniform(-2, 2, (4, 5))
+    reference = Cubic(*orders[:, places])
+    law = StateFeedback(model, K, reference, names)
+    generator = np.random.default_rng(2)
+    for _ in range(4):
+        q, v2, x2 = generator.normal(size=2), generator.normal(size=5), generator.uniform(-3, 3, 5)
+        before = v2.copy()
+        command, _ = law.step(0.4, Measurement(q=q, v2=v2, x2=x2))
+        x, point = model.deviation(q, v2), reference.at(0.4)
+        x2_desired, v2_desired = np.full(5, np.nan), model.v2.copy()
+        for k, name in enumerate(names):
+            v2_desired[places[k]] = point.velocity[k]
+            if name in ("tilt", "arm"):
+                x[STATES.index(name)] = np.angle(np.exp(1j * (x2[places[k]] - point.position[k])))
+                x2_desired[places[k]] = point.position[k]
+            rate = name if name == "speed" else f"{name}_dot"
+            if rate in STATES:
+                x[STATES.index(rate)] = v2[places[k]] - point.velocity[k]
+        np.testing.assert_allclose(command.T, model.T - K @ x, rtol=1e-11)
+        np.testing.assert_array_equal(command.x2_desired, x2_desired)
+        np.testing.assert_array_equal(command.v2_desired, v2_desired)
+        np.testing.assert_array_equal(v2, before)
+    assert model.v2.tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
+
+
+def test_state_feedback_refuses_what_does_not_fit():
+    model, K = linear()
+    for arguments, words in (
+        ((K.T,), "the gain has shape (6, 2), expected (2, 6)"),
+        ((K, Hold(np.zeros(2)), ["tilt"]), "the state feedback's reference has 2 values for 1 outputs"),
+        ((K, Hold(np.zeros(1)), ["tild"]), "no reducing output 'tild'; did you mean 'tilt'?"),
+        ((K, Hold(np.zeros(5))), f"neither 'spin' nor its rate is a state, expected one of {', '.join(STATES)}"),
+    ):
+        with pytest.raises(rnc.ConfigurationError) as caught:
+            StateFeedback(model, *arguments)
+        assert str(caught.value) == words

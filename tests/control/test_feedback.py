@@ -1,0 +1,179 @@
+"""Parts of a feedback, and adaptation under noise, delay and saturation."""
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+import systems
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.control import PositionGains, PositionTracker, VelocityGains, VelocityTarget, VelocityTracker
+from rnc_pin.control.controller import check_size, elapsed_time
+from rnc_pin.control.estimation import adapt
+from rnc_pin.control.feedback import Feedback, apply_dead_zone, fed_back, saturation_mask
+from rnc_pin.model.coordinates import Coordinates
+from rnc_pin.planning import Hold
+from rnc_pin.planning.references import ReferencePoint
+from rnc_pin.plants import Faults, FaultyPlant, ReducedPlant
+from simple_controllers import Memoryless
+
+
+def test_time_passes_from_sample_to_sample_and_may_stand_still():
+    assert elapsed_time(7.0, None) == 0.0
+    assert elapsed_time(7.0, 7.0) == 0.0
+    assert elapsed_time(7.25, 7.0) == 0.25
+    with pytest.raises(rnc.InputError) as caught:
+        elapsed_time(6.5, 7.0)
+    assert str(caught.value) == "time runs backwards: 6.5 s after 7 s"
+    with pytest.raises(rnc.ConfigurationError) as caught:
+        check_size(Hold([1.0, 2.0]), 3, "tip's")
+    assert str(caught.value) == "the tip's reference has 2 values for 3 outputs"
+    check_size(Hold([1.0, 2.0]), 2, "tip's")
+
+
+def test_an_output_without_a_value_needs_none_where_nothing_is_fed_back():
+    gains, error = np.array([2.0, 0.0, -3.0]), np.array([[0.5, np.nan, 2.0], [1.5, 4.0, -1.0]])
+    np.testing.assert_array_equal(fed_back(gains, error, error), [[1.0, 0.0, -6.0], [3.0, 0.0, 3.0]])
+    np.testing.assert_array_equal(fed_back(0.0, error, error), np.zeros((2, 3)))
+    assert fed_back(0.0, error, error).shape == (2, 3)
+    np.testing.assert_array_equal(fed_back(2.0, error[1], error[1]), [3.0, 8.0, -2.0])
+    np.testing.assert_array_equal(fed_back(gains, lost := np.array([np.inf, np.nan, 1.0]), lost), [np.inf, 0.0, -3.0])
+    for gain in (2.0, -2.0, np.array([0.0, 1e-9, 0.0])):
+        with pytest.raises(
+            rnc.InputError, match=r"without a value: it is a quasi-velocity, .* measure\(q, v2, integrals\)"
+        ):
+            fed_back(gain, error, error)
+
+
+@pytest.mark.parametrize("gain", [2.0, np.array([1.5, 0.0, 0.7])])
+def test_feedback_compares_angles_within_a_half_turn(gain):
+    """Zero gains need no values."""
+    generator = np.random.default_rng(3)
+    law = Feedback(Coordinates([False, False, True]), gain)
+    desired = ReferencePoint(*generator.normal(size=(4, 3)))
+    for turns in (-3, -1, 0, 2):
+        x, rate = generator.normal(size=(2, 3))
+        x[2] += 2 * np.pi * turns
+        x[1] = np.nan if np.ndim(gain) else x[1]
+        error = desired.position - x
+        error[2] = np.angle(np.exp(1j * error[2]))
+        expected = desired.velocity + np.where(np.broadcast_to(gain, 3) == 0.0, 0.0, gain * error)
+        np.testing.assert_allclose(law(desired, x, rate)[0], expected, rtol=1e-13, atol=1e-14)
+        expected = desired.acceleration + gain * (desired.velocity - rate)
+        np.testing.assert_allclose(law(desired, x, rate)[1], expected, rtol=1e-14, atol=1e-15)
+    with pytest.raises(rnc.InputError, match="without a value"):
+        law(desired, np.array([np.nan, 0.0, 0.0]), rate)
+    for x in (np.zeros(3), np.zeros((2, 3))):  # of one run and of many
+        with pytest.raises(rnc.InputError, match="the reference is NaN at output 3 of 3"):
+            law(desired._replace(position=np.array([0.0, 0.0, np.nan])), x, np.zeros_like(x))
+
+
+def test_goals_of_orientations_may_be_absent_where_the_gain_is_zero():
+    feedback = Feedback(Coordinates([0, 0, 0], [0]), 0.0)
+    desired = ReferencePoint(np.full(3, np.nan), *np.zeros((3, 3)))
+    np.testing.assert_allclose(feedback(desired, np.zeros(3), np.ones(3))[0], np.zeros(3), rtol=0, atol=0)
+
+
+@pytest.fixture(scope="module")
+def sleigh():
+    return systems.sleigh()
+
+
+# ---------------------------------------------------------------------- dead zones
+
+
+def test_what_is_beyond_a_zone_is_no_longer_than_the_true_error():
+    """Noise within the zone is taken away: zero, or the true error shortened, entry by entry."""
+    generator, zone = np.random.default_rng(0), np.array([0.1, 0.5, 0.0])
+    true = generator.normal(size=(1000, 3))
+    learnt_from = apply_dead_zone(true + zone * generator.uniform(-1, 1, size=true.shape), zone)
+    share = learnt_from / true
+    assert share.min() >= 0.0
+    assert share.max() <= 1.0 + 1e-12
+    assert np.abs(true - learnt_from).max() <= 2 * zone.max() + 1e-12
+    np.testing.assert_array_equal(apply_dead_zone(true, 0.0), true)
+
+
+def test_estimates_do_not_drift_within_the_dead_zone_and_never_away_from_the_truth():
+    """Against (20) as it is, whose estimates end somewhere in the noise."""
+    generator, p, dt = np.random.default_rng(3), np.array([1.0, 2.0]), 1e-3
+    guess, ends, low, high = p + np.array([0.3, -0.4]), [], np.zeros(2), np.full(2, 9.0)
+    for zone in (0.0, 0.05):
+        estimate, distance = guess, np.linalg.norm(guess - p)
+        for _ in range(5000):
+            W = generator.normal(size=(2, 2))
+            error = W @ (p - estimate) + 0.05 * generator.uniform(-1, 1, size=2)
+            estimate = adapt(estimate, W, error, 5.0, dt, low, high, zone)
+            now = np.linalg.norm(estimate - p)
+            assert zone == 0.0 or now <= distance + 1e-4
+            distance = now
+        ends.append(distance)
+    assert ends[1] < 0.1
+    W = np.eye(2)
+    np.testing.assert_array_equal(adapt(p, W, np.array([0.04, -0.05]), 5.0, dt, low, high, 0.05), p)
+
+
+# ---------------------------------------------------------------------- delay
+
+
+def late(sleigh, ticks, dt=0.01, **told):
+    swing = rnc.planning.MinimumJerk([0.0, 0.0], [1.0, 0.8], duration=2.0)
+    target = rnc.control.ReducingOutputController(sleigh, swing, k2=2.0)
+    q0 = sleigh.robot.configuration()
+    tracker = rnc.tuned_tracker(sleigh, target, q0, 2.0, dt, design=rnc.control.GainDesign(**told))
+    plant = FaultyPlant(ReducedPlant(sleigh), Faults(delay=ticks), sleigh, dt)
+    return rnc.simulate(sleigh, tracker, q0, 4.0, dt, plant=plant)
+
+
+def test_gains_that_know_the_delay_survive_it(sleigh):
+    """The default rate is 20/s: with 8 samples of delay, and half a one, 20 * 0.085 is more than pi / 2."""
+    with pytest.raises(rnc.DivergenceError):
+        late(sleigh, 8)
+    run = late(sleigh, 8, delay=0.08)
+    np.testing.assert_allclose(run.x2[-1], [1.0, 0.8], atol=0.01)
+
+
+def test_a_scenario_says_delay_and_dead_zone():
+    changes = {"controller.delay": 0.012, "controller.dead_zone": 0.01, "comparisons": {}}
+    gains = [Scenario.load("unicycle", each).experiment.controller.gains for each in ({"comparisons": {}}, changes)]
+    assert (gains[1].k < gains[0].k).all()
+    assert gains[1].dead_zone == gains[1].describe()["dead_zone"] == 0.01
+    assert "dead_zone" not in gains[0].describe()
+    with pytest.raises(rnc.ConfigurationError, match=r"dead_zone"):
+        Scenario.load("unicycle", {"controller.dead_zone": -1.0}).build()
+    with pytest.raises(rnc.ConfigurationError, match=r"delay.*belongs to the preset 'scaled'"):
+        Scenario.load("unicycle", {"controller.delay": 0.01, "controller.preset": "paper"}).build()
+
+
+@pytest.mark.parametrize("deficit", [-2.5, -0.5, 0.0, 0.5, 2.5])
+@pytest.mark.parametrize("added", [-2.5, -0.5, 0.0, 0.5, 2.5])
+def test_the_mask_has_outputs_whose_force_would_grow_towards_the_deficit(deficit, added):
+    expected = (deficit > 0 and added > 0) or (deficit < 0 and added < 0)
+    assert saturation_mask(np.array([deficit]), np.array([added])).tolist() == [expected]
+
+
+def test_a_velocity_tracker_stops_learning_where_a_force_is_missing_and_only_there():
+    # Every rate 0.2 below what is wanted.
+    ahead = Memoryless(lambda _, seen: VelocityTarget(v2=seen.v2 + 0.2, v2_dot=np.array([0.3, -0.1, 0.4])))
+    tracker = VelocityTracker(ahead, VelocityGains(k=10.0, beta=10.0, sigma=0.5))
+    seen = rnc.Measurement(x2=np.zeros(3), v2=np.array([0.1, 0.2, -0.3]))
+    _, state = tracker.step(0.0, seen, tracker.initial_state(seen))
+    _, state = tracker.step(0.1, seen, state)
+    _, free = tracker.step(0.2, seen, state)
+    _, held = tracker.step(0.2, seen._replace(force_deficit=np.array([3.0, -3.0, 0.0])), state)
+    for before, unbounded, found in zip(state[1:4], free[1:4], held[1:4], strict=True):
+        np.testing.assert_array_equal(found[0], before[0])  # its leak included
+        np.testing.assert_array_equal(found[1:], unbounded[1:])
+        assert (unbounded[0] != before[0]).all()
+
+
+def test_a_position_tracker_stops_learning_where_a_force_is_missing_and_only_there():
+    """The force that is learnt, f, stays: what is primed of it and what the error adds."""
+    tracker = PositionTracker(Hold([0.5, 0.5, 0.5]), PositionGains.paper())
+    seen = rnc.Measurement(x2=np.zeros(3))
+    _, state = tracker.step(0.0, seen, tracker.initial_state(seen))
+    _, state = tracker.step(0.1, seen, state)
+    _, free = tracker.step(0.2, seen, state)
+    _, held = tracker.step(0.2, seen._replace(force_deficit=np.array([3.0, -3.0, 0.0])), state)
+    assert free.f[0] > state.f[0]  # the error has not changed, so that f alone is learnt
+    assert held.f[0] == pytest.approx(state.f[0], abs=1e-14)
+    np.testing.assert_array_equal(held.f[1:], free.f[1:])

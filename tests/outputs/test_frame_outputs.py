@@ -1,0 +1,276 @@
+"""Outputs of a frame: orientations on SO(3), tilt, angular velocity, beside Pinocchio, differences and closed forms."""
+
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from bodies import add_body
+from rnc_pin.control import ComputedTorque, PositionTracker, RedundancyController
+from rnc_pin.model.coordinates import Coordinates, left_jacobian
+from rnc_pin.planning import Harmonic, Hold, MinimumJerk
+from rnc_pin.planning.relative_references import RelativeMinimumJerk
+from rolling import slope
+from systems import random_states
+from tolerances import FINITE_DIFFERENCE, ROUNDING
+
+ROTATION = Coordinates([False] * 3, [0])
+
+
+def reaction_wheels():
+    """A satellite that three wheels turn while an antenna moves: class 1 with no singular configuration."""
+    model = pin.Model()
+    model.name = "satellite"
+    base = add_body(model, "root_joint", "FreeFlyer", 50.0, moments=(5.0, 7.0, 6.0), frame="bus")
+    kinds = {"x": pin.JointModelRX, "y": pin.JointModelRY, "z": pin.JointModelRZ}
+    for axis, kind in kinds.items():
+        add_body(model, f"wheel_{axis}", kind(), 2.0, base, moments=0.5)
+    add_body(model, "antenna", "RY", 1.0, base, com=(0.2, 0, 0.1), moments=0.05, at=(0.5, 0, 0))
+    model.gravity.linear = np.zeros(3)
+    wheels = [f"wheel_{axis}" for axis in kinds]
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("root_joint")], ["antenna", *wheels])
+    return system.reduce([rnc.JointPosition("antenna"), *map(rnc.JointPosition, wheels)], [rnc.FrameOrientation("bus")])
+
+
+@pytest.mark.parametrize("length", [0.0, 1e-7, 9e-3, 1.1e-2, 1.0, 3.0, 5.0])
+def test_left_jacobian_and_its_rate(length):
+    generator = np.random.default_rng(0)
+    axis, r_dot = generator.normal(size=3), generator.normal(size=3)
+    r, h = length * axis / np.linalg.norm(axis), 1e-5
+    J, J_dot = left_jacobian(r, r_dot)
+    spin = pin.log3(pin.exp3(r + h * r_dot) @ pin.exp3(r - h * r_dot).T) / (2 * h)
+    np.testing.assert_allclose(J @ r_dot, spin, atol=1e-8)
+    change = (left_jacobian(r + h * r_dot, r_dot)[0] - left_jacobian(r - h * r_dot, r_dot)[0]) / (2 * h)
+    np.testing.assert_allclose(J_dot, change, atol=1e-8)
+
+
+def test_rate_of_the_error():
+    generator = np.random.default_rng(1)
+    h = 1e-6
+    for _ in range(20):
+        rd, r, wd, w = generator.normal(size=(4, 3))
+        error = ROTATION.difference(rd, r)
+
+        def after(s, rd=rd, r=r, wd=wd, w=w):
+            moved = [pin.log3(pin.exp3(s * spin) @ pin.exp3(start)) for spin, start in ((wd, rd), (w, r))]
+            return ROTATION.difference(*moved)
+
+        if np.linalg.norm(error) < 3.0:  # at a half turn the error jumps
+            rate = (after(h) - after(-h)) / (2 * h)
+            np.testing.assert_allclose(ROTATION.difference_rate(error, wd, w), rate, atol=1e-6)
+
+
+def test_errors_take_batch_axes():
+    generator = np.random.default_rng(2)
+    mixed = Coordinates([False, False, False, False, True], [1])
+    desired, actual, rate = generator.normal(size=5), generator.normal(size=(4, 2, 5)), generator.normal(size=(4, 2, 5))
+    error = mixed.difference(desired, actual)
+    change = mixed.difference_rate(error, np.ones(5), rate)
+    for at in np.ndindex(4, 2):
+        np.testing.assert_array_equal(error[at], mixed.difference(desired, actual[at]))
+        np.testing.assert_array_equal(change[at], mixed.difference_rate(error[at], np.ones(5), rate[at]))
+        np.testing.assert_allclose(error[at][0], desired[0] - actual[at][0])
+
+
+def test_any_reference_in_rotation_vectors_has_its_angular_acceleration():
+    reference, h = Harmonic([0.2, -1.0, 2.0], [0.8, 0.5, 0.9], [0.3, 0.2, 0.4]), 1e-4
+    for t in np.linspace(1.2, 4.0, 8):
+        spins = [ROTATION.to_rates(*reference.at(each)[:3])[0] for each in (t - h, t + h)]
+        spin_dot = ROTATION.to_rates(*reference.at(t)[:3])[1]
+        np.testing.assert_allclose(spin_dot, (spins[1] - spins[0]) / (2 * h), atol=1e-5)
+
+
+def test_a_record_does_not_jump_at_a_half_turn():
+    angles = np.linspace(-8.0, 8.0, 400)
+    axis = np.array([0.6, 0.0, 0.8])
+    wrapped = np.array([pin.log3(pin.exp3(angle * axis)) for angle in angles])
+    assert np.abs(np.diff(wrapped, axis=0)).max() > 1.0
+    smooth = ROTATION.unwrap(wrapped)
+    np.testing.assert_allclose(smooth, wrapped[0] + (angles - angles[0])[:, None] * axis, atol=1e-9)
+
+
+def test_class_1_takes_a_large_error_the_short_way():
+    reduced, turn = reaction_wheels(), np.array([1.2, -1.6, 1.1])
+    assert reduced.vertical.names == ("bus_orientation_x", "bus_orientation_y", "bus_orientation_z")
+    task = rnc.Task.of(reduced, ["antenna"], ["wheel_x", "wheel_y", "wheel_z"])
+    start = 1.4 * turn / np.linalg.norm(turn)
+    goal = ROTATION.moved(start, turn)
+    assert np.linalg.norm(goal - start) > np.linalg.norm(turn) + 0.1  # rotation vectors would go another way
+    controller = RedundancyController(task, MinimumJerk([0.0], [0.8], 2.0), Hold(goal), k3=2.0, k21=2.0)
+    q0 = np.r_[np.zeros(3), pin.Quaternion(pin.exp3(start)).coeffs(), np.zeros(4)]
+    run = rnc.simulate(reduced, ComputedTorque(reduced, controller), q0, duration=5.0, dt=0.005)
+    error = np.linalg.norm(np.stack(list(rnc.simulation.tracking_errors(run).values())[1:]), axis=0)
+    assert error[0] == pytest.approx(np.linalg.norm(turn))
+    assert error[0] > np.deg2rad(120)
+    assert (np.diff(error) < 1e-9).all()
+    assert error[-1] < 1e-3
+    turned = [ROTATION.difference(b, a) for a, b in pairwise(run.x1[::5])]
+    assert np.linalg.norm(turned, axis=1).sum() < np.linalg.norm(turn) + 1e-3
+
+
+def test_the_exact_rate_of_the_class_1_target():
+    reduced = reaction_wheels()
+    task = rnc.Task.of(reduced, ["antenna"], ["wheel_x", "wheel_y", "wheel_z"])
+    references = MinimumJerk([0.0], [0.8], 2.0), Harmonic([0.1, 0.4, -0.3], [0.5, 0.4, 0.6], [0.2, 0.3, 0.25])
+    controller = RedundancyController(task, *references, k3=2.0, k21=2.0)
+    h, t = 1e-5, 1.3
+    for q, v2 in random_states(reduced, 4):
+        v = reduced.terms(q, v2).v
+
+        def target(s, q=q, v2=v2, v=v):
+            moved = pin.integrate(reduced.robot.model, q, s * v)
+            return controller.step(t + s, reduced.at(moved, v2).measure(), None)[0]
+
+        # v2 stands still here, as in every kinematic controller that takes its rate from positions.
+        np.testing.assert_allclose(target(0).v2_dot, (target(h).v2 - target(-h).v2) / (2 * h), rtol=1e-5, atol=1e-5)
+
+
+def test_the_position_tracker_refuses_orientations():
+    with pytest.raises(rnc.ConfigurationError, match="not orientations"):
+        PositionTracker(Hold(np.zeros(3)), angular=ROTATION)
+
+
+def test_an_orientation_is_not_torn_apart():
+    reduced = reaction_wheels()
+    with pytest.raises(rnc.ConfigurationError, match="'bus_orientation' have to stay together"):
+        rnc.Task.of(reduced, ["antenna"], ["wheel_x", "wheel_y", "wheel_z"], ["bus_orientation_y"])
+
+
+def test_displacements_in_scenario_files_turn_in_world_axes():
+    reference = RelativeMinimumJerk(by=[0.0, 0.0, 0.5], duration=1.0)
+    start = np.array([1.0, 0.2, 0.0])
+    goal = reference.from_start(start, ROTATION).at(2.0).position
+    np.testing.assert_allclose(pin.exp3(goal), pin.exp3(np.array([0, 0, 0.5])) @ pin.exp3(start), atol=ROUNDING)
+
+
+AXES = "xyz"
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return rnc.Robot.from_urdf("floating_arm.urdf", base="free", gravity=(0, 0, 0))
+
+
+def free_of(robot, output):
+    """No constraints: v2 is v, and A_star is the Jacobian of the output."""
+    reduced = rnc.NonholonomicSystem(robot).reduce(vertical=[output])
+    assert reduced.reducing.names == robot.velocity_names
+    return reduced
+
+
+def states(robot, count=5):
+    generator = np.random.default_rng(3)
+    return [(robot.random_configuration(generator), generator.uniform(-1, 1, robot.nv)) for _ in range(count)]
+
+
+def rotation(robot, frame, q):
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    return data.oMf[robot.frame_id(frame)].rotation.copy()
+
+
+def frame_jacobian(robot, frame, q):
+    data = robot.model.createData()
+    return pin.computeFrameJacobian(robot.model, data, q, robot.frame_id(frame), pin.ReferenceFrame.LOCAL)
+
+
+# ---------------------------------------------------------------------- FrameTilt
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_a_tilt_is_the_angle_above_the_horizon(axis, arm):
+    reduced = free_of(arm, rnc.FrameTilt("hand", axis))
+    assert reduced.vertical.names == (f"hand_tilt_{axis}",)
+    assert not reduced.vertical.quasi.any()
+    for q, _ in states(arm):
+        height = rotation(arm, "hand", q)[2, AXES.index(axis)]
+        np.testing.assert_allclose(reduced.at(q).outputs()[0], [np.arcsin(height)], atol=ROUNDING)
+
+
+@pytest.mark.parametrize("lean", [-1.2, 0.0, 0.3])
+def test_the_lean_of_a_disk(lean):
+    """Turned about the world's z by a heading, then about its own x by the lean, then about its axle."""
+    robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
+    reduced = free_of(robot, rnc.FrameTilt("disk"))  # the axle is y
+    turn = pin.utils.rotate("z", 0.8) @ pin.utils.rotate("x", lean) @ pin.utils.rotate("y", 2.1)
+    q = robot.configuration({"root_joint": [1, 2, 0.3, *pin.Quaternion(turn).coeffs()]})
+    own = pin.utils.rotate("y", 2.1).T
+    leaning, heading, rolling = own @ [0.7, 0, 0], turn.T @ [0, 0, 0.5], np.array([0, 9.0, 0])
+    state = reduced.at(q, np.r_[np.zeros(3), leaning + heading + rolling])
+    np.testing.assert_allclose(reduced.at(q).outputs()[0], [lean], atol=ROUNDING)
+    np.testing.assert_allclose(state.v1, [0.7], atol=ROUNDING)  # neither heading nor rolling matters
+
+
+def test_the_tilt_of_a_vertical_axis_has_no_rate():
+    robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
+    reduced = free_of(robot, rnc.FrameTilt("disk", "z"))
+    with pytest.raises(rnc.SingularityError, match="the tilt of a vertical axis has no rate") as caught:
+        _ = reduced.at(robot.configuration()).A_star
+    assert caught.value.rows == ("disk_tilt_z",)
+
+
+# ---------------------------------------------------------------------- FrameAngularVelocity
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_an_angular_velocity_is_in_the_frames_own_axes(axis, arm):
+    row = AXES.index(axis)
+    reduced = free_of(arm, rnc.FrameAngularVelocity("hand", axis))
+    assert reduced.vertical.names == (f"hand_angular_velocity_{axis}",)
+    assert reduced.vertical.quasi.all()
+    assert not reduced.vertical.angular.any()  # its integral is no angle: a turn more is a turn more
+    for q, v in states(arm):
+        state = reduced.at(q, v)
+        np.testing.assert_allclose(state.A_star, frame_jacobian(arm, "hand", q)[[3 + row]], atol=ROUNDING)
+        here = rotation(arm, "hand", q)
+        turned = slope(arm.model, lambda p, here=here: pin.log3(here.T @ rotation(arm, "hand", p)), q, v)
+        assert state.v1[0] == pytest.approx(turned[row], abs=FINITE_DIFFERENCE)
+
+
+def test_the_roll_rate_of_a_rolling_disk():
+    """Spin about the axle times the radius is the speed."""
+    robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
+    system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", 0.3, axis="y")])
+    reduced = system.reduce([rnc.FrameAngularVelocity("disk", axis) for axis in AXES])
+    q = reduced.assembled(robot.configuration())
+    np.testing.assert_allclose(reduced.at(q, [0, 4.0, 0]).v, [1.2, 0, 0, 0, 4.0, 0], atol=ROUNDING)
+
+
+def test_an_angular_velocity_has_no_value_but_its_integral(arm):
+    reduced = rnc.NonholonomicSystem(arm).reduce(vertical=[rnc.FrameAngularVelocity("hand", "x")])
+    q, v = states(arm, 1)[0]
+    assert not np.nan_to_num(reduced.at(q, v).measure().x1).any()
+
+
+def test_angular_velocities_about_world_axes(arm):
+    """The rate of the rotation, by differences; with the kernel's comparison."""
+    outputs = [rnc.FrameAngularVelocity("hand", axis, axes="world") for axis in AXES]
+    reduced = rnc.NonholonomicSystem(arm).reduce(vertical=outputs)
+    assert reduced.vertical.names == tuple(f"hand_angular_velocity_world_{axis}" for axis in AXES)
+    generator, frame, data = np.random.default_rng(3), arm.frame_id("hand"), arm.model.createData()
+    q, v = arm.random_configuration(generator), generator.normal(size=arm.nv)
+
+    def rotation(step):
+        pin.framesForwardKinematics(arm.model, data, pin.integrate(arm.model, q, step * v))
+        return data.oMf[frame].rotation.copy()
+
+    turned = pin.log3(rotation(1e-6) @ rotation(-1e-6).T) / 2e-6
+    np.testing.assert_allclose(reduced.at(q, v=v).measure().v1, turned, atol=1e-7)
+    with pytest.raises(rnc.ConfigurationError, match="axes 'wrold' is not known; did you mean 'world'"):
+        rnc.FrameAngularVelocity("hand", axes="wrold").bind(arm)
+
+
+@pytest.mark.parametrize(
+    "output", [rnc.FrameTilt("hand", "w"), rnc.FrameAngularVelocity("hand", "w")], ids=["tilt", "velocity"]
+)
+def test_an_axis_that_is_none_is_refused(output, arm):
+    with pytest.raises(rnc.RncError, match="w"):
+        output.bind(arm)
+
+
+@pytest.mark.parametrize("output", [rnc.FrameTilt("hnad"), rnc.FrameAngularVelocity("hnad")], ids=["tilt", "velocity"])
+def test_a_frame_that_is_not_there_is_named(output, arm):
+    with pytest.raises(rnc.ModelError, match="did you mean 'hand'"):
+        output.bind(arm)
