@@ -30,6 +30,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.shortest_paths import Word, dubins_words, reeds_shepp_words
 from rnc_pin.robots.joint_values import NO_LIMIT
 
+_ROOM = 0.02  # of the range of the steering joint, on both sides: feedback along a way needs it
 _STEEPEST = np.deg2rad(80.0)  # largest steering angle of a joint without limits
 _GRID = 161  # steering angles at which the curvature is evaluated
 _SHORT = 1e-12  # displacement [m or rad] that is left out
@@ -79,6 +80,14 @@ class Steering(ABC):
         """Motions to a configuration, the best choice first; joints that follow do not move."""
         for steps in self.displacements(start, goal):
             yield self._along(start, steps)
+
+    def prepared(self, q: Float[Array, " nq"]) -> Float[Array, " nq"]:
+        """Return a configuration as motions end in it: a car has straight wheels.
+
+        Args:
+            q: any configuration (nq,).
+        """
+        return np.array(q)
 
     def _along(self, start: Array, steps: Array) -> ExactMotion:
         return self.along(start, steps[np.abs(steps).max(axis=1, initial=0.0) > _SHORT])
@@ -217,7 +226,8 @@ class CarSteering(_AxleSteering):
         self._entry = next(int(each.idx_q) for each in list(model.joints)[1:] if each.idx_v == joint)
         low, high = model.lowerPositionLimit[self._entry], model.upperPositionLimit[self._entry]
         unlimited = not low < high or max(-low, high) > NO_LIMIT
-        angles = np.linspace(*((-_STEEPEST, _STEEPEST) if unlimited else (low, high)), _GRID)
+        room = _ROOM * (high - low)
+        angles = np.linspace(*((-_STEEPEST, _STEEPEST) if unlimited else (low + room, high - room)), _GRID)
         curvatures = self._curvatures(angles)
         middle = int(np.nanargmin(np.abs(curvatures)))
         first, last = _monotonic(curvatures, middle)
@@ -242,15 +252,9 @@ class CarSteering(_AxleSteering):
         self._driven = {side: self._curvature(angle) for side, angle in self._angles.items()}
         self.radius = 1.0 / min(abs(self._driven[side]) for side in (-1, 1))
 
-    @property
-    def straight(self) -> float:
-        """Angle of the steering joint with straight wheels [rad]."""
-        return self._angles[0]
-
-    def at_angle(self, q: Float[Array, " nq"], angle: float) -> Float[Array, " nq"]:
-        """The configuration with another steering angle."""
+    def prepared(self, q: Float[Array, " nq"]) -> Float[Array, " nq"]:
         found = np.array(q)
-        found[self._entry] = angle
+        found[self._entry] = self._angles[0]
         return found
 
     def _curvature(self, angle: float) -> float:

@@ -141,7 +141,7 @@ def test_without_obstacles_a_car_drives_the_shortest_path_of_ompl(seed, reverse)
     x, y, yaw = np.random.default_rng(seed).uniform([-3, -3, -3], 3)
     settings = WaySettings(shortcuts=0, reverse=reverse)
     way = find_way(reduced, at_pose(reduced, 0.0, 0.0), at_pose(reduced, x, y, yaw), settings=settings)
-    radius = 1.0 / np.tan(1.0)  # wheelbase of 1 m, steering limit of 1 rad
+    radius = 1.0 / np.tan(0.96)  # wheelbase of 1 m, limits of 1 and -1 rad; 2 % of their range stay for feedback
     space = (ob.ReedsSheppStateSpace if reverse else ob.DubinsStateSpace)(radius)
     states = [space.allocState() for _ in range(2)]
     for state, pose in zip(states, ((0.0, 0.0, 0.0), (x, y, yaw)), strict=True):
