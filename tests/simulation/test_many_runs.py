@@ -344,22 +344,16 @@ def test_runs_can_be_sliced_and_stored(sleigh, at_rest):
         runs.stack("energies")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
-        ({"v2_0": np.zeros((2, 2)), "q0": np.zeros((3, 4))}, rnc.InputError, "q0 has 3, v2_0 has 2"),
-        ({"v2_0": np.zeros((2, 3))}, rnc.InputError, "run 0: "),
-        ({"v2_0": np.zeros((0, 2))}, rnc.InputError, "at least one: v2_0 has 0"),
-        ({"q0": np.zeros((2, 2, 4))}, rnc.InputError, "expected one row or a row for each run"),
-        (
-            {"v2_0": np.zeros((2, 2)), "options": rnc.SimulationOptions(observer=print)},
-            rnc.ConfigurationError,
-            "cannot tell the runs of a batch apart",
-        ),
-        ({"v2_0": np.zeros((2, 2)), "options": {"stop": None}}, rnc.ConfigurationError, "run 0: options: expected"),
-        ({"v2_0": np.zeros((2, 2)), "plant": object()}, rnc.ConfigurationError, "run 0: plant: expected methods"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "error", "message"), [
+    ({"v2_0": np.zeros((2, 2)), "q0": np.zeros((3, 4))}, rnc.InputError, "q0 has 3, v2_0 has 2"),
+    ({"v2_0": np.zeros((2, 3))}, rnc.InputError, "run 0: "),
+    ({"v2_0": np.zeros((0, 2))}, rnc.InputError, "at least one: v2_0 has 0"),
+    ({"q0": np.zeros((2, 2, 4))}, rnc.InputError, "expected one row or a row for each run"),
+    ({"v2_0": np.zeros((2, 2)), "options": rnc.SimulationOptions(observer=print)}, rnc.ConfigurationError,
+        "cannot tell the runs of a batch apart"),
+    ({"v2_0": np.zeros((2, 2)), "options": {"stop": None}}, rnc.ConfigurationError, "run 0: options: expected"),
+    ({"v2_0": np.zeros((2, 2)), "plant": object()}, rnc.ConfigurationError, "run 0: plant: expected methods"),
+])  # fmt: skip
 def test_wrong_arguments_are_refused(sleigh, at_rest, arguments, error, message):
     with pytest.raises(error, match=message):
         rnc.simulate(sleigh, rnc.control.ZeroInput(sleigh), **{"q0": at_rest, "duration": 0.1, "dt": 0.01, **arguments})
