@@ -12,6 +12,7 @@ import time
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import fields
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -19,6 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.files import built_in_names
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import ComputedTorque, ReducingOutputController
 from rnc_pin.planning import Hold
@@ -29,17 +31,24 @@ from rnc_pin.simulation.stop import Progress
 SIZES = (1, 16, 64, 256)
 DT = 0.002
 SINGLES = 8  # runs alone in each round
-NAMES = ("space-robot", "mobile-manipulator", "fire-truck", "computed torque")
+NAMES = ("space-robot", "mobile-manipulator", "fire-truck", "mobile-manipulator-two-phase", "parallel-parking",
+         "space-robot-uncertain", "computed torque", "friction", "damping")  # fmt: skip
 
 
-def prepared(name: str) -> tuple[rnc.ReducedModel, Any, np.ndarray]:
-    """Model, controller and start of a scenario; computed torque is that of the manipulator, at its start."""
-    experiment = Scenario.load("mobile-manipulator" if name == "computed torque" else name).experiment
+def prepared(name: str) -> tuple[rnc.ReducedModel, Any, np.ndarray, dict[str, Any]]:
+    """Model, controller and start of a scenario, and options of its plant; others are those of the manipulator."""
+    experiment = Scenario.load(name if name in built_in_names() else "mobile-manipulator").experiment
     reduced, controller = experiment.reduced, experiment.controller
+    options: dict[str, Any] = {}
     if name == "computed torque":
         _, x2 = reduced.at(experiment.q0).outputs()
         controller = ComputedTorque(reduced, ReducingOutputController(reduced, Hold(x2)))
-    return reduced, controller, experiment.q0
+    if name in ("friction", "damping"):
+        joints = np.arange(reduced.n) >= reduced.n - 2
+        robot = reduced.robot.model
+        robot.upperDryFrictionLimit[joints], robot.damping[joints] = 0.2, 0.5
+        options = {f"joint_{name}": True}
+    return reduced, controller, experiment.q0, options
 
 
 def starts(reduced: rnc.ReducedModel, q0: np.ndarray, count: int) -> np.ndarray:
@@ -55,11 +64,11 @@ def seconds(function: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
-def bare(reduced: rnc.ReducedModel, controller: Any, q0: np.ndarray, samples: int) -> float:
+def bare(plant: rnc.ReducedPlant, controller: Any, q0: np.ndarray, samples: int) -> float:
     """Processor time of a run alone without its derived quantities, which a batch defers [s]."""
 
     def run() -> None:
-        one = SampledRun(RunArguments(reduced, controller, q0, DT, samples))
+        one = SampledRun(RunArguments(plant.reduced, controller, q0, DT, samples, plant=plant.twin()))
         progress = Progress()
         for sample in range(samples):
             one.sample(progress)
@@ -77,25 +86,27 @@ def same(run: rnc.Trajectory, other: rnc.Trajectory) -> bool:
 
 def rows(name: str, samples: int) -> list[str]:
     """Rows of the table of one scenario."""
-    reduced, controller, q0 = prepared(name)
+    reduced, controller, q0, options = prepared(name)
+    plant = rnc.ReducedPlant(reduced, **options)
     q = starts(reduced, q0, max(SIZES))
     duration = (samples - 1) * DT
-    rnc.simulate(reduced, controller, q[:2], 5 * DT, DT)  # imports, tables
+    run = partial(rnc.simulate, reduced, controller, dt=DT, plant=plant)
+    run(q[:2], duration=5 * DT)  # imports, tables
     found = []
     for size in SIZES:
         few = q[0] if size == 1 else q[:size]
-        alone = [bare(reduced, controller, each, samples) for each in q[:SINGLES]]
-        taken = seconds(lambda few=few: rnc.simulate(reduced, controller, few, duration, DT))
-        alone += [bare(reduced, controller, each, samples) for each in q[:SINGLES]]
+        alone = [bare(plant, controller, each, samples) for each in q[:SINGLES]]
+        taken = seconds(lambda few=few: run(few, duration=duration))
+        alone += [bare(plant, controller, each, samples) for each in q[:SINGLES]]
         single = float(np.median(alone))
         if size == 1:
             taken = single
         found.append((size, size * samples / taken, size * single / taken))
     tracemalloc.start()
-    runs = rnc.simulate(reduced, controller, q[:64], duration, DT)
+    runs = run(q[:64], duration=duration)
     memory = tracemalloc.get_traced_memory()[1] / 64 / samples
     tracemalloc.stop()
-    whole = rnc.simulate(reduced, controller, q[3], duration, DT)
+    whole = run(q[3], duration=duration)
     bits = "same" if same(runs[3], whole) else "other"
     return [f"| {name} | {n} | {rate:,.0f} | {ratio:.1f} | {memory:,.0f} | {bits} |" for n, rate, ratio in found]
 
@@ -106,7 +117,7 @@ def main() -> None:
     assert all(a < b for a, b in pairwise(SIZES))
     print("| scenario | runs | samples/s | ratio to runs alone | bytes a sample (64 runs) | bits |")
     print("|---|---|---|---|---|---|")
-    for name in NAMES:
+    for name in sys.argv[2:] or NAMES:
         print("\n".join(rows(name, samples)), flush=True)
 
 

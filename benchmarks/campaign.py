@@ -117,8 +117,14 @@ def main() -> int:
     print(
         f"{computed:,} runs in {elapsed / 60:.1f} minutes on {given.jobs} processes: {rate:.1f} runs/s; "
         f"{WHOLE:,} runs, {WHOLE // 64} of each kind, at this rate: {WHOLE / max(rate, 1e-9) / 60:.0f} minutes; "
-        f"load {os.getloadavg()[0]:.1f}; processor time of this process {time.process_time() - used:.0f} s"
+        f"load {os.getloadavg()[0]:.1f}"
     )
+    if given.jobs == 1 and computed:
+        spent = time.process_time() - used
+        print(
+            f"processor time {spent:.0f} s, {1e3 * spent / computed:.1f} ms a run: {WHOLE:,} runs on two cores at this "
+            f"cost: {WHOLE * spent / computed / 120:.1f} minutes"
+        )
     return 1 if nameless else 0
 
 

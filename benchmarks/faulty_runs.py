@@ -93,7 +93,7 @@ def spoiled(clean: Scenario, options: dict[str, Any]) -> Scenario:
     """A plan of which no more is built anew than the plant."""
     scenario = validate(with_options(clean.raw, options), clean.name)
     before = clean.experiment
-    plant = build_plant(scenario, before.reduced, before.q0, clean.folder)
+    plant = build_plant(scenario, before.reduced, before.q0)
     return clean.built_with(experiment=replace(before, scenario=scenario, plant=plant))
 
 

@@ -3,8 +3,8 @@
 ``python -m benchmarks navigation [N] [SYSTEM ...] [--world appear|cross] [--out FILE]``. In the worlds of ``appear``,
 boxes appear before the robot and others vanish while it drives. A box appears only where the robot can stop before it:
 its distance is above that of the closed form v^2 / (2 a), for all points of the robot, and the clearances. In those of
-``cross``, two carts go to and fro across the robot's way, by a motion that it knows. Start and goal are beside their
-lanes.
+``cross``, two carts go to and fro across the robot's way, by a motion that it knows. Start and goal are drawn until the
+whole robot is beside their lanes there, by more than the clearance and the tube. A run has 120 s.
 
 A robot takes each velocity until the next sample. A replay by coal decides on collisions, at a quarter of the samples'
 distance, without bounds. A robot arrives if its replay ends at rest within the tolerance. Else it has to stand, and
@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import gc
 import json
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -56,8 +57,9 @@ SYSTEMS: dict[str, Callable[[], rnc.ReducedModel]] = {
     "mobile manipulator": mobile_manipulator,
 }
 FOLLOWING, CLEARANCE = WayFollowing(acceleration=2.0), 0.05
-DT, DURATION, REST = 0.05, 45.0, 1.0  # [s]; of a sample, of a run, and at its end
+DT, DURATION, REST = 0.05, 120.0, 1.0  # [s]; of a sample, of a run, and at its end
 ENDS, HALF, FREE = 3.5, 2.5, 0.3  # [m] from the middle to start and goal, half width, room around start and goal
+REACH, CART = 2 * HALF, (0.5, 0.7, 1.0)  # [m]; way of a cart to both sides of the middle, and its size
 BOXES, CHANGES, CARTS, TRIES = 5, 4, 2, 200
 LIMIT = 0.02  # [s] of processor time that a step may take
 
@@ -72,10 +74,10 @@ class Shuttle:
     size: int = 4
 
     def at(self, t: float) -> ReferencePoint:
-        angle = self.rate * t + self.phase
-        values = [np.array([self.x, 2 * HALF * np.cos(angle), 0.0, 0.0]), *np.zeros((3, 4))]
-        for order in (1, 2, 3):
-            values[order][1] = 2 * HALF * self.rate**order * np.cos(angle + 0.5 * np.pi * order)
+        rate, values = self.rate, np.zeros((4, 4))
+        c, s = REACH * math.cos(rate * t + self.phase), REACH * math.sin(rate * t + self.phase)
+        values[0, 0] = self.x
+        values[:, 1] = c, -rate * s, -(rate**2) * c, rate**3 * s
         return ReferencePoint(*values)
 
 
@@ -114,7 +116,17 @@ class Draw:
                 motion = Shuttle(
                     float(x), float(self._draw.uniform(0.1, 0.25)), float(self._draw.uniform(0, 2 * np.pi))
                 )
-                self.obstacles.append(Obstacle(coal.Box(0.5, 0.7, 1.0), name=f"cart {k + 1}", motion=motion))
+                self.obstacles.append(Obstacle(coal.Box(*CART), name=f"cart {k + 1}", motion=motion))
+            lanes = [
+                Obstacle(coal.Box(CART[0], CART[1] + 2 * REACH, CART[2]), (each.motion.x, 0.0, 0.0), name=each.name)
+                for each in self.obstacles
+            ]
+            beside = CollisionDistances(reduced.robot, lanes, PairSelection(links=False))
+            room = CLEARANCE + FOLLOWING.tube
+            while beside.smallest(self.start, 0.0, np.inf).min() < room:
+                self.start = self._pose(-ENDS)
+            while beside.smallest(self.goal, 0.0, np.inf).min() < room:
+                self.goal = self._pose(ENDS)
         for _ in range(BOXES):
             self._appear(lambda: self._draw.uniform([-ENDS, -HALF], [ENDS, HALF]), self.start, FREE)
         times = np.sort(self._draw.uniform(1.0, 12.0, CHANGES if kind == "appear" else 0))

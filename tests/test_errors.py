@@ -11,19 +11,12 @@ from rnc_pin.errors import argument
 SINGULAR = rnc.SingularityError("no inverse", q=np.array([0.5]), condition=1e12, rows=["x"], time=0.25)
 
 
-@pytest.mark.parametrize(
-    ("error", "words"),
-    [
-        (rnc.ModelError("no joint 'a'"), "controller: run 3: no joint 'a'"),
-        (rnc.InputError("q has shape (3,)"), "controller: run 3: q has shape (3,)"),
-        (rnc.DivergenceError("|v| > 5", time=0.25), "diverged at t = 0.250 s: controller: run 3: |v| > 5"),
-        (
-            SINGULAR,
-            "controller: run 3: no inverse at t = 0.250 s: rows x are dependent (condition 1e+12) at q = [0.5]",
-        ),
-    ],
-    ids=lambda value: type(value).__name__,
-)
+@pytest.mark.parametrize(("error", "words"), [
+    (rnc.ModelError("no joint 'a'"), "controller: run 3: no joint 'a'"),
+    (rnc.InputError("q has shape (3,)"), "controller: run 3: q has shape (3,)"),
+    (rnc.DivergenceError("|v| > 5", time=0.25), "diverged at t = 0.250 s: controller: run 3: |v| > 5"),
+    (SINGULAR, "controller: run 3: no inverse at t = 0.250 s: rows x are dependent (condition 1e+12) at q = [0.5]"),
+], ids=lambda value: type(value).__name__)  # fmt: skip
 def test_a_place_is_prepended_and_the_data_stay(error, words):
     error.trajectory = "the run so far"
     assert error.within("run 3").within("controller") is error

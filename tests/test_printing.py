@@ -12,7 +12,7 @@ import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin import control
 from rnc_pin.planning import Hold
-from systems import bicycle, space_robot, tiago
+from systems import bicycle, space_robot
 
 
 def cart() -> rnc.Robot:
@@ -58,11 +58,6 @@ def test_a_robot():
     ]
     assert str(cart()).splitlines()[0] == "Robot '<cart> & 'co'': 3 degrees of freedom, planar base"
     assert "free base" in str(bicycle().robot)
-
-
-def test_long_lists_end_in_how_many_more_there_are():
-    assert "arm_5_joint and 6 more" in str(tiago().robot)
-    assert len(str(tiago()).splitlines()) == 6
 
 
 def test_a_system_says_which_rows_it_dropped_and_why(system):

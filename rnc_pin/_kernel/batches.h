@@ -118,3 +118,60 @@ static PyObject *integrate_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t
     }
     return result(&all, ok);
 }
+
+/* Tuple of evaluators; q (nq), y (s) and T (p), step, number of steps, kinematics at q or None; damping (n) or None,
+ * entries of v with friction, limits (B, rows) of these and of the inputs; q and y at the end, status, roughness.
+ * Without steps, y at the end starts with the generalized forces (n) of dry friction during the step, and is as long as
+ * these at least. */
+static PyObject *dissipate_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = -1}, one = {.count = 1}, listed = {.count = -1};
+    double *q, *y, *T, *limits, *q_end, *y_end, *status, *rough, *damping, *joints, *P, *memory = NULL;
+    Py_ssize_t s = 0, to = 0, n = ev->n, held = -1;
+    Dissipation d = {.T = NULL};
+    int ok = -1;
+    if (expect(ev, given, 14) && (all.count = PyTuple_Size(args[0])) >= 0 && take(&all, args[1], ev->nq, READ, &q)
+        && take_rows(&all, args[2], 0, READ, &y, &s) && take(&all, args[3], ev->p, READ, &T)
+        && optional(&all, args[6], kinematics_size(ev), &P) && optional(&one, args[7], n, &damping)
+        && take(&listed, args[8], 1, READ, &joints) && take_rows(&all, args[9], 0, READ, &limits, &d.rows)
+        && take(&all, args[10], ev->nq, WRITE, &q_end) && take_rows(&all, args[11], 0, WRITE, &y_end, &to)
+        && take(&all, args[12], 1, WRITE, &status) && take(&all, args[13], 1, WRITE, &rough)) {
+        double h = PyFloat_AsDouble(args[4]);
+        Py_ssize_t steps = PyErr_Occurred() ? 0 : PyLong_AsSsize_t(args[5]);
+        ok = PyErr_Occurred() ? -1 : 1;
+        d.damping = damping, d.joints = joints, d.jointed = listed.count;
+        int valid = (d.rows == d.jointed || d.rows == d.jointed + ev->p) && (steps ? to == s : to >= n);
+        for (Py_ssize_t j = 0; j < d.jointed; j++) valid = valid && joints[j] >= 0 && joints[j] < n;
+        if (ok > 0 && !valid) {
+            PyErr_SetString(PyExc_ValueError, "kernel: rows of friction do not fit");
+            ok = -1;
+        }
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q_end += ev->nq, y_end += to) {
+            Evaluator *chart = of_run(ev, args[0], i);
+            int done = chart && chart->fused && !chart->timed && !chart->external_vertical && chart->curved
+                       && s == integrated(chart) && all_finite(T + i * ev->p, ev->p);
+            if (PyErr_Occurred()) ok = -1;
+            if (done && s != held) { /* charts of one reduction have equal sizes */
+                free(memory);
+                memory = dissipation_memory(chart, &d);
+                held = s;
+                if (!memory) PyErr_NoMemory(), ok = -1;
+            }
+            rough[i] = 0.0, d.T = T + i * ev->p, d.limits = limits + i * d.rows;
+            d.located = d.biased = 0, d.kinematics = P ? P + i * kinematics_size(ev) : NULL;
+            memcpy(q_end, q + i * ev->nq, (size_t)ev->nq * sizeof(double));
+            if (steps) memcpy(y_end, y + i * s, (size_t)s * sizeof(double));
+            for (Py_ssize_t j = 0; j < steps && ok > 0 && done > 0; j++)
+                done = dissipative_step(chart, &d, q_end, y_end, h, rough + i);
+            if (!steps && ok > 0 && done > 0 && (done = begin(chart, &d, q_end, y + i * s, h)) > 0) {
+                memset(y_end, 0, (size_t)n * sizeof(double));
+                for (Py_ssize_t j = 0; j < d.rows; j++) add(y_end, d.forces[j], d.J + j * n, n);
+            }
+            if (done < 0) ok = -1;
+            status[i] = done > 0;
+        }
+        free(memory);
+    }
+    close_arrays(&one), close_arrays(&listed);
+    return result(&all, ok);
+}

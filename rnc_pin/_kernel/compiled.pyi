@@ -150,3 +150,21 @@ class Evaluator:
         roughness: _Array,
         /,
     ) -> None: ...
+    def dissipate_runs(
+        self,
+        charts: _Runs,
+        q: _Array,
+        y: _Array,
+        T: _Array,
+        h: float,
+        steps: int,
+        P: _Optional,
+        damping: _Optional,
+        joints: _Array,
+        limits: _Array,
+        q_end: _Array,
+        y_end: _Array,
+        status: _Array,
+        roughness: _Array,
+        /,
+    ) -> None: ...

@@ -1196,18 +1196,15 @@ static double constraint_power(const Evaluator *ev, const double *P, const doubl
 /* Numbers of y of the integrator: v2, integrals of J1 v, time if mu depends on it, and work */
 static Py_ssize_t integrated(const Evaluator *ev) { return ev->r + ev->k + (ev->timed ? 2 : 1); }
 
-/* State derivative at one state: v (n), v2_dot (r), J1 v (k), 1 for the time, and the power of forces and moving
-   constraints. Forces are those of T, further ones (n) and damping (n), unless NULL. known: kinematics at q, or NULL.
-   0: the general way has to decide; -1: an error */
-static int derivative(Evaluator *ev, const double *q, const double *v2, const double *T, const double *further,
-                      const double *damping, const double *known, double *out)
+/* State derivative where position, E and its inverse are in scratch: v (n), v2_dot (r), J1 v (k), 1 for the time, and
+   the power of forces and moving constraints. Forces are those of T, further ones (n) and damping (n), unless NULL.
+   biased: the biases of this state are in scratch too. 0: the general way has to decide; -1: an error */
+static int rates_here(Evaluator *ev, const double *q, const double *v2, const double *T, const double *further,
+                      const double *damping, int biased, double *out)
 {
     Py_ssize_t n = ev->n, r = ev->r, k = ev->k;
     double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *S = F + 2 * n * n + n;
     double *force = S + dynamics_size(ev), *v = out, *v2_dot = v + n, *rates_of_J1 = v2_dot + r, *row = ev->scratch;
-    if (known) memcpy(P, known, (size_t)kinematics_size(ev) * sizeof(double));
-    else if (!take_position(ev, q, P)) return -1;
-    if (!factorize(ev, q, P, NULL, F)) return 0;
     input_force(ev, q, P, T, force, ev->scratch);
     velocity(ev, F, ev->mu, v2, v);
     if (further) add(force, 1.0, further, n);
@@ -1216,7 +1213,7 @@ static int derivative(Evaluator *ev, const double *q, const double *v2, const do
     memset(springs, 0, (size_t)n * sizeof(double));
     if (!add_passive(ev, q, P, v, force, springs)) return 0;
     double stored = dot(springs, v, n);
-    if (!biases(ev, q, P, F, v, NULL, S)) return -1;
+    if (!biased && !biases(ev, q, P, F, v, NULL, S)) return -1;
     if (!accelerate(ev, F, S, force, v2_dot, ev->scratch)) return 0;
     for (Py_ssize_t j = 0; j < k; j++) {
         if (!assemble(ev, q, P, NULL, n + j, n + j + 1, row)) return 0;
@@ -1227,6 +1224,16 @@ static int derivative(Evaluator *ev, const double *q, const double *v2, const do
     *power = dot(v, force, n) - stored;
     if (ev->mu) *power += constraint_power(ev, P, F, S, force, v2_dot, ev->scratch);
     return 1;
+}
+
+/* The same at a state with the kinematics that are known, or NULL */
+static int derivative(Evaluator *ev, const double *q, const double *v2, const double *T, const double *further,
+                      const double *damping, const double *known, double *out)
+{
+    double *P = ev->scratch + ev->work;
+    if (known) memcpy(P, known, (size_t)kinematics_size(ev) * sizeof(double));
+    else if (!take_position(ev, q, P)) return -1;
+    return factorize(ev, q, P, NULL, P + kinematics_size(ev)) ? rates_here(ev, q, v2, T, further, damping, 0, out) : 0;
 }
 
 /* q, v2, T, further forces (n), damping (n), record of the state derivative. False if the general way has to decide. */
@@ -1592,6 +1599,7 @@ static PyObject *track(PyObject *module, PyObject *const *args, Py_ssize_t given
 #include "driven_path.h"
 #include "derivatives.h"
 #include "sampling.h"
+#include "dissipation.h"
 #include "batches.h"
 #include "riccati.h"
 #include "planned_motion.h"
@@ -1834,6 +1842,7 @@ static PyMethodDef methods[] = {
     {"velocities_of_runs", (PyCFunction)(void (*)(void))velocities_of_runs, METH_FASTCALL, NULL},
     {"measure_runs", (PyCFunction)(void (*)(void))measure_runs, METH_FASTCALL, NULL},
     {"integrate_runs", (PyCFunction)(void (*)(void))integrate_runs, METH_FASTCALL, NULL},
+    {"dissipate_runs", (PyCFunction)(void (*)(void))dissipate_runs, METH_FASTCALL, NULL},
     {"measure", (PyCFunction)(void (*)(void))measure, METH_FASTCALL, NULL},
     {"terms", (PyCFunction)(void (*)(void))terms, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},

@@ -226,8 +226,8 @@ static PyObject *polynomial(PyObject *module, PyObject *const *args, Py_ssize_t 
    each), x2 (r), indices of the outputs (k), table (7, k): k1, k2, gamma, beta, dead zone, compensation, ones for
    angles; z, f (k), A, B (k, k), error (k) before; deficit of force (r), then velocity and acceleration of the
    reference before (k each), or None each if nothing can freeze; decay, time of the leak, sigma, time elapsed, record
-   of F, z, f (k each), A, B (k, k), error (k), v2 and x2 desired (r each). False if the arrays or the numbers need the
-   other path. */
+   of F, z, f (k each), A, B (k, k), error (k), v2 and x2 desired (r each), each of all runs. x2, what was before and
+   the deficit are those of one run or of a stack of runs. False if the arrays or the numbers need the other path. */
 static PyObject *track_position(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     enum { X2 = 4, AT, TABLE, Z, F0, A0, B0, E0, DEFICIT, V_BEFORE, A_BEFORE, OUT };
@@ -236,58 +236,62 @@ static PyObject *track_position(PyObject *module, PyObject *const *args, Py_ssiz
     long *places = NULL;
     (void)module;
     if (given != 20) return PyErr_SetString(PyExc_TypeError, "kernel: track_position takes 20 arguments"), NULL;
-    Py_ssize_t k = PyObject_Size(args[0]), r = PyObject_Size(args[X2]);
+    Py_ssize_t k = PyObject_Size(args[0]), r = 0, runs = 0;
+    int ok = stacked(args[X2], &runs, &r), freezes = args[DEFICIT] != Py_None;
     for (int i = 0; i < 4; i++) number[i] = PyFloat_AsDouble(args[OUT + i]);
-    if (k < 0 || r < 0 || PyErr_Occurred()) return NULL;
+    if (k < 0 || PyErr_Occurred()) return NULL;
     double decay = number[0], leak = number[1], sigma = number[2], elapsed = number[3];
     Py_ssize_t sizes[OUT + 1] = {k, k, k, k, r, k, 7 * k, k, k, k * k, k * k, k, r, k, k, 4 * k + 2 * k * k + 2 * r};
-    int ok = k < 1 << 15 && r < 1 << 15, freezes = args[DEFICIT] != Py_None;
+    ok = ok && k < 1 << 15;
     for (int i = 0; i <= OUT && ok; i++) {
         PyObject *array = args[i == OUT ? 19 : i];
         int absent = array == Py_None && i >= DEFICIT && i < OUT && !freezes;
-        if (i != AT && !absent) ok = (x[i] = numbers(&all, array, sizes[i])) != NULL;
+        int of_runs = i == X2 || (i >= Z && i <= DEFICIT) || i == OUT;
+        if (i != AT && !absent) ok = (x[i] = numbers(&all, array, (of_runs ? runs : 1) * sizes[i])) != NULL;
     }
     if (!ok || all.views[all.open - 1].readonly) return result(&all, 0);
     if (!take(&all, args[AT], k, READ, (double **)&places)) return result(&all, -1);
     for (Py_ssize_t i = 0; i < k; i++)
         if (!within(places[i], r)) return result(&all, 0);
     const double *xd = x[1], *xdd = x[2], *xddd = x[3], *gains = x[TABLE];
-    double *F = x[OUT], *z = F + k, *f = z + k, *A = f + k, *B = A + k * k, *e = B + k * k, *v2 = e + k, *x2 = v2 + r;
-    for (Py_ssize_t i = 0; i < 2 * r; i++) v2[i] = NAN; /* no goal */
-    for (Py_ssize_t i = 0; i < k && ok; i++) {
+    double *F = x[OUT], *z = F + runs * k, *f = z + runs * k, *A = f + runs * k, *B = A + runs * k * k;
+    double *e = B + runs * k * k, *v2 = e + runs * k, *x2 = v2 + runs * r;
+    for (Py_ssize_t i = 0; i < 2 * runs * r; i++) v2[i] = NAN; /* no goal */
+    for (Py_ssize_t at = 0; at < runs * k && ok; at++) {
+        Py_ssize_t i = at % k, place = at / k * r + places[i];
         double k1 = gains[i], k2 = gains[k + i], gamma = gains[2 * k + i], beta = gains[3 * k + i],
-               error = x[0][i] - x[X2][places[i]];
+               error = x[0][i] - x[X2][place];
         if (gains[6 * k + i] != 0.0) error = wrapped(error);
         if (!isfinite(error)) ok = 0;
         double square = gamma * gamma, fade = exp(-2.0 * gamma * elapsed), step = beta * error, added = 0.0;
-        double *A_i = A + i * k, *B_i = B + i * k;
-        const double *A_before = x[A0] + i * k, *B_before = x[B0] + i * k;
-        e[i] = error, z[i] = fade * x[Z][i] - (1.0 - fade) * square * error;
-        double w = z[i] + square * error, drive = beta * (k2 / (k1 * gamma) * error - w / gamma);
-        f[i] = decay * x[F0][i] + leak * (drive - sigma * step);
+        double *A_i = A + at * k, *B_i = B + at * k;
+        const double *A_before = x[A0] + at * k, *B_before = x[B0] + at * k;
+        e[at] = error, z[at] = fade * x[Z][at] - (1.0 - fade) * square * error;
+        double w = z[at] + square * error, drive = beta * (k2 / (k1 * gamma) * error - w / gamma);
+        f[at] = decay * x[F0][at] + leak * (drive - sigma * step);
         for (Py_ssize_t j = 0; j < k; j++) {
             A_i[j] = decay * A_before[j] + leak * (drive * xdd[j] - step * (xddd[j] + sigma * xdd[j]));
             B_i[j] = decay * B_before[j] + leak * (drive * xd[j] - step * (xdd[j] + sigma * xd[j]));
         }
         if (freezes) { /* change of the force beside primed values that leave it unchanged */
-            double stepped = beta * x[E0][i];
+            double stepped = beta * x[E0][at];
             const double *xd_before = x[V_BEFORE], *xdd_before = x[A_BEFORE];
-            added = f[i] - (x[F0][i] + stepped - step);
+            added = f[at] - (x[F0][at] + stepped - step);
             for (Py_ssize_t j = 0; j < k; j++) {
                 added += (A_i[j] - (A_before[j] + stepped * xdd_before[j] - step * xdd[j])) * xdd[j];
                 added += (B_i[j] - (B_before[j] + stepped * xd_before[j] - step * xd[j])) * xd[j];
             }
-            if (fabs(error) < gains[4 * k + i] || x[DEFICIT][places[i]] * added > 0.0) {
-                f[i] = x[F0][i] + stepped - step;
+            if (fabs(error) < gains[4 * k + i] || x[DEFICIT][place] * added > 0.0) {
+                f[at] = x[F0][at] + stepped - step;
                 for (Py_ssize_t j = 0; j < k; j++) {
                     A_i[j] = A_before[j] + stepped * xdd_before[j] - step * xdd[j];
                     B_i[j] = B_before[j] + stepped * xd_before[j] - step * xd[j];
                 }
             }
         }
-        double force = f[i] + step + k1 * square * w + k2 * square * error + gains[5 * k + i];
+        double force = f[at] + step + k1 * square * w + k2 * square * error + gains[5 * k + i];
         for (Py_ssize_t j = 0; j < k; j++) force += (A_i[j] + step * xdd[j]) * xdd[j] + (B_i[j] + step * xd[j]) * xd[j];
-        F[i] = force, v2[places[i]] = xd[i], x2[places[i]] = x[0][i];
+        F[at] = force, v2[place] = xd[i], x2[place] = x[0][i];
     }
     return result(&all, ok);
 }

@@ -1,8 +1,8 @@
 """Exports of ``rnc_pin.control``, which ``__init__.py`` imports at their first use."""
 
 from rnc_pin.optimal.navigation import NavigationController as NavigationController  # it searches for ways
-from rnc_pin.optimal.navigation import NavigationState as NavigationState
 from rnc_pin.optimal.set_point_controller import SetPointController as SetPointController  # it plans
+from rnc_pin.optimal.way_following import NavigationState as NavigationState
 from rnc_pin.optimal.way_following import WayFollowing as WayFollowing
 
 from . import loop as loop

@@ -369,6 +369,25 @@ def state_of_runs(state: State, runs: Runs) -> State:
     return state
 
 
+def with_states(states: State, runs: Sequence[int], each: Sequence[State]) -> State:
+    """States of many runs with new ones of some runs.
+
+    Raises:
+        NotStackable: a value that is no array differs, or a state has another form.
+    """
+    if isinstance(states, np.ndarray):
+        if any(not isinstance(own, np.ndarray) or own.shape != states.shape[1:] for own in each):
+            raise NotStackable
+        states = states.copy()
+        states[list(runs)] = each
+        return states
+    if isinstance(states, tuple) and all(type(own) is type(states) and len(own) == len(states) for own in each):
+        return _like(states, [with_states(part, runs, own) for part, *own in zip(states, *each, strict=True)])
+    if isinstance(states, RunStates | tuple) or any(type(own) is not type(states) or own != states for own in each):
+        raise NotStackable
+    return states
+
+
 def measurement_of_run(measurement: Measurement, run: int) -> Measurement:
     """Measurement of one run of a batch."""
     return Measurement._make([None if field is None else field[run] for field in measurement])

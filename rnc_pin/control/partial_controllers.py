@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rnc_pin.control.controller import Command, Controller, Description, State, describe
+from rnc_pin.control.controller import Command, Controller, Description, State, accepts_batches, describe
 from rnc_pin.control.position_tracker import PositionState, PositionTracker
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.linear_algebra import apply_transposed
@@ -150,6 +150,11 @@ class SplitController(ReprMixin):
                 f"the parts command outputs {sorted(places.tolist())}, expected each of 0 to {r - 1} once"
             )
 
+    @property
+    def accepts_batches(self) -> bool:
+        """True if all parts accept batches."""
+        return all(accepts_batches(controller) for controller, _ in self._parts)
+
     def describe(self) -> Description:
         """Return the descriptions of the parts, and the indices of their outputs in x2."""
         parts = [{**describe(part), "outputs": outputs.tolist()} for part, outputs in self._parts]
@@ -182,7 +187,7 @@ class SplitController(ReprMixin):
 def _part(measurement: Measurement, outputs: np.ndarray) -> Measurement:
     deficit = measurement.force_deficit
     return measurement._replace(
-        x2=measurement.x2[..., outputs],
-        v2=measurement.v2[..., outputs],
-        force_deficit=None if deficit is None else deficit[..., outputs],
+        x2=measurement.x2.take(outputs, axis=-1),  # contiguous, for the kernel
+        v2=measurement.v2.take(outputs, axis=-1),
+        force_deficit=None if deficit is None else deficit.take(outputs, axis=-1),
     )

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from math import exp, expm1
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Command, DescribedMixin, check_size, elapsed_time, goals_at
+from rnc_pin.control.controller import (
+    Command,
+    DescribedMixin,
+    check_size,
+    elapsed_time,
+    goals_at,
+    stack_states,
+    state_of_runs,
+)
 from rnc_pin.control.feedback import fed_back, saturation_mask
 from rnc_pin.control.gain_design import PositionGains
 from rnc_pin.errors import ConfigurationError
@@ -77,6 +85,7 @@ class PositionTracker(DescribedMixin):
         array([4., 0., 0.])
     """
 
+    accepts_batches = True
     described = ("gains", "gravity_compensation")
 
     def __init__(
@@ -131,7 +140,7 @@ class PositionTracker(DescribedMixin):
         """
         elapsed = elapsed_time(t, state.time)
         desired = self.reference.at(t)
-        if measurement.x2.ndim != 1:
+        if measurement.x2.ndim > 2:
             return self._adapted(t, elapsed, desired, measurement, state)
         return self._compiled(t, elapsed, desired, measurement, state)
 
@@ -147,22 +156,29 @@ class PositionTracker(DescribedMixin):
     ) -> tuple[Command, PositionState]:
         """Sample from one call of the compiled kernel; from the formulas for arrays that it does not take."""
         x2, deficit, sigma = measurement.x2, measurement.force_deficit, self.gains.sigma
-        k, r = len(self.outputs), len(x2)
+        batch, k = x2.shape[:-1], len(self.outputs)
         frozen: tuple[np.ndarray | None, ...] = (None, None, None)
         if deficit is not None or self._has_dead_zone:
             before = desired if state.time is None else self.reference.at(state.time)
-            frozen = (np.zeros(r) if deficit is None else deficit), before.velocity, before.acceleration
+            frozen = (np.zeros(x2.shape) if deficit is None else deficit), before.velocity, before.acceleration
         leak_time = -expm1(-sigma * elapsed) / sigma if sigma else elapsed
-        found = np.empty(4 * k + 2 * k * k + 2 * r)
+        n = k * len(x2) if batch else k
+        square = n * k
+        found = np.empty(4 * n + 2 * square + 2 * x2.size)
         point = desired.position, desired.velocity, desired.acceleration, desired.jerk
         arrays = *point, x2, self.outputs, self._table, *state[1:], *frozen
         if not _kernel.library.track_position(*arrays, exp(-sigma * elapsed), leak_time, sigma, elapsed, found):
-            return self._adapted(t, elapsed, desired, measurement, state)
-        end, square = 3 * k, k * k
-        A, B = found[end : end + square].reshape(k, k), found[end + square : end + 2 * square].reshape(k, k)
-        e = found[end + 2 * square : -2 * r]
-        command = Command(found[:k], None, found[-2 * r : -r], None, found[-r:])
-        return command, PositionState(t, found[k : 2 * k], found[2 * k : end], A, B, e)
+            if not batch:
+                return self._adapted(t, elapsed, desired, measurement, state)
+            runs = [state_of_runs((measurement, state), run) for run in range(len(x2))]
+            each = [self._compiled(t, elapsed, desired, *own) for own in runs]
+            return cast("tuple[Command, PositionState]", stack_states(each))
+        F, z, f, e = (found[at : at + n] for at in (0, n, 2 * n, 3 * n + 2 * square))
+        A, B = (found[at : at + square].reshape(*batch, k, k) for at in (3 * n, 3 * n + square))
+        v2, x2d = found[-2 * x2.size : -x2.size], found[-x2.size :]
+        if batch:
+            F, z, f, e, v2, x2d = (part.reshape(*batch, -1) for part in (F, z, f, e, v2, x2d))
+        return Command(F, None, v2, None, x2d), PositionState(t, z, f, A, B, e)
 
     def _adapted(
         self, t: float, elapsed: float, desired: ReferencePoint, measurement: Measurement, state: PositionState

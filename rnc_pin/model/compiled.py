@@ -23,7 +23,7 @@ from rnc_pin.model.compiled_states import CompiledArraysAtQ, CompiledArraysAtV, 
 from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations, Evaluator, HasArraysAtQ, ReducedTerms, States
 from rnc_pin.model.input_validation import ArrayInput
 from rnc_pin.model.kinematics import VelocityKinematics
-from rnc_pin.model.numpy_evaluator import NumPyEvaluator, NumPyRuns, PlannedFeedback, RunRecords
+from rnc_pin.model.numpy_evaluator import Dissipation, NumPyEvaluator, NumPyRuns, PlannedFeedback, RunRecords, RunStarts
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -53,6 +53,7 @@ class CompiledEvaluator(NumPyEvaluator):
         return evaluator_for, (self.data,)  # the kernel refers to memory
 
     def rows_changed(self) -> None:
+        super().rows_changed()
         self.kernel.refresh()
 
     # ------------------------------------------------------------------ arrays
@@ -346,6 +347,30 @@ class CompiledRuns(NumPyRuns):
         q_end, y_end, status, roughness = np.empty_like(q), np.empty_like(y), np.zeros(len(q)), np.zeros(len(q))
         self._calls.integrate_runs(charts, q, y, T, h, steps, kinematics, q_end, y_end, status, roughness)
         return q_end, y_end, status, roughness
+
+    def dissipate(
+        self, charts: tuple[object, ...], start: RunStarts, h: float, steps: int, losses: Dissipation
+    ) -> tuple[Array, Array, Array, Array]:
+        return self._dissipated(charts, start, (h, steps), losses, np.empty_like(start[1]))
+
+    def friction(
+        self, charts: tuple[object, ...], start: RunStarts, h: float, losses: Dissipation
+    ) -> tuple[Array, Array]:
+        found = np.empty((len(charts), self._kernel.data.n))
+        return self._dissipated(charts, start, (h, 0), losses, found)[1:3]
+
+    def _dissipated(
+        self,
+        charts: tuple[object, ...],
+        start: RunStarts,
+        steps: tuple[float, int],
+        losses: Dissipation,
+        y_end: Array,
+    ) -> tuple[Array, Array, Array, Array]:
+        q_end, status, roughness = np.empty_like(start[0]), np.zeros(len(charts)), np.zeros(len(charts))
+        (q, y, T, kinematics), (damping, joints, limits), found = start, losses, (q_end, y_end, status, roughness)
+        self._calls.dissipate_runs(charts, q, y, T, *steps, kinematics, damping, joints, limits, *found)
+        return found
 
     def measure(self, q: Array, v: Array, kinematics: Array, status: Array) -> RunRecords:
         kernel, data = self._kernel, self._kernel.data

@@ -33,6 +33,27 @@ class RunRecords(NamedTuple):
         return RunRecords(*(array[run].copy() for array in self))
 
 
+class RunStarts(NamedTuple):
+    """States and inputs of B runs at the start of a step."""
+
+    q: Float[Array, "B nq"]
+    y: Float[Array, "B s"]
+    T: Float[Array, "B p"]
+    kinematics: Array | None = None
+    """Records of kinematics at q, if known."""
+
+
+class Dissipation(NamedTuple):
+    """Damping and dry friction of B runs."""
+
+    damping: Float[Array, " nv"] | None
+    """Viscous coefficients; None for zero."""
+    joints: Float[Array, " j"]
+    """Entries of v with dry friction."""
+    limits: Float[Array, "B k"]
+    """Limits of the friction of these joints, then of the inputs if they have friction."""
+
+
 class NumPyRuns:
     """Calls that leave every run to its own path: the status of each is 0. All arrays are contiguous floats.
 
@@ -79,6 +100,26 @@ class NumPyRuns:
         """
         return q, y, np.zeros(len(q)), np.zeros(len(q))
 
+    def dissipate(
+        self, charts: tuple[object, ...], start: RunStarts, h: float, steps: int, losses: Dissipation
+    ) -> tuple[Array, Array, Array, Array]:
+        """The same with damping and dry friction, as ``DissipativeStep.advance``; the roughness may be infinite.
+
+        Args:
+            charts: as for ``velocities``.
+            start: states and inputs at the start.
+            h: duration of each step [s].
+            steps: number of steps.
+            losses: damping and friction.
+        """
+        return *start[:2], np.zeros(len(charts)), np.zeros(len(charts))
+
+    def friction(
+        self, charts: tuple[object, ...], start: RunStarts, h: float, losses: Dissipation
+    ) -> tuple[Array, Array]:
+        """Generalized forces (B, nv) of dry friction during a step, and status (B,); arguments as of ``dissipate``."""
+        return np.empty((len(charts), 0)), np.zeros(len(charts))
+
     def measure(self, q: Array, v: Array, kinematics: Array, status: Array) -> RunRecords:
         """Quantities of states (q, v) with records of kinematics.
 
@@ -119,6 +160,7 @@ class NumPyEvaluator:
     Attributes:
         measures: True if ``measured`` is one call, for many runs too.
         compiled: True if a compiled kernel fills arrays.
+        kept_chart: evaluator of the last velocity chart, and what defines it. Many runs start at one configuration.
     """
 
     measures = compiled = False
@@ -126,6 +168,7 @@ class NumPyEvaluator:
     def __init__(self, data: ReductionData) -> None:
         self.data = data
         self._validator = ConfigurationValidator(data.robot)
+        self.kept_chart: tuple[tuple[object, ...], NumPyEvaluator] | None = None
 
     # ------------------------------------------------------------------ arrays
 
@@ -139,6 +182,7 @@ class NumPyEvaluator:
 
     def rows_changed(self) -> None:
         """Read the parameters of constraint rows again; call it after a change of e.g. the radius of a wheel."""
+        self.kept_chart = None
 
     # ------------------------------------------------------------------ evaluations
 

@@ -1,16 +1,17 @@
-"""Navigation: follow a way to a goal, wait for what crosses it, stop before what blocks it, and take another one."""
+"""Navigation: follow a way to a goal, wait for what crosses it, give way, and take another one where it is blocked."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
-from typing import ClassVar, Literal, NamedTuple
+from itertools import product
+from typing import ClassVar
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
+from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.control.controller import DescribedMixin, Description, MissedGoal, VelocityTarget, elapsed_time
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.parameter_types import NotNegative
@@ -18,52 +19,27 @@ from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import KinematicModel
 from rnc_pin.optimal.bounds import Goal, GoalRows
-from rnc_pin.optimal.way_following import FollowedWay, WayFollower, WayFollowing, WayProgress
-from rnc_pin.planning.exact_steering import ExactMotion
+from rnc_pin.optimal.giving_way import GivingWay, Refuge
+from rnc_pin.optimal.way_following import (
+    DriveChecks,
+    NavigationState,
+    Status,
+    WayFollower,
+    WayFollowing,
+    WayProgress,
+)
 from rnc_pin.planning.way import Way
-from rnc_pin.planning.way_checking import WayChecker
 from rnc_pin.planning.way_finding import WayFinder, WaySettings
 
-_MOVED = 1e-3  # [m or rad]; an obstacle that is farther from where it was seen has moved
 _SETTLE = 0.5  # [s] at rest until the measured configuration counts
 _END = 1e-9  # [s] before a time that counts as the time
+_APART = 0.5  # [s] along the way between places at which the robot may stop for something
+_LONGER = 0.5  # [s] that another plan has to be free for longer, if nothing better is found
+_IRREGULAR = 1e-3  # relative difference of steps after which predictions begin anew
 _STEP = 0.02  # [s]; time of a step of predictions before the first step
 _ALWAYS = 1e9  # [s]; searches end by motions, not by time
 
-Status = Literal["following", "waiting", "stopping", "replanning", "no way", "arrived"]
-
-
-class NavigationState(NamedTuple):
-    """Way, the place on it, and the search for the next one."""
-
-    status: Status
-    """"following" a way, "waiting" or "stopping" on it, "replanning" at rest, "no way", or "arrived"."""
-    t: float | None
-    """Time of the last step [s]."""
-    begin: float
-    """Time at which the status began [s]."""
-    way: FollowedWay
-    progress: WayProgress
-    since: float
-    """Time between the last steps [s]."""
-    end: float
-    """Place at which the robot stops."""
-    doubt: float | None
-    """Place that is crossed, for which the robot brakes, until the next step decides where it waits."""
-    world: int
-    """Number of the obstacles that were set last, as far as the way was checked."""
-    seen: float
-    """Time at which obstacles that move were seen [s]."""
-    posed: float
-    """Time of the poses of these obstacles in the search [s]."""
-    start: Float[Array, " s"]
-    """Configuration from which the search starts; empty if the measured one counts, after the stop."""
-    slices: int
-    """Slices of the search that were made."""
-    searches: int
-    ways: int
-    reason: str
-    """Why the robot does not follow a way; "" if it does."""
+_DRIVES: Container[Status] = ("following", "waiting", "stopping", "giving way")
 
 
 class NavigationController(DescribedMixin):
@@ -75,14 +51,16 @@ class NavigationController(DescribedMixin):
     ``v^2 / (2 a)``.
 
     ``set_obstacles`` changes the world. If the rest of the way is no longer free, the robot brakes on the way, and
-    searches from where it stops. Obstacles with a motion count where they will be: the drive along the way is predicted
-    until the horizon, and bounds show that it is free, between the steps too. Else the robot waits at a place of its
-    way that nothing reaches, and goes on as soon as the prediction is free. If the way is not free at the
-    horizon either, the robot takes another one. What appears nearer than the robot can stop, or moves into a robot at
-    rest, cannot be avoided; ``reason`` says so.
+    searches from where it stops.
 
-    Each part of the way is shown to be free before the robot is on it, with a clearance. A robot that is farther than
-    ``tube`` from it stops and plans again from where it is; so the clearance should cover the tube.
+    Obstacles with a motion count where they will be. The robot always has a plan, to drive to a place and to stand
+    there, which nothing reaches until the horizon: bounds show it, between the steps too. As time goes on, each look
+    shows the next part. Where something reaches the plan, the robot waits at another place of its way, or gives way:
+    it backs off, or drives to a drawn place, and searches for a way to its goal again. What appears nearer than the
+    robot can stop, or leaves it no place to go, cannot be avoided; ``reason`` says so.
+
+    Each part of the way has a clearance. A robot that is farther than ``tube`` from it stops and plans again from where
+    it is; so the clearance should cover the tube.
 
     In ``rnc.VelocityLoop``, it drives a robot of your own; trackers, such as ``VelocityTracker``, give forces. Reads
     from the measurement ``q, v2``. One state at a time. The same measurements give the same commands: searches end by
@@ -100,7 +78,7 @@ class NavigationController(DescribedMixin):
 
     Attributes:
         search: default settings of the searches.
-        status: of the last step: "following", "waiting", "stopping", "replanning", "no way" or "arrived".
+        status: of the last step: "following", "waiting", "stopping", "replanning", "giving way", "no way" or "arrived".
         reason: why the robot does not follow a way.
 
     Raises:
@@ -138,7 +116,6 @@ class NavigationController(DescribedMixin):
         seed: int = 0,
     ) -> None:
         self.clearance, self.following, self.seed, self.goal = clearance, following, seed, goal
-        motions = self.search.motions if settings.motions is None else settings.motions
         self._model = KinematicModel(reduced)
         self._rows = GoalRows(self._model, goal, at_rest=False)
         self._reference = reduced.robot.configuration() if isinstance(goal, Mapping) else np.array(goal, dtype=float)
@@ -147,15 +124,14 @@ class NavigationController(DescribedMixin):
             self._reference,
             selection=selection,
             clearance=clearance,
-            settings=replace(settings, seconds=_ALWAYS, motions=motions),
+            settings=replace(settings, seconds=_ALWAYS, motions=settings.motions or self.search.motions),
         )
         if self._finder.steering is None:
             raise ConfigurationError(
                 "navigation: no exact steering is known for this system, see rnc.planning.find_steering"
             )
-        self._planned = self._finder.planned
-        self._follower = WayFollower(self._model, self._planned, following)
-        self._running: tuple[tuple[int, float, bytes, int], int, Iterator[Way | None]] | None = None
+        self._follower = WayFollower(self._model, self._finder.planned, following)
+        self._running: tuple[tuple[object, ...], int, Iterator[Way | Refuge | None]] | None = None
         self._world = -1
         self.set_obstacles(obstacles)
         self.status: Status = "replanning"
@@ -176,16 +152,7 @@ class NavigationController(DescribedMixin):
             obstacles: all obstacles that are known now.
         """
         self._obstacles, self._world = tuple(obstacles), self._world + 1
-        self._standing, self._moving = (
-            self._checker([each for each in obstacles if (each.motion is not None) == moves]) for moves in (False, True)
-        )
-
-    def _checker(self, obstacles: Sequence[Obstacle]) -> WayChecker | None:
-        """Check of the way beside obstacles; the search has checked the links against each other."""
-        if not obstacles:
-            return None
-        robot, links = self._model.reduced.robot, PairSelection(links=False)
-        return WayChecker(CollisionDistances(robot, obstacles, links), self.clearance)
+        self._checks = DriveChecks(self._follower, self._obstacles, self.clearance)
 
     def missed_goals(self, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
         """Rows of the goal that a run misses which ends in this state, for its verdict.
@@ -201,39 +168,31 @@ class NavigationController(DescribedMixin):
         """Return a state that searches for a way from the measured configuration."""
         q = np.array(measurement.q, dtype=float)
         self.status, self.reason = "replanning", ""
-        return NavigationState(
-            status="replanning",
-            t=None,
-            begin=0.0,
-            way=self._follower.standing(q),
-            progress=WayProgress(),
-            since=_STEP,
-            end=0.0,
-            doubt=None,
-            world=-1,
-            seen=-np.inf,
-            posed=0.0,
-            start=q,
-            slices=0,
-            searches=0,
-            ways=0,
-            reason="",
-        )
+        return NavigationState(self._follower.standing(q), start=q, since=_STEP)
 
     def step(
         self, t: float, measurement: Measurement, state: NavigationState
     ) -> tuple[VelocityTarget, NavigationState]:
         q, since = np.asarray(measurement.q, dtype=float), elapsed_time(t, state.t)
         progress = self._follower.moved(state.way, state.progress, state.end, since)
+        if abs(since - state.since) > _IRREGULAR * since and not state.threat:
+            state = state._replace(safe=-np.inf)  # what was predicted had other steps
         state = state._replace(t=t, progress=progress, since=since or state.since)
-        if state.status in ("following", "waiting", "stopping"):
+        if state.status in _DRIVES:
             state = self._along(t, q, state)
+        elif state.status == "no way":
+            later = t >= state.begin + self.following.check - _END
+            if state.world != self._world or (later and self._checks.have_moved(state.begin, t)):
+                state = self._begun(t, state.start, state)
+        elif state.status == "arrived" and t >= state.begin + _SETTLE and self.missed_goals(q, measurement.v2):
+            state = self._begun(t, q, state)
+        watched, state = state.watched, self._watched(t, state)
+        if state.watched != watched:
+            pass  # a look at the whole horizon takes a step of its own
+        elif state.threat:
+            state = self._avoided(t, state)
         elif state.status == "replanning":
             state = self._searched(t, state)
-        elif state.status == "no way" and self._is_new(t, state):
-            state = self._begun(t, state.start, state)
-        elif state.status == "arrived" and t >= state.begin + _SETTLE and self._is_away(q):
-            state = self._begun(t, q, state)
         self.status, self.reason = state.status, state.reason
         v2, v2_dot = self._follower.command(state.way, state.progress, q)
         return VelocityTarget(v2=v2, v2_dot=v2_dot), state
@@ -243,49 +202,27 @@ class NavigationController(DescribedMixin):
         errors = self._rows.errors(q)
         if self._rows.configuration is None:
             return errors
-        return {name: error for (name, error), planned in zip(errors.items(), self._planned, strict=True) if planned}
-
-    def _is_away(self, q: Array) -> bool:
-        """True if a configuration is not at the goal."""
-        return max(self._errors(q).values()) > self.following.tolerance
+        return {name: errors[name] for name, planned in zip(errors, self._finder.planned, strict=True) if planned}
 
     # ------------------------------------------------------------------ the world
 
-    def _is_new(self, t: float, state: NavigationState) -> bool:
-        """True if the obstacles are others than those that were seen last, or elsewhere."""
-        if state.world != self._world:
-            return True
-        if self._moving is None or t < state.seen + self.following.check - _END:
-            return False
-        return any(_distance(each, t, state.seen) > _MOVED for each in self._moving.distances.obstacles)
+    def _crossing(
+        self, t: float, end: float, state: NavigationState, first: float = -np.inf, last: float = np.inf
+    ) -> tuple[str, float]:
+        """Obstacle that crosses a drive to a place, or the robot that stands there, and when; "" for none."""
+        drive = self._follower.predicted(state.way, state.progress, end, state.since)
+        return self._checks.crossing(t, state.way, drive, max(first, t), last)
 
-    def _is_free(self, state: NavigationState, first: float, last: float) -> bool:
-        """True if the way is free between two places, among obstacles that stand."""
-        if self._standing is None or not len(state.way.v):
-            return True
-        places = self._places(state.way, first, last)
-        k = np.searchsorted(state.way.time, 0.5 * (places[1:] + places[:-1]), "right") - 1
-        steps = np.diff(places)[:, None] * state.way.v[k]
-        return self._standing.is_free(ExactMotion(self._follower.at(state.way, places), steps))
-
-    def _stays_blocked(self, t: float, first: float, state: NavigationState) -> str:
-        """Obstacle that blocks the rest of the way from a place, as it will stand at a time; "" for none."""
-        places = self._places(state.way, first, state.way.end)
-        q = self._follower.at(state.way, places)
-        return "" if self._moving is None else self._moving.crossing(np.full(len(places), t), q)[0]
-
-    @staticmethod
-    def _places(way: FollowedWay, first: float, last: float) -> Float[Array, " n"]:
-        """Two places, and the nodes between them."""
-        return np.concatenate([[first], way.time[(way.time > first + _END) & (way.time < last - _END)], [last]])
-
-    def _crossing(self, t: float, end: float, state: NavigationState) -> tuple[str, float]:
-        """Obstacle that crosses a drive to a place before the horizon, and the place of the robot then; "" for none."""
-        if self._moving is None:
-            return "", end
-        times, places = self._follower.predicted(state.way, state.progress, end, state.since)
-        name, at = self._moving.crossing(t + times, self._follower.at(state.way, places))
-        return name, float(np.interp(at - t, times, places))
+    def _watched(self, t: float, state: NavigationState) -> NavigationState:
+        """State after a look at what comes towards the robot, at the part of the horizon that it has not seen."""
+        new = state.watched != self._world
+        if not new and (t < state.seen + self.following.check - _END or (state.threat and t < state.safe)):
+            return state
+        first = t if new or state.threat else state.safe
+        name, at = self._crossing(t, state.end, state, first)
+        tries = state.tries if name == state.threat else 0
+        state = state._replace(watched=self._world, seen=t, threat=name, tries=tries)
+        return state._replace(safe=at if name else t + self.following.horizon)
 
     # ------------------------------------------------------------------ along the way
 
@@ -293,59 +230,105 @@ class NavigationController(DescribedMixin):
         """State that follows its way, waits on it, or leaves it."""
         lost = state.status == "stopping" and not len(state.start)
         if not lost and self._follower.away(state.way, state.progress.place, q) > self.following.tube:
-            reason = "the robot is off its way"
-            end = self._follower.braked(state.way, state.progress)
-            return state._replace(status="stopping", begin=t, end=end, start=np.empty(0), reason=reason)
-        looks = state.world != self._world or (
-            self._moving is not None and t >= state.seen + self.following.check - _END
-        )
-        if not lost and looks:
+            return self._stopping(t, "the robot is off its way", state)._replace(start=np.empty(0))
+        if not lost and state.world != self._world:
             state = self._looked(t, state)
-        elif state.status == "waiting" and state.doubt is not None:
-            state = self._chosen(t, state.doubt, state)
         if state.status == "stopping" and not state.progress.speed:
             return self._stopped(t, q, state)
-        if state.status == "following" and state.progress.place >= state.end:
-            return state._replace(status="arrived", begin=t)
+        if state.status == "waiting" and not state.threat:
+            state = self._waited(t, state)
+        if state.progress.place >= state.end and not state.threat:
+            if state.status == "following":
+                return state._replace(status="arrived", begin=t)
+            if state.status == "giving way":
+                return self._begun(t, self._follower.at(state.way, state.end)[0], state)
         return state
 
     def _looked(self, t: float, state: NavigationState) -> NavigationState:
-        """State after a look at the world: the robot drives on, waits, or stops."""
-        blocked = state.status == "stopping"  # unless the world has changed
-        if state.world != self._world:
-            blocked = not self._is_free(state, state.progress.place, state.way.end)
-        state = state._replace(world=self._world, seen=t)
+        """State after a look at other obstacles that stand: the robot stops on its way, or drives on."""
+        free = self._checks.is_free(state.way, state.progress.place, state.way.end)
+        state = state._replace(world=self._world)
+        if state.status == "stopping" and free:
+            return state._replace(status="following", begin=t, end=state.way.end, safe=t, reason="")
+        if state.status == "stopping" or free:
+            return state
         braked = self._follower.braked(state.way, state.progress)
-        if blocked:
-            if state.status == "stopping":
-                return state
-            late = not self._is_free(state, state.progress.place, braked)
-            return self._stopping(t, f"the way is blocked{' nearer than the robot can stop' if late else ''}", state)
-        name, place = self._crossing(t, state.way.end, state)
-        if not name:
-            begin = state.begin if state.status == "following" else t
-            return state._replace(status="following", begin=begin, end=state.way.end, doubt=None, reason="")
-        begin = state.begin if state.status == "waiting" else t
-        state = state._replace(status="waiting", begin=begin, end=braked, doubt=place)
-        return state._replace(reason=f"waits for {name}")
+        late = not self._checks.is_free(state.way, state.progress.place, braked)
+        return self._stopping(t, f"the way is blocked{' nearer than the robot can stop' if late else ''}", state)
 
-    def _chosen(self, t: float, place: float, state: NavigationState) -> NavigationState:
-        """State that waits where nothing reaches the robot, before a place that is crossed, or gives the way up."""
-        state = state._replace(doubt=None)
-        name = self._stays_blocked(t + self.following.horizon, state.end, state)
-        if name:
-            return self._stopping(t, f"{name} will block the way", state)
-        between = 0.5 * (state.end + place)
-        for end in [state.end, between] if between > state.end + _END else [state.end]:
-            name = self._crossing(t, end, state)[0]
-            if not name:
-                return state._replace(end=end)
-        return state._replace(reason=f"{name} comes nearer than the robot can avoid")
+    def _waited(self, t: float, state: NavigationState) -> NavigationState:
+        """State that goes on if nothing crosses the way any more, or takes another one if it stays blocked."""
+        if t >= state.begin + state.tries * self.following.horizon:
+            name = self._checks.stays_blocked(t, state.way, state.end)
+            if name:
+                return self._stopping(t, f"{name} will block the way", state)
+            return state._replace(tries=state.tries + 1)
+        halfway = state.seen + 0.5 * self.following.check - _END  # between the looks at what comes to the robot
+        if not t - state.since < halfway <= t or self._crossing(t, state.way.end, state)[0]:
+            return state
+        return self._driving(t, state.way.end, state)
+
+    def _driving(self, t: float, end: float, state: NavigationState, safe: float = np.inf) -> NavigationState:
+        """State that drives to a place of its way, at which nothing reaches it until a time, or the horizon."""
+        status: Status = "following" if end >= state.way.end else "waiting"
+        reason = f"waits for {state.threat}" if status == "waiting" else ""
+        if state.status == "giving way":
+            status, reason = state.status, state.reason
+        begin = state.begin if status == state.status else t
+        state = state._replace(status=status, begin=begin, end=end, reason=reason, threat="", tries=0)
+        return state._replace(safe=min(safe, t + self.following.horizon), seen=t)
+
+    def _avoided(self, t: float, state: NavigationState) -> NavigationState:
+        """State that has looked for another place to stop, on its way or elsewhere.
+
+        A robot that drives keeps its plan until a better one is found.
+        """
+        drives = state.progress.place < state.end
+        if state.status in ("following", "waiting") or (state.status == "giving way" and drives):
+            choices = self._choices(t, state)
+            if state.tries < len(choices):
+                end, safe = choices[state.tries]
+                if self._crossing(t, end, state, last=safe)[0]:
+                    return state._replace(tries=state.tries + 1)
+                return self._driving(t, end, state, safe)
+            state = state._replace(tries=0)
+        if drives or (state.status == "stopping" and not len(state.start)):
+            return state
+        return self._given_way(t, state)
+
+    def _choices(self, t: float, state: NavigationState) -> list[tuple[float, float]]:
+        """Places of the way at which a robot could stop, and times until which nothing may reach it there.
+
+        A robot that drives also stops where it is reached later than now. One that does not give way yet stops where it
+        has half of the horizon for giving way.
+        """
+        drives, horizon = state.progress.place < state.end, self.following.horizon
+        braked = self._follower.braked(state.way, state.progress)
+        first, half = (t + horizon, state.safe + _LONGER)[: 1 + drives], (t + 0.5 * horizon,) * drives
+        ahead = np.arange(braked + _APART, min(braked + horizon, state.way.end), _APART).tolist()
+        now, last = [braked] * drives, [state.way.end] * (state.end < state.way.end)
+        found = [*product(last, first[:1]), *product(now, first), *product(ahead, first)]
+        return found if state.status == "giving way" else [*found, *product([*now, *ahead], half)]
+
+    def _given_way(self, t: float, state: NavigationState) -> NavigationState:
+        """State of a robot at rest after one slice of the search for a place where nothing reaches it."""
+        if state.status != "giving way" or state.slices < 0 or state.world != self._world:
+            state = state._replace(status="giving way", begin=t, end=state.progress.place, world=self._world)
+            state = state._replace(slices=0, searches=state.searches + 1, reason=f"gives way to {state.threat}")
+        found = self._slice(state)
+        state = state._replace(slices=state.slices + 1)
+        if not isinstance(found, Refuge):
+            late = f"{state.threat} comes nearer than the robot can avoid"
+            return state._replace(reason=late) if t >= state.safe else state
+        away = state._replace(way=found.way, progress=WayProgress(), end=found.way.end, slices=-1)
+        if self._crossing(t, away.end, away, last=found.free)[0]:
+            return state
+        return self._driving(t, away.end, away, found.free)
 
     def _stopping(self, t: float, reason: str, state: NavigationState) -> NavigationState:
         end = self._follower.braked(state.way, state.progress)
         start = self._follower.at(state.way, end)[0]
-        return state._replace(status="stopping", begin=t, end=end, start=start, reason=reason)
+        return state._replace(status="stopping", begin=t, end=end, safe=t, threat="", start=start, reason=reason)
 
     def _stopped(self, t: float, q: Array, state: NavigationState) -> NavigationState:
         """State that begins to search where the robot stands."""
@@ -353,46 +336,59 @@ class NavigationController(DescribedMixin):
             return self._begun(t, state.start, state)
         if state.progress.rate or t < state.begin + _SETTLE:  # the measured configuration counts after it has settled
             return state
-        return self._begun(t, q, state)
+        here = self._follower.standing(q)
+        return self._begun(t, q, state._replace(way=here, progress=WayProgress(), end=0.0, safe=t))
 
     # ------------------------------------------------------------------ the search
 
     def _begun(self, t: float, start: Array, state: NavigationState, ahead: float | None = None) -> NavigationState:
         """State that searches from a configuration, beside obstacles as they will stand at the horizon."""
         posed = t + (self.following.horizon if ahead is None else ahead)
-        state = state._replace(slices=0, searches=state.searches + 1, world=self._world, seen=t, posed=posed)
+        state = state._replace(slices=0, searches=state.searches + 1, world=self._world, posed=posed)
         return state._replace(status="replanning", begin=t, start=np.array(start))
 
     def _searched(self, t: float, state: NavigationState) -> NavigationState:
-        """State after one slice of the search."""
+        """State after one slice of the search, or at the start of the way that it found."""
         if state.world != self._world:
             state = self._begun(t, state.start, state)
+        if state.slices < 0:
+            name = self._crossing(t, state.way.end, state)[0]
+            if not name:
+                return self._driving(t, state.way.end, state)
+            return state._replace(status="waiting", begin=t, tries=0, reason=f"waits for {name}")
         try:
             way = self._slice(state)
         except RncError as error:
-            if self._moving is not None and state.posed > t:  # not before the horizon, but perhaps now
+            if self._checks.moving is not None and state.posed > t:  # not before the horizon, but perhaps now
                 return self._begun(t, state.start, state, 0.0)
             return state._replace(status="no way", begin=t, reason=str(error))
-        state = state._replace(slices=state.slices + 1)
-        if way is None:
-            return state
+        if not isinstance(way, Way):
+            return state._replace(slices=state.slices + 1)
         followed = self._follower.followed(way)
-        state = state._replace(way=followed, progress=WayProgress(), end=0.0, ways=state.ways + 1, reason="")
-        return self._looked(t, state)
+        state = state._replace(way=followed, progress=WayProgress(), end=0.0, ways=state.ways + 1, slices=-1)
+        return self._searched(t, state) if self._checks.moving is None else state
 
-    def _slice(self, state: NavigationState) -> Way | None:
+    def _slice(self, state: NavigationState) -> Way | Refuge | None:
         """Result of the next slice of a search; a state from elsewhere repeats the slices before it."""
-        key = state.world, state.posed, state.start.tobytes(), state.searches
+        key = state.status, state.world, state.posed, state.start.tobytes(), state.searches
         if self._running is None or self._running[:2] != (key, state.slices):
-            finder = self._finder.among([each.at_rest(state.posed) for each in self._obstacles])
-            seed, size = self.seed + state.searches, self.following.slice_size
-            best = _best(finder.slices(state.start, self.goal, seed, size))
+            slices = self._slices(state)
             for _ in range(state.slices):
-                next(best)
-            self._running = key, state.slices, best
+                next(slices)
+            self._running = key, state.slices, slices
         slices = self._running[2]
         self._running = key, state.slices + 1, slices
         return next(slices)
+
+    def _slices(self, state: NavigationState) -> Iterator[Way | Refuge | None]:
+        """Search for a way to the goal, or for a place to give way."""
+        seed, size = self.seed + state.searches, self.following.slice_size
+        if state.status == "giving way":
+            still = self._finder.among([each for each in self._obstacles if each.motion is None])
+            giving = GivingWay(still, self._checks, self._follower, self.following)
+            return giving.slices(state.begin, state.since, state.safe, (state.way, state.progress.place), seed)
+        finder = self._finder.among([each.at_rest(state.posed) for each in self._obstacles])
+        return _best(finder.slices(state.start, self.goal, seed, size))
 
 
 def _best(slices: Iterator[Way | None]) -> Iterator[Way | None]:
@@ -402,10 +398,3 @@ def _best(slices: Iterator[Way | None]) -> Iterator[Way | None]:
         best = way or best
         yield None
     yield best
-
-
-def _distance(obstacle: Obstacle, t: float, before: float) -> float:
-    """Largest change of a pose between two times [m or rad]."""
-    assert obstacle.motion is not None
-    now, then = (np.asarray(obstacle.motion.at(each).position) for each in (t, before))
-    return float(np.abs(now - then).max())

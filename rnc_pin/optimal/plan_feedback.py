@@ -9,11 +9,13 @@ from contextlib import suppress
 from typing import Literal
 
 import numpy as np
+import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, listed
 from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
+from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -137,7 +139,7 @@ class PlanFeedback(ReprMixin):
     """``u + K dx`` along a plan, with dx the measured state minus the planned one along the tangent space.
 
     It reads the model. The dynamic form commands inputs T; the others command the reduced force of the acceleration
-    that results. Reads from the measurement ``q, v2``. One state at a time.
+    that results. Reads from the measurement ``q, v2``.
 
     A plan that ends at rest stands still after its end. Other plans brake with ``end="stop"``: the planned reduced
     velocities fall linearly to zero, within the largest accelerations of the plan, and at most in its duration. With
@@ -167,6 +169,8 @@ class PlanFeedback(ReprMixin):
         >>> command.F.round(1)  # towards the plan, which moves at 0.5 m/s
         array([39.6,  0. ])
     """
+
+    accepts_batches = True
 
     def __init__(
         self,
@@ -213,24 +217,31 @@ class PlanFeedback(ReprMixin):
         return at, plan.u[k], self.K[k]
 
     def input_at(self, t: float, q: Array, v2: Array) -> tuple[Array, Array]:
-        """Input of the form with feedback, and the planned reduced velocity."""
+        """Inputs (B, nu) of the form with feedback at B states, and the planned reduced velocity (r,)."""
         state, u, K = self.planned(t)
-        w = v2[None] if self._model.nw else np.empty((1, 0))
-        deviation = self._model.difference(state, Nodes(q[None], w))[0]
-        return u + K @ deviation, self._model.velocity(state, u[None])[0]
+        model = self._reduced.robot.model
+        moved = np.array([pin.difference(model, state.q[0], each) for each in q])
+        w = v2 - state.w if self._model.nw else np.empty((len(q), 0))
+        return u + apply(K, np.concatenate([moved, w], axis=1)), self._model.velocity(state, u[None])[0]
 
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[Command, None]:
         q, v2 = np.asarray(measurement.q), np.asarray(measurement.v2)
+        if alone := v2.ndim == 1:
+            q, v2 = q[None], v2[None]
         u, v2_desired = self.input_at(t, q, v2)
         x1, x2 = None, None
         over = t - self.plan.duration > 0 and self._after.duration > 0  # the plan has no outputs after its end
         if self._outputs is not None and not over:  # a plan for other outputs of the same inputs has none of these
             x2, x1 = np.split(self._outputs.at(t).position, [self._model.r])
-        desired = Command(v2_desired=v2_desired, x1_desired=x1, x2_desired=x2)
-        if self._model.form == "dynamic":
-            return desired._replace(T=u), None
-        rate = u if self._model.form == "acceleration" else self.bandwidth * (u - v2)
-        return desired._replace(F=self._reduced.inverse_dynamics(q, v2, rate)), None
+        F = None
+        if self._model.form != "dynamic":
+            rate = u if self._model.form == "acceleration" else self.bandwidth * (u - v2)
+            F = self._reduced.evaluator.inverse_dynamics_of_runs(q, v2, rate, t)
+        if alone:
+            F, T = (None, u[0]) if F is None else (F[0], None)
+            return Command(F, T, v2_desired, x1, x2), None
+        goals = [None if each is None else np.tile(each, (len(q), 1)) for each in (v2_desired, x1, x2)]
+        return Command(F, u if F is None else None, *goals), None
 
 
 def tvlqr(

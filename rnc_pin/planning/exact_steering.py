@@ -81,6 +81,14 @@ class Steering(ABC):
         for steps in self.displacements(start, goal):
             yield self._along(start, steps)
 
+    def prepared(self, q: Float[Array, " nq"]) -> Float[Array, " nq"]:
+        """Return a configuration as motions end in it: a car has straight wheels.
+
+        Args:
+            q: any configuration (nq,).
+        """
+        return np.array(q)
+
     def _along(self, start: Array, steps: Array) -> ExactMotion:
         return self.along(start, steps[np.abs(steps).max(axis=1, initial=0.0) > _SHORT])
 
@@ -244,15 +252,9 @@ class CarSteering(_AxleSteering):
         self._driven = {side: self._curvature(angle) for side, angle in self._angles.items()}
         self.radius = 1.0 / min(abs(self._driven[side]) for side in (-1, 1))
 
-    @property
-    def straight(self) -> float:
-        """Angle of the steering joint with straight wheels [rad]."""
-        return self._angles[0]
-
-    def at_angle(self, q: Float[Array, " nq"], angle: float) -> Float[Array, " nq"]:
-        """The configuration with another steering angle."""
+    def prepared(self, q: Float[Array, " nq"]) -> Float[Array, " nq"]:
         found = np.array(q)
-        found[self._entry] = angle
+        found[self._entry] = self._angles[0]
         return found
 
     def _curvature(self, angle: float) -> float:

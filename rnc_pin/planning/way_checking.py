@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from rnc_pin.robots.robot import Robot
 
 _FINER = 0.1  # tolerance of the second check of wheels that follow, in tolerances of the first one
 _SPACING = 0.1  # [m or rad] between the samples that are looked at before the bounds
+_APART, _MOST_LOOKS = 0.5, 32  # [s] between the looks at obstacles that move before the bounds, and their number
 _LOOK = 2.0  # effort of a look at one configuration
 _HALVED = 1.0 - np.array([int(f"{k:04b}"[::-1], 2) for k in range(16)]) / 16.0
 """Fractions of a motion, in an order that finds collisions early: the end, the middle, the quarters, ..."""
@@ -58,7 +59,7 @@ class WayChecker:
         self.tolerance = default_tolerance(distances)
         self._beside = distances.shape_pairs[1] >= distances.link_shapes
         self._least = np.where(self._beside, clearance + self.tolerance, 0.0)
-        self._manifold = ConfigurationManifold(distances.robot.model)
+        self.manifold = ConfigurationManifold(distances.robot.model)
         self.blocks = np.zeros(len(distances.pairs), dtype=int)
         self.checked = 0
 
@@ -93,10 +94,22 @@ class WayChecker:
             time: times (n,) [s], for obstacles that move.
             q: configurations (n, nq); joints move at constant rates between them.
         """
+        for t, place in self._looks(time, q):
+            near = self.distances.smallest(place, t, self.clearance) < self._least - self.tolerance
+            if near.any():
+                return self.distances.pairs[int(np.argmax(near))].names[1], t
         found = too_near(self.distances, time, q, self._least, self.tolerance, at_samples=False, spend=self._spend)
         if found is None:
             return "", float(time[-1])
         return self.distances.pairs[found[0]].names[1], found[1]
+
+    def _looks(self, time: Float[Array, " n"], q: Float[Array, "n nq"]) -> Iterator[tuple[float, Float[Array, " nq"]]]:
+        """Some times and configurations of a motion."""
+        count = int(np.clip(np.ceil((time[-1] - time[0]) / _APART), 1, _MOST_LOOKS))
+        for t in np.linspace(time[0], time[-1], count + 1).tolist():
+            k = int(np.clip(np.searchsorted(time, t, "right") - 1, 0, len(time) - 2))
+            part = (t - time[k]) / max(float(time[k + 1] - time[k]), 1e-300)
+            yield t, self.manifold.interpolate(q[k : k + 1], q[k + 1 : k + 2], np.array([part]))[0]
 
     def holds_with(self, motion: ExactMotion, followers: Bool[Array, " nv"]) -> bool:
         """True if a motion that ``is_free`` has accepted stays free where joints that follow move too.
@@ -124,7 +137,7 @@ class WayChecker:
         wanted = _HALVED[: int(np.clip(ends[-1] / _SPACING, 2, len(_HALVED)))] * ends[-1]
         before = np.minimum(np.searchsorted(ends, wanted), len(lengths) - 1)
         parts = 1.0 - (ends[before] - wanted) / lengths[before]
-        return self._manifold.integrate(motion.q[before], parts[:, None] * motion.steps[before])
+        return self.manifold.integrate(motion.q[before], parts[:, None] * motion.steps[before])
 
     def narrowest(self, time: Float[Array, " n"], q: Float[Array, "n nq"], within: float) -> NarrowPlace | None:
         """Narrowest place beside obstacles along a motion; None if no obstacle is nearer than ``within`` [m]."""
@@ -136,7 +149,7 @@ class WayChecker:
         at = float(found.time[nearest])
         k = int(np.clip(np.searchsorted(time, at) - 1, 0, len(time) - 2))
         part = (at - time[k]) / max(time[k + 1] - time[k], 1e-300)
-        place = self._manifold.interpolate(q[k], q[k + 1], np.array([part]))[0]
+        place = self.manifold.interpolate(q[k], q[k + 1], np.array([part]))[0]
         return NarrowPlace(float(beside[nearest]), self.distances.pairs[nearest].label, place, at)
 
 

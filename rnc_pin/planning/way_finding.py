@@ -335,6 +335,17 @@ class WayFinder:
             return search.shortened(motion, self._settings.shortcuts)
         return search.shortened(motion, self._settings.shortcuts, seed)
 
+    def along(self, motion: ExactMotion) -> Way:
+        """Way along an exact motion that is free.
+
+        Args:
+            motion: motion of the planned joints.
+
+        Raises:
+            InfeasibleError: wheels that follow collide.
+        """
+        return self._way(motion, motion.q[0], self.checker, WayInfo(self._kind, 0.0, 0, 1, 0.0))
+
     def _way(self, motion: ExactMotion, start: Array, checker: WayChecker | None, info: WayInfo) -> Way:
         """Way along a motion, with the joints that follow."""
         steering = self.steering
@@ -361,7 +372,8 @@ def _steering(reduced: ReducedModel, start: Array, settings: WaySettings) -> Ste
             ) from None
         return None
     check_extra("ompl", "find_way")
-    import_module("ompl.geometric")  # here rather than in the first slice of a search
+    for name in ("ompl.geometric", "numpy.ma"):  # here rather than in the first slice of a search, by np.unique
+        import_module(name)
     return steering
 
 

@@ -18,7 +18,7 @@ from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
 from rnc_pin.planning.bounded_descent import TangentBounds
-from rnc_pin.planning.exact_steering import CarSteering, Steering
+from rnc_pin.planning.exact_steering import Steering
 from rnc_pin.planning.inverse_kinematics import IkSearch, solve_ik
 from rnc_pin.planning.way_checking import WayChecker
 from rnc_pin.planning.way_search import SearchBudget
@@ -45,7 +45,7 @@ def check_configuration(reduced: ReducedModel, checker: WayChecker | None, q: Ar
 
 def _problem_of(reduced: ReducedModel, checker: WayChecker | None, q: Array) -> str:
     """Text about a configuration that is beyond a limit or too near to something; "" for others."""
-    bounds = _position_limits(reduced)
+    bounds = position_limits(reduced)
     moved = np.abs(bounds.clip(q) - q)
     if moved.max() > 1e-9:
         worst = int(np.flatnonzero(bounds.q_index == int(np.argmax(moved)))[0])
@@ -57,7 +57,17 @@ def _problem_of(reduced: ReducedModel, checker: WayChecker | None, q: Array) -> 
     return f"is too near: {near[0]} are {near[1]:.3g} m apart"
 
 
-def _position_limits(reduced: ReducedModel) -> TangentBounds:
+def _prepared(steering: Steering | None, q: Array) -> Array:
+    """The configuration as the end of an exact motion."""
+    return np.array(q) if steering is None else steering.prepared(q)
+
+
+def position_limits(reduced: ReducedModel) -> TangentBounds:
+    """Position limits of the robot's file.
+
+    Args:
+        reduced: the model.
+    """
     model = reduced.robot.model
     return TangentBounds(model, model.lowerPositionLimit, model.upperPositionLimit, np.zeros(model.nv, dtype=bool))
 
@@ -121,7 +131,7 @@ class WayGoals:
                     raise InfeasibleError(f"find_way: the goal {same}")
                 why = why or f"no configuration reaches {', '.join(result.unreachable) or 'the goal beside obstacles'}"
                 continue
-            q = self._prepared(result.q)
+            q = _prepared(self._steering, result.q)
             problem = _problem_of(self._reduced, self._checker, q)
             why = problem and f"the goal {problem}"
             if not problem and all(np.abs(q - other).max() > 1e-3 for other in found):
@@ -139,14 +149,8 @@ class WayGoals:
             result = solve_ik(self._reduced, begin, goal, hold=self._hold, search=search)
             if not result.converged:
                 return ""
-            problems.add(_problem_of(self._reduced, self._checker, self._prepared(result.q)))
+            problems.add(_problem_of(self._reduced, self._checker, _prepared(self._steering, result.q)))
         return problems.pop() if len(problems) == 1 else ""
-
-    def _prepared(self, q: Array) -> Array:
-        """The configuration with straight wheels, if the robot is a car."""
-        if isinstance(self._steering, CarSteering):
-            return self._steering.at_angle(q, self._steering.straight)
-        return np.array(q)
 
     def _drawn(self, start: Array, generator: np.random.Generator) -> Array:
         """Random configuration near the start: joints within their limits."""
@@ -154,4 +158,4 @@ class WayGoals:
         step = generator.uniform(-np.pi, np.pi, model.nv)
         for name in self._hold:
             step[self._reduced.robot.velocity_indices(name)] = 0.0
-        return _position_limits(self._reduced).clip(pin.integrate(model, start, step))
+        return position_limits(self._reduced).clip(pin.integrate(model, start, step))

@@ -327,6 +327,7 @@ class WaySearch:
             begin, rest = self._cut(motion, ends, first)[0], self._cut(motion, ends, last)[1]
             now = last - first
             for between in self._steering.motions(begin.q[-1], rest.q[0]):
+                self._budget.spend(_STEERED)
                 if self.durations(between.steps).sum() < (1.0 - SHORTER) * now and self.is_free(between):
                     steps = np.concatenate([begin.steps, between.steps, rest.steps])
                     motion = self._steering.along(motion.q[0], steps)

@@ -1,12 +1,7 @@
 """Exports of ``rnc_pin.plants``, which ``__init__.py`` imports at their first use."""
 
-from .faults import ChangingPlant as ChangingPlant
 from .faults import Faults as Faults
 from .faults import FaultyPlant as FaultyPlant
-from .faults import MassErrors as MassErrors
-from .faults import Payload as Payload
-from .faults import StuckJoint as StuckJoint
-from .faults import TimedChange as TimedChange
 from .plant import Plant as Plant
 from .reduced import ContactEvent as ContactEvent
 from .reduced import ContactPlant as ContactPlant
@@ -15,3 +10,8 @@ from .reduced import ReducedPlant as ReducedPlant
 from .reduced import ReducedPlantBatch as ReducedPlantBatch
 from .reduced import UnilateralContact as UnilateralContact
 from .reduced import VelocityPlant as VelocityPlant
+from .robot_changes import ChangingPlant as ChangingPlant
+from .robot_changes import MassErrors as MassErrors
+from .robot_changes import Payload as Payload
+from .robot_changes import StuckJoint as StuckJoint
+from .robot_changes import TimedChange as TimedChange

@@ -1,27 +1,20 @@
-"""Differences between a real plant and the model of its controller.
-
-Sensors and actuators have faults; and a robot may differ from its model, from the start or from a time on.
-"""
+"""Faults of sensors and actuators, and plants that have them."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.constraints import Pfaffian
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.plants.plant import Plant, energy_minus_work
+from rnc_pin.plants.plant import OF_CONTACTS, OF_INTEGRATION, Plant, continue_plant, energy_minus_work
 from rnc_pin.plants.reduced import ReducedPlant
-from rnc_pin.robots.robot import Robot
+from rnc_pin.plants.robot_changes import ChangingPlant
 
-_OF_INTEGRATION = ("errors", "tolerance", "keep_errors")  # attributes of plants that estimate their errors
-_OF_CONTACTS = ("friction_used", "wheel_names", "normal_forces", "contact_forces", "contact_force_units")
 Reading = tuple[np.ndarray, np.ndarray]
 """Measured configuration (nq,) and velocity (nv,)."""
 
@@ -123,8 +116,10 @@ class FaultyPlant:
     """
 
     def __init__(self, plant: Plant, faults: Faults, reduced: ReducedModel, dt: float, seed: int = 0) -> None:
-        self.plant, self.faults, self._reduced, self._dt, self._seed = plant, faults, reduced, dt, seed
-        self._model = reduced.robot.model
+        self.plant, self.faults, self._reduced, self.dt, self._seed = plant, faults, reduced, dt, seed
+        self.model, jitter = reduced.robot.model, faults.jitter * dt
+        positions, velocities = (faults.position_noise, faults.position_bias), faults.velocity_noise
+        self.errors_of_sensors = *positions, jitter, velocities, faults.velocity_bias
         if faults.friction:
             if not hasattr(plant, "set_actuator_friction"):
                 raise ConfigurationError(
@@ -137,14 +132,14 @@ class FaultyPlant:
     def _initialize(self) -> None:
         self._time, self._generator = 0.0, np.random.default_rng(self._seed)
         self._delayed: deque[tuple[np.ndarray, np.ndarray]] = deque()
-        self._slip, self._slip_work = np.zeros(self._model.nv), 0.0
+        self._slip, self._slip_work = np.zeros(self.model.nv), 0.0
         self._reading: Reading | None = None
         self.applied = self._transmitted = np.zeros(self._reduced.p)
 
     def twin(self) -> FaultyPlant:
-        """Return another plant with the same faults and noise, on a twin of a ``ReducedPlant``."""
-        assert isinstance(self.plant, ReducedPlant)
-        return FaultyPlant(self.plant.twin(), self.faults, self._reduced, self._dt, self._seed)
+        """Return another plant with the same faults and noise, on a twin of a plant that has one."""
+        assert isinstance(self.plant, ReducedPlant | ChangingPlant)
+        return FaultyPlant(self.plant.twin(), self.faults, self._reduced, self.dt, self._seed)
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
         """Restart with the same noise."""
@@ -158,7 +153,7 @@ class FaultyPlant:
 
     def __getattr__(self, name: str) -> object:
         """Forward optional attributes to the plant."""
-        if name in ("reduced", "takes_velocities", "effort", *_OF_CONTACTS, *_OF_INTEGRATION):
+        if name in ("reduced", "takes_velocities", "effort", *OF_CONTACTS, *OF_INTEGRATION):
             return getattr(self.plant, name)
         raise AttributeError(name)
 
@@ -198,31 +193,36 @@ class FaultyPlant:
 
     def sensed(self, q: np.ndarray, v: np.ndarray) -> Reading:
         """Return measured q (nq,) and v (nv,) of a true state. Each call is one sample."""
-        faults, draw = self.faults, self._generator
-        # Always drawn, so that the noise of one fault does not depend on the others.
-        noise, chance = draw.normal(size=(2, self._model.nv)), draw.uniform(-1.0, 1.0, size=3)
-        error = faults.position_noise * noise[0] + faults.position_bias + faults.jitter * self._dt * chance[0] * v
+        noise, chance = self.draw()
+        error, v = _disturbed(self.errors_of_sensors, noise, chance[0], v)
         if error.any():
-            q = pin.integrate(self._model, q, error)
-        if np.isfinite(faults.counts):
-            q = self._quantized(q)
-        v = v + faults.velocity_noise * noise[1] + faults.velocity_bias
-        if abs(chance[2]) < faults.garbage:
+            q = pin.integrate(self.model, q, error)
+        if np.isfinite(self.faults.counts):
+            q = self.quantized(q)
+        if abs(chance[2]) < self.faults.garbage:
             q, v = np.full(q.shape, np.nan), np.full(v.shape, np.nan)
-        if abs(chance[1]) < faults.dropped and self._delayed:
+        return self.transmit(q, v, abs(chance[1]) < self.faults.dropped)
+
+    def draw(self) -> tuple[np.ndarray, np.ndarray]:
+        """Noise (2, nv) and chances (3,) of a sample, which do not depend on the faults."""
+        return self._generator.normal(size=(2, self.model.nv)), self._generator.uniform(-1.0, 1.0, size=3)
+
+    def transmit(self, q: np.ndarray, v: np.ndarray, lost: bool) -> Reading:
+        """Return what arrives now if a sample is sent, with the delay; a lost sample repeats the one before."""
+        if lost and self._delayed:
             q, v = self._delayed[-1]
         self._delayed.append((q, v))
-        while len(self._delayed) > faults.delay + 1:
+        while len(self._delayed) > self.faults.delay + 1:
             self._delayed.popleft()
         q, v = self._delayed[0]
         return q.copy(), v.copy()
 
-    def _quantized(self, q: np.ndarray) -> np.ndarray:
+    def quantized(self, q: np.ndarray) -> np.ndarray:
         """Round a configuration to encoder counts from neutral."""
         step = 2.0 * np.pi / self.faults.counts
-        neutral = pin.neutral(self._model)
+        neutral = pin.neutral(self.model)
         quantized: np.ndarray = pin.integrate(
-            self._model, neutral, step * np.round(pin.difference(self._model, neutral, q) / step)
+            self.model, neutral, step * np.round(pin.difference(self.model, neutral, q) / step)
         )
         return quantized
 
@@ -256,158 +256,55 @@ class FaultyPlant:
             A = self._reduced.at(q).A
             self._slip = np.linalg.pinv(A) @ np.full(len(A), faults.slip_speed)
             balance = energy_minus_work(self.plant)
-            _continue(self.plant, self.plant, pin.integrate(self._model, q, dt * self._slip), v)
+            continue_plant(self.plant, self.plant, pin.integrate(self.model, q, dt * self._slip), v)
             self.plant.apply(self._transmitted)
             self._slip_work += energy_minus_work(self.plant) - balance
         else:
-            self._slip = np.zeros(self._model.nv)
+            self._slip = np.zeros(self.model.nv)
 
 
-def _continue(before: Plant, after: Plant, q: np.ndarray, v: np.ndarray) -> None:
-    """Start a plant at a state in place of another one, with its estimated errors of the integration."""
-    errors = getattr(before, "errors", None)
-    after.reset(q, v)
-    if errors is not None and hasattr(after, "keep_errors"):
-        after.keep_errors(errors)
-
-
-@dataclass(frozen=True)
-class MassErrors:
-    """Relative errors of the inertias of all bodies.
-
-    Attributes:
-        largest: largest relative error, as a fraction.
-        seed: seed of the errors.
-    """
-
-    largest: float
-    seed: int
-
-    def change(self, robot: Robot) -> list[Pfaffian]:
-        """Multiply the inertias of a robot, which has no other users."""
-        generator = np.random.default_rng([self.seed, 1])
-        for joint, inertia in enumerate(robot.model.inertias):
-            factor = 1.0 + self.largest * generator.uniform(-1.0, 1.0)
-            robot.model.inertias[joint] = pin.Inertia(factor * inertia.mass, inertia.lever, factor * inertia.inertia)
-        return []
-
-
-class TimedChange(ABC):
-    """Family of the changes that happen at a time during the run."""
-
-    time: NotNegative
-
-    @abstractmethod
-    def change(self, robot: Robot) -> list[Pfaffian]:
-        """Change a robot, which has no other users, and return further constraints.
-
-        Raises:
-            ModelError: a frame or joint is unknown.
-        """
-
-
-@dataclass(frozen=True)
-class Payload(TimedChange):
-    """Point mass that the robot picks up."""
-
-    frame: str
-    """Frame that carries the mass at its origin."""
-    mass: Positive
-    """Mass [kg]."""
-    time: NotNegative = 0.0
-    """Time of the pick-up [s]."""
-
-    def change(self, robot: Robot) -> list[Pfaffian]:
-        place = robot.model.frames[robot.frame_id(self.frame)]
-        robot.model.inertias[place.parentJoint] += pin.Inertia(self.mass, place.placement.translation, np.zeros((3, 3)))
-        return []
-
-
-@dataclass(frozen=True)
-class StuckJoint(TimedChange):
-    """Joint that locks during the run."""
-
-    joint: str
-    """Name of the joint."""
-    time: NotNegative = 0.0
-    """Time at which the joint locks [s]."""
-
-    def change(self, robot: Robot) -> list[Pfaffian]:
-        rows = np.eye(robot.nv)[robot.velocity_indices(self.joint)]
-        zeros = np.zeros_like(rows)
-        return [Pfaffian(lambda q: rows, lambda q, v: zeros, [f"stuck({self.joint})"] if len(rows) == 1 else None)]
-
-
-class ChangingPlant:
-    """Plant that switches from one plant to another at a given time, at the same state.
+def _disturbed(
+    sizes: np.ndarray | tuple[float, ...], noise: np.ndarray, chance: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of configurations (..., nv), and measured velocities (..., nv).
 
     Args:
-        before, after: plants with the same configurations and actuators. Velocity that violates the constraints of
-            ``after`` vanishes at the switch, as in an inelastic impact.
-        time: time of the switch [s].
-
-    Example:
-        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-        >>> sliding = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
-        >>> locked = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh"), rnc.NoSideSlip("sleigh", axis="x")])
-        >>> plants = [rnc.ReducedPlant(each) for each in (sliding, locked.reduce())]
-        >>> plant = rnc.plants.ChangingPlant(*plants, time=0.1)
-        >>> plant.reset(robot.configuration(), np.array([1.0, 0.0, 0.0]))
-        >>> plant.advance(0.1), plant.advance(0.1)
-        (None, None)
-        >>> plant.read()[0][0].round(3)  # a metre a second, for a tenth of a second
-        np.float64(0.1)
+        sizes: position noise and bias, shift in time, velocity noise and bias.
+        noise: noise of configurations and of velocities, (..., nv) each.
+        chance: error of the sampling time over the shift.
+        v: velocities (..., nv).
     """
+    position_noise, position_bias, shift, velocity_noise, velocity_bias = sizes
+    error = position_noise * noise[0] + position_bias + shift * chance * v
+    return error, v + velocity_noise * noise[1] + velocity_bias
 
-    def __init__(self, before: Plant, after: Plant, time: float) -> None:
-        self._before, self._after, self._switch_time = before, after, time
-        self._current, self._time, self._switch_energy = before, 0.0, 0.0
-        self._T: np.ndarray | None = None
 
-    def reset(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Restart with the first plant."""
-        self._current, self._time, self._T, self._switch_energy = self._before, 0.0, None, 0.0
-        self._current.reset(q, v)
-        self._switch_if_due()
+def sensed_together(plants: Sequence[FaultyPlant], q: np.ndarray, v: np.ndarray) -> list[Reading]:
+    """Measurements of true states (B, nq) and (B, nv), one of each plant of one robot. Each call is one sample."""
+    drawn = [plant.draw() for plant in plants]
+    noise, chance = (np.array(each) for each in zip(*drawn, strict=True))
+    sizes = np.array([plant.errors_of_sensors for plant in plants])
+    garbage, dropped = np.array([(plant.faults.garbage, plant.faults.dropped) for plant in plants]).T
+    q, (error, v) = q.copy(), _disturbed(sizes.T[:, :, None], noise.swapaxes(0, 1), chance[:, :1], v)
+    for run in np.flatnonzero(error.any(axis=1)).tolist():
+        q[run] = pin.integrate(plants[run].model, q[run], error[run])
+    for run, plant in enumerate(plants):
+        if np.isfinite(plant.faults.counts):
+            q[run] = plant.quantized(q[run])
+    wrong = np.abs(chance[:, 2]) < garbage
+    q[wrong], v[wrong] = np.nan, np.nan
+    lost = (np.abs(chance[:, 1]) < dropped).tolist()
+    return [plant.transmit(*each) for plant, *each in zip(plants, q, v, lost, strict=True)]
 
-    def read(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return configuration (nq,) and velocity (nv,)."""
-        return self._current.read()
 
-    def apply(self, T: np.ndarray) -> None:
-        """Apply inputs (p,) until the next call."""
-        self._T = T
-        self._current.apply(T)
+def needs_own_steps(plant: object, reduced: ReducedModel) -> bool:
+    """True if a plant with faults takes its steps alone although sensors, loops and records of runs are together.
 
-    def advance(self, dt: float) -> None:
-        """Advance the time by dt [s]. The switch happens at the end of the step that reaches its time."""
-        self._current.advance(dt)
-        self._time += dt
-        self._switch_if_due()
-
-    def __getattr__(self, name: str) -> object:
-        """Forward optional attributes to the current plant."""
-        forwarded = "applied", "reduced", "external", "takes_velocities", "effort"
-        if name in (*forwarded, *_OF_CONTACTS, *_OF_INTEGRATION):
-            return getattr(self._current, name)
-        raise AttributeError(name)
-
-    @property
-    def work(self) -> float:
-        """Work done so far [J], including the switch: a payload adds energy, an impact removes some."""
-        return float(self._current.work) + self._switch_energy  # type: ignore[attr-defined]
-
-    def set_actuator_friction(self, limit: float) -> None:
-        """Set the Coulomb friction of every actuator in both plants [N or N m]."""
-        for plant in (self._before, self._after):
-            plant.set_actuator_friction(limit)  # type: ignore[attr-defined]
-
-    def _switch_if_due(self) -> None:
-        if self._current is self._before and self._time >= self._switch_time - 1e-9:
-            q, v = self._current.read()
-            balance = energy_minus_work(self._current)
-            self._current = self._after
-            _continue(self._before, self._after, q, v)
-            if self._T is not None:
-                self._current.apply(self._T)
-            self._switch_energy += energy_minus_work(self._current) - balance
+    It slips, its robot changes, or its model is another one than that of the controller.
+    """
+    if type(plant) is not FaultyPlant:
+        return False
+    moving = plant.plant
+    if type(moving) is ReducedPlant:
+        return moving.reduced is not reduced or plant.faults.slip_speed != 0
+    return type(moving) is ChangingPlant and moving.has_twin

@@ -9,6 +9,11 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 
+OF_INTEGRATION = ("errors", "tolerance", "keep_errors")
+"""Attributes of plants that estimate their errors."""
+OF_CONTACTS = ("friction_used", "wheel_names", "normal_forces", "contact_forces", "contact_force_units")
+"""Attributes of plants that state their contacts."""
+
 
 @runtime_checkable
 class Plant(Protocol):
@@ -52,3 +57,11 @@ def energy_minus_work(plant: Plant) -> float:
         return np.nan
     q, v = plant.read()
     return float(reduced.at(q, v=v).energy) - float(work)
+
+
+def continue_plant(before: Plant, after: Plant, q: np.ndarray, v: np.ndarray) -> None:
+    """Start a plant at a state in place of another one, with its estimated errors of the integration."""
+    errors = getattr(before, "errors", None)
+    after.reset(q, v)
+    if errors is not None and hasattr(after, "keep_errors"):
+        after.keep_errors(errors)

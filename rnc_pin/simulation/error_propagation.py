@@ -37,6 +37,7 @@ _SMALL = 0.5  # largest matrix whose exponential is a series
 _TOGETHER = 512  # maps that are computed at once
 _SWITCHES = "the active limits of the controller's program may change, and small differences decide when"
 _REMEMBERS = "the controller damps by its own state, which a propagation along the motion does not change"
+_SEARCHES = "the controller searches for another motion where its slope is taken, which is no feedback"
 _RANK = 1e-4  # singular value, relative to the largest, below which an input does not depend on a direction
 _LARGEST = 1e6  # error above which no motion is that of the linearisation
 
@@ -283,9 +284,12 @@ class ErrorHistory:
         for each in zip(q, v2, strict=True):
             state = self._seen(t, *each)
             try:
-                command, _ = controller.step(t, state.measure(seen.integrals), seen.memory)
+                command, after = controller.step(t, state.measure(seen.integrals), seen.memory)
             except Exception as error:  # the run is complete, and its controller may not know the displaced state
                 raise _RefusalError from error
+            if getattr(after, "searches", 0) != getattr(seen.memory, "searches", 0):
+                self.unknown = _SEARCHES
+                raise _RefusalError
             found.append(plant.saturated(input_of(self._reduced, state, command)))
             if len(found) == 2 and np.array_equal(found[0], found[1]):
                 return np.tile(found[0], (len(q), 1))

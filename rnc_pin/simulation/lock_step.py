@@ -9,30 +9,21 @@ Each run has the bits of a run alone. The sizes of a sweep's batches follow the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
-from itertools import compress
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.control.controller import (
-    Command,
-    Controller,
-    NotStackable,
-    State,
-    accepts_batches,
-    measurement_of_run,
-    stack_states,
-    state_of_runs,
-)
-from rnc_pin.control.loop import LoopState
+from rnc_pin.control.controller import Command
+from rnc_pin.control.loop import Decision, LoopState
 from rnc_pin.math.linear_algebra import apply, clipped
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import FaultyPlant, ReducedPlant, ReducedPlantBatch
+from rnc_pin.plants.faults import needs_own_steps
 from rnc_pin.simulation.error_propagation import ErrorMark, marked
-from rnc_pin.simulation.faulty_runs import FaultyRuns
+from rnc_pin.simulation.faulty_runs import FaultyRuns, SeparatePlants, with_rows
+from rnc_pin.simulation.many_controllers import ManyControllers
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.stop import Progress
 
@@ -46,80 +37,6 @@ class Leaver(NamedTuple):
     """Index among all runs."""
     sampled: bool
     """True if it leaves between a sample and the next, False before a sample."""
-
-
-class _Answer(NamedTuple):
-    """Commands of all runs."""
-
-    command: Command
-    """Fields (B, ...); NaN in the rows of the runs without a value."""
-    states: State
-    """States of the controllers after the step."""
-    failed: Array
-    """Mask (B,) of the runs whose controller raised an error, or gave another command than expected."""
-
-
-class _Controllers:
-    """Controllers of many runs, and their states: one call for all runs if they share one that accepts batches.
-
-    Args:
-        controllers: controller of each run.
-        states: state of each controller.
-    """
-
-    def __init__(self, controllers: Sequence[Controller], states: Sequence[State]) -> None:
-        self._each, self._shared = list(controllers), False
-        self.states: State = list(states)
-        if accepts_batches(controllers[0]) and all(each is controllers[0] for each in controllers):
-            with suppress(NotStackable):
-                self.states, self._shared = stack_states(states), True
-
-    def step(self, t: float, measurement: Measurement) -> _Answer:
-        """Return the commands of all runs at time t [s]; ``states`` does not change."""
-        if not self._shared:
-            return self._in_turn(t, measurement, self.states)
-        every = np.ones(len(self._each), dtype=bool)
-        try:
-            command, states = self._each[0].step(t, measurement, self.states)
-            if isinstance(command, Command) and _of_shapes(command, measurement):
-                return _Answer(command, states, ~every)
-            return _Answer(Command(), None, every)
-        except Exception:  # of one run, which is not known
-            found = self._in_turn(t, measurement, [self.state(place) for place in range(len(every))])
-            if found.failed.any():
-                return found
-            try:
-                return found._replace(states=stack_states(found.states))
-            except NotStackable:
-                return found._replace(failed=every)
-
-    def state(self, place: int) -> State:
-        """State of the controller of one run."""
-        return state_of_runs(self.states, place) if self._shared else self.states[place]
-
-    def keep(self, staying: Array) -> None:
-        """Keep only the runs of a mask (B,)."""
-        self._each = list(compress(self._each, staying))
-        self.states = state_of_runs(self.states, staying) if self._shared else list(compress(self.states, staying))
-
-    def _in_turn(self, t: float, measurement: Measurement, before: Sequence[State]) -> _Answer:
-        """Commands of one controller after the other."""
-        commands: list[object] = []
-        states: list[State] = []
-        failed = np.zeros(len(before), dtype=bool)
-        for place, (controller, state) in enumerate(zip(self._each, before, strict=True)):
-            seen = measurement_of_run(measurement, place)
-            if seen.input_deficit is not None and not seen.input_deficit.any():
-                seen = seen._replace(input_deficit=None, force_deficit=None)
-            command: object = None
-            try:
-                command, state = controller.step(t, seen, state)
-            except Exception:  # alone it raises the same error
-                failed[place] = True
-            commands.append(command)
-            states.append(state)
-        together, misfits = _together(commands, failed, measurement)
-        return _Answer(together, states, failed | misfits)
 
 
 class LockStep:
@@ -137,18 +54,16 @@ class LockStep:
     """
 
     def __init__(self, runs: Sequence[SampledRun], dt: float, samples: int) -> None:
-        plant = _without_faults(runs[0])
         self._runs, self._dt, self._samples, self.samples_done = list(runs), dt, samples, 0
-        self._plants = ReducedPlantBatch(plant, len(runs))
+        self._plants = _plants_of(runs)
         self._limits = runs[0].loop.limits
         self._rows = np.full((len(runs), samples, runs[0].record.width), np.nan)
-        for place, (run, rows) in enumerate(zip(runs, self._rows, strict=True)):
-            self._plants.rollback(place, _without_faults(run).checkpoint())
+        for run, rows in zip(runs, self._rows, strict=True):
             run.record.use(rows)
         faulty = isinstance(runs[0].plant, FaultyPlant)
         self._faults = FaultyRuns(runs, self._plants, dt, samples) if faulty else None
         states = [run.loop.state.controller for run in runs]
-        self._controllers = _Controllers([run.controller for run in runs], states)
+        self._controllers = ManyControllers([run.controller for run in runs], states)
         self._deficit: Array | None = None
         self._marks: list[tuple[Array, ErrorMark]] = []
         self._steps = np.ones((len(runs), samples), dtype=np.int32)
@@ -169,10 +84,6 @@ class LockStep:
                 pass
             self.samples_done = sample + 1
             if sample + 1 < self._samples and len(self.places):
-                if self._faults is not None and (slipping := self._faults.slipping()).any():
-                    self._leave(slipping, sample + 1, sampled=True)
-                    if not len(self.places):
-                        return
                 self._plants.advance(self._dt)
                 if self._faults is not None:
                     self._faults.advance()
@@ -183,7 +94,8 @@ class LockStep:
         """Complete the records of the runs that are still here."""
         for place, run in enumerate(self.places.tolist()):
             record, loop = self._runs[run].record, self._runs[run].loop
-            loop.state = loop.state._replace(controller=self._controllers.state(place))
+            if self._faults is None or not self._faults.apart[place]:
+                loop.state = loop.state._replace(controller=self._controllers.state(place))
             record.written(self.samples_done)
             self._keep_marks(run, self.samples_done)
             self._runs[run].errors.at_the_end = self._plants.errors_of(place)
@@ -194,21 +106,29 @@ class LockStep:
         """Compute and record a sample. False if runs left instead: then the others have to be sampled again."""
         plants, t = self._plants, sample * self._dt
         states, valid = plants.measure()
-        if not valid.all():
+        if states is None or not valid.all():
             return self._leave(~valid, sample)
         stopped = self._runs[0].stop.stopped(states)
         if stopped.any():
             return self._leave(stopped, sample)
-        seen, integrals = states, plants.integrals
+        seen, integrals, apart = states, plants.integrals, np.zeros(plants.size, dtype=bool)
         if self._faults is not None:
-            seen, integrals, failed = self._faults.read(t, states)
+            seen, integrals, invalid, failed = self._faults.read(t, states)
             if failed.any():
                 return self._leave(failed, sample)
+            for place in np.flatnonzero(invalid).tolist():
+                self._runs[self.places[place]].loop.state = self._loop_state(place)
+            self._faults.apart |= invalid
+            apart = self._faults.apart
         measurement = self._measurement(seen, integrals)
-        answer = self._controllers.step(t, measurement)
-        if answer.failed.any():
-            return self._leave(answer.failed, sample)
-        requested, failed = self._inputs(seen, answer.command)
+        answer = self._controllers.step(t, measurement, apart)
+        failed = answer.failed & ~apart
+        if failed.any():
+            return self._leave(failed, sample)
+        command = answer.command
+        requested, failed = self._inputs(seen, command, apart)
+        if not failed.any() and apart.any():
+            failed, command = self._step_apart(t, (requested, integrals), command)
         if failed.any():
             return self._leave(failed, sample)
         T = requested if self._limits is None else clipped(requested, self._limits)
@@ -218,22 +138,85 @@ class LockStep:
         else:
             self._faults.apply(T)
             applied, outputs = self._faults.applied, states.outputs(integrals)
-            self._faults.keep_sample(sample, states.q, measurement, integrals, answer.command, requested)
+            if any(self._runs[run].loop.last is None for run in self.places[apart].tolist()):
+                outputs = self._before_measurements(states, outputs)
+            self._faults.keep_sample(sample, measurement, integrals, command, requested)
         self._deficit = None if np.array_equal(requested, applied) else requested - applied
         history = self._runs[self.places[0]].errors
-        if history.propagates:
+        if history.propagates and isinstance(plants, ReducedPlantBatch):
             self._steps[self.places, sample] = plants.steps
             if marked(sample):
                 due = history.sees(sample)
                 memory = [self._controllers.state(place) if due else None for place in range(plants.size)]
                 self._marks.append((self.places, ErrorMark(sample, plants.charts, memory, integrals)))
         self._controllers.states = answer.states
-        self._record(sample, states, (*outputs, applied, integrals), answer.command)
+        self._record(sample, states, (*outputs, applied, integrals), command)
+        if apart.any():
+            self._rejoin(t)
         return True
+
+    def _step_apart(self, t: float, rows: tuple[Array, Array], command: Command) -> tuple[Array, Command]:
+        """Let the loops of the runs apart take a sample.
+
+        Args:
+            t: time [s].
+            rows: requested inputs (B, p) and integrals (B, r), into which those of these runs are written.
+            command: commands of all runs.
+
+        Returns:
+            The mask (B,) of the runs that have to raise an error alone, and the commands with those of these runs.
+        """
+        faults, failed = cast(FaultyRuns, self._faults), np.zeros(len(self.places), dtype=bool)
+        apart, commands = np.flatnonzero(faults.apart).tolist(), []
+        loops = [self._runs[self.places[place]].loop for place in apart]
+        before = [(loop.state, loop.last) for loop in loops]
+        for place, loop in zip(apart, loops, strict=True):
+            try:
+                T = loop.step(t, *faults.reading(place))
+            except Exception:  # alone it raises the same error
+                failed[place] = True
+                continue
+            valid = loop.state.fault is None and loop.last is not None
+            rows[0][place] = cast(Decision, loop.last).requested if valid else T
+            rows[1][place] = 0.0 if loop.state.integrals is None else loop.state.integrals
+            commands.append(Command() if loop.last is None else loop.last.command)
+        if failed.any():
+            for loop, (state, last) in zip(loops, before, strict=True):
+                loop.state, loop.last = state, last
+            return failed, command
+        return failed, with_rows(command, apart, commands)
+
+    def _before_measurements(self, states: StateEvaluation, outputs: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Outputs x1 and x2, without integrals in the runs that have had no valid measurement."""
+        x1, x2 = outputs[0], np.array(outputs[1])
+        for place in np.flatnonzero(cast(FaultyRuns, self._faults).apart).tolist():
+            if self._runs[self.places[place]].loop.last is None:
+                x2[place] = states.measure(None).x2[place]
+        return x1, x2
+
+    def _rejoin(self, t: float) -> None:
+        """Complete the sample of the loops apart, and let those with a valid measurement go on with the others."""
+        faults, back = cast(FaultyRuns, self._faults), []
+        for place in np.flatnonzero(faults.apart).tolist():
+            run = self._runs[self.places[place]]
+            run.loop.report_applied_input(faults.applied[place].copy())
+            run.count_fallback(t, run.loop.state.fault)
+            if run.loop.state.fault is None:
+                back.append(place)
+        if back and self._controllers.put(back, [self._runs[self.places[p]].loop.state.controller for p in back]):
+            faults.rejoin(back)
+
+    def _loop_state(self, place: int) -> LoopState:
+        """State of the loop of a run that takes the next sample with its own loop."""
+        deficit = None if self._deficit is None else self._deficit[place]
+        if deficit is not None and not deficit.any():
+            deficit = None
+        state = LoopState(begin=0.0, input_deficit=deficit, controller=self._controllers.state(place))
+        return state if self._faults is None else self._faults.leave(place, state)
 
     def _state(self, states: StateEvaluation, run: int) -> StateEvaluation:
         """One of the states that the loops see."""
-        if self._faults is None:
+        if isinstance(self._plants, ReducedPlantBatch) and self._faults is None:
             return self._plants.state(states, run)
         return self._plants.reduced.at(states.q[run], v=states.v[run])
 
@@ -249,18 +232,23 @@ class LockStep:
             force[run] = apply(self._state(states, run).input_matrix, deficit[run])
         return measurement._replace(input_deficit=deficit, force_deficit=force)
 
-    def _inputs(self, states: StateEvaluation, command: Command) -> tuple[Array, Array]:
-        """Inputs (B, p) of a command, and the mask (B,) of the runs that have to find theirs alone."""
+    def _inputs(self, states: StateEvaluation, command: Command, apart: Array) -> tuple[Array, Array]:
+        """Inputs (B, p) of a command, and the mask (B,) of the runs, but those ``apart``, that find theirs alone."""
         reduced, count = self._plants.reduced, self._plants.size
         every, T = np.ones(count, dtype=bool), np.zeros((count, reduced.p))
         if (command.F is None) == (command.T is None):
             return T, every
         if command.T is not None:
-            T = np.asarray(command.T, dtype=float)
-            return T, every if T.shape != (count, reduced.p) else ~np.asarray(np.isfinite(T).all(axis=1))
+            T = np.array(command.T, dtype=float)
+            if T.shape != (count, reduced.p):
+                return T, every
+            T[apart] = 0.0
+            return T, ~np.asarray(np.isfinite(T).all(axis=1))
         F = np.asarray(command.F, dtype=float)
         if F.shape != (count, reduced.r):
             return T, every
+        if apart.any():
+            F = np.where(apart[:, None], 0.0, F)
         failed = ~np.isfinite(F).all(axis=1)
         found = None if failed.any() else states.arrays_at_q.allocated(states, F)
         if found is not None:
@@ -287,6 +275,18 @@ class LockStep:
         )  # fmt: skip
         np.concatenate(numbers, axis=1, out=(rows := np.empty((count, self._rows.shape[2]))))
         self._rows[self.places, sample] = rows
+        external, models = plants.external, plants.models
+        lost = None if self._faults is None else self._faults.lost(states.q)
+        if models is not None or external is not None or lost is not None:
+            for place, run in enumerate(self.places.tolist()):
+                model = plants.reduced if models is None else models[place]
+                forces: Array | None = None if external is None else external[place]
+                taken = None if lost is None else lost[place]
+                if taken is not None:
+                    forces = taken if forces is None else forces + taken
+                if forces is not None or models is not None:
+                    self._runs[run].record.written(sample)
+                    self._runs[run].record.moves(model, forces)
         if command.estimates is not None or command.prediction_error is not None:
             for place, run in enumerate(self.places.tolist()):
                 record = self._runs[run].record
@@ -308,13 +308,7 @@ class LockStep:
         for place in np.flatnonzero(leaving).tolist():
             number = int(self.places[place])
             run = self._runs[number]
-            deficit = None if self._deficit is None else self._deficit[place]
-            if deficit is not None and not deficit.any():
-                deficit = None
-            state = LoopState(begin=0.0, input_deficit=deficit, controller=self._controllers.state(place))
-            if self._faults is not None:
-                state = self._faults.leave(place, state)
-            run.continue_from(samples, self._plants.checkpoint(place), state)
+            run.continue_from(samples, self._plants.checkpoint(place), self._loop_state(place))
             run.record.written(samples)
             self._keep_marks(number, samples)
             self.leavers.append(Leaver(number, sampled))
@@ -328,43 +322,13 @@ class LockStep:
         return False
 
 
-def _without_faults(run: SampledRun) -> ReducedPlant:
-    plant = run.plant.plant if isinstance(run.plant, FaultyPlant) else run.plant
-    assert isinstance(plant, ReducedPlant)
-    return plant
-
-
-def _sizes(measurement: Measurement) -> dict[str, int]:
-    """Size of the goals and forces of a command by name."""
-    r, k = measurement.v2.shape[-1], measurement.x1.shape[-1]
-    return {"F": r, "v2_desired": r, "x1_desired": k, "x2_desired": r}
-
-
-def _of_shapes(command: Command, measurement: Measurement) -> bool:
-    """True if the fields of a command of all runs have their rows."""
-    count, sizes = len(measurement.v2), _sizes(measurement)
-    given = {name: getattr(command, name) for name in sizes}
-    return all(value is None or np.shape(value) == (count, sizes[name]) for name, value in given.items())
-
-
-def _together(commands: Sequence[object], failed: Array, measurement: Measurement) -> tuple[Command, Array]:
-    """Command of all runs, and the mask (B,) of those whose own has another form."""
-    count, misfits = len(commands), np.zeros(len(commands), dtype=bool)
-    present = [name for name in Command._fields if any(getattr(each, name, None) is not None for each in commands)]
-    sizes, fields = _sizes(measurement), {}
-    for name in present:
-        shapes = [np.shape(value) for each in commands if (value := getattr(each, name, None)) is not None]
-        shape = (sizes[name],) if name in sizes else shapes[0]
-        field = np.full((count, *shape), np.nan)
-        for place, each in enumerate(commands):
-            value = getattr(each, name, None)
-            if value is None:
-                misfits[place] |= name not in ("v2_desired", "x1_desired", "x2_desired")
-            elif np.shape(value) == shape:
-                field[place] = value
-            else:
-                misfits[place] = True
-        fields[name] = field
-    for place, each in enumerate(commands):
-        misfits[place] |= not failed[place] and not isinstance(each, Command)
-    return Command(**fields), misfits
+def _plants_of(runs: Sequence[SampledRun]) -> ReducedPlantBatch | SeparatePlants:
+    """Plants of runs, without those faults that a plant does not have itself, at the state of each."""
+    reduced, plants = runs[0].record.reduced, [run.plant for run in runs]
+    if needs_own_steps(plants[0], reduced):
+        return SeparatePlants(plants, reduced)
+    moving = [each.plant if isinstance(each, FaultyPlant) else each for each in plants]
+    batch = ReducedPlantBatch(cast(ReducedPlant, moving[0]), len(moving))
+    for place, each in enumerate(moving):
+        batch.rollback(place, cast(ReducedPlant, each).checkpoint())
+    return batch

@@ -250,7 +250,7 @@ class SampledRun:
         before = loop.state.controller
         T = _compute_input(adapter, loop, self.time, progress)
         T = adapter.apply(loop, T)
-        self._count_fallback(t, loop.state.fault)
+        self.count_fallback(t, loop.state.fault)
         if self._lift_off is not None:
             self._lift_off.check(t, state, T, adapter.external)
         integrals = loop.state.integrals if loop.state.integrals is not None else self._zeros
@@ -264,7 +264,7 @@ class SampledRun:
             progress.active_component = MODEL
         return found
 
-    def _count_fallback(self, t: float, reason: str | None) -> None:
+    def count_fallback(self, t: float, reason: str | None) -> None:
         """Record that the command of this sample is a fallback; the reason is None if it is not."""
         if reason is None:
             self._longest, self._stretch = max(self._longest, self._stretch), 0
@@ -286,16 +286,17 @@ class SampledRun:
         self.record.add(t, state, integrals, command, T, adapter.work, outputs, sensed)
         return measurement, command
 
-    def continue_from(self, samples: int, checkpoint: Checkpoint, state: LoopState) -> None:
+    def continue_from(self, samples: int, checkpoint: Checkpoint | None, state: LoopState) -> None:
         """Continue after samples that somebody else computed and recorded.
 
         Args:
             samples: number of samples before.
-            checkpoint: state of the plant, a ``ReducedPlant``.
+            checkpoint: state of the plant, a ``ReducedPlant``; None if the plant of the run has moved itself.
             state: state of the control loop.
         """
         self.samples, self.loop.state = samples, state
-        self._adapter.restore(checkpoint)
+        if checkpoint is not None:
+            self._adapter.restore(checkpoint)
 
     def advance(self) -> None:
         """Advance the plant to the next sample."""

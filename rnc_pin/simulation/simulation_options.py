@@ -16,6 +16,7 @@ from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants import FaultyPlant, Plant, ReducedPlant
+from rnc_pin.plants.faults import needs_own_steps
 from rnc_pin.plants.reduced import DEFAULT_TOLERANCE
 from rnc_pin.printing import printed
 from rnc_pin.simulation.run_info import Provenance
@@ -115,11 +116,14 @@ class RunArguments(NamedTuple):
             return None  # refused at its start
         faulty = type(plant) is FaultyPlant
         moving = plant.plant if isinstance(plant, FaultyPlant) else plant
-        integration: tuple[int | None, float, bool] = (None, DEFAULT_TOLERANCE, False)
-        if moving is not None:
-            if type(moving) is not ReducedPlant or moving.reduced is not reduced or moving.dissipates:
+        integration: tuple[object, ...] = (None, DEFAULT_TOLERANCE, False, False, False)
+        if needs_own_steps(plant, reduced):
+            integration = ()
+        elif moving is not None:
+            if type(moving) is not ReducedPlant or moving.reduced is not reduced:
                 return None
-            integration = moving.substeps, moving.tolerance, moving.actuator_limits
+            losses = moving.joint_damping, moving.joint_friction
+            integration = moving.substeps, moving.tolerance, moving.actuator_limits, *losses
         data = reduced.reduction_data
         if options.observer is not None or options.stop.lift_off:
             return None

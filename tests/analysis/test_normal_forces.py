@@ -12,6 +12,7 @@ from rnc_pin.math.linear_algebra import nonnegative
 from rnc_pin.planning import MinimumJerk
 from rnc_pin.plants import FaultyPlant
 from rnc_pin.simulation import ReducedPlant, margins_along
+from simple_controllers import Inputs
 
 WHEELS = ["left_wheel_joint", "right_wheel_joint"]
 G = 9.81
@@ -24,19 +25,6 @@ def cart(base, gravity=None):
     system = rnc.NonholonomicSystem(robot, [*contacts, rnc.Caster("nose", radius=0.1)], WHEELS)
     reduced = system.reduce([rnc.JointPosition(wheel) for wheel in WHEELS])
     return reduced, reduced.assembled(robot.configuration())
-
-
-class Push:
-    """Constant inputs."""
-
-    def __init__(self, T):
-        self.T = np.array(T, dtype=float)
-
-    def initial_state(self, measurement):
-        return 0
-
-    def step(self, t, measurement, state):
-        return rnc.control.Command(T=self.T), state
 
 
 def test_forces_from_the_motion_are_the_multipliers_of_a_free_base():
@@ -75,8 +63,8 @@ def critical(reduced, q):
 def test_a_run_names_the_first_contact_that_would_lift_off(base):
     reduced, q = cart(base)
     limit = critical(reduced, q)
-    held = rnc.simulate(reduced, Push([0.99 * limit] * 2), q, 0.05, 0.01)
-    lifted = rnc.simulate(reduced, Push([1.5 * limit] * 2), q, 0.05, 0.01)
+    held = rnc.simulate(reduced, Inputs(lambda _: [0.99 * limit] * 2), q, 0.05, 0.01)
+    lifted = rnc.simulate(reduced, Inputs(lambda _: [1.5 * limit] * 2), q, 0.05, 0.01)
     assert rnc.summarize(held)["lift_off"] is None
     found = rnc.summarize(lifted)["lift_off"]
     assert (found["contact"], found["time"]) == ("nose", 0.0)
@@ -89,7 +77,7 @@ def test_a_run_names_the_first_contact_that_would_lift_off(base):
 
 def test_normal_forces_are_kept_in_files_and_drawn(tmp_path):
     reduced, q = cart("planar")
-    run = rnc.simulate(reduced, Push([1.0, 0.5]), q, 0.05, 0.01)
+    run = rnc.simulate(reduced, Inputs(lambda _: [1.0, 0.5]), q, 0.05, 0.01)
     run.save(tmp_path / "run.npz")
     again = rnc.Trajectory.load(tmp_path / "run.npz")
     np.testing.assert_array_equal(again.normal_forces, run.normal_forces)
@@ -110,15 +98,15 @@ def test_forces_are_those_of_the_masses_that_move():
     for joint, inertia in enumerate(other.robot.model.inertias):
         other.robot.model.inertias[joint] = pin.Inertia(2 * inertia.mass, inertia.lever, 2 * inertia.inertia)
     plant = FaultyPlant(ReducedPlant(other), rnc.Faults(), reduced, 0.01)
-    heavy = rnc.simulate(reduced, Push([2.0, 2.0]), q, 0.05, 0.01, plant=plant)
-    light = rnc.simulate(reduced, Push([1.0, 1.0]), q, 0.05, 0.01)
+    heavy = rnc.simulate(reduced, Inputs(lambda _: [2.0, 2.0]), q, 0.05, 0.01, plant=plant)
+    light = rnc.simulate(reduced, Inputs(lambda _: [1.0, 1.0]), q, 0.05, 0.01)
     np.testing.assert_allclose(heavy.normal_forces, 2 * light.normal_forces, rtol=1e-9)
 
     class Elsewhere:
         def __init__(self, plant):
             self.reset, self.read, self.apply, self.advance = plant.reset, plant.read, plant.apply, plant.advance
 
-    unknown = rnc.simulate(reduced, Push([1.0, 1.0]), q, 0.05, 0.01, plant=Elsewhere(ReducedPlant(reduced)))
+    unknown = rnc.simulate(reduced, Inputs(lambda _: [1.0, 1.0]), q, 0.05, 0.01, plant=Elsewhere(ReducedPlant(reduced)))
     assert unknown.normal_forces.shape == (6, 0)
 
 

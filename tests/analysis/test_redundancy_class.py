@@ -12,37 +12,18 @@ from textbook_systems import prismatic, sliders_with_rows, turreted, unicycle
 # ---------------------------------------------------------------------- classes of redundancy
 
 
-@pytest.mark.parametrize(
-    ("A", "redundant", "expected", "tracked", "reason"),
-    [
-        ([[5, 2]], "1", "1", "2", "A4 has full row rank"),
-        (
-            [[5, 2, 3]],
-            "12",
-            "1",
-            "3",
-            "A4 has full row rank (more redundant than vertical outputs: some freedom is left)",
-        ),
-        ([[5, 2], [4, 3]], "1", None, "23", "2 vertical outputs moved by 1 redundant one: too few to steer them all"),
-        (
-            [[5, 1, 2], [4, 2, 4]],
-            "12",
-            None,
-            "34",
-            "2 vertical outputs moved by 2 redundant ones, but A4 has not full row rank",
-        ),
-        (
-            [[5, 1, 2], [4, 0, 0]],
-            "12",
-            None,
-            "3",
-            "1 vertical output moved by 2 redundant ones: class 2 needs as many of both",
-        ),
-        ([[3, 5], [2, 0]], "0", None, "23", "2 vertical outputs moved by 1 redundant one: too few to steer them all"),
-        ([[5, 0], [4, 3]], "1", "2", "3", "A6 = 0, A4 nonsingular and A5 independent of x22"),
-        ([[5, 0], [4, 0]], "1", None, "", "A4 = 0, and the values of x22 do not steer A3 v21 either"),
-    ],
-)
+@pytest.mark.parametrize(("A", "redundant", "expected", "tracked", "reason"), [
+    ([[5, 2]], "1", "1", "2", "A4 has full row rank"),
+    ([[5, 2, 3]], "12", "1", "3", "A4 has full row rank (more redundant than vertical outputs: some freedom is left)"),
+    ([[5, 2], [4, 3]], "1", None, "23", "2 vertical outputs moved by 1 redundant one: too few to steer them all"),
+    ([[5, 1, 2], [4, 2, 4]], "12", None, "34",
+        "2 vertical outputs moved by 2 redundant ones, but A4 has not full row rank"),
+    ([[5, 1, 2], [4, 0, 0]], "12", None, "3",
+        "1 vertical output moved by 2 redundant ones: class 2 needs as many of both"),
+    ([[3, 5], [2, 0]], "0", None, "23", "2 vertical outputs moved by 1 redundant one: too few to steer them all"),
+    ([[5, 0], [4, 3]], "1", "2", "3", "A6 = 0, A4 nonsingular and A5 independent of x22"),
+    ([[5, 0], [4, 0]], "1", None, "", "A4 = 0, and the values of x22 do not steer A3 v21 either"),
+])  # fmt: skip
 def test_a_class_of_constant_blocks(A, redundant, expected, tracked, reason):
     """Names, words and figures."""
     A, free = np.array(A, float), [int(k) for k in redundant]

@@ -49,41 +49,18 @@ def test_what_grows_and_costs_nothing_is_mirrored():
 OSCILLATOR = [[0.3, 2.7, 0.0, 0.0], [-1.9, -0.3, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 0.0, 0.0, 0.0]]
 
 
-@pytest.mark.parametrize(
-    ("A", "B", "cost", "words"),
-    [
-        (
-            OSCILLATOR,
-            [[0, 0], [0, 0], [0, 1], [1, 0]],
-            1.0,
-            "the actuators u0, u1 do not control a mode that is not stable: it moves x0, x1",
-        ),
-        (
-            OSCILLATOR,
-            [[1, 0], [0, 0], [0, 0], [0, 0]],
-            1.0,
-            "the actuators u0, u1 do not control a mode that is not stable: it moves x3",
-        ),
-        (
-            OSCILLATOR,
-            [[1, 0], [0, 0], [0, 0], [0, 1]],
-            {"x2": 1.0, "x3": 2.0},
-            "state_cost: a mode that is not stable has zero cost: it moves x0, x1",
-        ),
-        (
-            OSCILLATOR,
-            [[1, 0], [0, 0], [0, 0], [0, 1]],
-            {"x0": 1.0},
-            "state_cost: a mode that is not stable has zero cost: it moves x3",
-        ),
-        (
-            np.diag([0.5, 0.2]),
-            [[1.0], [0.0]],
-            1.0,
-            "the actuators u0 do not control a mode that is not stable: it moves x1",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("A", "B", "cost", "words"), [
+    (OSCILLATOR, [[0, 0], [0, 0], [0, 1], [1, 0]], 1.0,
+        "the actuators u0, u1 do not control a mode that is not stable: it moves x0, x1"),
+    (OSCILLATOR, [[1, 0], [0, 0], [0, 0], [0, 0]], 1.0,
+        "the actuators u0, u1 do not control a mode that is not stable: it moves x3"),
+    (OSCILLATOR, [[1, 0], [0, 0], [0, 0], [0, 1]], {"x2": 1.0, "x3": 2.0},
+        "state_cost: a mode that is not stable has zero cost: it moves x0, x1"),
+    (OSCILLATOR, [[1, 0], [0, 0], [0, 0], [0, 1]], {"x0": 1.0},
+        "state_cost: a mode that is not stable has zero cost: it moves x3"),
+    (np.diag([0.5, 0.2]), [[1.0], [0.0]], 1.0,
+        "the actuators u0 do not control a mode that is not stable: it moves x1"),
+])  # fmt: skip
 @pytest.mark.parametrize("rate", [1.0, 1e5])
 def test_modes_that_cannot_be_held_are_named(A, B, cost, words, rate):
     """However fast they are."""

@@ -64,16 +64,12 @@ def test_the_wobble_bounds_what_rounded_angles_change():
     assert 1e-7 < np.ptp(measured) < 2.0 * wobble
 
 
-@pytest.mark.parametrize(
-    ("shape", "placement"),
-    [
-        (coal.Cylinder(0.3, 0.1), pin.SE3(ALONG @ pin.rpy.rpyToMatrix(1e-3, 0.0, 0.0), np.zeros(3))),
-        (coal.Cylinder(0.3, 0.1), pin.SE3(ALONG, np.array([1e-3, 0.0, 0.0]))),
-        (coal.Sphere(0.3), pin.SE3(ALONG, np.array([1e-3, 0.0, 0.0]))),
-        (coal.Box(0.3, 0.3, 0.1), pin.SE3(ALONG, np.zeros(3))),
-    ],
-    ids=["tilted", "eccentric", "eccentric ball", "box"],
-)
+@pytest.mark.parametrize(("shape", "placement"), [
+    (coal.Cylinder(0.3, 0.1), pin.SE3(ALONG @ pin.rpy.rpyToMatrix(1e-3, 0.0, 0.0), np.zeros(3))),
+    (coal.Cylinder(0.3, 0.1), pin.SE3(ALONG, np.array([1e-3, 0.0, 0.0]))),
+    (coal.Sphere(0.3), pin.SE3(ALONG, np.array([1e-3, 0.0, 0.0]))),
+    (coal.Box(0.3, 0.3, 0.1), pin.SE3(ALONG, np.zeros(3))),
+], ids=["tilted", "eccentric", "eccentric ball", "box"])  # fmt: skip
 def test_other_bodies_spin(shape, placement):
     assert not len(wheel_on_an_axle(shape, placement).spinning.shapes)
 

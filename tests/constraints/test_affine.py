@@ -96,21 +96,6 @@ def test_no_momentum_is_the_homogeneous_constraint():
         assert not system.constraints.affine
 
 
-def test_energy_is_that_of_the_whole_motion(reduced):
-    model = reduced.robot.model
-    data = model.createData()
-    q, v2 = (np.stack(each) for each in zip(*random_states(reduced, 3), strict=True))
-    v = reduced.at(q, v2).v
-    expected = [
-        pin.computeKineticEnergy(model, data, a, b) + pin.computePotentialEnergy(model, data, a)
-        for a, b in zip(q, v, strict=True)
-    ]
-    np.testing.assert_allclose(reduced.energy(q, v2), expected, rtol=1e-12)
-    np.testing.assert_allclose(reduced.terms(q, v2).v, v, atol=1e-12)
-    # Conserved momentum needs no constraint force.
-    assert np.abs(reduced.multipliers(q, v2, np.ones((3, reduced.p)))).max() < 1e-7
-
-
 def test_a_run_keeps_momentum_and_energy():
     reduced = spinning_space_robot()
     task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
@@ -181,18 +166,13 @@ def test_rows_that_demand_two_things_are_refused():
         rnc.NonholonomicSystem(robot, [turning(0.5, "a"), turning(0.7, "b")])
 
 
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda r: rnc.MomentumConservation("platform", [1.0, 2.0]), "takes 1 finite number, found"),
-        (lambda r: rnc.MomentumConservation("platform", np.nan), "takes 1 finite number, found nan"),
-        (lambda r: rnc.Pfaffian(lambda q: np.eye(4)[:1], rate_dot=lambda q, v: v[:1]), "only together"),
-        (
-            lambda r: rnc.Pfaffian(lambda q: np.eye(4)[:1], rate=lambda q: q[:1], residual=lambda q: q[:1]),
-            "'rate' or 'residual', not both",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("make", "words"), [
+    (lambda r: rnc.MomentumConservation("platform", [1.0, 2.0]), "takes 1 finite number, found"),
+    (lambda r: rnc.MomentumConservation("platform", np.nan), "takes 1 finite number, found nan"),
+    (lambda r: rnc.Pfaffian(lambda q: np.eye(4)[:1], rate_dot=lambda q, v: v[:1]), "only together"),
+    (lambda r: rnc.Pfaffian(lambda q: np.eye(4)[:1], rate=lambda q: q[:1], residual=lambda q: q[:1]),
+        "'rate' or 'residual', not both"),
+])  # fmt: skip
 def test_values_that_do_not_fit_are_refused(make, words):
     robot = rnc.Robot.from_urdf("space_robot.urdf")
     with pytest.raises(rnc.ConstraintError, match=words):

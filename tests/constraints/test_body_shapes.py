@@ -1,4 +1,4 @@
-"""Cylinders and cones on their sides: closed forms, and mistakes."""
+"""Cylinders on their sides: closed forms, and mistakes; the cone is in benchmarks/validation."""
 
 import numpy as np
 import pinocchio as pin
@@ -32,26 +32,6 @@ def test_a_cylinder_on_a_conveyor_lies_still_or_turns_in_place():
     reduced = rnc.NonholonomicSystem(robot, [roller]).reduce([rnc.FrameAngularVelocity("body", "y")])
     q = robot.configuration({"root_joint": (0, 0, 0.2, 0, 0, 0, 1)})
     np.testing.assert_allclose(reduced.at(q, [-3.0]).v, [0, 0, 0, 0, -3.0, 0], atol=ROUNDING)
-
-
-def test_a_cone_rolls_about_its_apex():
-    """Landau and Lifshitz, section 32: ``T = 3/40 m h^2 rate^2 (1 + 5 cos^2 a)`` for a homogeneous cone."""
-    angle, height, mass, rate = 0.4, 0.3, 1.0, 1.7
-    radius = height * np.tan(angle)
-    across = 3 / 20 * mass * (radius**2 + height**2 / 4)
-    robot = rigid_body(mass, (across, across, 3 / 10 * mass * radius**2))
-    # The frame is the centre of mass, a quarter of the height above the base.
-    cone = rnc.RollingBody("body", rnc.Cone(radius, height), at=(0.0, 0.0, -height / 4))
-    reduced = rnc.NonholonomicSystem(robot, [cone]).reduce()
-    assert reduced.r == 1
-    side = pin.SE3(pin.rpy.rpyToMatrix(0.0, np.pi / 2 + angle, 0.0), np.array([0.0, 0.0, 0.1]))
-    q = reduced.assembled(robot.configuration({"root_joint": pin.SE3ToXYZQUAT(side)}))
-    state = reduced.at(q, [1.0])
-    turning = pin.XYZQUATToSE3(q).rotation @ state.v[3:]  # along the line of contact, rate cot(a)
-    assert turning[2] == pytest.approx(0.0, abs=ROUNDING)
-    scale = rate / np.tan(angle) / np.linalg.norm(turning)
-    kinetic = 0.5 * float(state.H[0, 0]) * scale**2
-    assert kinetic == pytest.approx(3 / 40 * mass * height**2 * rate**2 * (1 + 5 * np.cos(angle) ** 2), rel=1e-9)
 
 
 def test_mistakes_have_names():

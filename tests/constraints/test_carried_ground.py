@@ -131,23 +131,3 @@ def test_a_carrier_that_is_the_world_changes_nothing(robot):
             np.testing.assert_allclose(getattr(outer, quantity)(at), getattr(inner, quantity)(at), atol=ROUNDING)
         for both, one in zip(outer.lines_of_action(at), inner.lines_of_action(at), strict=True):
             np.testing.assert_allclose(both, one, atol=ROUNDING)
-
-
-def test_a_ball_on_a_table_that_speeds_up_keeps_two_sevenths_of_its_velocity(tmp_path):
-    """``7/5 m v' = 2/5 m (spin x r)'`` by Newton and Euler, so ``v - 2/7 spin x r`` is constant."""
-    body = '<inertial><mass value="1"/><inertia ixx=".016" iyy=".016" izz=".016" ixy="0" ixz="0" iyz="0"/></inertial>'
-    (tmp_path / "turntable.urdf").write_text(f"""<robot name="turntable"><link name="world"/>
-    <link name="table">{body}</link><link name="ball">{body}</link>
-    <joint name="spindle" type="continuous"><parent link="world"/><child link="table"/><axis xyz="0 0 1"/></joint>
-    <joint name="free" type="floating"><parent link="world"/><child link="ball"/></joint></robot>""")
-    robot = rnc.Robot.from_urdf(tmp_path / "turntable.urdf")
-    faster = rnc.PrescribedMotion(rnc.JointPosition("spindle"), rnc.planning.MinimumJerk([0.0], [60.0], 8.0))
-    rolling = rnc.RollingBall("ball", radius=0.2, ground=rnc.GroundPlane(frame="table"))
-    outputs = [rnc.FramePosition("ball", "xy"), rnc.FrameAngularVelocity("ball", "z")]
-    reduced = rnc.NonholonomicSystem(robot, [faster, rolling]).reduce(outputs)
-    q0 = robot.configuration({"free": (0.6, 0, 0.2, 0, 0, 0, 1)})
-    run = rnc.simulate(reduced, rnc.control.ZeroInput(reduced), q0, 4.0, 0.01)
-    spin = run.v[:, robot.velocity_indices("spindle")]
-    assert spin[-1] == pytest.approx(60.0 / 8.0 * 15 / 8)
-    across = np.column_stack([-run.q[:, 1], run.q[:, 0]])
-    np.testing.assert_allclose(run.v2[:, :2], 2 / 7 * spin * across, atol=1e-7)

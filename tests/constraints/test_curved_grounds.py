@@ -90,42 +90,6 @@ def test_the_smaller_relative_curvature():
     np.testing.assert_allclose(_smaller_eigenvalue(many), [0.3, -0.7], atol=ROUNDING)
 
 
-def test_a_ball_swings_in_a_bowl_as_a_pendulum_with_five_sevenths_of_gravity():
-    """Homogeneous ball without spin about the normal: (R - r) angle'' = -5/7 g sin(angle), at any angle."""
-    reduced, length = rolling_ball(rnc.SphericalGround(1.0, (0.0, 0.0, 1.0))), 1.0 - RADIUS
-    for angle, rate in ((0.01, 0.0), (1.2, 0.7)):
-        out = np.array([np.sin(angle), 0.0, -np.cos(angle)])
-        ahead = np.array([np.cos(angle), 0.0, np.sin(angle)])
-        q = at_place(reduced, [0.0, 0.0, 1.0] + length * out)
-        R = pin.XYZQUATToSE3(q).rotation
-        spin = R.T @ np.array([0.0, rate * length / RADIUS, 0.0])
-        spin *= np.sign((R @ reduced.at(q, spin).v[:3]) @ ahead) or 1.0
-        state = reduced.at(q, spin)
-        np.testing.assert_allclose(R @ state.v[:3], rate * length * ahead, atol=1e-12)
-        own = state.v_dot(state.v2_dot([]))[:3] + np.cross(state.v[3:], state.v[:3])
-        expected = -5 / 7 * 9.81 * np.sin(angle) * ahead - length * rate**2 * out
-        np.testing.assert_allclose(R @ own, expected, atol=1e-10)
-
-
-def test_a_ball_in_an_upright_cylinder_goes_up_and_down():
-    """Neimark and Fufaev: it goes round steadily, and its height oscillates at sqrt(2/7) of that rate.
-
-    z'' = -5/7 g - 2/7 r turn s and s' = turn z' / r hold for the spin s about the outward radius. Together they are an
-    oscillation of z with the squared frequency 2/7 turn^2.
-    """
-    reduced, turn, rise, s = rolling_ball(rnc.CylindricalGround(1.0)), 3.0, 0.4, 0.7
-    q = at_place(reduced, [1.0 - RADIUS, 0.0, 0.0])
-    R = pin.XYZQUATToSE3(q).rotation
-    spin = np.array([s, rise / RADIUS, -turn * (1.0 - RADIUS) / RADIUS])
-    state = reduced.at(q, R.T @ spin)
-    v, v_dot = state.v, state.v_dot(state.v2_dot([]))
-    np.testing.assert_allclose(R @ v[:3], [0.0, turn * (1.0 - RADIUS), rise], atol=1e-12)
-    own = R @ (v_dot[:3] + np.cross(v[3:], v[:3]))
-    lift = -5 / 7 * 9.81 - 2 / 7 * RADIUS * turn * s
-    np.testing.assert_allclose(own, [-(turn**2) * (1.0 - RADIUS), 0.0, lift], atol=1e-10)
-    assert (R @ v_dot[3:])[0] + turn * spin[1] == pytest.approx(turn * rise / RADIUS, abs=1e-10)
-
-
 def test_a_ball_in_a_bowl_keeps_its_spin_about_the_normal():
     """Routh (1884): of a homogeneous ball on a sphere, in any motion."""
     center = np.array([0.0, 0.0, 1.0])

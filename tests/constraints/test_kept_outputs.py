@@ -127,17 +127,6 @@ def kapitza(shaken, times, damping=0.0):
     ).y[0]
 
 
-def test_a_pendulum_on_a_shaken_pivot_is_that_of_kapitza(pendulum):
-    """It stays upright, and the work of the pivot balances the energy."""
-    run = rnc.free_motion(pendulum.reduced, np.array([0.0, 0.3]), [0.0], 0.3, 0.05, tolerance=1e-9)
-    np.testing.assert_allclose(run.q[:, 1], kapitza(pendulum.shaken, run.time), atol=1e-8)
-    np.testing.assert_allclose(run.q[:, 0], [pendulum.shaken.at(t).position[0] for t in run.time], atol=1e-12)
-    assert np.ptp(run.energy) > 0.5
-    assert np.ptp(run.energy - run.work) < 1e-7
-    assert run.constraint_residual.max() < 1e-12
-    assert run.position_residual.max() < 1e-12
-
-
 class Nothing:
     """Controller that gives no input, and notes the times and velocities of its samples."""
 
@@ -291,24 +280,6 @@ def test_mujoco_refuses_a_prescribed_motion_by_name(pendulum):
 
 
 # ---------------------------------------------------------------------- user-defined rows
-
-
-@pytest.mark.parametrize("derived", [True, False])
-def test_a_knife_edge_that_turns_over_time_draws_a_circle(derived):
-    """No force acts along the edge, so the speed is constant and the direction turns at the given rate."""
-    model = pin.Model()
-    x = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")
-    add_body(model, "y", "PY", 2.0, x)
-    robot, rate, speed = rnc.Robot(model), 1.7, 0.8
-    rates = None if derived else lambda q, v, t: rate * np.array([[np.cos(rate * t), np.sin(rate * t)]])
-    edge = rnc.Pfaffian(
-        lambda q, t: np.array([[np.sin(rate * t), -np.cos(rate * t)]]), rates, names=["edge"], rheonomic=True
-    )
-    reduced = rnc.NonholonomicSystem(robot, [edge], ["x", "y"]).reduce()
-    run = rnc.free_motion(reduced, np.zeros(2), [speed], 3.0, 0.1)
-    circle = speed / rate * np.stack([np.sin(rate * run.time), 1 - np.cos(rate * run.time)], axis=1)
-    np.testing.assert_allclose(run.q, circle, atol=1e-10)
-    assert np.ptp(run.energy) < 1e-9
 
 
 def test_a_wrong_rate_over_time_is_refused():

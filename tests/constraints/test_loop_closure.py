@@ -21,7 +21,7 @@ from systems import (
     random_states,
     tiago,
 )
-from tolerances import KKT, ROUNDING
+from tolerances import ROUNDING
 
 # ---------------------------------------------------------------------- four-bar linkage, closed form
 
@@ -115,31 +115,6 @@ def test_the_rank_is_that_of_closed_loops():
     position = Kinematics(robot).position(robot.random_configuration(np.random.default_rng(0)))
     open_rank = np.linalg.matrix_rank(rnc.LoopClosure("universe", "end").bind(robot).jacobian(position))
     assert open_rank == 4
-
-
-def test_a_floating_loop_with_conserved_momentum_agrees_with_kkt():
-    """Momentum and a loop together: a four-bar linkage on a free-flying plate."""
-    model = pin.Model()
-    model.name = "floating four-bar"
-    model.gravity.linear = np.zeros(3)
-    base = add_body(model, "root_joint", "FreeFlyer", 3.0, com=(0.4, 0, 0))
-    model.addJointFrame(base)
-    linkage = four_bar_robot().model
-    whole = pin.appendModel(model, linkage, model.getFrameId("root_joint"), pin.SE3.Identity())
-    whole.gravity.linear = np.zeros(3)
-    momentum = rnc.MomentumConservation("root_joint", [0.5, -0.2, 0.3, 0.1, 0.6, -0.4])
-    loop = rnc.LoopClosure("coupler_tip", "rocker_tip", "point")
-    reduced = rnc.NonholonomicSystem(rnc.Robot(whole), [momentum, loop], ["crank"]).reduce([rnc.JointPosition("crank")])
-    assert reduced.m == 8
-    data = whole.createData()
-    for q, v2 in random_states(reduced, 5):
-        assert np.abs(reduced.assembly.residual(q)).max() < 1e-11
-        t, B = reduced.terms(q, v2), reduced.lagrangian_terms(q, v2).B
-        # The loop's rows alone: the momentum is conserved by itself. Two of the three are independent.
-        J = t.A[6:]
-        vdot = pin.forwardDynamics(whole, data, q, t.v, B @ [0.4], J, t.A_dot[6:] @ t.v)
-        ours = t.R @ reduced.forward_dynamics(q, v2, [0.4]) + t.R_dot @ v2 + t.b_dot
-        np.testing.assert_allclose(ours, vdot, atol=KKT * max(1, np.abs(vdot).max()))
 
 
 def test_rows_of_a_closed_loop_are_the_rate_of_their_residual():

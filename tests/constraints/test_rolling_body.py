@@ -1,4 +1,4 @@
-"""Bodies that roll on planes: beside Newton's and Euler's equations, known special cases and first integrals."""
+"""Bodies that roll on planes: rows and special cases; motions of textbooks are in benchmarks/validation."""
 
 import numpy as np
 import pinocchio as pin
@@ -7,18 +7,9 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.kinematics import Kinematics
-from rolling import GRAVITY, rigid_body
+from rolling import rigid_body
 from row_kinds import ROLLING
 from tolerances import ROUNDING
-
-
-def states(reduced, count=3):
-    generator = np.random.default_rng(2)
-    for _ in range(count):
-        q = reduced.robot.random_configuration(generator)
-        q[:3] = 0.1, -0.2, 0.05
-        q = reduced.assembled(q)
-        yield q, generator.normal(size=reduced.r)
 
 
 @pytest.mark.parametrize("name", ROLLING)
@@ -53,62 +44,6 @@ def test_rows_are_the_velocity_of_the_lowest_point(name):
         assert slip[2] == pytest.approx((body - ground) @ normal, abs=ROUNDING)
         if not kind.pivoting:
             assert slip[3] == pytest.approx(velocity[3:] @ normal - plane.spin, abs=ROUNDING)
-
-
-def newton_and_euler(semi_axes, mass, inertia, rise, R, w):
-    """Angular acceleration of an ellipsoid that rolls on z = 0, its mass centre ``rise`` above the centre, world axes.
-
-    Garcia and Hubbard, Proc. R. Soc. A 418 (1988): ``v = arm x w`` at each time, with the arm from the mass centre to
-    the contact, gives the force, whose moment changes the angular momentum.
-    """
-    up = np.array([0.0, 0.0, 1.0])
-    squares, down = np.square(semi_axes), -(R.T @ up)
-
-    def arm_of(normal):
-        return squares * normal / np.sqrt(normal @ (squares * normal)) - np.array([0, 0, rise])
-
-    h = 1e-6
-    turning = R.T @ np.cross(w, up)  # rate of the normal in the body
-    body_rate = (arm_of(down + h * turning) - arm_of(down - h * turning)) / (2 * h)
-    arm = R @ arm_of(down)
-    arm_rate = np.cross(w, arm) + R @ body_rate
-    tensor = R @ inertia @ R.T
-    cross = pin.skew(arm)
-    # m (arm x wdot + arm_rate x w - g) = force; tensor wdot + w x tensor w = arm x force
-    left = tensor - mass * cross @ cross
-    right = -np.cross(w, tensor @ w) + np.cross(arm, mass * (np.cross(arm_rate, w) - GRAVITY))
-    return np.linalg.solve(left, right)
-
-
-def test_a_rattleback_obeys_newton_and_euler():
-    semi_axes, rise = (0.2, 0.03, 0.02), -0.005
-    turned = (0.0, 0.0, 0.01)
-    robot = rigid_body(1.0, (2e-4, 1.6e-3, 1.7e-3), (0.0, 0.0, rise), turned)
-    reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBody("body", rnc.Ellipsoid(semi_axes))]).reduce(
-        [rnc.FrameAngularVelocity("body", axis) for axis in "xyz"]
-    )
-    Q = pin.rpy.rpyToMatrix(np.array(turned))
-    inertia = Q @ np.diag((2e-4, 1.6e-3, 1.7e-3)) @ Q.T
-    for q, w_body in states(reduced, 2):
-        R = pin.Quaternion(q[3:7]).matrix()
-        expected = R.T @ newton_and_euler(semi_axes, 1.0, inertia, rise, R, R @ w_body)
-        np.testing.assert_allclose(reduced.forward_dynamics(q, w_body, []), expected, rtol=2e-7)
-
-
-def test_a_chaplygin_ball_keeps_its_angular_momentum_about_the_contact():
-    """Chaplygin (1903): a ball with its centre of mass at the centre and three different moments."""
-    robot = rigid_body(2.0, (0.03, 0.05, 0.07))
-    reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBody("body", rnc.Sphere(0.3))]).reduce()
-    q0 = reduced.assembled(robot.configuration({"root_joint": [0, 0, 0.3, 0.5, 0.1, -0.3, 0.8]}))
-    v2_0 = reduced.at(q0, v=reduced.at(q0, np.array([1.0, -2.0, 1.5])).v).v2
-    run = rnc.free_motion(reduced, q0, v2_0, 1.0, 0.1)
-    momenta = []
-    for q, v2 in zip(run.q, run.v2, strict=True):
-        R, v = pin.Quaternion(q[3:7]).matrix(), reduced.at(q, v2).v
-        w = R @ v[3:]
-        arm = np.array([0.0, 0.0, 0.3])  # from the contact to the centre
-        momenta.append(R @ (np.array([0.03, 0.05, 0.07]) * v[3:]) + 2.0 * np.cross(arm, np.cross(w, arm)))
-    np.testing.assert_allclose(momenta, np.tile(momenta[0], (len(momenta), 1)), atol=1e-8)
 
 
 def test_a_body_without_pivoting_has_the_momentum_of_rolling_alone():

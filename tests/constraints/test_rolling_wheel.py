@@ -1,4 +1,4 @@
-"""Balls and wheels: closed forms, and rows against the motion of the material point that touches the ground."""
+"""Wheels: closed forms, and rows against the motion of the material point that touches the ground."""
 
 import numpy as np
 import pinocchio as pin
@@ -7,10 +7,8 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.model.kinematics import Kinematics
-from simple_controllers import Idle
 from systems import bicycle, random_states
 from textbook_systems import differential_drive
-from tolerances import KKT, ROUNDING
 
 RADIUS, MASS = 0.2, 3.0
 SOLID = 0.4 * MASS * RADIUS**2
@@ -22,92 +20,6 @@ def ball(gravity=(0.0, 0.0, -9.81)):
     model.gravity.linear = np.array(gravity)
     add_body(model, "root_joint", "FreeFlyer", MASS, moments=SOLID, frame="ball")
     return rnc.Robot(model)
-
-
-def reduce_ball(robot, constraints):
-    """Reducing outputs: position in the plane, and spin about the vertical in the world."""
-
-    def spin(q):
-        rotation = pin.Quaternion(q[3:7]).toRotationMatrix()
-        return np.concatenate([np.zeros(3), rotation[2]])[None]
-
-    def spin_dot(q, v):
-        rotation = pin.Quaternion(q[3:7]).toRotationMatrix()
-        return np.concatenate([np.zeros(3), (rotation @ pin.skew(v[3:]))[2]])[None]
-
-    system = rnc.NonholonomicSystem(robot, constraints, np.eye(6)[:, 3:])
-    return system.reduce([rnc.FramePosition("ball", "xy"), rnc.Output(None, spin, spin_dot, ["spin"])], [])
-
-
-def test_a_ball_rolls_down_a_slope_at_five_sevenths():
-    slope = 0.3
-    gravity = 9.81 * np.array([np.sin(slope), 0.0, -np.cos(slope)])
-    reduced = reduce_ball(ball(gravity), [rnc.RollingBall("ball", RADIUS)])
-    assert reduced.constraints.holonomic == (False, False, True)
-    for q, v2 in random_states(reduced, 4):
-        assert q[2] == pytest.approx(RADIUS, abs=1e-12)
-        expected = [5 / 7 * 9.81 * np.sin(slope), 0.0, 0.0]
-        np.testing.assert_allclose(reduced.forward_dynamics(q, v2, np.zeros(3)), expected, atol=1e-9)
-        # v = omega x r: the contact rests. In the world's axes.
-        v = reduced.at(q, v2).v
-        rotation = pin.Quaternion(q[3:7]).toRotationMatrix()
-        linear, angular = rotation @ v[:3], rotation @ v[3:]
-        np.testing.assert_allclose(linear, np.cross(angular, [0, 0, RADIUS]), atol=ROUNDING)
-        assert angular[2] == pytest.approx(v2[2], abs=ROUNDING)
-        # The ground bears the weight and gives the friction 2/7 m g sin(slope); multipliers have the paper's sign.
-        forces = dict(zip(reduced.constraints.names, -reduced.multipliers(q, v2, np.zeros(3)), strict=True))
-        assert forces["vertical(ball)"] == pytest.approx(MASS * 9.81 * np.cos(slope), rel=1e-9)
-        assert forces["rolling_x(ball)"] == pytest.approx(-2 / 7 * MASS * 9.81 * np.sin(slope), rel=1e-9)
-
-
-def test_a_ball_on_a_turntable_goes_in_circles():
-    """Rows with a rate: the ground turns at Omega, the ball circles at 2/7 Omega (Lewis and Murray 1995)."""
-    omega = 2.1
-
-    def rows(q):
-        rotation = pin.Quaternion(q[3:7]).toRotationMatrix()
-        return np.hstack([rotation, pin.skew(np.array([0, 0, RADIUS])) @ rotation])
-
-    def rows_dot(q, v):
-        rate = pin.Quaternion(q[3:7]).toRotationMatrix() @ pin.skew(v[3:])
-        return np.hstack([rate, pin.skew(np.array([0, 0, RADIUS])) @ rate])
-
-    def table(q):
-        return omega * np.array([-q[1], q[0], 0.0])
-
-    def table_dot(q, v):
-        linear = pin.Quaternion(q[3:7]).toRotationMatrix() @ v[:3]
-        return omega * np.array([-linear[1], linear[0], 0.0])
-
-    turning = rnc.Pfaffian(rows, rows_dot, ["x", "y", "z"], rate=table, rate_dot=table_dot)
-    robot = ball()
-    reduced = reduce_ball(robot, [turning])
-    assert reduced.affine
-    q0 = robot.configuration({"root_joint": [0.7, -0.2, RADIUS, 0, 0, 0, 1]})
-    start, v2_0 = np.array([0.7, -0.2]), np.array([0.3, 0.4, 0.0])
-    run = rnc.simulate(reduced, Idle(3), q0, 2.0, 0.005, v2_0=v2_0)
-    turn = 2 / 7 * omega
-    center = start + np.array([-v2_0[1], v2_0[0]]) / turn  # v = turn z x (p - center)
-    arm = (start - center)[0] + 1j * (start - center)[1]
-    path = center[0] + 1j * center[1] + arm * np.exp(1j * turn * run.time)
-    np.testing.assert_allclose(run.q[:, 0] + 1j * run.q[:, 1], path, atol=1e-8)
-    np.testing.assert_allclose(run.constraint_residual, 0, atol=1e-11)
-    # The table does work on the ball.
-    assert np.ptp(run.energy) > 0.02
-    np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=1e-8)
-    # KKT, with the rate of mu.
-    model, data = robot.model, robot.model.createData()
-    for q, v2 in random_states(reduced, 4):
-        t = reduced.terms(q, v2)
-        gamma = t.A_dot @ t.v - table_dot(q, t.v)
-        T = np.array([0.1, -0.2, 0.3])
-        vdot = pin.forwardDynamics(model, data, q, t.v, np.concatenate([np.zeros(3), T]), t.A, gamma)
-        ours = t.R @ reduced.forward_dynamics(q, v2, T) + t.R_dot @ v2 + t.b_dot
-        np.testing.assert_allclose(ours, vdot, atol=KKT * 10)
-        residual = np.concatenate([np.zeros(3), T]) - pin.rnea(model, data, q, t.v, vdot)
-        np.testing.assert_allclose(t.A.T @ reduced.multipliers(q, v2, T), residual, atol=KKT * 100)
-        F = t.H @ reduced.forward_dynamics(q, v2, T) + t.V @ v2 + t.G
-        np.testing.assert_allclose(F, t.input_matrix @ T, atol=1e-9)
 
 
 def test_a_ball_needs_a_radius_and_a_frame():

@@ -14,6 +14,7 @@ from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.planning import Hold
 from rnc_pin.planning.references import ReferencePoint
 from rnc_pin.plants import Faults, FaultyPlant, ReducedPlant
+from simple_controllers import Memoryless
 
 
 def test_time_passes_from_sample_to_sample_and_may_stand_still():
@@ -150,18 +151,10 @@ def test_the_mask_has_outputs_whose_force_would_grow_towards_the_deficit(deficit
     assert saturation_mask(np.array([deficit]), np.array([added])).tolist() == [expected]
 
 
-class Ahead:
-    """Every rate 0.2 below what is wanted."""
-
-    def initial_state(self, measurement):
-        return None
-
-    def step(self, t, measurement, state):
-        return VelocityTarget(v2=measurement.v2 + 0.2, v2_dot=np.array([0.3, -0.1, 0.4])), None
-
-
 def test_a_velocity_tracker_stops_learning_where_a_force_is_missing_and_only_there():
-    tracker = VelocityTracker(Ahead(), VelocityGains(k=10.0, beta=10.0, sigma=0.5))
+    # Every rate 0.2 below what is wanted.
+    ahead = Memoryless(lambda _, seen: VelocityTarget(v2=seen.v2 + 0.2, v2_dot=np.array([0.3, -0.1, 0.4])))
+    tracker = VelocityTracker(ahead, VelocityGains(k=10.0, beta=10.0, sigma=0.5))
     seen = rnc.Measurement(x2=np.zeros(3), v2=np.array([0.1, 0.2, -0.3]))
     _, state = tracker.step(0.0, seen, tracker.initial_state(seen))
     _, state = tracker.step(0.1, seen, state)

@@ -10,15 +10,11 @@ from rnc_pin.control import MomentumRegressor, UnknownMass
 from systems import drifting_manipulator, free_flying_panda, space_robot
 
 
-@pytest.mark.parametrize(
-    ("make", "base", "joints", "rates"),
-    [
-        (space_robot, "platform", ("joint_1", "joint_3"), ["rad/s"]),
-        (drifting_manipulator, "root_joint", ("joint_1", "joint_2"), ["m/s", "m/s", "rad/s"]),
-        (free_flying_panda, "root_joint", ("panda_joint2", "panda_joint7"), ["m/s"] * 3 + ["rad/s"] * 3),
-    ],
-    ids=["turning", "planar", "free"],
-)
+@pytest.mark.parametrize(("make", "base", "joints", "rates"), [
+    (space_robot, "platform", ("joint_1", "joint_3"), ["rad/s"]),
+    (drifting_manipulator, "root_joint", ("joint_1", "joint_2"), ["m/s", "m/s", "rad/s"]),
+    (free_flying_panda, "root_joint", ("panda_joint2", "panda_joint7"), ["m/s"] * 3 + ["rad/s"] * 3),
+], ids=["turning", "planar", "free"])  # fmt: skip
 def test_unknown_masses_say_what_they_predict_in_units_of_their_own(make, base, joints, rates):
     """``y = Y p`` where the momentum is zero, with one mass in kg and one in units of 0.25 kg."""
     robot = make().robot

@@ -12,7 +12,7 @@ CART = differential_drive()
 RADIUS, TRACK = 0.1, 0.4
 SLIP, ENCODER, GYRO, BIAS = 0.01, 0.1, 0.01, 0.002
 FIX = np.diag([0.02, 0.03, 0.05]) ** 2
-SEEDS, TICK, FINE, SECONDS = 100, 0.1, 10, 5.0
+SEEDS, TICK, FINE, SECONDS = 100, 0.25, 20, 5.0
 
 
 def odometry():
@@ -54,10 +54,10 @@ def driven(seed, gyro, heading=True):
         bias += BIAS * np.sqrt(TICK) * draw.normal()
         rate = (pose[2] - before) / TICK + bias + GYRO / np.sqrt(TICK) * draw.normal() if gyro else None
         estimate = filter.predict(t + TICK, angles(*wheels), estimate, rate)
-        if k % 25 == 24:
+        if k % 10 == 9:
             fix = pose + np.sqrt(np.diag(FIX)) * draw.normal(size=3)
             estimate = filter.correct(*((fix, FIX) if heading else (fix[:2], FIX[:2, :2])), estimate).estimate
-        if k % 25 in (18, 24):
+        if k % 10 in (7, 9):
             error = np.append(estimate.error(pose), bias - estimate.bias)[: 4 if gyro else 3]
             size = len(error)
             found.append(error @ np.linalg.solve(estimate.covariance[:size, :size], error))

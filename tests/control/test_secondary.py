@@ -181,27 +181,16 @@ def test_a_scenario_adds_its_objectives_up(tmp_path):
         np.testing.assert_allclose(got, expected, atol=ROUNDING)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        (
-            {"task": {"primary": ["tip_x", "tip_y", "base_yaw"], "redundant": ["base_speed_x"]}, "reference": {}},
-            r"controller.secondary: .* no freedom left: .* found 1 \(base_speed_x\) and 1 \(distance_base_tip\)",
-        ),
-        ({"controller.secondary": {}}, "controller.secondary: expected at least one of posture"),
-        (
-            {"controller.secondary": {"postur": {}}},
-            "controller.secondary: 'postur' is not known; did you mean 'posture'",
-        ),
-        (
-            {"controller.secondary": {"joint_limits": {"joints": ["joint_3"]}}},
-            "controller.secondary: no joint 'joint_3'",
-        ),
-        ({"controller.secondary": {"joint_limits": {"margin": 0.8}}}, "controller.secondary.joint_limits.margin"),
-        ({"controller.secondary": {"singularity": {"k": [1, 2, 3]}}}, "controller.secondary: k .* number or 2"),
-        ({"controller.type": "reducing_outputs"}, "controller.secondary: does not belong to type"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"task": {"primary": ["tip_x", "tip_y", "base_yaw"], "redundant": ["base_speed_x"]}, "reference": {}},
+        r"controller.secondary: .* no freedom left: .* found 1 \(base_speed_x\) and 1 \(distance_base_tip\)"),
+    ({"controller.secondary": {}}, "controller.secondary: expected at least one of posture"),
+    ({"controller.secondary": {"postur": {}}}, "controller.secondary: 'postur' is not known; did you mean 'posture'"),
+    ({"controller.secondary": {"joint_limits": {"joints": ["joint_3"]}}}, "controller.secondary: no joint 'joint_3'"),
+    ({"controller.secondary": {"joint_limits": {"margin": 0.8}}}, "controller.secondary.joint_limits.margin"),
+    ({"controller.secondary": {"singularity": {"k": [1, 2, 3]}}}, "controller.secondary: k .* number or 2"),
+    ({"controller.type": "reducing_outputs"}, "controller.secondary: does not belong to type"),
+])  # fmt: skip
 def test_a_scenario_that_asks_for_too_much_is_refused(changes, words, tmp_path):
     with pytest.raises(rnc.ConfigurationError, match=words):
         scenario_of({"controller.secondary": {"posture": {}}, **changes}, tmp_path)

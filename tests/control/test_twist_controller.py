@@ -230,7 +230,7 @@ def test_the_base_reaches_the_feasible_twist_within_limits_and_without_slip(name
     fastest = suitable(name, 3.0, 0.3) if name == "car with trailer" else [2.0] * 3  # too much for wheels or pivots
     for twist in (suitable(name), suitable(name, 0.3, -0.4, -0.1), np.zeros(3), suitable(name, -0.3, 0.2), fastest):
         reachable = controller.feasible(plant.q, twist)
-        for _ in range(40):
+        for _ in range(30):
             command, state = controller.step(plant.q, twist, state)
             plant.advance(command.u, DT, hold=controller.steering)
             assert np.abs(command.v[pivots]).max(initial=0.0) <= STEERING_RATE + 1e-6

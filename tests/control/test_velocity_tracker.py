@@ -8,22 +8,14 @@ from controlled_tasks import gains_along, learnt_over, space_robot_task
 from rnc_pin.control import ReducingOutputController, TrackerState, VelocityGains, VelocityTarget, VelocityTracker
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.planning import Harmonic, Hold
+from simple_controllers import Memoryless
 from systems import space_robot_in_joints
 
 
-class Oscillation:
-    """A velocity target that never rests: every joint at a frequency of its own."""
-
-    def __init__(self, reduced):
-        r = reduced.r
-        self.reference = Harmonic(np.zeros(r), 0.4 * np.ones(r), 0.2 + 0.07 * np.arange(r), ramp=1.0)
-
-    def initial_state(self, measurement):
-        return None
-
-    def step(self, t, measurement, state):
-        point = self.reference.at(t)
-        return VelocityTarget(v2=point.velocity, v2_dot=point.acceleration), None
+def oscillation(amplitude, frequency):
+    """Return a velocity target that never rests: every joint at a frequency of its own."""
+    reference = Harmonic(np.zeros(len(amplitude)), amplitude, frequency, ramp=1.0)
+    return Memoryless(lambda t, _: VelocityTarget(v2=reference.at(t).velocity, v2_dot=reference.at(t).acceleration))
 
 
 # ---------------------------------------------------------------------- (10)
@@ -35,7 +27,9 @@ def test_velocity_error_converges_to_a_ball_that_shrinks_as_the_gains_grow():
     q0 = reduced.robot.configuration({"joint_2": 1.2, "joint_3": -0.8})
     balls = []
     for k in (40.0, 120.0, 360.0):
-        tracker = VelocityTracker(Oscillation(reduced), VelocityGains(k=k, beta=k))
+        tracker = VelocityTracker(
+            oscillation(0.4 * np.ones(reduced.r), 0.2 + 0.07 * np.arange(reduced.r)), VelocityGains(k=k, beta=k)
+        )
         run = rnc.simulate(reduced, tracker, q0, 8.0, 0.004, v2_0=np.array([0.5, -0.5, 0.5]))
         error = np.linalg.norm(run.v2_desired - run.v2, axis=1)
         balls.append(error[run.time > 4.0].max())
@@ -61,11 +55,7 @@ def test_adaptation_is_stable_when_the_regressor_is_large():
     reduced, dt = space_robot_in_joints(), 0.01
     q0 = reduced.robot.configuration({"joint_2": 1.2, "joint_3": -0.8})
 
-    class Fast(Oscillation):
-        def __init__(self, reduced):
-            self.reference = Harmonic(np.zeros(3), 1.5 * np.ones(3), [1.0, 0.8, 1.2], ramp=1.0)
-
-    tracker = VelocityTracker(Fast(reduced), VelocityGains(k=60.0, beta=1e4))
+    tracker = VelocityTracker(oscillation(1.5 * np.ones(3), [1.0, 0.8, 1.2]), VelocityGains(k=60.0, beta=1e4))
     run = rnc.simulate(reduced, tracker, q0, 3.0, dt)
     regressor = (run.v2_desired**2).sum(axis=1) * (run.v2**2).sum(axis=1)
     assert 1e4 * regressor.max() * dt > 20
@@ -79,14 +69,8 @@ def test_small_steps_are_the_papers_laws():
     g, C, D = generator.normal(size=r), generator.normal(size=(r, r)), generator.normal(size=(r, r * r))
     v2, v2d, v2d_dot = generator.normal(size=(3, r))
 
-    class Target:
-        def initial_state(self, measurement):
-            return None
-
-        def step(self, t, measurement, state):
-            return VelocityTarget(v2d, v2d_dot), None
-
-    tracker = VelocityTracker(Target(), VelocityGains(k=7.0, beta=3.0, sigma=0.4))
+    target = Memoryless(lambda *_: VelocityTarget(v2d, v2d_dot))
+    tracker = VelocityTracker(target, VelocityGains(k=7.0, beta=3.0, sigma=0.4))
     state = TrackerState(1.0, g, C, D, None)
     command, new = tracker.step(1.0 + h, rnc.Measurement(v2=v2), state)
     e, w = v2d - v2, np.kron(v2, v2d)
@@ -106,7 +90,15 @@ def test_a_tuned_tracker_is_what_one_would_write_by_hand():
     np.testing.assert_allclose(tracker.gains.k, expected.k)
     np.testing.assert_allclose(tracker.gains.beta, 3.0 * expected.k)
     design = rnc.control.GainDesign(bandwidth=20.0)
-    slower = rnc.tuned_tracker(reduced, Oscillation(reduced), q0, 2.0, 0.004, along=kinematic, design=design)
+    slower = rnc.tuned_tracker(
+        reduced,
+        oscillation(0.4 * np.ones(reduced.r), 0.2 + 0.07 * np.arange(reduced.r)),
+        q0,
+        2.0,
+        0.004,
+        along=kinematic,
+        design=design,
+    )
     np.testing.assert_allclose(slower.gains.k / slower.gains.k[0], expected.k / expected.k[0])
     with pytest.raises(rnc.InfeasibleError, match="sample faster"):
         rnc.tuned_tracker(reduced, kinematic, q0, 2.0, dt=0.2)

@@ -94,7 +94,7 @@ def _late(log, name, by):
     return rnc.Log(Channel(each.quantity, each.of, each.time + by * (each.of == name), each.values) for each in log)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize(
     ("assumption", "name", "vehicle", "change", "spoil"),
     [

@@ -33,7 +33,7 @@ def replayed(reduced, motion, q, count):
 def limited():
     """The arm with limits, and its motion."""
     reduced = limited_arm()
-    return reduced, rnc.excite(reduced, 6.0, np.zeros(3), rates=3.0, tries=20)
+    return reduced, rnc.excite(reduced, 6.0, np.zeros(3), rates=3.0, tries=10)
 
 
 def test_a_finer_replay_stays_within_the_limits_of_the_file(limited):
@@ -55,11 +55,10 @@ def test_the_motion_shows_parameters_better_than_random_ones(base):
     robot = arm(base=base)
     system = floating(robot) if base else rnc.NonholonomicSystem(robot, (), ARM)
     reduced = system.reduce([rnc.JointPosition(name) for name in ARM])
-    motion = rnc.excite(reduced, 6.0, robot.configuration(), rates=2.0, tries=30)
+    motion = rnc.excite(reduced, 6.0, robot.configuration(), rates=2.0, tries=12)
     assert motion.condition < 0.7 * motion.random_condition
-    assert len(motion.parameters) == (
-        31 if base else 15
-    )  # on the ground, 1 behind the vertical axis and 7 behind others
+    # On the ground, 1 behind the vertical axis and 7 behind others.
+    assert len(motion.parameters) == (31 if base else 15)
 
 
 def test_velocities_and_accelerations_belong_together(limited):

@@ -196,19 +196,12 @@ sys.modules["rnc_pin._kernel.compiled"] = types.SimpleNamespace(INTERFACE=3)
 """
 
 
-@pytest.mark.parametrize(
-    ("what", "asked", "stream", "line"),
-    [
-        ("import rnc_pin; print(rnc_pin.kernel)", "", "stderr", "using NumPy; reinstall with pip install -e ."),
-        (
-            "from rnc_pin.applications.command_line.usage import cli; cli(['--version'])",
-            "",
-            "stdout",
-            ", kernel numpy (compiled kernel is of",
-        ),
-        ("import rnc_pin; rnc_pin.kernel", "c", "stderr", "RNC_PIN_KERNEL is 'c', but the compiled kernel is of"),
-    ],
-)
+@pytest.mark.parametrize(("what", "asked", "stream", "line"), [
+    ("import rnc_pin; print(rnc_pin.kernel)", "", "stderr", "using NumPy; reinstall with pip install -e ."),
+    ("from rnc_pin.applications.command_line.usage import cli; cli(['--version'])", "", "stdout",
+        ", kernel numpy (compiled kernel is of"),
+    ("import rnc_pin; rnc_pin.kernel", "c", "stderr", "RNC_PIN_KERNEL is 'c', but the compiled kernel is of"),
+])  # fmt: skip
 def test_a_library_of_other_sources_is_named(what, asked, stream, line, tmp_path):
     environment = {**os.environ, "RNC_PIN_KERNEL": asked}
     command = [sys.executable, "-c", OUTDATED + what]

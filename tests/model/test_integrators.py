@@ -8,9 +8,9 @@ import pytest
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.control import Command
 from rnc_pin.model.integrators import ExponentialCoordinates
 from rnc_pin.plants.reduced import ConstrainedDynamics
+from simple_controllers import Inputs
 from systems import free_flying_panda, leaning_wheel, mobile_manipulator, space_robot, space_robot_in_joints
 
 JOINTS = {
@@ -57,16 +57,9 @@ def test_free_motion_agrees_with_a_fixed_step_that_is_halved():
     v2, T, duration = np.array([0.3, -0.2, 0.5, 0.4]), np.array([2.0, 1.0, -0.5, 0.3]), 0.5
     exact = rnc.free_motion(reduced, q0, v2, duration, dt=duration, inputs=T)
 
-    class Constant:
-        def initial_state(self, measurement):
-            return None
-
-        def step(self, t, measurement, state):
-            return Command(T=T), state
-
     errors = []
     for steps in (16, 32, 64):
-        run = rnc.simulate(reduced, Constant(), q0, duration, duration / steps, v2_0=v2)
+        run = rnc.simulate(reduced, Inputs(lambda _: T), q0, duration, duration / steps, v2_0=v2)
         gap = pin.difference(reduced.robot.model, exact.q[-1], run.q[-1])
         errors.append(np.linalg.norm(np.r_[gap, run.v2[-1] - exact.v2[-1]]))
     orders = np.log2(np.array(errors[:-1]) / errors[1:])

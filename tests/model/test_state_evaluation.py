@@ -22,6 +22,7 @@ from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.planning import Hold
+from simple_controllers import Memoryless
 from systems import ALL, mobile_manipulator, random_states, space_robot, spinning_space_robot, tiago, without_outputs
 from tolerances import KKT, ROUNDING
 
@@ -109,19 +110,10 @@ def test_what_is_not_finite_is_refused_everywhere(make, bad):
     v, T = reduced.at(q, v2).v, np.zeros(reduced.p)
     good = {"q": q, "v2": v2, "v": v, "T": T, "F": v2, "v2_dot": v2, "integrals": v2}
     calls = {
-        "forward_dynamics": "q v2 T",
-        "inverse_dynamics": "q v2 v2_dot",
-        "allocate": "q F",
-        "multipliers": "q v2 T",
-        "energy": "q v2",
-        "terms": "q v2",
-        "lagrangian_terms": "q v2",
-        "at": "q",
-        "at, reduced velocity": "q v2",
-        "at, full velocity": "q v",
-        "flow": "q v2 T",
-        "contact_forces": "q v2 T",
-    }
+        "forward_dynamics": "q v2 T", "inverse_dynamics": "q v2 v2_dot", "allocate": "q F", "multipliers": "q v2 T",
+        "energy": "q v2", "terms": "q v2", "lagrangian_terms": "q v2", "at": "q", "at, reduced velocity": "q v2",
+        "at, full velocity": "q v", "flow": "q v2 T", "contact_forces": "q v2 T",
+    }  # fmt: skip
     functions = {name: getattr(reduced, name.split(",")[0], None) for name in calls}
     functions["flow"] = lambda q, v2, T: reduced.at(q, v2).flow(T)
     functions["contact_forces"] = lambda q, v2, T: reduced.at(q, v2).contact_forces(T)
@@ -348,17 +340,13 @@ def test_a_controller_cannot_move_the_robot_by_its_measurement():
     """In place, it gets an error; the run so far is kept."""
     reduced = space_robot()
 
-    class Writes:
-        def initial_state(self, measurement):
-            return None
-
-        def step(self, t, measurement, state):
-            measurement.q[0] += 0.1
-            return rnc.control.Command(T=np.zeros(reduced.p)), None
+    def write(t, measurement):
+        measurement.q[0] += 0.1
+        return rnc.control.Command(T=np.zeros(reduced.p))
 
     q0 = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
     with pytest.raises(rnc.SimulationError, match="read-only") as caught:
-        rnc.simulate(reduced, Writes(), q0, 0.1, 0.01)
+        rnc.simulate(reduced, Memoryless(write), q0, 0.1, 0.01)
     assert isinstance(caught.value.__cause__, ValueError)
 
 

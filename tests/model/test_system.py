@@ -59,40 +59,22 @@ def test_two_knife_edges_on_one_axle_are_one_constraint():
 # ---------------------------------------------------------------------- what is refused
 
 
-@pytest.mark.parametrize(
-    ("make", "error", "words"),
-    [
-        (lambda: space(constraints=[rnc.MomentumConservation("platfrm")]), rnc.ModelError, "did you mean 'platform'"),
-        (
-            lambda: space(constraints=[rnc.MomentumConservation("joint_2")]),
-            rnc.ConstraintError,
-            "depends on its position",
-        ),
-        (lambda: space(constraints=[rnc.NoSideSlip("tipp")]), rnc.ModelError, "did you mean 'tip'"),
-        (lambda: space(constraints=[rnc.NoSideSlip("tip", "w")]), rnc.ConfigurationError, "axis 'w' is not known"),
-        (lambda: space(constraints=[rnc.RollingWheel("tip", 0.0)]), rnc.ConstraintError, "has to be positive"),
-        (
-            lambda: space(constraints=[rnc.MomentumConservation("platform")] * 2),
-            rnc.ConstraintError,
-            "duplicate constraint row",
-        ),
-        (lambda: space(actuators=["platform", "joint_2"]), rnc.ConstraintError, "'platform' drives momentum"),
-        (lambda: space(actuators=[rnc.FrameForce("tip", "x")]), rnc.ConstraintError, "drives momentum"),
-        (
-            lambda: space(constraints=[rnc.Pfaffian(lambda q: np.zeros((1, 3)), lambda q, v: np.zeros((1, 3)))]),
-            rnc.InputError,
-            r"shape \(1, 3\), expected \(1, 4\)",
-        ),
-        (
-            lambda: space(
-                constraints=[rnc.Pfaffian(lambda q: np.eye(4)[:1] * (q[1] > 0), lambda q, v: np.zeros((1, 4)))]
-            ),
-            rnc.ConstraintError,
-            "rank of the constraints changes with the configuration, from 0 to 1",
-        ),
-        (lambda: space().reduce([rnc.FramePosition("tip", "xx")]), rnc.ConfigurationError, "at most once"),
-    ],
-)
+@pytest.mark.parametrize(("make", "error", "words"), [
+    (lambda: space(constraints=[rnc.MomentumConservation("platfrm")]), rnc.ModelError, "did you mean 'platform'"),
+    (lambda: space(constraints=[rnc.MomentumConservation("joint_2")]), rnc.ConstraintError, "depends on its position"),
+    (lambda: space(constraints=[rnc.NoSideSlip("tipp")]), rnc.ModelError, "did you mean 'tip'"),
+    (lambda: space(constraints=[rnc.NoSideSlip("tip", "w")]), rnc.ConfigurationError, "axis 'w' is not known"),
+    (lambda: space(constraints=[rnc.RollingWheel("tip", 0.0)]), rnc.ConstraintError, "has to be positive"),
+    (lambda: space(constraints=[rnc.MomentumConservation("platform")] * 2), rnc.ConstraintError,
+        "duplicate constraint row"),
+    (lambda: space(actuators=["platform", "joint_2"]), rnc.ConstraintError, "'platform' drives momentum"),
+    (lambda: space(actuators=[rnc.FrameForce("tip", "x")]), rnc.ConstraintError, "drives momentum"),
+    (lambda: space(constraints=[rnc.Pfaffian(lambda q: np.zeros((1, 3)), lambda q, v: np.zeros((1, 3)))]),
+        rnc.InputError, r"shape \(1, 3\), expected \(1, 4\)"),
+    (lambda: space(constraints=[rnc.Pfaffian(lambda q: np.eye(4)[:1] * (q[1] > 0), lambda q, v: np.zeros((1, 4)))]),
+        rnc.ConstraintError, "rank of the constraints changes with the configuration, from 0 to 1"),
+    (lambda: space().reduce([rnc.FramePosition("tip", "xx")]), rnc.ConfigurationError, "at most once"),
+])  # fmt: skip
 def test_what_does_not_fit_is_refused_in_one_line(make, error, words):
     with pytest.raises(error, match=words) as caught:
         make()
@@ -149,18 +131,14 @@ def test_next_to_a_singular_configuration_the_answer_is_still_right():
     assert np.linalg.norm(back - F) < 1e-5 * np.linalg.norm(F)
 
 
-@pytest.mark.parametrize(
-    ("joint", "units"),
-    [
-        (pin.JointModelPX(), ("kg m/s",)),
-        (pin.JointModelRZ(), ("N m s",)),
-        (pin.JointModelPlanar(), ("kg m/s", "kg m/s", "N m s")),
-        (pin.JointModelSpherical(), ("N m s",) * 3),
-        (pin.JointModelTranslation(), ("kg m/s",) * 3),
-        (pin.JointModelFreeFlyer(), ("kg m/s",) * 3 + ("N m s",) * 3),
-    ],
-    ids=lambda value: value.shortname() if isinstance(value, pin.JointModel) else "",
-)
+@pytest.mark.parametrize(("joint", "units"), [
+    (pin.JointModelPX(), ("kg m/s",)),
+    (pin.JointModelRZ(), ("N m s",)),
+    (pin.JointModelPlanar(), ("kg m/s", "kg m/s", "N m s")),
+    (pin.JointModelSpherical(), ("N m s",) * 3),
+    (pin.JointModelTranslation(), ("kg m/s",) * 3),
+    (pin.JointModelFreeFlyer(), ("kg m/s",) * 3 + ("N m s",) * 3),
+], ids=lambda value: value.shortname() if isinstance(value, pin.JointModel) else "")  # fmt: skip
 def test_momentum_has_the_unit_of_the_motion_that_it_belongs_to(joint, units):
     model = pin.Model()
     model.gravity.linear = np.zeros(3)
@@ -453,22 +431,15 @@ def test_an_actuator_that_drives_what_is_conserved_is_named():
         )
 
 
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda robot: rnc.NonholonomicSystem(robot, rnc.NoSideSlip("chassis")), "constraints: expected a list, found"),
-        (lambda robot: rnc.NonholonomicSystem(robot, [rnc.NoSideSlip]), r"constraints\[0\]: expected an object with"),
-        (
-            lambda robot: rnc.NonholonomicSystem(robot).reduce(rnc.JointPosition("left_wheel_joint")),
-            "reducing outputs: expected a list, found JointPosition",
-        ),
-        (
-            lambda robot: rnc.NonholonomicSystem(robot).reduce([rnc.JointPosition("left_wheel_joint"), "yaw"]),
-            r"reducing outputs\[1\]: expected an object with bind\(robot\), found 'yaw'",
-        ),
-        (lambda robot: rnc.NonholonomicSystem(robot).reduce(vertical=3), "vertical outputs: expected a list, found 3"),
-    ],
-)
+@pytest.mark.parametrize(("make", "words"), [
+    (lambda robot: rnc.NonholonomicSystem(robot, rnc.NoSideSlip("chassis")), "constraints: expected a list, found"),
+    (lambda robot: rnc.NonholonomicSystem(robot, [rnc.NoSideSlip]), r"constraints\[0\]: expected an object with"),
+    (lambda robot: rnc.NonholonomicSystem(robot).reduce(rnc.JointPosition("left_wheel_joint")),
+        "reducing outputs: expected a list, found JointPosition"),
+    (lambda robot: rnc.NonholonomicSystem(robot).reduce([rnc.JointPosition("left_wheel_joint"), "yaw"]),
+        r"reducing outputs\[1\]: expected an object with bind\(robot\), found 'yaw'"),
+    (lambda robot: rnc.NonholonomicSystem(robot).reduce(vertical=3), "vertical outputs: expected a list, found 3"),
+])  # fmt: skip
 def test_what_is_no_list_of_kinds_is_refused_in_one_line(make, words):
     robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
     with pytest.raises(rnc.ConstraintError, match=words):
@@ -479,29 +450,15 @@ WHEELS = [rnc.RollingWheel("left_wheel", 0.2), rnc.RollingWheel("right_wheel", 0
 LETS_IT_MOVE = r"the base of robot '{}' is fixed; base='planar' \(robot: {{base: planar}}\) or 'free' lets it move"
 
 
-@pytest.mark.parametrize(
-    ("file", "build", "still"),
-    [
-        (
-            "mobile_manipulator",
-            lambda robot: rnc.NonholonomicSystem(robot).reduce(
-                [rnc.FrameSpeed("base"), rnc.FrameYaw("base"), rnc.JointPosition("joint_1")]
-            ),
-            "no joint moves base_speed_x, base_yaw: ",
-        ),
-        (
-            "mobile_manipulator",
-            lambda robot: rnc.NonholonomicSystem(robot).reduce([rnc.FrameSpeed("base"), rnc.JointPosition("joint_1")]),
-            "no joint moves base_speed_x: ",
-        ),
-        ("differential_drive", lambda robot: rnc.NonholonomicSystem(robot, WHEELS), r"lateral\(left_wheel\).*: "),
-        (
-            "space_robot",
-            lambda robot: robot.configuration({"root_joint": [0, 0, 0]}),
-            "no joint 'root_joint' in robot .*: ",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("file", "build", "still"), [
+    ("mobile_manipulator", lambda robot: rnc.NonholonomicSystem(robot).reduce([rnc.FrameSpeed("base"),
+        rnc.FrameYaw("base"), rnc.JointPosition("joint_1")]), "no joint moves base_speed_x, base_yaw: "),
+    ("mobile_manipulator", lambda robot: rnc.NonholonomicSystem(robot).reduce([rnc.FrameSpeed("base"),
+        rnc.JointPosition("joint_1")]), "no joint moves base_speed_x: "),
+    ("differential_drive", lambda robot: rnc.NonholonomicSystem(robot, WHEELS), r"lateral\(left_wheel\).*: "),
+    ("space_robot", lambda robot: robot.configuration({"root_joint": [0, 0, 0]}),
+        "no joint 'root_joint' in robot .*: "),
+])  # fmt: skip
 def test_a_base_that_is_fixed_by_mistake_is_named(file, build, still):
     """It was explained by counts of outputs and rows."""
     with pytest.raises(rnc.RncError, match=still + LETS_IT_MOVE.format(file)):

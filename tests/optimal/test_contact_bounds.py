@@ -174,7 +174,7 @@ def test_a_predictive_controller_keeps_its_wheels_on_the_ground():
         goal={rnc.FramePosition("base", "xy"): [0.5, 0.0], rnc.FrameYaw("base"): 0.0},
         bounds=[rnc.optimal.NormalForceBound(5.0)],
     )
-    run = rnc.simulate(reduced, controller, reduced.robot.configuration(), duration=0.4, dt=0.02)
+    run = rnc.simulate(reduced, controller, reduced.robot.configuration(), duration=0.4, dt=0.04)
     loads = rnc.analysis.NormalForces(reduced).at(reduced.at(run.q, run.v2), run.T)
     assert loads.min() > 4.9
     assert run.q[-1, 0] > 0.1

@@ -44,10 +44,10 @@ def at_pose(reduced, x, y, yaw=0.0):
     return q
 
 
-def driven(reduced, controller, q, duration, *, world=lambda t, q: None, push=lambda t: None):
+def driven(reduced, controller, q, duration, *, world=lambda t, q: None, push=lambda t: None, dt=DT):
     """Configurations, velocities and status of a robot that holds each velocity until the next sample."""
     flow, v2, state, rows = KinematicFlow(reduced), np.zeros(reduced.r), None, []
-    for t in np.arange(0.0, duration, DT):
+    for t in np.arange(0.0, duration, dt):
         obstacles, pushed = world(t, q), push(t)
         if obstacles is not None:
             controller.set_obstacles(obstacles)
@@ -57,7 +57,7 @@ def driven(reduced, controller, q, duration, *, world=lambda t, q: None, push=la
         target, state = controller.step(float(t), measured, state)
         v2 = target.v2
         rows.append((t, q, v2, controller.status, state))
-        q = flow.step(q[None], DT * v2[None])[0]
+        q = flow.step(q[None], dt * v2[None])[0]
     return rows
 
 
@@ -72,7 +72,7 @@ def test_a_robot_drives_through_a_gap_to_its_goal(kind):
     reduced, obstacles = SYSTEMS[kind](), wall(0.5, width=1.6)
     goal = at_pose(reduced, 3.5, 0.5)
     controller = NavigationController(reduced, goal, obstacles, clearance=0.06, following=WayFollowing(tolerance=0.01))
-    rows = driven(reduced, controller, at_pose(reduced, -0.5, 0.0), 25.0)
+    rows = driven(reduced, controller, at_pose(reduced, -0.5, 0.0), 25.0, dt=0.05)
     assert rows[-1][3] == "arrived"
     assert not controller.missed_goals(rows[-1][1], np.zeros(reduced.r))
     assert closest(reduced, rows, obstacles) > 0.04
@@ -106,8 +106,7 @@ def test_a_door_closes_and_the_robot_takes_the_other_one():
 
 def test_a_robot_waits_for_a_cart_that_crosses_its_way():
     reduced = unicycle()
-    motion = rnc.planning.MinimumJerk([1.5, 4.0, 0, 0], [1.5, -4.0, 0, 0], duration=9.0)
-    cart = Obstacle(coal.Box(0.6, 0.8, 1.0), name="cart", motion=motion)
+    cart = cart_along([1.5, 4.0], [1.5, -4.0], 9.0)
     quick = WayFollowing(acceleration=1.0, check=0.25, horizon=6.0)
     controller = NavigationController(reduced, at_pose(reduced, 4.0, 0.0), [cart], following=quick)
     rows = driven(reduced, controller, at_pose(reduced, -1.0, 0.0), 11.0)
@@ -115,8 +114,73 @@ def test_a_robot_waits_for_a_cart_that_crosses_its_way():
     order = [word for k, word in enumerate(words) if k == 0 or words[k - 1] != word]
     assert order == ["replanning", "waiting", "following", "arrived"]
     assert {row[4].reason for row in rows if row[3] == "waiting"} == {"waits for cart"}
-    distances = rnc.collision.CollisionDistances(reduced.robot, [cart], rnc.collision.PairSelection(links=False))
-    assert min(distances.smallest(q, t, 1.0).min() for t, q, *_ in rows) > 0.049
+    assert nearest_of(reduced, rows, cart) > 0.049
+
+
+def cart_along(first, last, duration, sides=(0.6, 0.8)):
+    motion = rnc.planning.MinimumJerk([*first, 0, 0], [*last, 0, 0], duration=duration)
+    return Obstacle(coal.Box(*sides, 1.0), name="cart", motion=motion)
+
+
+def nearest_of(reduced, rows, obstacle):
+    """Smallest distance of coal from an obstacle that moves."""
+    distances = rnc.collision.CollisionDistances(reduced.robot, [obstacle], rnc.collision.PairSelection(links=False))
+    return min(distances.smallest(q, t, 1.0).min() for t, q, *_ in rows)
+
+
+def test_a_robot_at_its_goal_gives_way_to_a_cart_and_comes_back():
+    reduced = unicycle()
+    goal, cart = at_pose(reduced, 0.0, 0.0), cart_along([0.0, 4.0], [0.0, -4.0], 7.0)
+    # Nobody moves: the cart drives over the goal.
+    assert nearest_of(reduced, [(t, goal) for t in np.arange(0.0, 7.0, 0.1)], cart) < 0.0
+    controller = NavigationController(reduced, goal, [cart], following=WayFollowing(acceleration=1.0), settings=FAST)
+    rows = driven(reduced, controller, goal, 12.0, dt=0.1)
+    assert nearest_of(reduced, rows, cart) > 0.04
+    assert "gives way to cart" in {row[4].reason for row in rows if row[3] == "giving way"}
+    assert rows[-1][3] == "arrived"
+    assert not controller.missed_goals(rows[-1][1], np.zeros(reduced.r))
+
+
+def test_in_a_corridor_a_robot_backs_off_along_the_way_that_it_came_from():
+    reduced = unicycle()
+    walls = [Obstacle(coal.Box(4.0, 0.2, 1.0), position=(2.0, y, 0.0), name=f"wall {y}") for y in (-0.5, 0.5)]
+    goal, cart = at_pose(reduced, 5.5, 0.0), cart_along([7.0, 0.0], [-2.0, 0.0], 20.0, sides=(0.5, 0.5))
+    following = WayFollowing(acceleration=1.0)
+    controller = NavigationController(reduced, goal, walls, following=following, settings=FAST)
+    seen = []
+
+    def world(t, q):
+        if q[0] > 1.0 and not seen:
+            seen.append(t)
+            return [*walls, cart]
+        return None
+
+    rows = driven(reduced, controller, at_pose(reduced, -0.6, 0.0), 17.0, world=world, dt=0.1)
+    later = [row for row in rows if row[0] >= seen[0]]
+    assert nearest_of(reduced, later, cart) > 0.04
+    assert closest(reduced, rows, walls) > 0.04
+    assert min(q[0] for _, q, *_ in later) < -0.4  # out of the corridor, which is too narrow for both
+    assert "gives way to cart" in {row[4].reason for row in later}
+
+
+def test_a_robot_that_cannot_give_way_says_so():
+    reduced, q = unicycle(), at_pose(unicycle(), 0.0, 0.0)
+    walls = [
+        Obstacle(coal.Box(*sides, 1.0), position=(*at, 0.0), name=f"wall {at}")
+        for sides, at in (
+            ((0.1, 1.0), (-0.4, 0.0)),
+            ((0.1, 1.0), (0.4, 0.0)),
+            ((1.0, 0.1), (0.0, -0.4)),
+            ((1.0, 0.1), (0.0, 0.4)),
+        )
+    ]
+    cart = cart_along([0.0, 4.0], [0.0, -4.0], 7.0)
+    following = WayFollowing(acceleration=1.0, slice_size=10.0)
+    controller = NavigationController(reduced, q, [*walls, cart], following=following)
+    rows = driven(reduced, controller, q, 4.0, dt=0.1)
+    assert closest(reduced, rows, walls) > 0.04
+    assert nearest_of(reduced, rows, cart) < 0.0
+    assert "cart comes nearer than the robot can avoid" in {row[4].reason for row in rows}
 
 
 def test_without_another_way_it_stops_and_says_so():

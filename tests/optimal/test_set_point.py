@@ -201,7 +201,7 @@ def driven(reduced, controller, aside, yaw, duration=10.0):
     return run, np.hypot(q[0], q[1]), abs(np.arctan2(q[3], q[2]))
 
 
-@pytest.mark.parametrize(("aside", "yaw"), [(0.3, 0.0), (0.3, 0.2), (1.0, 0.5), (0.01, 0.0), (0.1, 0.0)])
+@pytest.mark.parametrize(("aside", "yaw"), [(0.3, 0.0), (1.0, 0.5), (0.01, 0.0)])
 def test_arrives_where_quadratic_costs_stall(aside, yaw):
     reduced = systems.sleigh()
     run, distance, turn = driven(reduced, controller_of(reduced), aside, yaw)

@@ -28,7 +28,7 @@ def away(run):
 @pytest.mark.parametrize(
     ("form", "aside", "yaw"),
     [
-        *(("dynamic", *start) for start in ((0.3, 0.0), (0.3, 0.2), (1.0, 0.5))),
+        ("dynamic", 0.3, 0.2),
         ("acceleration", 0.3, 0.0),
         ("kinematic", 1.0, 0.5),
     ],
@@ -36,7 +36,7 @@ def away(run):
 def test_arrives_and_stays_where_quadratic_costs_stall(form, aside, yaw):
     reduced = systems.sleigh()
     start = reduced.robot.configuration({"root_joint": [0.0, aside, yaw]})
-    run = rnc.simulate(reduced, controller_of(reduced, form=form), start, 14.0, dt=0.05)
+    run = rnc.simulate(reduced, controller_of(reduced, form=form), start, 10.0, dt=0.05)
     distance, turn = away(run)
     assert distance < 0.01
     assert turn < 0.01

@@ -1,5 +1,7 @@
 """Damping of any size and dry friction with stiction: against closed forms and finely integrated smooth laws."""
 
+import copy
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -9,8 +11,9 @@ from scipy.optimize import lsq_linear
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.model.integrators import phi_functions
+from rnc_pin.model.numpy_evaluator import RunStarts
 from rnc_pin.plants import Faults, FaultyPlant, ReducedPlant
-from rnc_pin.plants.reduced.friction import _least_energy
+from rnc_pin.plants.reduced.friction import INSTANT, _least_energy
 from simple_controllers import Inputs
 from systems import mobile_manipulator
 
@@ -268,3 +271,42 @@ def test_forces_of_least_energy_are_those_of_a_bounded_least_squares_program():
         assert np.abs(basis @ (forces - expected)).max() < 1e-9
         assert (np.abs(forces) <= limits * (1.0 + 1e-12)).all()
         assert not (sticks & (np.abs(forces) > limits * (1.0 + 1e-12))).any()
+
+
+@pytest.mark.parametrize("effects", [(0.0, 0.3, 0.0), (3.0, 0.0, 0.2), (2e3, 0.3, 0.0), (0.0, 0.3, 0.2)])
+def test_the_kernel_takes_the_steps_of_numpy(effects):
+    """States from fast to nearly at rest, with stops within the step; rows that say the same are left to NumPy."""
+    damping, joints, actuators = effects
+    robot = copy.deepcopy(mobile_manipulator().robot)
+    robot.model.damping = np.r_[np.zeros(3), damping * np.ones(2)]
+    robot.model.upperDryFrictionLimit = np.r_[np.zeros(3), joints * np.ones(2)]
+    drives = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
+    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drives).reduce()
+    plant = ReducedPlant(reduced, joint_damping=damping > 0.0, joint_friction=joints > 0.0)
+    plant.set_actuator_friction(actuators)
+    step, q0 = plant._dissipative, robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
+    generator = np.random.default_rng(2)
+    losses, compared, stopped = step.of_runs(step.friction.limits[None]), 0, 0
+    for _ in range(20):
+        v = reduced.at(q0, 10.0 ** generator.uniform(-3.0, 0.3) * generator.standard_normal(reduced.r)).v
+        T = 10.0 ** generator.uniform(-2.0, 1.0) * generator.standard_normal(reduced.p)
+        plant.reset(q0, v)
+        chart, start = plant.chart.evaluator, RunStarts(plant._q[None], plant._y[None], T[None])
+        q, y, status, roughness = (each[0] for each in chart.runs.dissipate((chart.chart,), start, 0.02, 1, losses))
+        if status != 1.0:
+            continue
+        compared += 1
+        by_numpy = step._step(plant._q, plant._y, T, 0.02)
+        np.testing.assert_allclose(q, by_numpy[0], rtol=0, atol=1e-11)
+        np.testing.assert_allclose(y, by_numpy[1], rtol=1e-11, atol=1e-11)
+        np.testing.assert_allclose(roughness, by_numpy[2], rtol=1e-6, atol=1e-9)
+        stopped += np.isinf(roughness)
+        found, status = chart.runs.friction((chart.chart,), start, INSTANT, losses)
+        state = plant._dynamics.at(plant._q, plant._y)
+        linear, w_dot = step._linear(state, T)
+        if len(step.friction.limits):
+            forces = step.friction.forces_in_step(state, w_dot, linear, INSTANT).forces
+            np.testing.assert_allclose(found[0], forces @ step.friction.rows(state), rtol=1e-9, atol=1e-9)
+    if reduced.evaluator.compiled:
+        assert compared > (3 if joints and actuators else 19)
+        assert stopped or not (joints or actuators)

@@ -12,7 +12,7 @@ import systems
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.simulation.error_propagation import ErrorHistory, RunSamples
-from simple_controllers import Idle
+from simple_controllers import Idle, Memoryless
 
 GRAVITY = 9.81
 DIRECTION = np.array([0.3, 0.5, 0.81])
@@ -208,18 +208,10 @@ def swing(amplitude, frequency, t):
     return 2 * np.arcsin(k * sn)
 
 
-class Held:
-    """Feedback of a rod that hangs: acceleration -k q - d v, in closed loop."""
-
-    def __init__(self, J, k, d):
-        self.J, self.k, self.d = J, k, d
-
-    def initial_state(self, measurement):
-        return None
-
-    def step(self, t, measurement, state):
-        q, v = measurement.q, measurement.v
-        return rnc.control.Command(T=2.0 * GRAVITY * 0.5 * np.sin(q) - self.J * (self.k * q + self.d * v)), None
+def hanging(J, k, d):
+    """Return a feedback of a rod that hangs: acceleration -k q - d v, in closed loop."""
+    weight = 2.0 * GRAVITY * 0.5
+    return Memoryless(lambda _, m: rnc.control.Command(T=weight * np.sin(m.q) - J * (k * m.q + d * m.v)))
 
 
 class Erring(rnc.ReducedPlant):
@@ -259,7 +251,7 @@ def test_the_error_of_a_tracker_stays_at_the_local_one_over_the_rate():
     (reduced, J), dt, samples = turning(), 0.001, 8000
     k, d = 25.0, 10.0  # two poles at -5/s, of the closed loop
     a, b = 2e-8, 3e-8  # errors per second of the velocity and of the position
-    found = largest_error(reduced, Held(J, k, d), dt, samples, (b * dt, a * dt))
+    found = largest_error(reduced, hanging(J, k, d), dt, samples, (b * dt, a * dt))
     assert found[0] == pytest.approx((a + d * b) / k, rel=0.02)  # zero-order hold
     assert found[1] == pytest.approx(b, rel=0.02)
 

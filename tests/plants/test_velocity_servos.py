@@ -77,14 +77,10 @@ def test_limits_of_a_velocity_program_hold_in_mujoco():
     """Wheel speeds and a wall in front of the base limit the motion; the outer wheel turns faster in the curve."""
     reduced = systems.differential_drive()
     wanted = [
-        rnc.control.tasks.OutputTask(
-            rnc.FrameSpeed("base"),
-            rnc.planning.MinimumJerk([0.0], [1.5], duration=2.0),
-        ),
-        rnc.control.tasks.OutputTask(
-            rnc.FrameYaw("base"), rnc.planning.MinimumJerk([0.0], [0.5], duration=1.5), gain=3.0
-        ),
-    ]
+        rnc.control.tasks.OutputTask(rnc.FrameSpeed("base"), rnc.planning.MinimumJerk([0.0], [1.5], duration=2.0)),
+        rnc.control.tasks.OutputTask(rnc.FrameYaw("base"), rnc.planning.MinimumJerk([0.0], [0.5], duration=1.5),
+            gain=3.0),
+    ]  # fmt: skip
     allowed = [
         rnc.control.limits.JointVelocityLimit(["left_wheel_joint", "right_wheel_joint"], 6.0, margin=0.05),
         rnc.control.limits.AccelerationLimit(1.0),
@@ -132,31 +128,16 @@ def test_a_scenario_runs_velocity_commands():
         assert np.abs(run.x2 - run.x2_desired)[-1, :2].max() < 5e-3
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"controller.tracker": "velocity"}, "'velocity' requires velocity servos: set plant.servo_time"),
-        ({"plant": {"type": "reduced", "servo_time": 0.02}}, "plant.servo_time: requires controller.tracker"),
-        ({"plant": {"type": "reduced", "step": 0.02}}, "'step' belongs to the type 'mujoco'"),
-        (
-            {
-                "controller.tracker": "velocity",
-                "plant": {"type": "reduced", "servo_time": 0.02},
-                "simulation.joint_damping": True,
-            },
-            "joint_damping: has no effect on ideal velocity servos",
-        ),
-        (
-            {
-                "controller.tracker": "velocity",
-                "plant": {"type": "reduced", "servo_time": 0.02},
-                "faults": {"effort": 2.0},
-            },
-            "effort and dead_zone are those of forces",
-        ),
-        ({"controller.tracker": "velocity", "controller.gravity_compensation": True}, "which gives no forces"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"controller.tracker": "velocity"}, "'velocity' requires velocity servos: set plant.servo_time"),
+    ({"plant": {"type": "reduced", "servo_time": 0.02}}, "plant.servo_time: requires controller.tracker"),
+    ({"plant": {"type": "reduced", "step": 0.02}}, "'step' belongs to the type 'mujoco'"),
+    ({"controller.tracker": "velocity", "plant": {"type": "reduced", "servo_time": 0.02},
+        "simulation.joint_damping": True}, "joint_damping: has no effect on ideal velocity servos"),
+    ({"controller.tracker": "velocity", "plant": {"type": "reduced", "servo_time": 0.02}, "faults": {"effort": 2.0}},
+        "effort and dead_zone are those of forces"),
+    ({"controller.tracker": "velocity", "controller.gravity_compensation": True}, "which gives no forces"),
+])  # fmt: skip
 def test_scenarios_that_mix_forces_and_velocities_are_refused(changes, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         Scenario.load("mobile-manipulator", {**changes, "comparisons": {}}).build()

@@ -141,19 +141,13 @@ def test_gravity_is_the_one_given_and_the_earths_otherwise():
     np.testing.assert_array_equal(torque(None), torque(GRAVITY))
 
 
-@pytest.mark.parametrize(
-    ("load", "lock"),
-    [
-        (lambda **options: rnc.Robot.from_urdf("space_robot.urdf", **options), {"joint_2": 0.7}),
-        (lambda **options: rnc.Robot.from_urdf("fire_truck.urdf", base="planar", **options), {"hitch": -0.4}),
-        (
-            lambda **options: rnc.Robot.from_example("panda", base="free", **options),
-            {"panda_joint4": -1.2, "panda_finger_joint1": 0.02},
-        ),
-        (lambda **options: rnc.Robot.from_example("double_pendulum_continuous", **options), {"joint2": 0.9}),
-    ],
-    ids=["space_robot", "fire_truck", "panda", "continuous"],
-)
+@pytest.mark.parametrize(("load", "lock"), [
+    (lambda **options: rnc.Robot.from_urdf("space_robot.urdf", **options), {"joint_2": 0.7}),
+    (lambda **options: rnc.Robot.from_urdf("fire_truck.urdf", base="planar", **options), {"hitch": -0.4}),
+    (lambda **options: rnc.Robot.from_example("panda", base="free", **options),
+        {"panda_joint4": -1.2, "panda_finger_joint1": 0.02}),
+    (lambda **options: rnc.Robot.from_example("double_pendulum_continuous", **options), {"joint2": 0.9}),
+], ids=["space_robot", "fire_truck", "panda", "continuous"])  # fmt: skip
 def test_a_locked_joint_is_gone_and_the_rest_moves_as_with_the_joint_held(load, lock):
     whole, locked = load(), load(lock=lock)
     assert set(locked.joint_names) == set(whole.joint_names) - set(lock)
@@ -209,15 +203,11 @@ def test_configuration(load, values, expected):
     np.testing.assert_allclose(load().configuration(values), expected, rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.parametrize(
-    "load",
-    [
-        lambda: rnc.Robot.from_urdf("fire_truck.urdf", base="planar"),
-        lambda: rnc.Robot.from_example("panda", base="free"),
-        lambda: rnc.Robot.from_example("double_pendulum_continuous"),
-    ],
-    ids=["planar", "free", "continuous"],
-)
+@pytest.mark.parametrize("load", [
+    lambda: rnc.Robot.from_urdf("fire_truck.urdf", base="planar"),
+    lambda: rnc.Robot.from_example("panda", base="free"),
+    lambda: rnc.Robot.from_example("double_pendulum_continuous"),
+], ids=["planar", "free", "continuous"])  # fmt: skip
 def test_random_configurations_are_seeded_normalised_and_within_limits(load):
     robot = load()
     one, same, other = (np.random.default_rng(seed) for seed in (1, 1, 2))
@@ -313,23 +303,15 @@ BAD_CALLS = {
     "part of a name": (lambda: space_robot().joint_id("plat"), ["did you mean 'platform'?"]),
     "joint by number": (lambda: space_robot().joint_id(2), ["no joint '2'", "expected one of: platform"]),
     "NaN lock": (lambda: space_robot(lock={"joint_2": np.nan}), ["joint 'joint_2' takes finite numbers, found nan"]),
-    "all locked": (
-        lambda: space_robot(lock=dict.fromkeys(["platform", "joint_1", "joint_2", "joint_3"], 0.0)),
-        ["'space_robot' has no moving joint"],
-    ),
-    "locked base": (
-        lambda: rnc.Robot.from_urdf("fire_truck.urdf", base="planar", lock={"root_joint": [0, 0, 0]}),
-        ["'root_joint' cannot be locked", "base='fixed'"],
-    ),
-    "planar base without yaw": (
-        lambda: rnc.Robot.from_urdf("fire_truck.urdf", base="planar").configuration({"root_joint": [1, 2]}),
-        ["'root_joint' takes 3 (x, y, yaw) values, found 2"],
-    ),
-    "quaternion of no length": (
-        lambda: rnc.Robot.from_urdf("fire_truck.urdf", base="free").configuration({"root_joint": [0] * 7}),
-        ["'root_joint'", "zero length"],
-    ),
-}
+    "all locked": (lambda: space_robot(lock=dict.fromkeys(["platform", "joint_1", "joint_2", "joint_3"], 0.0)),
+        ["'space_robot' has no moving joint"]),
+    "locked base": (lambda: rnc.Robot.from_urdf("fire_truck.urdf", base="planar", lock={"root_joint": [0, 0, 0]}),
+        ["'root_joint' cannot be locked", "base='fixed'"]),
+    "planar base without yaw": (lambda: rnc.Robot.from_urdf("fire_truck.urdf",
+        base="planar").configuration({"root_joint": [1, 2]}), ["'root_joint' takes 3 (x, y, yaw) values, found 2"]),
+    "quaternion of no length": (lambda: rnc.Robot.from_urdf("fire_truck.urdf",
+        base="free").configuration({"root_joint": [0] * 7}), ["'root_joint'", "zero length"]),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("call", "words"), BAD_CALLS.values(), ids=BAD_CALLS)

@@ -1,5 +1,6 @@
 """Many runs of ``simulate`` against runs alone: the same bits, outcomes and errors."""
 
+import copy
 import pickle
 
 import numpy as np
@@ -18,11 +19,13 @@ from rnc_pin.control import (
 )
 from rnc_pin.control.controller import accepts_batches, stack_states, state_of_runs
 from rnc_pin.planning import CarPath, Hold, MinimumJerk
+from rnc_pin.plants import MassErrors, Payload
 from rnc_pin.simulation import RunArguments
 from same_runs import check_same
 from simple_controllers import Inputs
 
 DT, DURATION = 0.01, 0.12
+DRIVES = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
 
 
 def alone(*arguments, **options):
@@ -223,13 +226,66 @@ def test_faults_of_sensors_and_actuators_have_the_bits_of_runs_alone(sleigh, at_
     assert all(run.v_measured.shape == run.v.shape for run in runs if len(run.time))
 
 
-def test_a_plant_with_damping_takes_one_run_after_the_other(sleigh, at_rest):
+def true_plant(sleigh, change):
+    """Plant of a sleigh: a heavier one, one that gets a load, one whose turn locks, or the sleigh itself."""
+    if change is None:
+        return rnc.ReducedPlant(sleigh)
+    robot = copy.deepcopy(sleigh.robot)
+    rows = change.change(robot)
+    model = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh"), *rows], DRIVES).reduce()
+    plant = rnc.ReducedPlant(model)
+    return plant if isinstance(change, MassErrors) else rnc.plants.ChangingPlant(rnc.ReducedPlant(sleigh), plant, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("change", "faults"),
+    [
+        (MassErrors(0.3, 1), {"position_noise": 1e-3}),
+        (Payload("sleigh", 2.0), {"garbage": 0.2, "dead_zone": 0.2}),
+        (None, {"friction": 0.3, "velocity_noise": 1e-3}),
+        (None, {"friction": 2.0, "dead_zone": 0.1}),  # most of the time at rest
+    ],
+)
+@pytest.mark.parametrize("tracker", ["velocity", "position"])
+def test_changed_robots_and_friction_have_the_bits_of_runs_alone(sleigh, at_rest, change, faults, tracker):
+    """Plants of other models take their own steps, with sensors and loops together; friction is in the batch."""
+    each = [rnc.Faults(**faults)] * 2 + [rnc.Faults(**{**faults, "friction": 0.0})]
+    plants = [
+        rnc.plants.FaultyPlant(true_plant(sleigh, change), own, sleigh, DT, seed) for seed, own in enumerate(each)
+    ]
+    target = hold(sleigh)
+    controller = VelocityTracker(target) if tracker == "velocity" else rnc.control.PositionTracker(target.reference)
+    key = RunArguments(sleigh, controller, at_rest, DT, 13, plant=plants[0]).lock_step_key
+    assert (key is not None) == sleigh.evaluator.measures
+    check_all(sleigh, controller, at_rest, np.array([[0.1, 0.0], [0.3, 0.2], [-0.2, 0.4]]), plants)
+
+
+@pytest.mark.parametrize("losses", ["joint_damping", "joint_friction"])
+def test_runs_with_damping_and_joint_friction_have_the_bits_of_runs_alone(losses):
     robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
-    robot.model.damping[:] = 0.5
+    robot.model.damping[:], robot.model.upperDryFrictionLimit[:] = 0.5, 0.3
     reduced = rnc.NonholonomicSystem(robot, [], [f"panda_joint{k}" for k in range(1, 8)]).reduce()
     q0, v2_0 = starts(reduced, 2)
-    plant = rnc.ReducedPlant(reduced, joint_damping=True)
-    check_all(reduced, rnc.control.ZeroInput(reduced), q0, v2_0, plant=plant)
+    check_all(reduced, rnc.control.ZeroInput(reduced), q0, v2_0, plant=rnc.ReducedPlant(reduced, **{losses: True}))
+
+
+@pytest.mark.parametrize("garbage", [0.0, 0.2])
+def test_vehicles_that_drive_to_a_pose_have_the_bits_of_runs_alone(garbage):
+    """Some wait, some drive backwards, and some rest: the law is that of each."""
+    reduced = systems.sleigh()
+    system = rnc.NonholonomicSystem(reduced.robot, [rnc.NoSideSlip("sleigh")], DRIVES)
+    reduced = system.reduce(
+        [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")], [rnc.FramePosition("sleigh", axes="xy")]
+    )
+    drive = rnc.control.UnicycleStabilizer(np.array([0.4, 0.0, 0.1]), np.array([0, 1]), begin=0.02)
+    controller = rnc.control.SplitController([(VelocityTracker(drive), [0, 1])], r=2)
+    starts_of = [
+        reduced.robot.configuration({"root_joint": pose}) for pose in ([0, 0.3, 1], [0.8, 0, 0], [0.4, 0, 0.1])
+    ]
+    faults = rnc.Faults(garbage=garbage)
+    plants = [rnc.plants.FaultyPlant(rnc.ReducedPlant(reduced), faults, reduced, DT, seed) for seed in range(3)]
+    runs = check_all(reduced, controller, np.array(starts_of), np.zeros((3, 2)), plants)
+    assert (runs.stack("v2_desired")[1] <= 0.0).all() or garbage
 
 
 class Impatient(Shy):
@@ -288,22 +344,16 @@ def test_runs_can_be_sliced_and_stored(sleigh, at_rest):
         runs.stack("energies")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
-        ({"v2_0": np.zeros((2, 2)), "q0": np.zeros((3, 4))}, rnc.InputError, "q0 has 3, v2_0 has 2"),
-        ({"v2_0": np.zeros((2, 3))}, rnc.InputError, "run 0: "),
-        ({"v2_0": np.zeros((0, 2))}, rnc.InputError, "at least one: v2_0 has 0"),
-        ({"q0": np.zeros((2, 2, 4))}, rnc.InputError, "expected one row or a row for each run"),
-        (
-            {"v2_0": np.zeros((2, 2)), "options": rnc.SimulationOptions(observer=print)},
-            rnc.ConfigurationError,
-            "cannot tell the runs of a batch apart",
-        ),
-        ({"v2_0": np.zeros((2, 2)), "options": {"stop": None}}, rnc.ConfigurationError, "run 0: options: expected"),
-        ({"v2_0": np.zeros((2, 2)), "plant": object()}, rnc.ConfigurationError, "run 0: plant: expected methods"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "error", "message"), [
+    ({"v2_0": np.zeros((2, 2)), "q0": np.zeros((3, 4))}, rnc.InputError, "q0 has 3, v2_0 has 2"),
+    ({"v2_0": np.zeros((2, 3))}, rnc.InputError, "run 0: "),
+    ({"v2_0": np.zeros((0, 2))}, rnc.InputError, "at least one: v2_0 has 0"),
+    ({"q0": np.zeros((2, 2, 4))}, rnc.InputError, "expected one row or a row for each run"),
+    ({"v2_0": np.zeros((2, 2)), "options": rnc.SimulationOptions(observer=print)}, rnc.ConfigurationError,
+        "cannot tell the runs of a batch apart"),
+    ({"v2_0": np.zeros((2, 2)), "options": {"stop": None}}, rnc.ConfigurationError, "run 0: options: expected"),
+    ({"v2_0": np.zeros((2, 2)), "plant": object()}, rnc.ConfigurationError, "run 0: plant: expected methods"),
+])  # fmt: skip
 def test_wrong_arguments_are_refused(sleigh, at_rest, arguments, error, message):
     with pytest.raises(error, match=message):
         rnc.simulate(sleigh, rnc.control.ZeroInput(sleigh), **{"q0": at_rest, "duration": 0.1, "dt": 0.01, **arguments})

@@ -76,19 +76,6 @@ def test_dropped_ball_lands_and_rolls(robot, free, rolling):
     ]
 
 
-def test_bounces_lose_a_share_of_the_speed(robot, free, rolling):
-    """A contact that acts only at the impact: each flight takes e times the former."""
-    e = 0.5
-    vertical = next(name for name in rolling.all_constraints.names if name.startswith("vertical"))
-    bounce = {"impact": rolling, "restitution": {vertical: e}, "until": LANDS}
-    phases = [rnc.Phase(free, 1.0, until=LANDS), rnc.Phase(free, 1.0, **bounce), rnc.Phase(free, 1.0, **bounce)]
-    run = rnc.simulate_phases([*phases, rnc.Phase(rolling, 0.05)], at_height(robot, RADIUS + HEIGHT), dt=0.01)
-    fall = np.sqrt(2 * HEIGHT / G)
-    starts = [phase.start for phase in run.info.phases]
-    np.testing.assert_allclose(np.diff(starts), [fall, 2 * e * fall, 2 * e**2 * fall], rtol=1e-10)
-    assert run.q[run.phase == 1][:, 2].max() == pytest.approx(RADIUS + e**2 * HEIGHT, abs=1e-3)
-
-
 def test_lift_off_releases_or_stops(robot, free, rolling):
     """A pull that grows as a T / s lifts the ball when it equals the weight."""
     rate = 100.0

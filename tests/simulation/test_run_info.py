@@ -121,25 +121,18 @@ REFUSED = {
     "a number for a mapping": ({"config": 3}, "'meta' has 3 as 'config', expected a mapping"),
     "a text for a number": ({"seed": "3"}, "'meta' has '3' as 'seed', expected a valid integer"),
     "true for a number": ({"dt": True}, "'meta' has True as 'dt', expected a valid number"),
-    "an outcome nobody knows": (
-        {"outcome": "won"},
-        "'meta' has 'won' as 'outcome', expected 'completed', 'interrupted', ",
-    ),
+    "an outcome nobody knows": ({"outcome": "won"},
+        "'meta' has 'won' as 'outcome', expected 'completed', 'interrupted', "),
     "numbers for names": ({"goals": [1]}, r"'meta' has 1 as 'goals\[0\]', expected a valid string"),
     "a text for names": ({"task": {"primary": "tip"}}, "'meta' has 'tip' as 'task.primary', expected a list"),
     "a path of nobody": ({"path": {"poses": []}}, "'meta' has no 'path.frame'"),
-    "poses without headings": (
-        {"path": {"frame": "tip", "poses": [[0.0, 1.0]]}},
-        r"'meta' has no 'path.poses\[0\]\[2\]'",
-    ),
+    "poses without headings": ({"path": {"frame": "tip", "poses": [[0.0, 1.0]]}},
+        r"'meta' has no 'path.poses\[0\]\[2\]'"),
     "a key of two lines": ({"estimates": {"a\nb": 3}}, r"'meta' has 3 as 'estimates.a b', expected a valid string"),
     "no names": ({"names": []}, "'meta' does not name the outputs"),
-    "flags in words": (
-        {"angular": {"x1": [], "x2": ["no"]}},
-        r"'no' as 'angular.x2\[0\]', expected a valid boolean",
-    ),
+    "flags in words": ({"angular": {"x1": [], "x2": ["no"]}}, r"'no' as 'angular.x2\[0\]', expected a valid boolean"),
     "too few names": ({"names": {"x1": ["platform"], "x2": ["tip"]}}, "'meta' does not name the columns of 'x2'"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("parts", "words"), REFUSED.values(), ids=REFUSED)

@@ -16,26 +16,14 @@ _HEADS = ("First draft for", "NOT CONFIRMED: ", "CHECK: ", "Note: ", "QUESTION: 
 
 # What a draft says of a base, by family; the first that fits.
 _FAMILIES = {
-    "snake": "a snake",
-    "sphere": "a ball that",
-    "balancing": "balances",
-    "bicycle": "bicycle",
-    "Mecanum": "Mecanum",
-    "omni": "omni wheels",
-    "tracks": "on tracks",
-    "skid-steered": "skid-steered",
-    "turret": "turret",
-    "steered drives": "steered drives",
-    "tricycle": "tricycle",
-    "car": "like a car",
-    "differential": "differential",
-    "one wheel": "one wheel",
-    "forces": "in any direction",
-    "drawn wheels": "wheels are drawn",
+    "snake": "a snake", "sphere": "a ball that", "balancing": "balances", "bicycle": "bicycle", "Mecanum": "Mecanum",
+    "omni": "omni wheels", "tracks": "on tracks", "skid-steered": "skid-steered", "turret": "turret",
+    "steered drives": "steered drives", "tricycle": "tricycle", "car": "like a car", "differential": "differential",
+    "one wheel": "one wheel", "forces": "in any direction", "drawn wheels": "wheels are drawn",
     "own planar joints": "joints of the file let it move",
     "floating": "one rigid body|limbs on one body|something that floats|mass in the first link|free joint in the file",
     "bolted": "bolted down",
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

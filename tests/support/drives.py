@@ -21,6 +21,22 @@ def prepared(source, commands=(), frames=(), **options):
     return drive
 
 
+class Watcher:
+    """Page of a driven run that keeps the statuses that it is shown."""
+
+    def __init__(self):
+        self.statuses = []
+
+    def show(self, sample, status):
+        if status is not None:
+            self.statuses.append(status)
+
+    @property
+    def active(self):
+        """Names of all limits that were active."""
+        return {name for each in self.statuses for name in each.report.active}
+
+
 def script(drive, commands):
     """Put commands into the log of a run."""
     drive.log.commands += [LoggedCommand(at, parse_command(message, drive.controls)) for at, message in commands]

@@ -5,30 +5,31 @@ import numpy as np
 from rnc_pin.control import Command
 
 
-class Inputs:
-    """Actuator inputs as a function of time: a controller that looks at nothing."""
+class Memoryless:
+    """Controller whose command, or target, is a function of the time and the measurement alone."""
 
-    def __init__(self, function):
-        self.function = function
-
-    def initial_state(self, measurement):
-        return 0
-
-    def step(self, t, measurement, state):
-        return Command(T=np.asarray(self.function(t), dtype=float)), state + 1
-
-
-class Idle:
-    """No inputs."""
-
-    def __init__(self, p):
-        self.T = np.zeros(p)
+    def __init__(self, law):
+        self._law = law
 
     def initial_state(self, measurement):
         return None
 
     def step(self, t, measurement, state):
-        return Command(T=self.T), state
+        return self._law(t, measurement), state
+
+
+class Inputs(Memoryless):
+    """Actuator inputs as a function of time: a controller that looks at nothing."""
+
+    def __init__(self, function):
+        super().__init__(lambda t, _: Command(T=np.asarray(function(t), dtype=float)))
+
+
+class Idle(Inputs):
+    """No inputs."""
+
+    def __init__(self, p):
+        super().__init__(lambda _: np.zeros(p))
 
 
 class WithoutDeficit:

@@ -270,6 +270,15 @@ def with_box(robot, frame, *sides):
 
 
 @cache
+def pendulum() -> rnc.ReducedModel:
+    """One joint, in the tilt of its bob."""
+    model = pin.Model()
+    add_body(model, "hinge", "RUBY", pin.Inertia(1.3, np.array([0.1, 0.0, -0.4]), 0.07 * np.eye(3)), frame="bob")
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [], ["hinge"])
+    return system.reduce([rnc.FrameTilt("bob", "x")], [rnc.FrameYaw("bob", "y"), rnc.FrameOrientation("bob")])
+
+
+@cache
 def mecanum() -> rnc.ReducedModel:
     """A base on four Mecanum wheels, which goes in any direction."""
     wheels = [rnc.RollingWheel(name, WHEEL, roller=roller) for name, roller in ROLLERS.items()]
@@ -357,6 +366,7 @@ ALL = {
         tumbling_panda,
         four_bar,
         bicycle,
+        pendulum,
         mecanum,
         ackermann_car,
     )

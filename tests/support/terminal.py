@@ -1,4 +1,16 @@
-"""Output of a command without its progress."""
+"""The command in a process, and its output without its progress."""
+
+import sys
+
+_WITHOUT_PICTURES = """
+from rnc_pin.applications.command_line.cli import main
+from rnc_pin.applications.command_line.commands import run
+from rnc_pin.applications.scenario.pictures import Drawn
+run.draw_pictures = lambda *_: Drawn()
+main()
+"""
+UNDRAWN = [sys.executable, "-c", _WITHOUT_PICTURES]
+"""Command rnc-pin in a process of its own, whose runs draw no pictures: these take longer than a short simulation."""
 
 
 def results(out: str) -> str:

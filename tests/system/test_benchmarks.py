@@ -3,19 +3,13 @@
 import json
 from pathlib import Path
 
-import coal
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
 from benchmarks import __main__ as entry
-from benchmarks import latency, plan_peers, recording, reduction, scaling, sweeps, whole_body_peers
-from benchmarks.doorway_circle import doorway_robot
-from benchmarks.doorway_path import doorway_path, whole_configuration
-from benchmarks.states import regular_states
+from benchmarks import latency, plan_peers, recording, reduction, sweeps, whole_body_peers
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.collision import Obstacle
 
 SYSTEM = "snakeboard"
 COST = {"us", "ratio", "limit", "within"}
@@ -32,15 +26,6 @@ def mutation():
 @pytest.fixture(scope="module")
 def experiment():
     return Scenario.load(SYSTEM).experiment
-
-
-def test_states_are_regular_and_repeat_themselves(experiment):
-    reduced = experiment.reduced
-    states, again = (regular_states(reduced, experiment.q0, 5) for _ in range(2))
-    assert np.array_equal(states.q, again.q)
-    assert len(np.unique(states.q, axis=0)) == 5
-    assert np.isfinite(reduced.forward_dynamics(states.q, states.v2, states.T)).all()
-    assert np.abs(reduced.at(states.q, v=states.v).residual).max() < 1e-12
 
 
 def test_a_mutant_meets_the_tests_of_its_line_those_of_its_module_first(mutation, tmp_path):
@@ -133,58 +118,6 @@ def test_the_latency_of_each_tick_is_measured_and_the_loop_repeats_its_run(exper
     assert len(found.cells()) == len(latency.COLUMNS) + 1
     with pytest.raises(RuntimeError, match="differ from those of the run"):
         latency.latency(SYSTEM, experiment, [tick._replace(T=tick.T + 1e-12) for tick in run], 2)
-
-
-def test_generated_systems_have_their_sizes_and_the_tables_their_rows():
-    chain, train = scaling.chain_on_base(4), scaling.train(5, bodies=6)
-    assert (chain.n, chain.m, chain.p) == (7, 1, 6)
-    assert (train.n, train.m, train.r) == (8, 5, 3)
-    found = scaling.costs(scaling.chain_on_base, (2, 3), rounds=1)
-    assert found.us.shape == (2, len(scaling.FUNCTIONS))
-    batches = scaling.batch_costs((1, 64), rounds=1)
-    assert batches.us.min() > 0
-    assert 8 * chain.n**2 < 1024 * batches.kib[0] < 1024 * batches.kib[1]  # at least one matrix
-
-
-def test_the_plots_of_scaling_show_each_function_over_the_sizes():
-    sizes, us = (2, 4), np.array([[1.0, 2.0, 3.0, 4.0], [2.0, 4.0, 6.0, 8.0]])
-    figure = scaling.size_figure(scaling.Costs(sizes, us), scaling.Costs(sizes, us))
-    lines = figure.axes[0].get_lines()
-    assert [each.get_label() for each in lines] == list(scaling.FUNCTIONS)
-    assert np.array_equal(np.array([each.get_ydata() for each in lines]).T, us)
-    batches = scaling.batch_figure(scaling.BatchCosts(sizes, us[:, 0], us[:, 1]))
-    assert batches.axes[1].get_lines()[0].get_ydata().tolist() == [1.0, 1.0]  # KiB of one state
-
-
-def test_a_path_through_a_doorway_rolls_and_keeps_the_hand_and_its_clearance():
-    """Hand by forward kinematics, distances of the original shapes by coal, heading along differences of places."""
-    start, bend, goal = (-0.87, -0.17, -0.01), 0.36, (0.89, -0.19, -0.01)
-    sides = [Obstacle(coal.Box(0.15, 1.0, 1.0), position=(0.0, y, 0.32), name=str(y)) for y in (-1.05, 1.15)]
-    path = doorway_path(start, bend, goal, sides)
-    assert path is not None
-    assert path.clearance > 0.05
-    np.testing.assert_allclose(path.poses[[0, -1]], [start, goal], atol=1e-12)
-    between = np.diff(path.poses[:, :2], axis=0)
-    heading = 0.5 * (path.poses[1:, 2] + path.poses[:-1, 2])
-    np.testing.assert_allclose(np.arctan2(between[:, 1], between[:, 0]), heading, atol=5e-3)
-    robot = doorway_robot()
-    model, data, shapes = robot.model, robot.model.createData(), robot.collision_model
-    placed, least, tip = shapes.createData(), np.inf, robot.frame_id("tip")
-    q0 = robot.configuration({"root_joint": list(start), "joint_1": bend, "joint_2": -2 * bend})
-    pin.framesForwardKinematics(model, data, q0)
-    hand = data.oMf[tip].translation.copy()
-    for pose in path.poses.tolist():
-        q = whole_configuration(pose, hand[:2])
-        pin.framesForwardKinematics(model, data, q)
-        np.testing.assert_allclose(data.oMf[tip].translation, hand, atol=1e-12)
-        pin.updateGeometryPlacements(model, data, shapes, placed, q)
-        for shape, at in zip(shapes.geometryObjects, placed.oMg, strict=True):
-            for y in (-1.05, 1.15):
-                box = coal.Transform3s(np.eye(3), np.array([0.0, y, 0.32]))
-                own = coal.Transform3s(at.rotation, at.translation)
-                sides_at = (shape.geometry, own, coal.Box(0.15, 1.0, 1.0), box)
-                least = min(least, coal.distance(*sides_at, coal.DistanceRequest(), coal.DistanceResult()))
-    assert least >= path.clearance - 1e-4
 
 
 def test_one_command_lists_and_runs_all_benchmarks(monkeypatch, capsys):

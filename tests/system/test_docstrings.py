@@ -73,32 +73,29 @@ def fields_with_docstrings(kind: type) -> set[str]:
     }
 
 
-@pytest.mark.parametrize("name", EXPORTS)
-def test_every_parameter_is_documented(name):
-    missing = [each.name for each in parameters(EXPORTS[name]) if not each.name.startswith("_")]
-    missing = [each for each in missing if each not in documented(EXPORTS[name])]
-    assert not missing, f"{name} does not document {', '.join(missing)}"
+def test_every_parameter_is_documented():
+    for name, export in EXPORTS.items():
+        known = documented(export)
+        missing = [each.name for each in parameters(export) if not each.name.startswith("_") and each.name not in known]
+        assert not missing, f"{name} does not document {', '.join(missing)}"
 
 
-@pytest.mark.parametrize("name", METHODS)
-def test_parameters_of_methods_are_documented(name):
+def test_parameters_of_methods_are_documented():
     """In a list of its own, or in the words of a docstring that has none; what all take is in that of the class."""
-    text = inspect.getdoc(METHODS[name]) or ""
-    assert text, f"{name} has no docstring"
-    names = [each.name for each in parameters(METHODS[name])]
-    whole = inspect.getdoc(EXPORTS[name.split(".")[0]]).partition("Example:")[0]
-    words = set(re.findall(r"\w+", text + whole))
-    known = documented(METHODS[name]) if "Args:" in text else words
-    missing = [each for each in names if each not in known]
-    assert not missing, f"{name} does not document {', '.join(missing)}"
+    for name, method in METHODS.items():
+        text = inspect.getdoc(method) or ""
+        assert text, f"{name} has no docstring"
+        whole = inspect.getdoc(EXPORTS[name.split(".")[0]]).partition("Example:")[0]
+        known = documented(method) if "Args:" in text else set(re.findall(r"\w+", text + whole))
+        missing = [each.name for each in parameters(method) if each.name not in known]
+        assert not missing, f"{name} does not document {', '.join(missing)}"
 
 
-@pytest.mark.parametrize("name", [*EXPORTS, *METHODS])
-def test_an_unknown_keyword_is_refused(name):
-    call = {**EXPORTS, **METHODS}[name]
-    assert all(each.kind is not inspect.Parameter.VAR_KEYWORD for each in parameters(call))
-    with pytest.raises(TypeError):
-        call(no_such_keyword=1)
+def test_an_unknown_keyword_is_refused():
+    for name, call in {**EXPORTS, **METHODS}.items():
+        assert all(each.kind is not inspect.Parameter.VAR_KEYWORD for each in parameters(call)), name
+        with pytest.raises(TypeError):
+            call(no_such_keyword=1)
 
 
 def test_what_is_missing_would_be_noticed():

@@ -9,7 +9,7 @@ import pytest
 
 import perturbed_urdf as perturbed
 import rnc_pin as rnc
-from base_kind import BaseKind, base_kind, comments, explanation, wheel_axles
+from base_kind import BaseKind, base_kind
 from benchmarks import perturbations
 from places import DIRT
 from rnc_pin.applications.init import DraftOptions, draft
@@ -205,33 +205,6 @@ def test_noise_has_the_stated_size_and_moves_nothing_but_placements():
     assert perturbed.with_noise(urdf, 0) == perturbed.with_noise(urdf, 0) != perturbed.with_noise(urdf, 1)
 
 
-def test_a_placement_that_is_not_written_has_noise_too():
-    plain = '<robot name="r"><link name="a"><visual><geometry><sphere radius="1"/></geometry></visual></link></robot>'
-    origin = ElementTree.fromstring(perturbed.with_noise(plain, 0)).find("link/visual/origin")
-    assert 0 < np.abs(np.array(origin.get("xyz").split(), float)).max() < 0.01
-
-
-def test_numbers_that_are_none_are_refused():
-    broken = '<robot name="r"><joint name="a" type="fixed"><origin xyz="0 0"/></joint></robot>'
-    with pytest.raises(ValueError, match='<origin xyz="0 0">: expected 3 finite numbers'):
-        perturbed.with_noise(broken, 0)
-
-
-def test_drives_are_removed_and_given():
-    urdf = (DIRT / "simulator_tags.urdf").read_text()
-    assert driven(urdf)
-    without = perturbed.without_drives(urdf)
-    assert not driven(without)
-    assert perturbed.without_drives(without) is None
-    described = {"link", "joint", "material"}
-    assert [each for each in elements(without) if each[1:].split()[0] in described] == [
-        each for each in elements(urdf) if each[1:].split()[0] in described
-    ]
-    joint = ElementTree.fromstring(urdf).find("joint").get("name")
-    assert driven(perturbed.with_drives(skew_robot(), ["joint 3"])) == {"joint 3"}
-    assert driven(perturbed.with_drives(urdf, [joint])) == {joint}
-
-
 # ---------------------------------------------------------------------- kinds of base
 
 
@@ -255,43 +228,6 @@ def test_the_kind_of_a_draft(name, expected, brief, tmp_path):
     assert base_kind(*drafted(name, tmp_path)) == expected
 
 
-def test_axles_of_a_draft_from_rear_to_front(brief, tmp_path):
-    axles, others = wheel_axles(*drafted("wide_wheels", tmp_path))
-    assert [sorted(each) for each in axles] == [
-        ["rear_left_joint", "rear_right_joint"],
-        ["front_left_joint", "front_right_joint"],
-    ]
-    assert others == []
-
-
-def test_wrapped_comments_are_one_remark():
-    above = ["# CHECK: one", "# two.", "# Assumed: three.", "title: x", "# base free: it", "# floats"]
-    text = "\n".join([*above, "robot: {}", "  - {}  # beside"])
-    assert comments(text) == ["CHECK: one two.", "Assumed: three.", "base free: it floats", "beside"]
-
-
-CAR, CART = BaseKind("planar", "car", 0, 4, 3), BaseKind("planar", "differential", 0, 2, 2)
-
-
-@pytest.mark.parametrize(
-    ("remark", "before", "after", "explains"),
-    [
-        ("Assumed: not '4 wheels, steered like a car', which does not run", CAR, CART, True),
-        ("Assumed: the file drives other wheels, not front_left", CAR, CART, True),
-        ("Assumed: the file drives other wheels, not front_left_2", CAR, CART, False),
-        ("Assumed: steered like a car with --base planar", CAR, CART, False),
-        ("base planar: steered like a car", CAR, CART, False),
-        ("Assumed: not 'steered like a car'", CAR, BaseKind("planar", "car", 0, 3, 3), False),
-        ("Decided: Which wheels are driven? front_left (80 % sure: as usual)", CAR, CART, False),
-        ("QUESTION: Which wheels are driven? front_left (50 % sure: as usual)", CAR, CART, True),
-        ("QUESTION: How does it move? it floats. Otherwise it rolls: --base planar", CAR, CART, True),
-        ("QUESTION: How does it move? it floats. Otherwise it is held: --base fixed", CAR, CART, False),
-    ],
-)
-def test_what_explains_another_kind(remark, before, after, explains):
-    assert bool(explanation(before, after, f"# {remark}\nrobot: {{}}\n", ["front_left"])) == explains
-
-
 # ---------------------------------------------------------------------- trials
 
 
@@ -303,56 +239,6 @@ def test_trials_of_a_robot(brief):
     }
     assert perturbations.share(found, perturbations.KEPT) == 1
     assert "| dirt/wide_wheels | planar skid-steered, 4 wheels, 4 inputs | kept" in perturbations.table(found)
-
-
-def test_another_robot_is_not_kept(brief, monkeypatch):
-    """Wheels that are fixed, and not called wheels, are none; no links are refused, and a long draft is stopped."""
-    changes = {
-        "fixed wheels": lambda urdf, seed: perturbed.renamed(urdf, seed).replace('type="continuous"', 'type="fixed"'),
-        "no links": lambda urdf, _: '<robot name="r"/>',
-    }
-    monkeypatch.setattr(perturbations, "PERTURBATIONS", changes)
-    found = list(perturbations.trials("dirt/sliding_caster"))
-    assert [each.outcome for each in found] == [perturbations.CHANGED, perturbations.REFUSED]
-    assert perturbations.share(found, perturbations.KEPT, perturbations.EXPLAINED) == 0
-    assert "0 of 2" in perturbations.table(found)
-    monkeypatch.setattr(perturbations, "LIMIT", 0.02)
-    whole = perturbations.described("dirt/sliding_caster", DIRT / "sliding_caster.urdf")
-    assert perturbations.drafted(whole).refusal == "longer than 0.02 s"
-
-
-def test_meshes_that_have_new_names_are_found(tmp_path, monkeypatch):
-    """Their files are beside the description, with the same content."""
-    original = perturbations.Description("skew.urdf", skew_robot(tmp_path).replace("wedge", f"{tmp_path}/wedge"))
-    seen = []
-
-    def look(path, folder, options):
-        meshes = [each.get("filename") for each in ElementTree.parse(path).iter("mesh")]
-        seen.extend((each, (folder / each).read_bytes()) for each in meshes)
-        return ""
-
-    monkeypatch.setattr(perturbations, "draft", look)
-    changed = perturbations.Description("robot.urdf", perturbed.renamed(original.urdf, 0))
-    perturbations.drafted(changed, original)
-    assert [content for _, content in seen] == [(DIRT / "wedge.stl").read_bytes()] * 2
-    assert "wedge" not in str(seen[0][0])
-
-
-def test_no_file_of_a_robot_is_overwritten(tmp_path, monkeypatch):
-    """In another order, other meshes stand in the same places of the description."""
-    place, contents = tmp_path / "installed", {f"{name}.stl": name.encode() for name in ("one", "two", "three")}
-    place.mkdir()
-    for name, content in contents.items():
-        (place / name).write_bytes(content)
-    mesh = f'<visual><geometry><mesh filename="{place}/{{}}"/></geometry></visual>'
-    links = "".join(f'<link name="{name}">{mesh.format(name)}</link>' for name in contents)
-    original = perturbations.Description("r.urdf", f'<robot name="r">{links}</robot>')
-    monkeypatch.setattr(perturbations, "draft", lambda *_: "")
-    for change in perturbed.PERTURBATIONS.values():
-        for seed in range(4):
-            urdf = change(original.urdf, seed)
-            perturbations.drafted(perturbations.Description("r.urdf", urdf or original.urdf), original)
-    assert {each.name: each.read_bytes() for each in place.iterdir()} == contents
 
 
 @pytest.mark.long  # an hour

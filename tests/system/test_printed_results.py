@@ -165,14 +165,6 @@ def test_a_notebook_shows_a_table(results):
             assert ElementTree.fromstring(f"<body>{html}</body>").find("table") is not None
 
 
-def test_parts_of_a_loop_name_their_settings():
-    reduced = space_robot()
-    target = ReducingOutputController(reduced, Hold(np.zeros(3)))
-    plant, loop = rnc.ReducedPlant(reduced, substeps=2), rnc.ControlLoop(reduced, target, 0.01)
-    assert re.fullmatch(r"ReducedPlant\(reduced=ReducedModel.*, substeps=2, .*actuator_limits=False.*\)", repr(plant))
-    assert re.fullmatch(r"ControlLoop\(reduced=ReducedModel.*, controller=ReducingOutput.*, dt=0.01\)", repr(loop))
-
-
 def units_of_fields(kind):
     """Unit of each field, from the documentation of the class: under the field, or among its attributes."""
     [body] = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
@@ -195,14 +187,3 @@ def test_a_result_names_the_units_of_its_fields(results):
                 assert re.search(rf"(?<!\w)m?{re.escape(unit)}(?!\w)", str(each)), (type(each).__name__, name, unit)
                 checked += 1
     assert checked > 20
-
-
-def test_units_of_a_run_and_its_summary():
-    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    drives = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
-    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], drives).reduce(
-        [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])  # fmt: skip
-    run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], 1.0, 0.1, np.array([2.0, 3.0]))
-    assert "  largest input: force(sleigh.x) [2 N], torque(sleigh.z) [3 N m]" in str(run).splitlines()
-    assert "sleigh_yaw [2 rad]" in str(run) or re.search(r"sleigh_yaw \[[\d.]+ rad\]", str(run))
-    assert "  max input: force(sleigh.x) [2 N], torque(sleigh.z) [3 N m]" in str(rnc.summarize(run)).splitlines()

@@ -77,26 +77,6 @@ def test_tiago_keeps_its_hand_on_the_path_and_its_wheels_on_the_ground(call, nam
     np.testing.assert_allclose(sign * (difference - difference[0]), apart[1] * (yaw - yaw[0]), atol=1e-8)
 
 
-def test_the_free_flyer_keeps_its_hand_on_the_path_its_attitude_and_no_momentum(call, folder, no_pictures):
-    summary, run = run_of(call, "free-flying-arm", folder / "free", "simulation.duration=2")
-    assert summary["outcome"] == "completed"
-    assert run.meta["rotations"]["x1"] == [3]
-    assert hand_error(run, "x1", slice(3)) < 0.01
-    errors = {name: value for name, value in summary["max_error"].items() if "orientation" in name}
-    assert set(errors) == {f"satellite_orientation_{axis}" for axis in "xyz"}
-    assert max(errors.values()) < 1e-3
-    satellite = rnc.Robot.from_urdf("satellite.urdf", base="free", gravity=(0, 0, 0))
-    arm = rnc.Robot.from_example("panda", lock=run.meta["config"]["robot"]["attach"][0]["robot"]["lock"])
-    model = satellite.attach(arm, "mount").model
-    data = model.createData()
-    first = pin.centerOfMass(model, data, run.q[0]).copy()
-    assert np.abs(run.v[:, :6]).max() > 1e-3
-    for q, v in zip(run.q[::20], run.v[::20], strict=True):
-        assert np.abs(pin.computeCentroidalMomentum(model, data, q, v).vector).max() < 1e-8
-        # The integral of the linear momentum: the centre of mass stays where it is.
-        np.testing.assert_allclose(pin.centerOfMass(model, data, q), first, atol=1e-9)
-
-
 def test_a_mounted_robot_moves_as_it_does_alone():
     satellite = rnc.Robot.from_urdf("satellite.urdf", base="free", gravity=(0, 0, 0))
     arm = rnc.Robot.from_example("panda")

@@ -15,7 +15,6 @@ from scipy.integrate import solve_ivp
 
 import rnc_pin as rnc
 from planar_cars import ACKERMANN, FOUR_STEERED, HERE, at, directions, integrated, yawing
-from simple_controllers import Idle
 from tolerances import KKT, ROUNDING
 
 MOTION = 1e-8  # positions and velocities after seconds of free motion, against the reference's own integration
@@ -197,28 +196,12 @@ def test_a_racer_folds_through_dependent_outputs(start):
     agree_while_folding(racer_in_speed_and_pivot(), [0, 3], folding_motions()[start])
 
 
-def test_a_racer_in_outputs_that_are_regular_everywhere():
-    """Speed and yaw, for which the fold is a configuration like others: model and reference are the same machine."""
-    reduced = racer().reduce([rnc.FrameSpeed("rear"), rnc.FrameYaw("rear")])
-    agree_while_folding(reduced, [0, 2], folding_motions()[0])
-
-
 def through_the_fold(before=0.5, after=0.5, spacing=0.05):
     """A motion (times, 12) with a sample exactly at the singular configuration, at t = ``before``."""
     ends = (0.0, -before)
     start = solve_ivp(racer_rate, ends, state_when_folded(), "DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
     times = np.linspace(0.0, before + after, round((before + after) / spacing) + 1)
     return times, integrated(racer_rate, start, times)
-
-
-def test_a_sample_may_fall_on_the_fold():
-    """A trajectory holds q, v and J2 v, none of which is singular there."""
-    times, z = through_the_fold()
-    q, v = racer_from_bodies(z)
-    assert np.abs(stack_determinant(q[10, 4])) < 1e-11
-    run = rnc.free_motion(racer_in_speed_and_pivot(), q[0], v[0, [0, 3]], times[-1], dt=times[1])
-    np.testing.assert_allclose(run.q, q, rtol=0, atol=MOTION)
-    np.testing.assert_allclose(run.v, v, rtol=0, atol=MOTION)
 
 
 def v2_of(reduced, q, v):
@@ -263,23 +246,6 @@ def test_a_measurement_in_dependent_outputs_is_refused():
     for beside in (-1e-3, 1e-3):
         near = np.append(q[:4], FOLDED + beside)
         assert np.isfinite(reduced.at(near, v[[0, 3]]).measure().v).all()
-
-
-def test_a_controlled_run_ends_on_the_fold_with_what_was_recorded():
-    times, z = through_the_fold(spacing=0.01)
-    q, v = racer_from_bodies(z)
-    reduced = racer_in_speed_and_pivot(singularity_limit=1e5)
-    with pytest.raises(rnc.SingularityError) as refused:
-        rnc.simulate(reduced, Idle(0), q[0], times[-1], times[1], v2_0=v[0, [0, 3]])
-    error, run = refused.value, refused.value.trajectory
-    # The controller could not be given the measurement at 0.5 s; all those before it were.
-    assert error.time == pytest.approx(0.5, abs=times[1] / 2)
-    assert abs(error.q[4] - FOLDED) < 1e-5
-    count = len(run.time)
-    assert count >= 50
-    np.testing.assert_allclose(run.time, times[:count], atol=ROUNDING)
-    np.testing.assert_allclose(run.q, q[:count], rtol=0, atol=1e-6)  # of fourth-order steps
-    np.testing.assert_allclose(run.v, v[:count], rtol=0, atol=1e-6)
 
 
 # ---------------------------------------------------------------------- cars: rows that coincide when going straight

@@ -22,7 +22,7 @@ from rnc_pin.control import (
 )
 from rnc_pin.planning import Harmonic, Hold
 from rnc_pin.robots.robot_files import find_urdf
-from systems import leaning_wheel, random_states
+from systems import random_states
 from tolerances import ROUNDING
 
 DRIVE = ("left_wheel", "right_wheel")
@@ -102,16 +102,6 @@ def test_closed_form_of_a_differential_drive():
     np.testing.assert_allclose(np.abs(y), speed, atol=ROUNDING)
 
 
-def test_regressor_is_linear_in_the_wheels_of_another_robot(tmp_path):
-    """Independent: another URDF and other radii, and a velocity that this other robot can have."""
-    truth = np.array([0.13, 0.08, 0.55])
-    other = drive(truth[:2], truth[2], tmp_path)
-    regressor = WheelRegressor(drive(), own_and_track(DRIVE))
-    for q, v2 in random_states(other, 5):
-        y, Y = regressor.regress(q, other.terms(q, v2).v)
-        np.testing.assert_allclose(Y @ truth, y, atol=ROUNDING)
-
-
 def test_the_estimated_model_is_the_other_robot(tmp_path):
     """A copy with shifted joints and rows of other radii against a URDF that was written so."""
     truth = np.array([0.13, 0.08, 0.55])
@@ -121,15 +111,6 @@ def test_the_estimated_model_is_the_other_robot(tmp_path):
         believed, true = model.at(q, v2).measure(), other.at(q, v2).measure()
         for name in ("v", "x1", "x2", "v1", "A_star", "A_star_dot"):
             np.testing.assert_allclose(getattr(believed, name), getattr(true, name), atol=ROUNDING)
-
-
-def test_a_leaning_wheel_has_a_radius_in_all_its_rows():
-    reduced = leaning_wheel()
-    regressor = WheelRegressor(reduced, [UnknownRadius(["disk"])])
-    assert len(regressor.predicted) == 3
-    for q, v2 in random_states(reduced, 5):
-        y, Y = regressor.regress(q, reduced.terms(q, v2).v)
-        np.testing.assert_allclose(0.3 * Y[:, 0], y, atol=ROUNDING)
 
 
 def cambered():
@@ -143,38 +124,6 @@ def cambered():
         along = pin.SE3(np.eye(3), np.array([0.0, side * 0.02, 0.0]))
         model.addFrame(pin.Frame(name, joint, 0, along, pin.FrameType.OP_FRAME))
     return rnc.Robot(model)
-
-
-def test_regressor_against_finite_differences_of_the_rows_on_a_body_that_pitches():
-    """Independent: rows of robots whose joints stand elsewhere, with no regard to what moves are possible."""
-    robot = cambered()
-    kinds = [rnc.RollingWheel("left", 0.2), rnc.RollingWheel("right", 0.25)]
-    system = rnc.NonholonomicSystem(robot, kinds, [])
-    names = [name for name in robot.velocity_names if name not in ("root_joint[0]", "root_joint[1]", "root_joint[2]")]
-    chosen = [robot.velocity_names.index(name) for name in names]
-    some = np.random.default_rng(3).normal(size=(system.r, len(chosen))) @ np.eye(robot.nv)[chosen]
-    outputs = rnc.Output(None, lambda q: some, lambda q, v: 0 * some, [f"w{i}" for i in range(system.r)])
-    reduced = system.reduce([outputs])
-    regressor = WheelRegressor(reduced, own_and_track(("left", "right")))
-    estimated = regressor.estimated(reduced)
-    generator = np.random.default_rng(4)
-    rows = [reduced.constraints.names.index(name) for name in regressor.predicted]
-    assert len(rows) == 6
-    for _ in range(5):
-        q, v = robot.random_configuration(generator, spread=0.4), generator.normal(size=robot.nv)
-        p = generator.uniform(0.1, 1.0, 3)
-        y, Y = regressor.regress(q, v)
-        np.testing.assert_allclose(Y @ p - y, estimated.at(p).at(q, v=v).residual[rows], atol=ROUNDING)
-    truth = np.array([0.2, 0.25, np.linalg.norm(_centre(robot, "left") - _centre(robot, "right"))])
-    for q, v2 in random_states(reduced, 3, condition=1e4):
-        y, Y = regressor.regress(q, reduced.terms(q, v2).v)
-        np.testing.assert_allclose(Y @ truth, y, atol=1e-9)
-
-
-def _centre(robot, frame):
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, robot.configuration())
-    return data.oMf[robot.frame_id(frame)].translation
 
 
 @pytest.mark.parametrize("unknown", [own_and_track, shared_and_track])
@@ -223,12 +172,12 @@ def test_a_scenario_names_what_is_unknown(tmp_path):
     }
     experiment = wheels_of(unknown, tmp_path)
     np.testing.assert_array_equal(experiment.controller.estimator.initial, [0.12, 0.09, 0.3])
-    assert experiment.notes["estimates"] == {
+    assert experiment.provenance.to_json()["estimates"] == {
         "radius of left_wheel": "m",
         "radius of right_wheel": "m",
         "track of left_wheel, right_wheel": "m",
     }
-    assert experiment.notes["predicted"] == {"rolling(left_wheel)": "m/s", "rolling(right_wheel)": "m/s"}
+    assert experiment.provenance.to_json()["predicted"] == {"rolling(left_wheel)": "m/s", "rolling(right_wheel)": "m/s"}
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Rows that published robots need: rollers, skidding wheels, casters, points beside frames, the steering of a car."""
 
-from itertools import permutations
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -17,12 +15,9 @@ from row_kinds import OF_TWO_WHEELS
 from simple_controllers import Idle
 from systems import (
     CORNERS,
-    ROLLERS,
-    SCRUB,
     TRACK,
     WHEEL,
     WHEELBASE,
-    ackermann_car,
     ackermann_robot,
     add_wheel,
     bicycle,
@@ -57,25 +52,6 @@ def test_rows_are_drawn_where_they_act(name):
 
 
 # ---------------------------------------------------------------------- wheels with rollers, and wheels that skid
-
-
-def test_mecanum_wheels_turn_as_the_textbook_says():
-    """radius * rate = v_x + tan(roller) v_y of the wheel's centre, so that three velocities are left."""
-    reduced = mecanum()
-    assert (reduced.m, reduced.r) == (4, 3)
-    assert reduced.constraints.names == tuple(f"roller({name})" for name in ROLLERS)
-    assert [row.name for row in reduced.dropped_rows] == [f"vertical({name})" for name in ROLLERS]
-    for q, v2 in random_states(reduced, 4):
-        speed_x, speed_y, yaw_rate = v2
-        velocity = dict(zip(reduced.robot.velocity_names, reduced.at(q, v2).v, strict=True))
-        for name, (x, y) in CORNERS.items():
-            along, across = speed_x - yaw_rate * y, speed_y + yaw_rate * x
-            expected = (along + np.tan(ROLLERS[name]) * across) / WHEEL
-            assert velocity[f"{name}_spin"] == pytest.approx(expected, abs=ROUNDING)
-    # The usual arrangement, an X of rollers seen from above: to the left where front left and back right turn back.
-    q = reduced.robot.configuration()
-    left = reduced.at(q, [0.0, 1.0, 0.0]).v[3:] * WHEEL
-    np.testing.assert_allclose(left, [-1.0, 1.0, 1.0, -1.0], atol=ROUNDING)
 
 
 def test_three_omni_wheels_turn_as_they_are_pushed_along_their_headings():
@@ -293,34 +269,20 @@ def test_a_leg_folded_flat_is_singular_there_and_nowhere_else(tmp_path):
         assert np.isfinite(reduced.at(reduced.random_configuration(np.random.default_rng(0))).R).all()
 
 
-@pytest.mark.parametrize(
-    ("loop", "error", "words"),
-    [
-        (rnc.LoopClosure("rear", "front", "point", rpy=(0, 0, 1)), rnc.ConfigurationError, "omit rpy"),
-        (
-            rnc.LoopClosure("rear", "front", "point", (0, 1)),
-            rnc.ConfigurationError,
-            "point on frame 'rear': expected three",
-        ),
-        (rnc.LoopClosure("rear", "front", rpy=(0, np.nan, 1)), rnc.ConfigurationError, "rpy of the loop of 'rear' and"),
-        (rnc.NoSideSlip("frame", at=(0, 1)), rnc.ConfigurationError, "expected three finite numbers, found"),
-        (rnc.NoSideSlip("fram", at=(0, 1, 0)), rnc.ModelError, "did you mean 'frame'"),
-        (
-            rnc.Caster("frame", -0.1),
-            rnc.ConstraintError,
-            "radius of caster 'frame' has to be zero or positive, found -0.1",
-        ),
-        (rnc.Caster("fram", 0.1), rnc.ModelError, "did you mean 'frame'"),
-        (
-            rnc.RollingWheel("rear", 0.3, roller=1.6),
-            rnc.ConstraintError,
-            "roller of wheel 'rear' has to point less than",
-        ),
-        (rnc.RollingWheel("rear", 0.3, roller=45), rnc.ConstraintError, "found 45 rad .* 0.7854 or -0.7854"),
-        (rnc.RollingWheel("rear", 0.3, roller=np.nan), rnc.ConstraintError, "found nan rad"),
-        (rnc.RollingWheel("rear", 0.3, roller=0, lateral=False), rnc.ConfigurationError, "omit one of them"),
-    ],
-)
+@pytest.mark.parametrize(("loop", "error", "words"), [
+    (rnc.LoopClosure("rear", "front", "point", rpy=(0, 0, 1)), rnc.ConfigurationError, "omit rpy"),
+    (rnc.LoopClosure("rear", "front", "point", (0, 1)), rnc.ConfigurationError,
+        "point on frame 'rear': expected three"),
+    (rnc.LoopClosure("rear", "front", rpy=(0, np.nan, 1)), rnc.ConfigurationError, "rpy of the loop of 'rear' and"),
+    (rnc.NoSideSlip("frame", at=(0, 1)), rnc.ConfigurationError, "expected three finite numbers, found"),
+    (rnc.NoSideSlip("fram", at=(0, 1, 0)), rnc.ModelError, "did you mean 'frame'"),
+    (rnc.Caster("frame", -0.1), rnc.ConstraintError, "radius of caster 'frame' has to be zero or positive, found -0.1"),
+    (rnc.Caster("fram", 0.1), rnc.ModelError, "did you mean 'frame'"),
+    (rnc.RollingWheel("rear", 0.3, roller=1.6), rnc.ConstraintError, "roller of wheel 'rear' has to point less than"),
+    (rnc.RollingWheel("rear", 0.3, roller=45), rnc.ConstraintError, "found 45 rad .* 0.7854 or -0.7854"),
+    (rnc.RollingWheel("rear", 0.3, roller=np.nan), rnc.ConstraintError, "found nan rad"),
+    (rnc.RollingWheel("rear", 0.3, roller=0, lateral=False), rnc.ConfigurationError, "omit one of them"),
+])  # fmt: skip
 def test_what_makes_no_sense_is_refused(loop, error, words):
     with pytest.raises(error, match=words) as caught:
         loop.bind(bicycle().robot)
@@ -328,51 +290,6 @@ def test_what_makes_no_sense_is_refused(loop, error, words):
 
 
 # ---------------------------------------------------------------------- the steering of a car
-
-
-@pytest.mark.parametrize(
-    ("order", "first"), [*zip(list(permutations(("fl", "fr", "bl", "br")))[::5], 3 * ["left", "right"], strict=False)]
-)
-def test_a_car_has_a_speed_and_one_steering_freedom(order, first):
-    """Turning and straight ahead, the wheels in any order, the linkage before or behind them."""
-    robot = ackermann_robot(first)
-    wheels = [rnc.RollingWheel(name, WHEEL) for name in order]
-    kinds = (
-        [STEERING, *wheels] if first == "left" else [*wheels, rnc.AckermannSteering("right_steer", "left_steer", "br")]
-    )
-    system = rnc.NonholonomicSystem(robot, kinds, ["left_steer", "bl_spin", "br_spin"])
-    assert (system.n, system.m, system.r) == (9, 7, 2)
-    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("left_steer")])
-    for angle in (0.0, 1e-9, 1e-4, -0.5, 0.9):
-        q = system.assembled(robot.configuration({"left_steer": angle}), hold=["left_steer"])
-        scaled = reduced.at(q).all_rows
-        values = np.linalg.svd(scaled, compute_uv=False)
-        assert values[6] > 1e-3, "seven rows are independent"
-        assert values[7] < 1e-12, "and no more"
-        assert np.isfinite(reduced.forward_dynamics(q, [1.0, 0.2], np.ones(3))).all()
-
-
-def test_all_axles_of_a_car_meet_in_its_turning_centre():
-    """Independent: every wheel's centre moves square to the line to the centre, found from speed and yaw rate."""
-    reduced = ackermann_car()
-    robot = reduced.robot
-    data = robot.model.createData()
-    for q, v2 in random_states(reduced, 6):
-        v = reduced.at(q, v2).v
-        pin.forwardKinematics(robot.model, data, q, v)
-        pin.updateFramePlacements(robot.model, data)
-        radius = v[0] / v[2]
-        angles = robot.joint_values(q)
-        left, right = angles["left_steer"], -angles["right_steer"]
-        assert np.tan(left) == pytest.approx(WHEELBASE / (radius - TRACK / 2), rel=1e-9)
-        assert np.tan(right) == pytest.approx(WHEELBASE / (radius + TRACK / 2), rel=1e-9)
-        base = data.oMf[robot.frame_id("base")]
-        centre = base.act(np.array([0.0, radius, 0.0]))
-        for wheel in ("fl", "fr", "bl", "br"):
-            frame = robot.frame_id(wheel)
-            axle = data.oMf[frame].rotation[:, 1]
-            assert np.cross(axle, centre - data.oMf[frame].translation)[2] == pytest.approx(0.0, abs=1e-9 * abs(radius))
-    assert SCRUB > 0
 
 
 def test_the_row_of_a_car_is_that_of_its_oracle():
@@ -444,13 +361,8 @@ def test_steering_that_is_none_is_refused():
     add("also_beside", pin.JointModelRZ(), [0.0, -0.9, 0.0])
     robot = rnc.Robot(model)
     for left, right, axle, error, words in (
-        (
-            "left_steer",
-            "leaning",
-            "bl",
-            rnc.ConstraintError,
-            r"'leaning' turns about \(0.4, 0, 0.9165\), expected a vertical",
-        ),
+        ("left_steer", "leaning", "bl", rnc.ConstraintError,
+            r"'leaning' turns about \(0.4, 0, 0.9165\), expected a vertical"),
         ("left_steer", "sliding", "bl", rnc.ConstraintError, "'sliding' slides, expected a vertical axis"),
         ("left_steer", "fl_spin", "bl", rnc.ConstraintError, r"'fl_spin' turns about \(0, 1, 0\)"),
         ("left_steer", "root_joint", "bl", rnc.ConstraintError, "'root_joint' has 3 degrees of freedom, expected one"),
@@ -458,10 +370,7 @@ def test_steering_that_is_none_is_refused():
         ("beside", "also_beside", "bl", rnc.ConstraintError, "have to be above 1e-06 m, found 1.8 m and 0 m"),
         ("left_stear", "right_steer", "bl", rnc.ModelError, "did you mean 'left_steer'"),
         ("left_steer", "right_steer", "b", rnc.ModelError, "no frame 'b'"),
-    ):
+    ):  # fmt: skip
         with pytest.raises(error, match=words) as caught:
             rnc.AckermannSteering(left, right, axle).bind(robot)
         assert "\n" not in str(caught.value)
-
-
-# ---------------------------------------------------------------------- scenario files

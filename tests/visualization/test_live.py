@@ -7,7 +7,6 @@ import signal
 import socket
 import struct
 import subprocess
-import sys
 import time
 
 import meshcat
@@ -29,6 +28,7 @@ from rnc_pin.visualization.browser.page import in_order, is_loopback
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.recording import Recording
+from terminal import UNDRAWN
 
 SHORT = {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}}
 
@@ -170,7 +170,7 @@ def stored(window):
 
 def test_the_loop_does_not_wait_for_a_browser_that_reads_no_more(prepared, run):
     experiment = prepared.experiment
-    live = LiveView(experiment.reduced, meta=experiment.notes, speed=0.0, open_browser=False)
+    live = LiveView(experiment.reduced, meta=experiment.provenance.to_json(), speed=0.0, open_browser=False)
     host = live.url.split("/")[2]
     connection, _ = ask_to_watch(host, f"http://{host}")
 
@@ -231,18 +231,8 @@ def test_a_picture_that_fails_does_not_take_the_run_along(robot):
 
 
 def test_interruption_keeps_what_was_simulated(tmp_path):
-    command = [
-        sys.executable,
-        "-m",
-        "rnc_pin.applications.command_line.cli",
-        "run",
-        "space-robot",
-        "--show",
-        "--no-browser",
-        "--host",
-        "0.0.0.0",
-    ]
-    process = subprocess.Popen([*command, "--out", "out"], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    command = [*UNDRAWN, "run", "space-robot", "--show", "--no-browser", "--host", "0.0.0.0", "--out", "out"]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     try:
         told = [process.stderr.readline(), process.stderr.readline()]
         assert told[0] == "rnc-pin: warning: --host 0.0.0.0: everyone who can reach this address can watch\n"

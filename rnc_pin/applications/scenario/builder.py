@@ -192,7 +192,7 @@ def experiment_at(
     at_start = start_findings(scenario, reduced, q0)
     doubted = warnings_of(at_start)
     if scenario.controller is None:
-        plant = build_plant(scenario, reduced, q0, folder)
+        plant = build_plant(scenario, reduced, q0)
         notes = provenance_of(None)
         experiment = Experiment(
             scenario, reduced, ZeroInput(reduced), plant, q0, v2_0, scenario.simulation, doubted, notes, obstacles
@@ -226,7 +226,7 @@ def experiment_at(
         scenario=scenario,
         reduced=reduced,
         controller=built.controller,
-        plant=build_plant(scenario, reduced, q0, folder),
+        plant=build_plant(scenario, reduced, q0),
         q0=q0,
         v2_0=v2_0,
         simulation=scenario.simulation,
@@ -245,7 +245,7 @@ def experiment_at(
         ends=_later_ends(scenario, context),
     )
     if built.doubts and scenario.preflight == "refuse":
-        _check_goals(experiment, build_plant(scenario, reduced, q0, folder))
+        _check_goals(experiment, build_plant(scenario, reduced, q0))
         return experiment
     return replace(experiment, warnings=(*experiment.warnings, *built.doubts))
 

@@ -179,7 +179,7 @@ def experiment_of(content: ScenarioFile, given: RunObjects) -> Experiment:
         scenario=content,
         reduced=reduced,
         controller=controller,
-        plant=build_plant(content, reduced, given.q0, Path()) if plant is None or isinstance(plant, Mapping) else plant,
+        plant=build_plant(content, reduced, given.q0) if plant is None or isinstance(plant, Mapping) else plant,
         q0=given.q0,
         v2_0=np.zeros(reduced.r) if given.v2_0 is None else given.v2_0,
         simulation=content.simulation,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from copy import deepcopy
 from operator import attrgetter
-from pathlib import Path
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from rnc_pin.plants import (
     VelocityPlant,
     mujoco,
 )
+from rnc_pin.robots import Robot
 from rnc_pin.verdict import Finding, Severity
 
 
@@ -66,14 +67,13 @@ def collected_model_warnings(show: bool) -> Iterator[list[str]]:
                 warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
 
 
-def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray, folder: Path) -> Plant:
+def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -> Plant:
     """Build the plant of a scenario.
 
     Args:
         scenario: a validated scenario.
         reduced: model of the controller.
         q0: initial configuration, (nq,).
-        folder: base of relative paths.
 
     Raises:
         RncError: the plant cannot be built from this robot, or a fault names an unknown frame or joint.
@@ -109,10 +109,10 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray, f
     changes: list[MassErrors | TimedChange] = [MassErrors(faults.masses, scenario.seed)] if faults.masses else []
     timed = [each for each in (faults.payload, faults.stuck) if each is not None]
     try:
-        true_plant = plant_of(_true_model(scenario, folder, changes) if changes or faults.forces else reduced)
+        true_plant = plant_of(_true_model(scenario, reduced.robot, changes) if changes or faults.forces else reduced)
         for each in sorted(timed, key=attrgetter("time")):
             changes.append(each)
-            true_plant = ChangingPlant(true_plant, plant_of(_true_model(scenario, folder, changes)), each.time)
+            true_plant = ChangingPlant(true_plant, plant_of(_true_model(scenario, reduced.robot, changes)), each.time)
     except RncError as error:
         raise ConfigurationError(f"faults: {error}") from None
     return FaultyPlant(true_plant, faults.faults, reduced, settings.dt, scenario.seed)
@@ -159,9 +159,9 @@ def _check_servos(scenario: ScenarioFile, servo_time: float | None) -> None:
         raise ConfigurationError("faults: effort and dead_zone are those of forces, and the plant takes velocities")
 
 
-def _true_model(scenario: ScenarioFile, folder: Path, changes: Sequence[MassErrors | TimedChange]) -> ReducedModel:
+def _true_model(scenario: ScenarioFile, robot: Robot, changes: Sequence[MassErrors | TimedChange]) -> ReducedModel:
     """Build the true model: the system with further forces, and with changes to a separate copy of the robot."""
-    robot = scenario.robot.build(folder)
+    robot = deepcopy(robot)
     rows = [row for change in changes for row in change.change(robot)]
     constraints, forces = [*scenario.constraints, *rows], list(scenario.forces)
     if scenario.faults is not None:

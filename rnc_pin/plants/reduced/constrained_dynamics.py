@@ -50,7 +50,10 @@ class VelocityChart:
         A = constraint_rows(data, data.kinematics.position(q, t))
         lengths = data.lengths[:m]
         self.W = null_space(A / np.where(lengths > 0, lengths, 1.0)[:, None]).T
-        self.evaluator = evaluator_for(data.in_velocities(self.W, vertical=integrated), known)
+        key = self.W.tobytes(), *(id(place.block) for place in integrated.places)
+        if known.kept_chart is None or known.kept_chart[0] != key:
+            known.kept_chart = key, evaluator_for(data.in_velocities(self.W, vertical=integrated), known)
+        self.evaluator = known.kept_chart[1]
 
     def velocity(self, q: np.ndarray, w: np.ndarray, t: float | None) -> tuple[np.ndarray, bool]:
         """Full velocity at (q, w), and True if this state needs a new chart."""

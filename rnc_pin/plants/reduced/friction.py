@@ -13,6 +13,7 @@ import scipy
 
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.integrators import ExponentialRungeKutta4, LieRungeKutta4, LinearPart, phi_functions
+from rnc_pin.model.numpy_evaluator import Dissipation, RunStarts
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, check_conserved
@@ -22,7 +23,8 @@ _RANK = 1e-12
 
 _SHORT = 1e-6  # time to rest below which a row counts as stopped, relative to the step
 _SQUARE_ROOT = 1e-4  # ratio of pivots below which rows may be coupled
-_INSTANT = 1e-6  # horizon for instantaneous friction forces [s]
+INSTANT = 1e-6
+"""Horizon for instantaneous friction forces [s]."""
 _PIVOTS = 8  # turns of a search for the rows that stick
 
 
@@ -67,6 +69,7 @@ class DryFriction:
         check_conserved(reduced, limits, "joint friction")
         self._joints = np.flatnonzero(limits > 0)
         self._rows = np.eye(reduced.n)[self._joints]
+        self.entries = self._joints.astype(float)
         self._limits, self._p = limits[self._joints], reduced.p
         self.limits = self._limits
         self._actuators = False
@@ -74,7 +77,12 @@ class DryFriction:
     def set_actuators(self, limit: float) -> None:
         """Set the dry friction limit of every actuator [N or N m]."""
         self._actuators = limit > 0
-        self.limits = np.concatenate([self._limits, np.full(self._p, limit)]) if self._actuators else self._limits
+        self.limits = self.limits_of_runs(np.array([limit]))[0] if self._actuators else self._limits
+
+    def limits_of_runs(self, actuators: np.ndarray) -> np.ndarray:
+        """Limits (B, k) of runs with friction of their actuators (B,), or of runs without it."""
+        joints = np.tile(self._limits, (len(actuators), 1))
+        return np.hstack([joints, np.tile(actuators[:, None], self._p)]) if actuators.any() else joints
 
     def rows(self, state: StateEvaluation) -> np.ndarray:
         """Jacobian (k, nv) of the speeds."""
@@ -203,19 +211,41 @@ class DissipativeStep:
         """True if damping or friction is active."""
         return self._dynamics.damping is not None or len(self.friction.limits) > 0
 
+    def of_runs(self, limits: np.ndarray) -> Dissipation:
+        """Losses of B runs with limits of friction (B, k)."""
+        return Dissipation(self._dynamics.damping, self.friction.entries, limits)
+
     def friction_force(self, q: np.ndarray, y: np.ndarray, T: np.ndarray) -> np.ndarray:
         """Generalized forces (nv,) of dry friction at a state."""
+        chart, start = self._dynamics.chart.evaluator, RunStarts(q[None], y[None], T[None])
+        found, status = chart.runs.friction((chart.chart,), start, INSTANT, self.of_runs(self.friction.limits[None]))
+        if status[0] == 1.0:
+            return found[0]
         state = self._dynamics.at(q, y)
         linear, w_dot = self._linear(state, T)
-        friction = self.friction.forces_in_step(state, w_dot, linear, _INSTANT)
+        friction = self.friction.forces_in_step(state, w_dot, linear, INSTANT)
         return friction.forces @ self.friction.rows(state)
 
-    def advance(self, q: np.ndarray, y: np.ndarray, T: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return the state after a time h under inputs T, and the roughness; infinite if a row came to rest.
+    def advance(
+        self, q: np.ndarray, y: np.ndarray, T: np.ndarray, h: float, steps: int
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return the state after equal steps of a time h under inputs T, and the roughness; infinite at a stop.
 
         Raises:
             DivergenceError: velocities or accelerations are not finite.
         """
+        chart, start = self._dynamics.chart.evaluator, RunStarts(q[None], y[None], T[None])
+        found = chart.runs.dissipate((chart.chart,), start, h, steps, self.of_runs(self.friction.limits[None]))
+        if found[2][0] == 1.0:
+            return found[0][0], found[1][0], float(found[3][0])
+        roughness = 0.0
+        for _ in range(steps):
+            q, y, rough = self._step(q, y, T, h)
+            roughness += rough
+        return q, y, roughness
+
+    def _step(self, q: np.ndarray, y: np.ndarray, T: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, float]:
+        """State after one step, and the roughness, by NumPy."""
         limits = self.friction.limits
         if not len(limits):
             state = self._dynamics.at(q, y)

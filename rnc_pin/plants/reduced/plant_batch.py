@@ -13,11 +13,12 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.input_validation import numbers_of
-from rnc_pin.model.numpy_evaluator import NumPyRuns, RunRecords
+from rnc_pin.model.numpy_evaluator import Dissipation, NumPyRuns, RunRecords, RunStarts
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import MAX_GROWTH, VelocityChart
+from rnc_pin.plants.reduced.friction import INSTANT
 from rnc_pin.plants.reduced.reduced_plant import Checkpoint, ReducedPlant
-from rnc_pin.plants.reduced.step_control import IntegrationErrors, Substeps
+from rnc_pin.plants.reduced.step_control import MOST_EVENT_SUBSTEPS, MOST_SUBSTEPS, IntegrationErrors, Substeps
 
 
 class ReducedPlantBatch:
@@ -68,6 +69,7 @@ class ReducedPlantBatch:
         self._q = np.full((self.size, self.reduced.robot.nq), np.nan)
         self._y = np.zeros((self.size, self._single._dynamics.state_size))
         self.applied = np.zeros((self.size, self.reduced.p))
+        self._friction = np.full(self.size, plant.actuator_friction)
         self._substeps = Substeps(plant.substeps, plant.tolerance)
         start = IntegrationErrors.initial(self.reduced.n, self._substeps)
         self._errors = start.of_runs(self.size)
@@ -112,7 +114,8 @@ class ReducedPlantBatch:
             dynamics = self._single._dynamics
             y = dynamics.initial(q_0, v_0, charts.get(q_0.tobytes()))
             charts[q_0.tobytes()] = dynamics.chart
-            self.rollback(run, Checkpoint(q_0, y, None, np.zeros(self.reduced.p), dynamics.chart, start))
+            nothing, friction = np.zeros(self.reduced.p), float(self._friction[run])
+            self.rollback(run, Checkpoint(q_0, y, None, nothing, dynamics.chart, start, friction))
 
     def read(self) -> tuple[Float[Array, "B nq"], Float[Array, "B nv"]]:
         """Return copies of configurations (B, nq) and velocities (B, nv), with NaN velocities of failed runs."""
@@ -129,26 +132,25 @@ class ReducedPlantBatch:
     def advance(self, dt: float) -> None:
         """Integrate all runs that have not failed over a time dt [s]."""
         self._locate()
-        single, alone = self._single, ~self.failed
-        if not single.dissipates:
-            steps_of_runs = np.array(self._errors.steps)
-            for steps in np.unique(steps_of_runs[alone]).tolist():
-                which = np.flatnonzero(alone & (steps_of_runs == steps))
-                alone[which[self._together(which, dt, steps)]] = False
+        alone, steps_of_runs, rubs = ~self.failed, np.array(self._errors.steps), self._friction > 0.0
+        for steps, with_friction in set(zip(steps_of_runs[alone].tolist(), rubs[alone].tolist(), strict=True)):
+            which = np.flatnonzero(alone & (steps_of_runs == steps) & (rubs == with_friction))
+            alone[which[self._together(which, dt, steps)]] = False
         for run in np.flatnonzero(alone).tolist():
-            self._alone(run, partial(single.advance, dt))
+            self._alone(run, partial(self._single.advance, dt))
         self._located = False
 
     def _together(self, which: Array, dt: float, steps: int) -> Array:
         """Integrate runs (b,) with one number of substeps by the kernel; return the mask (b,) of those that moved.
 
-        The decisions are those of ``ReducedPlant.advance``. A run that needs another number of substeps moves alone.
+        The decisions are those of ``ReducedPlant.advance``. A run that the kernel cannot decide moves alone.
         """
         errors, dynamics = self._errors, self._single._dynamics
         some = len(which) < self.size
         now = errors.selected(which) if some else errors
         q, y, status, roughness = self._integrated(which, dt, steps)
-        accepts, after = now.after(cast(float, roughness), dt, self._substeps.followed * dt)
+        with np.errstate(invalid="ignore"):  # an infinite roughness at a stop of friction needs a comparison
+            accepts, after = now.after(cast(float, roughness), dt, self._substeps.followed * dt)
         moved = status == 1.0
         accepted = np.asarray(accepts) & moved
         if accepted.all() and not some:
@@ -156,22 +158,30 @@ class ReducedPlantBatch:
         else:
             for each, all_runs in zip(after.arrays, errors.arrays, strict=True):
                 all_runs[which[accepted]] = each[accepted]
-        due = np.flatnonzero(moved & ~accepted)
-        if len(due):
+        due, limit = np.flatnonzero(moved & ~accepted), self._substeps.tolerance * dt
+        most = MOST_EVENT_SUBSTEPS if self._dissipate(which) else MOST_SUBSTEPS
+        while len(due):
             fine = self._integrated(which[due], dt, 2 * steps)
             valid = fine[2] == 1.0
             for each in (q[due], y[due], *fine[:2]):
                 valid &= np.isfinite(each).all(axis=1)
-            moved[due] = valid
-            for k, *finer in zip(due[valid].tolist(), fine[0][valid], fine[1][valid], strict=True):
+            moved[due], more = valid, np.zeros(len(due), dtype=bool)
+            for place in np.flatnonzero(valid).tolist():
+                k, finer = int(due[place]), (fine[0][place], fine[1][place])
                 run = int(which[k])
                 dynamics.chart = self._chart(run)
-                found = dynamics.errors((q[k], y[k]), (finer[0], finer[1]), smooth=True)
-                moved[k] = np.abs(found).max() <= self._substeps.tolerance * dt
-                if moved[k]:
+                found = dynamics.errors((q[k], y[k]), finer, bool(fine[3][place] < np.inf))
+                enough = bool(np.abs(found).max() <= limit)
+                if enough or (self._substeps.number is None and steps >= most):
                     own, axes = errors.of_run(run), dynamics.steady_axes(self._q[run])
                     compared = own.compared(steps, float(roughness[k]), (found, axes), dt, self._substeps, steps)
                     errors.write(run, compared)
+                elif self._substeps.number is None:
+                    more[place] = True
+                    (q[k], y[k]), roughness[k] = finer, fine[3][place]
+                else:
+                    moved[k] = False
+            due, steps = due[more], 2 * steps
         if self.reduced.assembly.size:
             for k in np.flatnonzero(moved).tolist():
                 if np.isfinite(q[k]).all():
@@ -190,7 +200,15 @@ class ReducedPlantBatch:
         if len(which) < self.size:
             calls, arrays = [calls[run] for run in which], tuple(each[which] for each in arrays)
             kinematics = kinematics[which]
-        return self._runs.integrate(tuple(calls), *arrays, dt / steps, steps, kinematics)
+        if not self._dissipate(which):
+            return self._runs.integrate(tuple(calls), *arrays, dt / steps, steps, kinematics)
+        start = RunStarts(*arrays, kinematics)
+        return self._runs.dissipate(tuple(calls), start, dt / steps, steps, self._losses(which))
+
+    def _losses(self, which: Array) -> Dissipation:
+        """Damping and friction of runs (b,), all with friction of their actuators or all without it."""
+        step = self._single._dissipative
+        return step.of_runs(step.friction.limits_of_runs(self._friction[which]))
 
     def _alone(self, run: int, move: Callable[[], object]) -> None:
         """Let the single plant take the place of a run for a call; the run fails if the call raises an error."""
@@ -217,14 +235,29 @@ class ReducedPlantBatch:
     @property
     def external(self) -> Float[Array, "B nv"] | None:
         """Current generalized forces (B, nv) of damping and friction, NaN of failed runs; None without them."""
-        if not self._single._dissipative.needed:
+        if not self._dissipate(slice(None)):
             return None
         self._locate()
-        forces = np.full(self._v.shape, np.nan)
-        for run in np.flatnonzero(~self.failed).tolist():
-            self._single.rollback(self.checkpoint(run))
-            forces[run] = self._single.external
+        damping, forces = self._single.damping, np.where(self.failed[:, None], np.nan, 0.0 * self._v)
+        if damping is not None:
+            forces -= damping * self._v
+        for rubs in (True, False):
+            which = np.flatnonzero(~self.failed & ((self._friction > 0.0) == rubs))
+            losses = self._losses(which)
+            if not losses.limits.size:
+                continue
+            start = RunStarts(*(each[which] for each in (self._q, self._y, self.applied, self._kinematics)))
+            found, status = self._runs.friction(tuple(self._chart_calls[run] for run in which), start, INSTANT, losses)
+            forces[which[status == 1.0]] += found[status == 1.0]
+            for run in which[status != 1.0].tolist():
+                self._single.rollback(self.checkpoint(run))
+                forces[run] = self._single.external
         return forces
+
+    def _dissipate(self, which: Array | slice) -> bool:
+        """True if damping or friction is active in some runs."""
+        dry = len(self._single._dissipative.friction.entries) > 0 or bool(self._friction[which].any())
+        return self._single.damping is not None or dry
 
     # ------------------------------------------------------------------ single runs
 
@@ -234,7 +267,8 @@ class ReducedPlantBatch:
         q, y = self._q[run].copy(), self._y[run].copy()
         known = self._located and not self.failed[run]
         state = self._single._dynamics.measured(q, self._v[run].copy(), y) if known else None
-        return Checkpoint(q, y, state, self.applied[run].copy(), chart, self._errors.of_run(run))
+        applied, friction = self.applied[run].copy(), float(self._friction[run])
+        return Checkpoint(q, y, state, applied, chart, self._errors.of_run(run), friction)
 
     def errors_of(self, run: int) -> IntegrationErrors:
         """Return the estimated errors of the integration of one run since its start."""
@@ -244,6 +278,9 @@ class ReducedPlantBatch:
     def steps(self) -> Array:
         """Substeps (B,) of the last sample of each run."""
         return np.asarray(self._errors.used)
+
+    models = None
+    """Model of each run; None if all have ``reduced``."""
 
     @property
     def charts(self) -> list[VelocityChart]:
@@ -263,7 +300,7 @@ class ReducedPlantBatch:
 
     def _take(self, run: int, checkpoint: Checkpoint) -> None:
         """Write the state of one run."""
-        self._q[run], self._y[run], _, self.applied[run], chart, errors = checkpoint
+        self._q[run], self._y[run], _, self.applied[run], chart, errors, self._friction[run] = checkpoint
         self._errors.write(run, errors)
         if chart is not self._charts[run]:
             self._charts[run], self._chart_calls[run] = chart, chart.evaluator.chart
@@ -272,7 +309,7 @@ class ReducedPlantBatch:
         """Keep only these runs, by a mask (B,) or by indices."""
         which = np.arange(self.size)[runs]
         self.size = len(which)
-        for name in ("_q", "_v", "_y", "applied", "_kinematics", "failed"):
+        for name in ("_q", "_v", "_y", "applied", "_kinematics", "failed", "_friction"):
             setattr(self, name, getattr(self, name)[which])
         self._errors = self._errors.selected(which)
         self._charts = [self._charts[run] for run in which]

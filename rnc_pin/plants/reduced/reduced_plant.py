@@ -37,6 +37,8 @@ class Checkpoint(NamedTuple):
     applied: np.ndarray
     chart: VelocityChart
     errors: IntegrationErrors
+    friction: float
+    """Dry friction limit of every actuator [N or N m]."""
 
 
 class _Step(NamedTuple):
@@ -157,11 +159,14 @@ class ReducedPlant(ReprMixin):
 
     def checkpoint(self) -> Checkpoint:
         """Return the present state for ``rollback``."""
-        return Checkpoint(self._q, self._y, self._state, self.applied, self._dynamics.chart, self.errors)
+        chart = self._dynamics.chart
+        return Checkpoint(self._q, self._y, self._state, self.applied, chart, self.errors, self._actuator_friction)
 
     def rollback(self, checkpoint: Checkpoint) -> None:
         """Return to the state of a ``checkpoint``, to the bit."""
-        self._q, self._y, self._state, self.applied, self._dynamics.chart, self.errors = checkpoint
+        self._q, self._y, self._state, self.applied, self._dynamics.chart, self.errors, friction = checkpoint
+        if friction != self._actuator_friction:
+            self.set_actuator_friction(friction)
 
     def apply(self, T: np.ndarray) -> None:
         """Hold the inputs T (p,), clipped to the actuator limits; ``applied`` has the result."""
@@ -184,6 +189,11 @@ class ReducedPlant(ReprMixin):
     def keep_errors(self, errors: IntegrationErrors) -> None:
         """Go on with the estimated errors of a motion that this plant continues."""
         self.errors = errors.interrupted()
+
+    @property
+    def actuator_friction(self) -> float:
+        """Dry friction limit of every actuator [N or N m]."""
+        return self._actuator_friction
 
     def set_actuator_friction(self, limit: float) -> None:
         """Set the dry friction limit of every actuator [N or N m]; ``applied`` does not include it."""
@@ -254,16 +264,12 @@ class ReducedPlant(ReprMixin):
 
     def _step(self, dt: float, steps: int) -> _Step:
         """State after equal steps from the present state."""
-        q, y, h, roughness = self._q, self._y, dt / steps, 0.0
+        q, y, h = self._q, self._y, dt / steps
         try:
-            if not self.dissipates:
-                return _Step(*self._dynamics.advance(q, y, self.applied, h, steps))
-            for _ in range(steps):
-                q, y, rough = self._dissipative.advance(q, y, self.applied, h)
-                roughness += rough
+            mover = self._dissipative if self.dissipates else self._dynamics
+            return _Step(*mover.advance(q, y, self.applied, h, steps))
         except DivergenceError as error:
             return _Step(q, y, np.inf, error)
-        return _Step(q, y, roughness)
 
     def _compared(self, step: _Step, dt: float) -> _Step:
         """Compare a sample with twice as many substeps, and return it with as many as the tolerance asks for."""

@@ -148,6 +148,7 @@ class Packages(AllowedFolders):
         self._beside = beside.resolve()
         self._given = [Path(folder).expanduser().resolve() for folder in given]
         self._found: dict[str, Path] = {}
+        self._known: dict[str, list[Path]] = {}  # candidates by name: a robot has dozens of meshes in one package
         super().__init__(self._beside, self._given)
 
     def candidates(self, name: str) -> Iterator[Path]:
@@ -199,7 +200,9 @@ class Packages(AllowedFolders):
         scheme, separator, rest = uri.partition("://")
         if separator and scheme in ("package", "model"):
             name, _, inside = rest.partition("/")
-            candidates = list(self.candidates(name))
+            if name not in self._known:
+                self._known[name] = list(self.candidates(name))
+            candidates = self._known[name]
             having = [each for each in candidates if os.path.isfile(each / inside)]
             having.sort(key=lambda each: not self.has(each / inside))
             self._recorded(name, [*having, *candidates])

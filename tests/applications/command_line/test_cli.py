@@ -362,29 +362,20 @@ def test_inspect_answers_every_question_on_one_page_and_has_the_papers_numbers_f
     for words in (
         "It cannot change its momentum about platform; it becomes singular where its constraints leave no free choice",
         "4 degrees of freedom less 1 independent constraint row leave 3: tip_x, tip_y, joint_1",
-        "momentum(platform) nonholonomic",
-        "no combination of rows is integrable",
-        "reach completely nonholonomic",
-        "every reduced force can be realised",
-        "redundancy class 1",
-        "singular where momentum(platform), tip_x, tip_y",
+        "momentum(platform) nonholonomic", "no combination of rows is integrable", "reach completely nonholonomic",
+        "every reduced force can be realised", "redundancy class 1", "singular where momentum(platform), tip_x, tip_y",
         "singular where redundant motions cannot move platform, e.g. at platform =",
-    ):
+    ):  # fmt: skip
         assert words in told(out)
     for words in ("Lemma 1", "R^T B", "A4", "|V|", "condition of E", "x22"):
         assert words not in out
     assert len(out.splitlines()) <= 50
     _, out, _ = call(*inspect, "--details")
     for words in (
-        "(3, 4): completely nonholonomic",
-        "(rank of R^T B: 3 of 3)",
-        "class 1: A4 has full row rank",
-        "A4 1 x 1",
+        "(3, 4): completely nonholonomic", "(rank of R^T B: 3 of 3)", "class 1: A4 has full row rank", "A4 1 x 1",
         "E is singular where momentum(platform), tip_x, tip_y",
-        "A4 is singular where redundant motions cannot move platform",
-        "Lemma 1 holds",
-        "|V| at unit rates",
-    ):
+        "A4 is singular where redundant motions cannot move platform", "Lemma 1 holds", "|V| at unit rates",
+    ):  # fmt: skip
         assert words in told(out)
     status, out, error = call(*inspect, "--json")
     assert (status, error) == (0, "")

@@ -4,7 +4,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -18,23 +17,17 @@ from rnc_pin.control import Command
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.simulation import run_figure
 from rnc_pin.simulation.record import Record
+from simple_controllers import Memoryless
 from systems import sleigh
+from terminal import UNDRAWN
 
 RUN = ["run", "space-robot", "--set", "comparisons={}", "--set", "plots={}"]
 LONG = ["--set", "simulation.duration=100"]
 
 
-class Pushing:
-    """A controller that pushes until a time, and then does something else."""
-
-    def __init__(self, then, until=0.1):
-        self.then, self.until = then, until
-
-    def initial_state(self, measurement):
-        return None
-
-    def step(self, t, measurement, state):
-        return (self.then() if t > self.until else Command(T=np.array([1.0, 0.5]))), state
+def pushing(then, until=0.1):
+    """Return a controller that pushes until a time, and then does something else."""
+    return Memoryless(lambda t, _: then() if t > until else Command(T=np.array([1.0, 0.5])))
 
 
 def fault():
@@ -63,7 +56,7 @@ THEN = {
 def test_whatever_a_controller_does_the_run_so_far_is_kept(then, cause, words):
     reduced = sleigh()
     with pytest.raises(rnc.RncError) as caught:
-        rnc.simulate(reduced, Pushing(then), reduced.robot.configuration(), 1.0, dt=0.01)
+        rnc.simulate(reduced, pushing(then), reduced.robot.configuration(), 1.0, dt=0.01)
     error = caught.value
     assert words in str(error)
     assert len(str(error).splitlines()) == 1
@@ -85,7 +78,7 @@ def test_an_observer_that_raises_does_not_lose_the_run():
     with pytest.raises(rnc.SimulationError, match=r"the observer raised KeyError at t = 0\.110 s: 'figure'") as caught:
         rnc.simulate(
             reduced,
-            Pushing(fault, np.inf),
+            pushing(fault, np.inf),
             reduced.robot.configuration(),
             1.0,
             dt=0.01,
@@ -184,7 +177,7 @@ def test_three_interruptions_keep_the_run_in_a_program_of_ones_own(monkeypatch):
         return finish(*arguments)
 
     monkeypatch.setattr(Record, "finish", impatient)
-    then = Pushing(lambda: signal.raise_signal(signal.SIGINT))
+    then = pushing(lambda: signal.raise_signal(signal.SIGINT))
     run = rnc.simulate(reduced, then, reduced.robot.configuration(), 1.0, dt=0.01)
     assert run.outcome is rnc.Outcome.INTERRUPTED
     assert len(run.time) == 11
@@ -197,7 +190,7 @@ def processor_time(pid):
 
 
 def started(*arguments, **options):
-    command = [sys.executable, "-m", "rnc_pin", *map(str, arguments)]
+    command = [*UNDRAWN, *map(str, arguments)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 

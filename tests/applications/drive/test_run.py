@@ -6,7 +6,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from drives import point_of, pose_of, prepared, reduced_of, script
+from drives import Watcher, point_of, pose_of, prepared, reduced_of, script
 from rnc_pin.applications.drive.controls import DriveControls, DrivenBase
 from rnc_pin.applications.drive.goals import PlacedGoal, initial_goals
 from rnc_pin.applications.drive.run import CommandQueue, DriveStatus, ProgressMonitor, drive, record_of
@@ -83,10 +83,10 @@ outputs:
 controller: {type: reducing_outputs}
 simulation: {duration: 1, dt: 0.02}
 """
-PARKED = {  # seconds, and joints that end straight
-    "mecanum-crowd": (8, []),
-    "car": (17, ["front_steering"]),
-    "trailer.yaml": (23, ["front_steering", "hitch_1"]),
+PARKED = {  # seconds, goal, and joints that end straight
+    "mecanum-crowd": (8, (1.0, 0.8, 1.2), []),
+    "car": (17, (1.0, 0.8, 1.2), ["front_steering"]),
+    "trailer.yaml": (20, (1.0, 0.3, 0.4), ["front_steering", "hitch_1"]),
 }
 
 
@@ -95,12 +95,12 @@ def test_a_base_of_any_kind_drives_to_a_point_with_a_heading_and_stops(source, t
     (tmp_path / "trailer.urdf").write_text(tractor_trailers_urdf(1))
     (tmp_path / "trailer.yaml").write_text(TRAILER)
     file = str(tmp_path / source) if source == "trailer.yaml" else source
-    duration, joints = PARKED[source]
-    goal, period = {"kind": "base_goal", "x": 1.0, "y": 0.8, "heading": 1.2}, 0.04
+    duration, pose, joints = PARKED[source]
+    goal, period = {"kind": "base_goal", **dict(zip(("x", "y", "heading"), pose, strict=True))}, 0.04
     run = prepared(file, [(0, goal)], simulation__dt=period)
     trajectory = drive(run, samples=round(duration / period)).trajectory
     assert trajectory.outcome is Outcome.COMPLETED
-    np.testing.assert_allclose(pose_of(run, trajectory.q[-1]), [1.0, 0.8, 1.2], atol=0.01)
+    np.testing.assert_allclose(pose_of(run, trajectory.q[-1]), pose, atol=0.01)
     assert np.abs(trajectory.v2[-1]).max() < 0.02
     values = reduced_of(run).robot.joint_values(trajectory.q[-1])
     assert max((abs(values[name]) for name in joints), default=0.0) < 0.01
@@ -139,32 +139,20 @@ def test_stop_holds_the_configuration():
 
 
 def test_hold_base_keeps_the_base_and_the_unreachable_goal_is_reported():
-    seen = []
-
-    class Watcher:
-        def show(self, sample, status):
-            if status is not None:
-                seen.append(status)
-
+    watcher = Watcher()
     run = manipulator([(0, {"kind": "hold_base", "on": True}), (1, goal(4.0, 0.0))])
-    trajectory = drive(run, samples=400, watcher=Watcher()).trajectory
+    trajectory = drive(run, samples=400, watcher=watcher).trajectory
     np.testing.assert_allclose(trajectory.q[:, :4], np.tile(trajectory.q[0, :4], (400, 1)), atol=1e-3)
     stretched = point_of(run, trajectory.q[-1], "tip")
     reach = np.linalg.norm(stretched[:2] - [4.0, 0.0])
-    assert seen[0].stuck == {}
-    assert seen[-1].stuck["tip"] == pytest.approx(reach, abs=0.01)
-    assert f"tip: goal not reachable, {reach:.2f} m away" in seen[-1].messages
+    assert watcher.statuses[0].stuck == {}
+    assert watcher.statuses[-1].stuck["tip"] == pytest.approx(reach, abs=0.01)
+    assert f"tip: goal not reachable, {reach:.2f} m away" in watcher.statuses[-1].messages
 
 
 def test_limits_of_the_file_hold_and_are_named():
     """A slider asks for more than the velocity limit; the file's numbers are read by Pinocchio alone."""
-    seen = set()
-
-    class Watcher:
-        def show(self, sample, status):
-            if status is not None:
-                seen.update(status.report.active)
-
+    watcher = Watcher()
     run = prepared(
         "tiago",
         [
@@ -175,12 +163,12 @@ def test_limits_of_the_file_hold_and_are_named():
         ],
         simulation__dt=DT,
     )
-    trajectory = drive(run, samples=150, watcher=Watcher()).trajectory
+    trajectory = drive(run, samples=150, watcher=watcher).trajectory
     model = reduced_of(run).robot.model
     joint = model.joints[model.getJointId("torso_lift_joint")]
     speed, limit = np.abs(trajectory.v[:, joint.idx_v]), model.upperVelocityLimit[joint.idx_v]
     assert 0.95 * limit < speed.max() < 1.02 * limit
-    assert "torso_lift_joint velocity" in seen
+    assert "torso_lift_joint velocity" in watcher.active
     bounded = [each for each in model.joints[2:] if each.nq == 1]
     q = trajectory.q[:, [each.idx_q for each in bounded]]
     assert (q <= model.upperPositionLimit[[each.idx_q for each in bounded]] + 1e-6).all()
@@ -221,15 +209,9 @@ def test_an_obstacle_that_moves_into_the_arm_is_avoided(arm):
         (0, {"kind": "gain", "gain": "obstacle speed", "value": 0.3}),
         (5, {"kind": "obstacle_goal", "obstacle": "ball", "position": [0.9, 0.05, 0.0]}),
     ]
-    seen = set()
-
-    class Watcher:
-        def show(self, sample, status):
-            if status is not None:
-                seen.update(status.report.active)
-
+    watcher = Watcher()
     run = prepared(arm, approach, simulation__dt=DT)
-    trajectory = drive(run, samples=250, watcher=Watcher()).trajectory
+    trajectory = drive(run, samples=250, watcher=watcher).trajectory
     (obstacle,) = run.scenario.experiment.obstacles
     np.testing.assert_allclose(obstacle.placement(0.1).translation, [0.9, 0.7, 0.0])
     np.testing.assert_allclose(obstacle.placement(0.1 + 1.0).translation, [0.9, 0.4, 0.0])
@@ -238,7 +220,7 @@ def test_an_obstacle_that_moves_into_the_arm_is_avoided(arm):
     moved = distance_to(run, trajectory.q, obstacle, trajectory.time)
     assert still.min() < -0.02
     assert moved.min() > 0.01  # of the clearance, 0.02 m
-    assert {"link_2 / ball distance"} <= seen
+    assert {"link_2 / ball distance"} <= watcher.active
 
 
 def distance_to(run, configurations, obstacle, times):

@@ -11,7 +11,7 @@ import rnc_pin as rnc
 from rnc_pin.applications.gym.episode_task import EpisodeTask
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.control import Command
+from simple_controllers import Inputs
 
 gymnasium = pytest.importorskip("gymnasium", reason="needs the extra gym")
 env_checker = pytest.importorskip("gymnasium.utils.env_checker")
@@ -83,16 +83,10 @@ def test_an_episode_is_a_run_of_simulate(env):
     inputs = np.random.default_rng(1).uniform(-0.5, 0.5, (10, 3))
     steps = [fixed.step(T) for T in inputs]
 
-    class Replay:
-        def initial_state(self, measurement):
-            return 0
-
-        def step(self, t, measurement, state):
-            return Command(T=inputs[min(state, len(inputs) - 1)]), state + 1
-
+    replay = Inputs(lambda t: inputs[min(round(t / 0.05), len(inputs) - 1)])
     task = EpisodeTask("space-robot", SHORT, {}, 0.05, 0.0)
     plant = rnc.ReducedPlant(task.reduced, substeps=5)
-    run = rnc.simulate(task.reduced, Replay(), task.nominal.q, 0.5, 0.05, plant=plant)
+    run = rnc.simulate(task.reduced, replay, task.nominal.q, 0.5, 0.05, plant=plant)
     observed = np.array([step[0] for step in steps])
     expected = np.hstack([run.x1, run.x2])[1:]
     assert np.abs(observed[:, :4] - expected).max() < 1e-12
@@ -119,46 +113,12 @@ def test_the_default_reward_is_the_mean_relative_error_and_failing_never_pays():
         env.step(np.zeros(3))
 
 
-def test_an_episode_ends_at_a_position_limit():
-    limits = rnc.gym.EpisodeLimits(input=500.0, speed=1e4, output=3.0)
-    env = rnc.gym.make("mobile-manipulator", draws={}, options={"initial.q.joint_1": 62.5}, limits=limits, period=0.05)
-    env.reset(seed=0)
-    failed = False
-    while not failed:
-        angle = env.unwrapped.batch.configurations[0, 4]
-        _, _, failed, _, info = env.step([0.0, 0.0, 400.0, 0.0])
-    assert info["failure"] == "position"
-    assert angle < 20 * np.pi < env.unwrapped.batch.configurations[0, 4]
-
-
-def test_an_episode_ends_near_a_singularity():
-    """The forearm turns towards its singular position, and the smallest singular value passes its limit."""
-    settings = {**SETTINGS, "limits": replace(LIMITS, singular_value=0.08)}
-    env = rnc.gym.make("space-robot", draws={}, **settings)
-    reduced = EpisodeTask("space-robot", SHORT, {}, 0.05, 0.0).reduced
-    env.reset(seed=0)
-    values, failed = [], False
-    while not failed:
-        _, _, failed, _, info = env.step([0.0, -20.0, 20.0])
-        values.append(reduced.at(env.unwrapped.batch.configurations[0]).smallest_singular_value)
-    assert info["failure"] == "singular"
-    assert values[-1] < 0.08 < values[-2]
-
-
-@pytest.mark.parametrize(
-    ("failure", "name", "options", "inputs", "limits"),
-    [
-        ("ended_early", "space-robot", SHORT, [200.0, 200.0, 200.0], LIMITS),
-        (
-            "position",
-            "mobile-manipulator",
-            {"initial.q.joint_1": 62.5},
-            [0.0, 0.0, 400.0, 0.0],
-            rnc.gym.EpisodeLimits(input=500.0, speed=1e4, output=3.0),
-        ),
-        ("singular", "space-robot", SHORT, [0.0, -20.0, 20.0], LIMITS),
-    ],
-)
+@pytest.mark.parametrize(("failure", "name", "options", "inputs", "limits"), [
+    ("ended_early", "space-robot", SHORT, [200.0, 200.0, 200.0], LIMITS),
+    ("position", "mobile-manipulator", {"initial.q.joint_1": 62.5}, [0.0, 0.0, 400.0, 0.0],
+        rnc.gym.EpisodeLimits(input=500.0, speed=1e4, output=3.0)),
+    ("singular", "space-robot", SHORT, [0.0, -20.0, 20.0], LIMITS),
+])  # fmt: skip
 def test_failures_are_the_findings_of_a_run(failure, name, options, inputs, limits):
     """The same inputs in a run of ``simulate``, with the limits of the environment as conditions to stop."""
     smallest = 0.08 if failure == "singular" else 0.01
@@ -170,19 +130,12 @@ def test_failures_are_the_findings_of_a_run(failure, name, options, inputs, limi
         _, _, failed, _, info = env.step(inputs)
     assert info["failure"] == failure
 
-    class Constant:
-        def initial_state(self, measurement):
-            return None
-
-        def step(self, t, measurement, state):
-            return Command(T=np.array(inputs)), None
-
     task = EpisodeTask(name, options, {}, 0.05, smallest)
     plant = rnc.ReducedPlant(task.reduced, substeps=task.samples)
     stop = rnc.Stop(speed=float(np.max(limits.speed)))
     more = {"plant": plant, "options": rnc.SimulationOptions(stop=stop, loop={"min_singular_value": smallest})}
     try:
-        run = rnc.simulate(task.reduced, Constant(), task.nominal.q, info["time"], 0.05, **more)
+        run = rnc.simulate(task.reduced, Inputs(lambda _: inputs), task.nominal.q, info["time"], 0.05, **more)
     except rnc.RncError as error:
         run = error.trajectory
     fails = {each.kind for each in run.verdict.findings if each.severity == "fails"}

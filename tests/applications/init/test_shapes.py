@@ -46,17 +46,13 @@ def cart(folder, shapes, links="", root="anchor", height=0):
     return path
 
 
-@pytest.mark.parametrize(
-    ("shapes", "options", "radius", "remark"),
-    [
-        (TYRE + DISK.format(kind="visual", radius=0.14), {}, 0.14, "radius from the visual geometry"),
-        (HUB + TYRE + DISK.format(kind="visual", radius=0.14), {}, 0.14, "radius from the visual geometry"),
-        (HUB + TYRE, {"root": "base_footprint", "height": 0.145}, 0.145, f"{GUESS} is the axle's height"),
-        (HUB + TYRE, {}, DISK_130, f"{GUESS} fits its inertia as a solid disk"),
-        (TYRE, {"links": HUB_LINK}, DISK_130, f"{GUESS} fits its inertia as a solid disk"),
-    ],
-    ids=["visual", "visual and hub", "height", "inertia", "link of a hub"],
-)
+@pytest.mark.parametrize(("shapes", "options", "radius", "remark"), [
+    (TYRE + DISK.format(kind="visual", radius=0.14), {}, 0.14, "radius from the visual geometry"),
+    (HUB + TYRE + DISK.format(kind="visual", radius=0.14), {}, 0.14, "radius from the visual geometry"),
+    (HUB + TYRE, {"root": "base_footprint", "height": 0.145}, 0.145, f"{GUESS} is the axle's height"),
+    (HUB + TYRE, {}, DISK_130, f"{GUESS} fits its inertia as a solid disk"),
+    (TYRE, {"links": HUB_LINK}, DISK_130, f"{GUESS} fits its inertia as a solid disk"),
+], ids=["visual", "visual and hub", "height", "inertia", "link of a hub"])  # fmt: skip
 def test_a_wheel_without_its_mesh_is_not_measured_by_its_hub(shapes, options, radius, remark, tmp_path):
     with pytest.warns(rnc.ModelWarning, match="not found") as said:
         text = draft(str(cart(tmp_path, shapes, **options)), tmp_path)

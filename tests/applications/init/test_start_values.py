@@ -118,16 +118,12 @@ def jaws(*followers, lower=0.0, upper=0.5):
     return robot(*parts)
 
 
-@pytest.mark.parametrize(
-    ("followers", "expected", "doubt"),
-    [
-        ([(1, 0, 0, 0.5)], 0.01, ""),  # two percent of the range inside of zero
-        ([(-1, 0, -0.5, 0), (2, 0, 0, 0.6)], 0.006, ""),  # the range of the second
-        ([(-1, 0, 0, 0.5)], 0.0, "kept only at 0 in the range of lead: jaw_0"),
-        ([(1, 1, 0, 0.5)], 0.25, "kept nowhere in the range of lead: jaw_0"),
-    ],
-    ids=["equal", "inside", "one position", "none"],
-)
+@pytest.mark.parametrize(("followers", "expected", "doubt"), [
+    ([(1, 0, 0, 0.5)], 0.01, ""),  # two percent of the range inside of zero
+    ([(-1, 0, -0.5, 0), (2, 0, 0, 0.6)], 0.006, ""),  # the range of the second
+    ([(-1, 0, 0, 0.5)], 0.0, "kept only at 0 in the range of lead: jaw_0"),
+    ([(1, 1, 0, 0.5)], 0.25, "kept nowhere in the range of lead: jaw_0"),
+], ids=["equal", "inside", "one position", "none"])  # fmt: skip
 def test_a_leader_starts_where_its_mimic_joints_are_within_their_limits(followers, expected, doubt, tmp_path):
     (tmp_path / "jaws.urdf").write_text(jaws(*followers))
     found = rnc.Robot.from_urdf(tmp_path / "jaws.urdf")

@@ -122,16 +122,12 @@ def test_omni_wheels_beside_others_slide(drafted):
 # ---------------------------------------------------------------------- hitches
 
 
-@pytest.mark.parametrize(
-    ("effort", "lists", "kind", "is_open"),
-    [
-        (0.0, "", "planar: 4 wheels, differential drive with 1 trailer", False),
-        (200.0, "", "planar: 4 wheels, differential drive with 1 trailer", True),
-        (200.0, transmissions("fl_joint", "fr_joint"), "planar: 4 wheels, differential drive with 1 trailer", False),
-        (200.0, transmissions("fl_joint", "fr_joint", "waist"), "planar: 4 wheels, steered like a car", None),
-    ],
-    ids=["no effort", "effort", "not listed", "listed"],
-)
+@pytest.mark.parametrize(("effort", "lists", "kind", "is_open"), [
+    (0.0, "", "planar: 4 wheels, differential drive with 1 trailer", False),
+    (200.0, "", "planar: 4 wheels, differential drive with 1 trailer", True),
+    (200.0, transmissions("fl_joint", "fr_joint"), "planar: 4 wheels, differential drive with 1 trailer", False),
+    (200.0, transmissions("fl_joint", "fr_joint", "waist"), "planar: 4 wheels, steered like a car", None),
+], ids=["no effort", "effort", "not listed", "listed"])  # fmt: skip
 def test_a_pivot_with_an_effort_may_be_that_of_an_articulated_loader(effort, lists, kind, is_open, drafted):
     """Two bodies with an axle each; what drives the joint between them decides, and init asks if nothing tells."""
     parts = [link("front", 20.0, BOX), wheel("fl", "front", (0.3, 0.3, 0)), wheel("fr", "front", (0.3, -0.3, 0))]

@@ -53,7 +53,7 @@ def test_built_in_scenarios_can_run(name):
     """With their comparisons. Their whole length is planned here or in test_built_in_runs."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", rnc.ModelWarning)
-        prepared = Scenario.load(name, {} if name in CUT_SHORT else {"simulation.duration": 1.0}).build()
+        prepared = Scenario.load(name, {} if name in CUT_SHORT else {"simulation.duration": 0.4}).build()
     scenario = prepared.experiment.scenario
     assert prepared.name == name
     assert scenario.title
@@ -136,16 +136,10 @@ def test_gains_by_hand_replace_those_of_the_preset(tmp_path):
     assert gains == {"k": [1.0, 2.0, 3.0], "beta": 10.0, "sigma": 0.5}
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"reference.redundant": {"hold": {}}}, "is not followed by a controller of type 'redundancy'; controller.sec"),
-        (
-            {"controller": {"type": "jacobian_transpose", "active": ["joint_2", "joint_3"]}},
-            "reference.vertical: is not",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"reference.redundant": {"hold": {}}}, "is not followed by a controller of type 'redundancy'; controller.sec"),
+    ({"controller": {"type": "jacobian_transpose", "active": ["joint_2", "joint_3"]}}, "reference.vertical: is not"),
+])  # fmt: skip
 def test_a_reference_that_nothing_follows_is_refused(changes, words, tmp_path):
     with pytest.raises(rnc.ConfigurationError) as caught:
         plan_of(changes, tmp_path)
@@ -227,65 +221,37 @@ BROKEN = {
     "outputs are a name": ({"outputs": "tip"}, ["mine.yaml: outputs: expected a mapping"]),
     "robot is a name": ({"robot": "space_robot.urdf"}, ["robot: expected a mapping", "'space_robot.urdf'"]),
     "no robot": ({"robot": {"base": "fixed"}}, ["robot: expected one of 'urdf', 'mjcf' and 'example'"]),
-    "two robots": ({"robot.example": "panda"}, ["robot: expected one of 'urdf', 'mjcf' and 'example'"]),
     "misspelt URDF": ({"robot.urdf": "space_robt.urdf"}, ["did you mean 'space_robot.urdf'?"]),
     "misspelt example": ({"robot": {"example": "pandaa"}}, ["did you mean 'panda'?"]),
     "unknown base": ({"robot.base": "plannar"}, ["robot.base: expected 'fixed', 'planar' or 'free'", "'plannar'"]),
     "short gravity": ({"robot.gravity": [0, 0]}, ["robot.gravity", "[0, 0]"]),
     "unknown locked joint": ({"robot.lock": {"platfrom": 0}}, ["'platfrom'", "did you mean 'platform'?"]),
     "unknown constraint": ({"constraints.0": {"momentom": "platform"}}, ["constraints[0]", "mean 'momentum'?"]),
-    "constraint of no joint": ({"constraints.0": {"momentum": "platfrom"}}, ["mean 'platform'?"]),
     "constraint that is a word": ({"constraints.0": "momentum"}, ["constraints[0]", "'momentum'"]),
-    "constraint that is a number": ({"constraints.0": {"momentum": 3}}, ["constraints[0].momentum", "found 3"]),
     "constraints that are a word": ({"constraints": "momentum"}, ["constraints: expected", "list"]),
     "constraint twice": ({"constraints": 2 * [{"momentum": "platform"}]}, ["momentum(platform)", "duplicate"]),
-    "momentum without a joint": (
-        {"constraints.0": {"momentum": {"momentum": 3}}},
-        ["constraints[0].momentum.joint: is missing"],
-    ),
-    "momentum of two values": (
-        {"constraints.0": {"momentum": {"joint": "platform", "momentum": [1, 2]}}},
-        ["momentum of joint 'platform' takes 1 finite number, found"],
-    ),
-    "loop of unknown kind": (
-        {"constraints.0": {"loop_closure": {"frame_a": "tip", "frame_b": "base", "kind": "pint"}}},
-        ["constraints[0].loop_closure.kind: expected 'frame' or 'point', found 'pint'"],
-    ),
-    "coupling to itself": (
-        {"constraints.0": {"joint_coupling": {"joint": "joint_1", "driver": "joint_1"}}},
-        ["joint 'joint_1' cannot be coupled to itself"],
-    ),
-    "ball of no radius": (
-        {"constraints.0": {"rolling_ball": {"frame": "tip"}}},
-        ["constraints[0].rolling_ball.radius: is missing"],
-    ),
-    "wheel of no radius": (
-        {"constraints.0": {"rolling_wheel": {"frame": "tip"}}},
-        ["constraints[0].rolling_wheel.radius: is missing"],
-    ),
-    "wheel of radius zero": (
-        {"constraints.0": {"rolling_wheel": {"frame": "tip", "radius": 0}}},
-        ["constraints[0].rolling_wheel.radius: expected greater than 0", "found 0"],
-    ),
-    "unknown axis": (
-        {"constraints.0": {"no_side_slip": {"frame": "tip", "axis": "w"}}},
-        ["constraints[0].no_side_slip.axis: expected 'x', 'y' or 'z'", "'w'"],
-    ),
+    "momentum without a joint": ({"constraints.0": {"momentum": {"momentum": 3}}},
+        ["constraints[0].momentum.joint: is missing"]),
+    "momentum of two values": ({"constraints.0": {"momentum": {"joint": "platform", "momentum": [1, 2]}}},
+        ["momentum of joint 'platform' takes 1 finite number, found"]),
+    "loop of unknown kind": ({"constraints.0": {"loop_closure": {"frame_a": "tip", "frame_b": "base",
+        "kind": "pint"}}}, ["constraints[0].loop_closure.kind: expected 'frame' or 'point', found 'pint'"]),
+    "coupling to itself": ({"constraints.0": {"joint_coupling": {"joint": "joint_1", "driver": "joint_1"}}},
+        ["joint 'joint_1' cannot be coupled to itself"]),
+    "ball of no radius": ({"constraints.0": {"rolling_ball": {"frame": "tip"}}},
+        ["constraints[0].rolling_ball.radius: is missing"]),
+    "wheel of radius zero": ({"constraints.0": {"rolling_wheel": {"frame": "tip", "radius": 0}}},
+        ["constraints[0].rolling_wheel.radius: expected greater than 0", "found 0"]),
+    "unknown axis": ({"constraints.0": {"no_side_slip": {"frame": "tip", "axis": "w"}}},
+        ["constraints[0].no_side_slip.axis: expected 'x', 'y' or 'z'", "'w'"]),
     "unknown actuator": ({"actuators.2": "jiont_3"}, ["'jiont_3'", "did you mean 'joint_3'?"]),
-    "unknown kind of actuator": ({"actuators.2": {"froce": {}}}, ["actuators[2]: 'froce'", "mean 'force'?"]),
     "actuator twice": ({"actuators.2": "joint_1"}, ["actuator 'joint_1'", "duplicate"]),
     "actuator of the platform": ({"actuators.2": "platform"}, ["'platform' drives momentum(platform)", "conserved"]),
-    "force from outside": (
-        {"actuators.2": {"force": {"frame": "tip", "axis": "x"}}},
-        ["force(tip.x)", "drives momentum(platform)"],
-    ),
+    "force from outside": ({"actuators.2": {"force": {"frame": "tip", "axis": "x"}}},
+        ["force(tip.x)", "drives momentum(platform)"]),
     "unknown frame": ({f"{FIRST}.frame_position.frame": "tpi"}, ["frame 'tpi'", "did you mean 'tip'?"]),
-    "unknown kind of output": ({FIRST: {"frame_positon": {}}}, ["outputs.reducing[0]", "mean 'frame_position'?"]),
-    "output that is a name": (
-        {FIRST: "joint_1"},
-        ["outputs.reducing[0]", "'joint_1'; a joint is written {joint: joint_1}"],
-    ),
-    "unknown axes": ({f"{FIRST}.frame_position.axes": "xw"}, ["'w'", "x, y, z"]),
+    "output that is a name": ({FIRST: "joint_1"},
+        ["outputs.reducing[0]", "'joint_1'; a joint is written {joint: joint_1}"]),
     "axis twice": ({f"{FIRST}.frame_position.axes": "xx"}, ["axes 'xx'", "'tip'", "at most once"]),
     "no reducing outputs": ({"outputs.reducing": []}, ["mine.yaml: outputs.reducing:"]),
     "too few outputs": ({"outputs.reducing": [TIP]}, ["2 reducing outputs (tip_x, tip_y)", "expected 3"]),
@@ -295,67 +261,40 @@ BROKEN = {
     "task of an unknown output": ({"task.primary": ["tip_x", "tip_z"]}, ["'tip_z'", "did you mean"]),
     "task leaves an output out": ({"task.primary": ["tip_x"]}, ["'tip_y' is neither primary nor redundant"]),
     "task names an output twice": ({"task.redundant": ["tip_x"]}, ["duplicate output in primary and redundant"]),
-    "task of an unknown vertical": ({"task.vertical": ["platfrom"]}, ["'platfrom'", "mean 'platform'?"]),
     "task that is a word": ({"task.primary": "tip_x"}, ["task.primary: expected", "list", "'tip_x'"]),
     "unknown initial joint": ({"initial.q": {"jiont_1": 1}}, ["'jiont_1'", "did you mean 'joint_1'?"]),
-    "initial value in words": ({"initial.q.joint_1": "up"}, ["initial.q.joint_1: expected", "number", "'up'"]),
     "initial value of two": ({"initial.q.joint_1": [1, 2]}, ["'joint_1'", "found 2"]),
     "initial NaN": ({"initial.q.joint_1": math.nan}, ["initial.q.joint_1: expected a finite number", "nan"]),
     "initial values in a list": ({"initial.q": [1, 2]}, ["initial.q: expected", "[1, 2]"]),
     "singular start": ({"initial.q": {}}, ["singular configuration", "tip_x", "q = [0, 0, 0, 0]"]),
-    "unknown reference": ({PRIMARY: {"minimum_jrek": {}}}, [f"{PRIMARY}: 'minimum_jrek'", "mean 'minimum_jerk'?"]),
     "reference of an unknown part": ({"reference.primray": {}}, ["reference: 'primray'", "mean 'primary'?"]),
     "reference that is a word": ({PRIMARY: "tip"}, [f"{PRIMARY}: expected a mapping", "found 'tip'"]),
     "goal too short": ({f"{PRIMARY}.minimum_jerk.to": [1.0]}, [f"{PRIMARY}:", "1 value"]),
-    "step too short": ({PRIMARY: {"minimum_jerk": {"by": [1.0], "duration": 1}}}, [f"{PRIMARY}:", "1 value"]),
-    "constant too long": (
-        {"reference.vertical": {"hold": {"value": [1, 2]}}},
-        ["reference.vertical:", "2 values for 1"],
-    ),
-    "goal and step": (
-        {f"{PRIMARY}.minimum_jerk.by": [1, 1]},
-        [f"{PRIMARY}.minimum_jerk: expected one of 'to' and 'by'"],
-    ),
-    "infinite goal": (
-        {f"{PRIMARY}.minimum_jerk.to": [1, math.inf]},
-        [f"{PRIMARY}.minimum_jerk.to[1]", "finite", "inf"],
-    ),
+    "constant too long": ({"reference.vertical": {"hold": {"value": [1, 2]}}},
+        ["reference.vertical:", "2 values for 1"]),
+    "goal and step": ({f"{PRIMARY}.minimum_jerk.by": [1, 1]},
+        [f"{PRIMARY}.minimum_jerk: expected one of 'to' and 'by'"]),
+    "infinite goal": ({f"{PRIMARY}.minimum_jerk.to": [1, math.inf]},
+        [f"{PRIMARY}.minimum_jerk.to[1]", "finite", "inf"]),
     "motion of no time": ({f"{PRIMARY}.minimum_jerk.duration": 0}, [f"{PRIMARY}.minimum_jerk.duration", "found 0"]),
-    "times run backwards": (
-        {PRIMARY: {"via_points": {"times": [2, 1], "points": [[1, 1], [1, 1]]}}},
-        [PRIMARY, "increasing times"],
-    ),
-    "frequencies too many": (
-        {PRIMARY: {"harmonic": {"amplitude": [1, 1], "frequency": [1, 2, 3]}}},
-        [PRIMARY, "frequency"],
-    ),
+    "times run backwards": ({PRIMARY: {"via_points": {"times": [2, 1], "points": [[1, 1], [1, 1]]}}},
+        [PRIMARY, "increasing times"]),
+    "frequencies too many": ({PRIMARY: {"harmonic": {"amplitude": [1, 1], "frequency": [1, 2, 3]}}},
+        [PRIMARY, "frequency"]),
     "unknown controller": ({"controller.type": "redundency"}, ["controller.type: expected 'redundancy', 'red"]),
-    "unknown preset": (
-        {"controller.preset": "papr"},
-        ["controller.preset: expected 'paper', 'normalised' or 'scaled'"],
-    ),
+    "unknown preset": ({"controller.preset": "papr"},
+        ["controller.preset: expected 'paper', 'normalised' or 'scaled'"]),
     "gain in words": ({"controller.k": "high"}, ["controller.k: expected", "number", "'high'"]),
     "too few velocity gains": ({"controller.k": [1, 2]}, ["controller.k"]),
-    "too few adaptation gains": ({"controller.beta": [1]}, ["controller.beta"]),
     "too many primary gains": ({"controller.k21": [1, 2, 3]}, ["controller.k21"]),
-    "too many vertical gains": ({"controller.k3": [1, 2]}, ["controller.k3"]),
     "negative leak": ({"controller.sigma": -1}, ["controller.sigma: expected greater than or equal to 0"]),
     "bandwidth too large": ({"controller.bandwidth": 1e6}, ["controller:", "1e+06 rad/s", "outside the window"]),
-    "bandwidth too small": ({"controller.bandwidth": 1e-3}, ["controller:", "0.001 rad/s", "outside the window"]),
-    "bandwidth of the paper": (
-        {"controller": {"type": "redundancy", "preset": "paper", "bandwidth": 5}},
-        ["controller.bandwidth", "'scaled'"],
-    ),
-    "nothing redundant": (
-        {"task": {"primary": ["tip_x", "tip_y", "joint_1"]}, "reference": {}},
-        ["as many redundant as vertical outputs", "0 (none)", "1 (platform)"],
-    ),
+    "bandwidth of the paper": ({"controller": {"type": "redundancy", "preset": "paper", "bandwidth": 5}},
+        ["controller.bandwidth", "'scaled'"]),
+    "nothing redundant": ({"task": {"primary": ["tip_x", "tip_y", "joint_1"]}, "reference": {}},
+        ["as many redundant as vertical outputs", "0 (none)", "1 (platform)"]),
     "no simulation": ({"simulation": None}, ["simulation: is missing"]),
-    "no controller": ({"controller": None}, ["controller: is missing"]),
     "negative duration": ({"simulation.duration": -1}, ["simulation.duration: expected greater than 0", "-1"]),
-    "duration in words": ({"simulation.duration": "long"}, ["simulation.duration: expected", "'long'"]),
-    "dt of zero": ({"simulation.dt": 0}, ["simulation.dt: expected greater than 0", "found 0"]),
-    "dt that is NaN": ({"simulation.dt": math.nan}, ["simulation.dt: expected a finite number", "nan"]),
     "dt too long for the inertia": ({"simulation.dt": 0.5}, ["controller:", "every 0.5 s", "sample faster"]),
     "half a substep": ({"simulation.substeps": 1.5}, ["simulation.substeps: expected", "1.5"]),
     "negative seed": ({"seed": -1}, ["seed:", "-1"]),
@@ -364,12 +303,10 @@ BROKEN = {
     "plot outside of the folder": ({"plots": {"../stray": {"outputs": ["tip_x"]}}}, ["plots", "../stray"]),
     "unknown frame in view": ({"view.trail": ["tpi"]}, ["frame 'tpi'", "did you mean 'tip'?"]),
     "camera on a plane": ({"view.camera": [1, 2]}, ["view.camera", "[1, 2]"]),
-    "comparison of an unknown key": (
-        {"comparisons": {"other": {"controller.typ": "x"}}},
-        ["comparisons.other", "controller: 'typ'", "mean 'type'?"],
-    ),
+    "comparison of an unknown key": ({"comparisons": {"other": {"controller.typ": "x"}}},
+        ["comparisons.other", "controller: 'typ'", "mean 'type'?"]),
     "range of one value": ({"sweep": {"initial.q.joint_1": [1]}}, ["sweep.initial.q.joint_1", "[1]"]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("changes", "words"), BROKEN.values(), ids=BROKEN)

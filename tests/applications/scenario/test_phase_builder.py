@@ -116,21 +116,15 @@ def test_motions_of_the_scenario_continue_and_those_of_a_phase_start_with_it():
     assert np.arctan2(run.q[-1, 3], run.q[-1, 2]) == pytest.approx(yaw.at(0.4).position[0], abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"plant": "mujoco"}, "plant: 'mujoco' does not support phases"),
-        ({"faults": {"masses": 0.1}}, "faults: does not support phases"),
-        ({"contacts": [{"constraint": GROUND}]}, "contacts: does not support phases"),
-        ({"simulation": {"duration": 1.0, "on_lift_off": "stop"}}, "simulation.on_lift_off: set it in the phases"),
-        ({"phases": [{"impact": [GROUND]}]}, "first phase has no impact"),
-        (
-            {"phases": [{}, {"constraints": [{"no_side_slip": {"frame": "bal"}}]}]},
-            r"phases\[1\]: .*'bal'",
-        ),
-        ({"plots": {"some": {"outputs": ["speed"]}}, "phases": [{}]}, "plots.some.outputs: no output 'speed'"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"plant": "mujoco"}, "plant: 'mujoco' does not support phases"),
+    ({"faults": {"masses": 0.1}}, "faults: does not support phases"),
+    ({"contacts": [{"constraint": GROUND}]}, "contacts: does not support phases"),
+    ({"simulation": {"duration": 1.0, "on_lift_off": "stop"}}, "simulation.on_lift_off: set it in the phases"),
+    ({"phases": [{"impact": [GROUND]}]}, "first phase has no impact"),
+    ({"phases": [{}, {"constraints": [{"no_side_slip": {"frame": "bal"}}]}]}, r"phases\[1\]: .*'bal'"),
+    ({"plots": {"some": {"outputs": ["speed"]}}, "phases": [{}]}, "plots.some.outputs: no output 'speed'"),
+])  # fmt: skip
 def test_refusals(changes, message):
     with pytest.raises(rnc.RncError, match=message):
         build_phased(validate({"phases": [{}], **BALL, **changes}, "ball.yaml"), Path())

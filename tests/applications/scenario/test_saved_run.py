@@ -1,9 +1,6 @@
 """``rnc-pin replay`` with several runs, and what it writes besides the page."""
 
 import os
-import resource
-import signal
-import sys
 from pathlib import Path
 
 import pytest
@@ -114,19 +111,3 @@ def test_files_are_whole_and_nothing_of_others_is_written(option, run, call, tmp
     left = [path for path in (place.iterdir() if place.is_dir() else [place]) if path.read_text() == "mine"]
     assert len(left) == 1
     assert sorted(os.listdir(tmp_path)) == sorted({*names, place.name})
-
-
-@pytest.mark.parametrize("option", ["--html", "--plot", "--frames"])
-def test_a_full_disk_leaves_no_half_of_a_file(option, run, call, tmp_path, stills, monkeypatch):
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # imports would find half of it
-    names = os.listdir(tmp_path)
-    usual, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1, usual[1]))
-    try:
-        status, _, error = call("replay", run, option, tmp_path / KINDS[option])
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
-        signal.signal(signal.SIGXFSZ, handler)
-    assert (status, error.count("\n")) == (2, 1)
-    assert "cannot be written: File too large" in error
-    assert os.listdir(tmp_path) == names

@@ -70,14 +70,6 @@ def test_a_run_needs_no_outputs(tmp_path):
     assert len(run.time) == 51
 
 
-def test_what_is_saved_is_the_same_scenario(tmp_path):
-    scenario = rnc.Scenario.load("mobile-manipulator", {**SHORT, "controller.preset": "scaled", "seed": 3})
-    scenario.save(tmp_path / "saved.yaml")
-    again = rnc.Scenario.load(tmp_path / "saved.yaml")
-    assert again.content.seed == 3
-    np.testing.assert_array_equal(again.run().q, scenario.run().q)
-
-
 def test_a_robot_beside_the_file_is_found_from_elsewhere(tmp_path):
     (tmp_path / "cart.urdf").write_text(
         '<robot name="cart"><link name="cart"><inertial><mass value="2"/>'
@@ -99,24 +91,11 @@ def test_a_run_that_fails_raises_and_keeps_its_samples():
     assert len(caught.value.trajectory.time) < 1500
 
 
-def test_a_mistake_is_named_when_it_is_loaded(tmp_path):
-    with pytest.raises(
-        rnc.ConfigurationError, match=r"^mine.yaml: 'constrants' is not known; did you mean 'constraints'"
-    ):
-        rnc.Scenario.load(written(tmp_path, constrants=[]))
-
-
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each))])
 def test_copies_run_alike(duplicate):
     scenario = rnc.Scenario.load("unicycle", SHORT)
     expected = scenario.run()
     np.testing.assert_array_equal(duplicate(scenario).run().q, expected.q)
-
-
-def test_it_prints_its_parts():
-    shown = str(rnc.Scenario.load("unicycle"))
-    for part in ("unicycle.urdf", "controller", "22 s"):
-        assert part in shown
 
 
 def test_a_gain_of_the_run_is_none_of_a_comparison_with_another_controller():

@@ -6,6 +6,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from simple_controllers import Memoryless
 
 DT = 0.02
 
@@ -26,17 +27,9 @@ def arm_on_wheels():
     return reduced, target, q0
 
 
-class Constant:
-    """A target that does not change."""
-
-    def __init__(self, v2):
-        self.v2 = np.array(v2, dtype=float)
-
-    def initial_state(self, measurement):
-        return 0
-
-    def step(self, t, measurement, state):
-        return rnc.control.VelocityTarget(self.v2, 0 * self.v2), state + 1
+def constant(v2):
+    """Return a target that does not change."""
+    return Memoryless(lambda *_: rnc.control.VelocityTarget(np.array(v2, dtype=float), np.zeros(len(v2))))
 
 
 def test_a_command_is_the_admissible_motion_of_the_target():
@@ -69,7 +62,7 @@ def test_integrating_the_commands_moves_the_hand_along_its_reference():
 
 def test_a_differential_drive_turns_its_wheels_by_the_textbook():
     reduced, _ = differential_drive()
-    loop = rnc.VelocityLoop(reduced, Constant([0.5, 0.8]), DT)
+    loop = rnc.VelocityLoop(reduced, constant([0.5, 0.8]), DT)
     q = reduced.robot.configuration({"root_joint": [3.0, -1.0, 0.7]})
     command = loop.step(0.0, q, np.zeros(5))
     frames = [reduced.robot.model.frames[reduced.robot.frame_id(name)] for name in ("left_wheel", "right_wheel")]
@@ -81,7 +74,7 @@ def test_a_differential_drive_turns_its_wheels_by_the_textbook():
 
 def test_a_mecanum_base_gets_a_sideways_twist_and_four_wheel_speeds():
     reduced = systems.mecanum()
-    loop = rnc.VelocityLoop(reduced, Constant([0.3, -0.2, 0.5]), DT)
+    loop = rnc.VelocityLoop(reduced, constant([0.3, -0.2, 0.5]), DT)
     q = reduced.robot.configuration({"root_joint": [1.0, 2.0, 0.4]})
     command = loop.step(0.0, q, np.zeros(7))
     assert command.twist == pytest.approx((0.3, -0.2, 0.5))
@@ -95,7 +88,7 @@ def test_the_twist_of_another_frame_includes_its_lever():
     wheel = reduced.robot.model.jointPlacements[2].translation
     model = reduced.robot.model
     model.addFrame(pin.Frame("sensor", 1, pin.SE3(np.eye(3), np.array([0.4, 0.1, 0.3])), pin.FrameType.OP_FRAME))
-    loop = rnc.VelocityLoop(reduced, Constant([0.5, 0.8]), DT, base="sensor", joints=["right_wheel_joint"])
+    loop = rnc.VelocityLoop(reduced, constant([0.5, 0.8]), DT, base="sensor", joints=["right_wheel_joint"])
     command = loop.step(0.0, reduced.robot.configuration({"root_joint": [1.0, 2.0, 0.4]}), np.zeros(5))
     assert command.twist == pytest.approx((0.5 - 0.8 * 0.1, 0.8 * 0.4, 0.8))
     assert command.joints == pytest.approx([(0.5 + 0.8 * abs(wheel[1])) / 0.1])
@@ -103,14 +96,14 @@ def test_the_twist_of_another_frame_includes_its_lever():
 
 def test_limits_scale_the_whole_motion():
     reduced, _ = differential_drive()
-    free = rnc.VelocityLoop(reduced, Constant([4.0, 2.0]), DT, limits=False)
-    limited = rnc.VelocityLoop(reduced, Constant([4.0, 2.0]), DT)  # the file allows 30 rad/s
+    free = rnc.VelocityLoop(reduced, constant([4.0, 2.0]), DT, limits=False)
+    limited = rnc.VelocityLoop(reduced, constant([4.0, 2.0]), DT)  # the file allows 30 rad/s
     q, rest = reduced.robot.configuration(), np.zeros(5)
     wanted, given = free.step(0.0, q, rest), limited.step(0.0, q, rest)
     scale = 30.0 / np.abs(wanted.joints).max()
     assert scale < 1
     assert given.v == pytest.approx(scale * wanted.v)
-    slow = rnc.VelocityLoop(reduced, Constant([4.0, 2.0]), DT, limits=[1.0, np.inf, 0.1, np.inf, np.inf])
+    slow = rnc.VelocityLoop(reduced, constant([4.0, 2.0]), DT, limits=[1.0, np.inf, 0.1, np.inf, np.inf])
     assert slow.step(0.0, q, rest).twist == pytest.approx((0.2, 0.0, 0.1))
     assert limited.last.command.v2_desired == pytest.approx(scale * np.array([4.0, 2.0]))
 
@@ -150,16 +143,17 @@ def test_brake_lets_velocities_decay_within_the_constraints():
 @pytest.mark.parametrize("wrong", [[np.nan, 0.0], [1.0, 0.0, 0.0]])
 def test_an_unusable_target_stops_the_robot_for_good(wrong):
     reduced, _ = differential_drive()
-    target = Constant([0.4, 0.0])
+    v2 = np.array([0.4, 0.0])
+    target = Memoryless(lambda *_: rnc.control.VelocityTarget(v2, np.zeros(2)))
     loop = rnc.VelocityLoop(reduced, target, DT)
     q, rest = reduced.robot.configuration(), np.zeros(5)
     assert loop.step(0.0, q, rest).twist.forward == pytest.approx(0.4)
-    target.v2 = np.array(wrong)
+    v2 = np.array(wrong)
     assert not loop.step(DT, q, rest).v.any()
     assert "v2 of a target" in loop.state.fault
-    target.v2 = np.array([0.4, 0.0])
+    v2 = np.array([0.4, 0.0])
     assert not loop.step(2 * DT, q, rest).v.any()
-    strict = rnc.VelocityLoop(reduced, Constant(wrong), DT, fallback="raise")
+    strict = rnc.VelocityLoop(reduced, constant(wrong), DT, fallback="raise")
     with pytest.raises(rnc.RncError, match="v2 of a target"):
         strict.step(0.0, q, rest)
 
@@ -176,7 +170,7 @@ def test_actuators_that_do_not_determine_the_motion_are_refused():
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], [rnc.FrameForce("sleigh", "x")])
     reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
     with pytest.raises(rnc.ConfigurationError, match="determine 1 of 2 reduced velocities"):
-        rnc.VelocityLoop(reduced, Constant([0.0, 0.0]), DT)
+        rnc.VelocityLoop(reduced, constant([0.0, 0.0]), DT)
     reduced, target = differential_drive()
     with pytest.raises(rnc.ConfigurationError, match="did you mean 'left_wheel_joint'"):
         rnc.VelocityLoop(reduced, target, DT, joints=["left_wheel_jont"])

@@ -37,17 +37,13 @@ def across(reduced, q0):
     return MinimumJerk(position.value(reduced.at(q0).position), [2.5, 1.5], 1.5)
 
 
-@pytest.mark.parametrize(
-    ("reduced", "task"),
-    [
-        (space_robot(), hand("tip", [1.0, 0.5])),
-        (mobile_manipulator(), hand("tip", [1.0, 0.5])),
-        (four_bar(), tasks.OutputTask(rnc.JointPosition("crank"), Hold([0.4]), gain=GAIN)),
-        (free_flying_panda(), tasks.OutputTask(rnc.FramePosition("panda_hand"), Hold([0.1, 0.4, 0.3]), gain=GAIN)),
-        (tiago(), tasks.OutputTask(rnc.FramePosition("arm_7_link"), Hold([1.0, 0.2, 0.9]), gain=GAIN)),
-    ],
-    ids=["space robot", "mobile manipulator", "four-bar", "free panda", "tiago"],
-)
+@pytest.mark.parametrize(("reduced", "task"), [
+    (space_robot(), hand("tip", [1.0, 0.5])),
+    (mobile_manipulator(), hand("tip", [1.0, 0.5])),
+    (four_bar(), tasks.OutputTask(rnc.JointPosition("crank"), Hold([0.4]), gain=GAIN)),
+    (free_flying_panda(), tasks.OutputTask(rnc.FramePosition("panda_hand"), Hold([0.1, 0.4, 0.3]), gain=GAIN)),
+    (tiago(), tasks.OutputTask(rnc.FramePosition("arm_7_link"), Hold([1.0, 0.2, 0.9]), gain=GAIN)),
+], ids=["space robot", "mobile manipulator", "four-bar", "free panda", "tiago"])  # fmt: skip
 def test_the_velocity_error_of_a_task_decays_at_its_rate(reduced, task):
     """With the forward dynamics instead of the program's own matrices."""
     controller = InverseDynamicsQP(reduced, [task], dt=DT, velocity_gain=RATE)

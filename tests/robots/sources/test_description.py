@@ -162,18 +162,14 @@ def names(robot):
     return len(robot.visual_model.geometryObjects) - len(robot.stand_ins)
 
 
-@pytest.mark.parametrize(
-    ("package", "file", "options", "variable"),
-    [
-        ("ws/shapes", "ws/shapes/urdf/arm.urdf", {}, None),  # the file is in the package
-        ("ws/shapes", "ws/arm_description/urdf/arm.urdf", {}, None),  # the package is beside the file's
-        ("else/shapes", "arm.urdf", {"package_dirs": ["else"]}, None),
-        ("else/shapes", "arm.urdf", {"package_dirs": ["else/shapes"]}, None),  # the package itself
-        ("else/shapes", "arm.urdf", {}, ("ROS_PACKAGE_PATH", "nowhere:else")),
-        ("else/share/shapes", "arm.urdf", {}, ("AMENT_PREFIX_PATH", "else")),
-    ],
-    ids=["inside", "beside", "folder", "itself", "ROS 1", "ROS 2"],
-)
+@pytest.mark.parametrize(("package", "file", "options", "variable"), [
+    ("ws/shapes", "ws/shapes/urdf/arm.urdf", {}, None),  # the file is in the package
+    ("ws/shapes", "ws/arm_description/urdf/arm.urdf", {}, None),  # the package is beside the file's
+    ("else/shapes", "arm.urdf", {"package_dirs": ["else"]}, None),
+    ("else/shapes", "arm.urdf", {"package_dirs": ["else/shapes"]}, None),  # the package itself
+    ("else/shapes", "arm.urdf", {}, ("ROS_PACKAGE_PATH", "nowhere:else")),
+    ("else/share/shapes", "arm.urdf", {}, ("AMENT_PREFIX_PATH", "else")),
+], ids=["inside", "beside", "folder", "itself", "ROS 1", "ROS 2"])  # fmt: skip
 def test_a_package_is_found(package, file, options, variable, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write(tmp_path / package / "meshes/t.obj", TRIANGLES)

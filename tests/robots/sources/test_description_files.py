@@ -56,19 +56,11 @@ def tree(tmp_path):
 
 
 OUTSIDE = [
-    "file://{tree}/private/secret.obj",
-    "{tree}/private/secret.obj",
-    "../private/secret.obj",
-    "link.obj",
-    "linked/secret.obj",
-    "package://robot/../private/secret.obj",
-    "package://robot//{tree}/private/secret.obj",
-    "package://robot/linked/secret.obj",
-    "file://$(find robot)/../private/secret.obj",
-    "$(find private)/secret.obj",
-    "package://private/secret.obj",
-    "model://private/secret.obj",
-]
+    "file://{tree}/private/secret.obj", "{tree}/private/secret.obj", "../private/secret.obj", "link.obj",
+    "linked/secret.obj", "package://robot/../private/secret.obj", "package://robot//{tree}/private/secret.obj",
+    "package://robot/linked/secret.obj", "file://$(find robot)/../private/secret.obj", "$(find private)/secret.obj",
+    "package://private/secret.obj", "model://private/secret.obj",
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("tag", ["mesh", "texture"])

@@ -84,33 +84,23 @@ def test_what_is_written_out_is_the_same_machine(folder, monkeypatch):
     assert limits["k2"] > 1e9
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (BODY.format('<include file="../elsewhere.xml"/>', ""), "outside the folders of the description"),
-        (BODY.format('<include file="/etc/passwd"/>', ""), "outside the folders of the description"),
-        (BODY.format('<include file="link.xml"/>', ""), "outside the folders of the description"),
-        (BODY.format('<include file="pipe.xml"/>', ""), "no file '/"),
-        (BODY.format('<include file="robot.xml"/>', ""), "duplicate <include"),
-        (BODY.format(2 * '<include file="parts/defaults.xml"/>', ""), "duplicate <include"),
-        (
-            BODY.format('<asset><mesh file="../elsewhere.obj"/></asset>', "<frame><geom size='1'/></frame>"),
-            "outside the folders of the description",
-        ),
-        (
-            BODY.format(
-                '<compiler meshdir="/etc" strippath="true"/><asset><mesh file="parts/hosts"/></asset>',
-                "<frame><geom size='1'/></frame>",
-            ),
-            "outside the folders of the description",
-        ),
-        (BODY.format("", "<replicate count='1000000000'><geom size='1'/></replicate>"), "more than 20,000 elements"),
-        (BODY.format("", 5 * "<replicate count='100'>" + "<body/>" + 5 * "</replicate>"), "more than 20,000 elements"),
-        (BODY.format("", "<replicate count='-1'><geom size='1'/></replicate>"), "takes a whole number"),
-        (BODY.format("", "<frame><geom size='0'/></frame>"), "robot.xml: "),
-        (BODY.format("", "<frame><attach model='x'/></frame>"), "<attach> is not supported"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    (BODY.format('<include file="../elsewhere.xml"/>', ""), "outside the folders of the description"),
+    (BODY.format('<include file="/etc/passwd"/>', ""), "outside the folders of the description"),
+    (BODY.format('<include file="link.xml"/>', ""), "outside the folders of the description"),
+    (BODY.format('<include file="pipe.xml"/>', ""), "no file '/"),
+    (BODY.format('<include file="robot.xml"/>', ""), "duplicate <include"),
+    (BODY.format(2 * '<include file="parts/defaults.xml"/>', ""), "duplicate <include"),
+    (BODY.format('<asset><mesh file="../elsewhere.obj"/></asset>', "<frame><geom size='1'/></frame>"),
+        "outside the folders of the description"),
+    (BODY.format('<compiler meshdir="/etc" strippath="true"/><asset><mesh file="parts/hosts"/></asset>',
+        "<frame><geom size='1'/></frame>"), "outside the folders of the description"),
+    (BODY.format("", "<replicate count='1000000000'><geom size='1'/></replicate>"), "more than 20,000 elements"),
+    (BODY.format("", 5 * "<replicate count='100'>" + "<body/>" + 5 * "</replicate>"), "more than 20,000 elements"),
+    (BODY.format("", "<replicate count='-1'><geom size='1'/></replicate>"), "takes a whole number"),
+    (BODY.format("", "<frame><geom size='0'/></frame>"), "robot.xml: "),
+    (BODY.format("", "<frame><attach model='x'/></frame>"), "<attach> is not supported"),
+])  # fmt: skip
 def test_what_is_not_the_descriptions_own_is_not_read(text, words, folder):
     pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
     with pytest.raises(rnc.ModelError, match=words) as raised:
@@ -312,46 +302,27 @@ def test_a_coupling_is_of_what_joints_have_moved(compiler, tmp_path):
     assert (mimic.multiplier, mimic.offset) == (2.0, pytest.approx(0.2 + 0.1 - 2 * 0.3))
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        f'<default><geom material="{"x" * 100_000}"/></default><worldbody><body><joint/><geom/></body></worldbody>',
-        f'<default><geom material="{"x" * 1_000_000}"/>{100 * "<default/>"}</default><worldbody><body/></worldbody>',
-        f'<worldbody><replicate count="9999"><body childclass="{"x" * 1_000_000}"/></replicate></worldbody>',
-    ],
-    ids=["elements", "classes", "replicate"],
-)
+@pytest.mark.parametrize("text", [
+    f'<default><geom material="{"x" * 100_000}"/></default><worldbody><body><joint/><geom/></body></worldbody>',
+    f'<default><geom material="{"x" * 1_000_000}"/>{100 * "<default/>"}</default><worldbody><body/></worldbody>',
+    f'<worldbody><replicate count="9999"><body childclass="{"x" * 1_000_000}"/></replicate></worldbody>',
+], ids=["elements", "classes", "replicate"])  # fmt: skip
 def test_what_is_repeated_stands_for_no_more_than_a_file_may_be(text, tmp_path):
     with pytest.raises(rnc.ModelError, match=r"<(geom|body)>: (material|childclass) is longer than 1,000 characters"):
         rnc.Robot.from_mjcf(written(tmp_path, f"<mujoco>{text}</mujoco>"))
 
 
-@pytest.mark.parametrize(
-    ("world", "base", "words"),
-    [
-        (
-            f'<body name="a">{SWINGING}</body><body name="b">{SWINGING}</body>',
-            "free",
-            "base='free' moves one body, and in <worldbody> there are 2: a, b; take the file's own base",
-        ),
-        (
-            f'<body name="a">{SWINGING}</body>',
-            "planar",
-            "base='planar' would move body 'a', which has 1 joint of its own: take the file's own base",
-        ),
-        (f'<body name="a">{SWINGING}<body name="a">{SWINGING}</body></body>', None, "repeated name 'a' in body"),
-        (
-            '<body><joint/><geom type="capsule" size="0.1" pos="0 0 1" fromto="0 0 0 1 2 3"/></body>',
-            None,
-            "both pos and fromto",
-        ),
-        (
-            '<body><joint class="main"/><geom class="mian" size="1"/></body>',
-            None,
-            r"unknown default class name 'mian' \(element 'geom'\); did you mean 'main'",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("world", "base", "words"), [
+    (f'<body name="a">{SWINGING}</body><body name="b">{SWINGING}</body>', "free",
+        "base='free' moves one body, and in <worldbody> there are 2: a, b; take the file's own base"),
+    (f'<body name="a">{SWINGING}</body>', "planar",
+        "base='planar' would move body 'a', which has 1 joint of its own: take the file's own base"),
+    (f'<body name="a">{SWINGING}<body name="a">{SWINGING}</body></body>', None, "repeated name 'a' in body"),
+    ('<body><joint/><geom type="capsule" size="0.1" pos="0 0 1" fromto="0 0 0 1 2 3"/></body>', None,
+        "both pos and fromto"),
+    ('<body><joint class="main"/><geom class="mian" size="1"/></body>', None,
+        r"unknown default class name 'mian' \(element 'geom'\); did you mean 'main'"),
+])  # fmt: skip
 def test_what_is_no_one_machine_is_refused(world, base, words, tmp_path):
     path = written(tmp_path, f"<mujoco><worldbody>{world}</worldbody></mujoco>")
     with pytest.raises(rnc.ModelError, match=words):

@@ -234,21 +234,16 @@ def mjcf(body, head=""):
     return f'<mujoco>{head}<worldbody><body name="b">{body}</body></worldbody></mujoco>'
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (mjcf(f'{HINGE}{GEOM}<composite type="cable" count="5 1 1"/>'), "<composite> is not supported"),
-        (mjcf(f'<joint name="j" damping="-1"/>{GEOM}'), "damping of joint 'j' is negative"),
-        (mjcf(f'<joint name="j" range="2 1"/>{GEOM}'), "range of joint 'j' has a lower limit above the upper"),
-        (
-            mjcf(HINGE + 2 * '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'),
-            "unique element 'inertial' found 2 times",
-        ),
-        (mjcf(HINGE + GEOM, '<compiler settotalmass="much"/>'), "<compiler>: settotalmass takes a finite number"),
-        (mjcf(HINGE.replace('"j"', '"universe"') + GEOM), "a joint cannot be called 'universe'"),  # ended the process
-        (mjcf(f'<body pos="1\xa00 0">{HINGE}{GEOM}</body>'), "pos takes 3 finite numbers"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    (mjcf(f'{HINGE}{GEOM}<composite type="cable" count="5 1 1"/>'), "<composite> is not supported"),
+    (mjcf(f'<joint name="j" damping="-1"/>{GEOM}'), "damping of joint 'j' is negative"),
+    (mjcf(f'<joint name="j" range="2 1"/>{GEOM}'), "range of joint 'j' has a lower limit above the upper"),
+    (mjcf(HINGE + 2 * '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'),
+        "unique element 'inertial' found 2 times"),
+    (mjcf(HINGE + GEOM, '<compiler settotalmass="much"/>'), "<compiler>: settotalmass takes a finite number"),
+    (mjcf(HINGE.replace('"j"', '"universe"') + GEOM), "a joint cannot be called 'universe'"),  # ended the process
+    (mjcf(f'<body pos="1\xa00 0">{HINGE}{GEOM}</body>'), "pos takes 3 finite numbers"),
+])  # fmt: skip
 def test_mjcf_that_is_not_read_is_refused_by_name(text, words, tmp_path):
     with pytest.raises(rnc.ModelError, match=words):
         rnc.Robot.from_mjcf(write(tmp_path / "r.xml", text))

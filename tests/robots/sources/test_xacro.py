@@ -4,6 +4,7 @@
 import contextlib
 import io
 import os
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -199,6 +200,10 @@ def test_parameters_of_many_letters_are_read():
 # ---------------------------------------------------------------------- what must not happen
 
 
+# What could do more than compute.
+MORE = ("().__class__", "(lambda: 1)()", "9**9**9", "'a' * 10**9", "str.mro()", "math.update(dict(pi=3))")  # fmt: skip
+
+
 def expanded(tmp_path, inside, arguments=None):
     path = tmp_path / "r.xacro"
     path.write_text(f'<robot name="r" {XACRO}>{inside}</robot>')
@@ -222,86 +227,23 @@ def test_no_file_runs_a_program(inside, tmp_path):
     assert not mark.exists()
 
 
-@pytest.mark.parametrize(
-    "expression",
-    [
-        "().__class__",
-        "(lambda: 1)()",
-        "[c for c in ().__class__.__base__.__subclasses__()]",
-        "[k for k in [1] if k.gi_frame]",
-        "(k for k in [1])",
-        "__import__('os')",
-        "max.__self__",
-        "max.run",
-        "max._run",
-        "math._members",
-        "math.member('pi')",
-        "math.update(dict(pi=3))",
-        "python._members",
-        "'{0.real}'.format(1)",
-        "'{0.real}'.format_map(dict())",
-        "'{.real}'.format(1)",
-        "'{0[0]}'.format([1])",
-        "'{k.real}'.format(k=1)",
-        "'{0!r.real}'.format(1)",
-        "'{:{}}'.format(1, 10**9)",
-        "'{:1000000000d}'.format(1)",
-        "'{:.1000000000f}'.format(1)",
-        "'{:1001}'.format(1)",
-        "('{}' * 9000).format(*['a' * 99999] * 9000)",
-        "('{0!r:.0}' * 9000).format([1] * 9000)",
-        "('{0}' * 20000).format('a' * 90000)",
-        "'{-1}'.format(1)",
-        "'{99999999999999999999}'.format(1)",
-        "'{'.format(1)",
-        "'}'.format(1)",
-        "'{!}'.format(1)",
-        "'{:%Y}'.format(1)",
-        "f'{pi}'",
-        "str.mro()",
-        "(y := 3)",
-        "9**9**9",
-        "(10**100)**100",
-        "1 << 10**10",
-        "{k: 1 for k in [1]}",
-        "dict(**dict(a=1))",
-        "{**dict(a=1)}",
-        "[1].append(2)",
-        "dict(a=1).update(b=2)",
-        "python.vars(1)",
-        "python['vars'](1)",
-        "python.type(1)",
-        "python['type'](1)",
-        "xacro",
-        "'a' * 10**9",
-        "10**9 * 'a'",
-        "[0] * 10**9",
-        "'%1000000000d' % 1",
-        "'%*d' % (10**9, 1)",
-        "'a'.zfill(10**9)",
-        "'a'.ljust(10**9)",
-        "('a' * 99999).replace('a', 'b' * 9999)",
-        "range(10**12)",
-        "[i for i in range(9999) for j in range(9999) if False]",
-        "round(5, -10**9)",
-        "map(map, [str], [[1]])",
-        "math.factorial(10**6)",
-        "int('f' * 99999, 16)",
-        "1j",
-        "b'1'",
-        "...",
-        "(-8)**0.5",
-        "import os",
-        "",
-        "\0",
-        "(" * 3000,
-        "-" * 3999 + "1",
-        "[" * 150 + "]" * 150,
-        "+".join("1" * 1900),
-        "1" + "0" * 3999,
-        "x" * 5000,
-    ],
-)
+@pytest.mark.parametrize("expression", [
+    "().__class__", "(lambda: 1)()", "[c for c in ().__class__.__base__.__subclasses__()]",
+    "[k for k in [1] if k.gi_frame]", "(k for k in [1])", "__import__('os')", "max.__self__", "max.run", "max._run",
+    "math._members", "math.member('pi')", "math.update(dict(pi=3))", "python._members", "'{0.real}'.format(1)",
+    "'{0.real}'.format_map(dict())", "'{.real}'.format(1)", "'{0[0]}'.format([1])", "'{k.real}'.format(k=1)",
+    "'{0!r.real}'.format(1)", "'{:{}}'.format(1, 10**9)", "'{:1000000000d}'.format(1)", "'{:.1000000000f}'.format(1)",
+    "'{:1001}'.format(1)", "('{}' * 9000).format(*['a' * 99999] * 9000)", "('{0!r:.0}' * 9000).format([1] * 9000)",
+    "('{0}' * 20000).format('a' * 90000)", "'{-1}'.format(1)", "'{99999999999999999999}'.format(1)", "'{'.format(1)",
+    "'}'.format(1)", "'{!}'.format(1)", "'{:%Y}'.format(1)", "f'{pi}'", "str.mro()", "(y := 3)", "9**9**9",
+    "(10**100)**100", "1 << 10**10", "{k: 1 for k in [1]}", "dict(**dict(a=1))", "{**dict(a=1)}", "[1].append(2)",
+    "dict(a=1).update(b=2)", "python.vars(1)", "python['vars'](1)", "python.type(1)", "python['type'](1)", "xacro",
+    "'a' * 10**9", "10**9 * 'a'", "[0] * 10**9", "'%1000000000d' % 1", "'%*d' % (10**9, 1)", "'a'.zfill(10**9)",
+    "'a'.ljust(10**9)", "('a' * 99999).replace('a', 'b' * 9999)", "range(10**12)",
+    "[i for i in range(9999) for j in range(9999) if False]", "round(5, -10**9)", "map(map, [str], [[1]])",
+    "math.factorial(10**6)", "int('f' * 99999, 16)", "1j", "b'1'", "...", "(-8)**0.5", "import os", "", "\0",
+    "(" * 3000, "-" * 3999 + "1", "[" * 150 + "]" * 150, "+".join("1" * 1900), "1" + "0" * 3999, "x" * 5000,
+])  # fmt: skip
 def test_an_expression_computes_or_is_refused_at_once(expression):
     said = ""
     with ending_within(5):
@@ -310,23 +252,7 @@ def test_an_expression_computes_or_is_refused_at_once(expression):
         except rnc.ModelError as error:
             said = str(error)
     assert len(said) < 300
-
-
-@pytest.mark.parametrize(
-    "expression",
-    [
-        "().__class__",
-        "(lambda: 1)()",
-        "9**9**9",
-        "'a' * 10**9",
-        "str.mro()",
-        "math.update(dict(pi=3))",
-        "map(map, [1], [1])",
-    ],
-)
-def test_what_could_do_more_is_said_to_be_refused(expression):
-    with pytest.raises(rnc.ModelError, match=r"refuses to evaluate|math"):
-        evaluate(expression, builtins())
+    assert expression not in MORE or re.search("refuses to evaluate|math", said)
 
 
 def test_no_property_leads_to_the_document(tmp_path):

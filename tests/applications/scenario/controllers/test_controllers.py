@@ -106,24 +106,24 @@ def test_every_setting_is_tried():
 
 
 @pytest.mark.parametrize("kind", TYPES)
-@pytest.mark.parametrize("name", VALUES)
-def test_a_type_takes_its_own_settings_and_no_other(kind, name):
+def test_a_type_takes_its_own_settings_and_no_other(kind):
     # What some mean nothing without.
     beside = {"inertia_bound": {"preset": "normalised"}, "alpha": {"unknown": VALUES["unknown"]}}
-    needed = {key: value for key, value in beside.get(name, {}).items() if key in TYPES[kind].model_fields}
-    value = {"effort": None} if (kind, name) == ("set_point", "limits") else VALUES[name]  # those of the robot's file
-    raw = scenario({"type": kind, **NEEDED[kind], **needed, name: value})
-    own = name in TYPES[kind].model_fields
-    assert validator().is_valid(raw) == own
-    if own:
-        assert getattr(validate(raw, "mine").controller, name) is not None
-        return
-    with pytest.raises(rnc.ConfigurationError) as caught:
-        validate(raw, "mine")
-    message = str(caught.value)
-    assert message.startswith(f"mine: controller.{name}: does not belong to type '{kind}' (but to ")
-    assert "did you mean" in message or "expected one of" in message
-    assert "\n" not in message
+    of_a_file = {("set_point", "limits"): {"effort": None}}  # those of the robot's file
+    for name, usual in VALUES.items():
+        needed = {key: value for key, value in beside.get(name, {}).items() if key in TYPES[kind].model_fields}
+        raw = scenario({"type": kind, **NEEDED[kind], **needed, name: of_a_file.get((kind, name), usual)})
+        own = name in TYPES[kind].model_fields
+        assert validator().is_valid(raw) == own, name
+        if own:
+            assert getattr(validate(raw, "mine").controller, name) is not None
+            continue
+        with pytest.raises(rnc.ConfigurationError) as caught:
+            validate(raw, "mine")
+        message = str(caught.value)
+        assert message.startswith(f"mine: controller.{name}: does not belong to type '{kind}' (but to ")
+        assert "did you mean" in message or "expected one of" in message
+        assert "\n" not in message
 
 
 def test_null_takes_a_setting_away_so_that_a_comparison_may_change_the_type():
@@ -135,24 +135,19 @@ def test_null_takes_a_setting_away_so_that_a_comparison_may_change_the_type():
     assert isinstance(settings, TYPES["reducing_outputs"])
 
 
-@pytest.mark.parametrize(
-    ("controller", "words"),
-    [
-        ({"type": "jacobian_transpose"}, "controller.active: is missing; expected actuators that are on"),
-        ({"type": "two_phase"}, "controller.platform: is missing; expected goal pose and start time"),
-        ({"type": "uncertain_redundancy"}, "controller.unknown: is missing; expected masses, or radii and tracks"),
-        ({"type": "steering", "k3": "x"}, "controller.k3: expected a valid number"),
-        ({"type": "two_phase", "preset": "paper", **NEEDED["two_phase"], "adaptation": 2}, "belongs to the preset"),
-        ({"type": "redundancy", "inertia_bound": 9}, "controller.inertia_bound: belongs to the preset 'normalised'"),
-        ({"type": "redundancy", "preset": "normalised"}, "controller.inertia_bound: is missing; the preset 'normal"),
-        (
-            {"type": "redundancy", "preset": "normalised", "inertia_bound": [9, 0, 9]},
-            "inertia_bound: expected positive numbers, found",
-        ),
-        ({"type": ["steering"]}, r"controller.type: expected 'redundancy', .* or 'none', found \['steering'\]"),
-        ("steering", "controller: expected a mapping, found 'steering'"),
-    ],
-)
+@pytest.mark.parametrize(("controller", "words"), [
+    ({"type": "jacobian_transpose"}, "controller.active: is missing; expected actuators that are on"),
+    ({"type": "two_phase"}, "controller.platform: is missing; expected goal pose and start time"),
+    ({"type": "uncertain_redundancy"}, "controller.unknown: is missing; expected masses, or radii and tracks"),
+    ({"type": "steering", "k3": "x"}, "controller.k3: expected a valid number"),
+    ({"type": "two_phase", "preset": "paper", **NEEDED["two_phase"], "adaptation": 2}, "belongs to the preset"),
+    ({"type": "redundancy", "inertia_bound": 9}, "controller.inertia_bound: belongs to the preset 'normalised'"),
+    ({"type": "redundancy", "preset": "normalised"}, "controller.inertia_bound: is missing; the preset 'normal"),
+    ({"type": "redundancy", "preset": "normalised", "inertia_bound": [9, 0, 9]},
+        "inertia_bound: expected positive numbers, found"),
+    ({"type": ["steering"]}, r"controller.type: expected 'redundancy', .* or 'none', found \['steering'\]"),
+    ("steering", "controller: expected a mapping, found 'steering'"),
+])  # fmt: skip
 def test_what_is_wrong_is_told_without_words_of_the_union(controller, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         validate(scenario(controller), "mine")

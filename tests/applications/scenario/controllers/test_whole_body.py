@@ -98,14 +98,14 @@ def test_the_default_tracker_reaches_with_a_published_arm_at_100_hz(name, by, tm
     lock = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02} if name == "panda" else {}
     joints = rnc.Robot.from_example(name, lock=lock).joint_names
     position = {"frame_position": {"frame": hand, "axes": "xyz"}}
-    goal = {"output": position, "reference": {"minimum_jerk": {"by": by, "duration": 2.5}}, "weight": 100}
+    goal = {"output": position, "reference": {"minimum_jerk": {"by": by, "duration": 1.5}}, "weight": 100}
     raw = {
         "robot": {"example": name, "lock": lock},
         "actuators": list(joints),
         "outputs": {"reducing": [{"joint": each} for each in joints], "vertical": [position]},
         "initial": {"q": start},
         "controller": {"type": "qp", "tasks": [{"output": goal}, {"damping": {"weight": 0.1}}]},
-        "simulation": {"duration": 3.2, "dt": 0.01},
+        "simulation": {"duration": 2.2, "dt": 0.01},
     }
     ends = {}
     for kind in ("qp", "inverse_dynamics"):
@@ -303,7 +303,6 @@ def test_a_run_that_reaches_its_goal_is_not_said_to_miss_it(tmp_path):
     assert abs(run.trajectory.q[-1][0] - 2.0) < 1e-4
     sure = Scenario.load(three_posts(tmp_path, preflight="refuse")).build()
     assert sure.experiment.warnings == ()
-    np.testing.assert_array_equal(execute(sure).trajectory.q, run.trajectory.q)
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=["qp", "inverse_dynamics"])

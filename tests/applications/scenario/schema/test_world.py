@@ -67,21 +67,16 @@ def test_every_shape_is_built(tmp_path):
     assert found[4].placement(1.25).translation[0] == pytest.approx(6.0)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("  - box: {size: [1, 2, 3], name: a}\n  - sphere: {radius: 1, name: a}", "two are named 'a'"),
-        ("  - box: {size: [1, 2]}", "size"),
-        ("  - sphere: {radius: -1}", "radius"),
-        ("  - mesh: {file: none.stl}", "none.stl"),
-        ("  - cone: {radius: 1}", "cone"),
-        ("  - ground: {ignored_links: [panda_link_0]}", "ignored_links: no link 'panda_link_0'.*'panda_link0'"),
-        (
-            "  - sphere: {radius: 1, motion: {minimum_jerk: {by: [1, 2, 0], duration: 1}}}",
-            r"3 values for 4 outputs \(x, y, z, yaw\); add a value of yaw",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    ("  - box: {size: [1, 2, 3], name: a}\n  - sphere: {radius: 1, name: a}", "two are named 'a'"),
+    ("  - box: {size: [1, 2]}", "size"),
+    ("  - sphere: {radius: -1}", "radius"),
+    ("  - mesh: {file: none.stl}", "none.stl"),
+    ("  - cone: {radius: 1}", "cone"),
+    ("  - ground: {ignored_links: [panda_link_0]}", "ignored_links: no link 'panda_link_0'.*'panda_link0'"),
+    ("  - sphere: {radius: 1, motion: {minimum_jerk: {by: [1, 2, 0], duration: 1}}}",
+        r"3 values for 4 outputs \(x, y, z, yaw\); add a value of yaw"),
+])  # fmt: skip
 def test_unusable_obstacles_are_refused(tmp_path, text, words):
     with pytest.raises(rnc.RncError, match=words):
         prepared(tmp_path, text)

@@ -1,0 +1,190 @@
+"""Changes of what a robot is, from the start or from a time on, and the plant that switches."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.model.parameter_types import NotNegative, Positive
+from rnc_pin.model.rows import ConstantRows, ConstraintKind, Phrases, Rows
+from rnc_pin.plants.plant import OF_CONTACTS, OF_INTEGRATION, Plant, continue_plant, energy_minus_work
+from rnc_pin.plants.reduced import ReducedPlant
+from rnc_pin.robots.robot import Robot
+
+
+@dataclass(frozen=True)
+class MassErrors:
+    """Relative errors of the inertias of all bodies.
+
+    Attributes:
+        largest: largest relative error, as a fraction.
+        seed: seed of the errors.
+    """
+
+    largest: float
+    seed: int
+
+    def change(self, robot: Robot) -> list[ConstraintKind]:
+        """Multiply the inertias of a robot, which has no other users."""
+        generator = np.random.default_rng([self.seed, 1])
+        for joint, inertia in enumerate(robot.model.inertias):
+            factor = 1.0 + self.largest * generator.uniform(-1.0, 1.0)
+            robot.model.inertias[joint] = pin.Inertia(factor * inertia.mass, inertia.lever, factor * inertia.inertia)
+        return []
+
+
+class TimedChange(ABC):
+    """Family of the changes that happen at a time during the run."""
+
+    time: NotNegative
+
+    @abstractmethod
+    def change(self, robot: Robot) -> list[ConstraintKind]:
+        """Change a robot, which has no other users, and return further constraints.
+
+        Raises:
+            ModelError: a frame or joint is unknown.
+        """
+
+
+@dataclass(frozen=True)
+class Payload(TimedChange):
+    """Point mass that the robot picks up."""
+
+    frame: str
+    """Frame that carries the mass at its origin."""
+    mass: Positive
+    """Mass [kg]."""
+    time: NotNegative = 0.0
+    """Time of the pick-up [s]."""
+
+    def change(self, robot: Robot) -> list[ConstraintKind]:
+        place = robot.model.frames[robot.frame_id(self.frame)]
+        robot.model.inertias[place.parentJoint] += pin.Inertia(self.mass, place.placement.translation, np.zeros((3, 3)))
+        return []
+
+
+@dataclass(frozen=True)
+class StuckJoint(TimedChange):
+    """Joint that locks during the run."""
+
+    joint: str
+    """Name of the joint."""
+    time: NotNegative = 0.0
+    """Time at which the joint locks [s]."""
+
+    def change(self, robot: Robot) -> list[ConstraintKind]:
+        return [_Locked(self.joint)]
+
+
+@dataclass(frozen=True)
+class _Locked:
+    """Rows that hold a joint where it is."""
+
+    joint: str
+
+    def bind(self, robot: Robot) -> Rows:
+        return _LockedRows(robot, self.joint)
+
+
+class _LockedRows(ConstantRows):
+    def __init__(self, robot: Robot, joint: str) -> None:
+        entries = robot.velocity_indices(joint)
+        self.matrix, self._joint = np.eye(robot.nv)[entries], joint
+        self.names = tuple(f"stuck({robot.velocity_names[entry]})" for entry in np.arange(robot.nv)[entries])
+        self.units = tuple(robot.velocity_units[entry] for entry in np.arange(robot.nv)[entries])
+
+    def phrases(self) -> Phrases:
+        return Phrases(prevents="motion of", where=f"'{self._joint}'")
+
+
+class ChangingPlant:
+    """Plant that switches from one plant to another at a given time, at the same state.
+
+    Args:
+        before, after: plants with the same configurations and actuators. Velocity that violates the constraints of
+            ``after`` vanishes at the switch, as in an inelastic impact.
+        time: time of the switch [s].
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> sliding = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> locked = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh"), rnc.NoSideSlip("sleigh", axis="x")])
+        >>> plants = [rnc.ReducedPlant(each) for each in (sliding, locked.reduce())]
+        >>> plant = rnc.plants.ChangingPlant(*plants, time=0.1)
+        >>> plant.reset(robot.configuration(), np.array([1.0, 0.0, 0.0]))
+        >>> plant.advance(0.1), plant.advance(0.1)
+        (None, None)
+        >>> plant.read()[0][0].round(3)  # a metre a second, for a tenth of a second
+        np.float64(0.1)
+    """
+
+    def __init__(self, before: Plant, after: Plant, time: float) -> None:
+        self._before, self._after, self._switch_time = before, after, time
+        self._current, self._time, self._switch_energy = before, 0.0, 0.0
+        self._T: np.ndarray | None = None
+
+    def twin(self) -> ChangingPlant:
+        """Return another plant with the same change, on twins of two ``ReducedPlant``."""
+        assert isinstance(self._before, ReducedPlant | ChangingPlant)
+        assert isinstance(self._after, ReducedPlant)
+        return ChangingPlant(self._before.twin(), self._after.twin(), self._switch_time)
+
+    @property
+    def has_twin(self) -> bool:
+        """True if ``twin`` is possible."""
+        first = self._before
+        return isinstance(self._after, ReducedPlant) and (
+            first.has_twin if isinstance(first, ChangingPlant) else isinstance(first, ReducedPlant)
+        )
+
+    def reset(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Restart with the first plant."""
+        self._current, self._time, self._T, self._switch_energy = self._before, 0.0, None, 0.0
+        self._current.reset(q, v)
+        self._switch_if_due()
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return configuration (nq,) and velocity (nv,)."""
+        return self._current.read()
+
+    def apply(self, T: np.ndarray) -> None:
+        """Apply inputs (p,) until the next call."""
+        self._T = T
+        self._current.apply(T)
+
+    def advance(self, dt: float) -> None:
+        """Advance the time by dt [s]. The switch happens at the end of the step that reaches its time."""
+        self._current.advance(dt)
+        self._time += dt
+        self._switch_if_due()
+
+    def __getattr__(self, name: str) -> object:
+        """Forward optional attributes to the current plant."""
+        forwarded = "applied", "reduced", "external", "takes_velocities", "effort"
+        if name in (*forwarded, *OF_CONTACTS, *OF_INTEGRATION):
+            return getattr(self._current, name)
+        raise AttributeError(name)
+
+    @property
+    def work(self) -> float:
+        """Work done so far [J], including the switch: a payload adds energy, an impact removes some."""
+        return float(self._current.work) + self._switch_energy  # type: ignore[attr-defined]
+
+    def set_actuator_friction(self, limit: float) -> None:
+        """Set the Coulomb friction of every actuator in both plants [N or N m]."""
+        for plant in (self._before, self._after):
+            plant.set_actuator_friction(limit)  # type: ignore[attr-defined]
+
+    def _switch_if_due(self) -> None:
+        if self._current is self._before and self._time >= self._switch_time - 1e-9:
+            q, v = self._current.read()
+            balance = energy_minus_work(self._current)
+            self._current = self._after
+            continue_plant(self._before, self._after, q, v)
+            if self._T is not None:
+                self._current.apply(self._T)
+            self._switch_energy += energy_minus_work(self._current) - balance
