@@ -165,7 +165,10 @@ class PlanSearch:
                     effort.progress(self._tried, self._solved)
             if not pool:
                 raise self._refusal()
-            best = pool.pop(min(range(len(pool)), key=lambda k: pool[k].solution.cost))
+            # Of solutions that cost the same, the first is taken: rounding does not decide.
+            costs = [each.solution.cost for each in pool]
+            most = min(costs) + self._settings.cost_tolerance * abs(min(costs))
+            best = pool.pop(next(k for k, cost in enumerate(costs) if cost <= most))
             needed += 1
             if any(self._same(best.solution.iterate, each) for each in self._vain):
                 continue

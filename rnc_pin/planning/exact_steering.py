@@ -30,7 +30,6 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.shortest_paths import Word, dubins_words, reeds_shepp_words
 from rnc_pin.robots.joint_values import NO_LIMIT
 
-_ROOM = 0.02  # of the range of the steering joint, on both sides: feedback along a way needs it
 _STEEPEST = np.deg2rad(80.0)  # largest steering angle of a joint without limits
 _GRID = 161  # steering angles at which the curvature is evaluated
 _SHORT = 1e-12  # displacement [m or rad] that is left out
@@ -204,6 +203,7 @@ class CarSteering(_AxleSteering):
         reverse: as for ``_AxleSteering``.
         joint: index of the velocity of the steering joint.
         q0: configuration (nq,) at which the curvature is evaluated; only the steering joint matters.
+        room: part of the range of the steering joint that stays free at each end.
 
     Raises:
         InfeasibleError: the car cannot drive straight, or not turn to both sides.
@@ -219,6 +219,7 @@ class CarSteering(_AxleSteering):
         reverse: bool,
         joint: int,
         q0: Float[Array, " nq"],
+        room: float = 0.0,
     ) -> None:
         super().__init__(reduced, planned, row, reverse)
         model = reduced.robot.model
@@ -226,8 +227,8 @@ class CarSteering(_AxleSteering):
         self._entry = next(int(each.idx_q) for each in list(model.joints)[1:] if each.idx_v == joint)
         low, high = model.lowerPositionLimit[self._entry], model.upperPositionLimit[self._entry]
         unlimited = not low < high or max(-low, high) > NO_LIMIT
-        room = _ROOM * (high - low)
-        angles = np.linspace(*((-_STEEPEST, _STEEPEST) if unlimited else (low + room, high - room)), _GRID)
+        free = room * (high - low)
+        angles = np.linspace(*((-_STEEPEST, _STEEPEST) if unlimited else (low + free, high - free)), _GRID)
         curvatures = self._curvatures(angles)
         middle = int(np.nanargmin(np.abs(curvatures)))
         first, last = _monotonic(curvatures, middle)

@@ -18,7 +18,9 @@ _SAMPLES = 6  # random configurations at which the rows are compared
 _EXACT = 1e-9  # largest difference of unit vectors that counts as rounding
 
 
-def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], seed: int = 0, *, reverse: bool = True) -> Steering:
+def find_steering(
+    reduced: ReducedModel, q0: Float[Array, " nq"], seed: int = 0, *, reverse: bool = True, room: float = 0.0
+) -> Steering:
     """Find the exact steering that the constraint rows of a reduced system allow.
 
     Random configurations decide, so that a property that holds there holds everywhere.
@@ -29,6 +31,7 @@ def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], seed: int = 0,
         seed: seed of the random configurations.
         reverse: False if a car or a differential drive does not drive backwards. Forwards is the direction of the
             base's x axis, or of its y axis if it cannot drive along x.
+        room: part of the range of a car's steering joint that stays free at each end, e.g. for feedback.
 
     Raises:
         ConfigurationError: no exact steering is known: trailers, momentum rows, or closed loops. Or a base that moves
@@ -69,7 +72,7 @@ def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], seed: int = 0,
     steering = samples.steering_joints(slice(first, first + 3), planned)
     if count != 2 or sizes[2] > _EXACT * sizes[0] or len(steering) != 1:
         _refuse(reduced, "the motion of the base is not that of a car with one steering joint")
-    return CarSteering(reduced, planned, _axle(reduced, axes[2]), reverse, steering[0], q0)
+    return CarSteering(reduced, planned, _axle(reduced, axes[2]), reverse, steering[0], q0, room)
 
 
 def _axle(reduced: ReducedModel, row: Array) -> Array:

@@ -33,6 +33,7 @@ from rnc_pin.planning.way_timing import TimedWay, WayTiming
 
 _FIRST = 400  # motions of the first search, in which joints stay within the range of start and goals
 _ATTEMPT = 4000  # motions of each further search, before it starts again with other random numbers
+_ROOM = 0.02  # of the range of a steering joint, at each end: feedback along a way needs it
 _POSED = 4  # crossings that ways lead around
 _BASES = ("JointModelPlanar", "JointModelFreeFlyer")
 
@@ -360,7 +361,7 @@ class WayFinder:
 def _steering(reduced: ReducedModel, start: Array, settings: WaySettings) -> Steering | None:
     """Exact steering; None if none is known, so that motions have to be propagated."""
     try:
-        steering = find_steering(reduced, start, reverse=settings.reverse)
+        steering = find_steering(reduced, start, reverse=settings.reverse, room=_ROOM)
     except ConfigurationError:
         if not settings.reverse:
             raise
