@@ -182,11 +182,10 @@ class PlanSearch:
 
     def _unimproved(self) -> list[Candidate]:
         """The given guess itself, if it keeps all rows and was not taken before: no solution is better than it."""
-        at, problem, self._given = self._given, self._problem, None
-        if at is None:
+        given, problem, self._given = self._given, self._problem, None
+        if given is None:
             return []
-        start = problem.start
-        at = at._replace(q=np.concatenate([start.q, at.q[1:]]), w=np.concatenate([start.w, at.w[1:]]))
+        at = problem.from_start(given)
         try:
             values = problem.values(at)
         except RncError:

@@ -130,8 +130,7 @@ class SequentialQuadratic:
     def solve(self, guess: Iterate) -> Solution:
         """Improve a guess until it converges. Its first node becomes the start of the problem, which no step moves."""
         s, calm, count, done, before = self.settings, 0, 0, False, np.inf
-        start = self.problem.start
-        at = guess._replace(q=np.concatenate([start.q, guess.q[1:]]), w=np.concatenate([start.w, guess.w[1:]]))
+        at = self.problem.from_start(guess)
         self.restart()
         linear, values = self.problem.linearize(at)
         self._ahead = at, linear, values

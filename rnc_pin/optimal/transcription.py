@@ -128,6 +128,11 @@ class Transcription:
 
     # ------------------------------------------------------------------ values
 
+    def from_start(self, guess: Iterate) -> Iterate:
+        """Return a motion with the start of the problem as its first node."""
+        q, w = self.start
+        return guess._replace(q=np.concatenate([q, guess.q[1:]]), w=np.concatenate([w, guess.w[1:]]))
+
     def values(self, at: Iterate) -> Values:
         """Cost, gaps and bounded rows."""
         nodes, end = self._data(at)
