@@ -268,11 +268,14 @@ def plan_motion(
             effort = SearchEffort(wanted, np.inf, alone=not seeds and wanted == 1, jobs=jobs, progress=progress)
         return PlanSearch(problem, settings, _gains(reduced, feedback), effort).run(starts)
 
+    if isinstance(guess, Way) and not guess.v.any():
+        guess = guess.q[[0, -1]]  # a way that stays has no pieces
     if isinstance(guess, Way):
+        longest = _duration(duration)[1]
         if wanted == 1:
             with suppress(InfeasibleError):
                 return solved(guess.at(np.linspace(0.0, guess.duration, _POINTS)), settings, 0)
-        settings = replace(settings, nodes=intervals_along(guess, settings.nodes, float(np.max(duration))))
+        settings = replace(settings, nodes=intervals_along(guess, settings.nodes, longest))
     made = solved(guess, settings, seeds)
     if made.info.solutions < wanted:
         found, tried = made.info.solutions, made.info.guesses
