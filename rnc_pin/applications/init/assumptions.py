@@ -120,7 +120,7 @@ def place_and_heading(frame: str) -> list[dict[str, Json]]:
 
 def rolls(wheel: Wheel, **more: Json) -> dict[str, Json]:
     """Constraint entry of a rolling wheel."""
-    return {"rolling_wheel": {"frame": wheel.frame, "radius": round(wheel.radius, 6), **more}}
+    return {"rolling_wheel": {"frame": wheel.frame, "radius": float(f"{wheel.radius:.5g}"), **more}}
 
 
 def measured(wheel: Wheel) -> str:

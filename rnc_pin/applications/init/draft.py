@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from rnc_pin.applications.init.assumptions import BaseAssumptions
-from rnc_pin.applications.init.evidence import DraftDecision
+from rnc_pin.applications.init.evidence import LIKELY, DraftDecision
 from rnc_pin.applications.init.omnidirectional_base import (
     force_driven_base,
     is_swerve,
@@ -33,14 +35,13 @@ from rnc_pin.applications.init.other_bases import (
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.scenario_candidate import ScenarioCandidate
 from rnc_pin.applications.init.snake_and_ball import find_shell, find_snake, snake_base, spherical_base
-from rnc_pin.applications.init.source import DraftOptions, Source
+from rnc_pin.applications.init.source import DraftOptions, Source, with_choices
 from rnc_pin.applications.init.start_values import edge_remarks, mimic_doubts, start_values
 from rnc_pin.applications.init.trial import Trial
 from rnc_pin.applications.init.wheel_detection import find_raised_wheels, find_wheels, stand_below_body
 from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels, find_drawn_axles
 from rnc_pin.applications.init.wheeled_base import knife_edge_base, wheeled_base
 from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
-from rnc_pin.verdict import Severity
 
 _BaseBuilder = Callable[[], BaseAssumptions]
 
@@ -88,16 +89,47 @@ def draft(source: str, folder: Path, wishes: DraftOptions | None = None) -> str:
 
 
 def draft_with_decisions(source: str, folder: Path, wishes: DraftOptions | None = None) -> DraftedScenario:
-    """Return a scenario as ``draft`` does, with the decisions behind it."""
+    """Return a scenario as ``draft`` does, with the decisions behind it.
+
+    If its trial run leaves doubts and a decision is open, another answer that leaves none is taken.
+    """
+    choices = wishes or DraftOptions()
+    first = _heard(source, folder, choices)
+    for decision in first.scenario.questions if first.trial.doubts else ():
+        for other in decision.alternatives:
+            with suppress(RncError):
+                found = _heard(source, folder, with_choices(choices, other.options))
+                if not found.trial.doubts:
+                    evidence = f"with the answer '{decision.answer}', its run has {first.trial.doubts[0]}"
+                    decided = DraftDecision(decision.question, other.answer, LIKELY, evidence)
+                    scenario = replace(found.scenario, decisions=(*found.scenario.decisions, decided))
+                    return _said(found._replace(scenario=scenario))
+    return _said(first)
+
+
+class _Draft(NamedTuple):
+    """A draft, its trial run, and the warnings on the way."""
+
+    scenario: DraftedScenario
+    trial: Trial
+    warnings: tuple[str, ...]
+
+
+def _heard(source: str, folder: Path, choices: DraftOptions) -> _Draft:
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        result = _drafted(Source(source, folder, wishes or DraftOptions()), folder)
-    for message in dict.fromkeys(str(each.message) for each in said if issubclass(each.category, ModelWarning)):
-        warnings.warn(message, ModelWarning, stacklevel=3)
-    return result
+        scenario, trial = _drafted(Source(source, folder, choices), folder)
+    messages = (str(each.message) for each in said if issubclass(each.category, ModelWarning))
+    return _Draft(scenario, trial, tuple(dict.fromkeys(messages)))
 
 
-def _drafted(source: Source, folder: Path) -> DraftedScenario:
+def _said(found: _Draft) -> DraftedScenario:
+    for message in found.warnings:
+        warnings.warn(message, ModelWarning, stacklevel=4)
+    return found.scenario
+
+
+def _drafted(source: Source, folder: Path) -> tuple[DraftedScenario, Trial]:
     robot, is_rigid = source.load_for_detection()
     source.remember_packages(robot)
     start, drives = start_values(robot), source.drive_evidence(robot)
@@ -134,11 +166,10 @@ def _drafted(source: Source, folder: Path) -> DraftedScenario:
         trial, result, heard = best
         for each in heard:
             warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
-        doubts = [str(each) for each in trial.findings if each.severity is not Severity.NOTE]
-        if doubts:
-            said = f"'{robot.name or source.name}' is drafted, but {'; '.join(doubts)}"
+        if trial.doubts:
+            said = f"'{robot.name or source.name}' is drafted, but {'; '.join(trial.doubts)}"
             warnings.warn(f"{said}: CHECK actuators and gains", ModelWarning, stacklevel=2)
-        return result
+        return result, trial
     if source.options.base and isinstance(first, ModelError):
         raise first  # the file cannot have the base that the user asked for
     hint = "lock joints with --lock JOINT, or choose the base with --base"

@@ -63,6 +63,11 @@ class Trial:
         return Verdict.of(self.findings)
 
     @property
+    def doubts(self) -> tuple[str, ...]:
+        """Findings for which ``rnc-pin run`` would fail or complain."""
+        return tuple(str(each) for each in self.findings if each.severity is not Severity.NOTE)
+
+    @property
     def rank(self) -> tuple[bool, float]:
         """Rank among candidates, the smallest first: those that succeed, then those with small errors."""
         return not self.verdict.succeeded, self.relative_error

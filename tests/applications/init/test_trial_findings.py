@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.applications.init import DraftOptions, draft
+from rnc_pin.applications.init import DraftOptions, draft, draft_with_decisions
 from rnc_pin.applications.init.assumptions import BaseAssumptions
 from rnc_pin.applications.init.trial import Trial, model_findings, run_findings
 from rnc_pin.applications.scenario.execution import execute
@@ -12,7 +12,7 @@ from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ModelWarning
 from rnc_pin.verdict import FindingKind, Severity
-from urdf_parts import link, pivot, robot, wheel
+from urdf_parts import BOX, joint, link, pivot, robot, wheel
 
 
 def car(toe=0.0, rear=100.0, steering=10.0, rear_right=None):
@@ -199,3 +199,17 @@ def test_a_file_with_effort_0_for_all_joints_states_none(tmp_path, brief):
     assert content["actuators"] == ["rear_left_joint", "rear_right_joint", "steer_left_joint"]
     assert "the file states no effort: 0 for every joint" in text.replace("\n# ", " ")
     assert "nothing drives" not in text
+
+
+def test_of_two_open_answers_the_one_whose_run_keeps_the_limits_is_taken(tmp_path):
+    """The axle in front is pushed: a free joint folds beyond its limit, a driven one steers."""
+    parts = [link("rear", 20.0, BOX), wheel("rl", "rear", (-0.3, 0.3, 0)), wheel("rr", "rear", (-0.3, -0.3, 0))]
+    parts += [link("front", 20.0, BOX, at="0.4 0 0")]
+    parts += [joint("waist", "rear", "front", (0.1, 0, 0), "0 0 1", "revolute", 200.0, (-0.6, 0.6))]
+    parts += [wheel("fl", "front", (0.5, 0.3, 0)), wheel("fr", "front", (0.5, -0.3, 0))]
+    (tmp_path / "unit.urdf").write_text(robot(*parts))
+    found = draft_with_decisions(str(tmp_path / "unit.urdf"), tmp_path)
+    assert "# base planar: 4 wheels, steered like a car\n" in found.text
+    taken = next(each for each in found.decisions if each.question == "Is waist a free hitch?")
+    assert (taken.answer, taken.is_open) == ("no, it is driven and steers", False)
+    assert taken.evidence.startswith("with the answer 'yes', its run has position of waist")
