@@ -47,7 +47,7 @@ def lazy_exports(package: str) -> tuple[Callable[[str], object], Callable[[], li
 
     def get(name: str) -> object:
         if name not in exports:
-            raise AttributeError(f"module '{package}' has no attribute '{name}'")
+            raise AttributeError(f"module '{package}' has no attribute '{name}'", name=name, obj=module)
         origin, attribute = exports[name]
         if origin == package:  # from . import subpackage
             return import_module(f"{package}.{attribute}")

@@ -302,6 +302,13 @@ class GoalRows(NodeBound):
         """Configuration (nq,) of the goal; None if it consists of outputs."""
         return self._q
 
+    def values_of(self, bound: NodeBound) -> dict[str, float]:
+        """Values that the goal states for rows of an output bound, by name."""
+        if self._q is None:
+            return self.positions
+        nodes = NodeData(self._model, Nodes(self._q[None], np.zeros((1, self._model.nw))), None, np.zeros(1))
+        return dict(zip(bound.names, bound.rows(nodes, False).value[0].tolist(), strict=True))
+
     def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
         model = nodes.model
         parts = [outputs.error_rows(target, nodes, derivatives) for outputs, target in self._outputs]

@@ -10,6 +10,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.control.whole_body.limits.joint_limits import limited_positions, limited_velocities
+from rnc_pin.errors import ConfigurationError
 from rnc_pin.optimal.action_models import ActionModel
 from rnc_pin.optimal.bounds import InputBound, NodeBound
 from rnc_pin.optimal.node_data import NodeData, RowValues, velocity_rows
@@ -27,15 +28,25 @@ class FileLimits:
         position: keep the position limits of joints; continuous joints and bases have none.
         velocity: keep the velocity limits of joints.
         effort: keep the effort limits of actuators; a force on a frame has its ``limit``.
+        reserve: share of the range of positions and velocities that a plan keeps free at its nodes. Feedback needs it
+            in the run. It ends where the start or the goal of the plan is.
+
+    Raises:
+        ConfigurationError: the reserve is not from 0 to below 0.5.
 
     Example:
         >>> rnc.optimal.FileLimits(effort=False)  # argument of rnc.optimal.plan
-        FileLimits(position=True, velocity=True, effort=False)
+        FileLimits(position=True, velocity=True, effort=False, reserve=0.005)
     """
 
     position: bool = True
     velocity: bool = True
     effort: bool = True
+    reserve: float = 0.005
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.reserve < 0.5:
+            raise ConfigurationError(f"reserve: expected a share from 0 to below 0.5, found {self.reserve!r}")
 
     def bind(self, model: ActionModel, stated: Sequence[NodeBound]) -> list[NodeBound]:
         """Return the bounds of an action model, without the rows for which other bounds are stated."""

@@ -182,7 +182,7 @@ class PlanSearch:
 
     def _unimproved(self) -> list[Candidate]:
         """The given guess itself, if it keeps all rows and was not taken before: no solution is better than it."""
-        given, problem, self._given = self._given, self._problem, None
+        given, problem, self._given = self._given, self._problem.with_reserve(0.0), None
         if given is None:
             return []
         at = problem.from_start(given)

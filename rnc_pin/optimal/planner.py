@@ -66,7 +66,9 @@ def build_problem(
     stated = [bound.bind(model) for bound in bounds]
     of_file = [] if limits is None else limits.bind(model, stated)
     if goal is not None:
-        _check_goal(model, goal, stated, of_file)
+        for bound in (*stated, *of_file):
+            if bound.quantity == "output":  # refuse a goal beyond a limit at once: no motion ends there
+                _compare("goal", bound, goal.values_of(bound))
     return Transcription(model, start, nodes, [cost.bind(model) for cost in costs], [*stated, *of_file], goal, times)
 
 
@@ -127,18 +129,6 @@ def _check_free(costs: Sequence[CostKind], bounds: Sequence[BoundKind]) -> None:
     for bound in bounds:
         if isinstance(bound, DistanceBound) and any(each.motion for each in bound.distances.obstacles):
             raise ConfigurationError("free duration: an obstacle moves over time; give one duration")
-
-
-def _check_goal(model: ActionModel, goal: GoalRows, stated: Sequence[NodeBound], of_file: Sequence[NodeBound]) -> None:
-    """Refuse a goal beyond a limit at once: no motion ends there."""
-    for bound in (*stated, *of_file):
-        if bound.quantity != "output":
-            continue
-        values = goal.positions
-        if goal.configuration is not None:
-            nodes = NodeData(model, Nodes(goal.configuration[None], np.zeros((1, model.nw))), None, np.zeros(1))
-            values = dict(zip(bound.names, bound.rows(nodes, False).value[0].tolist(), strict=True))
-        _compare("goal", bound, values)
 
 
 def _compare(what: str, bound: NodeBound, values: dict[str, float], room: float = 0.0) -> None:
@@ -258,6 +248,8 @@ def plan_motion(
         problem = build_problem(model, start, end, duration, costs, bounds, settings.nodes, limits)
         problem.time_weight = time_weight
         check_start(problem, settings.accuracy)
+        if limits is not None:
+            problem = problem.with_reserve(limits.reserve)
         _warn_of_differences(problem)
         starts = guesses(problem, goal, guess, seeds + wanted - 1, seed)
         if solutions is None and seeds and guess is None:

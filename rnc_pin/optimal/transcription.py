@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.optimal.action_models import ActionModel, Nodes, StepDerivatives
-from rnc_pin.optimal.bounds import DISTANCE, NodeBound
+from rnc_pin.optimal.bounds import DISTANCE, GoalRows, NodeBound
 from rnc_pin.optimal.costs import BoundCost
 from rnc_pin.optimal.linear_quadratic import LinearQuadratic, RiccatiFactors
 from rnc_pin.optimal.node_data import NodeData
@@ -64,6 +64,7 @@ class Transcription:
         goal: rows that hold at the end; None without a hard goal.
         duration: (shortest, longest) [s]; free if these differ.
         time_weight: cost of the duration [1/s].
+        reserve: share of the range of positions and velocities in the robot's file that the motion keeps free.
 
     Attributes:
         margins: additions to the lower limits of distances at every node (K + 1,) [m].
@@ -79,8 +80,9 @@ class Transcription:
         goal: NodeBound | None,
         duration: tuple[float, float],
         time_weight: float = 0.0,
+        reserve: float = 0.0,
     ) -> None:
-        self.margins = np.zeros(K + 1)
+        self.margins, self.reserve = np.zeros(K + 1), reserve
         self.model, self.start, self.K = model, start, K
         self.costs = list(costs)
         self.running = [each for each in costs if each.running]
@@ -99,6 +101,8 @@ class Transcription:
         for each, rows in self.blocks:
             nodes = slice(0, K) if each is goal else slice(0, 1) if each.of_state else slice(K, K + 1)
             self.lower[nodes, rows], self.upper[nodes, rows] = -np.inf, np.inf
+        if reserve:
+            self._keep_reserve()
 
     def with_intervals(self, K: int) -> Transcription:
         """Return the same problem over another number of intervals."""
@@ -108,12 +112,21 @@ class Transcription:
         """Return the same problem within other bounds."""
         return self._with(self.K, bounds, self.duration)._keep(self.margins)
 
+    def with_reserve(self, reserve: float) -> Transcription:
+        """Return the same problem with another share of the limits of the robot's file that it keeps free."""
+        return self._with(self.K, self.bounds, self.duration, reserve)._keep(self.margins)
+
     def with_margins(self, margins: Float[Array, " K1"]) -> Transcription:
         """Return the same problem with larger distances at some nodes: each at least its bound plus a margin."""
         return self._with(self.K, self.bounds, self.duration)._keep(margins)
 
-    def _with(self, K: int, bounds: Sequence[NodeBound], duration: tuple[float, float]) -> Transcription:
-        return Transcription(self.model, self.start, K, self.costs, bounds, self.goal, duration, self.time_weight)
+    def _with(
+        self, K: int, bounds: Sequence[NodeBound], duration: tuple[float, float], reserve: float | None = None
+    ) -> Transcription:
+        share = self.reserve if reserve is None else reserve
+        return Transcription(
+            self.model, self.start, K, self.costs, bounds, self.goal, duration, self.time_weight, share
+        )
 
     def _keep(self, margins: Array) -> Transcription:
         self.margins = margins
@@ -121,6 +134,24 @@ class Transcription:
             if each.quantity == DISTANCE:
                 self.lower[:, rows] += margins[:, None]
         return self
+
+    def _keep_reserve(self) -> None:
+        """Narrow the limits of the robot's file, as far as the start and the goal are within."""
+        nodes = NodeData(self.model, self.start, None, np.full(1, self.begin))
+        for each, rows in self.blocks:
+            if not each.of_file or each.quantity == "input":  # saturation keeps inputs
+                continue
+            span = each.upper if each.quantity == "velocity" else each.upper - each.lower
+            low = high = np.where(np.isfinite(span), self.reserve * span, 0.0)
+            ends = [each.rows(nodes, False).value[0]] if each.of_state else []
+            if isinstance(self.goal, GoalRows) and each.quantity == "output":
+                reached = self.goal.values_of(each)
+                ends.append(np.array([reached.get(name, np.nan) for name in each.names]))
+            for values in ends:
+                low = np.fmax(np.fmin(low, values - each.lower), 0.0)
+                high = np.fmax(np.fmin(high, each.upper - values), 0.0)
+            self.lower[:, rows] += low
+            self.upper[:, rows] -= high
 
     def times(self, duration: float) -> Array:
         """Times of the nodes (K + 1,) [s]."""

@@ -167,7 +167,7 @@ class BoundSettings(Strict):
 
 
 _Kept = Annotated[Literal["file"] | None, AfterValidator(lambda said: said is not None)]
-_KINDS = [each.name for each in fields(FileLimits)]
+_KINDS = [each.name for each in fields(FileLimits) if isinstance(each.default, bool)]
 LimitItem = Annotated[
     FileLimits, Entry(FileLimits, forms=dict.fromkeys(_KINDS, _Kept), defaults=dict.fromkeys(_KINDS, "file"))
 ]
