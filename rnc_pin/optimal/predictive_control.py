@@ -16,7 +16,6 @@ from rnc_pin.control.controller import Command, Description, LimitedAcceleration
 from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import Form, Nodes, action_model, check_velocity_form
 from rnc_pin.optimal.bounds import BoundKind, Goal, GoalRows
 from rnc_pin.optimal.costs import CostKind
 from rnc_pin.optimal.guesses import along
@@ -33,6 +32,7 @@ from rnc_pin.optimal.set_point import (
     stalls,
 )
 from rnc_pin.optimal.transcription import Iterate
+from rnc_pin.planning.action_models import Form, Nodes, action_model, check_velocity_form
 from rnc_pin.printing import ReprMixin
 
 _LONGEST = 6  # how often the time until the next search doubles

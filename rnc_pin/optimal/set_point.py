@@ -31,7 +31,6 @@ from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError,
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
-from rnc_pin.optimal.action_models import ActionModel, KinematicModel, Nodes
 from rnc_pin.optimal.bounds import BoundKind, Goal, GoalRows
 from rnc_pin.optimal.costs import BoundCost, CostKind, OutputCost, Phase, PostureCost, weights_of
 from rnc_pin.optimal.file_limits import FileLimits
@@ -40,6 +39,7 @@ from rnc_pin.optimal.node_data import NodeData, NodeOutputs, OutputChoice, RowVa
 from rnc_pin.optimal.planner import plan_motion
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.transcription import Iterate
+from rnc_pin.planning.action_models import ActionModel, KinematicModel, Nodes
 from rnc_pin.planning.inverse_kinematics import solve_ik
 from rnc_pin.planning.references import Reference
 

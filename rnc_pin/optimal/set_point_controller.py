@@ -14,7 +14,6 @@ from rnc_pin.errors import InfeasibleError, RncError
 from rnc_pin.model.parameter_types import Positive, check_positive_settings
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import Form, KinematicModel, Nodes, action_model, check_velocity_form
 from rnc_pin.optimal.bounds import BoundKind, DistanceBound, Goal, InputBound, OutputBound
 from rnc_pin.optimal.costs import CostKind
 from rnc_pin.optimal.file_limits import FileLimits
@@ -25,6 +24,7 @@ from rnc_pin.optimal.plan_feedback import regulator_gains, tvlqr
 from rnc_pin.optimal.planner import plan_motion
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.set_point import AT_REST, SetPoint, leads_nearer
+from rnc_pin.planning.action_models import Form, KinematicModel, Nodes, action_model, check_velocity_form
 from rnc_pin.printing import ReprMixin
 
 _OF_FILE = FileLimits()

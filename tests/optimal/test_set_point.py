@@ -20,9 +20,9 @@ from rnc_pin.optimal import (
     action_model,
     set_point,
 )
-from rnc_pin.optimal.action_models import Nodes
 from rnc_pin.optimal.node_data import NodeData
 from rnc_pin.optimal.set_point import first_motion, quadratic_set_point
+from rnc_pin.planning.action_models import Nodes
 from textbook_systems import unicycle_with_trailers
 
 STEP = 1e-6
