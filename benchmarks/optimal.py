@@ -36,11 +36,11 @@ from rnc_pin.optimal import (
     VelocityBound,
     VelocityCost,
 )
-from rnc_pin.optimal.action_models import action_model
 from rnc_pin.optimal.bounds import GoalRows
 from rnc_pin.optimal.guesses import along
 from rnc_pin.optimal.planner import build_problem, initial_node
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
+from rnc_pin.planning.action_models import action_model
 from rnc_pin.plants.mujoco import MuJoCoPlant
 
 NODES, ROUNDS = 40, 7

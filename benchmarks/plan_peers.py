@@ -35,10 +35,10 @@ from rnc_pin.optimal import (
     VelocityCost,
     action_model,
 )
-from rnc_pin.optimal.action_models import Form
 from rnc_pin.optimal.guesses import along
 from rnc_pin.optimal.planner import build_problem, initial_node
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
+from rnc_pin.planning.action_models import Form
 from rnc_pin.robots.robot_files import find_example
 
 _VARIABLE = "RNC_PIN_CROCODDYL"

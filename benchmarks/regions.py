@@ -13,7 +13,7 @@ from benchmarks.planned_models import car, docking
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import SimulationError
 from rnc_pin.optimal import MotionPlan, OutputBound, PlanFeedback, SolverSettings, VelocityBound
-from rnc_pin.optimal.action_models import KinematicModel, Nodes
+from rnc_pin.planning.action_models import KinematicModel, Nodes
 
 PICTURE = Path(__file__).parent.parent / "docs" / "images" / "optimal_regions.png"
 SIZES = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)

@@ -49,7 +49,7 @@ from rnc_pin.optimal import (
     VelocityBound,
     VelocityCost,
 )
-from rnc_pin.optimal.action_models import StateManifold
+from rnc_pin.planning.action_models import StateManifold
 from rnc_pin.plants.faults import FaultyPlant
 
 DT, WRONG = 0.05, 1.2

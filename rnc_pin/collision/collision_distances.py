@@ -96,7 +96,7 @@ class CollisionDistances:
         shapes = list(source.geometryObjects)
         links = [robot.model.frames[shape.parentFrame].name for shape in shapes]
         self.carriers = [int(shape.parentJoint) for shape in shapes] + [0] * len(self.obstacles)
-        self._geometry = _convex_geometry(robot, shapes, self.obstacles)
+        self.shapes = [*_convex_shapes(robot, shapes), *(obstacle.shape for obstacle in self.obstacles)]
         check_ignored_links(self.obstacles, robot)
         kept, omitted = select_pairs(robot.model, links, self.carriers[: len(shapes)], selection or PairSelection())
         kept += [
@@ -105,13 +105,25 @@ class CollisionDistances:
             for link in range(len(shapes))
             if links[link] not in obstacle.ignored_links
         ]
-        self._placed = self._geometry.createData()
-        own = np.array([shape.placement.homogeneous for shape in self._geometry.geometryObjects])
+        placements = [shape.placement for shape in shapes] + [each.placement(0.0) for each in self.obstacles]
+        own = np.array([each.homogeneous for each in placements])
         self._own_rotations, self._own_origins = own[:, :3, :3].copy(), own[:, :3, 3].copy()
         self._link_carriers = np.array(self.carriers[: len(shapes)])
-        self.shapes = [shape.geometry for shape in self._geometry.geometryObjects]
         self._flat: dict[int, FlatParts] = {}
         self._moving = [k for k, obstacle in enumerate(self.obstacles) if obstacle.motion is not None]
+        boxes = [
+            bounding_box(*each) for each in zip(self.shapes, [*(each.name for each in shapes), *names], strict=True)
+        ]
+        self._centers, self._halves = (np.array([box[k] for box in boxes]) for k in (0, 1))
+        self.radii = np.linalg.norm(self._halves, axis=1)
+        poses = self._own_rotations, self._own_origins
+        self._axes = axes_of_rotation(self._model)
+        self.spinning = SpinningShapes(self._model, self._axes, self.shapes, self._link_carriers, *poses, self.radii)
+        self._support = np.zeros((len(self.carriers), self._model.nv))
+        for k, joint in enumerate(self.carriers):
+            for above in list(self._model.supports[joint])[1:]:
+                start = self._model.joints[above].idx_v
+                self._support[k, start : start + self._model.joints[above].nv] = 1.0
         self._use(kept)
         touching = self._touching(robot.configuration() if q0 is None else self._validator.validate(q0))
         self.omitted = (*omitted, *touching.values())
@@ -178,20 +190,15 @@ class CollisionDistances:
             q: configurations (n, nq).
             t: times (n,), for obstacles that move [s].
         """
-        joints = np.empty((len(q), self._model.njoints, 4, 4))
-        for row, configuration in zip(joints, q, strict=True):
+        joints = np.empty((len(q), self._model.njoints, 12))
+        rotations, places = (np.empty((len(q), *each.shape)) for each in (self._own_rotations, self._own_origins))
+        for row, (configuration, moment) in enumerate(zip(q, t.tolist(), strict=True)):
             pin.forwardKinematics(self._model, self._data, configuration)
-            row[:] = [each.homogeneous for each in self._data.oMi]
-        turns, origins = joints[..., :3, :3], joints[..., :3, 3]
-        rotations = np.tile(self._own_rotations, (len(q), 1, 1, 1))
-        places = np.tile(self._own_origins, (len(q), 1, 1))
+            joints[row] = self._joint_placements()
+            rotations[row], places[row] = self._own_poses(moment)
+        turns, origins = joints[..., :9].reshape(*joints.shape[:2], 3, 3).swapaxes(-1, -2), joints[..., 9:]
         moving = [self.link_shapes + k for k in self._moving]
-        for row, moment in enumerate(t.tolist()):
-            for k, shape in zip(self._moving, moving, strict=True):
-                pose = self.obstacles[k].placement(moment)
-                rotations[row, shape], places[row, shape] = pose.rotation, pose.translation
-        columns = joints[..., :3, :].swapaxes(-1, -2).reshape(*joints.shape[:2], 12)
-        at = ShapePoses.carried(columns, self._link_carriers, rotations, places, self._centers)
+        at = ShapePoses.carried(joints, self._link_carriers, rotations, places, self._centers)
         axes = np.matvec(turns, self._axes), np.broadcast_to(_UP, (len(q), len(moving), 3))
         return PlacedBodies(
             at.rotations,
@@ -229,20 +236,8 @@ class CollisionDistances:
         self.pairs = tuple(pairs)
         self.shape_pairs = np.array([pair[:2] for pair in pairs], dtype=int).reshape(-1, 2).T
         self._measurement = PairMeasurement(self.shapes, self.pairs)
-        boxes = [bounding_box(shape.geometry, shape.name) for shape in self._geometry.geometryObjects]
-        self._centers, halves = (np.array([box[k] for box in boxes]) for k in (0, 1))
-        self.radii = np.linalg.norm(halves, axis=1)
-        self._bounds = DistanceBounds(self.shape_pairs[0], self.shape_pairs[1], halves)
-        poses = self._own_rotations, self._own_origins
-        self._axes = axes_of_rotation(self._model)
-        self.spinning = SpinningShapes(self._model, self._axes, self.shapes, self._link_carriers, *poses, self.radii)
-        support = np.zeros((len(self.carriers), self._model.nv))
-        for k, joint in enumerate(self.carriers):
-            for above in self._model.supports[joint]:
-                if above:
-                    start = self._model.joints[above].idx_v
-                    support[k, start : start + self._model.joints[above].nv] = 1.0
-        self._signs = support[self.shape_pairs[1]] - support[self.shape_pairs[0]]
+        self._bounds = DistanceBounds(self.shape_pairs[0], self.shape_pairs[1], self._halves)
+        self._signs = self._support[self.shape_pairs[1]] - self._support[self.shape_pairs[0]]
 
     def _touching(self, q0: np.ndarray) -> dict[int, OmittedPair]:
         """Pairs of links that touch at a configuration, by index."""
@@ -263,29 +258,27 @@ class CollisionDistances:
         q = at.q if isinstance(at, ConfigurationEvaluation) else at
         if q.ndim != 1:
             raise InputError(f"q has shape {q.shape}, expected ({self.robot.nq},)")
-        links = self.link_shapes
-        for k in self._moving:
-            self._geometry.geometryObjects[links + k].placement = self.obstacles[k].placement(t)
         if known is not None:
-            self._place_by(known["placements"])
-            self._jacobian = known["J"]
-            return
-        pin.computeJointJacobians(self._model, self._data, q)
-        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed)
-        poses = np.array([each.homogeneous for each in self._placed.oMg])
-        self._at = ShapePoses(poses[:, :3, :3], poses[:, :3, 3].copy(), self._centers)
-        self._jacobian = self._data.J.reshape(6, -1)
+            joints, self._jacobian = known["placements"], known["J"]
+        else:
+            pin.computeJointJacobians(self._model, self._data, q)
+            joints, self._jacobian = self._joint_placements(), self._data.J.reshape(6, -1)
+        self._at = ShapePoses.carried(joints, self._link_carriers, *self._own_poses(t), self._centers)
 
-    def _place_by(self, joints: np.ndarray) -> None:
-        """Place all shapes by joint placements (njoints, 12): the columns of a rotation, then a translation."""
-        rotations, origins = self._own_rotations, self._own_origins
-        links = self.link_shapes
+    def _joint_placements(self) -> np.ndarray:
+        """Placements of the joints (njoints, 12) by Pinocchio: the columns of a rotation, then a translation."""
+        poses = np.array([each.homogeneous for each in self._data.oMi])
+        return poses[:, :3].swapaxes(1, 2).reshape(-1, 12)
+
+    def _own_poses(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Rotations and origins of all shapes in their joints; obstacles are where they are at a time."""
+        rotations, origins, links = self._own_rotations, self._own_origins, self.link_shapes
         if self._moving:
             rotations, origins = rotations.copy(), origins.copy()
         for k in self._moving:
-            placement = self._geometry.geometryObjects[links + k].placement
-            rotations[links + k], origins[links + k] = placement.rotation, placement.translation
-        self._at = ShapePoses.carried(joints, self._link_carriers, rotations, origins, self._centers)
+            pose = self.obstacles[k].placement(t)
+            rotations[links + k], origins[links + k] = pose.rotation, pose.translation
+        return rotations, origins
 
     def _with_corners(self, near: np.ndarray, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Add the corners of parallel faces and edges: pairs, and ten numbers of each, nearest points first."""
@@ -328,22 +321,12 @@ class CollisionDistances:
         return np.asarray(lines @ self._jacobian * self._signs.take(near, 0))
 
 
-def _convex_geometry(
-    robot: Robot, shapes: Sequence[pin.GeometryObject], obstacles: Sequence[Obstacle]
-) -> pin.GeometryModel:
-    """Geometry of the links and of the obstacles; a hull is made once for each mesh of a robot."""
-    geometry = pin.GeometryModel()
+def _convex_shapes(robot: Robot, shapes: Sequence[pin.GeometryObject]) -> list[coal.CollisionGeometry]:
+    """Convex shapes of the links; a hull is made once for each mesh of a robot."""
     if robot not in _HULLS:
         hulls: dict[bytes, coal.CollisionGeometry] = {}
         _HULLS[robot] = [_convex_once(shape, hulls) for shape in shapes]
-    for shape, convex in zip(shapes, _HULLS[robot], strict=True):
-        own = pin.GeometryObject(shape.name, shape.parentJoint, shape.parentFrame, shape.placement, convex)
-        geometry.addGeometryObject(own)
-    for obstacle in obstacles:
-        # A slash cannot be part of the name of a link's shape.
-        own = pin.GeometryObject(f"obstacle/{obstacle.name}", 0, obstacle.placement(0.0), obstacle.shape)
-        geometry.addGeometryObject(own)
-    return geometry
+    return _HULLS[robot]
 
 
 def _convex_once(shape: pin.GeometryObject, hulls: dict[bytes, coal.CollisionGeometry]) -> coal.CollisionGeometry:

@@ -194,44 +194,6 @@ def _ignored(effort: float) -> None:
     """Count no effort."""
 
 
-class _Places:
-    """Places of a motion that are known so far, by number, and the poses of all bodies there."""
-
-    def __init__(self, distances: CollisionDistances, motion: SampledMotion, places: Float[Array, " n"]) -> None:
-        self._distances, self._motion, self._places = distances, motion, places
-        self.bodies = self._placed(places)
-
-    def __len__(self) -> int:
-        return len(self._places)
-
-    def add(self, places: Float[Array, " n"]) -> None:
-        """Add places: they have the next numbers."""
-        both = self.bodies, self._placed(places)
-        self._places = np.concatenate([self._places, places])
-        self.bodies = PlacedBodies(*map(np.concatenate, zip(*both, strict=True)))
-
-    def of(self, numbers: Int[Array, "*s"]) -> Float[Array, "*s"]:
-        """Places by their numbers."""
-        return self._places[numbers]
-
-    def _placed(self, places: Float[Array, " n"]) -> PlacedBodies:
-        return self._distances.place(self._motion.configurations(places), self._motion.times(places))
-
-
-@dataclass
-class _Entries:
-    """Pairs along segments: both ends and the numbers of the pair at both."""
-
-    start: Array
-    end: Array
-    pair: Array
-    at_start: Array
-    at_end: Array
-
-    def chosen(self, which: Array) -> _Entries:
-        return _Entries(*(each[which] for each in vars(self).values()))
-
-
 class _Search:
     """Search for the smallest distances of one motion.
 
@@ -253,11 +215,16 @@ class _Search:
         last = len(samples) - 1
         apart = int(np.clip(last // _FIRST, 1, _FIRST))
         first = samples[np.unique(np.append(np.arange(0, last, apart), last))]
-        self._places = _Places(distances, motion, first.astype(float))
+        self._places = first.astype(float)  # that are known so far; pairs have their numbers
+        self._bodies = self._placed(self._places)
         count = len(distances.pairs)
         self._best, self._best_time = np.full(count, np.inf), np.zeros(count)
         self._largest = np.full(count, -np.inf)
         self._bounds = PairBounds(distances)
+
+    def _placed(self, places: Float[Array, " n"]) -> PlacedBodies:
+        """Poses of all bodies at places."""
+        return self._distances.place(self._motion.configurations(places), self._motion.times(places))
 
     def result(self, curves: DistanceCurves) -> ContinuousDistances:
         """Smallest distances, after a first look at every few samples."""
@@ -279,7 +246,7 @@ class _Search:
             return None
         return worst, float(self._best_time[worst])
 
-    def _refined(self, spend: Callable[[float], None], below: float | Float[Array, " k"]) -> _Entries:
+    def _refined(self, spend: Callable[[float], None], below: float | Float[Array, " k"]) -> PairEnds:
         """Entries that stay uncertain, or that are left when a pair is found below a distance."""
         entries, most = self._first_look(spend), len(self._samples) + _MOST_PLACES
         while len(entries.pair) and len(self._places) < most and not (self._best < below).any():
@@ -287,10 +254,10 @@ class _Search:
             entries = self._halved(entries)
         return entries
 
-    def _first_look(self, spend: Callable[[float], None]) -> _Entries:
+    def _first_look(self, spend: Callable[[float], None]) -> PairEnds:
         """Distances at every few samples, and the pairs and segments between them that need a closer look."""
         every, places = np.arange(len(self._distances.pairs)), np.arange(len(self._places))
-        bodies = self._places.bodies
+        bodies = self._bodies
         known = np.empty((len(places), len(every), 4))
         spend(_ROUND + len(places))
         for part in _chunks(len(places), len(every)):
@@ -299,26 +266,28 @@ class _Search:
                 np.repeat(places[part], len(every)), np.tile(every, len(known[part])), known[part].reshape(-1, 4)
             )
             spend(_ENTRY * float(np.isfinite(known[part][..., 1]).sum()))
-        paths = self._motion.paths(self._places.of(np.column_stack([places[:-1], places[1:]])))
+        paths = self._motion.paths(np.column_stack([self._places[:-1], self._places[1:]]))
         means = 0.5 * (known[:-1, :, 0] + known[1:, :, 0])
         doubtful = means - self._bounds.coarse(paths, bodies) < self._target()
         rows, pairs = np.nonzero(doubtful)
-        return self._undecided(_Entries(rows, rows + 1, pairs, known[rows, pairs], known[rows + 1, pairs]))
+        return self._undecided(PairEnds(rows, rows + 1, pairs, known[rows, pairs], known[rows + 1, pairs]))
 
-    def _halved(self, entries: _Entries) -> _Entries:
+    def _halved(self, entries: PairEnds) -> PairEnds:
         """Measure pairs halfway along their segments, and return the halves that need a closer look."""
         ends, of_segment = _unique_segments(entries)
-        halfway = self._halfway(self._places.of(ends))
+        halfway = self._halfway(self._places[ends])
         halved = np.isfinite(halfway)
         numbers = np.where(halved, len(self._places) + np.cumsum(halved) - 1, -1)
-        self._places.add(halfway[halved])
+        both = self._bodies, self._placed(halfway[halved])
+        self._bodies = PlacedBodies(*map(np.concatenate, zip(*both, strict=True)))
+        self._places = np.concatenate([self._places, halfway[halved]])
         order = np.argsort(of_segment, kind="stable")
         order = order[halved[of_segment[order]]]
         entries, middle = entries.chosen(order), numbers[of_segment[order]]
-        measured = self._distances.measure(self._places.bodies, middle, entries.pair)[:, :4]
+        measured = self._distances.measure(self._bodies, middle, entries.pair)[:, :4]
         self._keep(middle, entries.pair, measured)
         return self._undecided(
-            _Entries(
+            PairEnds(
                 np.concatenate([entries.start, middle]),
                 np.concatenate([middle, entries.end]),
                 np.tile(entries.pair, 2),
@@ -327,21 +296,19 @@ class _Search:
             )
         )
 
-    def _undecided(self, entries: _Entries) -> _Entries:
+    def _undecided(self, entries: PairEnds) -> PairEnds:
         """Entries whose distance may fall below the smallest one that is known: the cheapest bound decides first."""
-        return self._doubtful(self._doubtful(entries, by_path=True), by_path=False)
-
-    def _doubtful(self, entries: _Entries, by_path: bool) -> _Entries:
-        """Entries that a bound does not decide: that of the path alone, or all of them."""
-        if not len(entries.pair):
-            return entries
-        ends, of_segment = _unique_segments(entries)
-        places = self._places.of(ends)
-        own, segments = PairEnds(*vars(entries).values()), None if by_path else self._motion.segments(places)
-        bound = self._bounds.along(own, self._places.bodies, of_segment, self._motion.paths(places), segments)
-        first, last = self._inside(places)
-        slack = np.where((first < last)[of_segment] & (bound < self._exact), _SAME, self._tolerance)
-        return entries.chosen(np.flatnonzero(bound < self._target()[entries.pair] - slack))
+        for by_path in (True, False):
+            if not len(entries.pair):
+                break
+            ends, of_segment = _unique_segments(entries)
+            places = self._places[ends]
+            segments = None if by_path else self._motion.segments(places)
+            bound = self._bounds.along(entries, self._bodies, of_segment, self._motion.paths(places), segments)
+            first, last = self._inside(places)
+            slack = np.where((first < last)[of_segment] & (bound < self._exact), _SAME, self._tolerance)
+            entries = entries.chosen(np.flatnonzero(bound < self._target()[entries.pair] - slack))
+        return entries
 
     def _keep(self, places: Int[Array, " k"], pairs: Int[Array, " k"], measured: Float[Array, "k 4"]) -> None:
         """Keep the smallest and the largest distances of pairs; of equal ones the place with the lowest number."""
@@ -350,7 +317,7 @@ class _Search:
         nearest = order[np.unique(pairs[order], return_index=True)[1]]
         nearest = nearest[distance[nearest] < self._best[pairs[nearest]]]
         self._best[pairs[nearest]] = distance[nearest]
-        self._best_time[pairs[nearest]] = self._motion.times(self._places.of(places[nearest]))
+        self._best_time[pairs[nearest]] = self._motion.times(self._places[places[nearest]])
         np.maximum.at(self._largest, pairs, distance)
 
     def _target(self) -> Array:
@@ -367,7 +334,7 @@ class _Search:
         return np.where(first < last, samples, self._motion.halfway(places))
 
 
-def _unique_segments(entries: _Entries) -> tuple[Int[Array, "s 2"], Int[Array, " k"]]:
+def _unique_segments(entries: PairEnds) -> tuple[Int[Array, "s 2"], Int[Array, " k"]]:
     """Segments, each once, as numbers of both places; and the segment of each entry."""
     count = int(entries.end.max(initial=0)) + int(entries.start.max(initial=0)) + 1
     keys, of_segment = np.unique(entries.start * count + entries.end, return_inverse=True)

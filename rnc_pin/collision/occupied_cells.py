@@ -62,11 +62,7 @@ class OccupiedCells:
         Raises:
             ModelError: there are too many boxes.
         """
-        found = merged_boxes(self.occupied)
-        if len(found) > MOST_BOXES:
-            raise ModelError(
-                f"cells '{self.name}': {len(found)} boxes, expected at most {MOST_BOXES}: give a larger 'side'"
-            )
+        found = _few_boxes(self.occupied, f"cells '{self.name}'", "a larger 'side'")
         # An obstacle checks the numbers, and knows the order of its angles.
         frame = Obstacle(coal.Sphere(1.0), position, yaw, roll, pitch, self.name).placement(0.0)
         boxes = []
@@ -93,6 +89,14 @@ def merged_boxes(filled: Bool[Array, "*n"]) -> Int[Array, "k m"]:
         rest[tuple(window)] = False
         found.append([*start, *(each.stop - each.start for each in window)])
     return np.array(found, dtype=int).reshape(-1, 2 * filled.ndim)
+
+
+def _few_boxes(filled: Bool[Array, "*n"], title: str, remedy: str) -> Int[Array, "k m"]:
+    """Merged boxes, or an error with a remedy if there are too many."""
+    found = merged_boxes(filled)
+    if len(found) > MOST_BOXES:
+        raise ModelError(f"{title}: {len(found)} boxes, expected at most {MOST_BOXES}: give {remedy}")
+    return found
 
 
 def cells_around(points: ArrayLike, side: float, name: str = "cloud") -> OccupiedCells:
@@ -290,9 +294,7 @@ class OccupancyMap:
             padded = np.zeros((rows, columns), dtype=bool)
             padded[: filled.shape[0], : filled.shape[1]] = filled
             filled = padded.reshape(rows // cells, cells, columns // cells, cells).any(axis=(1, 3))
-        found = merged_boxes(filled)
-        if len(found) > MOST_BOXES:
-            raise ModelError(f"map '{self.name}': {len(found)} boxes, expected at most {MOST_BOXES}: give more 'cells'")
+        found = _few_boxes(filled, f"map '{self.name}'", "more 'cells'")
         side, (x, y, yaw) = cells * self.resolution, self.origin.tolist()
         turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
         boxes = []

@@ -85,6 +85,10 @@ class PairEnds(NamedTuple):
     at_start: Float[Array, "k 4"]
     at_end: Float[Array, "k 4"]
 
+    def chosen(self, which: Array | slice) -> PairEnds:
+        """Some of the pairs."""
+        return PairEnds(*(each[which] for each in self))
+
 
 class PairBounds:
     """Lower bounds of distances along segments.
@@ -157,7 +161,7 @@ class PairBounds:
         found = np.empty(len(rows))
         for first in range(0, len(rows), _CHUNK):
             part = slice(first, first + _CHUNK)
-            here, between = PairEnds(*(each[part] for each in ends)), self._between[ends.pair[part]]
+            here, between = ends.chosen(part), self._between[ends.pair[part]]
             own = [Segments(*(each[rows[part]] * between for each in some)) for some in (paths, segments) if some]
             found[part] = self._along(here, placed, *own) - self._wobble[here.pair]
         return found
@@ -174,7 +178,7 @@ class PairBounds:
         if segments is None:
             return found
         exact = np.flatnonzero(np.isfinite(ends.at_start[:, 1]) & np.isfinite(ends.at_end[:, 1]))
-        some = PairEnds(*(each[exact] for each in ends))
+        some = ends.chosen(exact)
         gaps, sines = self._gaps_at_ends(some, placed), _sines(some, placed)
         tilt = _tilt(sines, paths.angular[exact], turning[exact])
         moved = paths.linear[exact].sum(axis=1) * np.exp(np.minimum(turning[exact], _LARGEST))

@@ -1,8 +1,9 @@
 """Exports of ``rnc_pin.optimal``, which ``__init__.py`` imports at their first use."""
 
-from .action_models import ActionModel as ActionModel
-from .action_models import Nodes as Nodes
-from .action_models import action_model as action_model
+from rnc_pin.planning.action_models import ActionModel as ActionModel
+from rnc_pin.planning.action_models import Nodes as Nodes
+from rnc_pin.planning.action_models import action_model as action_model
+
 from .bounds import BoundKind as BoundKind
 from .bounds import DistanceBound as DistanceBound
 from .bounds import InputBound as InputBound

@@ -16,7 +16,6 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, PairDistances
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.model.task import OutputTarget
-from rnc_pin.optimal.action_models import ActionModel, Nodes
 from rnc_pin.optimal.node_data import (
     NodeData,
     NodeFunction,
@@ -28,6 +27,7 @@ from rnc_pin.optimal.node_data import (
     stacked,
     velocity_rows,
 )
+from rnc_pin.planning.action_models import ActionModel, Nodes
 
 _FAR = 1e3  # [m], distance of a row without a pair
 DISTANCE = "distance"

@@ -21,9 +21,9 @@ from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import ActionModel
 from rnc_pin.optimal.bounds import BoundKind, NodeBound
 from rnc_pin.optimal.node_data import NodeData, RowValues
+from rnc_pin.planning.action_models import ActionModel
 
 _SAMPLES = 3  # configurations, beside the neutral one, that decide which contacts have a choice
 _SHARPNESS = (30.0, 300.0, 2000.0)

@@ -19,7 +19,6 @@ from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin.errors import ConfigurationError, InputError, nearest
-from rnc_pin.optimal.action_models import ActionModel
 from rnc_pin.optimal.node_data import (
     NodeData,
     NodeFunction,
@@ -31,6 +30,7 @@ from rnc_pin.optimal.node_data import (
     input_rows,
     velocity_rows,
 )
+from rnc_pin.planning.action_models import ActionModel
 from rnc_pin.planning.references import Reference
 
 Weight = float | Sequence[float] | Mapping[str, float] | Callable[[float], "Weight"]

@@ -11,9 +11,9 @@ from numpy import ndarray as Array
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.control.whole_body.limits.joint_limits import limited_positions, limited_velocities
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.optimal.action_models import ActionModel
 from rnc_pin.optimal.bounds import InputBound, NodeBound
 from rnc_pin.optimal.node_data import NodeData, RowValues, velocity_rows
+from rnc_pin.planning.action_models import ActionModel
 
 
 @dataclass(frozen=True)

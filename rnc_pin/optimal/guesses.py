@@ -15,11 +15,11 @@ from rnc_pin.collision.shapes import bounding_box
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import ActionModel, KinematicModel, Nodes
 from rnc_pin.optimal.bounds import DistanceRows, Goal
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.transcription import Iterate, Transcription
 from rnc_pin.planning import IkSearch, Reference, Way, find_steering, solve_ik
+from rnc_pin.planning.action_models import ActionModel, KinematicModel, Nodes
 from rnc_pin.planning.exact_steering import CarSteering
 from rnc_pin.planning.way import motion_along
 from rnc_pin.printing import counted

@@ -17,7 +17,6 @@ from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import KinematicModel
 from rnc_pin.optimal.bounds import Goal, GoalRows
 from rnc_pin.optimal.giving_way import GivingWay, Refuge
 from rnc_pin.optimal.way_following import (
@@ -28,6 +27,7 @@ from rnc_pin.optimal.way_following import (
     WayFollowing,
     WayProgress,
 )
+from rnc_pin.planning.action_models import KinematicModel
 from rnc_pin.planning.way import Way
 from rnc_pin.planning.way_finding import WayFinder, WaySettings
 

@@ -14,7 +14,7 @@ from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget, SelectedOutputs, find_output
-from rnc_pin.optimal.action_models import ActionModel, FlowDerivatives, Nodes
+from rnc_pin.planning.action_models import ActionModel, FlowDerivatives, Nodes
 from rnc_pin.planning.references import Reference
 
 OutputChoice = OutputTarget | Sequence[OutputTarget]

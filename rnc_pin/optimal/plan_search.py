@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
 from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
-from rnc_pin.optimal.action_models import ActionModel, Nodes
 from rnc_pin.optimal.bounds import DISTANCE, GOAL
 from rnc_pin.optimal.guesses import GIVEN, resampled
 from rnc_pin.optimal.motion_plan import Integration, MotionPlan, PlanInfo, PlanVerification
 from rnc_pin.optimal.sequential_quadratic import Candidate, GuessSolver, LimitSolver, Solution, SolverSettings
 from rnc_pin.optimal.transcription import Iterate, Transcription
 from rnc_pin.optimal.verification import Excess, excess_text, plan_findings, verify_inputs
+from rnc_pin.planning.action_models import ActionModel, Nodes
 
 _TIGHTENED = 4  # times that nodes near places that come too close get a larger distance
 _HELPS = 2.0  # factor by which halved intervals reduce a violation that they cause

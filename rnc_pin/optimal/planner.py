@@ -17,7 +17,6 @@ from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, ModelWarning
 from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import ActionModel, Form, Nodes, action_model
 from rnc_pin.optimal.bounds import DISTANCE, BoundKind, DistanceBound, DistanceRows, Goal, GoalRows, NodeBound
 from rnc_pin.optimal.costs import CostKind, EffortCost, OutputCost
 from rnc_pin.optimal.file_limits import FileLimits
@@ -28,6 +27,7 @@ from rnc_pin.optimal.plan_feedback import tvlqr
 from rnc_pin.optimal.plan_search import Gains, PlanProgress, PlanSearch, SearchEffort
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.transcription import Iterate, Transcription
+from rnc_pin.planning.action_models import ActionModel, Form, Nodes, action_model
 from rnc_pin.planning.references import Reference
 from rnc_pin.planning.way import Way, intervals_along
 

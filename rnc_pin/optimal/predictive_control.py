@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, asdict, dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Command, Description, LimitedAcceleration, MissedGoal, VelocityTarget
+from rnc_pin.control.controller import (
+    Command,
+    DescribedMixin,
+    Description,
+    LimitedAcceleration,
+    MissedGoal,
+    VelocityTarget,
+)
 from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import Form, Nodes, action_model, check_velocity_form
 from rnc_pin.optimal.bounds import BoundKind, Goal, GoalRows
 from rnc_pin.optimal.costs import CostKind
 from rnc_pin.optimal.guesses import along
@@ -33,7 +39,7 @@ from rnc_pin.optimal.set_point import (
     stalls,
 )
 from rnc_pin.optimal.transcription import Iterate
-from rnc_pin.printing import ReprMixin
+from rnc_pin.planning.action_models import Form, Nodes, action_model, check_velocity_form
 
 _LONGEST = 6  # how often the time until the next search doubles
 _HELD = 0.01  # of a limit; the force is held between two samples, so that the acceleration departs from its bound
@@ -92,10 +98,8 @@ class UpdateSchedule:
             raise ConfigurationError("period has to be positive, delay not negative, and iterations at least 1")
 
 
-_EVERY_50_MS = UpdateSchedule()
-
-
-class PredictiveController(ReprMixin):
+@dataclass(eq=False, repr=False)
+class PredictiveController(DescribedMixin):
     """Model-predictive control (MPC) of a reduced system, by forces or by velocities.
 
     At every update, a fixed number of iterations improves the motion over the horizon. It starts from the last motion,
@@ -144,46 +148,44 @@ class PredictiveController(ReprMixin):
         (True, 1, 0)
     """
 
-    def __init__(
-        self,
-        reduced: ReducedModel,
-        costs: Sequence[CostKind],
-        horizon: float,
-        *,
-        form: Form = "dynamic",
-        bounds: Sequence[BoundKind] = (),
-        nodes: int = 20,
-        updates: UpdateSchedule = _EVERY_50_MS,
-        goal: Goal | None = None,
-        velocities: bool = False,
-    ) -> None:
-        if form == "kinematic":
+    described = ("form", "velocities", "horizon", "nodes")
+
+    reduced: ReducedModel
+    costs: Sequence[CostKind]
+    horizon: float
+    _: KW_ONLY
+    form: Form = "dynamic"
+    bounds: Sequence[BoundKind] = ()
+    nodes: int = 20
+    updates: UpdateSchedule = UpdateSchedule()
+    goal: Goal | None = None
+    velocities: bool = False
+
+    def __post_init__(self) -> None:
+        if self.form == "kinematic":
             text = (
                 "needs 'acceleration' or 'dynamic'; with velocities=True, the form 'acceleration' commands velocities"
             )
             raise ConfigurationError(f"form 'kinematic': a predictive controller {text}")
-        check_velocity_form(velocities, form)
-        self.velocities = velocities
-        self._reduced, self._solver_settings = reduced, SolverSettings(nodes=nodes)
-        self.horizon, self.updates = horizon, updates
-        self._model = action_model(reduced, form)
+        check_velocity_form(self.velocities, self.form)
+        reduced, goal = self.reduced, self.goal
+        self._solver_settings, self._model = SolverSettings(nodes=self.nodes), action_model(reduced, self.form)
         start = initial_node(self._model, reduced.robot.configuration())
         end = None if goal is None else GoalRows(self._model, goal, at_rest=True)
-        self._problem = build_problem(self._model, start, end, horizon, costs, bounds, nodes)
-        self._bounds = tuple(bounds)
+        self._problem = build_problem(self._model, start, end, self.horizon, self.costs, self.bounds, self.nodes)
         points = [each.point for each in self._problem.costs if isinstance(each, SetPointBound)]
         self.set_point = SetPoint(reduced, goal) if goal is not None else points[0] if points else None
-        self._stalls_at = None if self.set_point is not None else quadratic_set_point(self._model, costs)
+        self._stalls_at = None if self.set_point is not None else quadratic_set_point(self._model, self.costs)
         if self._stalls_at is not None:
             weights = ", ".join(map(str, self._stalls_at.coordinates.weights))
             text = f"predictive control: weights {weights}: {QUADRATIC}"
-            warnings.warn(text, ModelWarning, stacklevel=2)
-        self._h = horizon / nodes
+            warnings.warn(text, ModelWarning, stacklevel=3)
+        self._h = self.horizon / self.nodes
 
     @property
     def limited_accelerations(self) -> tuple[LimitedAcceleration, ...]:
         """Accelerations that the bounds of the inputs limit in the form "acceleration", for the verdict of a run."""
-        if self._model.form != "acceleration" or self.velocities:
+        if self.form != "acceleration" or self.velocities:
             return ()
         names = self._model.input_names
         return tuple(
@@ -196,14 +198,10 @@ class PredictiveController(ReprMixin):
 
     def describe(self) -> Description:
         """Return the form, the horizon and the schedule of updates."""
-        return {
-            "type": type(self).__name__,
-            "form": self._model.form,
-            "velocities": self.velocities,
-            "horizon": self.horizon,
-            "nodes": self._solver_settings.nodes,
-            **asdict(self.updates),
-        }
+        return {**super().describe(), **asdict(self.updates)}
+
+    def _settings(self) -> Mapping[str, object]:
+        return {**{name: getattr(self, name) for name in self.described}, "updates": self.updates}
 
     def missed_goals(self, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
         """Rows of the set point that a run misses which ends in this state, for its verdict.
@@ -239,9 +237,9 @@ class PredictiveController(ReprMixin):
         if self.velocities:
             return self._velocity(t + self.updates.delay, state), state
         u = self._input(t + self.updates.delay, self._predicted(t, now, state), state)
-        if self._model.form == "dynamic":
+        if self.form == "dynamic":
             return Command(T=u), state
-        return Command(F=self._reduced.inverse_dynamics(now.q[0], now.w[0], u)), state
+        return Command(F=self.reduced.inverse_dynamics(now.q[0], now.w[0], u)), state
 
     def _updated(self, t: float, now: Nodes, state: PredictiveState) -> PredictiveState:
         """State after an update of the motion, or with one more missed update."""
@@ -249,20 +247,22 @@ class PredictiveController(ReprMixin):
         waiting = state._replace(next_update=t + self.updates.period)
         try:
             at, known = self._shifted(t + self.updates.delay, self._predicted(t, now, state), state)
-            stalled = self._stalled(t, at, state)
-            if stalled:
+            escapes, point = state.escapes, self.set_point
+            searches = point is not None and t >= state.next_search - 1e-9
+            if point is not None and searches and stalls(point, Nodes(at.q[:1], at.w[:1]), at.q[-1]):
                 limit, waiting = None, self._after_search(t, waiting)
-                at, known = self._escaped(at, state.searches) or at, None
-            escapes = state.escapes + int(stalled and not np.array_equal(at.q[-1], at.q[0]))
+                found = first_motion(self._model, point, at, self.bounds, state.searches)
+                at, known = found or at, None
+                escapes += int(not np.array_equal(at.q[-1], at.q[0]))
             self._problem.begin = t + self.updates.delay
             solver = SequentialQuadratic(self._problem, self._solver_settings)
             solver.multipliers = known
             rows = None
             for _ in range(self.updates.iterations):
-                found = solver.iterate(at)
-                if found is None:
+                improved = solver.iterate(at)
+                if improved is None:
                     break
-                at, rows = found[0], found[1].rows
+                at, rows = improved[0], improved[1].rows
             if rows is None or solver.linear is None:
                 gains = self._problem.feedback_gains(at)
             else:  # real-time iteration: the linearization of the last iteration gives the gains, too
@@ -272,31 +272,15 @@ class PredictiveController(ReprMixin):
         late = limit is not None and time.process_time() - begin > limit
         if late or not (np.isfinite(at.u).all() and np.isfinite(gains).all()):
             return waiting._replace(missed=state.missed + 1)
-        motion = PredictiveState(
-            t + self.updates.delay, at.q, at.w, at.u, gains, t + self.updates.period, state.updates + 1, state.missed
+        motion = waiting._replace(
+            begin=t + self.updates.delay, q=at.q, w=at.w, u=at.u, gains=gains, multipliers=solver.multipliers
         )
-        return motion._replace(
-            escapes=escapes,
-            searches=waiting.searches,
-            next_search=waiting.next_search,
-            multipliers=solver.multipliers,
-        )
-
-    def _stalled(self, t: float, at: Iterate, state: PredictiveState) -> bool:
-        """True if it is time to search for another motion."""
-        if self.set_point is None or t < state.next_search - 1e-9:
-            return False
-        return stalls(self.set_point, Nodes(at.q[:1], at.w[:1]), at.q[-1])
+        return motion._replace(updates=state.updates + 1, escapes=escapes)
 
     def _after_search(self, t: float, state: PredictiveState) -> PredictiveState:
         """State after a search; the time until the next one doubles."""
         pause = self.horizon * 2.0 ** min(state.searches, _LONGEST)
         return state._replace(searches=state.searches + 1, next_search=t + pause)
-
-    def _escaped(self, at: Iterate, seed: int) -> Iterate | None:
-        """Beginning of a plan from the start of a motion that stalls; None if none is found."""
-        assert self.set_point is not None
-        return first_motion(self._model, self.set_point, at.q[0], self.horizon, len(at.u), self._bounds, seed)
 
     def _predicted(self, t: float, now: Nodes, state: PredictiveState) -> Nodes:
         """State at the end of the delay, under the inputs of the last motion."""

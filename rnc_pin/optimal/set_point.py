@@ -16,8 +16,9 @@ still, whatever the cost: then the first motion comes from a plan.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy import ndarray as Array
@@ -31,15 +32,14 @@ from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError,
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
-from rnc_pin.optimal.action_models import ActionModel, KinematicModel, Nodes
 from rnc_pin.optimal.bounds import BoundKind, Goal, GoalRows
 from rnc_pin.optimal.costs import BoundCost, CostKind, OutputCost, Phase, PostureCost, weights_of
-from rnc_pin.optimal.file_limits import FileLimits
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.node_data import NodeData, NodeOutputs, OutputChoice, RowValues, velocity_rows
 from rnc_pin.optimal.planner import plan_motion
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.transcription import Iterate
+from rnc_pin.planning.action_models import ActionModel, KinematicModel, Nodes
 from rnc_pin.planning.inverse_kinematics import solve_ik
 from rnc_pin.planning.references import Reference
 
@@ -189,48 +189,32 @@ class SetPointCost(CostKind):
             raise ConfigurationError(f"set point: expected a positive precision, found {self.precision:g}")
 
     def bind(self, model: ActionModel) -> BoundCost:
-        point = SetPoint(model.reduced, self.goal)
-        names, weights = point.coordinates.names, weights_of(self.weight, point.coordinates.names)
-        rows = SetPointRows(point.coordinates, self.precision)
-        if model.nw:
-            speeds = model.reduced.reducing.names
-            names = (*names, *speeds)
-            weights = np.concatenate([weights, weights_of(self.velocity_weight, speeds)])
-        return SetPointBound(point, names, weights, self.phase, rows)
+        return SetPointBound(self, model)
 
 
 class SetPointBound(BoundCost):
-    """Cost of a set point for one action model.
+    """Cost of a set point for one action model: its residuals, with reduced velocities where they are states.
 
     Args:
-        point: the set point.
-        names: names of the rows.
-        weights: weights of the rows (k,).
-        phase: "running", "terminal" or "both".
-        rows: function of nodes that returns the rows.
+        cost: the cost.
+        model: action model.
     """
 
-    def __init__(self, point: SetPoint, names: Sequence[str], weights: Array, phase: Phase, rows: SetPointRows) -> None:
-        super().__init__(names, weights.tolist(), phase, rows)
-        self.point = point
-
-
-class SetPointRows:
-    """Residuals of a set point at nodes, with reduced velocities where they are states.
-
-    Args:
-        coordinates: privileged coordinates about it.
-        precision: homogeneous norm below which the residuals are smooth.
-    """
-
-    def __init__(self, coordinates: PrivilegedCoordinates, precision: float) -> None:
-        self._coordinates = coordinates
+    def __init__(self, cost: SetPointCost, model: ActionModel) -> None:
+        self.point = SetPoint(model.reduced, cost.goal)
+        self._coordinates = coordinates = self.point.coordinates
+        names, weights = coordinates.names, weights_of(cost.weight, coordinates.names)
+        if model.nw:
+            speeds = model.reduced.reducing.names
+            names = (*names, *speeds)
+            weights = np.concatenate([weights, weights_of(cost.velocity_weight, speeds)])
+        super().__init__(names, weights.tolist(), cost.phase, self._residuals)
         self._top = max(coordinates.weights)
         self._powers = self._top / np.array(coordinates.weights)
-        self._least = precision ** (2 * self._top)
+        self._least = cost.precision ** (2 * self._top)
         self._curved = any(coordinates.polynomials)
 
-    def __call__(self, nodes: NodeData, derivatives: bool) -> RowValues:
+    def _residuals(self, nodes: NodeData, derivatives: bool) -> RowValues:
         z, z_q = self._faded(nodes.at.q, derivatives)
         top, powers = self._top, self._powers
         size = np.abs(z)
@@ -304,22 +288,35 @@ def stalls(point: SetPoint, now: Nodes, q_end: Array) -> bool:
     return bool(there > _APPROACH * here)
 
 
-def leads_nearer(plan: MotionPlan, point: SetPoint, q: Array) -> bool:
-    """True if the verification of a plan misses most its goal, and by less than half of the error now.
+def nearer_plan(
+    point: SetPoint, q: Array, duration: float | tuple[float, float], search: Callable[..., MotionPlan]
+) -> MotionPlan | None:
+    """Plan from a configuration at rest to a set point; None if no guess leads to one.
+
+    A plan that its verification does not confirm serves if it misses most its goal, and by less than half of the error
+    now: the next plan starts nearer.
 
     Args:
-        plan: plan that its verification does not confirm.
         point: the set point.
         q: configuration (nq,) at the start.
+        duration: duration of the plan, as for ``plan_motion``.
+        search: ``plan_motion`` with its options.
     """
-    end = plan.info.verification.decisive
-    return end.name.startswith("goal") and end.violation < _NEARER * max(point.errors(q).values())
+    try:
+        return search(point.reduced, q, point.goal, duration, solutions=1)
+    except InfeasibleError as error:
+        plan: MotionPlan | None = getattr(error, "plan", None)
+        end = None if plan is None else plan.info.verification.decisive
+        nearer = end is not None and end.violation < _NEARER * max(point.errors(q).values())
+        return plan if end is not None and nearer and end.name.startswith("goal") else None
+    except RncError:  # the guesses met singular configurations
+        return None
 
 
 def first_motion(
-    model: ActionModel, point: SetPoint, q: Array, horizon: float, K: int, bounds: Sequence[BoundKind], seed: int
+    model: ActionModel, point: SetPoint, at: Iterate, bounds: Sequence[BoundKind], seed: int
 ) -> Iterate | None:
-    """Beginning of a plan from rest to a set point, over a horizon of K intervals; None if there is none.
+    """Beginning of a plan from rest to a set point, over the horizon of a motion that stalls; None if there is none.
 
     The plan keeps the limits of the robot's file: they keep guesses from singular configurations, such as a steering
     angle of 90 degrees. A motion whose verification misses its goal serves if it leads nearer. Searches over two and
@@ -328,37 +325,17 @@ def first_motion(
     Args:
         model: action model.
         point: the set point.
-        q: configuration (nq,).
-        horizon: duration of the motion [s].
-        K: number of intervals.
+        at: the motion.
         bounds: hard bounds.
         seed: of the guesses.
     """
+    q, K, horizon = at.q[0], len(at.u), at.duration
     for times in (1, 2, _LONGEST):
         settings = SolverSettings(nodes=times * K, refinements=0, accuracy=_ACCURACY)
-        try:
-            plan = plan_motion(
-                model.reduced,
-                q,
-                point.goal,
-                times * horizon,
-                form=model.form,
-                bounds=bounds,
-                limits=FileLimits(),
-                settings=settings,
-                seeds=_SEEDS // times,
-                seed=seed,
-                solutions=1,
-                feedback="plan",
-            )
-        except InfeasibleError as error:
-            found: MotionPlan | None = getattr(error, "plan", None)
-            if found is None or found.info.violation > settings.tolerance or not leads_nearer(found, point, q):
-                continue
-            plan = found
-        except RncError:  # the guesses met singular configurations
-            return None
-        return Iterate(np.array(plan.q[: K + 1]), np.array(plan.w[: K + 1]), np.array(plan.u[:K]), horizon)
+        given = partial(plan_motion, form=model.form, bounds=bounds, settings=settings, feedback="plan")
+        plan = nearer_plan(point, q, times * horizon, partial(given, seeds=_SEEDS // times, seed=seed))
+        if plan is not None and plan.info.violation <= settings.tolerance:
+            return Iterate(np.array(plan.q[: K + 1]), np.array(plan.w[: K + 1]), np.array(plan.u[:K]), horizon)
     return None
 
 

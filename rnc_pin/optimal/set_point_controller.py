@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Command, Description, MissedGoal, VelocityTarget
-from rnc_pin.errors import InfeasibleError, RncError
+from rnc_pin.control.controller import Command, DescribedMixin, MissedGoal, VelocityTarget
+from rnc_pin.errors import RncError
 from rnc_pin.model.parameter_types import Positive, check_positive_settings
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import Form, KinematicModel, Nodes, action_model, check_velocity_form
 from rnc_pin.optimal.bounds import BoundKind, DistanceBound, Goal, InputBound, OutputBound
 from rnc_pin.optimal.costs import CostKind
 from rnc_pin.optimal.file_limits import FileLimits
@@ -24,8 +25,8 @@ from rnc_pin.optimal.node_data import NodeData
 from rnc_pin.optimal.plan_feedback import regulator_gains, tvlqr
 from rnc_pin.optimal.planner import plan_motion
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
-from rnc_pin.optimal.set_point import AT_REST, SetPoint, leads_nearer
-from rnc_pin.printing import ReprMixin
+from rnc_pin.optimal.set_point import AT_REST, SetPoint, nearer_plan
+from rnc_pin.planning.action_models import Form, KinematicModel, Nodes, action_model, check_velocity_form
 
 _OF_FILE = FileLimits()
 _NEAR = 20.0  # times the tolerance: an error at which the feedback at rest moves the directions of weight one
@@ -63,7 +64,8 @@ class SetPointState(NamedTuple):
     """Searches that led to no plan."""
 
 
-class SetPointController(ReprMixin):
+@dataclass(eq=False, repr=False)
+class SetPointController(DescribedMixin):
     """Feedback along plans to a set point, for computers that cannot solve a program in each sample.
 
     At rest, away from the goal, it plans to the goal, and follows the plan with the gains of ``rnc.tvlqr``. Every
@@ -113,59 +115,46 @@ class SetPointController(ReprMixin):
         (True, 'succeeded')
     """
 
-    def __init__(
-        self,
-        reduced: ReducedModel,
-        goal: Goal | SetPoint,
-        duration: float | tuple[float, float],
-        *,
-        form: Form = "dynamic",
-        costs: Sequence[CostKind] | None = None,
-        bounds: Sequence[BoundKind] = (),
-        limits: FileLimits | None = _OF_FILE,
-        nodes: int = 40,
-        seeds: int = 6,
-        tolerance: Positive = 5e-3,
-        tube: Positive = 0.05,
-        check: Positive = 0.25,
-        state_cost: Positive = 10.0,
-        bandwidth: Positive = 20.0,
-        braking: Positive = 4.0,
-        velocities: bool = False,
-    ) -> None:
-        check_positive_settings(tolerance=tolerance, tube=tube, check=check, bandwidth=bandwidth, braking=braking)
-        check_velocity_form(velocities, form)
-        self.velocities = velocities
-        self.set_point = goal if isinstance(goal, SetPoint) else SetPoint(reduced, goal)
-        self.goal, self.duration, self.tolerance, self.tube = self.set_point.goal, duration, tolerance, tube
-        self.check, self.nodes, self.seeds, self.state_cost = check, nodes, seeds, state_cost
-        self.bandwidth, self.braking = bandwidth, braking
-        self._reduced, self._model = reduced, action_model(reduced, form)
-        self._driven = KinematicModel(reduced) if velocities else self._model
+    described = ("form", "nodes", "tolerance", "tube", "check", "state_cost", "bandwidth", "braking", "weights")
+
+    reduced: ReducedModel
+    goal: Goal | SetPoint
+    duration: float | tuple[float, float]
+    _: KW_ONLY
+    form: Form = "dynamic"
+    costs: Sequence[CostKind] | None = None
+    bounds: Sequence[BoundKind] = ()
+    limits: FileLimits | None = _OF_FILE
+    nodes: int = 40
+    seeds: int = 6
+    tolerance: Positive = 5e-3
+    tube: Positive = 0.05
+    check: Positive = 0.25
+    state_cost: Positive = 10.0
+    bandwidth: Positive = 20.0
+    braking: Positive = 4.0
+    velocities: bool = False
+
+    def __post_init__(self) -> None:
+        numbers = ("tolerance", "tube", "check", "bandwidth", "braking")
+        check_positive_settings(**{name: getattr(self, name) for name in numbers})
+        check_velocity_form(self.velocities, self.form)
+        self.set_point = self.goal if isinstance(self.goal, SetPoint) else SetPoint(self.reduced, self.goal)
+        self._model = action_model(self.reduced, self.form)
+        self._driven = KinematicModel(self.reduced) if self.velocities else self._model
         """Model of the robot under the commands."""
-        self._costs, self._bounds, self._limits = costs, tuple(bounds), limits
-        coordinates = self.set_point.coordinates
-        self._direct = np.array(coordinates.weights) == 1  # coordinates that single inputs move
-        stated = [each.bind(self._model) for each in bounds if isinstance(each, InputBound)]
-        self._watched = [each.bind(self._model) for each in bounds if isinstance(each, OutputBound | DistanceBound)]
+        self.weights = self.set_point.coordinates.weights
+        self._direct = np.array(self.weights) == 1  # coordinates that single inputs move
+        stated = [each.bind(self._model) for each in self.bounds if isinstance(each, InputBound)]
+        self._watched = [
+            each.bind(self._model) for each in self.bounds if isinstance(each, OutputBound | DistanceBound)
+        ]
         nu = self._model.nu
         self._lower = np.max([np.full(nu, -np.inf), *(each.lower for each in stated)], axis=0)
         self._upper = np.min([np.full(nu, np.inf), *(each.upper for each in stated)], axis=0)
 
-    def describe(self) -> Description:
-        """Return the form, the tolerances and the weights of the coordinates."""
-        return {
-            "type": type(self).__name__,
-            "form": self._model.form,
-            "nodes": self.nodes,
-            "tolerance": self.tolerance,
-            "tube": self.tube,
-            "check": self.check,
-            "state_cost": self.state_cost,
-            "bandwidth": self.bandwidth,
-            "braking": self.braking,
-            "weights": list(self.set_point.coordinates.weights),
-        }
+    def _settings(self) -> Mapping[str, object]:
+        return {name: getattr(self, name) for name in self.described}
 
     def missed_goals(self, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
         """Rows of the goal that a run misses which ends in this state, for its verdict.
@@ -202,10 +191,10 @@ class SetPointController(ReprMixin):
         if self.velocities:
             return VelocityTarget(v2=u, v2_dot=np.zeros_like(u)), state
         command = Command(v2_desired=v2_desired)
-        if self._model.form == "dynamic":
+        if self.form == "dynamic":
             return command._replace(T=u), state
-        rate = u if self._model.form == "acceleration" else self.bandwidth * (u - v2)
-        return command._replace(F=self._reduced.inverse_dynamics(q, v2, rate)), state
+        rate = u if self.form == "acceleration" else self.bandwidth * (u - v2)
+        return command._replace(F=self.reduced.inverse_dynamics(q, v2, rate)), state
 
     # ------------------------------------------------------------------ modes
 
@@ -255,7 +244,7 @@ class SetPointController(ReprMixin):
     def _gains(self, plan: MotionPlan) -> Array:
         """Gains of the feedback along a plan, of velocities about it if these are the commands."""
         if not self.velocities:
-            return tvlqr(self._reduced, plan, state_cost=self.state_cost).K
+            return tvlqr(self.reduced, plan, state_cost=self.state_cost).K
         n, r = self._driven.nx, self._driven.nu
         weights = np.full(n, self.state_cost), np.ones(r), np.full(n, 10.0 * self.state_cost)
         start = Nodes(plan.q[:-1], np.empty((len(plan.u), 0)))
@@ -264,33 +253,22 @@ class SetPointController(ReprMixin):
     def _plan(self, q: Array, seed: int) -> MotionPlan | None:
         """Plan from a configuration at rest; None if no guess leads to one.
 
-        A plan that the verification does not confirm serves if only its goal is missed, and by less than half of the
-        distance: the next plan starts nearer. Searches after the first have twice the intervals: where a maneuver is
-        large beside its distance, the equations of long intervals are too nonlinear for the iterations.
+        Searches after the first have twice the intervals: where a maneuver is large beside its distance, the equations
+        of long intervals are too nonlinear for the iterations.
         """
         nodes = self.nodes if seed == 0 else min(2 * self.nodes, _MOST_NODES)
-        settings = SolverSettings(nodes=nodes, accuracy=self.tolerance)
-        try:
-            return plan_motion(
-                self._reduced,
-                q,
-                self.goal,
-                self.duration,
-                form=self._model.form,
-                costs=self._costs,
-                bounds=self._bounds,
-                limits=self._limits,
-                settings=settings,
-                seeds=self.seeds,
-                seed=seed,
-                solutions=1,
-                feedback=lambda plan: tvlqr(self._reduced, plan, state_cost=self.state_cost).K,
-            )
-        except InfeasibleError as error:
-            plan: MotionPlan | None = getattr(error, "plan", None)
-            return plan if plan is not None and leads_nearer(plan, self.set_point, q) else None
-        except RncError:  # the guesses met singular configurations
-            return None
+        search = partial(
+            plan_motion,
+            form=self.form,
+            costs=self.costs,
+            bounds=self.bounds,
+            limits=self.limits,
+            settings=SolverSettings(nodes=nodes, accuracy=self.tolerance),
+            seeds=self.seeds,
+            seed=seed,
+            feedback=lambda plan: tvlqr(self.reduced, plan, state_cost=self.state_cost).K,
+        )
+        return nearer_plan(self.set_point, q, self.duration, search)
 
     # ------------------------------------------------------------------ commands
 
@@ -340,10 +318,10 @@ class SetPointController(ReprMixin):
         """Input of the form that leads the reduced velocity to a desired one."""
         if self.velocities:
             return v2_desired
-        if self._model.form == "kinematic":
+        if self.form == "kinematic":
             return self._bounded(v2_desired)
         rate = self.braking * (v2_desired - v2)
-        if self._model.form == "dynamic":
+        if self.form == "dynamic":
             return self._bounded(inputs_for(self._model, now, rate[None])[0])
         return self._bounded(rate)
 
@@ -352,5 +330,5 @@ class SetPointController(ReprMixin):
         if max(self.set_point.errors(q).values()) > _NEAR * self.tolerance:
             return np.zeros(self._model.r)
         coordinates = self.set_point.coordinates
-        J = coordinates.jacobian(q)[self._direct] @ self._reduced.at(q).R
+        J = coordinates.jacobian(q)[self._direct] @ self.reduced.at(q).R
         return -0.5 * self.braking * np.linalg.lstsq(J, coordinates.values(q)[self._direct])[0]

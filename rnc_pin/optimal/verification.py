@@ -12,12 +12,12 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.collision import continuous_distances
 from rnc_pin.errors import RncError
 from rnc_pin.model.numpy_evaluator import PlannedFeedback
-from rnc_pin.optimal.action_models import Nodes
 from rnc_pin.optimal.bounds import DistanceRows
 from rnc_pin.optimal.contact_bounds import ContactForceRows
 from rnc_pin.optimal.motion_plan import Integration, PlanVerification
 from rnc_pin.optimal.node_data import NodeData
 from rnc_pin.optimal.transcription import Iterate, Transcription
+from rnc_pin.planning.action_models import Nodes
 from rnc_pin.verdict import Finding, FindingKind, Severity
 
 _CONTACT = 1e-6  # [m], error of a measured distance

@@ -14,8 +14,8 @@ from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.parameter_types import Positive, check_positive_settings
-from rnc_pin.optimal.action_models import KinematicModel, Nodes
 from rnc_pin.optimal.plan_feedback import regulator_gains
+from rnc_pin.planning.action_models import KinematicModel, Nodes
 from rnc_pin.planning.exact_steering import ExactMotion
 from rnc_pin.planning.way import Way
 from rnc_pin.planning.way_checking import WayChecker

@@ -19,6 +19,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 import scipy
 from numpy import ndarray as Array
 
@@ -36,6 +37,11 @@ _SHORT = 1e-12  # displacement [m or rad] that is left out
 _TURN = 1.7  # [rad]; longest turn of one displacement, below a half turn about any axis
 _LAST_TURNS = {"JointModelPlanar": 1, "JointModelFreeFlyer": 3}  # velocities that turn; all of other circles and balls
 _PATHS = 3  # shortest paths of a car that are tried
+
+
+def base_axes(model: pin.Model) -> int:
+    """Number of coordinates of the position of a mobile base, which come first in its joint; 0 for a fixed base."""
+    return {"JointModelPlanar": 2, "JointModelFreeFlyer": 3}.get(model.joints[1].shortname(), 0)
 
 
 class ExactMotion(NamedTuple):

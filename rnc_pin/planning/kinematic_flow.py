@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numpy import ndarray as Array
 
-from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.array_shapes import Float, Int
-from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.planning.action_models import KinematicModel, Nodes
 
 
 class Shots(NamedTuple):
@@ -36,7 +34,8 @@ class KinematicFlow:
     """
 
     def __init__(self, reduced: ReducedModel) -> None:
-        self.reduced, self.manifold = reduced, ConfigurationManifold(reduced.robot.model)
+        self.reduced, self._model = reduced, KinematicModel(reduced)
+        self.manifold = self._model.manifold
 
     def step(self, q: Float[Array, "n nq"], u: Float[Array, "n r"]) -> Float[Array, "n nq"]:
         """Configurations after displacements u, by the commutator-free method of Celledoni, Marthinsen and Owren.
@@ -77,31 +76,16 @@ class KinematicFlow:
             u: displacements.
             steps: number of equal steps.
         """
-        each, places, middles, halves, wholes = u / steps, [np.array(q)], [], [], []
+        each, places = u / steps, [np.array(q)]
         for _ in range(steps):
-            start, half, v = self._midpoint(places[-1], each)
-            halves.append(0.5 * start)
-            wholes.append(v)
-            middles.append(half)
-            places.append(self.manifold.integrate(places[-1], v))
-        starts, inputs = np.concatenate(places[:-1]), np.tile(each, (steps, 1))
-        first, second = self._derivatives(starts, inputs), self._derivatives(np.concatenate(middles), inputs)
-        turned, pushed = self._transports(starts, np.concatenate(halves))
-        v_q = second.v_q @ (turned + 0.5 * pushed @ first.v_q)
-        v_u = second.v_v2 + 0.5 * second.v_q @ pushed @ first.v_v2
-        turned, pushed = self._transports(starts, np.concatenate(wholes))
-        by_q = (turned + pushed @ v_q).reshape(steps, len(q), self.reduced.n, -1)
-        by_u = (pushed @ v_u).reshape(steps, len(q), self.reduced.n, -1) / steps
+            places.append(self.coarse_step(places[-1], each))
+        starts = np.concatenate(places[:-1])
+        found = self._model.step_derivatives(*self._unit_steps(starts, np.tile(each, (steps, 1))))
+        by_q, by_u = (part.reshape(steps, len(q), self.reduced.n, -1) for part in (found.x, found.u / steps))
         by_start, by_input = by_q[0], by_u[0]
         for k in range(1, steps):
             by_start, by_input = by_q[k] @ by_start, by_q[k] @ by_input + by_u[k]
         return Shots(np.array(places), by_start, by_input)
-
-    def _transports(self, q: Array, step: Array) -> tuple[Array, Array]:
-        """Derivatives (n, nv, nv) of displaced configurations by the configurations and by the displacements."""
-        model = self.reduced.robot.model
-        found = [pin.dIntegrate(model, *pair) for pair in zip(q, step, strict=True)]
-        return np.array([each[0] for each in found]), np.array([each[1] for each in found])
 
     def coarse_step(self, q: Float[Array, "n nq"], u: Float[Array, "n r"]) -> Float[Array, "n nq"]:
         """Configurations after displacements u, by the midpoint rule.
@@ -110,16 +94,12 @@ class KinematicFlow:
             q: configurations.
             u: reduced velocities times durations.
         """
-        return self.manifold.integrate(q, self._midpoint(q, u)[2])
+        return self._model.step(*self._unit_steps(q, u)).q
 
-    def _midpoint(self, q: Array, u: Array) -> tuple[Array, Array, Array]:
-        """Displacements at the start, configurations halfway, and displacements there."""
-        start = self._v(q, u)
-        half = self.manifold.integrate(q, 0.5 * start)
-        return start, half, self._v(half, u)
+    @staticmethod
+    def _unit_steps(q: Array, u: Array) -> tuple[Nodes, Array, Array]:
+        """Steps of one second: the velocities are the displacements."""
+        return Nodes(q, np.empty((len(q), 0))), u, np.ones(len(q))
 
     def _v(self, q: Array, u: Array) -> Array:
         return np.asarray(self.reduced.at(q, u).v)
-
-    def _derivatives(self, q: Array, u: Array) -> StateDerivatives:
-        return state_derivatives(self.reduced, q, u, np.zeros((len(q), self.reduced.p)))

@@ -57,7 +57,7 @@ def find_steering(
     if base.shortname() != "JointModelPlanar":
         _refuse(reduced, "the rows restrict joints other than a planar base")
     first = base.idx_v
-    rows = [_annihilators(R[places]) for R in samples.bases()]
+    rows = [_annihilators(R[places]) for R in samples.bases]
     on_base = np.isin(places, np.arange(first, first + 3))
     if any(np.abs(each[:, ~on_base]).max(initial=0.0) > _EXACT for each in rows):
         _refuse(reduced, "the rows couple the base with other joints")
@@ -105,7 +105,7 @@ def planned_velocities(reduced: ReducedModel, q0: Float[Array, " nq"], seed: int
 
 
 class _Samples:
-    """Random configurations within the limits, and the velocities that the rows allow there."""
+    """Random configurations within the limits, and bases R (nv, r) of the velocities that the rows allow there."""
 
     def __init__(self, reduced: ReducedModel, q0: Array, seed: int) -> None:
         self._reduced, self._model = reduced, reduced.robot.model
@@ -114,20 +114,16 @@ class _Samples:
         wide = ~((lower > -NO_LIMIT) & (upper < NO_LIMIT) & (lower < upper))
         lower[wide], upper[wide] = -1.0, 1.0
         pin.seed(seed)
-        self._q, self._R = [np.array(q0)], [np.array(reduced.at(q0).R)]
+        self._q, self.bases = [np.array(q0)], [np.array(reduced.at(q0).R)]
         for _ in range(20 * _SAMPLES):
             if len(self._q) == _SAMPLES:
                 break
             q = pin.randomConfiguration(self._model, lower, upper)
             try:
-                self._R.append(np.array(reduced.at(q).R))
+                self.bases.append(np.array(reduced.at(q).R))
             except SingularityError:
                 continue
             self._q.append(q)
-
-    def bases(self) -> list[Array]:
-        """Bases R (nv, r) at the configurations."""
-        return self._R
 
     def followers(self) -> Bool[Array, " nv"]:
         """Mask of joints that follow: without limits, no row depends on them, and others determine their motion."""
@@ -137,7 +133,7 @@ class _Samples:
                 continue
             rest = ~found
             rest[joint.idx_v] = False
-            if all(np.linalg.matrix_rank(R[rest], tol=_EXACT) == R.shape[1] for R in self._R):
+            if all(np.linalg.matrix_rank(R[rest], tol=_EXACT) == R.shape[1] for R in self.bases):
                 found[joint.idx_v] = not self._matters(int(joint.idx_v), slice(None))
         return found
 
@@ -153,7 +149,7 @@ class _Samples:
 
     def _matters(self, index: int, rows: slice) -> bool:
         """True if the velocities that the rows allow depend on a joint."""
-        for q, R in zip(self._q, self._R, strict=True):
+        for q, R in zip(self._q, self.bases, strict=True):
             step = np.zeros(self._model.nv)
             step[index] = self._generator.uniform(0.05, 0.5)
             try:

@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 from rnc_pin.array_shapes import Bool, Float, Int
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.planning.exact_steering import ExactMotion
+from rnc_pin.planning.exact_steering import ExactMotion, base_axes
 from rnc_pin.planning.kinematic_flow import KinematicFlow
 from rnc_pin.planning.way_checking import NarrowPlace, WayChecker
-from rnc_pin.planning.way_search import speed_limits
+from rnc_pin.planning.way_search import drive_times, speed_limits
 from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, counted, items
 
 _JUMP = 1e-6  # change of the direction of reduced velocities above which a motion stops in between
@@ -102,7 +102,7 @@ class Way(SummaryMixin):
         if not len(self.v):
             found = np.repeat(self.q, len(times), axis=0)
         else:
-            k = np.clip(np.searchsorted(self.time, times, "right") - 1, 0, len(self.v) - 1)
+            k = self._before(times)
             v, since = self.v[k], (times - self.time[k])[:, None]
             if self.geodesic:
                 found = self._manifold.integrate(self.q[k], since * v)
@@ -113,8 +113,11 @@ class Way(SummaryMixin):
 
     def reduced_velocity(self, t: float) -> Float[Array, " r"]:
         """Reduced velocities (r,) at a time [s]: ``v = R(q) v2``."""
-        k = int(np.clip(np.searchsorted(self.time, t, "right") - 1, 0, len(self.v) - 1))
-        return np.array(self.reduced.at(self.at(t)).J2 @ self.v[k])
+        return np.array(self.reduced.at(self.at(t)).J2 @ self.v[self._before(t)])
+
+    def _before(self, t: ArrayLike) -> Int[Array, "*k"]:
+        """Nodes before times."""
+        return np.clip(np.searchsorted(self.time, t, "right") - 1, 0, len(self.v) - 1)
 
     def _summary(self) -> ObjectSummary:
         lines: list[Line] = [
@@ -150,7 +153,7 @@ def way_along(
         motion: displacements of all joints.
         info: record of the search.
     """
-    durations = (np.abs(motion.steps) / speed_limits(reduced, planned)).max(axis=1, initial=0.0)
+    durations = drive_times(motion.steps, speed_limits(reduced, planned))
     time = np.concatenate([[0.0], np.cumsum(durations)])
     v = motion.steps / durations[:, None]
     for array in (time, motion.q, v):
@@ -171,9 +174,9 @@ def way_along(
 
 def _length(reduced: ReducedModel, motion: ExactMotion) -> float:
     """Length of the path of a base [m]."""
-    base = reduced.robot.model.joints[1]
-    size = {"JointModelPlanar": 2, "JointModelFreeFlyer": 3}.get(base.shortname(), 0)
-    return float(np.linalg.norm(motion.steps[:, base.idx_v : base.idx_v + size], axis=1).sum())
+    base = reduced.robot.model.joints[1].idx_v
+    places = slice(base, base + base_axes(reduced.robot.model))
+    return float(np.linalg.norm(motion.steps[:, places], axis=1).sum())
 
 
 def _residual(reduced: ReducedModel, motion: ExactMotion, v: Array, geodesic: bool) -> float:

@@ -107,9 +107,13 @@ class WayChecker:
         """Some times and configurations of a motion."""
         count = int(np.clip(np.ceil((time[-1] - time[0]) / _APART), 1, _MOST_LOOKS))
         for t in np.linspace(time[0], time[-1], count + 1).tolist():
-            k = int(np.clip(np.searchsorted(time, t, "right") - 1, 0, len(time) - 2))
-            part = (t - time[k]) / max(float(time[k + 1] - time[k]), 1e-300)
-            yield t, self.manifold.interpolate(q[k : k + 1], q[k + 1 : k + 2], np.array([part]))[0]
+            yield t, self._between(time, q, t)
+
+    def _between(self, time: Float[Array, " n"], q: Float[Array, "n nq"], t: float) -> Float[Array, " nq"]:
+        """Configuration at a time of a motion whose joints move at constant rates between its nodes."""
+        k = int(np.clip(np.searchsorted(time, t, "right") - 1, 0, len(time) - 2))
+        part = (t - time[k]) / max(float(time[k + 1] - time[k]), 1e-300)
+        return self.manifold.interpolate(q[k : k + 1], q[k + 1 : k + 2], np.array([part]))[0]
 
     def holds_with(self, motion: ExactMotion, followers: Bool[Array, " nv"]) -> bool:
         """True if a motion that ``is_free`` has accepted stays free where joints that follow move too.
@@ -147,9 +151,7 @@ class WayChecker:
             return None
         nearest = int(np.argmin(beside))
         at = float(found.time[nearest])
-        k = int(np.clip(np.searchsorted(time, at) - 1, 0, len(time) - 2))
-        part = (at - time[k]) / max(time[k + 1] - time[k], 1e-300)
-        place = self.manifold.interpolate(q[k], q[k + 1], np.array([part]))[0]
+        place = self._between(time, q, at)
         return NarrowPlace(float(beside[nearest]), self.distances.pairs[nearest].label, place, at)
 
 

@@ -20,14 +20,14 @@ from rnc_pin.extras import check_extra
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
-from rnc_pin.planning.exact_steering import ExactMotion, Steering
+from rnc_pin.planning.exact_steering import ExactMotion, Steering, base_axes
 from rnc_pin.planning.kinematic_flow import KinematicFlow
 from rnc_pin.planning.steering_detection import find_steering, planned_velocities
 from rnc_pin.planning.way import Way, WayInfo, way_along
 from rnc_pin.planning.way_checking import WayChecker, way_checker
 from rnc_pin.planning.way_goals import WayGoals, check_configuration, validated_configuration
 from rnc_pin.planning.way_propagation import DEVIATION, PropagatedSearch
-from rnc_pin.planning.way_search import SHORTER, SearchBudget, WaySearch, in_slices, speed_limits
+from rnc_pin.planning.way_search import SHORTER, SearchBudget, WaySearch, drive_times, in_slices, speed_limits
 from rnc_pin.planning.way_space import base_area
 from rnc_pin.planning.way_timing import TimedWay, WayTiming
 
@@ -35,7 +35,6 @@ _FIRST = 400  # motions of the first search, in which joints stay within the ran
 _ATTEMPT = 4000  # motions of each further search, before it starts again with other random numbers
 _ROOM = 0.02  # of the range of a steering joint, at each end: feedback along a way needs it
 _POSED = 4  # crossings that ways lead around
-_BASES = ("JointModelPlanar", "JointModelFreeFlyer")
 
 
 @dataclass(frozen=True)
@@ -175,6 +174,7 @@ class WayFinder:
         self._reduced, self._settings, self._reference = reduced, settings, start
         self.steering = _steering(reduced, start, settings)
         self.planned = planned_velocities(reduced, start) if self.steering is None else self.steering.planned
+        self._speeds = speed_limits(reduced, self.planned)
         self._selection, self._apart = selection, clearance if self.steering else clearance + DEVIATION
         self._use(obstacles)
 
@@ -284,18 +284,19 @@ class WayFinder:
         goals = WayGoals(reduced, self.steering, checker, budget, settings.goals, settings.hold)
         ends = goals.of(goal, start, seed)
         search = self._search(np.vstack([start, ends]), checker, budget)
-        mobile = reduced.robot.model.joints[1].shortname() in _BASES
-        found = search.direct() if isinstance(search, WaySearch) else None
-        direct, tight, attempt = found is not None, mobile, 0
+        found, speeds, every = search.direct(), self._speeds, list(reduced.robot.model.names)[1:]
+        direct, tight, attempt = found is not None, base_axes(reduced.robot.model) > 0, 0
         first, history = 0.0, list[tuple[int, float]]()
         while True:
             if found is None:
-                found = self._attempt(search, tight, seed + attempt)
+                # At first the joints of a mobile robot stay within the range of start and goals.
+                held, most = (every, _FIRST) if tight else (settings.hold, _ATTEMPT)
+                found = search.run(held, most, seed + attempt)
                 attempt += 1
             if found is not None:
-                first = first or float(search.durations(found.steps).sum())
-                found = self._shortened(search, found, seed)
-                duration = float(search.durations(found.steps).sum())
+                first = first or float(drive_times(found.steps, speeds).sum())
+                found = search.shortened(found, settings.shortcuts, seed)
+                duration = float(drive_times(found.steps, speeds).sum())
                 if not history:
                     budget.limit(settings.improve)
                 if not history or duration < (1.0 - SHORTER) * history[-1][1]:
@@ -321,20 +322,8 @@ class WayFinder:
         area = base_area(self._reduced, radius, places, self._obstacles, checker, self._settings.area)
         if self.steering is not None:
             return WaySearch(self.steering, checker, places, area, budget)
-        flow, speeds = KinematicFlow(self._reduced), speed_limits(self._reduced, self.planned)
-        return PropagatedSearch(flow, self.planned, checker, places, area, speeds, budget)
-
-    def _attempt(self, search: WaySearch | PropagatedSearch, tight: bool, seed: int) -> ExactMotion | None:
-        """One search; ``tight`` if the joints of a mobile robot stay within the range of start and goals."""
-        if isinstance(search, PropagatedSearch):
-            return search.run(seed)
-        held = list(self._reduced.robot.model.names)[1:] if tight else self._settings.hold
-        return search.run(held, _FIRST if tight else _ATTEMPT, seed)
-
-    def _shortened(self, search: WaySearch | PropagatedSearch, motion: ExactMotion, seed: int) -> ExactMotion:
-        if isinstance(search, PropagatedSearch):
-            return search.shortened(motion, self._settings.shortcuts)
-        return search.shortened(motion, self._settings.shortcuts, seed)
+        flow = KinematicFlow(self._reduced)
+        return PropagatedSearch(flow, self.planned, checker, places, area, self._speeds, budget)
 
     def along(self, motion: ExactMotion) -> Way:
         """Way along an exact motion that is free.
@@ -386,8 +375,7 @@ def _failure(
     budget: SearchBudget,
 ) -> InfeasibleError:
     """Error about a search without a way: how near it came, and what is in the way."""
-    base, near = reduced.robot.model.joints[1], search.nearest.q
-    size = {"JointModelPlanar": 2, "JointModelFreeFlyer": 3}.get(base.shortname(), 0)
+    base, size, near = reduced.robot.model.joints[1], base_axes(reduced.robot.model), search.nearest.q
     text = f"no way found in {budget.elapsed:.0f} s, {budget.motions} motions checked"
     if size:
         places = slice(base.idx_q, base.idx_q + size)

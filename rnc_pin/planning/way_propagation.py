@@ -7,6 +7,8 @@ rows over time can be driven backwards, so that the tree of the goals is followe
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 import scipy
@@ -14,10 +16,10 @@ from numpy import ndarray as Array
 
 from rnc_pin.analysis.growth import filtration
 from rnc_pin.array_shapes import Bool, Float, Int
-from rnc_pin.planning.exact_steering import ExactMotion
+from rnc_pin.planning.exact_steering import ExactMotion, base_axes
 from rnc_pin.planning.kinematic_flow import KinematicFlow, Shots
 from rnc_pin.planning.way_checking import WayChecker
-from rnc_pin.planning.way_search import Nearest, SearchBudget
+from rnc_pin.planning.way_search import Nearest, SearchBudget, drive_times
 from rnc_pin.robots.joint_values import NO_LIMIT
 
 DEVIATION = 5e-4
@@ -107,8 +109,7 @@ class PropagatedSearch:
         self._low, self._high = np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
         self._weights = np.where(planned, _JOINTS, 0.0)
         self._box = np.where(limited, [low, high], self._start + np.array([[-np.pi], [np.pi]]))
-        base = model.joints[1]
-        size = {"JointModelPlanar": 2, "JointModelFreeFlyer": 3}.get(base.shortname(), 0)
+        base, size = model.joints[1], base_axes(model)
         if size:
             self._weights[base.idx_v : base.idx_v + base.nv] = 1.0
             self._box[:, base.idx_q : base.idx_q + size] = area[:, :size]
@@ -118,10 +119,14 @@ class PropagatedSearch:
         self._reachable = [self._directions(goal) for goal in self._goals]
         self.nearest = Nearest(np.inf, self._start)
 
-    def run(self, seed: int) -> ExactMotion | None:
+    def direct(self) -> None:
+        """Return None: every motion needs a search."""
+
+    def run(self, held: Sequence[str], most: int, seed: int) -> ExactMotion | None:
         """Search for a way until the time is up; None if none is found.
 
         Args:
+            held, most: no effect; as for ``WaySearch``.
             seed: seed of all random choices.
         """
         generator = np.random.default_rng(seed)
@@ -328,16 +333,13 @@ class PropagatedSearch:
 
     # ------------------------------------------------------------------ shorter ways
 
-    def durations(self, steps: Float[Array, "k nv"]) -> Float[Array, " k"]:
-        """Durations (k,) of displacements at the largest speeds [s]."""
-        return (np.abs(steps) / self._speeds).max(axis=1, initial=0.0)
-
-    def shortened(self, motion: ExactMotion, tries: int) -> ExactMotion:
+    def shortened(self, motion: ExactMotion, tries: int, seed: int = 0) -> ExactMotion:
         """The same or a faster motion: smaller inputs that lead to the same goal, as long as this helps.
 
         Args:
             motion: the motion that was found last.
             tries: largest number of attempts.
+            seed: no effect; as for ``WaySearch``.
         """
         share = 0.4
         for _ in range(tries):
@@ -345,7 +347,8 @@ class PropagatedSearch:
                 break
             kept = self._nodes, self._inputs
             found = self._exact(*kept, share)
-            if found is not None and self.durations(found.steps).sum() < 0.99 * self.durations(motion.steps).sum():
+            times = [drive_times(each.steps, self._speeds).sum() for each in (motion, found) if each is not None]
+            if found is not None and times[1] < 0.99 * times[0]:
                 motion = found
             else:
                 self._nodes, self._inputs = kept

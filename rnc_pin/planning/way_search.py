@@ -187,7 +187,7 @@ class WaySearch:
         """Fastest free motion to a goal that needs no search; None if there is none."""
         found = [self.connect(self._start, goal) for goal in self._goals]
         free = [motion for motion in found if motion is not None]
-        return min(free, key=lambda motion: self.durations(motion.steps).sum(), default=None)
+        return min(free, key=lambda motion: drive_times(motion.steps, self._speeds).sum(), default=None)
 
     def run(self, held: Sequence[str], most: int, seed: int) -> ExactMotion | None:
         """Search for a way; None if none is found.
@@ -306,10 +306,6 @@ class WaySearch:
 
     # ------------------------------------------------------------------ shorter ways
 
-    def durations(self, steps: Float[Array, "k nv"]) -> Float[Array, " k"]:
-        """Durations (k,) of displacements at the largest speeds [s]."""
-        return (np.abs(steps) / self._speeds).max(axis=1, initial=0.0)
-
     def shortened(self, motion: ExactMotion, tries: int, seed: int) -> ExactMotion:
         """The same or a faster motion: two places on it are connected directly, as often as this helps.
 
@@ -322,13 +318,14 @@ class WaySearch:
         for _ in range(tries):
             if self._budget.is_over or len(motion.steps) < 2:
                 break
-            ends = np.cumsum(self.durations(motion.steps))
+            ends = np.cumsum(drive_times(motion.steps, self._speeds))
             first, last = np.sort(generator.uniform(0.0, ends[-1], 2))
             begin, rest = self._cut(motion, ends, first)[0], self._cut(motion, ends, last)[1]
             now = last - first
             for between in self._steering.motions(begin.q[-1], rest.q[0]):
                 self._budget.spend(_STEERED)
-                if self.durations(between.steps).sum() < (1.0 - SHORTER) * now and self.is_free(between):
+                faster = drive_times(between.steps, self._speeds).sum() < (1.0 - SHORTER) * now
+                if faster and self.is_free(between):
                     steps = np.concatenate([begin.steps, between.steps, rest.steps])
                     motion = self._steering.along(motion.q[0], steps)
                     break
@@ -364,6 +361,11 @@ def _state(information: object, space: WaySpace, q: Array) -> object:
     space.write(state, q)
     information.enforceBounds(state)  # type: ignore[attr-defined]  # the angle pi is out of OMPL's [-pi, pi)
     return state
+
+
+def drive_times(steps: Float[Array, "k nv"], speeds: Float[Array, " nv"]) -> Float[Array, " k"]:
+    """Durations (k,) of displacements at the largest speeds [s]."""
+    return (np.abs(steps) / speeds).max(axis=1, initial=0.0)
 
 
 def speed_limits(reduced: ReducedModel, planned: Bool[Array, " nv"]) -> Float[Array, " nv"]:

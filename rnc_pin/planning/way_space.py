@@ -15,7 +15,7 @@ from rnc_pin.collision import Obstacle
 from rnc_pin.collision.shapes import bounding_box
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.planning.exact_steering import Steering
+from rnc_pin.planning.exact_steering import Steering, base_axes
 from rnc_pin.planning.way_checking import WayChecker
 from rnc_pin.robots.joint_values import NO_LIMIT
 
@@ -83,12 +83,8 @@ class WaySpace:
                 )
         self._entries = [entry for entry, _, _ in reals]
         if reals:
-            bounds = ob.RealVectorBounds(len(reals))
-            for k, (_, low, high) in enumerate(reals):
-                bounds.setLow(k, low)
-                bounds.setHigh(k, high)
             joints = ob.RealVectorStateSpace(len(reals))
-            joints.setBounds(bounds)
+            self._bound(joints, np.array(reals)[:, 1:].T)
             self._add("reals", 0, joints, _REACH)
 
     def _add(self, kind: str, entry: int, space: ob.StateSpace, weight: float) -> None:
@@ -169,8 +165,7 @@ def base_area(
         if area.shape != (2, 3) or not (area[0] < area[1]).all():
             raise InputError(f"area: expected smallest and largest x, y and z (2, 3), found {area.tolist()}")
         return area
-    base = reduced.robot.model.joints[1]
-    size = {"JointModelPlanar": 2, "JointModelFreeFlyer": 3}.get(base.shortname(), 0)
+    base, size = reduced.robot.model.joints[1], base_axes(reduced.robot.model)
     points = np.zeros((len(configurations), 3))
     points[:, :size] = configurations[:, base.idx_q : base.idx_q + size]
     corners = [points]

@@ -5,11 +5,11 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.optimal.action_models import Nodes, action_model
 from rnc_pin.optimal.node_data import NodeData
 from rnc_pin.optimal.planner import build_problem, initial_node
 from rnc_pin.optimal.transcription import Iterate
 from rnc_pin.optimal.verification import plan_findings, verify_inputs
+from rnc_pin.planning.action_models import Nodes, action_model
 from systems import WHEEL, random_states, rolling_base
 from textbook_systems import G
 

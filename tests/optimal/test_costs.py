@@ -6,9 +6,9 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.optimal.action_models import Nodes, action_model
 from rnc_pin.optimal.bounds import GoalRows
 from rnc_pin.optimal.node_data import NodeData
+from rnc_pin.planning.action_models import Nodes, action_model
 
 STEP = 3e-5  # logarithms of rotations near half a turn round to 1e-11
 

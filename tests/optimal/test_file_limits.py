@@ -10,8 +10,8 @@ import rnc_pin as rnc
 import systems
 from benchmarks.planned_models import mobile_manipulator, tractor
 from rnc_pin.optimal import FileLimits, InputBound, OutputBound, SolverSettings, VelocityBound
-from rnc_pin.optimal.action_models import Nodes, action_model
 from rnc_pin.optimal.node_data import NodeData
+from rnc_pin.planning.action_models import Nodes, action_model
 from rnc_pin.verdict import FindingKind, Severity
 
 AHEAD = (1.0, 0.0, 0.0)

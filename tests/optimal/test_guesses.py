@@ -8,10 +8,10 @@ import pytest
 
 import rnc_pin as rnc
 from benchmarks.planned_models import car
-from rnc_pin.optimal.action_models import action_model
 from rnc_pin.optimal.bounds import GoalRows
 from rnc_pin.optimal.guesses import guesses
 from rnc_pin.optimal.planner import build_problem, initial_node
+from rnc_pin.planning.action_models import action_model
 
 BEST = 1.93506  # of 40 solutions from random guesses
 ARM = {"joint_1": -0.4, "joint_2": 1.2, "joint_3": -0.8}

@@ -7,7 +7,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.optimal.action_models import Nodes, action_model
+from rnc_pin.planning.action_models import Nodes, action_model
 
 
 @cache

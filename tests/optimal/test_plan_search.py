@@ -10,11 +10,11 @@ import rnc_pin as rnc
 import systems
 from benchmarks.planned_models import car, tractor
 from rnc_pin.optimal import DistanceBound, OutputBound, SolverSettings, VelocityBound
-from rnc_pin.optimal.action_models import action_model
 from rnc_pin.optimal.bounds import GoalRows
 from rnc_pin.optimal.guesses import guesses
 from rnc_pin.optimal.planner import build_problem, initial_node
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
+from rnc_pin.planning.action_models import action_model
 from rnc_pin.verdict import FindingKind, Severity
 
 RACK, SIZE, CLEARANCE = (0.0, 0.0, 1.0), (2.0, 0.6, 2.0), 0.1

@@ -20,9 +20,10 @@ from rnc_pin.optimal import (
     action_model,
     set_point,
 )
-from rnc_pin.optimal.action_models import Nodes
+from rnc_pin.optimal.guesses import along
 from rnc_pin.optimal.node_data import NodeData
 from rnc_pin.optimal.set_point import first_motion, quadratic_set_point
+from rnc_pin.planning.action_models import Nodes
 from textbook_systems import unicycle_with_trailers
 
 STEP = 1e-6
@@ -243,6 +244,10 @@ def test_costs_that_determine_no_set_point_do_not_warn():
     assert quadratic_set_point(action_model(sleigh, "acceleration"), posture) is not None
 
 
+def standing(model, q, horizon, K):
+    return along(model, np.repeat(q[None], K + 1, axis=0), horizon)
+
+
 def test_the_first_motion_is_the_beginning_of_a_plan_and_counts_as_an_escape():
     reduced = systems.sleigh()
     controller = controller_of(reduced)
@@ -271,7 +276,7 @@ def test_a_long_way_is_begun_by_a_part_of_a_longer_plan():
     model = action_model(reduced, "acceleration")
     point = controller_of(reduced).set_point
     q = reduced.robot.configuration({"root_joint": [-4.0, 0.0, 0.0]})
-    found = first_motion(model, point, q, 3.0, 15, [rnc.optimal.VelocityBound(-1.0, 1.0)], seed=0)
+    found = first_motion(model, point, standing(model, q, 3.0, 15), [rnc.optimal.VelocityBound(-1.0, 1.0)], seed=0)
     assert found.q.shape == (16, 4)
     assert found.duration == 3.0
     np.testing.assert_allclose(found.q[0], q, atol=1e-12)
@@ -296,7 +301,8 @@ def test_a_motion_whose_coarse_steps_miss_the_goal_is_a_first_motion_without_lon
     reduced = systems.sleigh()
     point = controller_of(reduced).set_point
     q = reduced.robot.configuration({"root_joint": [0.0, 1.0, 0.5]})
-    found = first_motion(action_model(reduced, "acceleration"), point, q, 3.0, 5, [], seed=0)
+    model = action_model(reduced, "acceleration")
+    found = first_motion(model, point, standing(model, q, 3.0, 5), [], seed=0)
     assert [nodes for nodes, _ in searches] == [5]
     assert found is not None
     assert point.distance(found.q[-1]) < 1e-3
@@ -307,7 +313,7 @@ def test_searches_over_longer_horizons_take_about_as_long_as_the_first(searches)
     q = reduced.robot.configuration({"root_joint": [-40.0, 0.0, 0.0]})
     slow = [rnc.optimal.VelocityBound(-1.0, 1.0)]
     model = action_model(reduced, "acceleration")
-    assert first_motion(model, controller_of(reduced).set_point, q, 3.0, 5, slow, seed=0) is None
+    assert first_motion(model, controller_of(reduced).set_point, standing(model, q, 3.0, 5), slow, seed=0) is None
     assert [nodes for nodes, _ in searches] == [5, 10, 20]
     effort = [nodes * guesses for nodes, guesses in searches]
     assert max(effort) <= 2 * effort[0]
@@ -334,7 +340,7 @@ def test_a_first_motion_of_a_car_without_bounds_keeps_the_steering_limit_of_its_
     model = action_model(reduced, "acceleration")
     point = rnc.optimal.SetPoint(reduced, robot.configuration())
     q = robot.configuration({"root_joint": [0.0, 0.3, 0.0]})
-    found = first_motion(model, point, q, 4.0, 12, [InputBound(-2.0, 2.0)], seed=0)
+    found = first_motion(model, point, standing(model, q, 4.0, 12), [InputBound(-2.0, 2.0)], seed=0)
     assert found is not None
     assert np.abs(found.w).max() > 0.1
     assert np.abs(found.q[:, 4]).max() <= 1.0 + 1e-3

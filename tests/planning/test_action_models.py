@@ -5,7 +5,7 @@ import pytest
 
 import systems
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
-from rnc_pin.optimal.action_models import Nodes, action_model
+from rnc_pin.planning.action_models import Nodes, action_model
 
 FORMS = ["kinematic", "acceleration", "dynamic"]
 SYSTEMS = {"sleigh": systems.sleigh, "space robot": systems.space_robot_in_joints}
