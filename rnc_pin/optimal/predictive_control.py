@@ -108,7 +108,8 @@ class PredictiveController(DescribedMixin):
 
     With a ``SetPointCost`` or a ``goal``, the first motion is the beginning of a plan to it. If later the robot stands
     away from the goal, and its predicted motion does not lead nearer, another plan takes its place. Such an update is
-    late by the time of the search. A set point that is missed at the end of a run is in its verdict.
+    late by the time of the search. A plan whose first horizon costs more than waiting is followed to its end without
+    updates, because they would turn the robot back. A set point that is missed at the end of a run is in its verdict.
 
     The motion starts at the state that is predicted for the end of the delay. The controller reads the model. Reads
     from the measurement ``q, v2``; of a robot that takes velocities, ``v2`` before the first update only.
@@ -251,9 +252,15 @@ class PredictiveController(DescribedMixin):
             searches = point is not None and t >= state.next_search - 1e-9
             if point is not None and searches and stalls(point, Nodes(at.q[:1], at.w[:1]), at.q[-1]):
                 limit, waiting = None, self._after_search(t, waiting)
-                found = first_motion(self._model, point, at, self.bounds, state.searches)
-                at, known = found or at, None
-                escapes += int(not np.array_equal(at.q[-1], at.q[0]))
+                plan, known = first_motion(self._model, point, at, self.bounds, state.searches), None
+                if plan is not None:
+                    escapes += 1
+                    self._problem.begin = t + self.updates.delay
+                    first = self._beginning(plan)
+                    if self.goal is None and self._problem.values(first).cost > self._problem.values(at).cost:
+                        # Over one horizon, waiting costs less: an update would turn the robot back.
+                        return self._following(t, plan, waiting._replace(escapes=escapes, updates=state.updates + 1))
+                    at = first
             self._problem.begin = t + self.updates.delay
             solver = SequentialQuadratic(self._problem, self._solver_settings)
             solver.multipliers = known
@@ -277,6 +284,18 @@ class PredictiveController(DescribedMixin):
         )
         return motion._replace(updates=state.updates + 1, escapes=escapes)
 
+    def _beginning(self, plan: Iterate) -> Iterate:
+        """The first horizon of a plan."""
+        return Iterate(plan.q[: self.nodes + 1], plan.w[: self.nodes + 1], plan.u[: self.nodes], self.horizon)
+
+    def _following(self, t: float, plan: Iterate, state: PredictiveState) -> PredictiveState:
+        """State that follows a plan to its end, without updates."""
+        gains = self._problem.with_intervals(len(plan.u)).feedback_gains(plan)
+        begin = t + self.updates.delay
+        return state._replace(
+            begin=begin, q=plan.q, w=plan.w, u=plan.u, gains=gains, multipliers=None, next_update=begin + plan.duration
+        )
+
     def _after_search(self, t: float, state: PredictiveState) -> PredictiveState:
         """State after a search; the time until the next one doubles."""
         pause = self.horizon * 2.0 ** min(state.searches, _LONGEST)
@@ -295,14 +314,14 @@ class PredictiveController(DescribedMixin):
 
     def _planned(self, t: float, state: PredictiveState) -> tuple[Nodes, int]:
         """State of the motion at a time, and its interval."""
-        since = min(max(t - state.begin, 0.0), self.horizon)
+        since = min(max(t - state.begin, 0.0), self._h * len(state.u))
         k = min(int(since / self._h), len(state.u) - 1)
         return self._model.after(Nodes(state.q, state.w), state.u, k, since - k * self._h), k
 
     def _velocity(self, t: float, state: PredictiveState) -> VelocityTarget:
         """Velocity of the motion at a time, with its rate; zero after the end."""
         planned, k = self._planned(t, state)
-        if t > state.begin + self.horizon + 1e-9:
+        if t > state.begin + self._h * len(state.u) + 1e-9:
             return VelocityTarget(v2=np.zeros(self._model.r), v2_dot=np.zeros(self._model.r))
         return VelocityTarget(v2=planned.w[0], v2_dot=state.u[k])
 
@@ -315,9 +334,9 @@ class PredictiveController(DescribedMixin):
 
     def _shifted(self, begin: float, start: Nodes, state: PredictiveState) -> tuple[Iterate, Array | None]:
         """Last motion from a new time and a new start on, and its multipliers; the last input repeats after its end."""
-        K = len(state.u)
+        K = self.nodes
         since = np.maximum(begin + self._h * np.arange(K) - state.begin, 0.0)
-        places = np.minimum((since / self._h + 0.5).astype(int), K - 1)
+        places = np.minimum((since / self._h + 0.5).astype(int), len(state.u) - 1)
         u = state.u[places]
         q, w = (
             np.concatenate([first, of_nodes[places[:-1] + 1]])

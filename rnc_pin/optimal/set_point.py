@@ -316,7 +316,7 @@ def nearer_plan(
 def first_motion(
     model: ActionModel, point: SetPoint, at: Iterate, bounds: Sequence[BoundKind], seed: int
 ) -> Iterate | None:
-    """Beginning of a plan from rest to a set point, over the horizon of a motion that stalls; None if there is none.
+    """Plan from rest to a set point, over one, two or four horizons of a motion that stalls; None if there is none.
 
     The plan keeps the limits of the robot's file: they keep guesses from singular configurations, such as a steering
     angle of 90 degrees. A motion whose verification misses its goal serves if it leads nearer. Searches over two and
@@ -335,7 +335,7 @@ def first_motion(
         given = partial(plan_motion, form=model.form, bounds=bounds, settings=settings, feedback="plan")
         plan = nearer_plan(point, q, times * horizon, partial(given, seeds=_SEEDS // times, seed=seed))
         if plan is not None and plan.info.violation <= settings.tolerance:
-            return Iterate(np.array(plan.q[: K + 1]), np.array(plan.w[: K + 1]), np.array(plan.u[:K]), horizon)
+            return Iterate(np.array(plan.q), np.array(plan.w), np.array(plan.u), times * horizon)
     return None
 
 

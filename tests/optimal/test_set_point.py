@@ -270,17 +270,31 @@ def test_searches_in_vain_are_rare_and_the_stall_stays_in_the_verdict():
     assert "no motion led to it" in run.verdict.first.message
 
 
-def test_a_long_way_is_begun_by_a_part_of_a_longer_plan():
+def test_a_plan_is_followed_to_its_end_if_waiting_costs_less_over_one_horizon():
+    """With this weight of effort, an update would turn the robot back, and it would stand 0.38 m away."""
+    reduced = systems.sleigh()
+    costs = [SetPointCost(pose("sleigh")), EffortCost()]
+    controller = PredictiveController(reduced, costs, 3.0, form="acceleration", nodes=15)
+    run, distance, _ = driven(reduced, controller, 0.3, 0.0, 7.0)
+    assert distance < 0.005
+    assert run.verdict.succeeded, run.verdict.first
+    q = reduced.robot.configuration({"root_joint": [0.0, 0.3, 0.0]})
+    measured = reduced.at(q, np.zeros(2)).measure(np.zeros(2))
+    _, state = controller.step(0.0, measured, controller.initial_state(measured))
+    assert state.next_update == pytest.approx(3.0 * len(state.u) / 15)
+
+
+def test_a_long_way_is_begun_by_a_longer_plan():
     """4 m within 1 m/s do not fit into 3 s: the first intervals of a plan over twice the horizon serve."""
     reduced = systems.sleigh()
     model = action_model(reduced, "acceleration")
     point = controller_of(reduced).set_point
     q = reduced.robot.configuration({"root_joint": [-4.0, 0.0, 0.0]})
     found = first_motion(model, point, standing(model, q, 3.0, 15), [rnc.optimal.VelocityBound(-1.0, 1.0)], seed=0)
-    assert found.q.shape == (16, 4)
-    assert found.duration == 3.0
+    assert found.q.shape == (31, 4)
+    assert found.duration == 6.0
     np.testing.assert_allclose(found.q[0], q, atol=1e-12)
-    assert -3.5 < found.q[-1, 0] < -1.0
+    assert -3.5 < found.q[15, 0] < -1.0
 
 
 @pytest.fixture
