@@ -329,11 +329,8 @@ class _PhasedRun:
 def _made(start: PhaseStart, q: np.ndarray, v: np.ndarray, t: float) -> Phase:
     """Phase of a function of the state, and of the time if it has a third parameter."""
     made: Callable[..., Phase] = start
-    try:
-        count = len(inspect.signature(made).parameters)
-    except (TypeError, ValueError):
-        count = 2
-    return made(q, v, t) if count >= 3 else made(q, v)
+    takes_time = len(inspect.signature(made).parameters) >= 3
+    return made(q, v, t) if takes_time else made(q, v)
 
 
 def _value(event: BoundEvent, plant: ReducedPlant) -> float:

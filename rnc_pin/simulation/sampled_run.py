@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from rnc_pin.control.controller import Command, State, limited_accelerations, missed_goals
+from rnc_pin.control.controller import Command, State, limited_accelerations, missed_goals, part_with
 from rnc_pin.control.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
 from rnc_pin.control.loop.options import admit_controller, admit_model, type_name
 from rnc_pin.control.whole_body.braking_motion import BrakingCount
@@ -162,14 +162,6 @@ class PlantAdapter:
         """Forces that the plant states itself, one array for each kind."""
         for kind, units in self.own_force_units.items():
             yield np.array([*getattr(self.plant, kind).values()]) if units else _EMPTY
-
-
-@runtime_checkable
-class _Updating(Protocol):
-    """State of a controller with updates that can be late or fail."""
-
-    missed: int
-    updates: int
 
 
 @runtime_checkable
@@ -359,9 +351,8 @@ class SampledRun:
 
 def _missed_updates(state: object) -> MissedUpdates | None:
     """Late and failed updates of a predictive controller, by its state or that of the controller within it."""
-    while state is not None and not isinstance(state, _Updating):
-        state = getattr(state, "target", None)
-    return MissedUpdates(state.missed, state.updates) if state is not None and state.missed else None
+    found = part_with(state, "missed")
+    return MissedUpdates(found.missed, found.updates) if found is not None and found.missed else None
 
 
 def _braking(controller: object, state: object, start: float) -> BrakingUse | None:
