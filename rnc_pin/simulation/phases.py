@@ -13,12 +13,7 @@ import numpy as np
 from rnc_pin.control import ZeroInput
 from rnc_pin.control.controller import Controller, describe
 from rnc_pin.control.loop.options import type_name
-from rnc_pin.errors import (
-    ConfigurationError,
-    ConstraintError,
-    RncError,
-    SimulationError,
-)
+from rnc_pin.errors import ConfigurationError, ConstraintError, RncError, SimulationError
 from rnc_pin.model.impact import Impact, Restitution, impact
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel

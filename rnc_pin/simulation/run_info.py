@@ -432,8 +432,4 @@ def _read(kind: type[_Record], content: Mapping[str, object]) -> _Record:
     raise ConfigurationError(printable(f"'meta' has {value} as '{key}', {problem}"))
 
 
-_EXPECTED = {
-    "dict_type": "expected a mapping",
-    "dataclass_type": "expected a mapping",
-    "tuple_type": "expected a list",
-}
+_EXPECTED = {"dict_type": "expected a mapping", "dataclass_type": "expected a mapping", "tuple_type": "expected a list"}

@@ -111,11 +111,7 @@ def leaning_wheel() -> rnc.ReducedModel:
     model = pin.Model()
     model.name = "disk"
     add_body(model, "root_joint", "FreeFlyer", 2.0, moments=(0.05, 0.09, 0.05), frame="disk")
-    system = rnc.NonholonomicSystem(
-        rnc.Robot(model),
-        [rnc.RollingWheel("disk", 0.3, axis="y")],
-        np.eye(6)[:, 3:],
-    )
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.RollingWheel("disk", 0.3, axis="y")], np.eye(6)[:, 3:])
 
     def spin(q: np.ndarray) -> np.ndarray:
         return np.eye(6)[3:]
@@ -156,8 +152,7 @@ def tumbling_panda() -> rnc.ReducedModel:
     momentum = rnc.MomentumConservation("root_joint", (2.0, -1.0, 0.5, 0.3, 0.4, -0.6))
     system = rnc.NonholonomicSystem(robot, [momentum], joints)
     return system.reduce(
-        [rnc.JointPosition(joint) for joint in joints],
-        [rnc.FramePosition("panda_hand"), rnc.FrameYaw("panda_link0")],
+        [rnc.JointPosition(joint) for joint in joints], [rnc.FramePosition("panda_hand"), rnc.FrameYaw("panda_link0")]
     )
 
 

@@ -247,11 +247,7 @@ class DissipativeStep:
 
     def _sliding_forces(self, friction: FrictionForces) -> np.ndarray:
         """Friction forces (k,) until the first row comes to rest."""
-        return np.where(
-            np.isinf(friction.stops),
-            friction.forces,
-            -self.friction.limits * np.sign(friction.speeds),
-        )
+        return np.where(np.isinf(friction.stops), friction.forces, -self.friction.limits * np.sign(friction.speeds))
 
     def _stopped(self, state: StateEvaluation, y: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Return y with the selected rows (k,) at rest. The lost kinetic energy is work of friction."""

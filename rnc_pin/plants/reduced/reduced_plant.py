@@ -16,12 +16,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, VelocityChart, in_charts, joint_rotations
 from rnc_pin.plants.reduced.friction import DissipativeStep, DryFriction
-from rnc_pin.plants.reduced.step_control import (
-    MOST_EVENT_SUBSTEPS,
-    MOST_SUBSTEPS,
-    IntegrationErrors,
-    Substeps,
-)
+from rnc_pin.plants.reduced.step_control import MOST_EVENT_SUBSTEPS, MOST_SUBSTEPS, IntegrationErrors, Substeps
 from rnc_pin.printing import ReprMixin
 
 _COARSER = 64  # substeps of a sample over those by which its error is estimated again
