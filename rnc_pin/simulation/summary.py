@@ -191,15 +191,6 @@ class PrintedSummary(SummaryMixin, dict[str, object]):
     def __reduce__(self) -> tuple[object, ...]:
         return PrintedSummary, (dict(self), self._outputs)
 
-    @property
-    def _input_units(self) -> dict[str, str]:
-        return dict(zip_longest(self._outputs.T, self._outputs.T_units, fillvalue=""))
-
-    @property
-    def _output_units(self) -> dict[str, str]:
-        both = self._outputs.x2, self._outputs.x1
-        return {name: unit for each in both for name, unit in zip(each.names, each.units, strict=True)}
-
     def _summary(self) -> ObjectSummary:
         of = f" of '{self['scenario']}'" if self["scenario"] else ""
         title = f"Summary{of}: {self['outcome']}, {self['duration']:g} s in {self['samples']} samples"
@@ -212,7 +203,12 @@ class PrintedSummary(SummaryMixin, dict[str, object]):
 
     def _described(self, key: str, value: object) -> Sequence[Item]:
         if isinstance(value, Mapping) and all(isinstance(each, float) for each in value.values()):
-            units = self._input_units if key == "max_input" else self._output_units
+            outputs = self._outputs
+            units = dict(zip_longest(outputs.T, outputs.T_units, fillvalue=""))
+            if key != "max_input":
+                units = {
+                    name: unit for of in (outputs.x2, outputs.x1) for name, unit in zip(of.names, of.units, strict=True)
+                }
             return [Item(name, f"{each:.4g} {units.get(name, '')}".rstrip()) for name, each in value.items()]
         return described(value)
 
