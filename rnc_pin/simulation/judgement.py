@@ -179,7 +179,7 @@ def _goals(run: Trajectory, errors: Mapping[str, float], tolerance: float) -> It
 
 
 def _exceeded(use: LimitUse) -> Finding:
-    """What exceeds its limit, beyond rounding."""
+    """Finding about a limit that is exceeded beyond rounding."""
     """Finding of a limit; positions and accelerations have two, the others one of the absolute value."""
     two = use.kind in ("position", "acceleration")
     amount = abs(use.value - use.limit) if two else abs(use.value) - use.limit

@@ -48,6 +48,14 @@ class Compared(Learning):
     off_tracking_max: NotRequired[float]
 
 
+class NearestBodies(TypedDict):
+    """Two links, or a link and an obstacle, at their smallest distance [m]; negative for penetration."""
+
+    bodies: list[str]
+    distance: float
+    time: float
+
+
 class Summary(Compared):
     """Errors and invariants of a run, as JSON content.
 
@@ -87,9 +95,8 @@ class Summary(Compared):
     """Impulses of the constraint rows [N s or N m s] and lost kinetic energy [J], at the start of a phase."""
     joint_limits: NotRequired[dict[str, dict[str, object]]]
     """Largest excess of each kind, as a share of the joint's range; negative while the limit is kept."""
-    smallest_distance: NotRequired[dict[str, object] | None]
-    smallest_own_distance: NotRequired[dict[str, object] | None]
-    """Two links, or a link and an obstacle, at their smallest distance [m]; negative for penetration."""
+    smallest_distance: NotRequired[NearestBodies | None]
+    smallest_own_distance: NotRequired[NearestBodies | None]
     touching_at_start: NotRequired[list[str]]
     verdict: NotRequired[str]
     findings: NotRequired[list[dict[str, Json]]]
@@ -236,7 +243,7 @@ def add_limits(summary: Summary, replay: LimitReplay) -> None:
         summary["touching_at_start"] = [str(each) for each in replay.omitted]
 
 
-def _nearest(found: Clearance | None) -> dict[str, object] | None:
+def _nearest(found: Clearance | None) -> NearestBodies | None:
     return found and {"bodies": list(found.names), "distance": found.distance, "time": found.time}
 
 
