@@ -244,7 +244,7 @@ def add_limits(summary: Summary, replay: LimitReplay) -> None:
 
 
 def _nearest(found: Clearance | None) -> NearestBodies | None:
-    return found and {"bodies": list(found.names), "distance": found.distance, "time": found.time}
+    return None if found is None else {"bodies": list(found.names), "distance": found.distance, "time": found.time}
 
 
 def _drift(balance: np.ndarray, energy: np.ndarray) -> float | None:
