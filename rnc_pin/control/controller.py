@@ -291,6 +291,13 @@ class MissedGoal(NamedTuple):
         return tuple(cls(name, error, tolerance, reason) for name, error in found if not error <= tolerance)
 
 
+def part_with(whole: object, name: str) -> Any:
+    """Return the controller or state that has an attribute: the whole, or what it has as its ``target``; else None."""
+    while whole is not None and not hasattr(whole, name):
+        whole = getattr(whole, "target", None)
+    return whole
+
+
 def missed_goals(controller: object, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
     """Goals that a controller, or the one within it as its ``target``, has missed if a run ends in a state.
 
@@ -299,16 +306,14 @@ def missed_goals(controller: object, q: Float[Array, " nq"], v2: Float[Array, " 
         q: configuration (nq,).
         v2: reduced velocity (r,).
     """
-    while controller is not None and not hasattr(controller, "missed_goals"):
-        controller = getattr(controller, "target", None)
-    return () if controller is None else tuple(controller.missed_goals(q, v2))
+    found = part_with(controller, "missed_goals")
+    return () if found is None else tuple(found.missed_goals(q, v2))
 
 
 def limited_accelerations(controller: object) -> tuple[LimitedAcceleration, ...]:
     """Accelerations that a controller limits, or that the one within it as its ``target`` limits."""
-    while controller is not None and not hasattr(controller, "limited_accelerations"):
-        controller = getattr(controller, "target", None)
-    return () if controller is None else controller.limited_accelerations
+    found = part_with(controller, "limited_accelerations")
+    return () if found is None else found.limited_accelerations
 
 
 # ------------------------------------------------------------------ many runs at once

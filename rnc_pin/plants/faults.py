@@ -189,19 +189,8 @@ class FaultyPlant:
         if self._reading is not None:
             reading, self._reading = self._reading, None
             return reading
-        return self.sensed(*self.actual())
-
-    def sensed(self, q: np.ndarray, v: np.ndarray) -> Reading:
-        """Return measured q (nq,) and v (nv,) of a true state. Each call is one sample."""
-        noise, chance = self.draw()
-        error, v = _disturbed(self.errors_of_sensors, noise, chance[0], v)
-        if error.any():
-            q = pin.integrate(self.model, q, error)
-        if np.isfinite(self.faults.counts):
-            q = self.quantized(q)
-        if abs(chance[2]) < self.faults.garbage:
-            q, v = np.full(q.shape, np.nan), np.full(v.shape, np.nan)
-        return self.transmit(q, v, abs(chance[1]) < self.faults.dropped)
+        q, v = self.actual()
+        return sensed_together([self], q[None], v[None])[0]
 
     def draw(self) -> tuple[np.ndarray, np.ndarray]:
         """Noise (2, nv) and chances (3,) of a sample, which do not depend on the faults."""
@@ -263,29 +252,15 @@ class FaultyPlant:
             self._slip = np.zeros(self.model.nv)
 
 
-def _disturbed(
-    sizes: np.ndarray | tuple[float, ...], noise: np.ndarray, chance: np.ndarray, v: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of configurations (..., nv), and measured velocities (..., nv).
-
-    Args:
-        sizes: position noise and bias, shift in time, velocity noise and bias.
-        noise: noise of configurations and of velocities, (..., nv) each.
-        chance: error of the sampling time over the shift.
-        v: velocities (..., nv).
-    """
-    position_noise, position_bias, shift, velocity_noise, velocity_bias = sizes
-    error = position_noise * noise[0] + position_bias + shift * chance * v
-    return error, v + velocity_noise * noise[1] + velocity_bias
-
-
 def sensed_together(plants: Sequence[FaultyPlant], q: np.ndarray, v: np.ndarray) -> list[Reading]:
     """Measurements of true states (B, nq) and (B, nv), one of each plant of one robot. Each call is one sample."""
     drawn = [plant.draw() for plant in plants]
     noise, chance = (np.array(each) for each in zip(*drawn, strict=True))
     sizes = np.array([plant.errors_of_sensors for plant in plants])
     garbage, dropped = np.array([(plant.faults.garbage, plant.faults.dropped) for plant in plants]).T
-    q, (error, v) = q.copy(), _disturbed(sizes.T[:, :, None], noise.swapaxes(0, 1), chance[:, :1], v)
+    position_noise, position_bias, shift, velocity_noise, velocity_bias = sizes.T[:, :, None]
+    error = position_noise * noise[:, 0] + position_bias + shift * chance[:, :1] * v
+    q, v = q.copy(), v + velocity_noise * noise[:, 1] + velocity_bias
     for run in np.flatnonzero(error.any(axis=1)).tolist():
         q[run] = pin.integrate(plants[run].model, q[run], error[run])
     for run, plant in enumerate(plants):

@@ -77,25 +77,20 @@ class StuckJoint(TimedChange):
     """Time at which the joint locks [s]."""
 
     def change(self, robot: Robot) -> list[ConstraintKind]:
-        return [_Locked(self.joint)]
-
-
-@dataclass(frozen=True)
-class _Locked:
-    """Rows that hold a joint where it is."""
-
-    joint: str
-
-    def bind(self, robot: Robot) -> Rows:
-        return _LockedRows(robot, self.joint)
+        return [_LockedRows(robot, self.joint)]
 
 
 class _LockedRows(ConstantRows):
+    """Rows that hold a joint where it is."""
+
     def __init__(self, robot: Robot, joint: str) -> None:
         entries = robot.velocity_indices(joint)
         self.matrix, self._joint = np.eye(robot.nv)[entries], joint
         self.names = tuple(f"stuck({robot.velocity_names[entry]})" for entry in np.arange(robot.nv)[entries])
         self.units = tuple(robot.velocity_units[entry] for entry in np.arange(robot.nv)[entries])
+
+    def bind(self, robot: Robot) -> Rows:
+        return self
 
     def phrases(self) -> Phrases:
         return Phrases(prevents="motion of", where=f"'{self._joint}'")

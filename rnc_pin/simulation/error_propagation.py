@@ -16,9 +16,9 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.analysis import StateDerivatives, state_derivatives
-from rnc_pin.control.controller import Controller, State, accepts_batches, stack_states
+from rnc_pin.control.controller import Controller, State, accepts_batches, part_with, stack_states
 from rnc_pin.control.loop.options import input_of
-from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
+from rnc_pin.control.whole_body.whole_body_program import program_of
 from rnc_pin.errors import RncError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.reduced_model import ReducedModel
@@ -107,7 +107,7 @@ class ErrorHistory:
         states = plant.reduced.n + plant.reduced.r if isinstance(plant, ReducedPlant) else 0
         rare = _RARE if accepts_batches(controller) else 2 * _RARE
         self._period = MARKED * -(-rare * (states + 1) // MARKED)
-        self.unknown = _SWITCHES if _switches(controller) else ""
+        self.unknown = "" if program_of(controller) is None else _SWITCHES
         self.propagates = self.propagates and not self.unknown
         self._first = min(self._period, samples) // (2 * MARKED) * MARKED
 
@@ -287,7 +287,8 @@ class ErrorHistory:
                 command, after = controller.step(t, state.measure(seen.integrals), seen.memory)
             except Exception as error:  # the run is complete, and its controller may not know the displaced state
                 raise _RefusalError from error
-            if getattr(after, "searches", 0) != getattr(seen.memory, "searches", 0):
+            now, then = (getattr(part_with(each, "searches"), "searches", 0) for each in (after, seen.memory))
+            if now != then:
                 self.unknown = _SEARCHES
                 raise _RefusalError
             found.append(plant.saturated(input_of(self._reduced, state, command)))
@@ -298,13 +299,6 @@ class ErrorHistory:
 
 class _RefusalError(RncError):
     """A slope of a controller is not known, or an integration with fewer substeps diverges."""
-
-
-def _switches(controller: object) -> bool:
-    """True if a controller, or one within it, solves a program whose active limits may change."""
-    while controller is not None and not isinstance(controller, WholeBodyProgram):
-        controller = getattr(controller, "target", None)
-    return controller is not None
 
 
 def _starts(steps: Array) -> Array:

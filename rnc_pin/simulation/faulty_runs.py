@@ -182,7 +182,7 @@ class FaultyRuns:
         self._effort = np.array([[each.effort] for each in faults])
         self._dead_zone = np.array([[each.dead_zone] for each in faults])
         self._time = 0.0
-        self._readings: list[Reading | None] = [None] * len(runs)
+        self.readings: list[Reading | None] = [None] * len(runs)
         self._together = runs[0].loop.guard.measures_velocity
         self._valid_q: Array | None = None
         self._motions: list[VelocityEstimate | None] = []
@@ -202,12 +202,12 @@ class FaultyRuns:
             velocities; the mask (B,) of invalid measurements of other runs, and that of the runs which need the
             formulas of a single state.
         """
-        due = [run for run, reading in enumerate(self._readings) if reading is None]
+        due = [run for run, reading in enumerate(self.readings) if reading is None]
         if due:
             found = sensed_together([self._faulty[run] for run in due], states.q[due], states.v[due] + 0.0)
             for run, reading in zip(due, found, strict=True):
-                self._readings[run] = reading
-        q, v = (np.array(each) for each in zip(*cast("list[Reading]", self._readings), strict=True))
+                self.readings[run] = reading
+        q, v = (np.array(each) for each in zip(*cast("list[Reading]", self.readings), strict=True))
         invalid, self._motions = np.zeros(len(q), dtype=bool), [None] * len(q)
         if self._together:
             q, valid = self._runs[0].loop.guard.check_runs(self._valid_q, t - self._last_time, q, v)
@@ -226,16 +226,10 @@ class FaultyRuns:
         if seen is None:
             failed[:] = [compiled_states(self._reduced, *each) is None for each in zip(q, v, strict=True)]
             return states, self._plants.integrals, invalid, failed if failed.any() else ~failed
-        return seen, self._integrals(t, seen.v2), invalid, failed
-
-    def reading(self, run: int) -> Reading:
-        """Raw measurement of one run."""
-        return cast(Reading, self._readings[run])
-
-    def _integrals(self, t: float, v2: Array) -> Array:
         if self._last is None:
-            return np.zeros(v2.shape)
-        return trapezoid(self._last.integrals, t - self._last_time, self._last.measurement.v2, v2)
+            return seen, np.zeros(seen.v2.shape), invalid, failed
+        before, dt = self._last.measurement.v2, t - self._last_time
+        return seen, trapezoid(self._last.integrals, dt, before, seen.v2), invalid, failed
 
     def apply(self, T: Array) -> None:
         """Apply inputs (B, p) with actuator faults; ``applied`` has those that the loops know."""
@@ -264,11 +258,11 @@ class FaultyRuns:
         if not self._together:
             for run in np.flatnonzero(~self.apart).tolist():
                 self._runs[run].loop.state = LoopState(0.0, t, self._valid_q[run], motion=self._motions[run])
-        for each, rows, reading in zip(self._runs, self._v_measured, self._readings, strict=True):
+        for each, rows, reading in zip(self._runs, self._v_measured, self.readings, strict=True):
             rows[sample] = cast(Reading, reading)[1]
             if sample == 0:
                 each.record.arrays["v_measured"] = rows
-        self._readings = [None] * len(self._runs)
+        self.readings = [None] * len(self._runs)
 
     def rejoin(self, runs: Sequence[int]) -> None:
         """Let runs apart, whose loops took a valid measurement in this sample, go on with the others."""
@@ -304,7 +298,7 @@ class FaultyRuns:
             place: index of the run.
             state: state of the loop without its measurement.
         """
-        self._faulty[place].resume(self._time, self.applied[place], self._passed[place], self._readings[place])
+        self._faulty[place].resume(self._time, self.applied[place], self._passed[place], self.readings[place])
         if self.apart[place]:
             return self._runs[place].loop.state
         if self._last is None:
@@ -320,7 +314,7 @@ class FaultyRuns:
 
     def keep(self, staying: Array) -> None:
         """Keep only the runs of a mask (B,)."""
-        for name in ("_runs", "_faulty", "_readings", "_motions", "_v_measured"):
+        for name in ("_runs", "_faulty", "readings", "_motions", "_v_measured"):
             setattr(self, name, list(compress(getattr(self, name), staying)))
         self._valid_q = None if self._valid_q is None else self._valid_q[staying]
         for name in ("_effort", "_dead_zone", "applied", "_passed", "apart"):

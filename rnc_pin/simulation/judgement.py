@@ -73,7 +73,7 @@ def judge(
         *_braking(run),
         *_integration(run),
         *(_goals(run, goal_errors or {}, goal_tolerance) if completed else ()),
-        *(() if replay is None else _limits(replay)),
+        *(() if replay is None else map(_exceeded, replay.violations)),
         *_contacts(run, grip),
         *(() if replay is None else _saturation(run, replay)),
         *_given_way(gave_way or {}),
@@ -178,12 +178,8 @@ def _goals(run: Trajectory, errors: Mapping[str, float], tolerance: float) -> It
             yield Finding(FindingKind.GOAL, name, error, "m or rad", float(run.time[-1]), Severity.FAILS, message)
 
 
-def _limits(replay: LimitReplay) -> Iterator[Finding]:
-    """Findings of limits of the robot's file and of a program: one for each joint and kind that exceeds."""
-    yield from map(_exceeded, replay.violations)
-
-
 def _exceeded(use: LimitUse) -> Finding:
+    """Finding about a limit that is exceeded beyond rounding."""
     """Finding of a limit; positions and accelerations have two, the others one of the absolute value."""
     two = use.kind in ("position", "acceleration")
     amount = abs(use.value - use.limit) if two else abs(use.value) - use.limit

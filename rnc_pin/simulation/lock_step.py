@@ -20,7 +20,7 @@ from rnc_pin.math.linear_algebra import apply, clipped
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import FaultyPlant, ReducedPlant, ReducedPlantBatch
-from rnc_pin.plants.faults import needs_own_steps
+from rnc_pin.plants.faults import Reading, needs_own_steps
 from rnc_pin.simulation.error_propagation import ErrorMark, marked
 from rnc_pin.simulation.faulty_runs import FaultyRuns, SeparatePlants, with_rows
 from rnc_pin.simulation.many_controllers import ManyControllers
@@ -172,7 +172,7 @@ class LockStep:
         before = [(loop.state, loop.last) for loop in loops]
         for place, loop in zip(apart, loops, strict=True):
             try:
-                T = loop.step(t, *faults.reading(place))
+                T = loop.step(t, *cast(Reading, faults.readings[place]))
             except Exception:  # alone it raises the same error
                 failed[place] = True
                 continue

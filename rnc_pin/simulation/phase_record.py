@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from rnc_pin.simulation.trajectory import Trajectory
 _EQUAL = ("time", "q", "v", "energy", "constraint_residual", "position_residual", "singular_value")
 _BY_NAME = ("T", "multipliers", "contact_forces", "normal_forces")
 _OUTPUTS = ("x1", "x2")
+_Part = TypeVar("_Part")
 
 
 class PhasePart(NamedTuple):
@@ -84,6 +85,12 @@ def joined(parts: Sequence[PhasePart], dt: float, outcome: Outcome, message: str
         for name, column in zip(stack.names, arrays[f"{kind}_desired"].T, strict=True)
         if not np.isnan(column).all()
     )
+
+    def fallback(uses: list[FallbackUse]) -> FallbackUse:
+        last = runs[-1].info.fallback
+        at_the_end = last is not None and last.at_the_end
+        return replace(uses[0], samples=sum(each.samples for each in uses), at_the_end=at_the_end)
+
     info = RunInfo(
         outputs,
         goals,
@@ -93,9 +100,9 @@ def joined(parts: Sequence[PhasePart], dt: float, outcome: Outcome, message: str
         outcome,
         message,
         tuple(part.info for part in parts),
-        _fallback([run.info.fallback for run in runs]),
-        _missed_updates([run.info.missed_updates for run in runs]),
-        _braking([run.info.braking for run in runs]),
+        _part(runs, "fallback", fallback),
+        _part(runs, "missed_updates", _missed_updates),
+        _part(runs, "braking", _braking),
         IntegrationAccuracy.together([run.info.integration for run in runs]),
     )
     return judged_by(Trajectory(**arrays, info=info), parts[0].reduced)
@@ -110,26 +117,19 @@ def _units(runs: Sequence[Trajectory], array: str, names: Sequence[str]) -> tupl
     return tuple(known[name] for name in names)
 
 
-def _fallback(uses: Sequence[FallbackUse | None]) -> FallbackUse | None:
-    """Use of fallback commands in all phases."""
-    found = [each for each in uses if each is not None]
-    if not found:
-        return None
-    at_the_end = uses[-1] is not None and uses[-1].at_the_end
-    return replace(found[0], samples=sum(each.samples for each in found), at_the_end=at_the_end)
+def _part(runs: Sequence[Trajectory], name: str, combine: Callable[[list[_Part]], _Part]) -> _Part | None:
+    """Part of the info over all phases that have it; None if none has."""
+    found = [part for run in runs if (part := getattr(run.info, name)) is not None]
+    return combine(found) if found else None
 
 
-def _missed_updates(counts: Sequence[MissedUpdates | None]) -> MissedUpdates | None:
+def _missed_updates(counts: list[MissedUpdates]) -> MissedUpdates:
     """Missed updates of predictive controllers in all phases that missed some."""
-    found = [each for each in counts if each is not None]
-    return MissedUpdates(sum(each.missed for each in found), sum(each.updates for each in found)) if found else None
+    return MissedUpdates(sum(each.missed for each in counts), sum(each.updates for each in counts))
 
 
-def _braking(uses: Sequence[BrakingUse | None]) -> BrakingUse | None:
+def _braking(found: list[BrakingUse]) -> BrakingUse:
     """Braking motions in all phases: the sums, and what was first."""
-    found = [each for each in uses if each is not None]
-    if not found:
-        return None
     braked = next((each for each in found if each.samples), found[0])
     unverified = next((each for each in found if each.unverified), found[0])
     exceeded: dict[str, float] = {}
@@ -166,10 +166,7 @@ def _blocks(parts: Sequence[PhasePart]) -> tuple[list[OutputRows], list[OutputRo
 def _outputs(parts: Sequence[PhasePart], kind: str, stack: OutputStack) -> dict[str, np.ndarray]:
     """Arrays of the outputs of a kind over all phases: values, rates and goals."""
     rate = f"v{kind[1:]}"
-    found: dict[str, list[np.ndarray]] = {name: [] for name in (kind, rate, f"{kind}_desired")}
-    desired_rate = f"{rate}_desired" if kind == "x2" else None
-    if desired_rate:
-        found[desired_rate] = []
+    found: dict[str, list[np.ndarray]] = {name: [] for name in (kind, rate, f"{kind}_desired", f"{rate}_desired")}
     last: np.ndarray | None = None
     for part in parts:
         x, v = _evaluated(part, stack)
@@ -186,11 +183,9 @@ def _outputs(parts: Sequence[PhasePart], kind: str, stack: OutputStack) -> dict[
             shift = _shift(stack, last, x[0])
             x, goal = x + shift, goal + shift
         last = x[-1] if len(x) else last
-        for name, array in ((kind, x), (rate, v), (f"{kind}_desired", goal)):
-            found[name].append(array)
-        if desired_rate:
-            found[desired_rate].append(goal_rate)
-    return {name: np.concatenate(each) for name, each in found.items()}
+        for arrays, array in zip(found.values(), (x, v, goal, goal_rate), strict=True):
+            arrays.append(array)
+    return {name: np.concatenate(each) for name, each in found.items() if name != "v1_desired"}
 
 
 def _evaluated(part: PhasePart, stack: OutputStack) -> tuple[np.ndarray, np.ndarray]:

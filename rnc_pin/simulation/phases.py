@@ -13,12 +13,7 @@ import numpy as np
 from rnc_pin.control import ZeroInput
 from rnc_pin.control.controller import Controller, describe
 from rnc_pin.control.loop.options import type_name
-from rnc_pin.errors import (
-    ConfigurationError,
-    ConstraintError,
-    RncError,
-    SimulationError,
-)
+from rnc_pin.errors import ConfigurationError, ConstraintError, RncError, SimulationError
 from rnc_pin.model.impact import Impact, Restitution, impact
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
@@ -329,11 +324,8 @@ class _PhasedRun:
 def _made(start: PhaseStart, q: np.ndarray, v: np.ndarray, t: float) -> Phase:
     """Phase of a function of the state, and of the time if it has a third parameter."""
     made: Callable[..., Phase] = start
-    try:
-        count = len(inspect.signature(made).parameters)
-    except (TypeError, ValueError):
-        count = 2
-    return made(q, v, t) if count >= 3 else made(q, v)
+    takes_time = len(inspect.signature(made).parameters) >= 3
+    return made(q, v, t) if takes_time else made(q, v)
 
 
 def _value(event: BoundEvent, plant: ReducedPlant) -> float:

@@ -48,7 +48,7 @@ class FrictionDemand:
 
     def complaints(self) -> list[str]:
         """Reasons why the ground cannot support the motion, as text; empty if there are none."""
-        lifted = [] if self.lift_off is None else [str(self.lift_off)]
+        lifted = _complaint(self.lift_off)
         if self.used <= 1.0 + _CLOSE:
             return lifted
         remedy = (
@@ -214,11 +214,11 @@ class Margins:
             f"{margin.value:.2g} at t = {margin.time:.2f} s ({few(margin.rows, 6)})"
             for margin, what in ((self.stack, "E = [A; J2]"), (self.A4, "A4"))
             if margin is not None and margin.value < threshold
-        ] + (self._lifted if self.grip is None else self.grip.complaints())
+        ] + (_complaint(self.lift_off) if self.grip is None else self.grip.complaints())
 
-    @property
-    def _lifted(self) -> list[str]:
-        return [] if self.lift_off is None else [str(self.lift_off)]
+
+def _complaint(lift_off: LiftOff | None) -> list[str]:
+    return [] if lift_off is None else [str(lift_off)]
 
 
 def preflight(

@@ -63,9 +63,7 @@ class Record:
         }  # fmt: skip
         self._columns = columns
         # One row for each sample, so that a sample is written at once.
-        self.arrays = {name: np.zeros((capacity, 0)) for name in _OPTIONAL}
-        self._use_rows(np.full((capacity, sum(columns.values())), np.nan))
-        self._integrals[:] = 0.0
+        self.use(np.full((capacity, self.width), np.nan))
         self._no_goals = tuple(np.full(size, np.nan) for size in (r, k, r))
         self._carries = carries
         self._models: list[tuple[int, ReducedModel | None]] = []  # first sample and plant model
@@ -150,9 +148,10 @@ class Record:
         outputs: tuple[np.ndarray, np.ndarray] | None = None,
         sensed: tuple[np.ndarray, ...] = (),
     ) -> None:
-        """Add one sample. ``outputs`` are x1 and x2, if known; ``sensed`` is what the plant states itself."""
-        if self.count == self.capacity:  # without a call of ``moves``
-            self._grow()
+        """Add one sample, after ``moves``.
+
+        ``outputs`` are x1 and x2, if known; ``sensed`` is what the plant states itself.
+        """
         row, given = self._rows[self.count], (command.v2_desired, command.x1_desired, command.x2_desired)
         goals = [
             none if goal is None else _expect(name, goal, none.shape)

@@ -195,8 +195,8 @@ class RunData(SummaryMixin):
             arrays = read_npz(path, names, text=["meta"], largest=largest)
             missing = [name for name in names if name not in arrays and name not in _LATER]
             if missing:
-                raise _Unfit(f"it has no '{missing[0]}'")
-            info = _info(json.loads(str(arrays.pop("meta"))))
+                raise ConfigurationError(f"it has no '{missing[0]}'")
+            info = RunInfo.from_json(json.loads(str(arrays.pop("meta"))))
             _check(arrays, info.outputs)
             absent = {name: np.zeros((len(arrays["time"]), 0)) for name in _LATER if name not in arrays}
             return cls(**arrays, **absent, info=info)
@@ -204,7 +204,7 @@ class RunData(SummaryMixin):
             raise ConfigurationError(f"no file '{path}'") from None
         except json.JSONDecodeError as error:
             raise ConfigurationError(f"{path}: not a trajectory: 'meta' is not JSON: {error}") from None
-        except (_Unfit, ArchiveError) as error:
+        except (ConfigurationError, ArchiveError) as error:
             raise ConfigurationError(f"{path}: not a trajectory: {error}") from None
         except (MemoryError, RecursionError, ValueError):  # invalid content or encoding of ``meta``
             raise ConfigurationError(f"{path}: not a trajectory: 'meta' cannot be read") from None
@@ -246,44 +246,33 @@ def tracking_errors(trajectory: RunData) -> dict[str, np.ndarray]:
     return errors
 
 
-class _Unfit(ValueError):
-    """Error of a file that does not contain a trajectory."""
-
-
 def _array_names() -> list[str]:
     return [each.name for each in fields(RunData) if each.name != "info"]
-
-
-def _info(meta: Json) -> RunInfo:
-    try:
-        return RunInfo.from_json(meta)
-    except ConfigurationError as error:
-        raise _Unfit(str(error)) from None
 
 
 def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:
     for name, array in arrays.items():
         depth = 1 if name in _SERIES else 2
         if array.dtype.kind != "f" or array.ndim != depth or len(array) != arrays["time"].size:
-            raise _Unfit(f"'{name}' has shape {array.shape}")
+            raise ConfigurationError(f"'{name}' has shape {array.shape}")
     for kind in ("x1", "x2"):
         columns = outputs.of(kind)
         if {len(columns.names), len(columns.units), len(columns.angular)} != {arrays[kind].shape[1]}:
-            raise _Unfit(f"'meta' does not name the columns of '{kind}'")
+            raise ConfigurationError(f"'meta' does not name the columns of '{kind}'")
         if len(columns.quasi) not in (0, len(columns.names)):
-            raise _Unfit(f"'meta' does not name the quasi-velocities of '{kind}'")
+            raise ConfigurationError(f"'meta' does not name the quasi-velocities of '{kind}'")
     for kind in ("T", "multipliers", "contact_forces", "q", "v"):
         names, units = getattr(outputs, kind), getattr(outputs, f"{kind}_units")
         if len(names) not in ({arrays[kind].shape[1]} if kind == "T" else {0, arrays[kind].shape[1]}):
-            raise _Unfit(f"'meta' does not name the columns of '{kind}'")
+            raise ConfigurationError(f"'meta' does not name the columns of '{kind}'")
         if len(units) not in (0, len(names)):
-            raise _Unfit(f"'meta' does not have the units of the columns of '{kind}'")
+            raise ConfigurationError(f"'meta' does not have the units of the columns of '{kind}'")
     if 3 * len(outputs.ground_poses) != arrays["ground_poses"].shape[1]:
-        raise _Unfit("'meta' does not name the columns of 'ground_poses'")
+        raise ConfigurationError("'meta' does not name the columns of 'ground_poses'")
     if not all(np.isfinite(arrays[name]).all() for name in ("time", "q", "v2")):
-        raise _Unfit("it holds values that are not finite")
+        raise ConfigurationError("it holds values that are not finite")
     if (np.diff(arrays["time"]) < 0).any():
-        raise _Unfit("its time runs backwards")
+        raise ConfigurationError("its time runs backwards")
 
 
 _LATER = ("slip", "v_measured", "friction_used", "ground_poses", "normal_forces")  # absent in files of older versions

@@ -328,20 +328,21 @@ class RunInfo:
         }
         columns["names"] |= {array: getattr(outputs, array) for array in _OTHER_ARRAYS}
         columns["units"] |= {array: getattr(outputs, f"{array}_units") for array in _WITH_UNITS}
+        parts: dict[str, object] = {
+            "outcome": str(self.outcome),
+            "message": self.message,
+            "phases": [asdict(each) for each in self.phases] or None,
+        }
+        for name in ("fallback", "missed_updates", "braking", "integration"):
+            parts[name] = None if getattr(self, name) is None else asdict(getattr(self, name))
+        parts["verdict"] = None if self.verdict is None else self.verdict.to_json()
         content = {
             **columns,
             "goals": self.goals,
             **({} if self.dt is None else {"dt": self.dt}),
             "versions": self.versions,
             **self.provenance.to_json(),
-            "outcome": str(self.outcome),
-            **({} if self.message is None else {"message": self.message}),
-            **({"phases": [asdict(each) for each in self.phases]} if self.phases else {}),
-            **({} if self.fallback is None else {"fallback": asdict(self.fallback)}),
-            **({} if self.missed_updates is None else {"missed_updates": asdict(self.missed_updates)}),
-            **({} if self.braking is None else {"braking": asdict(self.braking)}),
-            **({} if self.integration is None else {"integration": asdict(self.integration)}),
-            **({} if self.verdict is None else {"verdict": self.verdict.to_json()}),
+            **{name: part for name, part in parts.items() if part is not None},
         }
         return to_json_mapping(content, "meta")
 
@@ -431,8 +432,4 @@ def _read(kind: type[_Record], content: Mapping[str, object]) -> _Record:
     raise ConfigurationError(printable(f"'meta' has {value} as '{key}', {problem}"))
 
 
-_EXPECTED = {
-    "dict_type": "expected a mapping",
-    "dataclass_type": "expected a mapping",
-    "tuple_type": "expected a list",
-}
+_EXPECTED = {"dict_type": "expected a mapping", "dataclass_type": "expected a mapping", "tuple_type": "expected a list"}

@@ -101,10 +101,8 @@ def learning_panels(run: RunData, others: Others, quantity: str) -> list[Panel]:
         compared = {label: column(other, name) for label, other in alike.items()}
         return Series(name, column(run, name), None, compared)
 
-    word, found = "estimate" if quantity == "estimates" else "prediction error", list[Panel]()
-    for unit, group in _grouped_by(names, lambda name: units.get(name, (1.0, ""))[1]):
-        found += _split(_Axis(word, unit or "-"), group, series, _lines_per_panel(others))
-    return found
+    word = "estimate" if quantity == "estimates" else "prediction error"
+    return _by_axis(names, lambda name: _Axis(word, units.get(name, (1.0, ""))[1] or "-"), series, others)
 
 
 def _split(
@@ -112,6 +110,17 @@ def _split(
 ) -> list[Panel]:
     """Panels of one axis, with at most so many lines each."""
     return [Panel(*axis, tuple(map(series, part)), note) for part in split_names(names, most)]
+
+
+def _by_axis(
+    names: Sequence[str], axis: Callable[[str], _Axis], series: Callable[[str], Series], others: Others
+) -> list[Panel]:
+    """Panels of series, grouped by the axes of their names."""
+    return [
+        panel
+        for own, group in _grouped_by(names, axis)
+        for panel in _split(own, group, series, _lines_per_panel(others))
+    ]
 
 
 def _in_si(unit: str) -> tuple[float, str]:
@@ -212,11 +221,11 @@ def _rates(run: RunData, others: Others) -> list[Panel]:
         compared = {label: other.v2[:, column] for label, other in alike.items()}
         return Series(name, run.v2[:, column], desired if np.isfinite(desired).any() else None, compared)
 
-    found = []
-    for unit, group in _grouped_by(names, lambda name: columns.units[columns.names.index(name)]):
-        kind = AXIS_NAMES.get(f"{unit}/s", "rate")
-        found += _split(_Axis(kind, f"{unit or 1}/s"), group, series, _lines_per_panel(others))
-    return found
+    def axis(name: str) -> _Axis:
+        unit = columns.units[columns.names.index(name)]
+        return _Axis(AXIS_NAMES.get(f"{unit}/s", "rate"), f"{unit or 1}/s")
+
+    return _by_axis(names, axis, series, others)
 
 
 def _errors(run: RunData, others: Others) -> list[Panel]:

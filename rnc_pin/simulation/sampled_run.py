@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from rnc_pin.control.controller import Command, State, limited_accelerations, missed_goals
+from rnc_pin.control.controller import Command, State, limited_accelerations, missed_goals, part_with
 from rnc_pin.control.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
 from rnc_pin.control.loop.options import admit_controller, admit_model, type_name
 from rnc_pin.control.whole_body.braking_motion import BrakingCount
@@ -60,7 +60,10 @@ class PlantAdapter:
     def __init__(self, plant: Plant, reduced: ReducedModel) -> None:
         self.plant, self._reduced = plant, reduced
         self._exact = plant if isinstance(plant, ReducedPlant) and plant.reduced is reduced else None
-        self._measured: tuple[np.ndarray, np.ndarray] = (_EMPTY, _EMPTY)
+        self.measured: tuple[np.ndarray, np.ndarray] = (
+            _EMPTY,
+            _EMPTY,
+        )  # velocities are empty if measurements are exact
         self.friction_names: tuple[str, ...] = tuple(getattr(plant, "wheel_names", ()))
         self.own_force_units: dict[str, dict[str, str]] = {
             "normal_forces": dict.fromkeys(getattr(plant, "normal_forces", ()), "N"),
@@ -82,8 +85,8 @@ class PlantAdapter:
         """
         if self._exact is not None:
             return self._exact.state
-        self._measured = self.plant.read()
-        q, v = self.plant.actual() if hasattr(self.plant, "actual") else self._measured
+        self.measured = self.plant.read()
+        q, v = self.plant.actual() if hasattr(self.plant, "actual") else self.measured
         if not (np.isfinite(q).all() and np.isfinite(v).all()):
             raise DivergenceError("plant state is not finite")
         return self._reduced.at(q, v=v, t=t)
@@ -98,7 +101,7 @@ class PlantAdapter:
         """Return the inputs (p,) of a loop for the last measurement."""
         if self._exact is not None:
             return loop.compute_input(t, self._exact.state, self._exact.integrals)
-        return loop.step(t, *self._measured)
+        return loop.step(t, *self.measured)
 
     def apply(self, loop: ControlLoop, T: np.ndarray) -> np.ndarray:
         """Apply inputs to the plant, report the applied ones to the loop, and return them; of servos their efforts."""
@@ -109,16 +112,6 @@ class PlantAdapter:
         applied: np.ndarray = getattr(self.plant, "applied", T)
         loop.report_applied_input(applied)
         return applied
-
-    @property
-    def v_measured(self) -> np.ndarray:
-        """Measured velocity (nv,); empty if measurements are exact."""
-        return self._measured[1]
-
-    @property
-    def work(self) -> float:
-        """Work since the start [J]; NaN if the plant does not provide it."""
-        return float(getattr(self.plant, "work", np.nan))
 
     @property
     def model(self) -> ReducedModel | None:
@@ -162,14 +155,6 @@ class PlantAdapter:
         """Forces that the plant states itself, one array for each kind."""
         for kind, units in self.own_force_units.items():
             yield np.array([*getattr(self.plant, kind).values()]) if units else _EMPTY
-
-
-@runtime_checkable
-class _Updating(Protocol):
-    """State of a controller with updates that can be late or fail."""
-
-    missed: int
-    updates: int
 
 
 @runtime_checkable
@@ -248,7 +233,11 @@ class SampledRun:
         except DivergenceError as error:
             raise blamed(error, adapter.plant, state.v) from None
         before = loop.state.controller
-        T = _compute_input(adapter, loop, self.time, progress)
+        try:
+            T = adapter.compute_input(loop, self.time)
+        except Exception:
+            progress.active_component = loop.active_component
+            raise
         T = adapter.apply(loop, T)
         self.count_fallback(t, loop.state.fault)
         if self._lift_off is not None:
@@ -282,8 +271,9 @@ class SampledRun:
         measurement, command = _last_decision(self.loop, state)
         self.record.moves(adapter.model, adapter.external)
         outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None  # not of a sensor's state
-        sensed = adapter.v_measured, adapter.friction_used, *adapter.own_forces
-        self.record.add(t, state, integrals, command, T, adapter.work, outputs, sensed)
+        sensed = adapter.measured[1], adapter.friction_used, *adapter.own_forces
+        work = float(getattr(adapter.plant, "work", np.nan))
+        self.record.add(t, state, integrals, command, T, work, outputs, sensed)
         return measurement, command
 
     def continue_from(self, samples: int, checkpoint: Checkpoint | None, state: LoopState) -> None:
@@ -359,9 +349,8 @@ class SampledRun:
 
 def _missed_updates(state: object) -> MissedUpdates | None:
     """Late and failed updates of a predictive controller, by its state or that of the controller within it."""
-    while state is not None and not isinstance(state, _Updating):
-        state = getattr(state, "target", None)
-    return MissedUpdates(state.missed, state.updates) if state is not None and state.missed else None
+    found = part_with(state, "missed")
+    return MissedUpdates(found.missed, found.updates) if found is not None and found.missed else None
 
 
 def _braking(controller: object, state: object, start: float) -> BrakingUse | None:
@@ -394,15 +383,6 @@ def _check_arguments(reduced: object, controller: object, plant: object, options
         )
     if not isinstance(options, SimulationOptions):
         raise ConfigurationError(f"options: expected SimulationOptions, found {type_name(options)}")
-
-
-def _compute_input(adapter: PlantAdapter, loop: ControlLoop, t: float, progress: Progress) -> np.ndarray:
-    """Inputs (p,) of the loop at its time t. If it fails, ``progress`` names the component that failed."""
-    try:
-        return adapter.compute_input(loop, t)
-    except Exception:
-        progress.active_component = loop.active_component
-        raise
 
 
 def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from itertools import zip_longest
 from typing import NotRequired, TypedDict, cast
 
@@ -47,63 +48,12 @@ class Compared(Learning):
     off_tracking_max: NotRequired[float]
 
 
-class LiftedOff(TypedDict):
-    """Contact with a negative normal force: its first negative value and its minimum [N]."""
-
-    contact: str
-    time: float
-    force: float
-    lowest: float
-
-
-class WorstLimit(TypedDict):
-    """Joint limit with the largest excess, as a share of its range; negative while the limit is kept."""
-
-    joint: str
-    excess: float
-    time: float
-
-
 class NearestBodies(TypedDict):
     """Two links, or a link and an obstacle, at their smallest distance [m]; negative for penetration."""
 
     bodies: list[str]
     distance: float
     time: float
-
-
-class ImpactSummary(TypedDict):
-    """Impact at the start of a phase: impulses of the constraint rows [N s or N m s], and lost kinetic energy [J]."""
-
-    time: float
-    phase: str
-    impulses: Mapping[str, float]
-    energy_loss: float
-
-
-class PhaseSummary(TypedDict):
-    """Phase of a run: its start [s], and the event that ended it."""
-
-    name: str
-    start: float
-    end: str | None
-
-
-class IntegrationSummary(TypedDict):
-    """Estimated error of the integration, by unit, as of ``IntegrationAccuracy``."""
-
-    substeps: int
-    largest_of_a_sample: Mapping[str, float]
-    accumulated: Mapping[str, float]
-    linearized: bool
-    unknown: NotRequired[str]
-
-
-class DecidingFinding(TypedDict):
-    """Kind and message of the finding that decides a verdict."""
-
-    kind: str
-    message: str
 
 
 class Summary(Compared):
@@ -130,23 +80,29 @@ class Summary(Compared):
     constraint_residual_max: float
     position_residual_max: float
     energy_drift: float | None
-    integration: NotRequired[IntegrationSummary]
+    integration: NotRequired[dict[str, object]]
+    """Substeps, and the estimated error by unit, as of ``IntegrationAccuracy``."""
     min_singular_value: float | None
-    lift_off: LiftedOff | None
+    lift_off: dict[str, object] | None
+    """Contact with a negative normal force: its first negative value and its lowest [N]."""
     max_input: dict[str, float]
     wall_time: float | None
     realtime_factor: float | None
     versions: Mapping[str, str]
-    phases: NotRequired[list[PhaseSummary]]
-    impacts: NotRequired[list[ImpactSummary]]
-    joint_limits: NotRequired[dict[str, WorstLimit]]
+    phases: NotRequired[list[dict[str, object]]]
+    """Start of each phase [s], and the event that ended it."""
+    impacts: NotRequired[list[dict[str, object]]]
+    """Impulses of the constraint rows [N s or N m s] and lost kinetic energy [J], at the start of a phase."""
+    joint_limits: NotRequired[dict[str, dict[str, object]]]
+    """Largest excess of each kind, as a share of the joint's range; negative while the limit is kept."""
     smallest_distance: NotRequired[NearestBodies | None]
     smallest_own_distance: NotRequired[NearestBodies | None]
     touching_at_start: NotRequired[list[str]]
     verdict: NotRequired[str]
     findings: NotRequired[list[dict[str, Json]]]
     accepted: NotRequired[list[str]]
-    first_finding: NotRequired[DecidingFinding]
+    first_finding: NotRequired[dict[str, str]]
+    """Kind and message."""
     limits_gave_way: NotRequired[dict[str, float]]
     goal_tolerance: NotRequired[float]
     goal_error: NotRequired[dict[str, float]]
@@ -175,6 +131,7 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
     errors = {name: error[~np.isnan(error)] for name, error in tracking_errors(trajectory).items()}
     duration = float(trajectory.time[-1]) if len(trajectory.time) else 0.0
     balance = trajectory.energy - trajectory.work
+    lifted = first_lift_off(trajectory.time, trajectory.normal_forces, info.outputs.normal_forces)
     summary: Summary = {
         "scenario": info.provenance.scenario,
         "outcome": str(trajectory.outcome),
@@ -193,7 +150,7 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
         "position_residual_max": float(trajectory.position_residual.max(initial=0.0)),
         "energy_drift": _drift(balance, trajectory.energy),
         "min_singular_value": float(trajectory.singular_value.min()) if len(balance) else None,
-        "lift_off": _lift_off(trajectory),
+        "lift_off": None if lifted is None else asdict(lifted),
         "max_input": {
             name: float(np.abs(column).max())
             for name, column in zip(info.outputs.T, trajectory.T.T, strict=True)
@@ -212,9 +169,8 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
             "largest_of_a_sample": dict(found.local),
             "accumulated": dict(found.accumulated),
             "linearized": found.linearized,
+            **({"unknown": found.unknown} if found.unknown else {}),
         }
-        if found.unknown:
-            summary["integration"]["unknown"] = found.unknown
     if info.phases:
         summary["phases"] = [{"name": each.name, "start": each.start, "end": each.end} for each in info.phases]
         summary["impacts"] = [
@@ -242,15 +198,6 @@ class PrintedSummary(SummaryMixin, dict[str, object]):
     def __reduce__(self) -> tuple[object, ...]:
         return PrintedSummary, (dict(self), self._outputs)
 
-    @property
-    def _input_units(self) -> dict[str, str]:
-        return dict(zip_longest(self._outputs.T, self._outputs.T_units, fillvalue=""))
-
-    @property
-    def _output_units(self) -> dict[str, str]:
-        both = self._outputs.x2, self._outputs.x1
-        return {name: unit for each in both for name, unit in zip(each.names, each.units, strict=True)}
-
     def _summary(self) -> ObjectSummary:
         of = f" of '{self['scenario']}'" if self["scenario"] else ""
         title = f"Summary{of}: {self['outcome']}, {self['duration']:g} s in {self['samples']} samples"
@@ -263,7 +210,12 @@ class PrintedSummary(SummaryMixin, dict[str, object]):
 
     def _described(self, key: str, value: object) -> Sequence[Item]:
         if isinstance(value, Mapping) and all(isinstance(each, float) for each in value.values()):
-            units = self._input_units if key == "max_input" else self._output_units
+            outputs = self._outputs
+            units = dict(zip_longest(outputs.T, outputs.T_units, fillvalue=""))
+            if key != "max_input":
+                units = {
+                    name: unit for of in (outputs.x2, outputs.x1) for name, unit in zip(of.names, of.units, strict=True)
+                }
             return [Item(name, f"{each:.4g} {units.get(name, '')}".rstrip()) for name, each in value.items()]
         return described(value)
 
@@ -292,16 +244,7 @@ def add_limits(summary: Summary, replay: LimitReplay) -> None:
 
 
 def _nearest(found: Clearance | None) -> NearestBodies | None:
-    if found is None:
-        return None
-    return {"bodies": list(found.names), "distance": found.distance, "time": found.time}
-
-
-def _lift_off(trajectory: Trajectory) -> LiftedOff | None:
-    found = first_lift_off(trajectory.time, trajectory.normal_forces, trajectory.info.outputs.normal_forces)
-    if found is None:
-        return None
-    return {"contact": found.contact, "time": found.time, "force": found.force, "lowest": found.lowest}
+    return None if found is None else {"bodies": list(found.names), "distance": found.distance, "time": found.time}
 
 
 def _drift(balance: np.ndarray, energy: np.ndarray) -> float | None:

@@ -18,12 +18,6 @@ def energy(plant):
     return float(plant.reduced.at(q, v=v).energy)
 
 
-def world_velocity(plant, joint=1):
-    """Linear velocity of the free base in the world."""
-    q, v = plant.read()
-    return pin.Quaternion(*q[[6, 3, 4, 5]]).matrix() @ v[:3]
-
-
 def run(plant, duration, dt=0.01):
     """Advance, and return the largest increase of energy minus work."""
     start, most = energy(plant) - plant.work, 0.0

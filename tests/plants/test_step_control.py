@@ -9,6 +9,7 @@ import scipy
 
 import rnc_pin as rnc
 import systems
+from bodies import add_body
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.simulation.error_propagation import ErrorHistory, RunSamples
@@ -195,8 +196,8 @@ def test_a_tolerance_that_is_no_positive_number_is_refused(ball, tolerance):
 def turning(tilt=0.0):
     """A rod of 2 kg on a motor at its end, its centre 0.5 m below or, tilted by pi, above; inertia J."""
     model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelRX(), pin.SE3(pin.rpy.rpyToMatrix(tilt, 0.0, 0.0), np.zeros(3)), "hinge")
-    model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0, 0, -0.5]), 0.1 * np.eye(3)), pin.SE3.Identity())
+    place = pin.SE3(pin.rpy.rpyToMatrix(tilt, 0.0, 0.0), np.zeros(3))
+    add_body(model, "hinge", "RX", 2.0, com=(0, 0, -0.5), moments=0.1, at=place)
     return rnc.NonholonomicSystem(rnc.Robot(model), [], ["hinge"]).reduce(), 0.1 + 2.0 * 0.25
 
 

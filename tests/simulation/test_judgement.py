@@ -1,6 +1,5 @@
 """Each finding has a run in which it is true, and one beside it in which it is not."""
 
-import dataclasses
 from dataclasses import replace
 
 import coal
@@ -192,10 +191,10 @@ def test_a_run_that_ends_early_fails_and_its_goals_are_not_judged():
 
 def test_a_contact_that_pulls_fails():
     run = resting()
-    names = dataclasses.replace(run.info.outputs, normal_forces=("wheel",))
+    names = replace(run.info.outputs, normal_forces=("wheel",))
     for force, fails in ((9.81, False), (-9.81, True)):
         forces = np.full((len(run.time), 1), force)
-        pulled = dataclasses.replace(run, normal_forces=forces, info=dataclasses.replace(run.info, outputs=names))
+        pulled = replace(run, normal_forces=forces, info=replace(run.info, outputs=names))
         assert (FindingKind.LIFT_OFF, "wheel") in kinds(rnc.simulation.judge(pulled)) or not fails
         assert rnc.simulation.judge(pulled).succeeded != fails
 

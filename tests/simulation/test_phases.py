@@ -7,25 +7,16 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, free_body
 from simple_controllers import Inputs
 
 G, MASS, RADIUS, HEIGHT = 9.81, 2.0, 0.1, 0.3
 
 
-def ball_robot():
-    """A free ball."""
-    model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    inertia = pin.Inertia(MASS, np.zeros(3), 0.4 * MASS * RADIUS**2 * np.eye(3))
-    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-    model.addFrame(pin.Frame("ball", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    return rnc.Robot(model)
-
-
 @pytest.fixture(scope="module")
 def robot():
-    return ball_robot()
+    """A free ball."""
+    return free_body(MASS, 0.4 * MASS * RADIUS**2, ball=[0, 0, 0])
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from matplotlib import image
 
@@ -72,6 +73,14 @@ def place(page, *path):
     """Position of a part in the page [m]."""
     names = ", ".join(f"'{name}'" for name in ("meshcat", *path))
     return page.evaluate(f"viewer.scene_tree.find([{names}]).object.position.toArray()")
+
+
+def shape_place(robot, q, name):
+    """Position of a shape of a robot at a configuration, by Pinocchio [m]."""
+    geometry = robot.visual_model
+    data, shapes = robot.model.createData(), geometry.createData()
+    pin.updateGeometryPlacements(robot.model, data, geometry, shapes, q)
+    return shapes.oMg[geometry.getGeometryId(name)].translation
 
 
 def children(page, *path):

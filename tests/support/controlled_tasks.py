@@ -43,14 +43,10 @@ def estimating(alpha, believed):
 
 
 def wide(**changes):
-    """Speed of the platform and shoulder are both redundant for one heading: A4 is 1 x 2."""
-    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-    drive = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
-    outputs = [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.JointPosition("joint_1")]
-    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drive).reduce(outputs, [rnc.FrameYaw("base")])
-    q0 = robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
+    """The manipulator under a controller: A4 is 1 x 2."""
+    reduced, task = manipulator()
+    q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
     x1, x2 = reduced.at(q0).outputs()
-    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["base_speed_x", "joint_1"])
     tip = MinimumJerk(x2[:2], x2[:2] + np.array([0.8, 0.1]), 4.0)
     vertical = MinimumJerk(x1, x1 - 0.1, 4.0)
     secondary = Posture(task, Hold(x2[2:]), np.array([0.0, 2.0])) if changes.pop("posture", False) else None
@@ -95,7 +91,7 @@ START, GOAL = np.array([-8.0, 3.0, 0.0]), np.zeros(3)
 def truck_task(**changes):
     reduced = fire_truck()
     path = CarPath(START, GOAL, duration=6.0, wheelbase=1.0)
-    task = rnc.Task.of(reduced, ["tractor_speed_x", "front_steering"], ["rear_steering"], ["trailer_yaw"])
+    task = rnc.Task.of(reduced, *TASK)
     q0 = reduced.robot.configuration({"root_joint": START})
     vertical = MinimumJerk([0.0], [-0.6], 6.0)
     return reduced, path, task, SteeringController(reduced, task, path.reference, vertical, **changes), q0

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
-from controlled_tasks import Cubic, task_at, truck_task
+from controlled_tasks import TASK, Cubic, task_at, truck_task
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.control import (
     DrivenPath,
@@ -297,7 +297,7 @@ def steerings():
 
 def slitherings():
     """Heading behind a noisy path, and the places that are forgotten."""
-    task = rnc.Task.of(fire_truck(), ["tractor_speed_x", "front_steering"], ["rear_steering"], ["trailer_yaw"])
+    task = rnc.Task.of(fire_truck(), *TASK)
     law, generator = SlitheringReference(fire_truck(), task, "tractor", "rear_axle"), np.random.default_rng(8)
     driven = np.arange(0.0, 4.0, law.spacing)
     path = np.column_stack([2.0 * np.sin(driven / 2), 2.0 - 2.0 * np.cos(driven / 2), driven / 2, driven])

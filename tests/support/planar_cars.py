@@ -8,8 +8,7 @@ import pinocchio as pin
 from scipy.integrate import solve_ivp
 
 import rnc_pin as rnc
-
-HERE = pin.SE3.Identity()
+from bodies import add_body
 
 
 def at(x, y=0.0, z=0.0):
@@ -77,18 +76,16 @@ class Car:
     def robot(self):
         model = pin.Model()
         model.name = "car"
-        base = model.addJoint(0, pin.JointModelPlanar(), HERE, "root_joint")
-        model.appendBodyToJoint(base, yawing(CHASSIS, CHASSIS_YAW, *CENTRE), HERE)
-        model.addFrame(pin.Frame("chassis", base, 0, HERE, pin.FrameType.OP_FRAME))
+        base = add_body(model, "root_joint", "Planar", yawing(CHASSIS, CHASSIS_YAW, *CENTRE), frame="chassis")
         for name, (x, y) in self.wheels.items():
             carrier, place = base, at(x, y, RADIUS)
             if name in self.steered:
-                carrier, place = model.addJoint(base, pin.JointModelRZ(), place, f"{name}_steer"), HERE
-                model.appendBodyToJoint(carrier, yawing(KNUCKLE, KNUCKLE_YAW), HERE)
-            wheel = model.addJoint(carrier, pin.JointModelRY(), place, f"{name}_spin")
-            inertia = np.diag([WHEEL_YAW, WHEEL_SPIN, WHEEL_YAW])
-            model.appendBodyToJoint(wheel, pin.Inertia(WHEEL, np.zeros(3), inertia), HERE)
-            model.addFrame(pin.Frame(name, wheel, 0, HERE, pin.FrameType.OP_FRAME))
+                carrier, place = (
+                    add_body(model, f"{name}_steer", "RZ", yawing(KNUCKLE, KNUCKLE_YAW), base, at=place),
+                    None,
+                )
+            spin = (WHEEL_YAW, WHEEL_SPIN, WHEEL_YAW)
+            add_body(model, f"{name}_spin", "RY", WHEEL, carrier, moments=spin, at=place, frame=name)
         return rnc.Robot(model)
 
     # ------------------------------------------------------------------ agreement upon a turning centre

@@ -146,18 +146,11 @@ ROBOTS: dict[str, Published] = {
         },
     ),
     **_in("gym-ignition-models", "gym_ignition_models", {"icub_gazebo": "iCubGazeboV2_5/icub.urdf"}),
-    **_in(
-        "igibson",
-        "igibson",
-        {"turtlebot": "examples/ros/igibson-ros/turtlebot/turtlebot.urdf"},
-    ),
+    **_in("igibson", "igibson", {"turtlebot": "examples/ros/igibson-ros/turtlebot/turtlebot.urdf"}),
     **_in(
         "mani_skill",
         "mani_skill",
-        {
-            "fetch": "assets/robots/fetch/fetch.urdf",
-            "mobile_panda": "assets/robots/panda/mobile_panda_single_arm.urdf",
-        },
+        {"fetch": "assets/robots/fetch/fetch.urdf", "mobile_panda": "assets/robots/panda/mobile_panda_single_arm.urdf"},
     ),
     **_in(
         "genesis-world",

@@ -111,19 +111,10 @@ def leaning_wheel() -> rnc.ReducedModel:
     model = pin.Model()
     model.name = "disk"
     add_body(model, "root_joint", "FreeFlyer", 2.0, moments=(0.05, 0.09, 0.05), frame="disk")
-    system = rnc.NonholonomicSystem(
-        rnc.Robot(model),
-        [rnc.RollingWheel("disk", 0.3, axis="y")],
-        np.eye(6)[:, 3:],
-    )
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.RollingWheel("disk", 0.3, axis="y")], np.eye(6)[:, 3:])
 
-    def spin(q: np.ndarray) -> np.ndarray:
-        return np.eye(6)[3:]
-
-    def no_rate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return np.zeros((3, 6))
-
-    return system.reduce([rnc.Output(None, spin, no_rate, ["spin_x", "spin_y", "spin_z"])], [])
+    spin, still = np.eye(6)[3:], np.zeros((3, 6))
+    return system.reduce([rnc.Output(None, lambda q: spin, lambda q, v: still, ["spin_x", "spin_y", "spin_z"])], [])
 
 
 @cache
@@ -156,8 +147,7 @@ def tumbling_panda() -> rnc.ReducedModel:
     momentum = rnc.MomentumConservation("root_joint", (2.0, -1.0, 0.5, 0.3, 0.4, -0.6))
     system = rnc.NonholonomicSystem(robot, [momentum], joints)
     return system.reduce(
-        [rnc.JointPosition(joint) for joint in joints],
-        [rnc.FramePosition("panda_hand"), rnc.FrameYaw("panda_link0")],
+        [rnc.JointPosition(joint) for joint in joints], [rnc.FramePosition("panda_hand"), rnc.FrameYaw("panda_link0")]
     )
 
 
@@ -171,24 +161,21 @@ def four_bar_robot(knee: bool = False) -> rnc.Robot:
     """
     model = pin.Model()
     model.name = "four-bar"
-    here, axis = pin.SE3.Identity(), pin.JointModelRY
 
-    def at(x: float) -> pin.SE3:
-        return pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
-
-    def link(parent: int, placement: pin.SE3, name: str, length: float, mass: float) -> int:
-        joint = model.addJoint(parent, axis(), placement, name)
-        inertia = np.diag([0.01, mass * length**2 / 12, mass * length**2 / 12 + 0.001])
-        model.appendBodyToJoint(joint, pin.Inertia(mass, np.array([length / 2, 0, 0]), inertia), here)
-        model.addFrame(pin.Frame(f"{name}_tip", joint, 0, at(length), pin.FrameType.OP_FRAME))
+    def link(parent: int, x: float, name: str, length: float, mass: float) -> int:
+        across = mass * length**2 / 12
+        joint = add_body(model, name, "RY", mass, parent, com=(length / 2, 0, 0), at=(x, 0, 0),
+                         moments=[0.01, across, across + 0.001])  # fmt: skip
+        tip = pin.SE3(np.eye(3), np.array([length, 0.0, 0.0]))
+        model.addFrame(pin.Frame(f"{name}_tip", joint, 0, tip, pin.FrameType.OP_FRAME))
         return joint
 
-    crank = link(0, here, "crank", CRANK, 1.0)
-    link(crank, at(CRANK), "coupler", COUPLER, 2.0)
-    rocker = link(0, at(GROUND), "rocker", ROCKER, 1.5)
+    crank = link(0, 0.0, "crank", CRANK, 1.0)
+    link(crank, CRANK, "coupler", COUPLER, 2.0)
+    rocker = link(0, GROUND, "rocker", ROCKER, 1.5)
     if knee:
-        link(rocker, at(ROCKER), "knee", 0.1, 0.2)
-        model.addFrame(pin.Frame("knee_pin", 4, 0, here, pin.FrameType.OP_FRAME))
+        link(rocker, ROCKER, "knee", 0.1, 0.2)
+        model.addFrame(pin.Frame("knee_pin", 4, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
     return rnc.Robot(model)
 
 
@@ -209,23 +196,15 @@ def bicycle() -> rnc.ReducedModel:
     rake, radius = 0.35, 0.3
     steering = np.array([-np.sin(rake), 0.0, np.cos(rake)])
 
-    def body(joint: int, mass: float, size: float, lever: tuple[float, float, float]) -> None:
-        inertia = pin.Inertia(mass, np.array(lever), mass * size**2 * np.diag([0.3, 0.5, 0.25]))
-        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+    def part(name, kind, mass, size, parent, com, **more):
+        moments = mass * size**2 * np.array([0.3, 0.5, 0.25])
+        return add_body(model, name, kind, mass, parent, com=com, moments=moments, **more)
 
-    def at(*where: float) -> pin.SE3:
-        return pin.SE3(np.eye(3), np.array(where))
-
-    frame = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    body(frame, 10.0, 0.6, (0.4, 0.0, 0.3))
-    rear = model.addJoint(frame, pin.JointModelRY(), pin.SE3.Identity(), "rear_wheel")
-    body(rear, 1.5, radius, (0.0, 0.0, 0.0))
-    fork = model.addJoint(frame, pin.JointModelRevoluteUnaligned(steering), at(0.9, 0.0, 0.2), "steer")
-    body(fork, 2.0, 0.3, (0.05, 0.0, 0.1))
-    front = model.addJoint(fork, pin.JointModelRY(), at(0.12, 0.0, -0.2), "front_wheel")
-    body(front, 1.5, radius, (0.0, 0.0, 0.0))
-    for name, joint in (("frame", frame), ("rear", rear), ("front", front)):
-        model.addFrame(pin.Frame(name, joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    frame = part("root_joint", "FreeFlyer", 10.0, 0.6, 0, (0.4, 0.0, 0.3), frame="frame")
+    part("rear_wheel", "RY", 1.5, radius, frame, (0.0, 0.0, 0.0), frame="rear")
+    rake_axis = pin.JointModelRevoluteUnaligned(steering)
+    fork = part("steer", rake_axis, 2.0, 0.3, frame, (0.05, 0.0, 0.1), at=(0.9, 0.0, 0.2))
+    part("front_wheel", "RY", 1.5, radius, fork, (0.0, 0.0, 0.0), at=(0.12, 0.0, -0.2), frame="front")
     wheels = [rnc.RollingWheel("rear", radius), rnc.RollingWheel("front", radius)]
     system = rnc.NonholonomicSystem(rnc.Robot(model), wheels, ["rear_wheel", "steer", rnc.FrameTorque("frame", "x")])
     lean = np.eye(9)[3:4]  # angular velocity about the frame's own x axis
@@ -239,11 +218,8 @@ def rolling_base(wheels: dict[str, tuple[float, float]], radius: float, base: st
     """A body with wheels about its y axis at places (x, y): frames "base" and of the wheels' names."""
     model = pin.Model()
     model.name = "rolling base"
-    joint = {"planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}[base]()
-    carrier = model.addJoint(0, joint, pin.SE3.Identity(), "root_joint")
-    body = pin.Inertia(20.0, np.array([0.05, 0.02, 0.1]), np.diag([0.5, 0.7, 0.9]))
-    model.appendBodyToJoint(carrier, body, pin.SE3.Identity())
-    model.addFrame(pin.Frame("base", carrier, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    inertia = pin.Inertia(20.0, np.array([0.05, 0.02, 0.1]), np.diag([0.5, 0.7, 0.9]))
+    carrier = add_body(model, "root_joint", {"planar": "Planar", "free": "FreeFlyer"}[base], inertia, frame="base")
     for name, (x, y) in wheels.items():
         add_wheel(model, carrier, name, pin.SE3(np.eye(3), np.array([x, y, 0.0])), radius)
     return model
@@ -251,10 +227,8 @@ def rolling_base(wheels: dict[str, tuple[float, float]], radius: float, base: st
 
 def add_wheel(model: pin.Model, carrier: int, name: str, place: pin.SE3, radius: float) -> None:
     """A wheel that turns about the y axis of its place on joint "<name>_spin", with a frame of its name."""
-    wheel = model.addJoint(carrier, pin.JointModelRUBY(), place, f"{name}_spin")
-    inertia = pin.Inertia(1.5, np.zeros(3), 1.5 * radius**2 * np.diag([0.3, 0.5, 0.3]))
-    model.appendBodyToJoint(wheel, inertia, pin.SE3.Identity())
-    model.addFrame(pin.Frame(name, wheel, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    moments = 1.5 * radius**2 * np.array([0.3, 0.5, 0.3])
+    add_body(model, f"{name}_spin", "RUBY", 1.5, carrier, moments=moments, at=place, frame=name)
 
 
 CORNERS = {"fl": (0.3, 0.25), "fr": (0.3, -0.25), "bl": (-0.3, 0.25), "br": (-0.3, -0.25)}
@@ -295,15 +269,12 @@ def on_two_wheels(
 ) -> rnc.ReducedModel:
     """A body of 10 kg on two driven wheels without mass and a caster ahead; its centre is between axle and caster."""
     model, ground = pin.Model(), -radius
-    base = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
-    body = pin.Inertia(10.0, np.array([center, 0.0, height + ground]), np.diag([0.3, 0.3, 0.2]))
-    model.appendBodyToJoint(base, body, pin.SE3.Identity())
-    for name, place in (("base", [0.0, 0.0, 0.0]), ("nose", [ahead, 0.0, 0.0])):
-        model.addFrame(pin.Frame(name, base, 0, pin.SE3(np.eye(3), np.array(place)), pin.FrameType.OP_FRAME))
+    com = (center, 0.0, height + ground)
+    base = add_body(model, "root_joint", "Planar", 10.0, com=com, moments=(0.3, 0.3, 0.2), frame="base")
+    nose = pin.SE3(np.eye(3), np.array([ahead, 0.0, 0.0]))
+    model.addFrame(pin.Frame("nose", base, 0, nose, pin.FrameType.OP_FRAME))
     for name, y in (("l", track / 2), ("r", -track / 2)):
-        wheel = model.addJoint(base, pin.JointModelRUBY(), pin.SE3(np.eye(3), np.array([0.0, y, 0.0])), f"{name}_spin")
-        model.appendBodyToJoint(wheel, pin.Inertia(0.0, np.zeros(3), 1e-9 * np.eye(3)), pin.SE3.Identity())
-        model.addFrame(pin.Frame(name, wheel, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+        add_body(model, f"{name}_spin", "RUBY", 0.0, base, moments=1e-9, at=(0.0, y, 0.0), frame=name)
     rows = [rnc.RollingWheel("l", radius), rnc.RollingWheel("r", radius), rnc.Caster("nose", radius)]
     system = rnc.NonholonomicSystem(rnc.Robot(model), rows, ["l_spin", "r_spin"])
     return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
@@ -439,12 +410,8 @@ def free_bodies(*names):
     """Free bodies with different inertias, each with a frame of its name."""
     model = pin.Model()
     for number, name in enumerate(names):
-        joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), f"{name}_root")
-        inertia = pin.Inertia(
-            1.0 + number, np.array([0.01, 0.02, -0.03]), np.diag([20.0, 30.0, 40.0])
-        )  # found by moving, not by turning
-        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-        model.addFrame(pin.Frame(name, joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+        lever, moments = (0.01, 0.02, -0.03), (20.0, 30.0, 40.0)  # found by moving, not by turning
+        add_body(model, f"{name}_root", "FreeFlyer", 1.0 + number, com=lever, moments=moments, frame=name)
     return rnc.Robot(model)
 
 

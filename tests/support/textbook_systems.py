@@ -182,10 +182,8 @@ def chaplygin_sleigh() -> rnc.ReducedModel:
     p = SLEIGH["parameters"]
     model = pin.Model()
     model.name = "sleigh"
-    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
-    inertia = pin.Inertia(p["m"], np.array([p["a"], 0.0, 0.0]), np.diag([0.3, 0.3, p["I_com"]]))
-    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-    model.addFrame(pin.Frame("edge", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    com, moments = (p["a"], 0.0, 0.0), (0.3, 0.3, p["I_com"])
+    add_body(model, "root_joint", "Planar", p["m"], com=com, moments=moments, frame="edge")
     system = rnc.NonholonomicSystem(
         rnc.Robot(model), [rnc.NoSideSlip("edge")], [rnc.FrameForce("edge", "x"), rnc.FrameTorque("edge", "z")]
     )

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from browsing import changed, children, picture, place, visit, vivid
+from browsing import changed, children, picture, place, shape_place, visit, vivid
 from patience import PATIENCE, eventually
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.saved_run import view_of
@@ -40,13 +40,6 @@ def fire_truck():
 @pytest.fixture(scope="module")
 def robot():
     return rnc.Robot.from_urdf("space_robot.urdf")
-
-
-def expected_place(robot, q, name):
-    geometry = robot.visual_model
-    data, shapes = robot.model.createData(), geometry.createData()
-    pin.updateGeometryPlacements(robot.model, data, geometry, shapes, q)
-    return shapes.oMg[geometry.getGeometryId(name)].translation
 
 
 def loaded(browser, recording, path, begin=None):
@@ -82,7 +75,7 @@ def test_a_recording_plays_in_a_browser_without_a_network(browser, robot, space_
         page.evaluate(f"viewer.animator.seek({frame / RATE})")
         shots.append(picture(page))
         there = place(page, "robot", "visuals", "tip_0")
-        np.testing.assert_allclose(there, expected_place(robot, frames[frame], "tip_0"), atol=SINGLE_PRECISION)
+        np.testing.assert_allclose(there, shape_place(robot, frames[frame], "tip_0"), atol=SINGLE_PRECISION)
         pieces = "Object.values(viewer.scene_tree.find(['meshcat', 'path', 'tip', 'tip']).children)"
         trails.append(page.evaluate(f"{pieces}.filter(piece => piece.object.visible).length"))
     assert all(vivid(shot) > 1000 for shot in shots)
@@ -162,10 +155,10 @@ def test_runs_are_compared_in_one_scene(browser, space_robot, tmp_path):
         ghost, robot = (
             np.array(place(page, *path, "tip_0")) for path in (("compared", "0", "robot"), ("robot", "visuals"))
         )
-        wanted = expected_place(reduced.robot, other.q[-1], "tip_0")
+        wanted = shape_place(reduced.robot, other.q[-1], "tip_0")
         apart = np.linalg.norm(ghost - wanted)
         assert apart > 1.0 if aside else apart < SINGLE_PRECISION
-        mine = expected_place(reduced.robot, result.trajectory.q[-1], "tip_0")
+        mine = shape_place(reduced.robot, result.trajectory.q[-1], "tip_0")
         np.testing.assert_allclose(robot, mine, atol=SINGLE_PRECISION)
         material = "viewer.scene_tree.find(['meshcat', 'compared', '0', 'robot', 'tip_0', '<object>']).object.material"
         assert page.evaluate(f"{material}.opacity") == pytest.approx(1.0 if aside else 0.4)
@@ -199,7 +192,7 @@ def test_the_live_page_follows_the_robot_and_may_be_closed(browser, robot):
         # Who comes later sees where the robot is by then, and its path.
         page, problems = visit(browser, live.url)
         assert live.wait_for_browser(PATIENCE)
-        wanted = expected_place(robot, later, "tip_0")
+        wanted = shape_place(robot, later, "tip_0")
         there = ("robot", "visuals", "tip_0")
         assert eventually(lambda: np.allclose(place(page, *there), wanted, rtol=0, atol=SINGLE_PRECISION))
         assert eventually(lambda: "000" in children(page, "path", "tip", "tip"))
@@ -239,7 +232,7 @@ def test_the_live_page_of_a_run_shows_goals_forces_and_figures(browser, fire_tru
         assert float(row(page, "error of tractor").split()[0]) < 0.01
         assert page.text_content("#overlay h1") == "Truck"
         live.close()  # which shows the last sample, if it has not been shown
-        wanted = expected_place(experiment.reduced.robot, result.trajectory.q[-1], "tractor_1")
+        wanted = shape_place(experiment.reduced.robot, result.trajectory.q[-1], "tractor_1")
         there = ("robot", "visuals", "tractor_1")
         assert eventually(lambda: np.allclose(place(page, *there), wanted, rtol=0, atol=SINGLE_PRECISION))
         assert problems == []

@@ -5,17 +5,10 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import free_body
 from rnc_pin.analysis import NormalForces
 
 GRAVITY = 9.81
-
-
-def ball(mass=2.0, radius=0.1):
-    model, moment = pin.Model(), 0.4 * mass * radius**2
-    joint = add_body(model, "root_joint", "FreeFlyer", mass, moments=moment)
-    model.addFrame(pin.Frame("ball", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
-    return rnc.Robot(model)
 
 
 def drive(base="free"):
@@ -29,7 +22,7 @@ def forces_of(reduced, state, T):
 
 
 def test_the_ground_pushes_a_ball_at_rest_up():
-    reduced = rnc.NonholonomicSystem(ball(), [rnc.RollingBall("ball", 0.1)], []).reduce()
+    reduced = rnc.NonholonomicSystem(free_body(2.0, 0.008, ball=[0, 0, 0]), [rnc.RollingBall("ball", 0.1)], []).reduce()
     q = reduced.assembled(reduced.robot.configuration())
     state, none = reduced.at(q, np.zeros(3)), np.zeros(0)
     assert forces_of(reduced, state, none)["vertical(ball)"] == pytest.approx(2 * GRAVITY, rel=1e-12)

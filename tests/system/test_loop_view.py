@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from browsing import children, opened, place, visit
+from browsing import children, opened, place, shape_place, visit
 from patience import PATIENCE, eventually
 from rnc_pin.control import ReducingOutputController, VelocityGains, VelocityTracker
 from rnc_pin.planning import Hold
@@ -68,12 +68,12 @@ def test_a_page_pauses_steps_and_tunes_a_loop(browser):
         count, q = loop.count, loop.q.copy()
         time.sleep(5 * DT)
         assert loop.count == count  # it stands
-        expected = shape_place(reduced.robot, q)
+        expected = shape_place(reduced.robot, q, "tip_0")
         assert eventually(lambda: np.allclose(place(page, "robot", "visuals", "tip_0"), expected, atol=1e-4))
         # One step is one more state, which the page shows.
         page.click("#loop button:has-text('Step')")
         assert eventually(lambda: loop.count == count + 1)
-        expected = shape_place(reduced.robot, loop.q)
+        expected = shape_place(reduced.robot, loop.q, "tip_0")
         assert eventually(lambda: np.allclose(place(page, "robot", "visuals", "tip_0"), expected, atol=1e-4))
         # A slider changes the loop, a reloaded page shows its value, and messages out of range change nothing.
         slide(page, "rate", -1.5)
@@ -122,13 +122,6 @@ def test_a_state_that_is_not_drawn_says_why():
         assert eventually(lambda: isinstance(view.problem, rnc.SingularityError))
         view.update(reduced.robot.configuration({"joint_1": 0.3, "joint_2": 1.0, "joint_3": 0.5}), t=1.0)
         assert eventually(lambda: view.problem is None)
-
-
-def shape_place(robot, q):
-    geometry = robot.visual_model
-    data, shapes = robot.model.createData(), geometry.createData()
-    pin.updateGeometryPlacements(robot.model, data, geometry, shapes, q)
-    return shapes.oMg[geometry.getGeometryId("tip_0")].translation
 
 
 def test_a_slider_makes_another_controller_which_continues_with_the_state():

@@ -62,11 +62,9 @@ def forces(model, q, v, a):
     return pin.rnea(model, model.createData(), q, v, a)
 
 
-def in_order(model, other, names=None):
+def in_order(model, other):
     """Indices of velocities of the other model for those of one."""
-    names = {} if names is None else names
-    joints = [other.getJointId(names.get(name, name)) for name in [*model.names][1:]]
-    return [other.joints[joint].idx_v for joint in joints]
+    return [other.joints[other.getJointId(name)].idx_v for name in [*model.names][1:]]
 
 
 def motion(model, seed=0):

@@ -8,12 +8,7 @@ from rnc_pin.applications.sweep.seeded_draws import draws_of
 from rnc_pin.errors import InfeasibleError
 
 # A path next to the edge of the region counts as well as one through its middle: the largest error is what matters.
-LARGEST = {
-    "space-robot": 0.02,
-    "space-robot-uncertain": 0.02,
-    "mobile-manipulator": 0.02,
-    "fire-truck": 0.02,
-}
+LARGEST = {"space-robot": 0.02, "space-robot-uncertain": 0.02, "mobile-manipulator": 0.02, "fire-truck": 0.02}
 # 200 of each stand in docs/random_tasks.md; here a few.
 SAMPLE = {
     "space-robot": (17,),

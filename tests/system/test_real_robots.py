@@ -43,10 +43,7 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("runs")
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "kind"),
-    [("tiago", BRIEF, "x1"), ("tiago-two-phase", HURRIED, "x2")],
-)
+@pytest.mark.parametrize(("name", "options", "kind"), [("tiago", BRIEF, "x1"), ("tiago-two-phase", HURRIED, "x2")])
 def test_tiago_keeps_its_hand_on_the_path_and_its_wheels_on_the_ground(call, name, options, kind, folder, no_pictures):
     summary, run = run_of(call, name, folder / name, *options)
     assert summary["outcome"] == "completed"

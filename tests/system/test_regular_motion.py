@@ -14,7 +14,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import rnc_pin as rnc
-from planar_cars import ACKERMANN, FOUR_STEERED, HERE, at, directions, integrated, yawing
+from bodies import add_body
+from planar_cars import ACKERMANN, FOUR_STEERED, at, directions, integrated, yawing
 from tolerances import KKT, ROUNDING
 
 MOTION = 1e-8  # positions and velocities after seconds of free motion, against the reference's own integration
@@ -36,11 +37,8 @@ def racer():
     """Two bodies, an axle under each, and a pivot in between; nothing drives it."""
     model = pin.Model()
     model.name = "roller racer"
-    seat = model.addJoint(0, pin.JointModelPlanar(), HERE, "root_joint")
-    model.appendBodyToJoint(seat, yawing(M1, I1, C1), HERE)
-    handle = model.addJoint(seat, pin.JointModelRZ(), at(L1), "pivot")
-    model.appendBodyToJoint(handle, yawing(M2, I2, C2), HERE)
-    model.addFrame(pin.Frame("rear", seat, 0, HERE, pin.FrameType.OP_FRAME))
+    seat = add_body(model, "root_joint", "Planar", yawing(M1, I1, C1), frame="rear")
+    handle = add_body(model, "pivot", "RZ", yawing(M2, I2, C2), seat, at=at(L1))
     model.addFrame(pin.Frame("front", handle, 0, at(L2), pin.FrameType.OP_FRAME))
     return rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("rear"), rnc.NoSideSlip("front")])
 

@@ -92,16 +92,9 @@ def five_bar(angle):
     turned = pin.rpy.rpyToMatrix(-angle, 0, 0)
     for side, x in (("left", -0.1), ("right", 0.1)):
         place = pin.SE3(turned, np.array([x, 0.0, 0.0]))
-        upper = model.addJoint(0, pin.JointModelRZ(), place, f"{side}_hip")
-        lower = model.addJoint(
-            upper,
-            pin.JointModelRZ(),
-            pin.SE3(pin.rpy.rpyToMatrix(angle - np.pi / 2, 0, 0), np.array([0.2, 0, 0])),
-            f"{side}_knee",
-        )
-        for joint in (upper, lower):
-            inertia = pin.Inertia(1.0, np.array([0.1, 0, 0]), 0.01 * np.eye(3))
-            model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+        bent = pin.SE3(pin.rpy.rpyToMatrix(angle - np.pi / 2, 0, 0), np.array([0.2, 0, 0]))
+        upper = add_body(model, f"{side}_hip", "RZ", 1.0, com=(0.1, 0, 0), moments=0.01, at=place)
+        lower = add_body(model, f"{side}_knee", "RZ", 1.0, upper, com=(0.1, 0, 0), moments=0.01, at=bent)
         tip = pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0]))
         model.addFrame(pin.Frame(f"{side}_tip", lower, 0, tip, pin.FrameType.OP_FRAME))
     return rnc.Robot(model)

@@ -38,9 +38,10 @@ def joint(name, parent, child, kind="fixed", axis="0 1 0", at="0 0 0"):
     )
 
 
-def write(folder, *parts, base='<link name="base"/>', name="robot.urdf"):
-    (folder / name).write_text(f'<robot name="strange">{base}{"".join(parts)}</robot>')
-    return folder / name
+def write(folder, *parts):
+    file = folder / "robot.urdf"
+    file.write_text(f'<robot name="strange"><link name="base"/>{"".join(parts)}</robot>')
+    return file
 
 
 def pendulum(kind, axis):
@@ -182,24 +183,10 @@ def test_a_constraint_on_the_only_joint_leaves_no_motion(kind, constraint, tmp_p
         rnc.NonholonomicSystem(weightless, [constraint])
 
 
-# ---------------------------------------------------------------------- wheels
-
-RADIUS = 0.1
-CYLINDER = f'<cylinder radius="{RADIUS}" length="0.04"/>'
-TYRE = f'<collision><origin rpy="1.5707963267948966 0 0"/><geometry>{CYLINDER}</geometry></collision>'
-
-
-def cart(folder, left, right):
-    """Two wheels on one line, each with an axis of its own."""
-    box = '<collision><geometry><box size="0.4 0.2 0.05"/></geometry></collision>'
-    wheels = [
-        link(f"{name}_link", shape=TYRE) + joint(name, "base", f"{name}_link", "continuous", axis, f"0 {y} 0")
-        for name, axis, y in (("left", left, 0.2), ("right", right, -0.2))
-    ]
-    return write(folder, *wheels, base=link("base", shape=box), name="cart.urdf")
-
-
 # ---------------------------------------------------------------------- the command
+
+CYLINDER = '<cylinder radius="0.1" length="0.04"/>'
+TYRE = f'<collision><origin rpy="1.5707963267948966 0 0"/><geometry>{CYLINDER}</geometry></collision>'
 
 
 @pytest.mark.parametrize(("parts", "steps"), [

@@ -1,17 +1,13 @@
 """Tutorials and explanations can be followed: files are saved, commands and Python blocks run in their order."""
 
-import importlib.util
 import re
 import shlex
 
 import pytest
 
-from places import ROOT
+from places import ROOT, docs_script
 
-_SPEC = importlib.util.spec_from_file_location("make_tutorial_pictures", ROOT / "docs" / "make_tutorial_pictures.py")
-tutorials = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(tutorials)
-
+tutorials = docs_script("make_tutorial_pictures")
 TUTORIALS = [page for page in sorted(tutorials.PAGES.glob("*.md")) if page.name != "index.md"]
 EXPLANATIONS = sorted((ROOT / "docs" / "explanation").glob("*.md"))
 LARGEST_PICTURE = 80_000  # bytes

@@ -349,16 +349,12 @@ def test_a_car_that_is_steered_behind_turns_its_rear_wheels_the_other_way():
 
 def test_steering_that_is_none_is_refused():
     model = ackermann_robot().model.copy()
-    here = pin.SE3.Identity()
-
-    def add(name, kind, where):
-        joint = model.addJoint(1, kind, pin.SE3(np.eye(3), np.array(where)), name)
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.01 * np.eye(3)), here)
-
-    add("leaning", pin.JointModelRevoluteUnaligned(np.array([0.4, 0.0, np.sqrt(0.84)])), [1.0, 0.3, 0.0])
-    add("sliding", pin.JointModelPZ(), [1.0, 0.3, 0.0])
-    add("beside", pin.JointModelRZ(), [0.0, 0.9, 0.0])
-    add("also_beside", pin.JointModelRZ(), [0.0, -0.9, 0.0])
+    slanted = pin.JointModelRevoluteUnaligned(np.array([0.4, 0.0, np.sqrt(0.84)]))
+    for name, kind, where in (
+        ("leaning", slanted, (1.0, 0.3, 0.0)), ("sliding", "PZ", (1.0, 0.3, 0.0)),
+        ("beside", "RZ", (0.0, 0.9, 0.0)), ("also_beside", "RZ", (0.0, -0.9, 0.0)),
+    ):  # fmt: skip
+        add_body(model, name, kind, 1.0, 1, moments=0.01, at=where)
     robot = rnc.Robot(model)
     for left, right, axle, error, words in (
         ("left_steer", "leaning", "bl", rnc.ConstraintError,

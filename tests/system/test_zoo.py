@@ -8,6 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 import zoo
+from bodies import add_body
 from places import ROOT
 from rnc_pin.analysis import integrability
 from rnc_pin.robots.robot_files import example_urdfs
@@ -124,11 +125,9 @@ def ball_jointed():
     """A free body with another on a ball joint: no robot of the package has one."""
     model = pin.Model()
     model.name = "ball"
-    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    ball = model.addJoint(base, pin.JointModelSpherical(), pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.3])), "ball")
-    inertia = np.diag([0.2, 0.3, 0.4])
-    model.appendBodyToJoint(base, pin.Inertia(2.0, np.array([0.1, 0.0, 0.0]), inertia), pin.SE3.Identity())
-    model.appendBodyToJoint(ball, pin.Inertia(1.0, np.array([0.0, 0.2, 0.1]), inertia), pin.SE3.Identity())
+    moments = (0.2, 0.3, 0.4)
+    base = add_body(model, "root_joint", "FreeFlyer", 2.0, com=(0.1, 0, 0), moments=moments)
+    add_body(model, "ball", "Spherical", 1.0, base, com=(0, 0.2, 0.1), moments=moments, at=(0, 0, 0.3))
     model.gravity.linear = np.zeros(3)
     system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("root_joint")], np.eye(9)[:, 6:])
     spin, still = np.eye(9)[6:], np.zeros((3, 9))

@@ -196,9 +196,8 @@ def on_one_plane(
 # ---------------------------------------------------------------------- support of a vehicle
 
 
-_SUPPORT_MARGIN = (
-    0.1  # smallest distance of the center of mass to the edge of the support polygon, over the polygon size
-)
+# Smallest distance of the center of mass to the edge of the support polygon, over the polygon size.
+_SUPPORT_MARGIN = 0.1
 _LEVEL_TOLERANCE = 1e-6
 _CASTER_RADIUS = 0.02  # radius of added casters [m]
 

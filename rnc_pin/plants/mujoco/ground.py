@@ -34,11 +34,7 @@ _MAX_DECELERATION = 2.0  # demanded deceleration of a slipping wheel over the la
 
 
 def add_ground(
-    spec: mujoco.MjSpec,
-    tree: BodyTree,
-    contacts: Sequence[ContactBody],
-    settings: MuJoCoSettings,
-    ground: GroundPlane,
+    spec: mujoco.MjSpec, tree: BodyTree, contacts: Sequence[ContactBody], settings: MuJoCoSettings, ground: GroundPlane
 ) -> None:
     """Add the plane and the geometry of all contacts."""
     if not contacts:

@@ -149,16 +149,13 @@ class ConstrainedDynamics:
         """Return the initial y at time t, in a chart centred at q; ``chart`` is that chart, if it exists."""
         rheonomic = self.reduced.rheonomic
         if chart is None:
-            chart = self._chart_at(q, t if rheonomic else None)
+            chart = VelocityChart(self.reduced.evaluator, q, self._integrands, t if rheonomic else None)
         self.chart = chart
         y = np.zeros(self.state_size)
         y[: self._r] = self.chart.W @ v
         if rheonomic:
             y[-2] = t
         return y
-
-    def _chart_at(self, q: np.ndarray, t: float | None) -> VelocityChart:
-        return VelocityChart(self.reduced.evaluator, q, self._integrands, t)
 
     def time(self, y: np.ndarray) -> float | None:
         """Time of a state [s]; None if the constraints do not depend on it."""
@@ -190,13 +187,9 @@ class ConstrainedDynamics:
         t = self.time(y)
         v, is_ill_conditioned = self.chart.velocity(q, y[: self._r], t)
         if is_ill_conditioned:
-            self.chart = self._chart_at(q, t)
+            self.chart = VelocityChart(self.reduced.evaluator, q, self._integrands, t)
             y = np.concatenate([self.chart.W @ v, y[self._r :]])
         return self.reduced.evaluator.measured(q, v, t), y
-
-    def measured(self, q: np.ndarray, v: np.ndarray, y: np.ndarray) -> StateEvaluation:
-        """State (q, v) in the reduction of the model, at the time of y."""
-        return self.reduced.evaluator.measured(q, v, self.time(y))
 
     def errors(self, coarse: State, fine: State, smooth: bool) -> np.ndarray:
         """Estimated errors (2 nv,) of a state (q, y) by another one from half the step, as ``difference_errors``."""
@@ -212,10 +205,6 @@ class ConstrainedDynamics:
         position = self._manifold.difference(q, q_fine)
         velocity = in_charts(charts, y_fine[:, :r] - y[:, :r], back=True)
         return difference_errors(position, velocity, True)
-
-    def steady_axes(self, q: np.ndarray) -> np.ndarray:
-        """Rotation (nv, nv) to axes in which the errors of a spinning body keep their direction."""
-        return joint_rotations(self.reduced.robot.model, q[None])[0]
 
     def project(self, q: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Configuration near q that satisfies the holonomic rows at the time of y."""

@@ -216,10 +216,7 @@ class ContactModes:
     """
 
     def __init__(
-        self,
-        system: NonholonomicSystem,
-        contacts: list[BoundContact],
-        plant_of: Callable[[ReducedModel], ReducedPlant],
+        self, system: NonholonomicSystem, contacts: list[BoundContact], plant_of: Callable[[ReducedModel], ReducedPlant]
     ) -> None:
         self._system, self.contacts, self._plant_of = system, contacts, plant_of
         self._kinematics = Kinematics(system.robot)

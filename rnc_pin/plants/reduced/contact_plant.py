@@ -16,12 +16,7 @@ from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants.reduced.contact_modes import NONE, Closed, ContactModes, consistent, force_margin
 from rnc_pin.plants.reduced.reduced_plant import EventStep, ReducedPlant
 from rnc_pin.plants.reduced.step_control import IntegrationErrors
-from rnc_pin.plants.reduced.unilateral_contact import (
-    UnilateralContact,
-    bound_contacts,
-    check_depth,
-    radius_of_gyration,
-)
+from rnc_pin.plants.reduced.unilateral_contact import UnilateralContact, bound_contacts, check_depth, radius_of_gyration
 
 # Relative to the size of the robot, its radius of gyration:
 _TOUCHES = 1e-8  # gap of a contact that lands together with another one

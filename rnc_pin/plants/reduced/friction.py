@@ -25,7 +25,6 @@ _SHORT = 1e-6  # time to rest below which a row counts as stopped, relative to t
 _SQUARE_ROOT = 1e-4  # ratio of pivots below which rows may be coupled
 INSTANT = 1e-6
 """Horizon for instantaneous friction forces [s]."""
-_PIVOTS = 8  # turns of a search for the rows that stick
 
 
 class FrictionForces(NamedTuple):
@@ -155,38 +154,9 @@ def _least_energy(basis: np.ndarray, free: np.ndarray, limits: np.ndarray) -> tu
     if not size > 0:
         return -limits * np.sign(free), np.zeros(len(limits), dtype=bool)
     scaled, wanted = scaled / size, free * limits / size**2
-    shares = _pivoted(scaled.T @ scaled, wanted)
-    if shares is not None:
-        return shares * limits, np.abs(shares) < 1.0
     target, *_ = np.linalg.lstsq(scaled.T, wanted, rcond=_RANK)
     found = scipy.optimize.lsq_linear(scaled, -target, bounds=(-1.0, 1.0), method="bvls", tol=_RANK)
     return found.x * limits, found.active_mask == 0
-
-
-def _pivoted(gram: np.ndarray, wanted: np.ndarray) -> np.ndarray | None:
-    """Shares x (k,) in [-1, 1] that minimize ``x^T gram x / 2 + x^T wanted``, by block principal pivoting.
-
-    All rows slide at first. Rows whose slope points inwards become free, free ones beyond their limits slide. None if a
-    few turns find no optimum, or the inertia couples free rows so that they have no unique forces.
-    """
-    shares = -np.sign(wanted)
-    free = shares == 0.0
-    for _ in range(_PIVOTS):
-        if free.any():
-            rows = gram[free]
-            try:
-                shares[free] = np.linalg.solve(rows[:, free], -(wanted[free] + rows[:, ~free] @ shares[~free]))
-            except np.linalg.LinAlgError:
-                return None
-        slope = gram @ shares + wanted
-        if not (np.abs(slope[free]) <= _RANK * (1.0 + np.abs(wanted[free]))).all():
-            return None
-        beyond, inwards = free & ~(np.abs(shares) < 1.0), ~free & (shares * slope > 0.0)
-        if not (beyond.any() or inwards.any()):
-            return shares
-        free = free & ~beyond | inwards
-        shares[beyond] = np.sign(shares[beyond])
-    return None
 
 
 class DissipativeStep:
@@ -277,11 +247,7 @@ class DissipativeStep:
 
     def _sliding_forces(self, friction: FrictionForces) -> np.ndarray:
         """Friction forces (k,) until the first row comes to rest."""
-        return np.where(
-            np.isinf(friction.stops),
-            friction.forces,
-            -self.friction.limits * np.sign(friction.speeds),
-        )
+        return np.where(np.isinf(friction.stops), friction.forces, -self.friction.limits * np.sign(friction.speeds))
 
     def _stopped(self, state: StateEvaluation, y: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Return y with the selected rows (k,) at rest. The lost kinetic energy is work of friction."""

@@ -20,12 +20,7 @@ from rnc_pin.plants.reduced.contact_plant import ContactEvent
 from rnc_pin.plants.reduced.friction import DryFriction
 from rnc_pin.plants.reduced.friction_impulses import FrictionImpulses, FrictionLayout, FrictionRows
 from rnc_pin.plants.reduced.step_control import IntegrationErrors, Substeps
-from rnc_pin.plants.reduced.unilateral_contact import (
-    UnilateralContact,
-    bound_contacts,
-    check_depth,
-    radius_of_gyration,
-)
+from rnc_pin.plants.reduced.unilateral_contact import UnilateralContact, bound_contacts, check_depth, radius_of_gyration
 
 _STEPS = (1, 2, 3, 4)  # Euler steps whose results are extrapolated: order 4, or 3 if that is precise enough
 _PLAIN = (2, 4)  # the same where the motion is not smooth; the difference is the error

@@ -15,7 +15,7 @@ from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.numpy_evaluator import Dissipation, NumPyRuns, RunRecords, RunStarts
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.reduced.constrained_dynamics import MAX_GROWTH, VelocityChart
+from rnc_pin.plants.reduced.constrained_dynamics import MAX_GROWTH, VelocityChart, joint_rotations
 from rnc_pin.plants.reduced.friction import INSTANT
 from rnc_pin.plants.reduced.reduced_plant import Checkpoint, ReducedPlant
 from rnc_pin.plants.reduced.step_control import MOST_EVENT_SUBSTEPS, MOST_SUBSTEPS, IntegrationErrors, Substeps
@@ -173,7 +173,7 @@ class ReducedPlantBatch:
                 found = dynamics.errors((q[k], y[k]), finer, bool(fine[3][place] < np.inf))
                 enough = bool(np.abs(found).max() <= limit)
                 if enough or (self._substeps.number is None and steps >= most):
-                    own, axes = errors.of_run(run), dynamics.steady_axes(self._q[run])
+                    own, axes = errors.of_run(run), joint_rotations(self.reduced.robot.model, self._q[run][None])[0]
                     compared = own.compared(steps, float(roughness[k]), (found, axes), dt, self._substeps, steps)
                     errors.write(run, compared)
                 elif self._substeps.number is None:
@@ -266,7 +266,8 @@ class ReducedPlantBatch:
         chart = self._chart(run)
         q, y = self._q[run].copy(), self._y[run].copy()
         known = self._located and not self.failed[run]
-        state = self._single._dynamics.measured(q, self._v[run].copy(), y) if known else None
+        t = self._single._dynamics.time(y)
+        state = self.reduced.evaluator.measured(q, self._v[run].copy(), t) if known else None
         applied, friction = self.applied[run].copy(), float(self._friction[run])
         return Checkpoint(q, y, state, applied, chart, self._errors.of_run(run), friction)
 

@@ -14,14 +14,9 @@ from rnc_pin.errors import DivergenceError
 from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, VelocityChart, in_charts
+from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, VelocityChart, in_charts, joint_rotations
 from rnc_pin.plants.reduced.friction import DissipativeStep, DryFriction
-from rnc_pin.plants.reduced.step_control import (
-    MOST_EVENT_SUBSTEPS,
-    MOST_SUBSTEPS,
-    IntegrationErrors,
-    Substeps,
-)
+from rnc_pin.plants.reduced.step_control import MOST_EVENT_SUBSTEPS, MOST_SUBSTEPS, IntegrationErrors, Substeps
 from rnc_pin.printing import ReprMixin
 
 _COARSER = 64  # substeps of a sample over those by which its error is estimated again
@@ -282,7 +277,7 @@ class ReducedPlant(ReprMixin):
             while not np.abs(found).max() <= limit and enough < most:
                 enough, step, finer = 2 * enough, finer, self._step(dt, 4 * enough)
                 found = self._difference(step, finer)
-        axes = self._dynamics.steady_axes(self._q)
+        axes = joint_rotations(self.reduced.robot.model, self._q[None])[0]
         if substeps.number is not None:
             if first.failure is not None and step.failure is None:
                 raise DivergenceError(

@@ -123,25 +123,8 @@ class IntegrationErrors(NamedTuple):
         Returns:
             True where the sample needs no comparison, and the errors after it.
         """
-        (
-            steps,
-            _,
-            age,
-            weight,
-            moment,
-            peak,
-            time,
-            reference,
-            pattern,
-            size,
-            span,
-            since,
-            past,
-            largest,
-            rate,
-            most,
-            enough,
-        ) = self
+        steps, _, age, weight, moment, peak, time, reference = self[:8]
+        size, span, rate = self.size, self.span, self.rate
         share = roughness / (reference + _LEAST)  # of drawn motions a better estimate than a power of the ratio
         error, time = share * size, time + dt
         settled = (age < _PAUSE) | (share < _GROWTH) | (error < rate * dt)
@@ -149,15 +132,7 @@ class IntegrationErrors(NamedTuple):
         accepted = (error <= limit) & (age < _PERIOD) & settled & (dt <= _LONGER * span)
         larger = max(peak, share) if isinstance(share, float) else cast(float, np.maximum(peak, share))
         return accepted, IntegrationErrors(
-            steps, steps, age + 1, weight + share, moment + share * time, larger, time, reference, pattern, size, span,
-            since, past, largest, rate, most, enough,
-        )  # fmt: skip
-
-    def after_compared(self, share: float, dt: float) -> IntegrationErrors:
-        """Return the errors after a sample with a share of the error of the compared one."""
-        time = self.time + dt
-        return self._replace(
-            weight=self.weight + share, moment=self.moment + share * time, peak=max(self.peak, share), time=time
+            steps, steps, age + 1, weight + share, moment + share * time, larger, time, *self[7:]
         )
 
     def folded(self) -> IntegrationErrors:
@@ -195,12 +170,13 @@ class IntegrationErrors(NamedTuple):
         following, again = steps, not roughness < np.inf
         if substeps.number is None and steps > 1 and size * _MARGIN < limit:
             following, again = steps // 2, True
-        folded = self.folded()._replace(
+        folded = self.folded()
+        time = folded.time + dt
+        return folded._replace(
             steps=following, used=steps, age=_PERIOD if again else 0, roughness=roughness, pattern=pattern,
             size=max(size, _ROUNDING), span=dt, rate=max(self.rate, size / dt), most=max(self.most, steps),
-            enough=max(self.enough, enough),
+            enough=max(self.enough, enough), weight=1.0, moment=time, peak=1.0, time=time,
         )  # fmt: skip
-        return folded.after_compared(1.0, dt)
 
     @property
     def arrays(self) -> tuple[Array, ...]:
