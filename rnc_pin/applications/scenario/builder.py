@@ -15,13 +15,7 @@ from rnc_pin.applications.scenario.controllers import BuiltController, Controlle
 from rnc_pin.applications.scenario.controllers.context import TaskGoals, reduced_velocity, refuse_or_warn
 from rnc_pin.applications.scenario.controllers.tracking import VelocityTrackerSettings
 from rnc_pin.applications.scenario.plant_builder import build_plant, start_findings, warnings_of
-from rnc_pin.applications.scenario.reference_builder import (
-    Plans,
-    Start,
-    plan_path,
-    planned_path,
-    task_references,
-)
+from rnc_pin.applications.scenario.reference_builder import Plans, Start, plan_path, planned_path, task_references
 from rnc_pin.applications.scenario.schema import ScenarioFile, SimulationSettings
 from rnc_pin.applications.scenario.schema.world import build_obstacles
 from rnc_pin.collision import Obstacle, check_ignored_links

@@ -15,13 +15,7 @@ from rnc_pin.applications.scenario.builder import Experiment, build_task
 from rnc_pin.applications.scenario.plant_builder import build_plant, start_findings, warnings_of
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.derived import Entry, ReadAs
-from rnc_pin.applications.scenario.schema.kinds import (
-    ActuatorItem,
-    ConstraintItem,
-    ForceItem,
-    OutputItem,
-    Outputs,
-)
+from rnc_pin.applications.scenario.schema.kinds import ActuatorItem, ConstraintItem, ForceItem, OutputItem, Outputs
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
 from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.scenario.schema.world import RobotSource

@@ -15,13 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
-from rnc_pin.applications.scenario.builder import (
-    Experiment,
-    build_experiment,
-    build_reduced,
-    build_task,
-    start_of,
-)
+from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_reduced, build_task, start_of
 from rnc_pin.applications.scenario.controllers import without_foreign_gains
 from rnc_pin.applications.scenario.files import (
     apply_options,

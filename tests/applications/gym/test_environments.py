@@ -17,11 +17,7 @@ gymnasium = pytest.importorskip("gymnasium", reason="needs the extra gym")
 env_checker = pytest.importorskip("gymnasium.utils.env_checker")
 
 LIMITS = rnc.gym.EpisodeLimits(input=200.0, speed=3.0, output=3.0)
-SHORT = {
-    "simulation.duration": 0.5,
-    "simulation.dt": 0.01,
-    "reference.primary.minimum_jerk.duration": 0.4,
-}
+SHORT = {"simulation.duration": 0.5, "simulation.dt": 0.01, "reference.primary.minimum_jerk.duration": 0.4}
 SETTINGS = {"options": SHORT, "period": 0.05, "limits": LIMITS}
 
 

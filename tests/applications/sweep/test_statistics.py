@@ -10,11 +10,7 @@ FRACTIONS = (0.0, 0.01, 0.5, 0.95, 1.0)
 def test_quantiles_are_those_of_numpy():
     generator = np.random.default_rng(0)
     values = np.concatenate(
-        [
-            generator.normal(size=2000) * 10.0 ** generator.integers(-300, 300, 2000),
-            [0.0, -0.0, 5e-324],
-            [3.0] * 99,
-        ]
+        [generator.normal(size=2000) * 10.0 ** generator.integers(-300, 300, 2000), [0.0, -0.0, 5e-324], [3.0] * 99]
     )
     generator.shuffle(values)
     found = quantiles(lambda: iter(np.array_split(values, 7)), FRACTIONS)

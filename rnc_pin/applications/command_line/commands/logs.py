@@ -114,12 +114,7 @@ class ComparisonChoice:
 
 
 def compare_log(
-    system: str,
-    measured: MeasuredLog,
-    heading: bool,
-    options: tuple[str, ...],
-    choice: ComparisonChoice,
-    as_json: bool,
+    system: str, measured: MeasuredLog, heading: bool, options: tuple[str, ...], choice: ComparisonChoice, as_json: bool
 ) -> None:
     """Print a measured log beside the model of a scenario, and write its plots and page."""
     scenario = Scenario.load(system, parse_options(options))
@@ -168,10 +163,7 @@ def _comparison_content(system: str, log: Path, found: Comparison) -> dict[str, 
         "unused_rows": list(found.unused_rows),
         "energy": None
         if found.energy is None
-        else {
-            "imbalance": found.energy.imbalance,
-            "suspects": [_suspect(each) for each in found.energy.suspects],
-        },
+        else {"imbalance": found.energy.imbalance, "suspects": [_suspect(each) for each in found.energy.suspects]},
     }
 
 

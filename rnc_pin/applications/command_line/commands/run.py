@@ -8,11 +8,7 @@ from typing import TypedDict, Unpack
 from rich.console import Console
 
 from rnc_pin.applications.command_line.messages import FAILED, announce, warn
-from rnc_pin.applications.command_line.report import (
-    ProgressBar,
-    keep_run,
-    report_run,
-)
+from rnc_pin.applications.command_line.report import ProgressBar, keep_run, report_run
 from rnc_pin.applications.scenario.execution import Result, data_names, execute
 from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
 from rnc_pin.applications.scenario.output_folder import OutputFolder

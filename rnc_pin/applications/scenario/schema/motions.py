@@ -26,10 +26,7 @@ from rnc_pin.planning import (
 ReferenceItem = Annotated[
     RelativeReference,
     one_of(
-        minimum_jerk=RelativeMinimumJerk,
-        via_points=RelativeViaPoints,
-        harmonic=RelativeHarmonic,
-        hold=RelativeHold,
+        minimum_jerk=RelativeMinimumJerk, via_points=RelativeViaPoints, harmonic=RelativeHarmonic, hold=RelativeHold
     ),
 ]
 HOLD: dict[str, object] = {"hold": {}}
@@ -41,10 +38,7 @@ _PATH = Entry(
     CarPath,
     late=("start", "duration", "forward_only", "geometry"),
     keys={"goal": "to"},
-    forms={
-        "goal": Annotated[Pose, Field(description="Goal pose: x, y [m] and heading [rad].")],
-        "via": list[Pose],
-    },
+    forms={"goal": Annotated[Pose, Field(description="Goal pose: x, y [m] and heading [rad].")], "via": list[Pose]},
 )
 TrailerItem = Annotated[
     PartialCall[SlitheringReference],

@@ -52,8 +52,7 @@ LoopItem = Annotated[
 EventItem = Annotated[
     Event,
     one_of(
-        crossing=Entry(OutputCrossing, forms={"output": OutputItem}),
-        contact_loss=Entry(ContactLoss, short="contact"),
+        crossing=Entry(OutputCrossing, forms={"output": OutputItem}), contact_loss=Entry(ContactLoss, short="contact")
     ),
 ]
 
