@@ -14,8 +14,7 @@ import numpy as np
 from rnc_pin.applications.scenario.execution import Result, execute
 from rnc_pin.applications.scenario.scenario import BuiltModel, Scenario
 from rnc_pin.applications.scenario.simulated_run import judged_summary
-from rnc_pin.applications.sweep.seeded_draws import Draw, SeededDraws
-from rnc_pin.applications.sweep.swept_run import (
+from rnc_pin.applications.sweep.rows import (
     Numbered,
     Row,
     refused,
@@ -23,6 +22,7 @@ from rnc_pin.applications.sweep.swept_run import (
     save_trajectory,
     with_options_of_sweeps,
 )
+from rnc_pin.applications.sweep.seeded_draws import Draw, SeededDraws
 from rnc_pin.errors import InfeasibleError, RncError, SingularityError
 from rnc_pin.io import Json
 from rnc_pin.simulation import RunArguments, sample_count, simulate_many

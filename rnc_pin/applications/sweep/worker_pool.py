@@ -25,7 +25,7 @@ from joblib.executor import (
 )  # the pool of joblib.Parallel, which fails beside another kind
 
 from rnc_pin._kernel import kernel
-from rnc_pin.applications.sweep.swept_run import Numbered, Row, Runs
+from rnc_pin.applications.sweep.rows import Numbered, Row, Runs
 from rnc_pin.errors import ConfigurationError, InputError, SimulationError
 from rnc_pin.extras import missing_extra
 from rnc_pin.interruption import interruptible
@@ -126,7 +126,7 @@ class _Dispatch:
         more = True
         while more or waiting or self._pending:
             while len(self._pending) < _AHEAD * self._workers() and (more or waiting):
-                batch = waiting.pop() if waiting else self._next(numbered)
+                batch = waiting.pop() if waiting else _Batch(list(islice(numbered, self._size)))
                 if not batch.runs:
                     more = False
                     break
@@ -150,9 +150,6 @@ class _Dispatch:
                 else:
                     self._size = _next_size(self._size, found, self._together)
                     yield found
-
-    def _next(self, numbered: Iterator[Numbered]) -> _Batch:
-        return _Batch(list(islice(numbered, self._size)))
 
     def _submit(self, batch: _Batch) -> bool:
         try:
