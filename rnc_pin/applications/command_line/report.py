@@ -148,10 +148,8 @@ def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
     if summary["lift_off"] is not None:
         lowest = f"{summary['lift_off']['lowest']:.3g} N"
         invariants.add_row(f"normal force of {summary['lift_off']['contact']}, lowest", lowest)
-    for words, nearest in (
-        ("distance to obstacles, smallest", summary.get("smallest_distance")),
-        ("distance between links, smallest", summary.get("smallest_own_distance")),
-    ):
+    of_links = "distance between links, smallest", summary.get("smallest_own_distance")
+    for words, nearest in (("distance to obstacles, smallest", summary.get("smallest_distance")), of_links):
         if nearest is not None:
             pair, at = " / ".join(nearest["bodies"]), f"t = {nearest['time']:.2f} s"
             invariants.add_row(words, f"{nearest['distance']:.3g} m, {pair} at {at}")

@@ -11,6 +11,7 @@ from rnc_pin.applications.init.assumptions import (
     DRIVEN,
     TURNED,
     BaseAssumptions,
+    Entry,
     measured,
     place_and_heading,
     rolls,
@@ -66,9 +67,8 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     first, and the outputs are its speed and its heading.
     """
     unit = layout.steered[0]
-    result = planar_on_wheels(
-        layout, at_start, f"{len(layout.wheels)} wheels, driven by a turret with {len(unit.wheels)} wheels"
-    )
+    kind = f"{len(layout.wheels)} wheels, driven by a turret with {len(unit.wheels)} wheels"
+    result = planar_on_wheels(layout, at_start, kind)
     _add_unit(result, unit, lateral=True)
     add_wheel_motors(result, layout)
     pivot = unit.pivot
@@ -76,7 +76,7 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     frame = body_frame(at_start.robot, pivot.index)
     along = np.abs(at_start.data.oMi[pivot.index].rotation.T @ unit.wheels[0].heading)
     speed: dict[str, Json] = {"frame_speed": {"frame": frame, "axis": "xyz"[int(along.argmax())]}}
-    result.outputs += zip(place_and_heading(result.frame), (DRIVEN, TURNED), strict=True)
+    result.add_planar_pose_outputs()
     result.outputs += [(speed, DRIVEN), ({"frame_yaw": result.frame}, TURNED), ({"joint": pivot.joint}, BENT)]
     support_by_casters(result, layout, at_start)
     result.vertical.append({"frame_position": {"frame": result.frame, "axes": "xy"}})
@@ -90,9 +90,8 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
 
     Two axle lines fix the centre of rotation; the wheels of the others skid sideways if they are not aimed at it.
     """
-    result = planar_on_wheels(
-        layout, at_start, f"{len(layout.wheels)} wheels, {len(layout.steered)} of them steered drives"
-    )
+    kind = f"{len(layout.wheels)} wheels, {len(layout.steered)} of them steered drives"
+    result = planar_on_wheels(layout, at_start, kind)
     lines = in_line(wheel for each in layout.steered for wheel in each.wheels[:1])
     guides = [line[0].joint for line in _farthest(lines)]
     heading = layout.steered[0].wheels[0].heading
@@ -210,9 +209,8 @@ def force_driven_base(layout: WheelLayout, at_start: RobotAtStart, why: str) -> 
 
 def push(result: BaseAssumptions) -> None:
     """Add forces along x and y, a torque about z, and the outputs of the base's planar pose."""
-    for axis in "xy":
-        force: dict[str, Json] = {"force": {"frame": result.frame, "axis": axis}}
-        result.actuators.append((force, "in place of the wheels"))
+    forces: list[Entry] = [{"force": {"frame": result.frame, "axis": axis}} for axis in "xy"]
+    result.actuators += [(each, "in place of the wheels") for each in forces]
     result.actuators.append(({"torque": {"frame": result.frame, "axis": "z"}}, ""))
     result.add_planar_pose_outputs()
 
@@ -220,14 +218,10 @@ def push(result: BaseAssumptions) -> None:
 def _release(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
     """Lock joints that would lift wheels, and wheels that only support."""
     result.lock_carriers(layout.wheels, at_start.start)
-    supports = [
-        joint
-        for carriage in (*layout.casters, *layout.trailers)
-        for joint in carriage.joints
-        if joint not in result.lock
-    ]
-    supports += [wheel.joint for wheel in layout.balls if wheel.joint not in result.lock]
-    result.hold(supports, at_start.start, "wheels that only support are locked and only drawn")
+    supports = [joint for each in (*layout.casters, *layout.trailers) for joint in each.joints]
+    supports += [wheel.joint for wheel in layout.balls]
+    free = [joint for joint in supports if joint not in result.lock]
+    result.hold(free, at_start.start, "wheels that only support are locked and only drawn")
 
 
 def _angle(wheel: Wheel, wheels: list[Wheel], at_start: RobotAtStart, parallel: bool) -> float:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import yaml
 
+from rnc_pin.applications.scenario.files import one_line_yaml
 from rnc_pin.applications.sweep.rows import (
     SUCCESSFUL,
     Row,
@@ -237,7 +237,7 @@ class SweepResults(SummaryMixin):
         shared = {key: value for key, value in self.specification["options"].items() if key not in ("sweep", "seed")}
         drawn = {name: value for name, value in row.items() if not is_result_column(name) and value is not None}
         options = {**with_options_of_sweeps(shared), **drawn}
-        words = [f"--set {shlex.quote(f'{key}={_as_yaml(value)}')}" for key, value in options.items()]
+        words = [f"--set {shlex.quote(f'{key}={one_line_yaml(value)}')}" for key, value in options.items()]
         return f"rnc-pin run {shlex.quote(self.specification['scenario'])} {' '.join(words)}"
 
     def trajectory(self, run: int) -> Trajectory:
@@ -312,9 +312,3 @@ def load_sweep(path: str | Path) -> SweepResults:
         nowhere: holds no sweep
     """
     return SweepResults(path)
-
-
-def _as_yaml(value: object) -> str:
-    """Value as YAML in one line, which reads back as the same value."""
-    text: str = yaml.safe_dump(value, default_flow_style=True, width=float("inf"), sort_keys=False)
-    return text.removesuffix("\n").removesuffix("\n...")

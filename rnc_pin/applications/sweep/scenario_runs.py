@@ -14,14 +14,7 @@ import numpy as np
 from rnc_pin.applications.scenario.execution import Result, execute
 from rnc_pin.applications.scenario.scenario import BuiltModel, Scenario
 from rnc_pin.applications.scenario.simulated_run import judged_summary
-from rnc_pin.applications.sweep.rows import (
-    Numbered,
-    Row,
-    refused,
-    results_of,
-    save_trajectory,
-    with_options_of_sweeps,
-)
+from rnc_pin.applications.sweep.rows import Numbered, Row, refused, results_of, save_trajectory, with_options_of_sweeps
 from rnc_pin.applications.sweep.seeded_draws import Draw, SeededDraws
 from rnc_pin.errors import InfeasibleError, RncError, SingularityError
 from rnc_pin.io import Json

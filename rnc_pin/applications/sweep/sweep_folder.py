@@ -15,13 +15,13 @@ import json
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from itertools import groupby
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from rnc_pin.applications.scenario.files import find_scenario, is_built_in, read_yaml
-from rnc_pin.applications.scenario.output_folder import lock_folder
+from rnc_pin.applications.scenario.output_folder import lock_folder, one_line_errors
 from rnc_pin.applications.sweep.rows import Row, plain_rows, read_part, schema_of, table_of, write_part
 from rnc_pin.errors import ConfigurationError, short_text
 from rnc_pin.io import TEMPORARY_PREFIX, Json, atomic_file, read_bytes
@@ -225,12 +225,11 @@ def sweep_folder(path: Path, specification: Mapping[str, Json], force: bool) -> 
         ConfigurationError: the folder holds another sweep or other files, another process writes there, or it cannot
             be written.
     """
-    lock: int | None = None
-    try:
+    with one_line_errors(f"--out {path}"), ExitStack() as stack:
         if path.exists() and not path.is_dir():
             raise ConfigurationError(f"--out {path}: is a file, expected a folder")
         path.mkdir(parents=True, exist_ok=True)
-        lock = lock_folder(path)
+        stack.callback(os.close, lock_folder(path))
         content = json.dumps(specification, indent=2)
         earlier = None if force else read_specification(path)
         if earlier is None and not force and any(path.iterdir()):
@@ -243,11 +242,6 @@ def sweep_folder(path: Path, specification: Mapping[str, Json], force: bool) -> 
         with atomic_file(path / SPECIFICATION) as partial:
             partial.write_text(content + "\n", encoding="utf-8")
         yield earlier is not None
-    except OSError as error:
-        raise ConfigurationError(f"--out {path}: cannot be written: {error.strerror}") from None
-    finally:
-        if lock is not None:
-            os.close(lock)
 
 
 def _check_same(path: Path, earlier: Specification, now: Specification) -> None:

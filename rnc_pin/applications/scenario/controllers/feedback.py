@@ -223,19 +223,8 @@ class PlanFeedbackSettings(ControllerSettings, _TVLQR.model, _FEEDBACK.model):  
 
 
 _FORM = {"form": Literal["acceleration", "dynamic"]}
-_POINT = part(
-    SetPointController,
-    "form",
-    "nodes",
-    "seeds",
-    "tolerance",
-    "tube",
-    "check",
-    "state_cost",
-    "braking",
-    "velocities",
-    forms=_FORM,
-)
+_PLANS = "form", "nodes", "seeds", "tolerance", "tube", "check", "state_cost", "braking", "velocities"
+_POINT = part(SetPointController, *_PLANS, forms=_FORM)
 _NAVIGATION = part(NavigationController, "clearance", "seed")
 _FOLLOWING = part(WayFollowing, *(each.name for each in fields(WayFollowing)))
 _PREDICTIVE = part(PredictiveController, "horizon", "form", "nodes", "velocities", forms=_FORM)

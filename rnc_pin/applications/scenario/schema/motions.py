@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, one_of
+from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, one_of, part
 from rnc_pin.control import SlitheringReference
 from rnc_pin.io import Numbers, Strict
 from rnc_pin.model import NotNegative, Positive, ReducedModel
@@ -199,23 +199,8 @@ class MotionProblem(Strict):
     """True for that distance between links of the robot too."""
 
 
-_SOLVER = Entry(SolverSettings, late=("tolerance", "cost_tolerance", "penalty", "substeps"))
-_LATE = (
-    "reduced",
-    "q0",
-    "goal",
-    "duration",
-    "costs",
-    "bounds",
-    "limits",
-    "settings",
-    "guess",
-    "seed",
-    "v2_0",
-    "feedback",
-    "progress",
-)
-_PLAN = Entry(plan, late=_LATE)
+_SOLVER = part(SolverSettings, "nodes", "iterations", "refinements", "accuracy")
+_PLAN = part(plan, "form", "seeds", "solutions", "at_rest", "time_weight", "jobs")
 
 
 class OptimalPlanner(MotionProblem, _PLAN.model, _SOLVER.model):  # type: ignore[name-defined, misc]

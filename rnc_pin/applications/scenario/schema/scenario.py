@@ -91,6 +91,12 @@ class PhaseSettings(_PHASE.model):  # type: ignore[name-defined, misc]
     """Largest distance [m] of the frames of a loop closure at which it joins them in the pose that they then have. By
     default, frames have to coincide."""
 
+    def on(self, ground: GroundPlane) -> PhaseSettings:
+        """Phase whose constraints without a ground have this one."""
+        if not any(hasattr(each, "ground") for each in self.constraints or ()):
+            return self
+        return self.model_copy(update={"constraints": with_ground(self.constraints or (), ground)})
+
     def build(self, reduced: ReducedModel, **others: object) -> Phase:
         """Phase of a model; the arguments are those of ``Phase`` that the file does not give."""
         return _PHASE.build(self, reduced=reduced, **others)
@@ -285,7 +291,8 @@ class ScenarioFile(Strict):
         grounded = with_ground([*self.constraints, *contacts], plane)
         count = len(self.constraints)
         landing = [replace(each, constraint=kind) for each, kind in zip(self.contacts, grounded[count:], strict=True)]
-        return self.model_copy(update={"constraints": grounded[:count], "contacts": landing})
+        phases = [each.on(plane) for each in self.phases]
+        return self.model_copy(update={"constraints": grounded[:count], "contacts": landing, "phases": phases})
 
     @model_validator(mode="after")
     def _variant_exists(self) -> ScenarioFile:
