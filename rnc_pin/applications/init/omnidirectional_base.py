@@ -6,16 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rnc_pin.applications.init.assumptions import (
-    BENT,
-    DRIVEN,
-    TURNED,
-    BaseAssumptions,
-    Entry,
-    measured,
-    place_and_heading,
-    rolls,
-)
+from rnc_pin.applications.init.assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, place_and_heading
 from rnc_pin.applications.init.evidence import (
     LIKELY,
     SURE,
@@ -34,7 +25,6 @@ from rnc_pin.applications.init.wheeled_base import (
     planar,
     planar_on_wheels,
     support_by_casters,
-    turned,
 )
 from rnc_pin.errors import few
 from rnc_pin.io import Json
@@ -115,8 +105,7 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
 
 def _add_unit(result: BaseAssumptions, unit: WheelGroup, *, lateral: bool) -> None:
     for wheel, more in one_lateral(unit.wheels):
-        entry = turned(wheel, **(more if lateral else {"lateral": False}))
-        result.constraints.append((entry, f"steered by {unit.pivot.joint}; {measured(wheel)}"))
+        result.roll(wheel, f"steered by {unit.pivot.joint}", **(more if lateral else {"lateral": False}))
 
 
 def _farthest(lines: list[list[Wheel]]) -> list[list[Wheel]]:
@@ -179,11 +168,8 @@ def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart, decided: D
     modelled = [roller for wheel in wheels for roller in wheel.rollers]
     result.hold(modelled, at_start.start, "the roller at the ground is a constraint row; those of the file are locked")
     for wheel, angle in zip(wheels, angles, strict=True):
-        doubt = "" if wheel.rollers else "MEASURE its angle; "
-        if parallel and not wheel.rollers:
-            doubt = "as Mecanum wheels are mounted to turn well: MEASURE its sign; "
-        entry = rolls(wheel, roller=round(angle, 6) + 0.0)
-        result.constraints.append((entry, f"{doubt}{measured(wheel)}"))
+        doubt = "as Mecanum wheels are mounted to turn well: MEASURE its sign" if parallel else "MEASURE its angle"
+        result.roll(wheel, "" if wheel.rollers else doubt, roller=round(angle, 6) + 0.0)
         result.actuators.append((wheel.joint, ""))
     if not parallel:
         result.notes.append("wheels with different headings can move the base only if they are omni wheels")
@@ -209,9 +195,9 @@ def force_driven_base(layout: WheelLayout, at_start: RobotAtStart, why: str) -> 
 
 def push(result: BaseAssumptions) -> None:
     """Add forces along x and y, a torque about z, and the outputs of the base's planar pose."""
-    forces: list[Entry] = [{"force": {"frame": result.frame, "axis": axis}} for axis in "xy"]
-    result.actuators += [(each, "in place of the wheels") for each in forces]
-    result.actuators.append(({"torque": {"frame": result.frame, "axis": "z"}}, ""))
+    for axis in "xy":
+        result.act("force", axis, "in place of the wheels")
+    result.act("torque", "z", "")
     result.add_planar_pose_outputs()
 
 

@@ -76,7 +76,7 @@ def balancing_base(layout: WheelLayout, at_start: RobotAtStart, decided: DraftDe
     size = wheels[0].radius / _SMALL  # lengths grow with it, and times with its square root
     cost: dict[str, Json] = {tilt: 100, f"{tilt}_dot": significant(size)}
     for wheel, more in one_lateral(wheels):
-        result.constraints.append((rolls(wheel, **more), measured(wheel)))
+        result.roll(wheel, **more)
         result.actuators.append((wheel.joint, ""))
         way = float(np.sign(wheel.heading @ forward)) * DRIVEN / wheel.radius
         result.outputs.append(({"joint": wheel.joint}, round(way, 2)))
@@ -359,7 +359,7 @@ def _afloat(at_start: RobotAtStart, base: str | None, why: str) -> BaseAssumptio
     place = {"frame_position": {"frame": at_start.frame}}
     if not at_start.start:  # one rigid body: with conserved momentum it would not move
         for kind, axis in itertools.product(("force", "torque"), "xyz"):
-            result.actuators.append(({kind: {"frame": at_start.frame, "axis": axis}}, "thrusters"))
+            result.act(kind, axis, "thrusters")
         result.outputs += [(place, DRIVEN), ({"frame_orientation": at_start.frame}, 0.0)]
         result.notes.append("one rigid body: forces and torques stand for its thrusters or rotors")
         return result

@@ -9,12 +9,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from rnc_pin.applications.init.assumptions import BaseAssumptions, Entry, measured
+from rnc_pin.applications.init.assumptions import BaseAssumptions, Entry, measured, turned
 from rnc_pin.applications.init.evidence import has_word, is_revolute, joint_limits, joint_range, turning_axis
 from rnc_pin.applications.init.robot_at_start import LEVEL, SAME, RobotAtStart, Shape
 from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import TOWED, DrawnAxle
-from rnc_pin.applications.init.wheeled_base import one_lateral, planar, turned
+from rnc_pin.applications.init.wheeled_base import one_lateral, planar
 from rnc_pin.io import Json
 
 _BODIES = 4  # smallest number of bodies with wheels; one less if the file calls it a snake
