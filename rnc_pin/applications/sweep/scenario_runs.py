@@ -117,7 +117,10 @@ class ScenarioRuns:
         """Rows of runs that fit together, by their places."""
         start = time.perf_counter()
         scenarios = [each.scenario for each in some]
-        found = _executed_alone(scenarios[0]) if len(scenarios) == 1 else execute_together(scenarios)
+        try:
+            found = [execute(scenarios[0])] if len(scenarios) == 1 else execute_together(scenarios)
+        except RncError as error:
+            found = [error]
         rows = {}
         for each, result in zip(some, found, strict=True):
             if isinstance(result, RncError):
@@ -162,13 +165,6 @@ def _samples(scenario: Scenario) -> int:
     return max(1, round(settings.duration / settings.dt))
 
 
-def _executed_alone(scenario: Scenario) -> list[Result | RncError]:
-    try:
-        return [execute(scenario)]
-    except RncError as error:
-        return [error]
-
-
 # ------------------------------------------------------------------ runs in lock-step
 
 
@@ -194,16 +190,11 @@ def execute_together(scenarios: Sequence[Scenario]) -> list[Result | RncError]:
             if run.started:
                 trajectory, wall_time = run.trajectory, (time.perf_counter() - start) / len(scenarios)
                 summary, limits = judged_summary(scenario.experiment, trajectory, {}, wall_time)
-                found.append(Result(trajectory, summary, _reported(run.error), limits=limits))
+                found.append(Result(trajectory, summary, cast("RncError | None", run.error), limits=limits))
             else:
                 assert isinstance(run.error, RncError)
                 found.append(run.error)
     return found
-
-
-def _reported(error: Exception | None) -> RncError | None:
-    assert error is None or isinstance(error, RncError)
-    return error
 
 
 def arguments_of(scenario: Scenario) -> RunArguments:
