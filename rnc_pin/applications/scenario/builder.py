@@ -14,6 +14,7 @@ import numpy as np
 from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.controllers import BuiltController, ControllerContext
 from rnc_pin.applications.scenario.controllers.context import TaskGoals, reduced_velocity, refuse_or_warn
+from rnc_pin.applications.scenario.controllers.feedback import check_output_names
 from rnc_pin.applications.scenario.controllers.tracking import VelocityTrackerSettings
 from rnc_pin.applications.scenario.plan_builder import Plans, Start, planned_path
 from rnc_pin.applications.scenario.plant_builder import build_plant, start_findings, warnings_of
@@ -24,7 +25,7 @@ from rnc_pin.collision import Obstacle, check_ignored_links
 from rnc_pin.control import Controller, ZeroInput, describe
 from rnc_pin.control.loop import LoopOptions
 from rnc_pin.control.whole_body import WholeBodyProgram, program_of
-from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, RncError, nearest
+from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, RncError
 from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
 from rnc_pin.optimal import MotionPlan
 from rnc_pin.planning import Reference, Slowed
@@ -365,6 +366,4 @@ def check_plots(scenario: ScenarioFile, models: Sequence[ReducedModel]) -> None:
     names = tuple(name for reduced in models for name in (*reduced.reducing.names, *reduced.vertical.names))
     valid = (*names, *PLOTTED_QUANTITIES)
     for plot, settings in scenario.plots.items():
-        for name in settings.outputs:
-            if name not in valid:
-                raise ConfigurationError(f"plots.{plot}.outputs: no output '{name}'{nearest(name, valid)}")
+        check_output_names(f"plots.{plot}.outputs", settings.outputs, valid)

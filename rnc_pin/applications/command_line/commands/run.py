@@ -59,10 +59,7 @@ def run_scenario(
         OutputFolder(out or Path("runs") / name, force, names) as folder,
         Artists(prepared, processes) as artists,
     ):
-        if show:
-            result = _watched(prepared, watching, quiet=as_json)
-        else:
-            result = _executed(prepared, None, quiet=as_json, processes=processes)
+        result = _watched(prepared, watching, as_json) if show else _executed(prepared, None, as_json, processes)
         drawn = keep_run(prepared, result, folder, as_json, artists)
     return FAILED if drawn is None else report_run(prepared, result, drawn, folder.path, as_json)
 

@@ -34,12 +34,9 @@ HOLD: dict[str, object] = {"hold": {}}
 
 
 Pose = Annotated[list[float], Field(min_length=3, max_length=3)]
-_PATH = Entry(
-    CarPath,
-    late=("start", "duration", "forward_only", "geometry"),
-    keys={"goal": "to"},
-    forms={"goal": Annotated[Pose, Field(description="Goal pose: x, y [m] and heading [rad].")], "via": list[Pose]},
-)
+GoalPose = Annotated[Pose, Field(description="Goal pose: x, y [m] and heading [rad].")]
+_GIVEN = "goal", "wheelbase", "via", "max_steering"
+_PATH = part(CarPath, *_GIVEN, keys={"goal": "to"}, forms={"goal": GoalPose, "via": list[Pose]})
 TrailerItem = Annotated[
     PartialCall[SlitheringReference],
     Entry(SlitheringReference, late=("reduced", "task", "tractor", "spacing", "window"), keys={"axle": "frame"}),
@@ -116,18 +113,10 @@ Limits = Annotated[list[float | None], Field(min_length=2, max_length=2)]
 """Smallest and largest value; null for no limit."""
 
 
-OutputCostItem = Annotated[
-    OutputCost,
-    Entry(
-        OutputCost,
-        keys={"output": "outputs"},
-        forms={
-            "output": Annotated[list[str], Field(min_length=1, description="Names of outputs that have a value.")],
-            "target": Annotated[Numbers, Field(description="Target; one number for each output.")],
-            "weight": WeightSetting,
-        },
-    ),
-]
+_NAMES = Field(min_length=1, description="Names of outputs that have a value.")
+_TARGET = Annotated[Numbers, Field(description="Target; one number for each output.")]
+_FORMS = {"output": Annotated[list[str], _NAMES], "target": _TARGET, "weight": WeightSetting}
+OutputCostItem = Annotated[OutputCost, Entry(OutputCost, keys={"output": "outputs"}, forms=_FORMS)]
 
 
 class CostSettings(Strict):

@@ -77,7 +77,7 @@ class UniformRange(RootModel[Ends]):
     """Uniform distribution: [minimum, maximum]."""
 
     def draw(self, generator: np.random.Generator) -> float:
-        return float(generator.uniform(*self.root))
+        return float(generator.uniform(self.root[0], self.root[1]))
 
     def examples(self) -> Sequence[float]:
         return self.root
