@@ -10,7 +10,6 @@ from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, cast
 
-from rnc_pin.applications.sweep.seeded_draws import Draw
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.io import Json, atomic_file
 from rnc_pin.simulation import Summary, Trajectory
@@ -18,6 +17,9 @@ from rnc_pin.simulation import Summary, Trajectory
 if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
+
+Draw: TypeAlias = Mapping[str, object]
+"""Values of a run by name; in sweeps of a scenario, options by dotted key."""
 
 Row: TypeAlias = dict[str, Any]
 """One run of a sweep: number, drawn values and results by column."""

@@ -18,6 +18,7 @@ from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.sweep.reports import write_reports
 from rnc_pin.applications.sweep.results import SweepResults
 from rnc_pin.applications.sweep.rows import (
+    Draw,
     Kinds,
     Numbered,
     Row,
@@ -30,8 +31,7 @@ from rnc_pin.applications.sweep.rows import (
     results_of,
     save_trajectory,
 )
-from rnc_pin.applications.sweep.scenario_runs import ScenarioRuns
-from rnc_pin.applications.sweep.seeded_draws import Draw, Draws, SeededDraws, draws_of
+from rnc_pin.applications.sweep.scenario_runs import Draws, ScenarioRuns, SeededDraws, draws_of
 from rnc_pin.applications.sweep.sweep_folder import (
     BLOCK,
     RUNS,
