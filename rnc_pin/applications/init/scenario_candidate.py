@@ -64,12 +64,7 @@ _PATIENCE = 20.0  # largest computing time of a trial run [s]
 _LOADED = "gravity loads the robot, and it learns this load slowly"
 _ADAPTIVE = "adaptive needs no inertias; the alternative, tracker: computed_torque, needs all"
 _INFORMED = "computed_torque knows the model; adaptive does not, and does not suit: {}"  # {}: the reason
-_TRACKERS = (
-    ("adaptive", 0.002, _ADAPTIVE),
-    ("adaptive", 0.001, _ADAPTIVE),
-    ("computed_torque", 0.002, _INFORMED),
-    ("computed_torque", 0.001, _INFORMED),
-)
+_TRACKERS, _PERIODS = {"adaptive": _ADAPTIVE, "computed_torque": _INFORMED}, (0.002, 0.001)
 
 
 @dataclass
@@ -179,7 +174,8 @@ class ScenarioCandidate:
             return [(self.mobility.feedback, dt, self.mobility.feedback_remark) for dt in periods]
         return [
             ({"type": "reducing_outputs", "tracker": tracker, "preset": "scaled"}, dt, remark)
-            for tracker, dt, remark in _TRACKERS
+            for tracker, remark in _TRACKERS.items()
+            for dt in _PERIODS
             if not (is_loaded and tracker == "adaptive")
         ]
 

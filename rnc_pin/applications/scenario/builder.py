@@ -298,16 +298,13 @@ def _grip(scenario: ScenarioFile, reduced: ReducedModel) -> Grip | None:
 def _later_ends(scenario: ScenarioFile, context: ControllerContext) -> dict[str, float]:
     """Values at which references or the plan end after the run, by output."""
     task, found, duration = context.task, dict[str, float](), context.simulation.duration
-    followed = {
-        task.primary_names: context.primary,
-        task.redundant_names: context.redundant,
-        task.vertical_names: context.vertical,
-    }
     if context.plan is not None and scenario.planner is not None and duration < context.plan.duration:
         found |= scenario.planner.goal
-    for names, reference in followed.items():
+    for role in ("primary", "redundant", "vertical"):
+        reference: Reference = getattr(context, role)
         if duration < reference.duration < np.inf:
-            found |= zip(names, reference.at(reference.duration).position.tolist(), strict=True)
+            ends = reference.at(reference.duration).position.tolist()
+            found |= zip(getattr(task, f"{role}_names"), ends, strict=True)
     return found
 
 

@@ -112,7 +112,7 @@ def judged_summary(
     more = [
         *experiment.findings,
         *(_unfinished(experiment, run) if ended else ()),
-        *(_missed(experiment, run) if goals else ()),
+        *(_missed(experiment, run) if goals and len(run.time) else ()),
         *(() if replay is None else distance_findings(replay, asked, _accuracy(scenario))),
     ]
     verdict = judge(

@@ -244,13 +244,10 @@ class VelocityTrackerSettings(AdaptationSettings, _BANDWIDTH.model, _VELOCITY_GA
 
     @model_validator(mode="after")
     def _check_tracker(self) -> VelocityTrackerSettings:
-        if self.tracker == "computed_torque" and self.gravity_compensation:
-            raise wrong(
-                "gravity_compensation",
-                "is not available with tracker 'computed_torque', which takes gravity from its model",
-            )
-        if self.tracker == "velocity" and self.gravity_compensation:
-            raise wrong("gravity_compensation", "is not available with tracker 'velocity', which gives no forces")
+        reasons = {"computed_torque": "which takes gravity from its model", "velocity": "which gives no forces"}
+        if self.gravity_compensation and self.tracker in reasons:
+            why = f"is not available with tracker '{self.tracker}', {reasons[self.tracker]}"
+            raise wrong("gravity_compensation", why)
         return self
 
 
