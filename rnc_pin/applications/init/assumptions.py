@@ -108,7 +108,7 @@ class BaseAssumptions:
         carriers = (joint for wheel in wheels for joint in wheel.carriers)
         self.hold(carriers, start, "locked, because they would lift wheels off the ground")
 
-    def roll(self, wheel: Wheel, what: str = "", **keys: Json) -> None:
+    def roll(self, wheel: Wheel, what: str = "", /, **keys: Json) -> None:
         """Add a wheel to the constraints, with a remark."""
         self.constraints.append((turned(wheel, **keys), f"{what}; {measured(wheel)}" if what else measured(wheel)))
 

@@ -218,6 +218,7 @@ class ScenarioRuns:
         """Rows of runs that fit together, by their places."""
         start = time.perf_counter()
         scenarios = [each.scenario for each in some]
+        found: list[Result | RncError]
         try:
             found = [execute(scenarios[0])] if len(scenarios) == 1 else execute_together(scenarios)
         except RncError as error:

@@ -65,13 +65,6 @@ def test_a_batch_is_gymnasiums_vector_of_single_environments_to_the_bit(mode):
     assert ends.min() > 0  # failures and ends of time
 
 
-def test_a_seed_determines_an_episode(env):
-    first, again, other = (env.reset(seed=seed)[0] for seed in (4, 4, 5))
-    assert equal(first, again)
-    assert not equal(first, other)
-    assert not equal(env.reset()[0], other)  # the next of the same stream
-
-
 def test_an_episode_is_a_run_of_simulate(env):
     """The same inputs at the same times, and errors against the references at the ends of periods."""
     fixed = rnc.gym.make("space-robot", draws={}, **SETTINGS)

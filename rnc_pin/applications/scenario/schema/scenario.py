@@ -331,7 +331,7 @@ def output_of(entry: Mapping[str, Json]) -> OutputKind:
 
 
 @cache  # building a validator takes 30 ms
-def _validator(item: object) -> TypeAdapter[Any]:
+def _validator(item: Any) -> TypeAdapter[Any]:
     return TypeAdapter(item)
 
 
