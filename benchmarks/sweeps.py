@@ -30,10 +30,9 @@ import numpy as np
 import rnc_pin as rnc
 from benchmarks.processes import children
 from rnc_pin.applications.scenario.execution import execute
-from rnc_pin.applications.sweep.run_store import RunStore
-from rnc_pin.applications.sweep.scenario_runs import ScenarioRuns
-from rnc_pin.applications.sweep.seeded_draws import draws_of
-from rnc_pin.applications.sweep.swept_run import results_of
+from rnc_pin.applications.sweep.rows import results_of
+from rnc_pin.applications.sweep.scenario_runs import ScenarioRuns, draws_of
+from rnc_pin.applications.sweep.sweep_folder import RunStore
 
 SCENARIO = "space-robot"
 OPTIONS = {"simulation.duration": 0.05}  # 26 samples of 2 ms

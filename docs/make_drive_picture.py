@@ -38,7 +38,7 @@ def main() -> None:
     try:
         with browser() as launched:
             shown = launched.new_page(viewport=SIZE)
-            shown.goto(page.url)
+            shown.goto(page.live.url)
             shown.wait_for_selector("#drive button.stop", timeout=PATIENCE)
             shown.wait_for_function("document.querySelectorAll('#overlay tr').length > 1", timeout=PATIENCE)
             for command in COMMANDS:
@@ -52,7 +52,7 @@ def main() -> None:
     finally:
         queue.put({"kind": "end"})
         loop.join()
-        page.close()
+        page.live.close()
     print(f"wrote {IMAGE}")
 
 

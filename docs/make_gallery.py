@@ -21,7 +21,7 @@ from PIL import Image
 from rnc_pin.applications.scenario.execution import Result, execute, write
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario
 from rnc_pin.applications.scenario.pictures import draw_pictures
-from rnc_pin.applications.scenario.saved_run import drawn_run, view_of
+from rnc_pin.applications.scenario.saved_run import drawn_run
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.visualization.recording import Recording, take_pictures
 
@@ -83,7 +83,7 @@ def picture(prepared: Scenario, result: Result, recordings: Path | None) -> dict
         recordings.mkdir(parents=True, exist_ok=True)
         (recordings / f"{name}.html").write_bytes(animation)
     run, title = result.trajectory, scenario.title or name
-    recording = Recording(drawn_run(prepared.experiment.drawn_model, scenario, run), run, view_of(scenario), title)
+    recording = Recording(drawn_run(prepared.experiment.drawn_model, scenario, run), run, scenario.view, title)
     for shot in take_pictures(recording, [telling_moment(prepared, result)], SIZE):
         shrink(Image.open(io.BytesIO(shot)), IMAGES / f"{name.replace('-', '_')}.png")
     errors = {key: float(f"{value:.2g}") for key, value in result.summary["final_error"].items()}

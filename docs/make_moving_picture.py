@@ -13,7 +13,6 @@ import numpy as np
 from PIL import Image
 
 from rnc_pin.applications.scenario.execution import execute
-from rnc_pin.applications.scenario.saved_run import view_of
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.visualization.recording import Recording, take_pictures
 
@@ -31,7 +30,7 @@ def main() -> None:
     arguments = parser.parse_args()
     prepared = Scenario.load(arguments.scenario).build()
     run, scenario = execute(prepared).trajectory, prepared.experiment.scenario
-    recording = Recording(prepared.experiment.drawn_model, run, view_of(scenario), scenario.title or prepared.name)
+    recording = Recording(prepared.experiment.drawn_model, run, scenario.view, scenario.title or prepared.name)
     times = np.linspace(0.0, run.time[-1], FRAMES)
     frames = [
         Image.open(io.BytesIO(shot)).convert("RGB").resize(SHOWN, Image.Resampling.LANCZOS)

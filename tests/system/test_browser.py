@@ -11,7 +11,6 @@ import rnc_pin as rnc
 from browsing import changed, children, picture, place, shape_place, visit, vivid
 from patience import PATIENCE, eventually
 from rnc_pin.applications.scenario.execution import execute
-from rnc_pin.applications.scenario.saved_run import view_of
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command
 from rnc_pin.model.reduced_kinematics import Measurement
@@ -108,7 +107,7 @@ def test_the_player_plays_scrubs_and_changes_speed(browser, space_robot, tmp_pat
 def test_everything_is_drawn_and_can_be_switched(browser, fire_truck, tmp_path):
     prepared, result = fire_truck
     experiment, run = prepared.experiment, result.trajectory
-    recording = Recording(experiment.reduced, run, view_of(experiment.scenario), "Truck", result.comparisons)
+    recording = Recording(experiment.reduced, run, experiment.scenario.view, "Truck", result.comparisons)
     page, problems = loaded(browser, recording, tmp_path / "page.html", begin=4.0)
     # The viewer's own controls list what is there.
     layers = {"robot", "ground", "plan", "goal", "path", "tracks", "constraint directions", "constraint forces"}
@@ -217,7 +216,7 @@ def keep_moving(live, times, q):
 def test_the_live_page_of_a_run_shows_goals_forces_and_figures(browser, fire_truck):
     prepared, _ = fire_truck
     experiment = prepared.experiment
-    view = view_of(experiment.scenario)
+    view = experiment.scenario.view
     live = LiveView(
         experiment.reduced, view, experiment.provenance.to_json(), speed=2.0, open_browser=False, title="Truck"
     )

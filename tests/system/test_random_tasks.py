@@ -3,8 +3,7 @@
 import pytest
 
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.applications.sweep.scenario_runs import ScenarioRuns
-from rnc_pin.applications.sweep.seeded_draws import draws_of
+from rnc_pin.applications.sweep.scenario_runs import ScenarioRuns, draws_of
 from rnc_pin.errors import InfeasibleError
 
 # A path next to the edge of the region counts as well as one through its middle: the largest error is what matters.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -31,10 +31,8 @@ if TYPE_CHECKING:
     from rnc_pin.applications.sweep.reports import SweepStatistics  # sweeps import joblib
 
 
-class Advance(Protocol):
-    """Callback that reports progress and the current activity."""
-
-    def __call__(self, done: float, text: str | None = None) -> None: ...
+Advance = Callable[[float, str], None]
+"""Callback that reports progress and the current activity."""
 
 
 class ProgressBar:
@@ -60,8 +58,6 @@ class ProgressBar:
             disable=quiet or not console.is_terminal,
         )
         self._task = self._bar.add_task(text, total=total)
-        self._shown, self._grain = 0.0, total / 400
-        self._text: str | None = None
 
     def __enter__(self) -> Advance:
         self._bar.start()
@@ -71,11 +67,8 @@ class ProgressBar:
         """Count this much as done before the start: the estimate of the remaining time leaves it out."""
         self._bar.reset(self._task, completed=int(done))
 
-    def _advance(self, done: float, text: str | None = None) -> None:
-        # Called at every sample: update the bar only at visible changes.
-        if done >= self._shown or text != self._text:
-            self._shown, self._text = done + self._grain, text
-            self._bar.update(self._task, completed=done, description=text)
+    def _advance(self, done: float, text: str) -> None:
+        self._bar.update(self._task, completed=done, description=text)
 
     def __exit__(self, *error: object) -> None:
         if error[0] is None:
@@ -148,10 +141,8 @@ def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
     if summary["lift_off"] is not None:
         lowest = f"{summary['lift_off']['lowest']:.3g} N"
         invariants.add_row(f"normal force of {summary['lift_off']['contact']}, lowest", lowest)
-    for words, nearest in (
-        ("distance to obstacles, smallest", summary.get("smallest_distance")),
-        ("distance between links, smallest", summary.get("smallest_own_distance")),
-    ):
+    of_links = "distance between links, smallest", summary.get("smallest_own_distance")
+    for words, nearest in (("distance to obstacles, smallest", summary.get("smallest_distance")), of_links):
         if nearest is not None:
             pair, at = " / ".join(nearest["bodies"]), f"t = {nearest['time']:.2f} s"
             invariants.add_row(words, f"{nearest['distance']:.3g} m, {pair} at {at}")

@@ -34,6 +34,7 @@ def _scenarios(context: click.Context, parameter: click.Parameter, incomplete: s
 
 _scenario = click.argument("scenario", shell_complete=_scenarios)
 _options = click.option("--set", "options", metavar="A.B=C", multiple=True, help="Replace a value of the scenario.")
+_PATH = click.Path(path_type=Path)
 _Command = TypeVar("_Command", bound=Callable[..., object])
 _json = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 _force = click.option("--force", is_flag=True, help="Write into a folder that rnc-pin did not create.")
@@ -75,23 +76,35 @@ def _print_version(context: click.Context, parameter: click.Parameter, asked: bo
         context.exit()
 
 
-def _showing(command: _Command) -> _Command:
-    """Add the options of the live view to a command."""
-    options = (
-        click.option("--show", is_flag=True, help="Show the robot in the browser, in real time."),
-        click.option(
-            "--speed", type=click.FloatRange(min=0), default=1.0, help="With --show: times real time; 0: no wait."
-        ),
-        click.option(
-            "--browser/--no-browser", default=True, help="With --show: open the browser, or print the address."
-        ),
-        click.option(
-            "--host", default="127.0.0.1", help="With --show: listen address; a public one lets others watch."
-        ),
-    )
-    for option in reversed(options):
-        command = option(command)
-    return command
+def _all(*options: Callable[[_Command], _Command]) -> Callable[[_Command], _Command]:
+    """Decorator that adds arguments and options in this order."""
+
+    def add(command: _Command) -> _Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
+
+
+_showing = _all(
+    click.option("--show", is_flag=True, help="Show the robot in the browser, in real time."),
+    click.option(
+        "--speed", type=click.FloatRange(min=0), default=1.0, help="With --show: times real time; 0: no wait."
+    ),
+    click.option("--browser/--no-browser", default=True, help="With --show: open the browser, or print the address."),
+    click.option("--host", default="127.0.0.1", help="With --show: listen address; a public one lets others watch."),
+)
+"""Options of the live view."""
+_written = _all(_json, _force, _debug)
+_measured = _all(
+    click.argument("system", shell_complete=_scenarios),
+    click.argument("log", type=_PATH, shell_complete=_files),
+    click.option("--mapping", type=_PATH, help="YAML file: columns or topics of the log."),
+    click.option("--sensor", metavar="FRAME", help="Frame whose pose is measured; the only one by default."),
+    click.option("--heading/--no-heading", default=True, help="Whether the sensor measures its heading."),
+)
+"""Arguments and options of a measured log."""
 
 
 _HELP = {"help_option_names": ["-h", "--help"]}
@@ -120,14 +133,12 @@ def list_scenarios(**given: Given) -> None:
 
 @cli.command(context_settings=_HELP)
 @_scenario
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for results; runs/SCENARIO by default.")
+@click.option("--out", type=_PATH, help="Folder for results; runs/SCENARIO by default.")
 @_options
 @_plant
 @_accept
 @_showing
-@_json
-@_force
-@_debug
+@_written
 def run(**given: Given) -> int:
     """Run a SCENARIO: a built-in name or a YAML file."""
     find_scenario(given["scenario"])
@@ -137,8 +148,8 @@ def run(**given: Given) -> int:
 
 @cli.command(context_settings=_HELP)
 @click.argument("source", metavar="SCENARIO|ROBOT", required=False, shell_complete=_scenarios)
-@click.option("--replay", "replayed", type=click.Path(path_type=Path), help="Repeat a drive from its commands.json.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for results; runs/SCENARIO-drive by default.")
+@click.option("--replay", "replayed", type=_PATH, help="Repeat a drive from its commands.json.")
+@click.option("--out", type=_PATH, help="Folder for results; runs/SCENARIO-drive by default.")
 @_options
 @click.option(
     "--frame", "frames", metavar="FRAME", multiple=True, help="Frame that can have a goal; guessed by default."
@@ -146,9 +157,7 @@ def run(**given: Given) -> int:
 @click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after this time [s].")
 @_accept
 @click.option("--browser/--no-browser", default=True, help="Open the browser, or print the address only.")
-@_json
-@_force
-@_debug
+@_written
 def drive(**given: Given) -> int:
     """Drive a robot in real time from the browser, within its limits: a SCENARIO or a ROBOT's file or name.
 
@@ -158,39 +167,24 @@ def drive(**given: Given) -> int:
     return _command("drive_robot")(**given)
 
 
-def _measured(command: _Command) -> _Command:
-    """Add the arguments and options of a measured log to a command."""
-    for add in (
-        click.option("--heading/--no-heading", default=True, help="Whether the sensor measures its heading."),
-        click.option("--sensor", metavar="FRAME", help="Frame whose pose is measured; the only one by default."),
-        click.option("--mapping", type=click.Path(path_type=Path), help="YAML file: columns or topics of the log."),
-        click.argument("log", type=click.Path(path_type=Path), shell_complete=_files),
-        click.argument("system", shell_complete=_scenarios),
-    ):
-        command = add(command)
-    return command
-
-
 def _with_log(name: str, given: dict[str, Given]) -> Given:
     """Call a command about a system and a measured log, which is read first."""
     find_scenario(given["system"])
     announce(f"{given['log']}: reading it beside {given['system']}", quiet=True)
-    log, mapping, sensor = (given.pop(key) for key in ("log", "mapping", "sensor"))
-    return _command(name)(measured=_command("read_measured")(log, mapping, sensor), **given)
+    keys = "log", "mapping", "sensor", "heading"
+    measured = _command("read_measured")(*(given.pop(key) for key in keys))
+    return _command(name)(measured=measured, **given)
 
 
 @cli.command(context_settings=_HELP)
 @_measured
 @click.option("--speeds", is_flag=True, help="Replay measured velocities of wheels instead of their positions.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for plots, a page and a report.")
+@click.option("--out", type=_PATH, help="Folder for plots, a page and a report.")
 @_options
-@_json
-@_force
-@_debug
+@_written
 def compare(**given: Given) -> None:
     """Compare a measured LOG with a SYSTEM: errors of its path, slip, power, and the assumption that fails first."""
-    choice = {name: given.pop(name) for name in ("speeds", "out", "force")}
-    _with_log("compare_log", {**given, "choice": _command("ComparisonChoice")(**choice)})
+    _with_log("compare_log", given)
 
 
 @cli.command(context_settings=_HELP)
@@ -203,16 +197,12 @@ def compare(**given: Given) -> None:
     "names.",
 )
 @click.option("--held-out", type=float, default=0.0, help="Share of the log at its end that only checks the result.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for the scenario with the new numbers.")
+@click.option("--out", type=_PATH, help="Folder for the scenario with the new numbers.")
 @_options
-@_json
-@_force
-@_debug
+@_written
 def calibrate(**given: Given) -> None:
     """Estimate numbers of a SYSTEM from a measured LOG: radii, places of joints, encoders, delays, the sensor."""
-    names = ("estimate", "held_out", "out", "force")
-    choice = {name: given.pop(name) for name in names}
-    _with_log("calibrate_log", {**given, "choice": _command("CalibrationChoice")(**choice)})
+    _with_log("calibrate_log", given)
 
 
 @cli.command(context_settings=_HELP)
@@ -237,7 +227,7 @@ def inspect(**given: Given) -> None:
 
 @cli.command(context_settings=_HELP)
 @click.argument("robot", shell_complete=_files)
-@click.option("--out", type=click.Path(path_type=Path), help="File to write; ROBOT.yaml in this folder by default.")
+@click.option("--out", type=_PATH, help="File to write; ROBOT.yaml in this folder by default.")
 @click.option("--base", type=click.Choice(["fixed", "planar", "free"]), help="Base type; guessed by default.")
 @click.option("--arg", "arguments", metavar="A=B", multiple=True, help="Argument of a xacro file.")
 @click.option(
@@ -269,13 +259,13 @@ def schema() -> None:
 
 
 @cli.command(context_settings=_HELP)
-@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=_PATH)
 @_showing
-@click.option("--html", type=click.Path(path_type=Path), help="Write one HTML file that plays offline.")
-@click.option("--frames", type=click.Path(path_type=Path), help="Write one PNG per frame into this folder.")
-@click.option("--video", type=click.Path(path_type=Path), help="Write an .mp4 or .gif; needs ffmpeg.")
+@click.option("--html", type=_PATH, help="Write one HTML file that plays offline.")
+@click.option("--frames", type=_PATH, help="Write one PNG per frame into this folder.")
+@click.option("--video", type=_PATH, help="Write an .mp4 or .gif; needs ffmpeg.")
 @click.option("--rate", type=click.FloatRange(1, 60), default=25.0, help="Frames per second of frames and videos.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Write plots: .png, .pdf or .svg.")
+@click.option("--plot", type=_PATH, help="Write plots: .png, .pdf or .svg.")
 @click.option("--output", "outputs", metavar="NAME", multiple=True, help="With --plot: an output or a quantity.")
 @click.option("--size", metavar="SIZE", help="With --plot: column, page or WIDTHxHEIGHT [inches].")
 @click.option("--aside", is_flag=True, help="Show the runs side by side, not overlaid.")
@@ -289,8 +279,8 @@ def replay(**given: Given) -> int:
 
 
 @cli.command(context_settings=_HELP)
-@click.argument("source", type=click.Path(path_type=Path))
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("source", type=_PATH)
+@click.argument("file", type=_PATH)
 @click.option("--array", "arrays", metavar="NAME", multiple=True, help="An array, such as x2 or T; all by default.")
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 @_debug
@@ -304,14 +294,12 @@ def export(**given: Given) -> None:
 @click.option("--runs", type=click.IntRange(min=1), required=True, help="Number of runs.")
 @click.option("--jobs", type=int, default=1, help="Local processes; -1 for all cores.")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on.")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for results.")
+@click.option("--out", type=_PATH, required=True, help="Folder for results.")
 @click.option("--trajectories", is_flag=True, help="Write the trajectory of each run too.")
 @_options
 @_plant
 @_accept
-@_json
-@_force
-@_debug
+@_written
 def sweep(**given: Given) -> int:
     """Run a SCENARIO many times with values drawn from the distributions in its 'sweep'.
 

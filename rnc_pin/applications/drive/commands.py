@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from types import NoneType
-from typing import Any, NamedTuple, TypeAlias, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, NamedTuple, TypeAlias, get_args, get_type_hints
 
 import numpy as np
 
@@ -23,107 +23,102 @@ _Quaternion: TypeAlias = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
-class FrameGoal:
+class DriveCommand:
+    """Command of a user. Each kind is a class of its own."""
+
+    kind: ClassVar[str]
+    """Name of the kind in messages and files."""
+
+
+@dataclass(frozen=True)
+class FrameGoal(DriveCommand):
     """Goal of a frame: position [m] and, if given, orientation as a quaternion (x, y, z, w), in the world."""
 
+    kind: ClassVar[str] = "frame_goal"
     frame: str
     position: _Point
     orientation: _Quaternion | None = None
 
 
 @dataclass(frozen=True)
-class ReleaseFrame:
+class ReleaseFrame(DriveCommand):
     """End of the goal of a frame."""
 
+    kind: ClassVar[str] = "release_frame"
     frame: str
 
 
 @dataclass(frozen=True)
-class JointGoal:
+class JointGoal(DriveCommand):
     """Posture of a joint [rad or m]."""
 
+    kind: ClassVar[str] = "joint_goal"
     joint: str
     position: float
 
 
 @dataclass(frozen=True)
-class BaseVelocity:
+class BaseVelocity(DriveCommand):
     """Velocity of the base as shares of its speeds, -1 to 1. It ends after 0.5 s without another one."""
 
+    kind: ClassVar[str] = "base_velocity"
     forward: float
     turn: float
     left: float = 0.0
 
 
 @dataclass(frozen=True)
-class BaseGoal:
+class BaseGoal(DriveCommand):
     """Point on the ground to which the base drives [m], and its heading there [rad]; None for any heading."""
 
+    kind: ClassVar[str] = "base_goal"
     x: float
     y: float
     heading: float | None = None
 
 
 @dataclass(frozen=True)
-class HoldBase:
+class HoldBase(DriveCommand):
     """True if the base does not move for the goals of frames."""
 
+    kind: ClassVar[str] = "hold_base"
     on: bool
 
 
 @dataclass(frozen=True)
-class ObstacleGoal:
+class ObstacleGoal(DriveCommand):
     """Point to which an obstacle moves [m]."""
 
+    kind: ClassVar[str] = "obstacle_goal"
     obstacle: str
     position: _Point
 
 
 @dataclass(frozen=True)
-class GainSetting:
+class GainSetting(DriveCommand):
     """Value of a gain or a speed."""
 
+    kind: ClassVar[str] = "gain"
     gain: str
     value: float
 
 
 @dataclass(frozen=True)
-class StopMotion:
+class StopMotion(DriveCommand):
     """End of all goals: the robot holds the configuration that it has."""
+
+    kind: ClassVar[str] = "stop"
 
 
 @dataclass(frozen=True)
-class EndRun:
+class EndRun(DriveCommand):
     """End of the run."""
 
+    kind: ClassVar[str] = "end"
 
-DriveCommand: TypeAlias = (
-    FrameGoal
-    | ReleaseFrame
-    | JointGoal
-    | BaseVelocity
-    | BaseGoal
-    | HoldBase
-    | ObstacleGoal
-    | GainSetting
-    | StopMotion
-    | EndRun
-)
 
-KINDS: dict[str, type[DriveCommand]] = {
-    "frame_goal": FrameGoal,
-    "release_frame": ReleaseFrame,
-    "joint_goal": JointGoal,
-    "base_velocity": BaseVelocity,
-    "base_goal": BaseGoal,
-    "hold_base": HoldBase,
-    "obstacle_goal": ObstacleGoal,
-    "gain": GainSetting,
-    "stop": StopMotion,
-    "end": EndRun,
-}
-"""Name of each kind of command in messages and files, with its class."""
-_NAMES = {kind: name for name, kind in KINDS.items()}
+KINDS = {each.kind: each for each in DriveCommand.__subclasses__()}
+"""Class of each kind of command, by its name."""
 _LONGEST_NAME = 200  # characters
 _MOST_TURN = 2.0 * np.pi  # [rad]
 
@@ -156,37 +151,31 @@ def parse_command(message: object, controls: DriveControls) -> DriveCommand:
 
 def command_entry(command: DriveCommand) -> dict[str, Json]:
     """Return a command as a mapping that ``parse_command`` reads."""
-    values = {each.name: getattr(command, each.name) for each in fields(command)}
-    entries: dict[str, Json] = {
-        name: list(value) if isinstance(value, tuple) else value for name, value in values.items() if value is not None
-    }
-    return {"kind": _NAMES[type(command)], **entries}
+    values = {name: list(each) if isinstance(each, tuple) else each for name, each in vars(command).items()}
+    return {"kind": command.kind, **{name: each for name, each in values.items() if each is not None}}
 
 
 def command_target(command: DriveCommand) -> tuple[str, str]:
     """Kind and name of what a command sets: a later command with the same target replaces it."""
-    named = [value for each in fields(command) if isinstance(value := getattr(command, each.name), str)]
-    return _NAMES[type(command)], named[0] if named else ""
+    named = [value for value in vars(command).values() if isinstance(value, str)]
+    return command.kind, named[0] if named else ""
 
 
 def _value(where: str, kind: object, value: object) -> object:
-    """Return a value of a message in the type of its field."""
-    if kind is str:
-        if not isinstance(value, str):
-            raise InputError(f"{where}: expected a name, found {type(value).__name__}")
-        return value[: _LONGEST_NAME + 1]
-    if kind is bool:
-        if not isinstance(value, bool):
-            raise InputError(f"{where}: expected true or false, found {type(value).__name__}")
-        return value
+    """Return a value of a message in the type of its field; an optional type has None behind it."""
+    kind, *others = get_args(kind) if NoneType in get_args(kind) else (kind,)
+    if value is None and others:
+        return None
     if kind is float:
         return _number(where, value)
-    if value is None and NoneType in get_args(kind):
-        return None
-    if float in get_args(kind) and get_origin(kind) is not tuple:
-        return _number(where, value)
-    options = [each for each in get_args(kind) if get_origin(each) is tuple]
-    size = len(get_args(options[0] if options else kind))
+    for simple, expected in ((str, "a name"), (bool, "true or false")):
+        if kind is simple and not isinstance(value, simple):
+            raise InputError(f"{where}: expected {expected}, found {type(value).__name__}")
+    if isinstance(value, str) and kind is str:
+        return value[: _LONGEST_NAME + 1]
+    if kind is bool:
+        return value
+    size = len(get_args(kind))
     if not isinstance(value, list | tuple) or len(value) != size:
         raise InputError(f"{where}: expected {size} numbers")
     return tuple(_number(where, each) for each in value)

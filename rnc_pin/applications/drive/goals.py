@@ -136,8 +136,7 @@ def with_command(
             return goals._replace(
                 frames=(None,) * len(goals.frames), posture=tuple(posture), velocity_end=t, base_goal=None
             )
-        case dc.EndRun():
-            return goals
+    return goals
 
 
 def _set(values: tuple[_T, ...], names: Iterable[str], name: str, value: _T) -> tuple[_T, ...]:

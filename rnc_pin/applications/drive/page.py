@@ -13,7 +13,6 @@ from rnc_pin.applications.drive.controls import Range
 from rnc_pin.applications.drive.goals import DriveGoals
 from rnc_pin.applications.drive.preparation import PreparedDrive
 from rnc_pin.applications.drive.run import CommandQueue, DriveStatus
-from rnc_pin.applications.scenario.saved_run import view_of
 from rnc_pin.io import Json
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import RunInfo, Sample
@@ -173,6 +172,9 @@ class DrivePage:
         queue: queue for the commands of the page.
         title: title of the page.
         open_browser: True to open the page immediately.
+
+    Attributes:
+        live: the view that serves the page.
     """
 
     def __init__(self, prepared: PreparedDrive, queue: CommandQueue, title: str, open_browser: bool) -> None:
@@ -180,7 +182,7 @@ class DrivePage:
         reduced = experiment.reduced
         drawn = DrawnModel(reduced.robot, reduced, experiment.obstacles)
         info = RunInfo(drawn.outputs, tuple(reduced.vertical.names), provenance=experiment.provenance)
-        view = view_of(experiment.scenario)
+        view = experiment.scenario.view
         view = replace(view, hide=[*view.hide, "reference", "constraint forces"])
         self._viewer: DrivenViewer
 
@@ -189,11 +191,6 @@ class DrivePage:
             return self._viewer
 
         self.live = LiveView(drawn, view, info, 0.0, open_browser, LOOPBACK, title, viewer)
-        self.url = self.live.url
-
-    def wait_for_browser(self, timeout: float) -> bool:
-        """Wait up to ``timeout`` [s] for a browser. Return True if one is connected."""
-        return self.live.wait_for_browser(timeout)
 
     def show(self, sample: Sample, status: DriveStatus | None) -> None:
         """Show a sample and, if there is one, a status."""
@@ -209,15 +206,6 @@ class DrivePage:
         headline = f"The run has ended. Verdict: {verdict.word}"
         entry = {"word": verdict.word, "headline": headline, "findings": lines}
         self._viewer.window.post({"type": "drive_verdict", "path": "/drive", "verdict": entry})
-
-    @property
-    def problem(self) -> Exception | None:
-        """Error that stopped the page, but not the run."""
-        return self.live.problem
-
-    def close(self) -> None:
-        """Draw the last sample, and stop serving."""
-        self.live.close()
 
 
 def controls_entry(prepared: PreparedDrive, ground: float) -> dict[str, Json]:

@@ -233,20 +233,6 @@ def drive(
         The result; a run that failed keeps what it reached, with ``error`` set.
     """
     started = time.perf_counter()
-    with np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
-        trajectory, error = _driven(prepared, queue, samples, clock, watcher)
-        wall_time = time.perf_counter() - started
-        summary, limits = judged_summary(prepared.scenario.experiment, trajectory, wall_time=wall_time, goals=False)
-    return Result(trajectory, summary, error, {}, limits)
-
-
-def _driven(
-    prepared: PreparedDrive,
-    queue: CommandQueue | None,
-    samples: int | None,
-    clock: RealTimeClock | None,
-    watcher: DriveWatcher | None,
-) -> tuple[Trajectory, RncError | None]:
     experiment, settings = prepared.scenario.experiment, prepared.scenario.experiment.simulation
     arguments = RunArguments(
         experiment.reduced,
@@ -257,29 +243,34 @@ def _driven(
         plant=experiment.plant,
         options=prepared.scenario.options(experiment),
     )
-    run = SampledRun(arguments)
-    observe = _observer(prepared, run, queue, clock, watcher)
+    error: RncError | None = None
+    with np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
+        run = SampledRun(arguments)
+        observe = _observer(prepared, run, queue, clock, watcher)
 
-    def advance(progress: Progress) -> str | None:
-        for sample in count():
-            if clock is not None:
-                clock.wait(run.time)
-            commands = [] if queue is None else queue.take()
-            prepared.log.add(sample, commands)
-            found = run.sample(progress)
-            if observe is not None:
-                observe(found)
-            if ends(commands) or sample + 1 == samples:
-                break
-            run.advance()
-        return run.failure
+        def advance(progress: Progress) -> str | None:
+            for sample in count():
+                if clock is not None:
+                    clock.wait(run.time)
+                commands = [] if queue is None else queue.take()
+                prepared.log.add(sample, commands)
+                found = run.sample(progress)
+                if observe is not None:
+                    observe(found)
+                if ends(commands) or sample + 1 == samples:
+                    break
+                run.advance()
+            return run.failure
 
-    try:
-        return complete_run(advance, run.finish), None
-    except RncError as error:
-        if not isinstance(error.trajectory, Trajectory):
-            raise
-        return error.trajectory, error
+        try:
+            trajectory = complete_run(advance, run.finish)
+        except RncError as failure:
+            if not isinstance(failure.trajectory, Trajectory):
+                raise
+            trajectory, error = failure.trajectory, failure
+        wall_time = time.perf_counter() - started
+        summary, limits = judged_summary(experiment, trajectory, wall_time=wall_time, goals=False)
+    return Result(trajectory, summary, error, {}, limits)
 
 
 def _observer(

@@ -23,12 +23,11 @@ def autoreset_of(mode: str | AutoresetMode) -> AutoresetMode:
     Raises:
         ConfigurationError: the mode is not known.
     """
-    names = [each.value for each in AutoresetMode]
-    if isinstance(mode, AutoresetMode):
-        return mode
-    if mode not in names:
-        raise ConfigurationError(f"autoreset_mode: '{mode}' is not known{nearest(str(mode), names)}")
-    return AutoresetMode(mode)
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        hint = nearest(str(mode), [each.value for each in AutoresetMode])
+        raise ConfigurationError(f"autoreset_mode: '{mode}' is not known{hint}") from None
 
 
 class ScenarioEnv(Env[np.ndarray, np.ndarray]):

@@ -23,7 +23,7 @@ from rnc_pin.applications.init.evidence import (
     joint_range,
 )
 from rnc_pin.applications.init.robot_at_start import INDEPENDENT, SAME
-from rnc_pin.applications.init.wheel_detection import Wheel
+from rnc_pin.applications.init.wheel_detection import UPRIGHT, Wheel
 from rnc_pin.applications.scenario.schema.scenario import constraint_of, output_of
 from rnc_pin.errors import ConfigurationError, ConstraintError, few
 from rnc_pin.io import Json
@@ -108,6 +108,14 @@ class BaseAssumptions:
         carriers = (joint for wheel in wheels for joint in wheel.carriers)
         self.hold(carriers, start, "locked, because they would lift wheels off the ground")
 
+    def roll(self, wheel: Wheel, what: str = "", /, **keys: Json) -> None:
+        """Add a wheel to the constraints, with a remark."""
+        self.constraints.append((turned(wheel, **keys), f"{what}; {measured(wheel)}" if what else measured(wheel)))
+
+    def act(self, kind: str, axis: str, remark: str) -> None:
+        """Add a force or torque along an axis of the base's frame to the actuators."""
+        self.actuators.append(({kind: {"frame": self.frame, "axis": axis}}, remark))
+
     def add_planar_pose_outputs(self) -> None:
         """Add position on the ground and heading to the candidate outputs."""
         self.outputs += zip(place_and_heading(self.frame), (DRIVEN, TURNED), strict=True)
@@ -121,6 +129,12 @@ def place_and_heading(frame: str) -> list[dict[str, Json]]:
 def rolls(wheel: Wheel, **more: Json) -> dict[str, Json]:
     """Constraint entry of a rolling wheel."""
     return {"rolling_wheel": {"frame": wheel.frame, "radius": float(f"{wheel.radius:.5g}"), **more}}
+
+
+def turned(wheel: Wheel, **more: Json) -> dict[str, Json]:
+    """Entry of a wheel on a pivot; no vertical row if the pivot is inclined, because a planar base keeps its height."""
+    leans = any(float(np.hypot(*pivot.axis[:2])) > UPRIGHT for pivot in wheel.pivots)
+    return rolls(wheel, **more, **({"vertical": False} if leans else {}))
 
 
 def measured(wheel: Wheel) -> str:

@@ -152,9 +152,7 @@ def _drafted(source: Source, folder: Path) -> tuple[DraftedScenario, Trial]:
         except RncError as error:
             first = first or error
             if not any(str(error) in each for each in failures):
-                failures.append(
-                    str(error) if mobility is None else f"not '{mobility.kind}', which does not run: {error}"
-                )
+                failures.append(f"not '{mobility.kind}', which does not run: {error}" if mobility else str(error))
             continue
         verdict = attempt.trial.verdict
         if best is None or attempt.trial.rank < best[0].rank:
@@ -200,9 +198,8 @@ def _candidate_bases(at_start: RobotAtStart, source: Source) -> Iterator[_BaseBu
             yield lambda: knife_edge_base(axles, at_start)
     yield lambda: without_wheels(at_start, asked, source.mass_of_base)
     if asked is None:
-        yield lambda: without_wheels(
-            at_start, "fixed", source.mass_of_base, "taken to be bolted down, for lack of better"
-        )
+        why = "taken to be bolted down, for lack of better"
+        yield lambda: without_wheels(at_start, "fixed", source.mass_of_base, why)
         yield lambda: fixed_base_with_locked_joints(at_start)
 
 

@@ -260,23 +260,10 @@ class DrivenJoints:
 def named_as_driven(robot: ElementTree.Element) -> tuple[dict[str, str], bool]:
     """Return what names each driven joint of a URDF, and whether the file lists motors by joint."""
     joints = {str(joint.get("name")) for joint in robot.findall("joint")}
-    listed = {
-        **dict.fromkeys(_ros2_control(robot), "ros2_control"),
-        **dict.fromkeys(_transmissions(robot), "a transmission"),
-    }
-    listed = {joint: source for joint, source in listed.items() if joint in joints}
+    sources = {".//ros2_control/joint[command_interface]": "ros2_control", ".//transmission/joint": "a transmission"}
+    found = ((str(each.get("name")), source) for path, source in sources.items() for each in robot.iterfind(path))
+    listed = {joint: source for joint, source in found if joint in joints}
     return {**{joint: "a plugin" for joint in _plugins(robot) if joint in joints}, **listed}, bool(listed)
-
-
-def _transmissions(robot: ElementTree.Element) -> Iterator[str]:
-    for joint in robot.iterfind(".//transmission/joint"):
-        yield str(joint.get("name"))
-
-
-def _ros2_control(robot: ElementTree.Element) -> Iterator[str]:
-    for joint in robot.iterfind(".//ros2_control/joint"):
-        if joint.find("command_interface") is not None:
-            yield str(joint.get("name"))
 
 
 def _plugins(robot: ElementTree.Element) -> Iterator[str]:

@@ -6,15 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rnc_pin.applications.init.assumptions import (
-    BENT,
-    DRIVEN,
-    TURNED,
-    BaseAssumptions,
-    measured,
-    place_and_heading,
-    rolls,
-)
+from rnc_pin.applications.init.assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, place_and_heading
 from rnc_pin.applications.init.evidence import (
     LIKELY,
     SURE,
@@ -33,7 +25,6 @@ from rnc_pin.applications.init.wheeled_base import (
     planar,
     planar_on_wheels,
     support_by_casters,
-    turned,
 )
 from rnc_pin.errors import few
 from rnc_pin.io import Json
@@ -66,9 +57,8 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     first, and the outputs are its speed and its heading.
     """
     unit = layout.steered[0]
-    result = planar_on_wheels(
-        layout, at_start, f"{len(layout.wheels)} wheels, driven by a turret with {len(unit.wheels)} wheels"
-    )
+    kind = f"{len(layout.wheels)} wheels, driven by a turret with {len(unit.wheels)} wheels"
+    result = planar_on_wheels(layout, at_start, kind)
     _add_unit(result, unit, lateral=True)
     add_wheel_motors(result, layout)
     pivot = unit.pivot
@@ -76,7 +66,7 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     frame = body_frame(at_start.robot, pivot.index)
     along = np.abs(at_start.data.oMi[pivot.index].rotation.T @ unit.wheels[0].heading)
     speed: dict[str, Json] = {"frame_speed": {"frame": frame, "axis": "xyz"[int(along.argmax())]}}
-    result.outputs += zip(place_and_heading(result.frame), (DRIVEN, TURNED), strict=True)
+    result.add_planar_pose_outputs()
     result.outputs += [(speed, DRIVEN), ({"frame_yaw": result.frame}, TURNED), ({"joint": pivot.joint}, BENT)]
     support_by_casters(result, layout, at_start)
     result.vertical.append({"frame_position": {"frame": result.frame, "axes": "xy"}})
@@ -90,9 +80,8 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
 
     Two axle lines fix the centre of rotation; the wheels of the others skid sideways if they are not aimed at it.
     """
-    result = planar_on_wheels(
-        layout, at_start, f"{len(layout.wheels)} wheels, {len(layout.steered)} of them steered drives"
-    )
+    kind = f"{len(layout.wheels)} wheels, {len(layout.steered)} of them steered drives"
+    result = planar_on_wheels(layout, at_start, kind)
     lines = in_line(wheel for each in layout.steered for wheel in each.wheels[:1])
     guides = [line[0].joint for line in _farthest(lines)]
     heading = layout.steered[0].wheels[0].heading
@@ -116,8 +105,7 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
 
 def _add_unit(result: BaseAssumptions, unit: WheelGroup, *, lateral: bool) -> None:
     for wheel, more in one_lateral(unit.wheels):
-        entry = turned(wheel, **(more if lateral else {"lateral": False}))
-        result.constraints.append((entry, f"steered by {unit.pivot.joint}; {measured(wheel)}"))
+        result.roll(wheel, f"steered by {unit.pivot.joint}", **(more if lateral else {"lateral": False}))
 
 
 def _farthest(lines: list[list[Wheel]]) -> list[list[Wheel]]:
@@ -180,11 +168,8 @@ def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart, decided: D
     modelled = [roller for wheel in wheels for roller in wheel.rollers]
     result.hold(modelled, at_start.start, "the roller at the ground is a constraint row; those of the file are locked")
     for wheel, angle in zip(wheels, angles, strict=True):
-        doubt = "" if wheel.rollers else "MEASURE its angle; "
-        if parallel and not wheel.rollers:
-            doubt = "as Mecanum wheels are mounted to turn well: MEASURE its sign; "
-        entry = rolls(wheel, roller=round(angle, 6) + 0.0)
-        result.constraints.append((entry, f"{doubt}{measured(wheel)}"))
+        doubt = "as Mecanum wheels are mounted to turn well: MEASURE its sign" if parallel else "MEASURE its angle"
+        result.roll(wheel, "" if wheel.rollers else doubt, roller=round(angle, 6) + 0.0)
         result.actuators.append((wheel.joint, ""))
     if not parallel:
         result.notes.append("wheels with different headings can move the base only if they are omni wheels")
@@ -211,23 +196,18 @@ def force_driven_base(layout: WheelLayout, at_start: RobotAtStart, why: str) -> 
 def push(result: BaseAssumptions) -> None:
     """Add forces along x and y, a torque about z, and the outputs of the base's planar pose."""
     for axis in "xy":
-        force: dict[str, Json] = {"force": {"frame": result.frame, "axis": axis}}
-        result.actuators.append((force, "in place of the wheels"))
-    result.actuators.append(({"torque": {"frame": result.frame, "axis": "z"}}, ""))
+        result.act("force", axis, "in place of the wheels")
+    result.act("torque", "z", "")
     result.add_planar_pose_outputs()
 
 
 def _release(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
     """Lock joints that would lift wheels, and wheels that only support."""
     result.lock_carriers(layout.wheels, at_start.start)
-    supports = [
-        joint
-        for carriage in (*layout.casters, *layout.trailers)
-        for joint in carriage.joints
-        if joint not in result.lock
-    ]
-    supports += [wheel.joint for wheel in layout.balls if wheel.joint not in result.lock]
-    result.hold(supports, at_start.start, "wheels that only support are locked and only drawn")
+    supports = [joint for each in (*layout.casters, *layout.trailers) for joint in each.joints]
+    supports += [wheel.joint for wheel in layout.balls]
+    free = [joint for joint in supports if joint not in result.lock]
+    result.hold(free, at_start.start, "wheels that only support are locked and only drawn")
 
 
 def _angle(wheel: Wheel, wheels: list[Wheel], at_start: RobotAtStart, parallel: bool) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from statistics import median
 from typing import NoReturn
@@ -14,7 +15,7 @@ from rnc_pin.applications.init.evidence import GUESSED, LIKELY, SURE, Alternativ
 from rnc_pin.applications.init.omnidirectional_base import push
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.wheel_detection import Wheel
-from rnc_pin.applications.init.wheel_layout import WheelGroup, WheelLayout, are_parallel
+from rnc_pin.applications.init.wheel_layout import WheelLayout, are_parallel
 from rnc_pin.applications.init.wheeled_base import one_lateral, planar
 from rnc_pin.errors import ConfigurationError, few
 from rnc_pin.io import Json
@@ -55,9 +56,8 @@ def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     support = _support(layout, at_start)
     if support:
         return DraftDecision(question, "no", LIKELY, f"{support} supports it", (yes,))
-    return DraftDecision(
-        question, "yes", LIKELY, "nothing else reaches the ground, and its center of mass is high", (no,)
-    )
+    evidence = "nothing else reaches the ground, and its center of mass is high"
+    return DraftDecision(question, "yes", LIKELY, evidence, (no,))
 
 
 def balancing_base(layout: WheelLayout, at_start: RobotAtStart, decided: DraftDecision) -> BaseAssumptions:
@@ -76,7 +76,7 @@ def balancing_base(layout: WheelLayout, at_start: RobotAtStart, decided: DraftDe
     size = wheels[0].radius / _SMALL  # lengths grow with it, and times with its square root
     cost: dict[str, Json] = {tilt: 100, f"{tilt}_dot": significant(size)}
     for wheel, more in one_lateral(wheels):
-        result.constraints.append((rolls(wheel, **more), measured(wheel)))
+        result.roll(wheel, **more)
         result.actuators.append((wheel.joint, ""))
         way = float(np.sign(wheel.heading @ forward)) * DRIVEN / wheel.radius
         result.outputs.append(({"joint": wheel.joint}, round(way, 2)))
@@ -136,7 +136,6 @@ def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions
     result.constraints.append((rolls(front), f"steered by {fork.pivot.joint}; {measured(front)}"))
     result.actuators += [(rear.joint, "drives"), (fork.pivot.joint, "steering")]
     result.passive.add(front.joint)
-    ahead = _ahead(fork, rear)
     across = at_start.along(rear.axle)
     along, steering = at_start.along(rear.heading), fork.pivot.joint
     speed, tilt = f"{at_start.frame}_speed_{along}", f"{at_start.frame}_tilt_{across}"
@@ -160,7 +159,7 @@ def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions
     }
     wheelbase = abs(float((front.center - rear.center) @ rear.heading))
     forward = at_start.placement.rotation[:, "xyz".index(along)]
-    sense = 1.0 if forward @ ahead > 0 else -1.0
+    sense = 1.0 if forward @ (front.center - rear.center) > 0 else -1.0
     rolling = {speed: round(sense * _FROUDE * float(np.sqrt(9.81 * wheelbase)), 2)}
     result.v2 = {**rolling, tilt: _PUSHED}
     result.travel = abs(rolling[speed]) * result.duration
@@ -170,11 +169,6 @@ def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions
         "a bicycle falls when it stands: it starts rolling, fast enough to be kept upright by steering alone"
     )
     return result
-
-
-def _ahead(fork: WheelGroup, rear: Wheel) -> np.ndarray:
-    along = fork.wheels[0].center - rear.center
-    return np.asarray(along / np.linalg.norm(along))
 
 
 def _lie_down(result: BaseAssumptions, wheels: list[Wheel], at_start: RobotAtStart) -> None:
@@ -302,10 +296,8 @@ def _decide(result: BaseAssumptions, base: str, evidence: str, confidence: float
     words = {"fixed": "it is bolted down", "planar": "it moves over the ground", "free": "it floats or flies"}
     bases = ("planar", "free") if at_start.is_rigid else ("fixed", "planar", "free")
     others = tuple(Alternative(words[each], ("--base", each)) for each in bases if each != base)
-    decision = DraftDecision(
-        "How does the base move, without wheels that roll?", words[base], confidence, evidence, others
-    )
-    result.decisions.append(decision)
+    question = "How does the base move, without wheels that roll?"
+    result.decisions.append(DraftDecision(question, words[base], confidence, evidence, others))
 
 
 def fixed_base_with_locked_joints(at_start: RobotAtStart) -> BaseAssumptions:
@@ -325,11 +317,9 @@ def _called_wheels(at_start: RobotAtStart) -> list[str]:
 
 def _doubting_wheels(result: BaseAssumptions, at_start: RobotAtStart) -> BaseAssumptions:
     """Add a note on links with a wheel's name that do not roll."""
-    named = _called_wheels(at_start)
-    if named:
-        result.notes.append(
-            f"links that are called wheels or tracks do not roll on the ground as they are read: {few(named)}"
-        )
+    if named := _called_wheels(at_start):
+        said = "links that are called wheels or tracks do not roll on the ground as they are read"
+        result.notes.append(f"{said}: {few(named)}")
     return result
 
 
@@ -368,10 +358,8 @@ def _afloat(at_start: RobotAtStart, base: str | None, why: str) -> BaseAssumptio
     )
     place = {"frame_position": {"frame": at_start.frame}}
     if not at_start.start:  # one rigid body: with conserved momentum it would not move
-        for axis in "xyz":
-            result.actuators.append(({"force": {"frame": at_start.frame, "axis": axis}}, "thrusters"))
-        for axis in "xyz":
-            result.actuators.append(({"torque": {"frame": at_start.frame, "axis": axis}}, "thrusters"))
+        for kind, axis in itertools.product(("force", "torque"), "xyz"):
+            result.act(kind, axis, "thrusters")
         result.outputs += [(place, DRIVEN), ({"frame_orientation": at_start.frame}, 0.0)]
         result.notes.append("one rigid body: forces and torques stand for its thrusters or rotors")
         return result

@@ -159,10 +159,9 @@ def fitted_disk(parts: list[Shape], center: np.ndarray, axle: np.ndarray) -> Dis
     upward = np.array([0.0, 0.0, 1.0]) - axle[2] * axle
     upward /= np.linalg.norm(upward)
     forward = np.cross(axle, upward)
-    low, high = (
-        np.array([reach(each, axis, center) for axis in (forward, upward, axle)])
-        for reach, each in ((_low, parts), (_high, parts))
-    )
+    axes = np.column_stack([forward, upward, axle])
+    low = np.min([((part.points - center) @ axes).min(axis=0) - part.margin for part in parts], axis=0)
+    high = np.max([((part.points - center) @ axes).max(axis=0) + part.margin for part in parts], axis=0)
     extents = high - low
     middle = (high + low)[:2] / 2
     own = center + middle[0] * forward + middle[1] * upward
@@ -178,14 +177,6 @@ def fitted_disk(parts: list[Shape], center: np.ndarray, axle: np.ndarray) -> Dis
 def across(vectors: np.ndarray, axis: np.ndarray) -> np.ndarray:
     """Component of vectors (..., 3) perpendicular to a unit axis (3,)."""
     return np.asarray(vectors - (vectors @ axis)[..., None] * axis)
-
-
-def _low(parts: list[Shape], axis: np.ndarray, center: np.ndarray) -> float:
-    return min(float(((part.points - center) @ axis).min()) - part.margin for part in parts)
-
-
-def _high(parts: list[Shape], axis: np.ndarray, center: np.ndarray) -> float:
-    return max(float(((part.points - center) @ axis).max()) + part.margin for part in parts)
 
 
 @dataclass(frozen=True)

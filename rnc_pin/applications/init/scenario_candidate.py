@@ -64,12 +64,7 @@ _PATIENCE = 20.0  # largest computing time of a trial run [s]
 _LOADED = "gravity loads the robot, and it learns this load slowly"
 _ADAPTIVE = "adaptive needs no inertias; the alternative, tracker: computed_torque, needs all"
 _INFORMED = "computed_torque knows the model; adaptive does not, and does not suit: {}"  # {}: the reason
-_TRACKERS = (
-    ("adaptive", 0.002, _ADAPTIVE),
-    ("adaptive", 0.001, _ADAPTIVE),
-    ("computed_torque", 0.002, _INFORMED),
-    ("computed_torque", 0.001, _INFORMED),
-)
+_TRACKERS, _PERIODS = {"adaptive": _ADAPTIVE, "computed_torque": _INFORMED}, (0.002, 0.001)
 
 
 @dataclass
@@ -179,7 +174,8 @@ class ScenarioCandidate:
             return [(self.mobility.feedback, dt, self.mobility.feedback_remark) for dt in periods]
         return [
             ({"type": "reducing_outputs", "tracker": tracker, "preset": "scaled"}, dt, remark)
-            for tracker, dt, remark in _TRACKERS
+            for tracker, remark in _TRACKERS.items()
+            for dt in _PERIODS
             if not (is_loaded and tracker == "adaptive")
         ]
 
@@ -211,8 +207,7 @@ class ScenarioCandidate:
         scenario["initial"] = self._initial()
         if "reference" in scenario:
             scenario["reference"] = {"primary": self._reference()}
-        if "simulation" in scenario:
-            scenario["simulation"] = {**scenario["simulation"], "duration": self._duration + _REST}
+        scenario["simulation"] = {**scenario["simulation"], "duration": self._duration + _REST}
 
     def _try_out(self, scenario: Drafted) -> Trial:
         """Build the scenario with its preflight and run it: briefly, then as far as the computing time permits."""
@@ -267,9 +262,8 @@ class ScenarioCandidate:
         if mobility.weightless or mobility.feedback is not None:
             return
         coupled = {name for mimic in self.robot.mimics for name in (mimic.joint, mimic.of)}
-        held = [
-            name for name in uncoupled_joints(held, mobility.constraints, self.robot, self.start) if name not in coupled
-        ]
+        loose = uncoupled_joints(held, mobility.constraints, self.robot, self.start)
+        held = [name for name in loose if name not in coupled]
         self.start, moved = with_bearable_loads(self.robot, self.start, held)
         mobility.notes += moved
 
@@ -292,21 +286,17 @@ class ScenarioCandidate:
             view["ground"] = round(mobility.ground, 4) + 0.0
         elif mobility.weightless:
             view["ground"] = None
+        vertical = [entry for entry in mobility.vertical if entry not in chosen.entries]
+        redundant = [name for name in chosen.names if name not in primary]
         scenario: Drafted = {
             "robot": self._robot_entry(),
             "constraints": mobility.constraints,
             "actuators": self._actuators(chosen),
-            "outputs": {
-                "reducing": chosen.entries,
-                "vertical": [entry for entry in mobility.vertical if entry not in chosen.entries],
-            },
-            "task": {"primary": primary},
+            "outputs": {"reducing": chosen.entries, "vertical": vertical},
+            "task": {"primary": primary, **({"redundant": redundant} if redundant else {})},
             "initial": self._initial(),
             "view": view,
         }
-        if len(primary) < len(chosen.names):
-            redundant = [name for name in chosen.names if name not in primary]
-            scenario["task"] = {"primary": primary, "redundant": redundant}
         if not mobility.v2:
             steps = zip(chosen.names, chosen.steps, strict=True)
             self._motions = {name: step for name, step in steps if name in primary}
@@ -359,21 +349,19 @@ class ScenarioCandidate:
 
     def _actuators(self, chosen: ChosenOutputs) -> list[tuple[Entry, str]]:
         """Actuator entries; joints without effort and forces on the base only if the others are not enough."""
-        if self.mobility.feedback is not None:
-            driving = self.candidates.named
-        else:
+        driving = self.candidates.named
+        if self.mobility.feedback is None:
             driving = self.candidates.enough(self.system.reduce(chosen.kinds).at(self.q0).input_matrix)
         self._against = [str(each[0]) for each in driving if each in self.candidates.joints]
         without = self.mobility.without_effort
         idle = [name for name in self.start if name in without and name not in self._against]
         why = "no actuator in the file" if self.source.is_mjcf else "effort 0 in the file"
         others = "the other actuators are not enough"
+        weak = [each for each in self._against if each in without]
         said = {
             f"{why}, so that nothing drives them": idle,
-            f"{why}, but driven without a limit, because {others}": [each for each in self._against if each in without],
-            f"driven although usually passive, because {others}": [
-                each for each in self._against if each not in without
-            ],
+            f"{why}, but driven without a limit, because {others}": weak,
+            f"driven although usually passive, because {others}": [each for each in self._against if each not in weak],
         }
         self.mobility.notes += [f"{words}: {', '.join(joints)}" for words, joints in said.items() if joints]
         return driving
@@ -391,9 +379,8 @@ def _with_meshes(constraint: tuple[Entry, str], source: Source) -> tuple[Entry, 
 
 
 def _rounded(value: float | list[float]) -> float | list[float]:
-    if isinstance(value, list):
-        return [round(each, 9) + 0.0 for each in value]
-    return round(value, 9) + 0.0
+    rounded: float | list[float] = (np.round(value, 9) + 0.0).tolist()
+    return rounded
 
 
 def _without_remarks(scenario: Drafted) -> dict[str, Json]:

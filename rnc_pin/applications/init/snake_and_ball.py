@@ -9,12 +9,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from rnc_pin.applications.init.assumptions import BaseAssumptions, Entry, measured
+from rnc_pin.applications.init.assumptions import BaseAssumptions, Entry, measured, turned
 from rnc_pin.applications.init.evidence import has_word, is_revolute, joint_limits, joint_range, turning_axis
 from rnc_pin.applications.init.robot_at_start import LEVEL, SAME, RobotAtStart, Shape
 from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import TOWED, DrawnAxle
-from rnc_pin.applications.init.wheeled_base import one_lateral, planar, turned
+from rnc_pin.applications.init.wheeled_base import one_lateral, planar
 from rnc_pin.io import Json
 
 _BODIES = 4  # smallest number of bodies with wheels; one less if the file calls it a snake
@@ -86,9 +86,7 @@ def snake_base(segments: list[Segment], at_start: RobotAtStart) -> BaseAssumptio
         ({"frame_yaw": at_start.frame}, gait.bend),
     ]
     result.vertical.append({"frame_position": {"frame": at_start.frame, "axes": "xy"}})
-    result.path = lambda names, duration: _through(
-        [columns[name] for name in names if name in columns], gait.wave, duration
-    )
+    result.path = lambda names, time: _through([columns[each] for each in names if each in columns], gait.wave, time)
     result.duration = _SNAKE_DURATION
     result.notes.append(
         "nothing drives its wheels: it moves by bending, and cannot start straight; the joint angles follow from the "
@@ -187,11 +185,8 @@ def _on_axles(axles: Iterable[DrawnAxle], at_start: RobotAtStart) -> list[Segmen
             chain.insert(0, str(model.names[index]))
             index = int(model.parents[index])
         edge: dict[str, Json] = {"no_side_slip": {"frame": each.frame, "axis": each.axis}}
-        found.append(
-            Segment(
-                tuple(chain), each.center, each.axle, [(edge, "knife edge")], (), float(each.center[2] - each.radius)
-            )
-        )
+        ground = float(each.center[2] - each.radius)
+        found.append(Segment(tuple(chain), each.center, each.axle, [(edge, "knife edge")], (), ground))
     return found
 
 
@@ -306,10 +301,8 @@ def _sphere(shape: Shape) -> tuple[np.ndarray, float] | None:
 def _encloses(sphere: tuple[np.ndarray, float], at_start: RobotAtStart) -> bool:
     center, radius = sphere
     everything = [each for kind in at_start.shapes.values() for each in kind]
-    return all(
-        float(np.linalg.norm(each.points - center, axis=1).max()) + each.margin < _INSIDE * radius
-        for each in everything
-    )
+    reach = max(float(np.linalg.norm(each.points - center, axis=1).max()) + each.margin for each in everything)
+    return reach < _INSIDE * radius
 
 
 def _frame_at(center: np.ndarray, radius: float, at_start: RobotAtStart) -> str | None:

@@ -17,20 +17,12 @@ import pinocchio as pin
 
 from rnc_pin.applications.init.evidence import DriveEvidence, effort_limit, named_as_driven
 from rnc_pin.applications.init.robot_at_start import GEOMETRY, PLACED, FileNames, Kind, missing_meshes, shapes
+from rnc_pin.applications.scenario.files import urdf_path
 from rnc_pin.applications.scenario.schema.scenario import admitted
 from rnc_pin.applications.scenario.schema.world import RobotSource
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.io import Json
-from rnc_pin.robots import (
-    MOVES_NONE,
-    Massless,
-    Robot,
-    UselessInertia,
-    example_urdfs,
-    find_urdf,
-    mass_of_box,
-    shipped_directory,
-)
+from rnc_pin.robots import MOVES_NONE, Massless, Robot, UselessInertia, example_urdfs, mass_of_box, shipped_directory
 from rnc_pin.robots.sources import Packages, parse_urdf, parse_xml, read_number
 
 Lock = Mapping[str, float | list[float]]
@@ -219,15 +211,10 @@ class Source:
     @cached_property
     def _urdf(self) -> ElementTree.Element | None:
         """Root element of a URDF, expanded; None for an MJCF."""
-        path, options = self._path(), self.options
+        path, options = urdf_path(self.entry, self._folder), self.options
         if path is None:
             return None
         return parse_urdf(path, options.xacro_arguments, Packages(path.parent, options.package_dirs))
-
-    def _path(self) -> Path | None:
-        if "example" in self.entry:
-            return example_urdfs()[str(self.entry["example"])]
-        return find_urdf(str(self.entry["urdf"]), self._folder) if "urdf" in self.entry else None
 
     def remember_packages(self, robot: Robot) -> None:
         """Add package folders that another shell would not find to the entry."""

@@ -177,14 +177,20 @@ def start_values(robot: Robot) -> _Values:
     for index, name in enumerate(robot.joint_names, start=1):
         if robot.model.joints[index].nv != 1:
             continue
-        low, high = joint_range(robot, name)
-        margin = _MARGIN * (high - low) if np.isfinite(high - low) else 0.0
-        inside = round(float(min(max(0.0, low + margin), high - margin)), 4) + 0.0
+        (low, high), (first, last) = joint_range(robot, name), _inner_range(robot, name)
+        inside = round(float(min(max(0.0, first), last)), 4) + 0.0
         start[name] = inside if low <= 0.0 <= high else _middle(robot, name)
     start = _with_mimics(robot, start)
     with suppress(RncError):  # loops that cannot be closed are an error of the draft
         return _closed(robot, start)
     return start
+
+
+def _inner_range(robot: Robot, name: str) -> tuple[float, float]:
+    """Range of a joint without the margins at its ends [rad or m]."""
+    low, high = joint_range(robot, name)
+    margin = _MARGIN * (high - low) if np.isfinite(high - low) else 0.0
+    return low + margin, high - margin
 
 
 def edge_remarks(robot: Robot, start: Mapping[str, float]) -> list[str]:
@@ -366,7 +372,6 @@ def _values_around(robot: Robot, name: str, value: float) -> list[float]:
     """Values of a revolute joint within its limits; the weight on a slide does not depend on its own position."""
     if not is_revolute(robot, name):
         return [value]
-    low, high = joint_range(robot, name)
-    margin = _MARGIN * (high - low) if np.isfinite(high - low) else 0.0
-    ends = max(low + margin, value - np.pi), min(high - margin, value + np.pi)
+    low, high = _inner_range(robot, name)
+    ends = max(low, value - np.pi), min(high, value + np.pi)
     return [value, *np.round(np.linspace(*ends, _TRIED), 4).tolist()] if ends[0] < ends[1] else [value]

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 from typing import NotRequired, TypedDict
 
 import numpy as np
-import yaml
 
 from rnc_pin.applications.init.assumptions import BaseAssumptions, Entry
 from rnc_pin.applications.init.evidence import DraftDecision
+from rnc_pin.applications.scenario.files import one_line_yaml
 from rnc_pin.applications.scenario.reference_builder import frame_poses
 from rnc_pin.errors import few, printable
 from rnc_pin.io import Json
@@ -80,10 +80,9 @@ class Trial:
     @property
     def words(self) -> str:
         """Summary for the remark in the draft."""
-        kept = (
-            f", with {100 * self.share:.0f} % of the usual motion, which keeps the velocities and efforts of the file"
-        )
-        tried = f"tried for {self.duration:.3g} s{kept if self.share < 1.0 else ''}"
+        share = f", with {100 * self.share:.0f} % of the usual motion" if self.share < 1.0 else ""
+        kept = ", which keeps the velocities and efforts of the file" if share else ""
+        tried = f"tried for {self.duration:.3g} s{share}{kept}"
         if not self.output:
             return tried
         return (
@@ -271,9 +270,9 @@ def write_draft(
         *(line for each in trial.verdict.findings for line in _remark(f"{_WORDS[each.severity]}: {each}.")),
         *(line for each in decisions for line in _remark(f"{_label(each)}: {each}.")),
         *(line for note in mobility.notes for line in _remark(f"Assumed: {note}.")),
-        f"title: {_flow(f'First draft for {name}')}",
+        f"title: {one_line_yaml(f'First draft for {name}')}",
         *_remark(f"base {mobility.base or 'as in the file'}: {mobility.kind}"),
-        f"robot: {_flow(scenario['robot'])}",
+        f"robot: {one_line_yaml(scenario['robot'])}",
         *_entries("constraints", scenario["constraints"], _of_rows(scenario["constraints"])),
         *_entries("actuators", scenario["actuators"], "# joint torques and forces"),
         *(f"  # - {joint}  # uncomment it if it has a motor" for joint in mobility.idle if scenario["actuators"]),
@@ -286,27 +285,21 @@ def write_draft(
             *_remark("these follow from the reducing outputs, and are monitored", "  "),
             *_entries("vertical", [(each, "") for each in outputs["vertical"]], "", "  "),
         ]
-    lines.append(f"task: {_flow(scenario['task'])}")
+    lines.append(f"task: {one_line_yaml(scenario['task'])}")
     if scenario["initial"]["q"] or scenario["initial"].get("v2"):
-        lines += [
-            *_remark(
-                "joints start in the shape of the path"
-                if mobility.pose
-                else "joints start at zero, or in the middle of limits that do not contain zero; loops start closed"
-                if any("loop_closure" in entry for entry, _ in scenario["constraints"])
-                else "joints start at zero, or in the middle of limits that do not contain zero"
-            ),
-            f"initial: {_flow(scenario['initial'])}",
-        ]
+        loops = any("loop_closure" in entry for entry, _ in scenario["constraints"])
+        usual = "at zero, or in the middle of limits that do not contain zero" + "; loops start closed" * loops
+        said = f"joints start {'in the shape of the path' if mobility.pose else usual}"
+        lines += [*_remark(said), f"initial: {one_line_yaml(scenario['initial'])}"]
     if "reference" in scenario:
         words = "displacements in the order of task.primary: m along the ground or a slide, rad for angles"
-        lines += [*_remark(f"a slow motion, {words}"), f"reference: {_flow(scenario['reference'])}"]
+        lines += [*_remark(f"a slow motion, {words}"), f"reference: {one_line_yaml(scenario['reference'])}"]
     lines += [
         *_remark(remark),
-        f"controller: {_flow(scenario['controller'])}",
+        f"controller: {one_line_yaml(scenario['controller'])}",
         *_remark(trial.words),
-        f"simulation: {_flow(scenario['simulation'])}",
-        f"view: {_flow(scenario['view'])}",
+        f"simulation: {one_line_yaml(scenario['simulation'])}",
+        f"view: {one_line_yaml(scenario['view'])}",
     ]
     return "\n".join(lines) + "\n"
 
@@ -326,14 +319,9 @@ def _entries(key: str, entries: list[tuple[Entry, str]], remark: str, indent: st
     if not entries:
         return [f"{indent}{key}: []"]
     head = f"{indent}{key}:" + (f"  {remark}" if remark else "")
-    return [head, *(f"{indent}  - {_flow(each)}" + (f"  # {said}" if said else "") for each, said in entries)]
+    return [head, *(f"{indent}  - {one_line_yaml(each)}" + (f"  # {said}" if said else "") for each, said in entries)]
 
 
 def _remark(text: str, indent: str = "") -> list[str]:
     text = printable(text, longest=len(text))  # names come from files, and YAML refuses control characters
     return textwrap.wrap(text, _WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ")
-
-
-def _flow(value: object) -> str:
-    text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10**6, allow_unicode=True)
-    return text.removesuffix("\n").removesuffix("\n...")

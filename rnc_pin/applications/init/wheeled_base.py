@@ -7,10 +7,10 @@ from statistics import median
 
 import numpy as np
 
-from rnc_pin.applications.init.assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, measured, rolls
+from rnc_pin.applications.init.assumptions import BENT, DRIVEN, TURNED, BaseAssumptions
 from rnc_pin.applications.init.evidence import GUESSED, LIKELY, SURE, Alternative, DraftDecision, has_word
 from rnc_pin.applications.init.robot_at_start import RobotAtStart, placed
-from rnc_pin.applications.init.wheel_detection import UPRIGHT, Wheel
+from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import TOWED, DrawnAxle, WheelGroup, WheelLayout, are_parallel, in_line
 from rnc_pin.errors import few
 from rnc_pin.io import Json
@@ -46,8 +46,7 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[
         _steer(result, layout, at_start)
     else:
         if len(layout.fixed) == 1:
-            torque: dict[str, Json] = {"torque": {"frame": at_start.frame, "axis": "z"}}
-            result.actuators.append((torque, "turns the base: one wheel cannot"))
+            result.act("torque", "z", "turns the base: one wheel cannot")
             result.notes.append("one wheel, held upright by assumption: if it may fall, give the robot a free base")
         result.outputs.append(({"frame_yaw": at_start.frame}, TURNED))
     support_by_casters(result, layout, at_start)
@@ -76,16 +75,15 @@ def support_by_casters(result: BaseAssumptions, layout: WheelLayout, at_start: R
     """Add casters, which follow the base; a swivel without a trail does not, so that its wheel skids."""
     for carriage in layout.casters:
         if not carriage.follows:
-            result.hold(
-                [carriage.pivot.joint], at_start.start, "a swivel without a trail does not turn by itself: held"
-            )
+            why = "a swivel without a trail does not turn by itself: held"
+            result.hold([carriage.pivot.joint], at_start.start, why)
             for wheel in carriage.wheels:
-                result.constraints.append((turned(wheel, lateral=False), f"skids sideways; {measured(wheel)}"))
+                result.roll(wheel, "skids sideways", lateral=False)
             result.passive |= {wheel.joint for wheel in carriage.wheels}
             continue
         for line in in_line(carriage.wheels):
             for wheel, more in one_lateral(line):
-                result.constraints.append((turned(wheel, **more), f"a caster, not driven; {measured(wheel)}"))
+                result.roll(wheel, "a caster, not driven", **more)
         result.passive |= set(carriage.joints)
 
 
@@ -140,9 +138,9 @@ def knife_edge_base(axles: list[DrawnAxle], at_start: RobotAtStart) -> BaseAssum
     own = [each for each in axles if each.joint == at_start.root] or axles[:1]
     along = at_start.along(np.cross(own[0].axle, [0.0, 0.0, 1.0]))
     frame = at_start.frame
-    result.actuators.append(({"force": {"frame": frame, "axis": along}}, "drives the base"))
+    result.act("force", along, "drives the base")
     if len(bodies) == 1:
-        result.actuators.append(({"torque": {"frame": frame, "axis": "z"}}, "turns the base"))
+        result.act("torque", "z", "turns the base")
     result.outputs += [({"frame_speed": {"frame": frame, "axis": along}}, DRIVEN), ({"frame_yaw": frame}, TURNED)]
     result.vertical.append({"frame_position": {"frame": frame, "axes": "xy"}})
     return result
@@ -187,11 +185,11 @@ def _roll(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) 
     for axle in axles:
         for wheel, more in one_lateral(axle):
             if guide and axle[0] is guide[0]:
-                result.constraints.append((rolls(wheel, **more), measured(wheel)))
+                result.roll(wheel, **more)
             else:
-                result.constraints.append((rolls(wheel, lateral=False), f"skids sideways; {measured(wheel)}"))
+                result.roll(wheel, "skids sideways", lateral=False)
     for wheel in layout.sliding:
-        result.constraints.append((rolls(wheel, lateral=False), f"slides on its rollers; {measured(wheel)}"))
+        result.roll(wheel, "slides on its rollers", lateral=False)
 
 
 def tracks(layout: WheelLayout) -> list[list[Wheel]]:
@@ -235,7 +233,7 @@ def _crawl(result: BaseAssumptions, layout: WheelLayout, sides: list[list[Wheel]
         rolling = driver if any(wheel is driver for wheel in side) else side[0]
         drivers.append(driver.joint)
         said = "drives its track" if driver is rolling else f"on the track of {driver.joint}"
-        result.constraints.append((rolls(rolling, lateral=False), f"{said}; {measured(rolling)}"))
+        result.roll(rolling, said, lateral=False)
         result.actuators.append((driver.joint, "drives its track"))
         for wheel in every:
             if wheel is not rolling:
@@ -278,8 +276,7 @@ def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart)
                 result.hold([pivot], at_start.start, "on the line of the fixed axle, where no steering is needed")
             for line in in_line(one.wheels):
                 for wheel, more in one_lateral(line):
-                    keys = more if lateral else {"lateral": False}
-                    result.constraints.append((turned(wheel, **keys), f"steered by {pivot}; {measured(wheel)}"))
+                    result.roll(wheel, f"steered by {pivot}", **(more if lateral else {"lateral": False}))
             result.passive |= {pivot} - {leader}
     others = tuple(Alternative(f"{axle[0].pivot.joint}", ("--passive", main[0].pivot.joint)) for axle in steered[1:2])
     evidence = "the farthest from the fixed axle" if others else "the only steered axle"
@@ -309,12 +306,6 @@ def _own_axis(at_start: RobotAtStart, wheel: Wheel) -> str:
     return "xyz"[int(np.argmax(np.abs(frame.rotation.T @ wheel.axle)))]
 
 
-def turned(wheel: Wheel, **more: Json) -> dict[str, Json]:
-    """Entry of a wheel on a pivot; no vertical row if the pivot is inclined, because a planar base keeps its height."""
-    leans = any(float(np.hypot(*pivot.axis[:2])) > UPRIGHT for pivot in wheel.pivots)
-    return rolls(wheel, **more, **({"vertical": False} if leans else {}))
-
-
 def _side_by_side(one: WheelGroup, other: WheelGroup, axle: Wheel) -> bool:
     across = other.pivot.point - one.pivot.point
     single = len(one.wheels) == len(other.wheels) == 1
@@ -327,9 +318,10 @@ def _tow(result: BaseAssumptions, carriage: WheelGroup, at_start: RobotAtStart) 
     """Add the wheels of a trailer on its hitch; a pivot with an effort may be the joint of an articulated vehicle."""
     guide = in_line(carriage.wheels)[0][0]
     for wheel in carriage.wheels:
-        entry = turned(wheel) if wheel is guide else turned(wheel, lateral=False)
-        what = "" if wheel is guide else ", without a lateral row of its own"
-        result.constraints.append((entry, f"of a trailer{what}; {measured(wheel)}"))
+        if wheel is guide:
+            result.roll(wheel, "of a trailer")
+        else:
+            result.roll(wheel, "of a trailer, without a lateral row of its own", lateral=False)
     joint, drives = carriage.pivot.joint, at_start.drives
     if drives.says(joint) is False or not drives.efforts.get(joint):
         sure, evidence = LIKELY, "nothing drives it"

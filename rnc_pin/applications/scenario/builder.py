@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -13,22 +14,18 @@ import numpy as np
 from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.controllers import BuiltController, ControllerContext
 from rnc_pin.applications.scenario.controllers.context import TaskGoals, reduced_velocity, refuse_or_warn
+from rnc_pin.applications.scenario.controllers.feedback import check_output_names
 from rnc_pin.applications.scenario.controllers.tracking import VelocityTrackerSettings
+from rnc_pin.applications.scenario.plan_builder import Plans, Start, planned_path
 from rnc_pin.applications.scenario.plant_builder import build_plant, start_findings, warnings_of
-from rnc_pin.applications.scenario.reference_builder import (
-    Plans,
-    Start,
-    plan_path,
-    planned_path,
-    task_references,
-)
+from rnc_pin.applications.scenario.reference_builder import plan_path, task_references
 from rnc_pin.applications.scenario.schema import ScenarioFile, SimulationSettings
 from rnc_pin.applications.scenario.schema.world import build_obstacles
 from rnc_pin.collision import Obstacle, check_ignored_links
 from rnc_pin.control import Controller, ZeroInput, describe
 from rnc_pin.control.loop import LoopOptions
 from rnc_pin.control.whole_body import WholeBodyProgram, program_of
-from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, RncError, nearest
+from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, RncError
 from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
 from rnc_pin.optimal import MotionPlan
 from rnc_pin.planning import Reference, Slowed
@@ -41,10 +38,12 @@ from rnc_pin.simulation import (
     Provenance,
     SimulationOptions,
     TaskNames,
+    Trajectory,
     iterate_time_scale,
     provenance_of,
     sample_count,
     simulate,
+    simulate_phases,
 )
 from rnc_pin.verdict import Finding, FindingKind, Severity
 from rnc_pin.visualization import DrawnModel
@@ -127,6 +126,14 @@ class Experiment:
         said = self.scenario.loop
         return cast(LoopOptions, {} if said is None else {**said.given})
 
+    def run(self, options: SimulationOptions) -> Trajectory:
+        """Simulate the run."""
+        dt, start, v2_0 = self.simulation.dt, self.q0, self.v2_0
+        if self.phases:
+            return simulate_phases(self.phases, start, dt, v2_0=v2_0, options=options)
+        duration, plant = self.simulation.duration, self.plant
+        return simulate(self.reduced, self.controller, start, duration, dt, v2_0=v2_0, plant=plant, options=options)
+
 
 def build_experiment(
     scenario: ScenarioFile, folder: Path, plans: Plans | None = None, reduced: ReducedModel | None = None
@@ -191,13 +198,10 @@ def experiment_at(
         reduced.robot.frame_id(frame)
     at_start = start_findings(scenario, reduced, q0)
     doubted = warnings_of(at_start)
+    run = partial(Experiment, scenario, reduced, q0=q0, v2_0=v2_0, simulation=scenario.simulation, obstacles=obstacles)
     if scenario.controller is None:
-        plant = build_plant(scenario, reduced, q0)
-        notes = provenance_of(None)
-        experiment = Experiment(
-            scenario, reduced, ZeroInput(reduced), plant, q0, v2_0, scenario.simulation, doubted, notes, obstacles
-        )
-        return replace(experiment, start_findings=at_start)
+        without, plant = ZeroInput(reduced), build_plant(scenario, reduced, q0)
+        return run(without, plant, warnings=doubted, start_findings=at_start, provenance=provenance_of(None))
     references, given = task_references(scenario, reduced, task, q0, motion)
     path = plan_path(scenario, reduced, task, q0)
     if path.primary is not None:
@@ -222,14 +226,9 @@ def experiment_at(
             outputs=scenario.listed_outputs,
         ),
     )
-    experiment = Experiment(
-        scenario=scenario,
-        reduced=reduced,
-        controller=built.controller,
-        plant=build_plant(scenario, reduced, q0),
-        q0=q0,
-        v2_0=v2_0,
-        simulation=scenario.simulation,
+    experiment = run(
+        built.controller,
+        build_plant(scenario, reduced, q0),
         warnings=(*doubted, *built.warnings, *_unmeasured(obstacles, reduced)),
         start_findings=at_start,
         provenance=replace(
@@ -238,7 +237,6 @@ def experiment_at(
             task=TaskNames(tuple(task.primary_names), tuple(task.redundant_names)),
             path=path.planned if motion is None else planned_path(motion, reduced, _shown_frame(scenario, reduced)),
         ),
-        obstacles=obstacles,
         plan=motion,
         references=references,
         goals=built.goals,
@@ -257,19 +255,9 @@ def _check_goals(experiment: Experiment, plant: Plant) -> None:
         InfeasibleError: the run misses a goal of the first priority, or does not reach its end.
     """
     assert experiment.goals is not None
-    settings = experiment.simulation
-    options = SimulationOptions(stop=settings.stop, loop=experiment.loop)
+    options = SimulationOptions(stop=experiment.simulation.stop, loop=experiment.loop)
     try:
-        run = simulate(
-            experiment.reduced,
-            experiment.controller,
-            experiment.q0,
-            settings.duration,
-            settings.dt,
-            v2_0=experiment.v2_0,
-            plant=plant,
-            options=options,
-        )
+        run = replace(experiment, plant=plant).run(options)
     except RncError as error:
         raise InfeasibleError(f"goals cannot be reached: {error}") from None
     if run.outcome is not Outcome.COMPLETED:
@@ -310,16 +298,13 @@ def _grip(scenario: ScenarioFile, reduced: ReducedModel) -> Grip | None:
 def _later_ends(scenario: ScenarioFile, context: ControllerContext) -> dict[str, float]:
     """Values at which references or the plan end after the run, by output."""
     task, found, duration = context.task, dict[str, float](), context.simulation.duration
-    followed = {
-        task.primary_names: context.primary,
-        task.redundant_names: context.redundant,
-        task.vertical_names: context.vertical,
-    }
     if context.plan is not None and scenario.planner is not None and duration < context.plan.duration:
         found |= scenario.planner.goal
-    for names, reference in followed.items():
+    for role in ("primary", "redundant", "vertical"):
+        reference: Reference = getattr(context, role)
         if duration < reference.duration < np.inf:
-            found |= zip(names, reference.at(reference.duration).position.tolist(), strict=True)
+            ends = reference.at(reference.duration).position.tolist()
+            found |= zip(getattr(task, f"{role}_names"), ends, strict=True)
     return found
 
 
@@ -378,6 +363,4 @@ def check_plots(scenario: ScenarioFile, models: Sequence[ReducedModel]) -> None:
     names = tuple(name for reduced in models for name in (*reduced.reducing.names, *reduced.vertical.names))
     valid = (*names, *PLOTTED_QUANTITIES)
     for plot, settings in scenario.plots.items():
-        for name in settings.outputs:
-            if name not in valid:
-                raise ConfigurationError(f"plots.{plot}.outputs: no output '{name}'{nearest(name, valid)}")
+        check_output_names(f"plots.{plot}.outputs", settings.outputs, valid)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
@@ -57,7 +58,8 @@ def execute(
     Returns:
         The result; a run that failed keeps what it reached, with ``error`` set.
     """
-    with np.errstate(over="ignore", invalid="ignore"), _Runs(scenario, progress, processes) as runs:  # diverged values
+    runs = _Runs(scenario, progress, processes)
+    with closing(runs), np.errstate(over="ignore", invalid="ignore"):  # diverged values
         return _executed(scenario, runs, observer)
 
 
@@ -106,10 +108,8 @@ class _Runs:
         if self._progress is not None:
             self._progress(sum(self._times), self._names[number])
 
-    def __enter__(self) -> _Runs:
-        return self
-
-    def __exit__(self, *error: object) -> None:
+    def close(self) -> None:
+        """End the processes of the comparisons."""
         self._others.close()
 
 

@@ -119,6 +119,12 @@ def read_yaml(path: Path) -> dict[str, Json]:
     return raw
 
 
+def one_line_yaml(value: object) -> str:
+    """Value as YAML in one line, which reads back as the same value."""
+    text: str = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=float("inf"), allow_unicode=True)
+    return text.removesuffix("\n").removesuffix("\n...")
+
+
 def parse_option(option: str) -> tuple[str, Json]:
     """Split ``a.b=c`` into key and value, and read the value as YAML."""
     key, equals, text = option.partition("=")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, replace
 from pathlib import Path
 from types import UnionType
@@ -15,13 +15,7 @@ from rnc_pin.applications.scenario.builder import Experiment, build_task
 from rnc_pin.applications.scenario.plant_builder import build_plant, start_findings, warnings_of
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.derived import Entry, ReadAs
-from rnc_pin.applications.scenario.schema.kinds import (
-    ActuatorItem,
-    ConstraintItem,
-    ForceItem,
-    OutputItem,
-    Outputs,
-)
+from rnc_pin.applications.scenario.schema.kinds import ActuatorItem, ConstraintItem, ForceItem, OutputItem, Outputs
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
 from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.scenario.schema.world import RobotSource
@@ -111,43 +105,44 @@ def content_of(given: RunObjects, settings: Mapping[str, Json], name: str) -> Fi
     raw: dict[str, Json] = {}
     without_form: dict[str, str] = {}
 
-    def put(key: str, item: object, value: object) -> None:
-        """Put a value, or the values of a list, into the mapping if all have a form."""
+    def put(key: str, form: Callable[[], Json]) -> None:
+        """Put a part into the mapping if it has a form."""
         try:
-            form = [spelled(item, each) for each in value] if isinstance(value, list) else spelled(item, value)
+            raw[key] = form()
         except ConfigurationError as error:
             without_form[key] = str(error)
-        else:
-            raw[key] = form
 
     robot, parts = given.reduced.robot, given.reduced.given
     if (source := _source(robot)) is None:
         without_form["robot"] = "it is not as a file has it"
     else:
         raw["robot"] = source
-    put("constraints", ConstraintItem, list(parts.constraints))
-    if isinstance(parts.actuators, Sequence):
-        put("actuators", ActuatorItem, list(parts.actuators))
+    put("constraints", lambda: _all_spelled(ConstraintItem, parts.constraints))
+    if isinstance(actuators := parts.actuators, Sequence):
+        put("actuators", lambda: _all_spelled(ActuatorItem, actuators))
     else:
         without_form["actuators"] = "a matrix has no form in a file"
-    put("forces", ForceItem, list(parts.forces))
+    put("forces", lambda: _all_spelled(ForceItem, parts.forces))
     raw["mimic"] = parts.mimic
-    if parts.reducing is not None:
-        _put_outputs(raw, without_form, parts.reducing, parts.vertical)
+    if (reducing := parts.reducing) is not None:
+        put(
+            "outputs",
+            lambda: {
+                "reducing": _all_spelled(OutputItem, reducing),
+                "vertical": _all_spelled(OutputItem, parts.vertical),
+            },
+        )
     if given.task is not None:
         roles = {role: list(getattr(given.task, f"{role}_names")) for role in ROLES}
         raw["task"] = cast(Json, roles)
     raw["initial"] = _initial(given)
     for role, reference in given.references.items():
-        form = reference if isinstance(reference, Mapping) else _or_none(ReferenceItem, reference)
-        if form is None:
-            without_form[f"reference.{role}"] = f"a {type(reference).__name__} has no form in a file"
-        else:
+        try:
+            form = reference if isinstance(reference, Mapping) else spelled(ReferenceItem, reference)
             raw["reference"] = {**cast(FileForm, raw.get("reference", {})), role: form}
-    try:
-        raw["obstacles"] = [_obstacle(each) for each in given.obstacles]
-    except ConfigurationError as error:
-        without_form["obstacles"] = str(error)
+        except ConfigurationError:
+            without_form[f"reference.{role}"] = f"a {type(reference).__name__} has no form in a file"
+    put("obstacles", lambda: [_obstacle(each) for each in given.obstacles])
     for key, value in (("controller", given.controller), ("plant", given.plant)):
         if isinstance(value, Mapping):
             raw[key] = dict(value)
@@ -202,30 +197,11 @@ def _source(robot: Robot) -> dict[str, Json] | None:
     return robot.source if RobotSource.model_validate(robot.source).build(Path()).model == robot.model else None
 
 
-def _put_outputs(
-    raw: dict[str, Json], without_form: dict[str, str], reducing: Sequence[object], vertical: Sequence[object]
-) -> None:
-    try:
-        raw["outputs"] = {
-            "reducing": [spelled(OutputItem, each) for each in reducing],
-            "vertical": [spelled(OutputItem, each) for each in vertical],
-        }
-    except ConfigurationError as error:
-        without_form["outputs"] = str(error)
-
-
 def _initial(given: RunObjects) -> dict[str, Json]:
     initial: dict[str, Json] = {"q": given.reduced.robot.joint_values(given.q0)}
     if given.v2_0 is not None:
         initial["v2"] = dict(zip(given.reduced.reducing.names, given.v2_0.tolist(), strict=True))
     return initial
-
-
-def _or_none(item: object, value: object) -> Json:
-    try:
-        return spelled(item, value)
-    except ConfigurationError:
-        return None
 
 
 def _obstacle(obstacle: Obstacle) -> Json:
@@ -243,8 +219,7 @@ def _obstacle(obstacle: Obstacle) -> Json:
     else:
         raise ConfigurationError(f"the {type(shape).__name__} of '{obstacle.name}' has no form in a file")
     if obstacle.motion is not None:
-        kind_of_motion = type(obstacle.motion).__name__
-        raise ConfigurationError(f"the {kind_of_motion} of '{obstacle.name}' has no form in a file")
+        raise ConfigurationError(f"the {type(obstacle.motion).__name__} of '{obstacle.name}' has no form in a file")
     angles = {name: value for name in ("roll", "pitch", "yaw") if (value := float(getattr(obstacle, name)))}
     ignored = {"ignored_links": list(obstacle.ignored_links)} if obstacle.ignored_links else {}
     position = np.asarray(obstacle.position, dtype=float).tolist()
@@ -287,6 +262,10 @@ def spelled(item: object, value: object) -> Json:
     if isinstance(value, list | tuple):
         return [spelled(None, each) for each in value]
     raise ConfigurationError(f"a {type(value).__name__} has no form in a file")
+
+
+def _all_spelled(item: object, values: Iterable[object]) -> list[Json]:
+    return [spelled(item, each) for each in values]
 
 
 def _spelled_by(entry: Entry[object], value: object) -> Json:

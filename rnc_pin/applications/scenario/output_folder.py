@@ -18,7 +18,6 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import TracebackType
 
 from rnc_pin.errors import ConfigurationError, few
 from rnc_pin.io import TEMPORARY_PREFIX, open_regular
@@ -134,7 +133,7 @@ class OutputFolder:
         self._made_manifest = False
         self.fresh = self.path / f"{TEMPORARY_PREFIX}{secrets.token_hex(4)}"
         try:
-            with self._one_line_errors():
+            with one_line_errors(f"--out {self.path}"):
                 self._created = not self.path.exists()
                 if not self._created and not self.path.is_dir():
                     raise ConfigurationError(f"--out {self.path}: is a file, expected a folder")
@@ -185,16 +184,9 @@ class OutputFolder:
         Raises:
             ConfigurationError: instead of an OSError inside.
         """
-        with self._one_line_errors():
+        with one_line_errors(f"--out {self.path}"):
             self.fresh.mkdir(parents=True, exist_ok=True)  # again if somebody removed it meanwhile
             yield self.fresh
-
-    @contextmanager
-    def _one_line_errors(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            raise ConfigurationError(f"--out {self.path}: cannot be written: {error.strerror}") from None
 
     # ------------------------------------------------------------------ putting into place
 
@@ -254,9 +246,7 @@ class OutputFolder:
     def __enter__(self) -> OutputFolder:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
 
@@ -277,6 +267,15 @@ def lock_folder(folder: Path) -> int:
     except OSError:
         pass  # some network file systems cannot lock folders
     return descriptor
+
+
+@contextmanager
+def one_line_errors(place: str | None = None) -> Iterator[None]:
+    """Raise ConfigurationError in place of an OSError inside, with its place; by default the file."""
+    try:
+        yield
+    except OSError as error:
+        raise ConfigurationError(f"{place or error.filename}: cannot be written: {error.strerror}") from None
 
 
 def check_new_file(option: str, path: Path, force: bool) -> None:

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.applications.scenario.builder import Experiment, check_plots, experiment_at, start_of
-from rnc_pin.applications.scenario.plant_builder import start_findings, warnings_of
+from rnc_pin.applications.scenario.plant_builder import refuse_plants, start_findings, warnings_of
 from rnc_pin.applications.scenario.schema import ScenarioFile
-from rnc_pin.applications.scenario.schema.kinds import with_ground
 from rnc_pin.applications.scenario.schema.scenario import PhaseSettings
-from rnc_pin.constraints import GroundPlane, LoopClosure, PrescribedMotion
+from rnc_pin.constraints import LoopClosure, PrescribedMotion
 from rnc_pin.errors import ConfigurationError, InputError, RncError
 from rnc_pin.model import ConstraintKind, Kinematics, NonholonomicSystem, OffsetFrame, ReducedModel
 from rnc_pin.robots import Robot
@@ -69,14 +67,7 @@ def build_phased(scenario: ScenarioFile, folder: Path) -> Experiment:
 def _check_supported(scenario: ScenarioFile) -> None:
     if scenario.simulation is None:
         raise ConfigurationError("simulation: is missing; a run needs {duration: ..., dt: ...}")
-    plant = scenario.plant
-    if plant is not None and plant.type == "mujoco":
-        raise ConfigurationError(
-            "plant: 'mujoco' does not support phases, because its contacts appear and vanish by themselves; "
-            "use 'reduced'"
-        )
-    if plant is not None and plant.settings.servo_time is not None:
-        raise ConfigurationError("plant.servo_time: velocity servos do not support phases")
+    refuse_plants(scenario, "phases", "its contacts appear and vanish by themselves")
     for key in ("planner", "faults", "grip", "contacts"):
         if getattr(scenario, key):
             raise ConfigurationError(f"{key}: does not support phases")
@@ -98,8 +89,6 @@ class _PhaseBuilder:
         assert scenario.simulation is not None
         self.settings, self._robot, self._folder = settings, robot, folder
         own = {key: getattr(settings, key) for key in _OWN if getattr(settings, key) is not None}
-        if scenario.ground is not None and any(hasattr(each, "ground") for each in own.get("constraints", ())):
-            own["constraints"] = with_ground(own["constraints"], cast(GroundPlane, scenario.ground))
         self.duration = settings.duration or scenario.simulation.duration
         simulation = scenario.simulation.model_copy(update={"duration": self.duration})
         self.scenario = scenario.model_copy(update={**own, "simulation": simulation, "phases": [], "plots": {}})
@@ -161,17 +150,15 @@ def captured_closures(
         q: configuration (nq,) at the start of the phase.
         distance: largest distance of the frames [m].
     """
-    return [_captured(kind, robot, q, distance) for kind in kinds]
+    return [_captured(kind, robot, q, distance) if isinstance(kind, LoopClosure) else kind for kind in kinds]
 
 
-def _captured(kind: ConstraintKind, robot: Robot, q: np.ndarray, distance: float) -> ConstraintKind:
-    """Loop closure of frames in their present pose; other constraints unchanged.
+def _captured(kind: LoopClosure, robot: Robot, q: np.ndarray, distance: float) -> LoopClosure:
+    """Loop closure of frames in their present pose.
 
     Raises:
         ConfigurationError: the frames are too far apart.
     """
-    if not isinstance(kind, LoopClosure):
-        return kind
     at = Kinematics(robot).position(q)
     placed = (OffsetFrame(robot, kind.frame_a, (0.0, 0.0, 0.0)), OffsetFrame(robot, kind.frame_b, kind.offset_b))
     a, b = (pin.SE3(each.rotation, each.translation) for each in (frame.placement(at) for frame in placed))

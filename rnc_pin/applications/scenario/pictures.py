@@ -53,12 +53,8 @@ def picture_names(scenario: Scenario) -> list[str]:
     return list(dict.fromkeys([*(f"{name}.{each}" for name, found in formats.items() for each in found), ANIMATION]))
 
 
-@dataclass(frozen=True)
-class _Picture:
-    """Result of drawing one picture."""
-
-    written: bool = False
-    failure: str | None = None
+_Picture = bool | str
+"""Result of drawing a picture: True if it is written, False if there is nothing to draw; or the error."""
 
 
 class Artists(SharedTasks[tuple[Result, Path], _Picture]):
@@ -119,8 +115,8 @@ def draw_pictures(
         for name in (name for number, name in enumerate(names) if number not in found):
             (folder / name).unlink(missing_ok=True)
     return Drawn(
-        [names[number] for number, each in sorted(found.items()) if each.written],
-        {names[number]: each.failure for number, each in sorted(found.items()) if each.failure is not None},
+        [names[number] for number, each in sorted(found.items()) if each is True],
+        {names[number]: each for number, each in sorted(found.items()) if isinstance(each, str)},
         interrupted,
     )
 
@@ -150,11 +146,11 @@ def _drawn(scenario: Scenario, result: Result, path: Path) -> _Picture:
     try:
         write = _writer(path.name)  # not interruptible: C libraries turn Ctrl-C during imports into their own errors
         with interruptible(), np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
-            return _Picture(write(scenario, result, path))
+            return write(scenario, result, path)
     except KeyboardInterrupt:
         path.unlink(missing_ok=True)
         raise
     except Exception as error:
         path.unlink(missing_ok=True)
         kind = "" if isinstance(error, RncError) else f"{type(error).__name__}: "
-        return _Picture(failure=kind + (" ".join(str(error).split()) or "no reason given"))
+        return kind + (" ".join(str(error).split()) or "no reason given")

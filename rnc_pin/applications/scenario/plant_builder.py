@@ -118,16 +118,24 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -
     return FaultyPlant(true_plant, faults.faults, reduced, settings.dt, scenario.seed)
 
 
-def _check_contacts(scenario: ScenarioFile) -> None:
-    """Raise an error for settings that do not support contacts that open and close."""
+def refuse_plants(scenario: ScenarioFile, what: str, why: str) -> None:
+    """Raise an error for plants that do not support contacts that appear and vanish.
+
+    Args:
+        scenario: the scenario.
+        what: name of these contacts in the message.
+        why: reason against MuJoCo.
+    """
     plant = scenario.plant
     if plant is not None and plant.type == "mujoco":
-        raise ConfigurationError(
-            "plant: 'mujoco' does not support 'contacts', because it takes the bodies on the ground from "
-            "'constraints'; use 'reduced'"
-        )
+        raise ConfigurationError(f"plant: 'mujoco' does not support {what}, because {why}; use 'reduced'")
     if plant is not None and plant.settings.servo_time is not None:
-        raise ConfigurationError("plant.servo_time: velocity servos do not support 'contacts'")
+        raise ConfigurationError(f"plant.servo_time: velocity servos do not support {what}")
+
+
+def _check_contacts(scenario: ScenarioFile) -> None:
+    """Raise an error for settings that do not support contacts that open and close."""
+    refuse_plants(scenario, "'contacts'", "it takes the bodies on the ground from 'constraints'")
     if scenario.faults is not None:
         raise ConfigurationError("faults: do not support 'contacts'")
     assert scenario.simulation is not None

@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.applications.scenario.controllers import owners
+from rnc_pin.applications.scenario.controllers import read_by
 from rnc_pin.applications.scenario.controllers.base import ControllerSettings
 from rnc_pin.applications.scenario.controllers.tracking import RedundancySettings, VelocityTrackerSettings
-from rnc_pin.applications.scenario.files import with_options
+from rnc_pin.applications.scenario.files import mapping_of, with_options
 from rnc_pin.applications.scenario.schema.scenario import output_of
 from rnc_pin.errors import InfeasibleError, RncError, SimulationError, SingularityError, few, short_text
 from rnc_pin.io import Json
@@ -93,20 +93,14 @@ def remedies_of(refused: Refused) -> Iterator[Remedy]:
             edit["controller.gravity_compensation"] = None
         yield Remedy("controller.tracker=computed_torque", edit)
     if controller.type == "qp":
-        yield Remedy("controller.type=inverse_dynamics", {"controller": _of_type(refused.raw, "inverse_dynamics")})
+        given, kind = mapping_of(refused.raw["controller"]), "inverse_dynamics"
+        yield Remedy(f"controller.type={kind}", {"controller": {**read_by(kind, given), "type": kind}})
     redundant, vertical = len(refused.task.redundant), len(refused.task.vertical)
     if isinstance(controller, RedundancySettings) and controller.secondary is None and redundant > vertical:
         yield Remedy("controller.secondary={singularity: {}}", {"controller.secondary": {"singularity": {}}})
     yield from _slower(refused.raw)
     yield from _nearer(refused)
     yield from _other_outputs(refused)
-
-
-def _of_type(raw: Mapping[str, Json], kind: str) -> Json:
-    """Controller of a scenario with another type, without settings that this type does not read."""
-    given = raw["controller"]
-    assert isinstance(given, Mapping)
-    return {**{key: value for key, value in given.items() if not owners(key) or kind in owners(key)}, "type": kind}
 
 
 def _slower(raw: Mapping[str, Json]) -> Iterator[Remedy]:
@@ -135,17 +129,15 @@ def _timed(raw: Mapping[str, Json]) -> Options:
                 search(below, f"{key}.{index}")
 
     search(raw.get("reference"), "reference")
-    controller = raw.get("controller")
-    search(controller.get("tasks") if isinstance(controller, Mapping) else None, "controller.tasks")
+    search(mapping_of(raw.get("controller")).get("tasks"), "controller.tasks")
     return found
 
 
 def _nearer(refused: Refused) -> Iterator[Remedy]:
     """A part of the way to the goals of the references."""
-    references = refused.raw.get("reference")
     options: Options = {}
-    for role, reference in references.items() if isinstance(references, Mapping) else ():
-        motion = reference.get("minimum_jerk") if isinstance(reference, Mapping) else None
+    for role, reference in mapping_of(refused.raw.get("reference")).items():
+        motion = mapping_of(reference).get("minimum_jerk")
         if not isinstance(motion, Mapping):
             return  # the part of another motion is not defined
         start, key = refused.starts[role], f"reference.{role}.minimum_jerk"
@@ -168,8 +160,8 @@ def _other_outputs(refused: Refused) -> Iterator[Remedy]:
 
     Primary and vertical outputs have goals, so they stay.
     """
-    outputs, q, task = refused.raw.get("outputs"), refused.error.q, refused.task
-    entries = outputs.get("reducing") if isinstance(outputs, Mapping) else None
+    q, task = refused.error.q, refused.task
+    entries = mapping_of(refused.raw.get("outputs")).get("reducing")
     if q is None or not isinstance(entries, list):
         return
     joints = [each.get("joint") if isinstance(each, Mapping) else None for each in entries]

@@ -6,7 +6,6 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
 
 from rnc_pin.applications.scenario.builder import build_reduced
 from rnc_pin.applications.scenario.execution import Result
@@ -14,16 +13,14 @@ from rnc_pin.applications.scenario.files import built_in_names, find_scenario
 from rnc_pin.applications.scenario.phase_builder import captured_closures
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema import ScenarioFile
-from rnc_pin.applications.scenario.schema.kinds import with_ground
 from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.scenario.schema.world import build_obstacles
 from rnc_pin.collision import Obstacle
-from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model import ConstraintKind, ReducedModel
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import Provenance, Trajectory
-from rnc_pin.visualization import DrawnModel, Recording, View
+from rnc_pin.visualization import DrawnModel, Recording
 
 
 def drawn_run(drawn: DrawnModel, scenario: ScenarioFile, trajectory: Trajectory) -> DrawnModel:
@@ -45,8 +42,6 @@ def _of_phases(scenario: ScenarioFile, robot: Robot, trajectory: Trajectory) -> 
     found: list[ConstraintKind] = []
     for settings, phase in zip(scenario.phases, trajectory.info.phases, strict=False):
         kinds = scenario.constraints if settings.constraints is None else settings.constraints
-        if scenario.ground is not None and any(hasattr(each, "ground") for each in kinds):
-            kinds = with_ground(kinds, cast(GroundPlane, scenario.ground))
         if settings.capture_distance is not None and phase.first_sample < len(trajectory.q):
             kinds = captured_closures(kinds, robot, trajectory.q[phase.first_sample], settings.capture_distance)
         found += kinds
@@ -144,9 +139,4 @@ def run_names(runs: Sequence[Run]) -> list[str]:
 def animation_of(runs: Sequence[Run], aside: bool = False) -> Recording:
     """Return the animation of a run, with other runs as pale robots in it or beside it."""
     run = runs[0]
-    return Recording(run.drawn_model, run.trajectory, view_of(run.scenario), run.title, compared(runs), aside)
-
-
-def view_of(scenario: ScenarioFile) -> View:
-    """Return the view settings of the scenario."""
-    return scenario.view
+    return Recording(run.drawn_model, run.trajectory, run.scenario.view, run.title, compared(runs), aside)

@@ -15,13 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
-from rnc_pin.applications.scenario.builder import (
-    Experiment,
-    build_experiment,
-    build_reduced,
-    build_task,
-    start_of,
-)
+from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_reduced, build_task, start_of
 from rnc_pin.applications.scenario.controllers import without_foreign_gains
 from rnc_pin.applications.scenario.files import (
     apply_options,
@@ -33,8 +27,9 @@ from rnc_pin.applications.scenario.files import (
 )
 from rnc_pin.applications.scenario.from_objects import RunObjects, content_of, experiment_of
 from rnc_pin.applications.scenario.phase_builder import build_phased
+from rnc_pin.applications.scenario.plan_builder import Plans
 from rnc_pin.applications.scenario.plant_builder import collected_model_warnings
-from rnc_pin.applications.scenario.reference_builder import Plans, task_starts
+from rnc_pin.applications.scenario.reference_builder import task_starts
 from rnc_pin.applications.scenario.remedies import Refused, try_remedies
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.scenario import validate

@@ -36,8 +36,6 @@ from rnc_pin.simulation import (
     judge,
     missed_goal_findings,
     replay_limits,
-    simulate,
-    simulate_phases,
     summarize,
 )
 from rnc_pin.verdict import Finding, FindingKind, Severity
@@ -71,22 +69,13 @@ def simulated(
 
     error: RncError | None = None
     try:
-        trajectory = _trajectory(experiment, options(watch))
+        trajectory = experiment.run(options(watch))
     except RncError as failure:
         if not isinstance(failure.trajectory, Trajectory):
             raise
         trajectory, error = failure.trajectory, failure
     report = report_within(experiment.controller, state)
     return Simulated(trajectory, error, {} if report is None else dict(report.worst))
-
-
-def _trajectory(experiment: Experiment, options: SimulationOptions) -> Trajectory:
-    settings, v2_0 = experiment.simulation, experiment.v2_0
-    if experiment.phases:
-        return simulate_phases(experiment.phases, experiment.q0, settings.dt, v2_0=v2_0, options=options)
-    controlled = experiment.reduced, experiment.controller, experiment.q0
-    plant = experiment.plant
-    return simulate(*controlled, settings.duration, settings.dt, v2_0=v2_0, plant=plant, options=options)
 
 
 REPLAY_DISTANCE = 0.2
@@ -118,15 +107,13 @@ def judged_summary(
     summary = run_summary(experiment, run, wall_time)
     asked = _asked(experiment)
     replay = _replay(experiment, run, asked) if len(run.time) else None
-    errors = _goal_errors(experiment, run, summary) if goals and run.outcome is Outcome.COMPLETED else {}
-    tolerance = _accuracy(scenario)
-    unfinished = _unfinished(experiment, run) if goals and run.outcome is Outcome.COMPLETED else ()
-    missed = _missed(experiment, run) if goals else ()
+    ended = goals and run.outcome is Outcome.COMPLETED
+    errors = _goal_errors(experiment, run, summary) if ended else {}
     more = [
         *experiment.findings,
-        *unfinished,
-        *missed,
-        *(() if replay is None else distance_findings(replay, asked, tolerance)),
+        *(_unfinished(experiment, run) if ended else ()),
+        *(_missed(experiment, run) if goals and len(run.time) else ()),
+        *(() if replay is None else distance_findings(replay, asked, _accuracy(scenario))),
     ]
     verdict = judge(
         run,

@@ -1,30 +1,29 @@
 """Reports of a complete sweep: statistics, failures with the commands that repeat them, and distributions.
 
-Statistics need constant memory; quantiles are exact, of numbers that are read in chunks.
+Statistics need constant memory: numbers are read in chunks, and those of quantiles are in a file.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
-from rnc_pin.applications.sweep.swept_run import LIMITS, SUCCESSFUL, Row, verdict_or_failure
-from rnc_pin.applications.sweep.swept_runs import SweptRuns
+from rnc_pin.applications.sweep.rows import LIMITS, SUCCESSFUL, Row, verdict_or_failure
 from rnc_pin.io import atomic_file, dump_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from rnc_pin.applications.sweep.results import SweepResults
     from rnc_pin.figures import Size
     from rnc_pin.visualization import Histogram
 
 _MOST_PANELS = 24
-_DRAWN_RESULTS = ("smallest_distance", "smallest_own_distance", "min_singular_value")
 _TITLES = {
     "smallest_distance": "smallest distance from obstacles [m]",
     "smallest_own_distance": "smallest distance between links [m]",
@@ -34,7 +33,7 @@ _BINS = (10, 40)  # smallest and largest number
 _SHARES, _RUNS_IN_BIN = (4, 20), 10  # the same of shares, and the runs that one needs: a share of few runs is noise
 
 
-def write_reports(results: SweptRuns) -> None:
+def write_reports(results: SweepResults) -> None:
     """Write ``sweep.json``, ``failures.txt`` and ``distributions.png`` into the folder of a sweep."""
     if not len(results):
         return
@@ -50,7 +49,7 @@ def write_reports(results: SweptRuns) -> None:
     draw_distributions(results, None, results.path / "distributions.png")
 
 
-def failure_lines(results: SweptRuns, row: Row) -> Iterator[str]:
+def failure_lines(results: SweepResults, row: Row) -> Iterator[str]:
     """Two lines about a run that did not succeed: finding and message, and the command that repeats it."""
     yield f"# run {row['run']}: {row['finding']}: {row['message']}"
     if "scenario" in results.specification:
@@ -60,13 +59,13 @@ def failure_lines(results: SweptRuns, row: Row) -> Iterator[str]:
         yield f"{results.specification['build']}({json.dumps(drawn)})"
 
 
-def draw_distributions(results: SweptRuns, size: Size | None, file: str | Path | None) -> Figure | None:
-    """Figure of ``SweptRuns.plot``, also as a file; None if no column has two different numbers."""
+def draw_distributions(results: SweepResults, size: Size | None, file: str | Path | None) -> Figure | None:
+    """Figure of ``SweepResults.plot``, also as a file; None if no column has two different numbers."""
     from rnc_pin.figures import save
     from rnc_pin.visualization import plot_distributions
 
     names = [name for name in results.columns if name.startswith("final_error.")]
-    names += [name for name in _DRAWN_RESULTS if name in results.columns]
+    names += [name for name in _TITLES if name in results.columns]
     names += [name for name in results.columns if name.startswith(LIMITS)]
     names += [name for name in results.drawn if name != "seed"]
     panels = [panel for name in names[:_MOST_PANELS] if (panel := _histogram(results, name)) is not None]
@@ -79,7 +78,7 @@ def draw_distributions(results: SweptRuns, size: Size | None, file: str | Path |
     return figure
 
 
-def _histogram(results: SweptRuns, name: str) -> Histogram | None:
+def _histogram(results: SweepResults, name: str) -> Histogram | None:
     """Histogram of a column of numbers by verdict; None if it has no two different numbers."""
     import pyarrow as pa
 
@@ -105,10 +104,8 @@ def _histogram(results: SweptRuns, name: str) -> Histogram | None:
     if not low < high:
         return None
     logarithmic = low >= 0.0 and np.isfinite(positive) and high > 100.0 * positive
-    shares = name in results.drawn
-    bins = int(
-        np.clip(len(results) / _RUNS_IN_BIN if shares else np.sqrt(len(results)), *(_SHARES if shares else _BINS))
-    )
+    shares, runs = name in results.drawn, len(results)
+    bins = int(np.clip(runs / _RUNS_IN_BIN, *_SHARES) if shares else np.clip(np.sqrt(runs), *_BINS))
     edges = np.geomspace(positive, high, bins + 1) if logarithmic else np.linspace(low, high, bins + 1)
     counts = {label: np.zeros(bins, dtype=int) for label in results.verdicts}
     for values, labels in chunks():
@@ -132,70 +129,25 @@ def _title(name: str) -> str:
 ErrorStatistics = TypedDict("ErrorStatistics", {"median": float, "95 %": float, "max": float})
 """Statistics of the final errors of one output."""
 
-Chunks = Callable[[], Iterator[np.ndarray]]
-"""Source of chunks, each (N,); it is read several times."""
 
-_BITS = 16
-_BUCKETS = 1 << _BITS
+def quantiles(chunks: Iterable[np.ndarray], fractions: Sequence[float], folder: Path) -> list[float] | None:
+    """Quantiles of numbers in chunks, each (N,), by ``numpy.quantile``; NaN is left out, None without a number.
 
-
-def quantiles(chunks: Chunks, fractions: Sequence[float]) -> list[float]:
-    """Quantiles of finite numbers with linear interpolation, equal to those of ``numpy.quantile``; NaN is left out.
+    The numbers are in a file, whose pages the system may take from memory.
 
     Args:
-        chunks: source of the numbers, which is read five times.
+        chunks: the numbers.
         fractions: fractions between 0 and 1.
+        folder: folder of the temporary file, on a disk with room for the numbers.
     """
-    count = sum(int(np.count_nonzero(~np.isnan(chunk))) for chunk in chunks())
-    if not count:
-        return [float("nan")] * len(fractions)
-    places = [fraction * (count - 1) for fraction in fractions]
-    below = [int(place) for place in places]
-    ranks = sorted({rank for low in below for rank in (low, min(low + 1, count - 1))})
-    found = dict(zip(ranks, _selected(chunks, ranks), strict=True))
-    return [
-        _between(found[low], found[min(low + 1, count - 1)], place - low)
-        for place, low in zip(places, below, strict=True)
-    ]
-
-
-def _between(low: float, high: float, share: float) -> float:
-    if low == high:
-        return low
-    return high - (high - low) * (1.0 - share) if share >= 0.5 else low + (high - low) * share
-
-
-def _selected(chunks: Chunks, ranks: Sequence[int]) -> list[float]:
-    """Numbers of given ranks in ascending order. Each pass finds 16 more bits of them."""
-    prefixes, ranks = [0] * len(ranks), list(ranks)
-    for shift in range(64 - _BITS, -1, -_BITS):
-        counts = [np.zeros(_BUCKETS, dtype=np.int64) for _ in ranks]
-        for chunk in chunks():
-            keys = _ordered(chunk[~np.isnan(chunk)])
-            digits = ((keys >> np.uint64(shift)) & np.uint64(_BUCKETS - 1)).astype(np.int64)
-            for place, prefix in enumerate(prefixes):
-                of_prefix = digits if shift == 64 - _BITS else digits[keys >> np.uint64(shift + _BITS) == prefix]
-                counts[place] += np.bincount(of_prefix, minlength=_BUCKETS)
-        for place, found in enumerate(counts):
-            up_to = np.cumsum(found)
-            digit = int(np.searchsorted(up_to, ranks[place], side="right"))
-            ranks[place] -= int(up_to[digit] - found[digit])
-            prefixes[place] = prefixes[place] << _BITS | digit
-    return [_number(prefix) for prefix in prefixes]
-
-
-_SIGN = np.uint64(1 << 63)
-
-
-def _ordered(values: np.ndarray) -> np.ndarray:
-    """Integers in the order of floating-point numbers."""
-    bits = np.ascontiguousarray(values, dtype=np.float64).view(np.uint64)
-    return np.where(bits & _SIGN, ~bits, bits | _SIGN)
-
-
-def _number(key: int) -> float:
-    bits = key ^ (1 << 63) if key >> 63 else ~key & (1 << 64) - 1
-    return float(np.array(bits, dtype=np.uint64).view(np.float64))
+    with TemporaryFile(dir=folder) as file:
+        for chunk in chunks:
+            file.write(chunk[~np.isnan(chunk)].tobytes())
+        if not file.tell():
+            return None
+        numbers = np.memmap(file, dtype=float, mode="r+")
+        found: list[float] = np.quantile(numbers, fractions, overwrite_input=True).tolist()
+        return found
 
 
 class SweepStatistics(TypedDict):
@@ -208,21 +160,21 @@ class SweepStatistics(TypedDict):
     final_error: dict[str, ErrorStatistics]
 
 
-def completed_values(results: SweptRuns, column: str) -> Iterator[np.ndarray]:
+def completed_values(results: SweepResults, column: str) -> Iterator[np.ndarray]:
     """Yield the values of a column of numbers in completed runs, block by block; missing values are NaN."""
     for table in results.tables([column, "outcome"]):
         done = np.asarray(table.column(1).to_numpy() == "completed", dtype=bool)
         yield np.asarray(table.column(0).to_numpy(), dtype=float)[done]
 
 
-def sweep_statistics(results: SweptRuns) -> SweepStatistics:
+def sweep_statistics(results: SweepResults) -> SweepStatistics:
     """Return counts of outcomes, verdicts and redraws, and quantiles of the final errors of completed runs."""
     errors: dict[str, ErrorStatistics] = {}
     outcomes = results.outcomes
     names = [name for name in results.columns if name.startswith("final_error.")] if "completed" in outcomes else []
     for name in names:
-        found = quantiles(partial(completed_values, results, name), (0.5, 0.95, 1.0))
-        if not np.isnan(found[0]):
+        found = quantiles(completed_values(results, name), (0.5, 0.95, 1.0), results.path)
+        if found is not None:
             errors[name.removeprefix("final_error.")] = {"median": found[0], "95 %": found[1], "max": found[2]}
     redrawn = 0
     if "redrawn" in results.columns:

@@ -1,20 +1,63 @@
-"""Results of a sweep: its rows, and pictures of their distributions."""
+"""Results of a sweep: its rows in its folder, the data set that they are, and pictures of their distributions."""
 
 from __future__ import annotations
 
+import shlex
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from rnc_pin.applications.sweep.swept_runs import SweptRuns
-from rnc_pin.errors import InputError
+import numpy as np
+
+from rnc_pin.applications.scenario.files import one_line_yaml
+from rnc_pin.applications.sweep.rows import (
+    SUCCESSFUL,
+    Row,
+    common_schema,
+    fitted,
+    is_result_column,
+    plain_rows,
+    read_part,
+    schema_of,
+    table_of,
+    trajectory_file,
+    verdict_or_failure,
+    with_options_of_sweeps,
+)
+from rnc_pin.applications.sweep.sweep_folder import (
+    BLOCK,
+    RUNS,
+    Specification,
+    block_rows,
+    blocks_of,
+    part_file,
+    read_specification,
+)
+from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.extras import check_extra
+from rnc_pin.io import atomic_file
+from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted
+from rnc_pin.simulation import Trajectory
 
 if TYPE_CHECKING:
+    import pyarrow as pa
     from matplotlib.figure import Figure
 
     from rnc_pin.figures import Size
 
 
-class SweepResults(SweptRuns):
+class _Blocks(NamedTuple):
+    """Blocks of the data set: numbers of those in Parquet files, tables of open ones, and the schema of all."""
+
+    complete: list[int]
+    open: dict[int, pa.Table]
+    schema: pa.Schema
+    rows: int
+
+
+class SweepResults(SummaryMixin):
     """Results of a sweep, with one row a run. Rows are read from the folder when they are needed.
 
     ``results["final_error.tip_x"]`` is a column as an array, with NaN for missing numbers. Rows have the order of the
@@ -42,6 +85,191 @@ class SweepResults(SweptRuns):
         array([1.6, 1.7])
     """
 
+    def __init__(self, path: str | Path) -> None:
+        check_extra("sweep", "sweep")
+        self.path = Path(path)
+        found = read_specification(self.path)
+        if found is None:
+            raise ConfigurationError(f"{self.path}: holds no sweep")
+        self.specification: Specification = found
+
+    @cached_property
+    def _blocks(self) -> _Blocks:
+        folder = self.path / RUNS
+        parts, journals = blocks_of(folder)
+        kinds = self.specification.get("kinds", {})
+        unfinished = {block: table_of(rows, kinds) for block in sorted(journals) if (rows := block_rows(folder, block))}
+        complete = sorted(parts - unfinished.keys())
+        described = [schema_of(part_file(folder, block)) for block in complete]
+        tables = unfinished.values()
+        count = sum(rows for _, rows in described) + sum(table.num_rows for table in tables)
+        if not count:
+            return _Blocks([], {}, table_of([], {}).schema, 0)
+        schemas = [*(schema for schema, _ in described), *(table.schema for table in tables)]
+        return _Blocks(complete, unfinished, common_schema(schemas), count)
+
+    def __len__(self) -> int:
+        return self._blocks.rows
+
+    @property
+    def complete(self) -> bool:
+        """True if no run is missing."""
+        return len(self) == self.specification["runs"]
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the columns: number of the run, drawn values, results."""
+        return list(self._blocks.schema.names)
+
+    @property
+    def table_schema(self) -> pa.Schema:
+        """Arrow schema: names and types of the columns."""
+        return self._blocks.schema
+
+    @property
+    def drawn(self) -> list[str]:
+        """Names of the drawn values."""
+        return [name for name in self.columns if not is_result_column(name)]
+
+    def tables(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+        """Yield Arrow tables with up to 5,000 runs each.
+
+        Args:
+            columns: names of columns; all by default.
+
+        Raises:
+            InputError: there is no such column.
+        """
+        import pyarrow as pa
+
+        for name in columns or ():
+            if name not in self.columns:
+                raise InputError(f"no column '{name}'{nearest(name, self.columns)}")
+        complete, unfinished, schema, _ = self._blocks
+        chosen = schema if columns is None else pa.schema([schema.field(name) for name in columns])
+        for block in sorted([*complete, *unfinished]):
+            if block in unfinished:
+                yield fitted(unfinished[block], chosen)
+            else:
+                yield fitted(read_part(part_file(self.path / RUNS, block), columns), chosen)
+
+    def table(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """Return an Arrow table, which has ``to_pandas``.
+
+        Args:
+            columns: names of columns; all by default.
+        """
+        import pyarrow as pa
+
+        found = list(self.tables(columns))
+        return pa.concat_tables(found) if found else self._blocks.schema.empty_table()
+
+    def __getitem__(self, column: str) -> np.ndarray:
+        found = [np.asarray(table.column(0).to_numpy()) for table in self.tables([column])]
+        return np.concatenate(found) if found else np.zeros(0)
+
+    def rows(self, columns: Sequence[str] | None = None) -> Iterator[Row]:
+        """Yield runs as mappings by column.
+
+        Args:
+            columns: names of columns; all by default.
+        """
+        for table in self.tables(columns):
+            yield from plain_rows(table)
+
+    def failures(self) -> Iterator[Row]:
+        """Runs that did not succeed."""
+        return (row for row in self.rows() if row["verdict"] == "failed")
+
+    @property
+    def outcomes(self) -> dict[str, int]:
+        """Number of runs by outcome, such as "completed"."""
+        return dict(sorted(self._counts(lambda outcome: outcome, "outcome").items()))
+
+    @property
+    def verdicts(self) -> dict[str, int]:
+        """Number of runs by verdict: "succeeded", "degraded", and of the others by the kind of their first failure."""
+        found = self._counts(verdict_or_failure, "verdict", "finding")
+        first = [name for name in SUCCESSFUL if name in found]
+        return {name: found[name] for name in (*first, *sorted(set(found) - set(first)))}
+
+    def _counts(self, label: Callable[..., str], *columns: str) -> dict[str, int]:
+        """Number of runs by a label of the values in some columns."""
+        counts: Counter[str] = Counter()
+        for table in self.tables(columns) if len(self) else ():
+            counts.update(label(*values) for values in zip(*(each.to_pylist() for each in table.columns), strict=True))
+        return dict(counts)
+
+    def row(self, run: int) -> Row:
+        """Return a run as a mapping by column; columns without a value are missing.
+
+        Args:
+            run: number of the run.
+
+        Raises:
+            InputError: the run is not finished, or there is no such run.
+        """
+        for row in block_rows(self.path / RUNS, run // BLOCK) if run >= 0 else ():
+            if row["run"] == run:
+                return {name: value for name, value in row.items() if value is not None}
+        raise InputError(f"no finished run {run} in {self.path}")
+
+    def draw(self, run: int) -> dict[str, object]:
+        """Return the drawn values of a run.
+
+        Args:
+            run: number of the run.
+        """
+        return {name: value for name, value in self.row(run).items() if not is_result_column(name)}
+
+    def command(self, run: int | Row) -> str:
+        """Return the command that repeats a run of a scenario.
+
+        Args:
+            run: number of the run, or its row.
+
+        Raises:
+            InputError: the sweep is one of a function; call it with ``draw(run)``.
+        """
+        if "scenario" not in self.specification:
+            raise InputError(f"{self.specification['build']} built the runs; call it with draw(run)")
+        row = self.row(run) if isinstance(run, int) else run
+        shared = {key: value for key, value in self.specification["options"].items() if key not in ("sweep", "seed")}
+        drawn = {name: value for name, value in row.items() if not is_result_column(name) and value is not None}
+        options = {**with_options_of_sweeps(shared), **drawn}
+        words = [f"--set {shlex.quote(f'{key}={one_line_yaml(value)}')}" for key, value in options.items()]
+        return f"rnc-pin run {shlex.quote(self.specification['scenario'])} {' '.join(words)}"
+
+    def trajectory(self, run: int) -> Trajectory:
+        """Read the trajectory of a run; a sweep writes them if it is asked to.
+
+        Args:
+            run: number of the run.
+        """
+        return Trajectory.load(trajectory_file(self.path, run))
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write all rows as CSV; numbers have all their digits.
+
+        Args:
+            path: the file.
+        """
+        import pyarrow as pa
+        import pyarrow.csv
+
+        listed = {field.name for field in self._blocks.schema if pa.types.is_list(field.type)}
+        texts = [pa.field(each.name, pa.string()) if each.name in listed else each for each in self._blocks.schema]
+        schema = pa.schema([each.remove_metadata() for each in texts])
+        with atomic_file(Path(path)) as partial, pyarrow.csv.CSVWriter(partial, schema) as writer:
+            for table in self.tables():
+                columns = [
+                    pa.array([None if each is None else str(each) for each in column.to_pylist()], pa.string())
+                    if name in listed
+                    else column
+                    for name, column in zip(table.column_names, table.columns, strict=True)
+                ]
+                writer.write_table(pa.Table.from_arrays(columns, schema=schema))
+
     def plot(self, *, size: Size | None = None, file: str | Path | None = None) -> Figure:
         """Plot the distributions of results, and the share of each finding over drawn values.
 
@@ -59,6 +287,12 @@ class SweepResults(SweptRuns):
         if figure is None:
             raise InputError(f"{self.path}: the runs are too few or too much alike to plot their distributions")
         return figure
+
+    def _summary(self) -> ObjectSummary:
+        outcomes = [Item(name, str(count)) for name, count in self.outcomes.items()]
+        of = self.specification.get("scenario") or self.specification.get("build")
+        title = f"SweepResults: {counted(len(self), 'run')} of {of}"
+        return ObjectSummary(title, [("outcomes", outcomes), ("drawn", [Item(name) for name in self.drawn])])
 
 
 def load_sweep(path: str | Path) -> SweepResults:

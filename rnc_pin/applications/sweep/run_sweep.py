@@ -10,31 +10,36 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from rnc_pin._kernel import kernel
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import apply_options, find_scenario, read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.sweep.reports import write_reports
 from rnc_pin.applications.sweep.results import SweepResults
-from rnc_pin.applications.sweep.row_tables import Kinds, common_kind, kind_of, kind_of_all
-from rnc_pin.applications.sweep.run_store import BLOCK, RunStore, block_rows
-from rnc_pin.applications.sweep.scenario_runs import ScenarioRuns
-from rnc_pin.applications.sweep.seeded_draws import Draw, Draws, SeededDraws, draws_of
-from rnc_pin.applications.sweep.specification import (
-    RUNS,
-    describe_function,
-    describe_scenario,
-    specification_of,
-    sweep_folder,
-)
-from rnc_pin.applications.sweep.swept_run import (
+from rnc_pin.applications.sweep.rows import (
+    Draw,
+    Kinds,
     Numbered,
     Row,
     Runs,
+    common_kind,
     is_result_column,
+    kind_of,
+    kind_of_all,
     refused,
     results_of,
     save_trajectory,
+)
+from rnc_pin.applications.sweep.scenario_runs import Draws, ScenarioRuns, SeededDraws, draws_of
+from rnc_pin.applications.sweep.sweep_folder import (
+    BLOCK,
+    RUNS,
+    RunStore,
+    block_rows,
+    describe_function,
+    describe_scenario,
+    sweep_folder,
 )
 from rnc_pin.applications.sweep.worker_pool import finished_runs
 from rnc_pin.errors import ConfigurationError, RncError
@@ -42,6 +47,7 @@ from rnc_pin.extras import check_extra
 from rnc_pin.interruption import uninterrupted
 from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.simulation import Outcome, Summary, Trajectory, add_verdict, simulate, summarize
+from rnc_pin.version import __version__
 
 Build: TypeAlias = Callable[[dict[str, Any]], "Mapping[str, object] | Trajectory | Scenario"]
 """Function of drawn values that returns the arguments of ``simulate`` by name, or a finished run."""
@@ -63,10 +69,9 @@ class FunctionRuns:
 
     def rows(self, batch: Sequence[Numbered]) -> list[Row]:
         """Simulate the runs one after the other and return their rows."""
-        return [self.row(run, draw) for run, draw in batch]
+        return [self._row(run, draw) for run, draw in batch]
 
-    def row(self, run: int, draw: Draw | None = None) -> Row:
-        """Simulate a run and return its row."""
+    def _row(self, run: int, draw: Draw | None) -> Row:
         start = time.perf_counter()
         if draw is None:
             assert self._draws is not None
@@ -206,8 +211,15 @@ def sweep(
     else:
         whole = _function_sweep(build, draws, options, folder)
     kinds = _kinds(whole.seeded)
-    described = {} if whole.seeded is None else whole.seeded.describe()
-    specification = specification_of(whole.description, described, whole.runs_known, trajectories, kinds)
+    specification: dict[str, Json] = {
+        "rnc_pin": __version__,
+        "kernel": kernel,
+        **whole.description,
+        "draws": {} if whole.seeded is None else whole.seeded.describe(),
+        "trajectories": trajectories,
+        "runs": whole.runs_known,
+        "kinds": dict(kinds),
+    }
     with uninterrupted(), sweep_folder(path, specification, force):
         store = RunStore(path / RUNS, kinds)
         if progress is not None:

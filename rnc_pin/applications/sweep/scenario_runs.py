@@ -1,21 +1,28 @@
-"""Runs of a scenario with drawn options. What draws do not change is built once in each process."""
+"""Seeded draws, and runs of a scenario with drawn options.
+
+Values of a run are independent of the other runs and of where it is computed. What draws do not change is built once in
+each process.
+"""
 
 from __future__ import annotations
 
 import json
 import time
-from collections.abc import Hashable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import NamedTuple, cast
 
 import numpy as np
 
 from rnc_pin.applications.scenario.execution import Result, execute
+from rnc_pin.applications.scenario.files import apply_options, find_scenario, read_yaml
 from rnc_pin.applications.scenario.scenario import BuiltModel, Scenario
+from rnc_pin.applications.scenario.schema.run_settings import ChoiceDistribution, Distribution, Distributions
+from rnc_pin.applications.scenario.schema.scenario import admitted, validate
 from rnc_pin.applications.scenario.simulated_run import judged_summary
-from rnc_pin.applications.sweep.seeded_draws import Draw, SeededDraws
-from rnc_pin.applications.sweep.swept_run import (
+from rnc_pin.applications.sweep.rows import (
+    Draw,
     Numbered,
     Row,
     refused,
@@ -23,9 +30,96 @@ from rnc_pin.applications.sweep.swept_run import (
     save_trajectory,
     with_options_of_sweeps,
 )
-from rnc_pin.errors import InfeasibleError, RncError, SingularityError
-from rnc_pin.io import Json
+from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
+from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.simulation import RunArguments, sample_count, simulate_many
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Seeded draws that ``sweep`` is asked for.
+
+    Attributes:
+        runs: number of runs.
+        distributions: distribution by name, in the form of ``sweep`` in scenario files, such as ``[minimum, maximum]``
+            or ``{"normal": {"mean": 0.0, "std": 0.1}}``. A scenario has its own by default.
+        seed: seed of the draws; by default 0, or that of the scenario.
+
+    Example:
+        >>> rnc.Draws(20, {"speed": [0.5, 1.5]}, seed=1).runs
+        20
+    """
+
+    runs: int
+    distributions: Mapping[str, object] | None = None
+    seed: int | None = None
+
+
+@dataclass(frozen=True)
+class SeededDraws:
+    """Draws from distributions. Each run has its own random stream.
+
+    Attributes:
+        distributions: distributions by name; their order is part of the specification.
+        seed: seed of all streams.
+    """
+
+    distributions: Mapping[str, Distribution]
+    seed: int = 0
+
+    @classmethod
+    def of(cls, distributions: Mapping[str, object], seed: int = 0) -> SeededDraws:
+        """Read distributions in the form of scenario files, such as ``{"mass": [1, 2]}``.
+
+        Raises:
+            ConfigurationError: a distribution is invalid.
+        """
+        return cls(admitted(Distributions, to_json_mapping(distributions, "distributions"), "distributions").root, seed)
+
+    def of_run(self, run: int) -> Iterator[dict[str, Json]]:
+        """Yield the values of a run, then replacements for them."""
+        generator = np.random.default_rng([self.seed, run])
+        while True:
+            yield {key: each.draw(generator) for key, each in self.distributions.items()}
+
+    def examples(self, name: str) -> list[Json]:
+        """Values that decide the type of a drawn value: all of a choice, the ends of others."""
+        distribution = self.distributions[name]
+        values = list(distribution.examples())
+        return values if isinstance(distribution, ChoiceDistribution) else [distribution.draw(np.random.default_rng(0))]
+
+    def describe(self) -> dict[str, Json]:
+        """Seed and distributions as JSON content."""
+        return {
+            "seed": self.seed,
+            "distributions": {key: each.model_dump(exclude_none=True) for key, each in self.distributions.items()},
+        }
+
+
+def draws_of(scenario: str, options: Mapping[str, Json]) -> SeededDraws:
+    """Draws that the ``sweep`` and the ``seed`` of a scenario specify.
+
+    Args:
+        scenario: a built-in name or a file.
+        options: dotted keys and values that all runs share.
+
+    Raises:
+        ConfigurationError: the scenario has no ``sweep``, or does not take the values that it may draw.
+    """
+    path = find_scenario(scenario)
+    raw = read_yaml(path)
+    checked = validate(apply_options(raw, options), path.name)
+    if not checked.sweep:
+        raise ConfigurationError(
+            f"{path.name}: sweep: is missing; give dotted keys and ranges, e.g. initial.q.joint: [0, 1]"
+        )
+    for key, distribution in checked.sweep.items():
+        for value in distribution.examples():
+            validate(apply_options(raw, {**options, key: value}), f"{path.name}: sweep.{key}")
+    return SeededDraws(checked.sweep, checked.seed)
+
+
+# ------------------------------------------------------------------ runs
 
 MOST_DRAWS = 20
 """Largest number of draws for one run; then its outcome is "infeasible"."""
@@ -124,7 +218,11 @@ class ScenarioRuns:
         """Rows of runs that fit together, by their places."""
         start = time.perf_counter()
         scenarios = [each.scenario for each in some]
-        found = _executed_alone(scenarios[0]) if len(scenarios) == 1 else execute_together(scenarios)
+        found: list[Result | RncError]
+        try:
+            found = [execute(scenarios[0])] if len(scenarios) == 1 else execute_together(scenarios)
+        except RncError as error:
+            found = [error]
         rows = {}
         for each, result in zip(some, found, strict=True):
             if isinstance(result, RncError):
@@ -169,13 +267,6 @@ def _samples(scenario: Scenario) -> int:
     return max(1, round(settings.duration / settings.dt))
 
 
-def _executed_alone(scenario: Scenario) -> list[Result | RncError]:
-    try:
-        return [execute(scenario)]
-    except RncError as error:
-        return [error]
-
-
 # ------------------------------------------------------------------ runs in lock-step
 
 
@@ -201,16 +292,11 @@ def execute_together(scenarios: Sequence[Scenario]) -> list[Result | RncError]:
             if run.started:
                 trajectory, wall_time = run.trajectory, (time.perf_counter() - start) / len(scenarios)
                 summary, limits = judged_summary(scenario.experiment, trajectory, {}, wall_time)
-                found.append(Result(trajectory, summary, _reported(run.error), limits=limits))
+                found.append(Result(trajectory, summary, cast("RncError | None", run.error), limits=limits))
             else:
                 assert isinstance(run.error, RncError)
                 found.append(run.error)
     return found
-
-
-def _reported(error: Exception | None) -> RncError | None:
-    assert error is None or isinstance(error, RncError)
-    return error
 
 
 def arguments_of(scenario: Scenario) -> RunArguments:

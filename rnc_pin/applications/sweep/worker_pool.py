@@ -25,7 +25,7 @@ from joblib.executor import (
 )  # the pool of joblib.Parallel, which fails beside another kind
 
 from rnc_pin._kernel import kernel
-from rnc_pin.applications.sweep.swept_run import Numbered, Row, Runs
+from rnc_pin.applications.sweep.rows import Numbered, Row, Runs
 from rnc_pin.errors import ConfigurationError, InputError, SimulationError
 from rnc_pin.extras import missing_extra
 from rnc_pin.interruption import interruptible
@@ -45,6 +45,13 @@ class _Batch(NamedTuple):
 
     runs: list[Numbered]
     ends: int = 0
+
+
+class _Pool(NamedTuple):
+    """Functions that return the executor, a new one if the last one broke, and the number of its workers."""
+
+    executor: Callable[[], Executor]
+    workers: Callable[[], int]
 
 
 def run_batch(
@@ -100,67 +107,46 @@ def finished_runs(runs: Runs, numbered: Iterator[Numbered], jobs: int | str) -> 
         raise InputError(f"build cannot be pickled for other processes: {error}") from error
     pool = _dask_pool(jobs) if isinstance(jobs, str) else _local_pool(cpu_count() if jobs == -1 else jobs)
     parent = None if isinstance(jobs, str) else os.getpid()
-    with pool as (executor, workers):
-        yield from _Dispatch(pickled, executor, workers, parent, runs.advance_together).rows(numbered)
+    with pool as ready:
+        yield from _dispatched(numbered, pickled, ready, parent, runs.advance_together)
 
 
-class _Dispatch:
-    """Batches on their way to workers."""
-
-    def __init__(
-        self,
-        pickled: bytes,
-        executor: Callable[[], Executor],
-        workers: Callable[[], int],
-        parent: int | None,
-        together: bool,
-    ) -> None:
-        self._together = together
-        self._common = pickled, hashlib.sha256(pickled).hexdigest(), (__version__, kernel)
-        self._executor, self._workers, self._parent = executor, workers, parent
-        self._pending: dict[Future[list[Row]], _Batch] = {}
-        self._size = 1
-
-    def rows(self, numbered: Iterator[Numbered]) -> Iterator[list[Row]]:
-        waiting: list[_Batch] = []
-        more = True
-        while more or waiting or self._pending:
-            while len(self._pending) < _AHEAD * self._workers() and (more or waiting):
-                batch = waiting.pop() if waiting else self._next(numbered)
-                if not batch.runs:
-                    more = False
-                    break
-                if not self._submit(batch):
-                    waiting.append(batch)
-                    break
-            if not self._pending:
-                continue
-            with interruptible():
-                done = wait(self._pending, timeout=1.0, return_when=FIRST_COMPLETED).done
-            for future in done:
-                batch = self._pending.pop(future)
-                try:
-                    found = future.result()
-                except BrokenExecutor:
-                    waiting.append(_once_more(batch))
-                except Exception as error:
-                    if type(error).__name__ != "KilledWorker":  # of Dask, which need not be installed
-                        raise
-                    waiting.append(_once_more(batch._replace(ends=batch.ends + 1)))
-                else:
-                    self._size = _next_size(self._size, found, self._together)
-                    yield found
-
-    def _next(self, numbered: Iterator[Numbered]) -> _Batch:
-        return _Batch(list(islice(numbered, self._size)))
-
-    def _submit(self, batch: _Batch) -> bool:
-        try:
-            future = self._executor().submit(run_batch, *self._common, batch.runs, self._parent)
-        except BrokenExecutor:  # the batches on their way bring the news too
-            return False
-        self._pending[future] = batch
-        return True
+def _dispatched(
+    numbered: Iterator[Numbered], pickled: bytes, pool: _Pool, parent: int | None, together: bool
+) -> Iterator[list[Row]]:
+    """Hand batches out to workers, and yield their rows as they come."""
+    common = pickled, hashlib.sha256(pickled).hexdigest(), (__version__, kernel)
+    pending: dict[Future[list[Row]], _Batch] = {}
+    waiting: list[_Batch] = []
+    size, more = 1, True
+    while more or waiting or pending:
+        while len(pending) < _AHEAD * pool.workers() and (more or waiting):
+            batch = waiting.pop() if waiting else _Batch(list(islice(numbered, size)))
+            more = more and bool(batch.runs)
+            if not batch.runs:
+                break
+            try:
+                pending[pool.executor().submit(run_batch, *common, batch.runs, parent)] = batch
+            except BrokenExecutor:  # the batches on their way bring the news too
+                waiting.append(batch)
+                break
+        if not pending:
+            continue
+        with interruptible():
+            done = wait(pending, timeout=1.0, return_when=FIRST_COMPLETED).done
+        for future in done:
+            batch = pending.pop(future)
+            try:
+                found = future.result()
+            except BrokenExecutor:
+                waiting.append(_once_more(batch))
+            except Exception as error:
+                if type(error).__name__ != "KilledWorker":  # of Dask, which need not be installed
+                    raise
+                waiting.append(_once_more(batch._replace(ends=batch.ends + 1)))
+            else:
+                size = _next_size(size, found, together)
+                yield found
 
 
 def _next_size(size: int, rows: Sequence[Row], together: bool) -> int:
@@ -181,12 +167,12 @@ def _once_more(batch: _Batch) -> _Batch:
 
 
 @contextmanager
-def _local_pool(jobs: int) -> Iterator[tuple[Callable[[], Executor], Callable[[], int]]]:
+def _local_pool(jobs: int) -> Iterator[_Pool]:
     def executor() -> MemmappingExecutor:
         return get_memmapping_executor(jobs, timeout=300, env=_THREADS)  # a new one if the last one broke
 
     try:
-        yield executor, lambda: jobs
+        yield _Pool(executor, lambda: jobs)
     except BaseException:
         # Otherwise this process waits until the workers finish their runs.
         pool = executor()
@@ -199,7 +185,7 @@ def _local_pool(jobs: int) -> Iterator[tuple[Callable[[], Executor], Callable[[]
 
 
 @contextmanager
-def _dask_pool(scheduler: str) -> Iterator[tuple[Callable[[], Executor], Callable[[], int]]]:
+def _dask_pool(scheduler: str) -> Iterator[_Pool]:
     try:
         from dask.distributed import Client
     except ImportError:
@@ -218,7 +204,7 @@ def _dask_pool(scheduler: str) -> Iterator[tuple[Callable[[], Executor], Callabl
 
     executor = client.get_executor(pure=False)
     try:
-        yield lambda: executor, workers
+        yield _Pool(lambda: executor, workers)
     finally:
         executor.shutdown(wait=False)
         client.close()

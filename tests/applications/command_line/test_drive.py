@@ -107,7 +107,7 @@ def test_a_user_drives_from_a_real_browser(browser):
     page_ = DrivePage(drive_, queue, "Drive", open_browser=False)
     with in_real_time(drive_, queue, page_) as results:
         assert {address for address, _ in listening() - before} == {"0100007F"}
-        page, problems = visit(browser, page_.url)
+        page, problems = visit(browser, page_.live.url)
         page.set_viewport_size({"width": 1000, "height": 640})
         page.wait_for_selector("#drive button.stop", timeout=1000 * PATIENCE)
         page.wait_for_function("viewer.scene_tree.find(['meshcat', 'robot', 'visuals']).object.children.length > 0")
@@ -163,7 +163,7 @@ def test_a_user_drives_from_a_real_browser(browser):
         page.wait_for_function(words, arg=headline, timeout=1000 * PATIENCE)
         assert problems == []
         page.context.close()
-    assert page_.problem is None
+    assert page_.live.problem is None
     assert results[0].trajectory.outcome is rnc.Outcome.COMPLETED
     kinds_seen = {kind for kind, _ in kinds(drive_)}
     assert {"base_velocity", "base_goal", "stop", "joint_goal", "end"} <= kinds_seen
@@ -179,7 +179,7 @@ def test_a_user_parks_the_base_from_a_real_browser(browser):
     queue = CommandQueue(drive_.controls)
     page_ = DrivePage(drive_, queue, "Drive", open_browser=False)
     with in_real_time(drive_, queue, page_) as results:
-        page, problems = visit(browser, page_.url)
+        page, problems = visit(browser, page_.live.url)
         page.set_viewport_size({"width": 1000, "height": 640})
         page.wait_for_selector("#drive button.stop", timeout=1000 * PATIENCE)
         assert not page.is_visible("#heading input")
@@ -197,7 +197,7 @@ def test_a_user_parks_the_base_from_a_real_browser(browser):
         assert eventually(lambda: results)
         assert problems == []
         page.context.close()
-    assert page_.problem is None
+    assert page_.live.problem is None
     (result,) = results
     np.testing.assert_allclose(
         pose_of(drive_, result.trajectory.q[-1]), [wanted.x, wanted.y, wanted.heading], atol=0.01
@@ -218,14 +218,14 @@ def test_a_page_without_the_secret_may_watch_but_not_drive(browser):
     queue = CommandQueue(drive_.controls)
     page_ = DrivePage(drive_, queue, "Drive", open_browser=False)
     try:
-        page, _ = visit(browser, page_.url.partition("#")[0])
+        page, _ = visit(browser, page_.live.url.partition("#")[0])
         page.wait_for_selector("#messages li", state="attached", timeout=1000 * PATIENCE)
         assert "may only watch" in page.text_content("#messages")
         page.evaluate("drive_command({kind: 'stop'})")
         assert queue.take() == []
         page.context.close()
     finally:
-        page_.close()
+        page_.live.close()
 
 
 def test_a_phone_has_the_controls_below_the_picture(browser):
@@ -235,7 +235,7 @@ def test_a_phone_has_the_controls_below_the_picture(browser):
     title = "Mobile manipulator: hand tracked, reach kept (section 4.2)"  # it is wider than a phone
     page_ = DrivePage(drive_, queue, title, open_browser=False)
     with in_real_time(drive_, queue, page_):
-        page, problems = visit(browser, page_.url)
+        page, problems = visit(browser, page_.live.url)
         page.set_viewport_size({"width": 390, "height": 844})
         page.wait_for_selector("#drive button.stop", timeout=1000 * PATIENCE)
         page.wait_for_selector("#overlay td.value", timeout=1000 * PATIENCE)

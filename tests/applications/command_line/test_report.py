@@ -1,13 +1,15 @@
 """Printed tables: errors of outputs and goals; distances to obstacles apart from those between links."""
 
 import numpy as np
+import pytest
 
 import rnc_pin as rnc
 from rnc_pin.applications.command_line.report import print_summary
 from rnc_pin.simulation import Clearance, LimitReplay, add_limits
 
 
-def test_distances_to_obstacles_are_printed_apart(capsys):
+@pytest.fixture
+def summary():
     robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
     reduced = rnc.NonholonomicSystem(robot, []).reduce()
     run = rnc.free_motion(reduced, robot.configuration(), np.zeros(reduced.r), duration=0.1)
@@ -16,8 +18,12 @@ def test_distances_to_obstacles_are_printed_apart(capsys):
         Clearance(("arm", "tool"), 0.0043, 2.0, False),
         Clearance(("base", "rack"), 0.0512, 3.14, True),
     )
-    summary = rnc.summarize(run)
-    add_limits(summary, LimitReplay((), pairs, (), run.time, run.q[:, :0], 0.2))
+    found = rnc.summarize(run)
+    add_limits(found, LimitReplay((), pairs, (), run.time, run.q[:, :0], 0.2))
+    return found
+
+
+def test_distances_to_obstacles_are_printed_apart(summary, capsys):
     print_summary(summary)
     printed = " ".join(capsys.readouterr().out.split())
     assert "distance to obstacles, smallest 0.0512 m, base / rack at t = 3.14 s" in printed
@@ -26,11 +32,8 @@ def test_distances_to_obstacles_are_printed_apart(capsys):
     assert "final error" not in printed  # a free motion has no goals
 
 
-def test_goals_of_a_program_are_printed_with_their_errors(capsys):
+def test_goals_of_a_program_are_printed_with_their_errors(summary, capsys):
     """The program of a hand on a robot whose outputs are its joints: no output has a reference."""
-    robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
-    reduced = rnc.NonholonomicSystem(robot, []).reduce()
-    summary = rnc.summarize(rnc.free_motion(reduced, robot.configuration(), np.zeros(reduced.r), duration=0.1))
     print_summary({**summary, "goal_error": {"hand_x": 0.0123}})
     (row,) = [line for line in capsys.readouterr().out.splitlines() if "hand_x" in line]
     assert row.split() == ["│", "hand_x", "│", "1.23e-02", "│", "-", "│", "-", "│"]

@@ -6,7 +6,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from drives import Watcher, point_of, pose_of, prepared, reduced_of, script
+from drives import Watcher, point_of, pose_of, prepared, reduced_of
 from rnc_pin.applications.drive.controls import DriveControls, DrivenBase
 from rnc_pin.applications.drive.goals import PlacedGoal, initial_goals
 from rnc_pin.applications.drive.run import CommandQueue, DriveStatus, ProgressMonitor, drive, record_of
@@ -334,11 +334,6 @@ def test_a_bare_robot_is_drafted_and_driven(brief):
     assert run.scenario.experiment.simulation.dt == 0.01
     trajectory = drive(run, samples=500).trajectory
     np.testing.assert_allclose(point_of(run, trajectory.q[-1], run.controls.base.frame)[:2], [0.5, 0.3], atol=0.03)
-
-
-def test_a_script_with_an_unknown_name_is_refused():
-    with pytest.raises(rnc.InputError, match="did you mean 'tip'"):
-        script(manipulator(), [(0, {"kind": "release_frame", "frame": "tipp"})])
 
 
 CONTROLS = DriveControls(frames={"tip": (True, True, False)}, joints={}, base=DrivenBase("base", True, False))

@@ -17,11 +17,7 @@ gymnasium = pytest.importorskip("gymnasium", reason="needs the extra gym")
 env_checker = pytest.importorskip("gymnasium.utils.env_checker")
 
 LIMITS = rnc.gym.EpisodeLimits(input=200.0, speed=3.0, output=3.0)
-SHORT = {
-    "simulation.duration": 0.5,
-    "simulation.dt": 0.01,
-    "reference.primary.minimum_jerk.duration": 0.4,
-}
+SHORT = {"simulation.duration": 0.5, "simulation.dt": 0.01, "reference.primary.minimum_jerk.duration": 0.4}
 SETTINGS = {"options": SHORT, "period": 0.05, "limits": LIMITS}
 
 
@@ -67,13 +63,6 @@ def test_a_batch_is_gymnasiums_vector_of_single_environments_to_the_bit(mode):
         assert all(equal(one, other) for one, other in zip(found, wanted, strict=True))
         ends += [found[2].sum(), found[3].sum()]
     assert ends.min() > 0  # failures and ends of time
-
-
-def test_a_seed_determines_an_episode(env):
-    first, again, other = (env.reset(seed=seed)[0] for seed in (4, 4, 5))
-    assert equal(first, again)
-    assert not equal(first, other)
-    assert not equal(env.reset()[0], other)  # the next of the same stream
 
 
 def test_an_episode_is_a_run_of_simulate(env):

@@ -14,6 +14,7 @@ from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ModelError
 from rnc_pin.robots.robot_files import find_urdf
+from urdf_parts import joint, link, robot, wheel
 
 pytestmark = [
     pytest.mark.filterwarnings(
@@ -118,37 +119,11 @@ def test_a_floating_base_keeps_its_momentum(tmp_path):
 
 # ---------------------------------------------------------------------- robots made for this
 
-BODY = '<inertial><mass value="{m}"/><inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial>'
+PAIR = wheel("left", "base", (0, 0.2, 0)) + wheel("right", "base", (0, -0.2, 0))
 
 
-def link(name, geometry="", mass=1.0, roll="0"):
-    shape = (
-        f'<collision><origin rpy="{roll} 0 0" xyz="0 0 0"/><geometry>{geometry}</geometry></collision>'
-        if geometry
-        else ""
-    )
-    return f'<link name="{name}">{BODY.format(m=mass, i=0.01 * mass)}{shape}</link>'
-
-
-def joint(name, parent, child, at, axis="0 1 0", kind="continuous"):
-    limit = '<limit lower="-1" upper="1" effort="5" velocity="5"/>' if kind == "revolute" else ""
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{at}"/><axis xyz="{axis}"/>{limit}</joint>'
-    )
-
-
-def wheel(name, at, radius=0.1, parent="base", shape="cylinder"):
-    geometry = f'<cylinder radius="{radius}" length="0.04"/>' if shape == "cylinder" else shape
-    return link(f"{name}_link", geometry, roll="1.5707963") + joint(name, parent, f"{name}_link", at)
-
-
-def robot_of(*parts):
-    body = link("base", '<box size="0.5 0.3 0.1"/>', 10)
-    return f'<robot name="cart">{body}{"".join(parts)}</robot>'
-
-
-PAIR = wheel("left", "0 0.2 0") + wheel("right", "0 -0.2 0")
+def cart(*parts):
+    return robot(link("base", 10, '<box size="0.5 0.3 0.1"/>'), *parts, name="cart")
 
 
 def write(folder, text, name="cart.urdf"):
@@ -158,8 +133,8 @@ def write(folder, text, name="cart.urdf"):
 
 def test_wheels_in_two_axles_skid(tmp_path):
     """The equivalent axle of a skid-steered base lies midway, where no frame is."""
-    other = wheel("back_left", "-0.3 0.2 0") + wheel("back_right", "-0.3 -0.2 0")
-    content, path = drafted(write(tmp_path, robot_of(PAIR, other)), tmp_path)
+    other = wheel("back_left", "base", (-0.3, 0.2, 0)) + wheel("back_right", "base", (-0.3, -0.2, 0))
+    content, path = drafted(write(tmp_path, cart(PAIR, other)), tmp_path)
     assert len(radii(content)) == 4
     assert {"no_side_slip": {"frame": "base", "axis": "y", "at": [-0.15, 0, 0]}} in content["constraints"]
     assert all(not each["rolling_wheel"]["lateral"] for each in content["constraints"] if "rolling_wheel" in each)
@@ -177,30 +152,32 @@ def test_the_radius_of_a_mesh(tmp_path):
     faces = [(i, (i + 2) % 32, i + 1 if i % 2 == 0 else (i + 1) % 32) for i in range(32)]
     lines = [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in corners] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
     (tmp_path / "wheel.obj").write_text("\n".join(lines) + "\n")
-    mesh = '<mesh filename="wheel.obj"/>'
     parts = [
-        link(f"{name}_link", mesh) + joint(name, "base", f"{name}_link", at)
-        for name, at in (("left", "0 0.2 0"), ("right", "0 -0.2 0"))
+        link(name, shape='<mesh filename="wheel.obj"/>') + joint(f"{name}_joint", "base", name, (0, y, 0))
+        for name, y in (("left", 0.2), ("right", -0.2))
     ]
-    content, _ = drafted(write(tmp_path, robot_of(*parts)), tmp_path)
-    assert radii(content) == pytest.approx({"left_link": 0.123, "right_link": 0.123}, abs=1e-5)
+    content, _ = drafted(write(tmp_path, cart(*parts)), tmp_path)
+    assert radii(content) == pytest.approx({"left": 0.123, "right": 0.123}, abs=1e-5)
 
 
 def test_wheels_without_a_shape_are_measured_by_their_height(tmp_path):
-    text = '<robot name="cart"><link name="footprint"/>' + link("base", mass=10)
-    text += joint("lift", "footprint", "base", "0 0 0.08", kind="fixed")
-    for side, y in (("left", 0.2), ("right", -0.2)):
-        text += link(f"{side}_wheel") + joint(f"{side}_wheel_joint", "base", f"{side}_wheel", f"0 {y} 0")
-    content, path = drafted(write(tmp_path, text + "</robot>"), tmp_path)
+    parts = [
+        '<link name="footprint"/>',
+        link("base", 10),
+        joint("lift", "footprint", "base", (0, 0, 0.08), kind="fixed"),
+    ]
+    for name, y in (("left_wheel", 0.2), ("right_wheel", -0.2)):
+        parts.append(link(name) + joint(f"{name}_joint", "base", name, (0, y, 0)))
+    content, path = drafted(write(tmp_path, robot(*parts, name="cart")), tmp_path)
     assert radii(content) == {"left_wheel": 0.08, "right_wheel": 0.08}
     assert "MEASURE the radius" in path.read_text()
 
 
 def test_arms_that_turn_on_and_on_are_no_wheels(tmp_path):
-    arm = link("upper", '<cylinder radius="0.05" length="0.1"/>') + joint("elbow", "base", "upper", "0 0 0.6")
-    content, _ = drafted(write(tmp_path, robot_of(PAIR, arm)), tmp_path)
-    assert set(radii(content)) == {"left_link", "right_link"}
-    assert content["actuators"] == ["left", "right", "elbow"]
+    arm = link("upper", shape='<cylinder radius="0.05" length="0.1"/>') + joint("elbow", "base", "upper", (0, 0, 0.6))
+    content, _ = drafted(write(tmp_path, cart(PAIR, arm)), tmp_path)
+    assert set(radii(content)) == {"left", "right"}
+    assert content["actuators"] == ["left_joint", "right_joint", "elbow"]
 
 
 # ---------------------------------------------------------------------- the command
@@ -208,7 +185,7 @@ def test_arms_that_turn_on_and_on_are_no_wheels(tmp_path):
 
 def test_init_writes_what_inspect_and_run_accept(call, tmp_path, monkeypatch, no_pictures):
     monkeypatch.chdir(tmp_path)
-    write(tmp_path, robot_of(PAIR))
+    write(tmp_path, cart(PAIR))
     status, out, error = call("init", "cart.urdf")
     assert (status, error) == (0, "")
     assert "wrote cart.yaml" in out
@@ -227,14 +204,14 @@ def test_init_writes_what_inspect_and_run_accept(call, tmp_path, monkeypatch, no
 
 def test_init_of_a_xacro_file_takes_its_arguments(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    text = robot_of(PAIR).replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ')
+    text = cart(PAIR).replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ')
     text = text.replace('radius="0.1"', "radius=\"${xacro.arg('size')}\"").replace(
         '<link name="base">', '<xacro:arg name="size" default="0.1"/><link name="base">'
     )
     write(tmp_path, text, "cart.urdf.xacro")
     assert call("init", "cart.urdf.xacro", "--arg", "size=0.15")[0] == 0
     content = read_yaml(tmp_path / "cart.yaml")
-    assert radii(content) == {"left_link": 0.15, "right_link": 0.15}
+    assert radii(content) == {"left": 0.15, "right": 0.15}
     assert content["robot"]["xacro_arguments"] == {"size": 0.15}
 
 

@@ -115,10 +115,8 @@ def test_an_unlisted_joint_has_no_motor(drafted):
     assert content["actuators"] == ["l_joint", "r_joint"]
     assert content["robot"]["lock"] == {"flap_joint": 0.0}
     assert decided["Which joints beside the base have no motor?"].answer == "flap_joint"
-    for text, wishes in (
-        (robot(*parts), {}),
-        (robot(*parts, transmissions("l_joint", "r_joint")), {"driven": ["flap_joint"]}),
-    ):
+    listed = robot(*parts, transmissions("l_joint", "r_joint"))
+    for text, wishes in ((robot(*parts), {}), (listed, {"driven": ["flap_joint"]})):
         _, content, _ = drafted(text, **wishes)
         assert content["actuators"] == ["l_joint", "r_joint", "flap_joint"]
     _, content, _ = drafted(robot(*parts), passive=["flap_joint"])
@@ -149,11 +147,8 @@ def turret(beside=0.0, arm=False):
     parts.append(pivot("turn", "body", (0, 0, 0.1), turns_round=True))
     holder = "turn"
     if arm:
-        parts += [
-            link("arm", 0.4),
-            joint("arm_joint", "turn", "arm", (0.08, 0, 0), kind="revolute", limits=(-0.1, 0.1)),
-        ]
-        holder = "arm"
+        suspended = joint("arm_joint", "turn", "arm", (0.08, 0, 0), kind="revolute", limits=(-0.1, 0.1))
+        parts, holder = [*parts, link("arm", 0.4), suspended], "arm"
     back = -beside - (0.08 if arm else 0.0)
     parts += [wheel(f"drive_{side}", holder, (back, y, 0)) for side, y in (("l", 0.15), ("r", -0.15))]
     driven = ["turn_joint", "drive_l_joint", "drive_r_joint"]
@@ -193,26 +188,10 @@ def test_the_differential_of_a_rover_is_no_motor(listed, drafted, tmp_path):
     wheels, steering = [], []
     for side, y in (("l", 0.3), ("r", -0.3)):
         parts += [link(f"rocker_{side}"), link(f"bogie_{side}")]
-        parts += [
-            joint(f"rocker_{side}_joint", "base", f"rocker_{side}", (0, y, 0.2), "0 1 0", "revolute", 0.0, (-1, 1))
-        ]
-        parts += [
-            joint(
-                f"bogie_{side}_joint",
-                f"rocker_{side}",
-                f"bogie_{side}",
-                (-0.2, 0, 0),
-                "0 1 0",
-                "revolute",
-                0.0,
-                (-1, 1),
-            )
-        ]
-        for end, carrier, x in (
-            ("f", f"rocker_{side}", 0.4),
-            ("m", f"bogie_{side}", 0.2),
-            ("b", f"bogie_{side}", -0.2),
-        ):
+        rocker, bogie, loose = f"rocker_{side}", f"bogie_{side}", ("0 1 0", "revolute", 0.0, (-1, 1))
+        parts.append(joint(f"{rocker}_joint", "base", rocker, (0, y, 0.2), *loose))
+        parts.append(joint(f"{bogie}_joint", rocker, bogie, (-0.2, 0, 0), *loose))
+        for end, carrier, x in (("f", rocker, 0.4), ("m", bogie, 0.2), ("b", bogie, -0.2)):
             name = f"{end}{side}"
             if end == "m":
                 parts.append(wheel(f"w_{name}", carrier, (x, 0, -0.2)))
@@ -265,10 +244,8 @@ def rover(shuffled=False):
     for x, end in ((0.5, "f"), (0.0, "m"), (-0.4, "b")):
         for y, side in ((0.3, "l"), (-0.3, "r")):
             if x:
-                parts += [
-                    pivot(f"s_{end}{side}", "base", (x, y, 0)),
-                    wheel(f"w_{end}{side}", f"s_{end}{side}", (0, 0, 0)),
-                ]
+                steering = f"s_{end}{side}"
+                parts += [pivot(steering, "base", (x, y, 0)), wheel(f"w_{end}{side}", steering, (0, 0, 0))]
             else:
                 parts.append(wheel(f"w_{end}{side}", "base", (x, y, 0)))
     if shuffled:
@@ -357,13 +334,8 @@ def test_an_option_says_that_an_axle_does_not_steer(drafted):
 
 def two_wheels(*more, tall=0.5, name="unit_7"):
     body = link("base_footprint", 10.0, '<box size="0.2 0.2 0.6"/>', at=f"0 0 {tall}")
-    return robot(
-        body,
-        wheel("l", "base_footprint", (0, 0.2, 0.1)),
-        wheel("r", "base_footprint", (0, -0.2, 0.1)),
-        *more,
-        name=name,
-    )
+    pair = (wheel(side, "base_footprint", (0, y, 0.1)) for side, y in (("l", 0.2), ("r", -0.2)))
+    return robot(body, *pair, *more, name=name)
 
 
 def test_parts_of_words_support_nothing(drafted):
@@ -390,10 +362,8 @@ def test_a_support_without_a_shape_counts_if_it_is_low(drafted):
 
 
 def four_wheels(*more, name="unit_7", wheels="w"):
-    parts = [
-        wheel(f"{wheels}_{k}", "base", (x, y, 0))
-        for k, (x, y) in enumerate(((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)))
-    ]
+    places = enumerate(((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)))
+    parts = (wheel(f"{wheels}_{k}", "base", (x, y, 0)) for k, (x, y) in places)
     return robot(link("base", 10.0, BOX), *parts, *more, name=name)
 
 
@@ -453,11 +423,9 @@ def test_side_gears_of_a_differential_are_no_rollers(drafted):
     """The ring of a live axle carries gears; two of them, on the axle, carry the rear wheels."""
     parts = [link("base", 10.0, BOX), link("ring", 0.3), joint("ring_joint", "base", "ring", (-0.3, 0, 0))]
     for side, y in (("l", 0.2), ("r", -0.2)):
-        parts += [wheel(f"rear_{side}", "ring", (0, y, 0))]
-        parts += [
-            link(f"spider_{side}", 0.1),
-            joint(f"spider_{side}_joint", "ring", f"spider_{side}", (y / 20, 0, 0), "1 0 0"),
-        ]
+        spider = f"spider_{side}"
+        parts += [wheel(f"rear_{side}", "ring", (0, y, 0)), link(spider, 0.1)]
+        parts += [joint(f"{spider}_joint", "ring", spider, (y / 20, 0, 0), "1 0 0")]
         parts += [pivot(f"k_{side}", "base", (0.3, y, 0)), wheel(f"f_{side}", f"k_{side}", (0, 0, 0))]
     kind, content, _ = drafted(robot(*parts))
     assert kind == "planar: 4 wheels, steered like a car"
@@ -488,10 +456,8 @@ def test_a_body_with_links_called_wheels_stays_on_the_ground_and_init_asks(draft
     def body(name):
         parts = [link("base", 30.0, '<box size="0.6 0.6 0.3"/>')]
         for k, (x, y) in enumerate(((0.2, 0.2), (0.2, -0.2), (-0.2, 0.2))):
-            parts += [
-                link(f"{name}_{k}", 0.3),
-                joint(f"m{k}", "base", f"{name}_{k}", (x, y, 0), "0 0 1", "revolute", 5.0, (-1, 1)),
-            ]
+            turns = joint(f"m{k}", "base", f"{name}_{k}", (x, y, 0), "0 0 1", "revolute", 5.0, (-1, 1))
+            parts += [link(f"{name}_{k}", 0.3), turns]
         return robot(*parts)
 
     kind, _, decided = drafted(body("caster"))

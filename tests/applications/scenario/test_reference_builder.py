@@ -211,9 +211,6 @@ def test_a_goal_that_no_way_reaches_is_refused_at_the_planner(tmp_path):
     inside = {"goal": {"fork_x": 1.5, "fork_y": 0.6, "fork_yaw": 0}}
     with pytest.raises(rnc.InfeasibleError, match=r"planner: find_way: the goal is too near: .*wall"):
         Scenario.load(written(tmp_path, BEHIND_A_WALL, planner=inside)).build()
-    for change, message in (
-        ({"guess": {"through": []}}, "type 'global' searches the guess"),
-        ({"goal": None}, "goal"),
-    ):
+    for change, message in (({"guess": {"through": []}}, "type 'global' searches the guess"), ({"goal": None}, "goal")):
         with pytest.raises(rnc.ConfigurationError, match=message):
             Scenario.load(written(tmp_path, BEHIND_A_WALL, planner=change)).build()

@@ -1,10 +1,11 @@
-"""Panels of the picture of a sweep: results in words, and shares of findings over what was drawn."""
+"""Reports of a sweep: panels of its picture, results in words, shares of findings over what was drawn, quantiles."""
 
 import numpy as np
 import pytest
 
 import rnc_pin as rnc
 from rnc_pin import visualization
+from rnc_pin.applications.sweep.reports import quantiles
 
 
 def test_shares_have_bins_of_many_runs_and_no_seeds(tmp_path, monkeypatch):
@@ -31,3 +32,12 @@ def test_shares_have_bins_of_many_runs_and_no_seeds(tmp_path, monkeypatch):
         assert list(panels[name].counts) == ["failed: goal"]
         assert np.sum(panels[name].counts["failed: goal"]) == 12
     assert (tmp_path / "picture.png").stat().st_size > 10_000
+
+
+def test_quantiles_are_of_all_chunks_without_missing_numbers(tmp_path):
+    values = np.random.default_rng(0).normal(size=2000)
+    some = np.insert(values, [0, 5, 5], np.nan)
+    fractions = (0.0, 0.01, 0.5, 0.95, 1.0)
+    assert quantiles(np.array_split(some, 7), fractions, tmp_path) == np.quantile(values, fractions).tolist()
+    assert quantiles([np.full(3, np.nan)], fractions, tmp_path) is None
+    assert not any(tmp_path.iterdir())

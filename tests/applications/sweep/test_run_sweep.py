@@ -13,7 +13,7 @@ import pytest
 
 import rnc_pin as rnc
 from patience import PATIENCE, eventually
-from rnc_pin.applications.sweep import run_store
+from rnc_pin.applications.sweep import sweep_folder
 from systems import sleigh
 
 LAWS = {"speed": [0.5, 1.5], "spin": {"normal": {"mean": 0.5, "std": 0.1}}, "kind": {"choice": ["a", "b"]}}
@@ -75,9 +75,9 @@ def test_an_interrupted_sweep_continues_where_it_was(whole, tmp_path):
 
 
 def test_small_blocks_and_a_line_that_was_cut_off(whole, tmp_path, monkeypatch):
-    monkeypatch.setattr(run_store, "BLOCK", 5)
+    monkeypatch.setattr(sweep_folder, "BLOCK", 5)
     monkeypatch.setattr("rnc_pin.applications.sweep.run_sweep.BLOCK", 5)
-    monkeypatch.setattr("rnc_pin.applications.sweep.swept_runs.BLOCK", 5)
+    monkeypatch.setattr("rnc_pin.applications.sweep.results.BLOCK", 5)
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
         rnc.sweep(Sleighs([], ends_at=9), rnc.Draws(12, LAWS, 4), out=out)

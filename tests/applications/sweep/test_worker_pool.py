@@ -46,7 +46,7 @@ def rows_on(monkeypatch, breaks, runs=50):
 
     class Pool:
         def __enter__(self):
-            return lambda: workers, lambda: 2
+            return worker_pool._Pool(lambda: workers, lambda: 2)
 
         def __exit__(self, *error):
             pass

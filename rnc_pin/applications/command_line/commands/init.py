@@ -14,7 +14,7 @@ import click
 from rnc_pin.applications.command_line.messages import announce
 from rnc_pin.applications.init import DraftDecision, DraftOptions, draft_with_decisions, with_choices
 from rnc_pin.applications.scenario.files import parse_options
-from rnc_pin.applications.scenario.output_folder import check_new_file
+from rnc_pin.applications.scenario.output_folder import check_new_file, one_line_errors
 from rnc_pin.applications.scenario.schema.scenario import schema_text
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import atomic_file
@@ -58,11 +58,8 @@ def draft_scenario(
         click.echo(f"rnc-pin: question: {question}", err=True)
     if own:
         raise ConfigurationError(f"--out {path}: is the robot's own file; choose another name")
-    try:
-        with atomic_file(path, force) as partial:
-            partial.write_text(found.text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigurationError(f"--out {path}: cannot be written: {error.strerror}") from None
+    with one_line_errors(f"--out {path}"), atomic_file(path, force) as partial:
+        partial.write_text(found.text, encoding="utf-8")
     quoted = shlex.quote(str(path))
     click.echo(f"wrote {path}: read it, then try: rnc-pin inspect {quoted}; rnc-pin run {quoted}")
 

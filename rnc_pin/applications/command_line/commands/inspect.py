@@ -25,6 +25,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import ComputedTorque, InverseDynamicsQP, VelocityQP, VelocityTracker
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model import Phrases, ReducedModel, Task
+from rnc_pin.printing import counted
 from rnc_pin.verdict import Finding
 
 _BASES = {"JointModelPlanar": "moves in the plane", "JointModelFreeFlyer": "moves freely in space"}
@@ -49,7 +50,7 @@ def _kind(reduced: ReducedModel, phrases: Sequence[Phrases]) -> str:
     supports = Counter(each.support for each in phrases if each.support)
     noun = next((each.robot for each in phrases if each.robot), "a robot")
     if supports:
-        noun = f"a vehicle on {_and([_count(number, support) for support, number in supports.items()])}"
+        noun = f"a vehicle on {_listed([_count(number, support) for support, number in supports.items()])}"
     joints = _count(model.njoints - 1 - sum(map(bool, roots)), "joint")
     loose = len(roots) > 1 and any(roots)  # joints that start at a fixed base are connected by it
     stance = f"no joint connects its {len(roots)} parts" if loose else f"its base {roots[0] or 'is fixed'}"
@@ -58,7 +59,7 @@ def _kind(reduced: ReducedModel, phrases: Sequence[Phrases]) -> str:
 
 def _motions(report: Report, names: Sequence[str]) -> str:
     n, r, reach = report.n, report.r, report.growth_vector[-1]
-    said = f"It has {_count(r, 'independent motion')} ({_and(names)}) in {_count(n, 'degree')} of freedom"
+    said = f"It has {_count(r, 'independent motion')} ({_listed(names)}) in {_count(n, 'degree')} of freedom"
     if r == n:
         return f"{said}, because no constraint takes one away."
     if reach == n:
@@ -69,8 +70,8 @@ def _motions(report: Report, names: Sequence[str]) -> str:
 
 
 def _limits(reduced: ReducedModel, prevented: Sequence[str], report: Report) -> str:
-    undriven = f"no actuator drives {_and(report.unactuated)}" if report.actuation_rank < report.r else ""
-    cannot = f"It cannot {_or(prevented)}" if prevented else "No constraint keeps it from any motion"
+    undriven = f"no actuator drives {_listed(report.unactuated)}" if report.actuation_rank < report.r else ""
+    cannot = f"It cannot {_listed(prevented, 'or')}" if prevented else "No constraint keeps it from any motion"
     return f"{cannot}; {undriven + ', and ' if undriven else ''}{_reach_of_singularities(reduced, report)}."
 
 
@@ -80,7 +81,7 @@ def _prevented(phrases: Sequence[Phrases]) -> list[str]:
     for each in phrases:
         if each.prevents:
             found.setdefault(each.prevents, []).extend([each.where] if each.where else [])
-    return [f"{words} {_and(names)}" if names else words for words, names in found.items()]
+    return [f"{words} {_listed(names)}" if names else words for words, names in found.items()]
 
 
 def _reach_of_singularities(reduced: ReducedModel, report: Report) -> str:
@@ -95,23 +96,17 @@ def _reach_of_singularities(reduced: ReducedModel, report: Report) -> str:
 def _place_of(found: Singularity, reduced: ReducedModel) -> str:
     if found.matrix == "E":
         names = [name for name in found.rows if name in reduced.reducing.names]
-        return f"it becomes singular where its constraints leave no free choice of {_and(names) if names else 'motion'}"
-    return f"it becomes singular where its redundant motions cannot move {_and(found.rows)}"
+        return (
+            f"it becomes singular where its constraints leave no free choice of {_listed(names) if names else 'motion'}"
+        )
+    return f"it becomes singular where its redundant motions cannot move {_listed(found.rows)}"
 
 
 def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'s'[: number != 1]}" if number else f"no {noun}s"
+    return counted(number, noun) if number else f"no {noun}s"
 
 
-def _and(names: Sequence[str]) -> str:
-    return _listed(names, "and")
-
-
-def _or(names: Sequence[str]) -> str:
-    return _listed(names, "or")
-
-
-def _listed(names: Sequence[str], word: str) -> str:
+def _listed(names: Sequence[str], word: str = "and") -> str:
     """Join names in a sentence; a long list is shortened to its first names."""
     shown = list(names)
     if len(shown) > _FEW:
@@ -137,22 +132,23 @@ def inspect_system(
         for line in sentences_of(limits):
             click.echo(line)
         return
-    content = {
-        "system": system,
-        "sentences": list(sentences(reduced, report)),
-        "robot": reduced.robot.name,
-        "joints": list(reduced.robot.joint_names),
-        "reducing": list(reduced.reducing.names),
-        "vertical": list(reduced.vertical.names),
-        "actuators": list(reduced.actuation.names),
-        "primary": list(task.primary_names),
-        "redundant": list(task.redundant_names),
-        **report.to_dict(),
-        "limit_effects": [asdict(each) for each in limits.effects],
-        "limits_not_examined": limits.problem,
-        "findings": [each.to_json() for each in found],
-    }
-    print_json(content)
+    print_json(
+        {
+            "system": system,
+            "sentences": list(sentences(reduced, report)),
+            "robot": reduced.robot.name,
+            "joints": list(reduced.robot.joint_names),
+            "reducing": list(reduced.reducing.names),
+            "vertical": list(reduced.vertical.names),
+            "actuators": list(reduced.actuation.names),
+            "primary": list(task.primary_names),
+            "redundant": list(task.redundant_names),
+            **report.to_dict(),
+            "limit_effects": [asdict(each) for each in limits.effects],
+            "limits_not_examined": limits.problem,
+            "findings": [each.to_json() for each in found],
+        }
+    )
 
 
 # ------------------------------------------------------------------ report
@@ -177,7 +173,7 @@ def print_report(system: str, reduced: ReducedModel, task: Task, report: Report,
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
     n, rank, r = report.n, report.rank, report.r
-    less = f"{rank} independent constraint row{'s'[: rank != 1]}"
+    less = counted(rank, "independent constraint row")
     table.add_row("motion", f"{n} degrees of freedom less {less} leave {r}:\n{_list(reduced.reducing.names)}")
     table.add_row("constraint rows", _constraint_rows(report))
     growth = report.growth_vector
@@ -212,17 +208,15 @@ def _constraint_rows(report: Report) -> RenderableType:
         return "none"
     if not combinations:
         return Group(rows, "no combination of rows is integrable")
-    count = f"{len(combinations)} integrable combination{'s'[: len(combinations) != 1]}"
+    count = counted(len(combinations), "integrable combination")
     return Group(rows, *(f"{count if k == 0 else ' ' * len(count)}  {each}" for k, each in enumerate(combinations)))
 
 
 def _actuation(actuators: Sequence[str], report: Report, details: bool) -> str:
     rank, r = report.actuation_rank, report.r
-    verdict = "every reduced force can be realised"
-    if rank < r:
-        verdict = f"not every reduced force can be realised: {_list(report.unactuated)} not fully actuated"
-    if details:
-        verdict = f"{verdict} (rank of R^T B: {rank} of {r})"
+    short = f"not every reduced force can be realised: {_list(report.unactuated)} not fully actuated"
+    verdict = short if rank < r else "every reduced force can be realised"
+    verdict += f" (rank of R^T B: {rank} of {r})" if details else ""
     spare = report.p - rank
     return f"{_list(actuators)}\n{verdict}" + (f", with {spare} actuators to spare" if spare else "")
 

@@ -57,22 +57,24 @@ class MeasuredLog:
         mapping: its mapping; None for a file of ``Log.save``.
         log: the log.
         sensor: frame whose pose is measured.
+        heading: True if the sensor measures its heading.
     """
 
     path: Path
     mapping: Path | None
     log: Log
     sensor: str
+    heading: bool
 
 
-def read_measured(path: Path, mapping: Path | None, sensor: str | None) -> MeasuredLog:
+def read_measured(path: Path, mapping: Path | None, sensor: str | None, heading: bool) -> MeasuredLog:
     """Read a log; its sensor is the only frame with poses if none is named."""
     log = _read(path, mapping)
     frames = log.names("pose")
     if sensor is None and len(frames) != 1:
         found = ", ".join(frames) or "none"
         raise ConfigurationError(f"{path}: expected the pose of one frame, found {found}; choose one: --sensor FRAME")
-    return MeasuredLog(path, mapping, log, sensor or frames[0])
+    return MeasuredLog(path, mapping, log, sensor or frames[0], heading)
 
 
 def _read(path: Path, mapping: Path | None) -> Log:
@@ -98,48 +100,33 @@ def _tell(
         click.echo(f"wrote {', '.join(written)} into {out}")
 
 
-@dataclass(frozen=True)
-class ComparisonChoice:
-    """Replayed signals, and the folder for the result.
-
-    Attributes:
-        speeds: True to replay velocities of wheels instead of positions.
-        out: folder; None to print only.
-        force: True to replace files there.
-    """
-
-    speeds: bool
-    out: Path | None
-    force: bool
-
-
 def compare_log(
     system: str,
     measured: MeasuredLog,
-    heading: bool,
+    speeds: bool,
     options: tuple[str, ...],
-    choice: ComparisonChoice,
+    out: Path | None,
+    force: bool,
     as_json: bool,
 ) -> None:
     """Print a measured log beside the model of a scenario, and write its plots and page."""
     scenario = Scenario.load(system, parse_options(options))
-    found = compare(scenario.model.system, measured.log, measured.sensor, heading=heading, speeds=choice.speeds)
+    found = compare(scenario.model.system, measured.log, measured.sensor, heading=measured.heading, speeds=speeds)
     content = _comparison_content(system, measured.path, found)
-    written = None if choice.out is None else _write_comparison(scenario, found, content, choice)
-    _tell(content, written, choice.out, None if as_json else partial(_print_comparison, system, measured.path, found))
+    written = None if out is None else _write_comparison(scenario, found, content, out, force)
+    _tell(content, written, out, None if as_json else partial(_print_comparison, system, measured.path, found))
 
 
 # ---------------------------------------------------------------------- files
 
 
 def _write_comparison(
-    scenario: Scenario, found: Comparison, content: dict[str, Json], choice: ComparisonChoice
+    scenario: Scenario, found: Comparison, content: dict[str, Json], out: Path, force: bool
 ) -> list[str]:
     """Write the report, the plots and the page; return their names."""
-    assert choice.out is not None
     figures, visual = scenario.content.figures, scenario.robot.visual_model
     plots = [f"{_NAME}.{each}" for each in figures.formats]
-    with OutputFolder(choice.out, choice.force, (f"{_NAME}.json", *plots, ANIMATION)) as folder:
+    with OutputFolder(out, force, (f"{_NAME}.json", *plots, ANIMATION)) as folder:
         with folder.writing() as fresh:
             (fresh / f"{_NAME}.json").write_text(dump_json(content) + "\n", encoding="utf-8")
             figure = _plot(found, figures.size, Labels(figures.labels))
@@ -168,10 +155,7 @@ def _comparison_content(system: str, log: Path, found: Comparison) -> dict[str, 
         "unused_rows": list(found.unused_rows),
         "energy": None
         if found.energy is None
-        else {
-            "imbalance": found.energy.imbalance,
-            "suspects": [_suspect(each) for each in found.energy.suspects],
-        },
+        else {"imbalance": found.energy.imbalance, "suspects": [_suspect(each) for each in found.energy.suspects]},
     }
 
 
@@ -252,37 +236,29 @@ def _record(scenario: Scenario, found: Comparison) -> Recording:
 _SCENARIO, _URDF, _MAPPING, _REPORT = "scenario.yaml", "robot.urdf", "mapping.yaml", "calibration.json"
 
 
-@dataclass(frozen=True)
-class CalibrationChoice:
-    """Numbers to estimate, and the folder for the result."""
-
-    estimate: tuple[str, ...]
-    held_out: float
-    out: Path | None
-    force: bool
-
-
 def calibrate_log(
     system: str,
     measured: MeasuredLog,
-    heading: bool,
+    estimate: tuple[str, ...],
+    held_out: float,
     options: tuple[str, ...],
-    choice: CalibrationChoice,
+    out: Path | None,
+    force: bool,
     as_json: bool,
 ) -> None:
     """Print the calibration of a scenario's robot, and write the scenario with the new numbers."""
     scenario = Scenario.load(system, parse_options(options))
-    log, sensor, given = measured.log, measured.sensor, scenario.model.system
-    names = choice.estimate or [each.name for each in compare(given, log, sensor, heading=heading).suspects]
+    log, sensor, heading, given = measured.log, measured.sensor, measured.heading, scenario.model.system
+    names = estimate or [each.name for each in compare(given, log, sensor, heading=heading).suspects]
     if not names:
         raise ConfigurationError(
             f"{measured.path}: no number explains the difference from {system}; name what to estimate: --estimate NAME"
         )
     unknown = named_numbers(names, given, log, sensor)
-    found = calibrate(given, log, unknown, sensor, held_out=choice.held_out, heading=heading)
+    found = calibrate(given, log, unknown, sensor, held_out=held_out, heading=heading)
     content = _calibration_content(system, measured.path, found)
-    written = None if choice.out is None else _write_calibration(scenario, measured, found, content, choice)
-    _tell(content, written, choice.out, None if as_json else partial(_print_calibration, system, measured.path, found))
+    written = None if out is None else _write_calibration(scenario, measured, found, content, out, force)
+    _tell(content, written, out, None if as_json else partial(_print_calibration, system, measured.path, found))
 
 
 def _calibration_content(system: str, log: Path, found: Calibration) -> dict[str, Json]:
@@ -307,11 +283,10 @@ def _calibration_content(system: str, log: Path, found: Calibration) -> dict[str
 
 
 def _write_calibration(
-    scenario: Scenario, measured: MeasuredLog, found: Calibration, content: dict[str, Json], choice: CalibrationChoice
+    scenario: Scenario, measured: MeasuredLog, found: Calibration, content: dict[str, Json], out: Path, force: bool
 ) -> list[str]:
     """Write the scenario and the files that it needs; return their names."""
-    assert choice.out is not None
-    with OutputFolder(choice.out, choice.force, (_SCENARIO, _URDF, _MAPPING, _REPORT)) as folder:
+    with OutputFolder(out, force, (_SCENARIO, _URDF, _MAPPING, _REPORT)) as folder:
         with folder.writing() as fresh:
             raw = with_options(scenario.raw, _new_radii(scenario, found))
             if found.has_new_places:

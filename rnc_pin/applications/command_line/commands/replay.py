@@ -12,8 +12,8 @@ import click
 
 from rnc_pin.applications.command_line.messages import DONE, warn
 from rnc_pin.applications.command_line.report import print_summary, report_findings
-from rnc_pin.applications.scenario.output_folder import check_new_file
-from rnc_pin.applications.scenario.saved_run import Run, animation_of, compared, load_run, run_names, view_of
+from rnc_pin.applications.scenario.output_folder import check_new_file, one_line_errors
+from rnc_pin.applications.scenario.saved_run import Run, animation_of, compared, load_run, run_names
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.figures import Size, save
 from rnc_pin.interruption import interruptible
@@ -110,7 +110,7 @@ def _check_new(files: ReplayFiles) -> None:
 def _write(runs: list[Run], others: Mapping[str, Trajectory], files: ReplayFiles) -> None:
     html, frames, video = files["html"], files["frames"], files["video"]
     plot, force = files["plot"], files["force"]
-    try:
+    with one_line_errors():
         if html is not None or frames is not None or video is not None:
             recording = animation_of(runs, files["aside"])
         if html is not None:
@@ -133,8 +133,6 @@ def _write(runs: list[Run], others: Mapping[str, Trajectory], files: ReplayFiles
                 name=run_names(runs)[0],
             )
             click.echo(f"wrote {save(figure, plot, force)}")
-    except OSError as error:
-        raise ConfigurationError(f"{error.filename}: cannot be written: {error.strerror}") from None
 
 
 def _figure_size(size: str | None) -> Size | None:
@@ -163,7 +161,7 @@ def _verdict(run: Run) -> Verdict:
 
 
 def _show(run: Run, speed: float, browser: bool, host: str) -> None:
-    live = live_view(run.drawn_model, view_of(run.scenario), run.trajectory.info, run.title, speed, browser, host)
+    live = live_view(run.drawn_model, run.scenario.view, run.trajectory.info, run.title, speed, browser, host)
     try:
         for state in recorded_states(run.reduced.robot, run.trajectory, rate=60.0):
             live(state)
@@ -177,8 +175,6 @@ def export_file(source: Path, file: Path, arrays: tuple[str, ...], force: bool) 
     """Write the arrays of a run for other programs."""
     check_new_file("FILE", file, force)
     run = Trajectory.load(source / "trajectory.npz" if os.path.isdir(source) else source)
-    try:
+    with one_line_errors():
         written = export_run(run, file, arrays or None, force)
-    except OSError as error:
-        raise ConfigurationError(f"{error.filename}: cannot be written: {error.strerror}") from None
     click.echo(f"wrote {written}")

@@ -8,11 +8,7 @@ from typing import TypedDict, Unpack
 from rich.console import Console
 
 from rnc_pin.applications.command_line.messages import FAILED, announce, warn
-from rnc_pin.applications.command_line.report import (
-    ProgressBar,
-    keep_run,
-    report_run,
-)
+from rnc_pin.applications.command_line.report import ProgressBar, keep_run, report_run
 from rnc_pin.applications.scenario.execution import Result, data_names, execute
 from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
 from rnc_pin.applications.scenario.output_folder import OutputFolder
@@ -63,10 +59,7 @@ def run_scenario(
         OutputFolder(out or Path("runs") / name, force, names) as folder,
         Artists(prepared, processes) as artists,
     ):
-        if show:
-            result = _watched(prepared, watching, quiet=as_json)
-        else:
-            result = _executed(prepared, None, quiet=as_json, processes=processes)
+        result = _watched(prepared, watching, as_json) if show else _executed(prepared, None, as_json, processes)
         drawn = keep_run(prepared, result, folder, as_json, artists)
     return FAILED if drawn is None else report_run(prepared, result, drawn, folder.path, as_json)
 

@@ -14,7 +14,7 @@ from rnc_pin.applications.command_line.report import ProgressBar, print_sweep_st
 from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
 from rnc_pin.applications.sweep import SweepResults, sweep
 from rnc_pin.applications.sweep.reports import SweepStatistics, failure_lines, sweep_statistics
-from rnc_pin.applications.sweep.swept_run import SUCCESSFUL
+from rnc_pin.applications.sweep.rows import SUCCESSFUL
 from rnc_pin.errors import SimulationError
 
 _SHOWN = 5  # failures on the terminal
@@ -40,6 +40,7 @@ def sweep_scenario(
 ) -> int:
     """Run a scenario many times with drawn values, write a data set and return the exit status."""
     given = parse_options(options)
+    chosen = {**plant_option(scenario, plant), **given, **accept_option(scenario, given, accept)}
     bar = ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json)
     reached = 0
     try:
@@ -52,14 +53,7 @@ def sweep_scenario(
                 reached = done
                 advance(done, f"{scenario}: {done} of {runs} runs")
 
-            results = sweep(
-                scenario,
-                runs,
-                out=out,
-                options={**plant_option(scenario, plant), **given, **accept_option(scenario, given, accept)},
-                progress=progress,
-                **passed,
-            )
+            results = sweep(scenario, runs, out=out, options=chosen, progress=progress, **passed)
     except KeyboardInterrupt:
         complain(f"interrupted after {reached} of {runs} runs, which are in {out}; the same command continues")
         return FAILED

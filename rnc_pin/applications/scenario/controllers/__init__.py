@@ -31,7 +31,7 @@ from rnc_pin.applications.scenario.controllers.whole_body import InverseDynamics
 from rnc_pin.errors import nearest
 from rnc_pin.io import Json, wrong
 
-__all__ = ["TYPES", "BuiltController", "ControllerContext", "ControllerItem", "owners", "without_foreign_gains"]
+__all__ = ["TYPES", "BuiltController", "ControllerContext", "ControllerItem", "read_by", "without_foreign_gains"]
 
 _AnyType = (
     RedundancySettings
@@ -84,10 +84,14 @@ def _check_keys(raw: object) -> object:
 ControllerItem = Annotated[_AnyType, Field(discriminator="type"), BeforeValidator(_check_keys)]
 
 
+def read_by(kind: str, controller: Mapping[str, Json]) -> dict[str, Json]:
+    """Settings of a controller that a type reads, and unknown ones."""
+    return {key: value for key, value in controller.items() if not (types := owners(key)) or kind in types}
+
+
 def without_foreign_gains(raw: Mapping[str, Json], changes: Mapping[str, Json]) -> Mapping[str, Json]:
     """Scenario whose controller has no settings that a comparison's other type of controller does not read."""
     controller, kind = raw.get("controller"), changes.get("controller.type")
     if not isinstance(controller, Mapping) or not isinstance(kind, str) or kind not in TYPES:
         return raw
-    read = {key: value for key, value in controller.items() if not (types := owners(key)) or kind in types}
-    return {**raw, "controller": read}
+    return {**raw, "controller": read_by(kind, controller)}

@@ -273,13 +273,9 @@ class AdaptationSettings(InertiaBoundSettings, _RATES.model, _DEAD_ZONE.model, _
         return context.reduced.inverse_dynamics(context.q0, rest, rest)
 
     @model_validator(mode="after")
-    def _check_alpha(self) -> AdaptationSettings:
+    def _check_adaptation(self) -> AdaptationSettings:
         if self.alpha is not None and self.unknown is None:
             raise wrong("alpha", "needs 'unknown', which is missing")
-        return self
-
-    @model_validator(mode="after")
-    def _check_dead_zone(self) -> AdaptationSettings:
         if self.dead_zone is not None and np.min(self.dead_zone) < 0:
             raise wrong("dead_zone", f"expected numbers of at least 0, found {self.dead_zone}")
         return self

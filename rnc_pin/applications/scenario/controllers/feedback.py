@@ -124,6 +124,13 @@ def check_output_names(key: str, given: Iterable[str], names: Sequence[str]) -> 
             raise ConfigurationError(f"{key}: no output '{name}'{nearest(name, names)}")
 
 
+def near_singular(what: str, reduced: ReducedModel, q: np.ndarray) -> tuple[str, ...]:
+    """Complaint about configurations (n, nq) if one of them is nearly singular."""
+    smallest = float(np.min(reduced.at(q).smallest_singular_value))
+    said = f"{what} is near a singular configuration: smallest singular value {smallest:.2g}"
+    return (f"{said}, limit {MIN_SINGULAR_VALUE:g}",) if smallest < MIN_SINGULAR_VALUE else ()
+
+
 def _limits(given: Mapping[str, Limits]) -> tuple[dict[str, float], dict[str, float]]:
     """Lower and upper limits by name; null is no limit, not that of the robot's file."""
     lower = {name: -np.inf if low is None else float(low) for name, (low, _) in given.items()}
@@ -165,16 +172,11 @@ class StateFeedbackSettings(ControllerSettings, _EQUILIBRIUM.model, _LINEAR.mode
             linear = _LINEAR.build(self, reduced=reduced, q=found.q, v2=v2, T=found.T, cyclic=self.cyclic)
             K = _REGULATOR.build(self, linear=linear)
             check_sampling(linear, K, context.simulation.dt)
-        parts: list[Reference] = []
-        names: list[str] = []
-        for which in context.given:
-            parts.append(getattr(context, which))
-            names += getattr(context.task, f"{which}_names")
+        parts: list[Reference] = [getattr(context, which) for which in context.given]
+        names = [name for which in context.given for name in getattr(context.task, f"{which}_names")]
         reference = Joined(parts) if parts else None
-        smallest = float(np.min(reduced.at(np.stack([context.q0, found.q])).smallest_singular_value))
-        limit = MIN_SINGULAR_VALUE
-        near = f"start is near a singular configuration: smallest singular value {smallest:.2g}, limit {limit:g}"
-        complaints = refuse_or_warn(context.preflight, () if smallest > limit else (near,))
+        near = near_singular("start", reduced, np.stack([context.q0, found.q]))
+        complaints = refuse_or_warn(context.preflight, near)
         return BuiltController(StateFeedback(linear, K, reference, names), complaints)
 
 
@@ -205,11 +207,9 @@ class PlanFeedbackSettings(ControllerSettings, _TVLQR.model, _FEEDBACK.model):  
         with ConfigurationError.at("controller"):
             gains = None if self.gains == "plan" else _TVLQR.build(self, reduced=reduced, plan=plan).K
             controller = _FEEDBACK.build(self, reduced=reduced, plan=plan, K=gains)
-        smallest = float(np.min(reduced.at(plan.q).smallest_singular_value))
-        near = f"the plan is near a singular configuration: smallest singular value {smallest:.2g}"
         passed = obstacles_passed(reduced.robot, plan.time, plan.q, context.obstacles)
         complaints = (
-            *([f"{near}, limit {MIN_SINGULAR_VALUE:g}"] if smallest < MIN_SINGULAR_VALUE else []),
+            *near_singular("the plan", reduced, plan.q),
             *(f"the plan passes through obstacle '{each.names[1]}': {each}" for each in passed),
         )
         return BuiltController(controller, refuse_or_warn(context.preflight, complaints))
@@ -223,19 +223,8 @@ class PlanFeedbackSettings(ControllerSettings, _TVLQR.model, _FEEDBACK.model):  
 
 
 _FORM = {"form": Literal["acceleration", "dynamic"]}
-_POINT = part(
-    SetPointController,
-    "form",
-    "nodes",
-    "seeds",
-    "tolerance",
-    "tube",
-    "check",
-    "state_cost",
-    "braking",
-    "velocities",
-    forms=_FORM,
-)
+_PLANS = "form", "nodes", "seeds", "tolerance", "tube", "check", "state_cost", "braking", "velocities"
+_POINT = part(SetPointController, *_PLANS, forms=_FORM)
 _NAVIGATION = part(NavigationController, "clearance", "seed")
 _FOLLOWING = part(WayFollowing, *(each.name for each in fields(WayFollowing)))
 _PREDICTIVE = part(PredictiveController, "horizon", "form", "nodes", "velocities", forms=_FORM)

@@ -23,7 +23,7 @@ from rnc_pin.applications.scenario.controllers.context import (
     check_motion,
 )
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, part
-from rnc_pin.applications.scenario.schema.motions import Pose
+from rnc_pin.applications.scenario.schema.motions import GoalPose
 from rnc_pin.control import (
     OUTER_GAINS,
     ActuatorVelocityController,
@@ -58,25 +58,13 @@ from rnc_pin.planning import Joined, Reference, ReferencePoint
 
 _POSITION_GAINS = preset_gains(PositionGains, "k1", "k2", "gamma", "beta", "sigma")
 _ACTIVE = part(JacobianTransposeController, "active")
-PlatformItem = Annotated[
-    PartialCall[UnicycleStabilizer],
-    part(
-        UnicycleStabilizer,
-        "goal",
-        "position",
-        "begin",
-        keys={"goal": "to"},
-        forms={
-            "goal": Annotated[Pose, Field(description="Goal pose: x, y [m] and heading [rad].")],
-            "position": Annotated[
-                list[str],
-                Field(min_length=2, max_length=2, description="Names of the vertical outputs x and y of the platform."),
-            ],
-            "begin": Annotated[NotNegative, Field(description="Start time of the second phase [s].")],
-        },
-        required=("begin",),
-    ),
-]
+_POSITION = Field(min_length=2, max_length=2, description="Names of the vertical outputs x and y of the platform.")
+_BEGIN = Annotated[NotNegative, Field(description="Start time of the second phase [s].")]
+_FORMS = {"goal": GoalPose, "position": Annotated[list[str], _POSITION], "begin": _BEGIN}
+_PLATFORM = part(
+    UnicycleStabilizer, "goal", "position", "begin", keys={"goal": "to"}, forms=_FORMS, required=("begin",)
+)
+PlatformItem = Annotated[PartialCall[UnicycleStabilizer], _PLATFORM]
 """Goal of a unicycle platform in the second phase."""
 
 
@@ -256,13 +244,11 @@ class VelocityTrackerSettings(AdaptationSettings, _BANDWIDTH.model, _VELOCITY_GA
 
     @model_validator(mode="after")
     def _check_tracker(self) -> VelocityTrackerSettings:
-        if self.tracker == "computed_torque" and self.gravity_compensation:
-            raise wrong(
-                "gravity_compensation",
-                "is not available with tracker 'computed_torque', which takes gravity from its model",
-            )
-        if self.tracker == "velocity" and self.gravity_compensation:
-            raise wrong("gravity_compensation", "is not available with tracker 'velocity', which gives no forces")
+        name = "gravity_compensation"
+        if self.gravity_compensation and self.tracker == "computed_torque":
+            raise wrong(name, "is not available with tracker 'computed_torque', which takes gravity from its model")
+        if self.gravity_compensation and self.tracker == "velocity":
+            raise wrong(name, "is not available with tracker 'velocity', which gives no forces")
         return self
 
 

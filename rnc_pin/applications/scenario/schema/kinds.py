@@ -65,10 +65,7 @@ from rnc_pin.plants import UnilateralContact
 _Shape = Annotated[object, one_of(sphere=Sphere, ellipsoid=Ellipsoid, torus=Torus, cylinder=Cylinder, cone=Cone)]
 _Smooth = Annotated[object, one_of(sphere=Sphere, ellipsoid=Ellipsoid, torus=Torus)]
 _Surfaces = plain_or(
-    GroundPlane,
-    sphere=SphericalGround,
-    cylinder=CylindricalGround,
-    body=Entry(BodySurface, forms={"shape": _Smooth}),
+    GroundPlane, sphere=SphericalGround, cylinder=CylindricalGround, body=Entry(BodySurface, forms={"shape": _Smooth})
 )
 GroundItem = Annotated[object, _Surfaces] | None
 _Plane = Annotated[GroundPlane, Entry(GroundPlane)] | None
@@ -164,12 +161,7 @@ def with_ground(constraints: Sequence[ConstraintKind], ground: GroundPlane | Cur
 
 ActuatorItem = Annotated[
     Actuator,
-    one_of(
-        True,
-        force=FrameForce,
-        torque=FrameTorque,
-        output_force=Entry(OutputForce, forms={"output": OutputItem}),
-    ),
+    one_of(True, force=FrameForce, torque=FrameTorque, output_force=Entry(OutputForce, forms={"output": OutputItem})),
 ]
 
 

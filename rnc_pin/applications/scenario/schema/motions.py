@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, one_of
+from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, one_of, part
 from rnc_pin.control import SlitheringReference
 from rnc_pin.io import Numbers, Strict
 from rnc_pin.model import NotNegative, Positive, ReducedModel
@@ -26,10 +26,7 @@ from rnc_pin.planning import (
 ReferenceItem = Annotated[
     RelativeReference,
     one_of(
-        minimum_jerk=RelativeMinimumJerk,
-        via_points=RelativeViaPoints,
-        harmonic=RelativeHarmonic,
-        hold=RelativeHold,
+        minimum_jerk=RelativeMinimumJerk, via_points=RelativeViaPoints, harmonic=RelativeHarmonic, hold=RelativeHold
     ),
 ]
 HOLD: dict[str, object] = {"hold": {}}
@@ -37,15 +34,9 @@ HOLD: dict[str, object] = {"hold": {}}
 
 
 Pose = Annotated[list[float], Field(min_length=3, max_length=3)]
-_PATH = Entry(
-    CarPath,
-    late=("start", "duration", "forward_only", "geometry"),
-    keys={"goal": "to"},
-    forms={
-        "goal": Annotated[Pose, Field(description="Goal pose: x, y [m] and heading [rad].")],
-        "via": list[Pose],
-    },
-)
+GoalPose = Annotated[Pose, Field(description="Goal pose: x, y [m] and heading [rad].")]
+_GIVEN = "goal", "wheelbase", "via", "max_steering"
+_PATH = part(CarPath, *_GIVEN, keys={"goal": "to"}, forms={"goal": GoalPose, "via": list[Pose]})
 TrailerItem = Annotated[
     PartialCall[SlitheringReference],
     Entry(SlitheringReference, late=("reduced", "task", "tractor", "spacing", "window"), keys={"axle": "frame"}),
@@ -122,18 +113,10 @@ Limits = Annotated[list[float | None], Field(min_length=2, max_length=2)]
 """Smallest and largest value; null for no limit."""
 
 
-OutputCostItem = Annotated[
-    OutputCost,
-    Entry(
-        OutputCost,
-        keys={"output": "outputs"},
-        forms={
-            "output": Annotated[list[str], Field(min_length=1, description="Names of outputs that have a value.")],
-            "target": Annotated[Numbers, Field(description="Target; one number for each output.")],
-            "weight": WeightSetting,
-        },
-    ),
-]
+_NAMES = Field(min_length=1, description="Names of outputs that have a value.")
+_TARGET = Annotated[Numbers, Field(description="Target; one number for each output.")]
+_FORMS = {"output": Annotated[list[str], _NAMES], "target": _TARGET, "weight": WeightSetting}
+OutputCostItem = Annotated[OutputCost, Entry(OutputCost, keys={"output": "outputs"}, forms=_FORMS)]
 
 
 class CostSettings(Strict):
@@ -205,23 +188,8 @@ class MotionProblem(Strict):
     """True for that distance between links of the robot too."""
 
 
-_SOLVER = Entry(SolverSettings, late=("tolerance", "cost_tolerance", "penalty", "substeps"))
-_LATE = (
-    "reduced",
-    "q0",
-    "goal",
-    "duration",
-    "costs",
-    "bounds",
-    "limits",
-    "settings",
-    "guess",
-    "seed",
-    "v2_0",
-    "feedback",
-    "progress",
-)
-_PLAN = Entry(plan, late=_LATE)
+_SOLVER = part(SolverSettings, "nodes", "iterations", "refinements", "accuracy")
+_PLAN = part(plan, "form", "seeds", "solutions", "at_rest", "time_weight", "jobs")
 
 
 class OptimalPlanner(MotionProblem, _PLAN.model, _SOLVER.model):  # type: ignore[name-defined, misc]

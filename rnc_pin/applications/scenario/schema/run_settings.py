@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Discriminator, Field, RootModel, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Field, RootModel, Tag, model_validator
 
 from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.schema.derived import NAME, Content, Entry
@@ -57,22 +57,24 @@ class GripSettings(_GRIP.model):  # type: ignore[name-defined, misc]
         return _GRIP.build(self, reduced=reduced)
 
 
-Ends = Annotated[list[float], Field(min_length=2, max_length=2)]
+def _ordered(ends: list[float]) -> list[float]:
+    if ends[0] > ends[1]:
+        raise ValueError(f"minimum {ends[0]:g} is greater than maximum {ends[1]:g}")
+    return ends
+
+
+def _positive(ends: list[float]) -> list[float]:
+    if ends[0] <= 0.0:
+        raise ValueError(f"expected a minimum greater than 0, found {ends[0]:g}")
+    return ends
+
+
+Ends = Annotated[list[float], Field(min_length=2, max_length=2), AfterValidator(_ordered)]
 _MOST_DEVIATIONS = 6.0  # distance from the mean, in standard deviations, that a bound may leave out
-
-
-def _check_order(low: float, high: float) -> None:
-    if low > high:
-        raise ValueError(f"minimum {low:g} is greater than maximum {high:g}")
 
 
 class UniformRange(RootModel[Ends]):
     """Uniform distribution: [minimum, maximum]."""
-
-    @model_validator(mode="after")
-    def _ordered(self) -> UniformRange:
-        _check_order(*self.root)
-        return self
 
     def draw(self, generator: np.random.Generator) -> float:
         return float(generator.uniform(self.root[0], self.root[1]))
@@ -97,16 +99,8 @@ class UniformDistribution(Strict):
 class LogUniformDistribution(Strict):
     """Uniform distribution of the logarithm."""
 
-    log_uniform: Ends
+    log_uniform: Annotated[Ends, AfterValidator(_positive)]
     """Minimum, greater than zero, and maximum."""
-
-    @model_validator(mode="after")
-    def _positive(self) -> LogUniformDistribution:
-        low, high = self.log_uniform
-        if low <= 0.0:
-            raise ValueError(f"expected a minimum greater than 0, found {low:g}")
-        _check_order(low, high)
-        return self
 
     def draw(self, generator: np.random.Generator) -> float:
         low, high = self.log_uniform
@@ -132,7 +126,7 @@ class NormalSettings(Strict):
     def _near(self) -> NormalSettings:
         low, high = self.deviations
         if low > high:
-            _check_order(self.min or 0.0, self.max or 0.0)
+            _ordered([self.min or 0.0, self.max or 0.0])
         if low > _MOST_DEVIATIONS or high < -_MOST_DEVIATIONS:
             raise ValueError(f"bounds are farther than {_MOST_DEVIATIONS:g} standard deviations from the mean")
         return self
@@ -168,13 +162,8 @@ class NormalDistribution(Strict):
 class IntegerDistribution(Strict):
     """Uniform distribution over integers."""
 
-    integers: Annotated[list[int], Field(min_length=2, max_length=2)]
+    integers: Annotated[list[int], Field(min_length=2, max_length=2), AfterValidator(_ordered)]
     """Minimum and maximum; both can be drawn."""
-
-    @model_validator(mode="after")
-    def _ordered(self) -> IntegerDistribution:
-        _check_order(*self.integers)
-        return self
 
     def draw(self, generator: np.random.Generator) -> int:
         low, high = self.integers

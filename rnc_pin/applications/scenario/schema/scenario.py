@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
-from typing import Annotated, Literal, TypeVar, cast
+from typing import Annotated, Any, Literal, TypeVar, cast
 
 from pydantic import BaseModel, BeforeValidator, Field, TypeAdapter, model_validator
 
@@ -39,38 +39,22 @@ from rnc_pin.verdict import FindingKind
 from rnc_pin.visualization import View
 
 _MUJOCO, _FAULTS = Entry(MuJoCoSettings), Entry(Faults)
+_LOOP = {"max_speed": Positive | None, "min_singular_value": NotNegative | None, "brake": Positive | None}
 LoopItem = Annotated[
-    PartialCall[LoopSettings],
-    Entry(
-        LoopSettings,
-        late=("limits",),
-        optional=("fallback",),
-        forms={"max_speed": Positive | None, "min_singular_value": NotNegative | None, "brake": Positive | None},
-    ),
+    PartialCall[LoopSettings], Entry(LoopSettings, late=("limits",), optional=("fallback",), forms=_LOOP)
 ]
 """Control loop around the controller: velocity estimation, supervision and safe commands."""
 EventItem = Annotated[
     Event,
     one_of(
-        crossing=Entry(OutputCrossing, forms={"output": OutputItem}),
-        contact_loss=Entry(ContactLoss, short="contact"),
+        crossing=Entry(OutputCrossing, forms={"output": OutputItem}), contact_loss=Entry(ContactLoss, short="contact")
     ),
 ]
 
 
-_PHASE = Entry(
-    Phase,
-    late=("reduced", "controller", "impact", "plant"),
-    forms={
-        "duration": Annotated[
-            Positive,
-            Field(description="Duration [s]; with ``until`` the longest one. By default that of ``simulation``."),
-        ],
-        "until": EventItem | None,
-        "pushing": dict[str, Literal[1, -1]],
-    },
-    optional=("duration",),
-)
+_LONGEST = Field(description="Duration [s]; with ``until`` the longest one. By default that of ``simulation``.")
+_FORMS = {"duration": Annotated[Positive, _LONGEST], "until": EventItem | None, "pushing": dict[str, Literal[1, -1]]}
+_PHASE = Entry(Phase, late=("reduced", "controller", "impact", "plant"), forms=_FORMS, optional=("duration",))
 
 
 class PhaseSettings(_PHASE.model):  # type: ignore[name-defined, misc]
@@ -91,6 +75,12 @@ class PhaseSettings(_PHASE.model):  # type: ignore[name-defined, misc]
     capture_distance: Positive | None = None
     """Largest distance [m] of the frames of a loop closure at which it joins them in the pose that they then have. By
     default, frames have to coincide."""
+
+    def on(self, ground: GroundPlane) -> PhaseSettings:
+        """Phase whose constraints without a ground have this one."""
+        if not any(hasattr(each, "ground") for each in self.constraints or ()):
+            return self
+        return self.model_copy(update={"constraints": with_ground(self.constraints or (), ground)})
 
     def build(self, reduced: ReducedModel, **others: object) -> Phase:
         """Phase of a model; the arguments are those of ``Phase`` that the file does not give."""
@@ -286,7 +276,8 @@ class ScenarioFile(Strict):
         grounded = with_ground([*self.constraints, *contacts], plane)
         count = len(self.constraints)
         landing = [replace(each, constraint=kind) for each, kind in zip(self.contacts, grounded[count:], strict=True)]
-        return self.model_copy(update={"constraints": grounded[:count], "contacts": landing})
+        phases = [each.on(plane) for each in self.phases]
+        return self.model_copy(update={"constraints": grounded[:count], "contacts": landing, "phases": phases})
 
     @model_validator(mode="after")
     def _variant_exists(self) -> ScenarioFile:
@@ -331,22 +322,17 @@ def admitted(model: type[_Model], raw: Mapping[str, Json], source: str) -> _Mode
 
 def constraint_of(entry: Mapping[str, Json] | str) -> ConstraintKind:
     """Constraint of one valid entry of ``constraints``."""
-    return _constraint_validator().validate_python(entry)
+    return _validator(ConstraintItem).validate_python(entry)
 
 
 def output_of(entry: Mapping[str, Json]) -> OutputKind:
     """Output of one valid entry of ``outputs``."""
-    return _output_validator().validate_python(entry)
+    return _validator(OutputItem).validate_python(entry)
 
 
 @cache  # building a validator takes 30 ms
-def _constraint_validator() -> TypeAdapter[ConstraintKind]:
-    return TypeAdapter(ConstraintItem)
-
-
-@cache
-def _output_validator() -> TypeAdapter[OutputKind]:
-    return TypeAdapter(OutputItem)
+def _validator(item: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(item)
 
 
 def schema() -> dict[str, Json]:

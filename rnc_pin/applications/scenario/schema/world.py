@@ -20,6 +20,8 @@ from rnc_pin.io import Strict
 from rnc_pin.model import Coordinates, Positive
 from rnc_pin.robots import Robot, find_mjcf, find_shipped, find_urdf
 
+_Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+
 
 class Attachment(Strict):
     """Robot with a fixed base, mounted on a frame of another robot."""
@@ -28,9 +30,9 @@ class Attachment(Strict):
     """The mounted robot."""
     frame: str
     """Frame of the carrying robot."""
-    xyz: Annotated[list[float], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
+    xyz: _Three = [0.0, 0.0, 0.0]
     """Position of the base of the mounted robot in that frame [m]."""
-    rpy: Annotated[list[float], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
+    rpy: _Three = [0.0, 0.0, 0.0]
     """Roll, pitch and yaw of the base of the mounted robot in that frame [rad]."""
 
 
@@ -55,7 +57,7 @@ class RobotSource(Strict):
     """Masses of links without a valid inertia: name to mass [kg], distributed over the geometry of the link."""
     snap: bool = True
     """True to correct rounded angles and axes of joints in the file to their exact values."""
-    gravity: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
+    gravity: _Three | None = None
     """Gravity vector in the world frame [m/s^2]."""
 
     attach: list[Attachment] = []
@@ -95,7 +97,6 @@ class RobotSource(Strict):
         return Robot.from_urdf(path, self.base, packages, lock, self.gravity, arguments, snap=snap, masses=masses)
 
 
-_Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 _Sides = Annotated[list[Positive], Field(min_length=3, max_length=3)]
 _OBSTACLE = Entry(Obstacle, late=("shape", "name", "motion"), forms={"position": _Three})
 _MESH = Entry(load_mesh_shape, late=("path",), forms={"scale": float | _Three})
@@ -110,18 +111,11 @@ class _Placed(_OBSTACLE.model):  # type: ignore[name-defined, misc]
     @abstractmethod
     def shape(self, folder: Path) -> coal.CollisionGeometry: ...
 
-    def build_all(self, folder: Path, default_name: str) -> Sequence[Obstacle]:
-        return (self.build(folder, default_name),)
-
-    def build(self, folder: Path, default_name: str) -> Obstacle:
-        name = self.name or default_name
+    def build(self, folder: Path, name: str) -> Sequence[Obstacle]:
         start = np.array([*self.position, self.yaw])
         places = Coordinates([False, False, False, True], names=["x", "y", "z", "yaw"])
-        try:
-            motion = None if self.motion is None else self.motion.from_start(start, places)
-            return _OBSTACLE.build(self, shape=self.shape(folder), name=name, motion=motion)
-        except RncError as error:
-            raise ConfigurationError(f"obstacle '{name}': {error}") from None
+        motion = None if self.motion is None else self.motion.from_start(start, places)
+        return (_OBSTACLE.build(self, shape=self.shape(folder), name=name, motion=motion),)
 
 
 class BoxObstacle(_Placed):
@@ -195,12 +189,8 @@ class MapObstacle(Strict):
     cells: Annotated[int, Field(ge=1)] = 1
     """Side of the squares of cells that count as one, which is occupied if any of its cells is."""
 
-    def build_all(self, folder: Path, default_name: str) -> Sequence[Obstacle]:
-        name = self.name or default_name
-        try:
-            return load_map(find_shipped(self.file, folder), name).obstacles(self.height, self.unknown, self.cells)
-        except RncError as error:
-            raise ConfigurationError(f"obstacle '{name}': {error}") from None
+    def build(self, folder: Path, name: str) -> Sequence[Obstacle]:
+        return load_map(find_shipped(self.file, folder), name).obstacles(self.height, self.unknown, self.cells)
 
 
 class CellsObstacle(Strict):
@@ -223,13 +213,9 @@ class CellsObstacle(Strict):
     pitch: float = 0.0
     """Rotation about y [rad]."""
 
-    def build_all(self, folder: Path, default_name: str) -> Sequence[Obstacle]:
-        name = self.name or default_name
-        try:
-            cells = load_cells(folder / self.file, self.side, self.scale, name)
-            return cells.obstacles(self.position, self.yaw, self.roll, self.pitch)
-        except RncError as error:
-            raise ConfigurationError(f"obstacle '{name}': {error}") from None
+    def build(self, folder: Path, name: str) -> Sequence[Obstacle]:
+        cells = load_cells(folder / self.file, self.side, self.scale, name)
+        return cells.obstacles(self.position, self.yaw, self.roll, self.pitch)
 
 
 ObstacleItem = Annotated[
@@ -255,9 +241,13 @@ def build_obstacles(items: Sequence[_Placed | MapObstacle | CellsObstacle], fold
     """
     found: list[Obstacle] = []
     for number, item in enumerate(items, start=1):
-        kind = type(item).__name__.removesuffix("Obstacle").lower()
+        name = item.name or f"{type(item).__name__.removesuffix('Obstacle').lower()} {number}"
         known = {each.name for each in found}
-        for obstacle in item.build_all(folder, f"{kind} {number}"):
+        try:
+            built = item.build(folder, name)
+        except RncError as error:
+            raise ConfigurationError(f"obstacle '{name}': {error}") from None
+        for obstacle in built:
             if obstacle.name in known:
                 raise ConfigurationError(f"obstacles: two are named '{obstacle.name}'")
             found.append(obstacle)

@@ -160,15 +160,8 @@ def test_every_task_and_limit_is_built(tmp_path):
     built = Scenario.load(written(tmp_path, tasks=items, limits={"joint_position": None})).experiment.controller
     described = built.describe()["target"]
     names = [each["type"] for each in described["tasks"]]
-    assert names == [
-        "PostureTask",
-        "BasePoseTask",
-        "CenterOfMassTask",
-        "LookAtTask",
-        "DampingTask",
-        "ManipulabilityTask",
-        "SingularityTask",
-    ]
+    kinds = "Posture", "BasePose", "CenterOfMass", "LookAt", "Damping", "Manipulability", "Singularity"
+    assert names == [f"{each}Task" for each in kinds]
     assert [each["type"] for each in described["limits"]] == ["JointVelocityLimit"]
     assert described["tasks"][1]["gain"] == [1, 1, 2]
 

@@ -15,7 +15,6 @@ import rnc_pin as rnc
 from places import SCHEMA
 from rnc_pin import constraints, outputs
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
-from rnc_pin.applications.scenario.saved_run import view_of
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, descriptions, one_of
 from rnc_pin.applications.scenario.schema.kinds import ActuatorItem, ConstraintItem
 from rnc_pin.applications.scenario.schema.scenario import validate
@@ -68,7 +67,7 @@ def test_the_ground_is_declared_once():
 def test_the_view_is_declared_once():
     check_fields(View, PARTS["View"])
     raw = with_options(read_yaml(find_scenario("space-robot")), {"view": {"camera": [1, 2, 3], "ground": None}})
-    view = view_of(validate(raw, "mine.yaml"))
+    view = validate(raw, "mine.yaml").view
     assert view == View(camera=[1.0, 2.0, 3.0], ground=None)
 
 

@@ -1,4 +1,4 @@
-"""Rows of a sweep as Arrow tables: types of the columns, and files."""
+"""Rows of a sweep: the values of a run and its results, and their Arrow tables with types and files."""
 
 from __future__ import annotations
 
@@ -8,15 +8,111 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, cast
 
-from rnc_pin.applications.sweep.swept_run import RESULTS, Row, is_result_column
-from rnc_pin.errors import ConfigurationError
-from rnc_pin.io import atomic_file
+from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.io import Json, atomic_file
+from rnc_pin.simulation import Summary, Trajectory
 
 if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
+
+Draw: TypeAlias = Mapping[str, object]
+"""Values of a run by name; in sweeps of a scenario, options by dotted key."""
+
+Row: TypeAlias = dict[str, Any]
+"""One run of a sweep: number, drawn values and results by column."""
+
+ERRORS = ("final_error", "max_error", "rms_error")
+"""Results by output; a column has the name of the output behind a point."""
+LIMITS = "limit_excess"
+"""Largest excess over joint limits, as a share of their range; a column has the kind of the limit behind a point."""
+_MEASURED = (
+    "min_singular_value", "constraint_residual_max", "position_residual_max", "energy_drift", "off_tracking_max",
+)  # fmt: skip
+RESULTS = {
+    **dict.fromkeys(("outcome", "verdict", "finding", "message", "warnings"), "text"),
+    "redrawn": "integer",
+    **dict.fromkeys(("duration", *_MEASURED, "lowest_normal_force"), "number"),
+    **dict.fromkeys(("smallest_distance", "smallest_own_distance", "wall_time"), "number"),
+    "goals_missed": "integer",
+}
+"""Kinds of the other columns of results, by name."""
+
+
+Numbered: TypeAlias = tuple[int, Draw | None]
+"""Number of a run, and its given values; None draws them by the number of the run."""
+
+
+class Runs(Protocol):
+    """Source of the rows of a sweep. It is pickled, and what it keeps between runs is not."""
+
+    @property
+    def advance_together(self) -> bool:
+        """True if runs of a batch advance together, and so cost less."""
+        ...
+
+    def rows(self, batch: Sequence[Numbered]) -> list[Row]:
+        """Simulate a batch of runs and return their rows, none of which depends on the others."""
+        ...
+
+
+def is_result_column(column: str) -> bool:
+    """True for columns of results; False for drawn values."""
+    return column == "run" or column in RESULTS or column.partition(".")[0] in (*ERRORS, LIMITS)
+
+
+def results_of(summary: Summary) -> Row:
+    """Columns of results from the summary of a run."""
+    found, lift_off, nearest = cast("Row", summary), summary["lift_off"], summary.get("smallest_distance")
+    first = summary.get("first_finding", {"kind": "", "message": ""})
+    return {
+        "outcome": summary["outcome"],
+        "verdict": summary["verdict"],
+        "finding": first["kind"],
+        "message": first["message"],
+        "duration": summary["duration"],
+        **{f"{kind}.{name}": value for kind in ERRORS for name, value in found[kind].items()},
+        **{name: found[name] for name in _MEASURED if name in found},
+        "goals_missed": len(summary.get("goals_missed", ())),
+        "lowest_normal_force": None if lift_off is None else lift_off["lowest"],
+        "smallest_distance": None if nearest is None else nearest["distance"],
+        **{f"{LIMITS}.{kind}": worst["excess"] for kind, worst in summary.get("joint_limits", {}).items()},
+    }
+
+
+SUCCESSFUL = ("succeeded", "degraded")
+"""Verdicts of runs that did not fail."""
+
+
+def verdict_or_failure(verdict: str, finding: str) -> str:
+    """Verdict of a run; the kind of the finding that failed it instead of "failed"."""
+    return finding if verdict == "failed" else verdict
+
+
+def refused(outcome: str, error: RncError) -> Row:
+    """Columns of results of a run that could not start."""
+    return {"outcome": outcome, "verdict": "failed", "finding": outcome, "message": str(error)}
+
+
+def trajectory_file(folder: Path, run: int) -> Path:
+    """File of the trajectory of a run, in the folder of its sweep."""
+    return folder / "trajectories" / f"run_{run:07d}.npz"
+
+
+def save_trajectory(trajectory: Trajectory, folder: str | None, run: int) -> None:
+    """Write the trajectory of a run, complete or not at all; without a folder do nothing."""
+    if folder is not None:
+        path = trajectory_file(Path(folder), run)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        trajectory.save(path)
+
+
+def with_options_of_sweeps(options: Mapping[str, Json]) -> dict[str, Json]:
+    """Options of every run of a sweep: no comparisons and plots, and preflight refuses instead of warning."""
+    return {"preflight": "refuse", **options, "comparisons": {}, "plots": {}}
+
 
 Kinds: TypeAlias = dict[str, str]
 """Kind of each drawn value: "bool", "integer", "number", "numbers", "text" or "json"."""
