@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
-from functools import wraps
+from collections.abc import Iterable, Sequence
 from io import BytesIO
 from itertools import cycle
 from pathlib import Path
-from typing import Any, NamedTuple, ParamSpec
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -37,8 +36,6 @@ _SCREEN = 10.0  # size of text for which lengths in points are given [points]
 _DPI = 200
 _NOTEBOOK_WIDTH = 800  # of small figures [pixels]
 _PRINT_DPI = 300  # of figures with smaller text
-
-P = ParamSpec("P")
 
 
 def style(font: float = _SCREEN) -> dict[Any, Any]:
@@ -95,17 +92,6 @@ class PrintFigure(Figure):
         return buffer.getvalue()
 
 
-def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Decorator: draw the figure in this style, without changing Matplotlib's global settings."""
-
-    @wraps(draw)
-    def wrapped(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        with mpl.rc_context(STYLE):
-            return draw(*args, **kwargs)
-
-    return wrapped
-
-
 def save(figure: Figure, path: str | Path, replace: bool = True) -> Path:
     """Write a figure as .png, .pdf or .svg, by the suffix of the name. A failure leaves no partial file.
 
@@ -144,17 +130,12 @@ class LegendEntry(NamedTuple):
 def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray) -> Line2D:
     """Draw the k-th of ``count`` series. Markers of different series are at different samples."""
     step = max(1, len(time) // _MARKERS_PER_LINE)
-    color, marker = line_style(k)
+    color, marker = COLORS[k % len(COLORS)], MARKERS[k % len(MARKERS)]
     start = (2 * k + 1) * step // (2 * max(count, 1))
     return axes.plot(
         time, values, color=color, lw=points(1.6), marker=marker, markevery=(start, step), markeredgecolor="white",
         markeredgewidth=points(0.6),
     )[0]  # fmt: skip
-
-
-def line_style(k: int) -> tuple[str, str]:
-    """Colour and marker of the k-th line of a panel."""
-    return COLORS[k % len(COLORS)], MARKERS[k % len(MARKERS)]
 
 
 def color_of(k: int, count: int, run: int) -> str:
