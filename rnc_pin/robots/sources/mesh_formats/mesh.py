@@ -79,7 +79,7 @@ def check_counts(vertices: int, triangles: int) -> None:
         )
 
 
-def joined(parts: Iterable[tuple[Mesh, np.ndarray]]) -> Mesh:
+def scene_mesh(parts: Iterable[tuple[Mesh, np.ndarray]]) -> Mesh:
     """Join the meshes of a scene, each at its placement (4, 4).
 
     Raises:

@@ -21,8 +21,8 @@ from rnc_pin.robots.sources.mesh_formats.mesh import (
     check_counts,
     checked_mesh,
     fans,
-    joined,
     numbers,
+    scene_mesh,
 )
 
 _MAX_NODES = 100_000  # visited nodes; each instance counts
@@ -73,7 +73,7 @@ class _ColladaScene:
         visits = sum(self._extent(node, 0)[0] for node in nodes)
         if visits > _MAX_NODES:
             raise MeshError(_TOO_MANY_NODES)
-        return joined(part for node in nodes for part in self._placed(node, np.eye(4)))
+        return scene_mesh(part for node in nodes for part in self._placed(node, np.eye(4)))
 
     def _named(self, element: ElementTree.Element, key: str) -> ElementTree.Element:
         name = element.get(key, "")
@@ -263,7 +263,7 @@ class _GltfScene:
     def mesh(self) -> Mesh:
         """Return all triangles."""
         nodes = _item(self._document["scenes"], self._document.get("scene", 0))["nodes"]
-        return joined(part for node in nodes for part in self._placed(node, np.eye(4), 0))
+        return scene_mesh(part for node in nodes for part in self._placed(node, np.eye(4), 0))
 
     def _placed(self, index: int, placement: np.ndarray, depth: int) -> Iterator[tuple[Mesh, np.ndarray]]:
         """Yield the meshes of a node and of its children with their placements (4, 4)."""
