@@ -23,6 +23,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import matplotlib as mpl
 import numpy as np
 import pinocchio as pin
 from matplotlib.axes import Axes
@@ -36,7 +37,7 @@ from benchmarks.reduction import bare_calls, derivatives, one_state, terms
 from benchmarks.states import States, regular_states
 from benchmarks.timing import in_turn, used_by
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.figures.style import PrintFigure, line, save, styled
+from rnc_pin.figures.style import STYLE, PrintFigure, line, save
 
 JOINTS, ROWS = (4, 8, 15, 30, 60), (1, 2, 4, 8, 12, 16)
 BATCHES, PROCESSES, BLOCK = (1, 4, 16, 64, 256, 1024, 4096), (1, 2), 256
@@ -187,7 +188,7 @@ def _work(barrier: object, queue: object, blocks: int) -> None:
     queue.put((begin, time.monotonic()))  # type: ignore[attr-defined]
 
 
-@styled
+@mpl.rc_context(STYLE)
 def size_figure(joints: Costs, rows: Costs) -> Figure:
     """Costs over the number of joints and of constraint rows."""
     figure = PrintFigure((8.4, 3.6))
@@ -205,7 +206,7 @@ def size_figure(joints: Costs, rows: Costs) -> Figure:
     return figure
 
 
-@styled
+@mpl.rc_context(STYLE)
 def batch_figure(batches: BatchCosts) -> Figure:
     """Costs and memory over the number of states in a call."""
     figure = PrintFigure((8.4, 3.2))

@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from rich import box
@@ -33,7 +34,7 @@ from benchmarks.peers.motion import FINEST, Motion
 from benchmarks.peers.sympy_equations import BASES, reduced_equations
 from benchmarks.reduction import machine
 from benchmarks.timing import in_turn, used_by
-from rnc_pin.figures.style import PrintFigure, line, save, styled
+from rnc_pin.figures.style import STYLE, PrintFigure, line, save
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
 
 DURATION, ROUNDS = 10.0, 7
@@ -148,7 +149,7 @@ def _range_of(values: np.ndarray) -> tuple[float, float]:
     return 0.8 * float(values.min()), 1.25 * float(values.max())
 
 
-@styled
+@mpl.rc_context(STYLE)
 def figure_of(found: dict[str, list[Curve]]) -> Figure:
     """Error over cost, one panel for each system."""
     columns = min(2, len(found))

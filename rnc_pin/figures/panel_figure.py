@@ -94,7 +94,7 @@ def panel_figure(
             axes.set_ylabel(_axis_label(panel, texts, min(rows)))
         if drawn is not None:
             _layout_once(figure)
-        figure.align_labels_of(timed)
+        figure.align_ylabels(timed)
     return figure
 
 

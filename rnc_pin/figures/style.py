@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
-from functools import wraps
+from collections.abc import Iterable, Sequence
 from io import BytesIO
 from itertools import cycle
 from pathlib import Path
-from typing import Any, NamedTuple, ParamSpec
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -17,7 +16,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
-from matplotlib.transforms import ScaledTranslation
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io.json import atomic_file
@@ -31,16 +29,13 @@ Dashes = tuple[int, tuple[float, ...]]
 
 DOTS: Dashes = (0, (1, 1.6))
 DASHES: list[Dashes] = [(0, (6, 3)), (0, (6, 2, 1, 2)), (0, (3, 2)), (0, (8, 2, 1, 2, 1, 2)), (0, (1, 4)), (0, (10, 4))]
-_MAX_LAYOUTS = 3  # layouts of a figure at most
-_SAME_DISTANCE = 0.01  # distance of labels that needs no other layout [inches]
+
 _BETWEEN = 0.04  # distance between columns of axes, over their width
 _MARKERS_PER_LINE = 7  # number of markers on a line
 _SCREEN = 10.0  # size of text for which lengths in points are given [points]
 _DPI = 200
 _NOTEBOOK_WIDTH = 800  # of small figures [pixels]
 _PRINT_DPI = 300  # of figures with smaller text
-
-P = ParamSpec("P")
 
 
 def style(font: float = _SCREEN) -> dict[Any, Any]:
@@ -80,60 +75,6 @@ def points(length: float) -> float:
     return length * float(mpl.rcParams["font.size"]) / _SCREEN
 
 
-class AlignedLayout(ConstrainedLayoutEngine):
-    """Constrained layout with aligned labels of vertical axes.
-
-    Matplotlib's ``align_ylabels`` measures all tick labels of a column for the label of each of its axes, several times
-    for a picture. This layout measures each once before it places the axes, and once after. It repeats that if the
-    size of the axes gave them wider tick labels, for which there was no room.
-    """
-
-    def __init__(self) -> None:
-        super().__init__(wspace=_BETWEEN)
-        self._columns: list[list[Axes]] = []
-
-    def align(self, axes: Iterable[Axes]) -> None:
-        """Align the labels of these axes, which start in one column of a grid or in several."""
-        columns: dict[int, list[Axes]] = {}
-        for each in axes:
-            place = each.get_subplotspec()
-            columns.setdefault(0 if place is None else place.colspan.start, []).append(each)
-        self._columns += columns.values()
-
-    def execute(self, fig: Figure) -> None:
-        """Place the axes of a figure, and the labels of their vertical axes."""
-        room = self._place_labels(fig)
-        for _ in range(_MAX_LAYOUTS):
-            super().execute(fig)
-            needed = self._place_labels(fig)
-            if all(distance <= given + _SAME_DISTANCE for distance, given in zip(needed, room, strict=True)):
-                break
-            room = needed
-
-    def _place_labels(self, fig: Figure) -> list[float]:
-        """Place the labels and return the distance of each column from its axes [inches]."""
-        distances = []
-        for column in self._columns:
-            distance = max(_label_distance(axes) for axes in column) / fig.dpi
-            distances.append(distance)
-            for axes in column:
-                away = ScaledTranslation(-distance, 0.0, fig.dpi_scale_trans)
-                axes.yaxis.set_label_coords(0.0, 0.5, axes.transAxes + away)
-        return distances
-
-
-def _label_distance(axes: Axes) -> float:
-    """Distance of the label of a vertical axis from the axes [pixels]."""
-    axis = axes.yaxis
-    axis.label.set_visible(False)
-    ticks = axis.get_tightbbox()
-    axis.label.set_visible(True)
-    figure = axes.get_figure()
-    assert figure is not None
-    wide = 0.0 if ticks is None else max(0.0, float(axes.bbox.x0 - ticks.x0))
-    return wide + axis.labelpad * figure.dpi / 72.0
-
-
 class PrintFigure(Figure):
     """Figure that notebooks display automatically.
 
@@ -142,29 +83,13 @@ class PrintFigure(Figure):
     """
 
     def __init__(self, figsize: tuple[float, float]) -> None:
-        self._layout = AlignedLayout()
-        super().__init__(figsize=figsize, layout=self._layout)
+        super().__init__(figsize=figsize, layout=ConstrainedLayoutEngine(wspace=_BETWEEN))
         FigureCanvasAgg(self)  # keeps its renderer; the layout would make one for each of its measurements
-
-    def align_labels_of(self, axes: Iterable[Axes]) -> None:
-        """Align the labels of the vertical axes of a column, or of several."""
-        self._layout.align(axes)
 
     def _repr_png_(self) -> bytes:
         buffer = BytesIO()
         self.savefig(buffer, format="png", dpi=float(np.clip(_NOTEBOOK_WIDTH / self.get_figwidth(), 100, _DPI)))
         return buffer.getvalue()
-
-
-def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Decorator: draw the figure in this style, without changing Matplotlib's global settings."""
-
-    @wraps(draw)
-    def wrapped(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        with mpl.rc_context(STYLE):
-            return draw(*args, **kwargs)
-
-    return wrapped
 
 
 def save(figure: Figure, path: str | Path, replace: bool = True) -> Path:
@@ -205,17 +130,12 @@ class LegendEntry(NamedTuple):
 def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray) -> Line2D:
     """Draw the k-th of ``count`` series. Markers of different series are at different samples."""
     step = max(1, len(time) // _MARKERS_PER_LINE)
-    color, marker = line_style(k)
+    color, marker = COLORS[k % len(COLORS)], MARKERS[k % len(MARKERS)]
     start = (2 * k + 1) * step // (2 * max(count, 1))
     return axes.plot(
         time, values, color=color, lw=points(1.6), marker=marker, markevery=(start, step), markeredgecolor="white",
         markeredgewidth=points(0.6),
     )[0]  # fmt: skip
-
-
-def line_style(k: int) -> tuple[str, str]:
-    """Colour and marker of the k-th line of a panel."""
-    return COLORS[k % len(COLORS)], MARKERS[k % len(MARKERS)]
 
 
 def color_of(k: int, count: int, run: int) -> str:

@@ -204,8 +204,7 @@ def calibrate(
     if held_out:
         rest = problem.windows(np.nextafter(end, np.inf), np.inf, np.inf)
         errors |= {"held out": problem.error(p, rest), "held out, nominal": problem.error(problem.nominal, rest)}
-    size = np.hypot(fit.residuals[:, 0], fit.residuals[:, 1]) / fit.deviations[0]
-    far = np.maximum(size, np.abs(fit.residuals[:, 2]) / fit.deviations[1]) > _FAR
+    far = (np.stack(fit.sizes, axis=1) > _FAR * fit.deviations).any(axis=1)
     return Calibration(
         tuple(each.name for each in motion.parameters),
         problem.nominal,
@@ -284,12 +283,9 @@ class PoseProblem:
 
     def error(self, p: np.ndarray, windows: Windows) -> PathError:
         """Error of the open-loop path."""
-        fit = self.fit(windows).at(p)
-        distance = np.hypot(fit.residuals[:, 0], fit.residuals[:, 1])
-        angle = float(np.sqrt(np.mean(fit.residuals[:, 2] ** 2)))
-        return PathError(
-            float(distance.mean()), float(np.sqrt(np.mean(distance**2))), float(distance.max()), angle, len(distance)
-        )
+        distance, angle = self.fit(windows).at(p).sizes
+        rms, turned = (float(np.sqrt(np.mean(each**2))) for each in (distance, angle))
+        return PathError(float(distance.mean()), rms, float(distance.max()), turned, len(distance))
 
 
 def _precision(

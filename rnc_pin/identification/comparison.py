@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -214,15 +214,13 @@ def _suspects(system: NonholonomicSystem, log: Log, sensor: str, heading: bool) 
     if explained <= 0:
         return numbers.suspects, numbers
     slip = Suspect(f"slip of {name}", "m/s", 0.0, speed, explained)
-    alone = [1.0 - each.explained for each in rest.suspects]  # of what the windows without slip leave
+
     if numbers.suspects and numbers.suspects[0].explained > explained:
         both = 1.0 - rest.after / numbers.before
-        return (*numbers.suspects, Suspect(slip.name, slip.unit, 0.0, speed, max(both, share))), rest
-    after = [
-        Suspect(each.name, each.unit, each.nominal, each.value, 1.0 - (1.0 - explained) * left)
-        for each, left in zip(rest.suspects, alone, strict=True)
-    ]
-    return (slip, *after), rest
+        return (*numbers.suspects, replace(slip, explained=max(both, share))), rest
+    # The others explain a part of what the windows without slip leave.
+    left = [replace(each, explained=1.0 - (1.0 - explained) * (1.0 - each.explained)) for each in rest.suspects]
+    return (slip, *left), rest
 
 
 def _slipped(system: NonholonomicSystem, log: Log, sensor: str, heading: bool) -> tuple[str, float, np.ndarray] | None:

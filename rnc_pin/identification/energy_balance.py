@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -212,8 +212,7 @@ def _most_telling(fit: Fit, scales: np.ndarray, chosen: Sequence[int], banned: s
     """Number that explains most of the residuals besides those that were chosen or banned; None if none does."""
     r, J = fit.scaled()
     rest = _unexplained(J * scales, chosen)
-    sizes = np.sum(rest**2, axis=0)
-    gains = np.divide((rest.T @ r) ** 2, sizes, out=np.zeros_like(sizes), where=sizes > 1e-9 * sizes.max(initial=0))
+    gains = _gains(rest, r, np.sum(rest**2, axis=0).max(initial=0))
     gains[[*chosen, *banned]] = 0.0
     best = int(np.argmax(gains))
     return best if gains[best] > _WORTH * (r @ r) else None
@@ -225,6 +224,12 @@ def _unexplained(columns: np.ndarray, chosen: Sequence[int]) -> np.ndarray:
         return columns
     basis, _ = np.linalg.qr(columns[:, list(chosen)])
     return np.asarray(columns - basis @ (basis.T @ columns))
+
+
+def _gains(columns: np.ndarray, residual: np.ndarray, whole: np.ndarray | float) -> np.ndarray:
+    """Squares of a residual that each column alone explains; zero for one whose square is small beside ``whole``."""
+    sizes = np.sum(columns**2, axis=0)
+    return np.divide((columns.T @ residual) ** 2, sizes, out=np.zeros_like(sizes), where=sizes > 1e-9 * whole)
 
 
 def _squares(fit: Fit, deviations: np.ndarray) -> float:
@@ -271,8 +276,11 @@ class EnergyBalance:
     @property
     def imbalance(self) -> float:
         """Root mean square residual over that of the exchanged energy."""
+        return self._imbalance_of(self.residual)
+
+    def _imbalance_of(self, residual: np.ndarray) -> float:
         exchanged = np.sqrt(np.mean((np.abs(self.work) + np.abs(self.change)) ** 2))
-        return float(np.sqrt(np.mean(self.residual**2)) / exchanged) if exchanged > 0 else 0.0
+        return float(np.sqrt(np.mean(residual**2)) / exchanged) if exchanged > 0 else 0.0
 
 
 def energy_balance(motion: RollingMotion, robot: Robot, log: Log) -> EnergyBalance | None:
@@ -287,8 +295,7 @@ def energy_balance(motion: RollingMotion, robot: Robot, log: Log) -> EnergyBalan
     edges = np.arange(motion.time[0] + _WIDTH, motion.time[-1] - _WIDTH, _WINDOW)
     if not joints or len(edges) < 3:
         return None
-    kinetic, potential = _energies(robot, *motion.states(edges, _WIDTH))
-    changes = np.diff(kinetic + potential, axis=0)
+    changes = np.diff(_energies(robot, *motion.states(edges, _WIDTH)), axis=0)
     moved = motion.joint_changes()
     number = np.searchsorted(edges, motion.step_times, side="right") - 1
     inside = (number >= 0) & (number < len(edges) - 1)
@@ -327,63 +334,44 @@ def energy_balance(motion: RollingMotion, robot: Robot, log: Log) -> EnergyBalan
         loss[whole],
         (),
     )
-    suspects = _suspects(found, [(*said, column[whole]) for *said, column in parts])
-    return EnergyBalance(found.time, found.change, found.work, found.loss, suspects)
+    return replace(found, suspects=_suspects(found, [(*said, column[whole]) for *said, column in parts]))
 
 
-def _energies(robot: Robot, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _energies(robot: Robot, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Kinetic and potential energy (T, bodies) of each body [J]."""
     model, data = robot.model, robot.model.createData()
-    kinetic, potential = np.zeros((len(q), model.njoints)), np.zeros((len(q), model.njoints))
-    gravity = model.gravity.linear
+    energies = np.zeros((len(q), model.njoints))
     for row, (position, velocity) in enumerate(zip(q, v, strict=True)):
         pin.forwardKinematics(model, data, position, velocity)
         for index in range(1, model.njoints):
             inertia = model.inertias[index]
-            kinetic[row, index] = inertia.vtiv(data.v[index]) / 2
-            potential[row, index] = -inertia.mass * gravity @ data.oMi[index].act(inertia.lever)
-    return kinetic, potential
+            height = -inertia.mass * model.gravity.linear @ data.oMi[index].act(inertia.lever)
+            energies[row, index] = inertia.vtiv(data.v[index]) / 2 + height
+    return energies
 
 
 def _suspects(balance: EnergyBalance, parts: list[tuple[str, str, float, np.ndarray]]) -> tuple[Suspect, ...]:
     """Numbers that explain the residual, chosen one after the other."""
-    if balance.imbalance < _BALANCED:
-        return ()
     residual, count = balance.residual, len(balance.time)
     columns = np.stack([column for *_, column in parts], axis=1)
     chosen: list[int] = []
     values, shares = np.zeros(0), []
     left, first = residual, float(residual @ residual)
-    while len(chosen) < _MOST_BODIES:
+    while len(chosen) < _MOST_BODIES and balance._imbalance_of(left) >= _BALANCED:
         rest = _unexplained(columns, chosen)
-        sizes, origin = np.sum(rest**2, axis=0), np.sum(columns**2, axis=0)
-        gains = np.divide((rest.T @ left) ** 2, sizes, out=np.zeros_like(sizes), where=sizes > 1e-9 * origin)
-        for index in np.argsort(-gains):
-            if gains[index] <= max(_WORTH_OF_BODY, _RARE / count) * float(left @ left):
-                index = -1
-                break
-            trial = np.linalg.lstsq(columns[:, [*chosen, int(index)]], residual, rcond=None)[0]
-            if _possible(trial[-1], parts[int(index)]):
+        gains = _gains(rest, left, np.sum(columns**2, axis=0))
+        worthy = gains > max(_WORTH_OF_BODY, _RARE / count) * float(left @ left)
+        for index in (int(k) for k in np.argsort(-gains) if worthy[k]):
+            trial = np.linalg.lstsq(columns[:, [*chosen, index]], residual, rcond=None)[0]
+            name, _, nominal, _ = parts[index]
+            if name.startswith("effort") or nominal + trial[-1] >= 0:  # friction and masses are not negative
                 break
         else:
-            index = -1
-        if index < 0:
             break
-        chosen.append(int(index))
-        values = trial
+        chosen, values = [*chosen, index], trial
         left = residual - columns[:, chosen] @ values
         shares.append(1.0 - float(left @ left) / first)
-        if np.sqrt(np.mean(left**2)) < _BALANCED * np.sqrt(
-            np.mean((np.abs(balance.work) + np.abs(balance.change)) ** 2)
-        ):
-            break
     return tuple(
         Suspect(name, unit, nominal, nominal + float(value), share)
         for (name, unit, nominal, _), value, share in zip([parts[k] for k in chosen], values, shares, strict=True)
     )
-
-
-def _possible(change: float, part: tuple[str, str, float, np.ndarray]) -> bool:
-    """True if a number with this change is possible: friction and masses are not negative."""
-    name, _, nominal, _ = part
-    return name.startswith("effort") or nominal + change >= 0

@@ -238,35 +238,29 @@ def _judged(
     resolution: float,
 ) -> WeakCombination:
     """The combination that the log shows worst; an error if it is not known well enough and has to be."""
-    p = fit.parameters(fit.x)
     chosen = np.array(asked.columns, dtype=int)[base.independent]
-    sizes = _sizes(fit.known, asked, problem, chosen)
-    parts = []
+    sizes, others = _sizes(fit.known, asked, problem, chosen), np.ones(len(asked.names))
     for block in fit.blocks:
-        scale = 1.0 if block.scale is None else fit.x[block.scale]
-        extra = np.zeros((len(block.y), len(asked.names)))
         if block.scale is not None:
-            extra[:, block.scale - asked.begin] = block.D @ p * scale  # relative
+            others[block.scale - asked.begin] = fit.x[block.scale]
         if block.offset is not None:
-            extra[:, block.offset - asked.begin] = block.size
-        parts.append(np.hstack([scale * block.D[:, chosen] * sizes, extra]) / block.deviation)
-    scaled = np.vstack(parts)
+            others[block.offset - asked.begin] = block.size
+    _, J = fit.data(fit.x)
+    scaled = np.hstack([J[:, base.independent] * sizes, J[:, asked.begin :] * others])
     scaled = np.vstack([scaled, np.zeros((scaled.shape[1], scaled.shape[1]))])
     _, values, vectors = np.linalg.svd(scaled, full_matrices=False)
-    names = [*base.names, *asked.names]
+    names, helpful = [*base.names, *asked.names], _helpful(problem, chosen, vectors[-1][: len(chosen)] * sizes)
     lost = values <= np.maximum(1 / resolution, 1e-11 * values[0])
     if strict and lost.any():
         missing = [combination_name(vector, names) for vector in vectors[lost]]
-        hint = ", ".join(_helpful(problem, chosen, vectors[-1][: len(chosen)] * sizes))
         more = f"; or the {missing[-2]}" if len(missing) > 1 else ""
         count = f" ({len(missing)} combinations)" if len(missing) > 2 else ""
         raise InfeasibleError(f"the log does not determine the {missing[-1]}{more}{count}: "
-                              f"move {hint or 'other joints'}, or give a prior")  # fmt: skip
-    worst = vectors[-1][: len(chosen)] * sizes
+                              f"move {', '.join(helpful) or 'other joints'}, or give a prior")  # fmt: skip
     return WeakCombination(
         combination_name(vectors[-1], names),
         float(1 / values[-1]) if values[-1] > 1e-11 * values[0] else np.inf,
-        _helpful(problem, chosen, worst),
+        helpful,
     )
 
 

@@ -23,20 +23,8 @@ _SETTLED = 1e-12  # decrease of the cost, relative to it, at which the iteration
 _THICK = 1e-3  # smallest radius of gyration of a body, relative to its size
 
 
-def _unit_pseudo_inertias() -> np.ndarray:
-    """Pseudo-inertias (10, 4, 4) of unit dynamic parameters, in Pinocchio's order."""
-    out = np.zeros((10, 4, 4))
-    out[0, 3, 3] = 1.0
-    for k in range(3):
-        out[1 + k, k, 3] = out[1 + k, 3, k] = 1.0
-    for column, (i, j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
-        inertia = np.zeros((3, 3))
-        inertia[i, j] = inertia[j, i] = 1.0
-        out[4 + column, :3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
-    return out
-
-
-_UNITS = _unit_pseudo_inertias()
+_UNITS = np.stack([pin.PseudoInertia.FromDynamicParameters(unit).toMatrix() for unit in np.eye(10)])
+"""Pseudo-inertias (10, 4, 4) of unit dynamic parameters, in Pinocchio's order."""
 
 
 def dynamic_parameters(inertia: pin.Inertia) -> np.ndarray:

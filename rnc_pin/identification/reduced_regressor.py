@@ -8,7 +8,7 @@ Base parameters are the combinations of parameters that a linear model shows.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -134,8 +134,8 @@ class ReducedRegressor:
         """Columns (N, c, width) of the conserved momentum in the axes of the base, and its values (N, c)."""
         at = self._kinematics.position(q).with_velocity(v)
         columns, values = np.zeros((len(q), len(self.conserved), self.width)), np.zeros((len(q), len(self.conserved)))
-        for k, H in enumerate(self._world_momenta(at)):
-            J = at.joint_jacobian(k + 1)[..., self.conserved]
+        for k in range(len(self.bodies)):
+            J, H = at.joint_jacobian(k + 1)[..., self.conserved], _moved(at, k + 1, at.joint_velocity(k + 1))
             columns[:, :, 10 * k : 10 * k + 10] = J.mT @ H
         start = 0
         for rows in self.momentum:
@@ -156,28 +156,17 @@ class ReducedRegressor:
         at = self._kinematics.position(q).with_velocity(v)
         R, R_dot = (each[..., self.rows] for each in self.basis(q, v))
         out = np.empty((windows.count, len(self.rows), self.width))
-        for k, H in enumerate(self._world_momenta(at)):
+        for k in range(len(self.bodies)):
             J, J_dot = at.joint_jacobian(k + 1), at.joint_jacobian_dot(k + 1)
             Q, Q_dot = (J @ R).mT, (J_dot @ R + J @ R_dot).mT
-            weight = self._world_weights(at, k)
+            down = at.joint_placement(k + 1).rotation.mT @ self._kinematics.model.gravity.linear
+            H, weight = _moved(at, k + 1, at.joint_velocity(k + 1)), _moved(at, k + 1, np.hstack([down, 0.0 * down]))
             out[:, :, 10 * k : 10 * k + 10] = windows.by_parts(Q @ H) - windows.mean(Q_dot @ H + Q @ weight)
         Rj, R_dot_j, vj = R[:, self._coordinates], R_dot[:, self._coordinates], v[:, self._coordinates, None]
         inertia = windows.by_parts((Rj * vj).mT) - windows.mean((R_dot_j * vj).mT)
         friction = [windows.mean((Rj * each).mT) for each in (np.sign(vj), vj)]
         out[:, :, 10 * len(self.bodies) :] = np.concatenate([*friction, inertia], axis=2)
         return out
-
-    def _world_momenta(self, at: VelocityKinematics) -> Iterator[np.ndarray]:
-        """Momentum (N, 6, 10) of each body about the origin of the world, in its axes, for unit parameters."""
-        for joint in range(1, len(self.bodies) + 1):
-            yield _moved(at, joint, _momentum_columns(at.joint_velocity(joint)))
-
-    def _world_weights(self, at: VelocityKinematics, body: int) -> np.ndarray:
-        """Weight (N, 6, 10) of a body about the origin of the world, for unit parameters."""
-        rotation = at.joint_placement(body + 1).rotation
-        down = np.zeros((len(rotation), 6))
-        down[:, :3] = rotation.mT @ self._kinematics.model.gravity.linear
-        return _moved(at, body + 1, _momentum_columns(down))
 
     # ------------------------------------------------------------------ parameters of the file
 
@@ -242,34 +231,18 @@ def _independent(bases: Sequence[np.ndarray], entries: Sequence[int]) -> list[in
     return chosen
 
 
-def _cross(vectors: np.ndarray) -> np.ndarray:
-    """Matrices (N, 3, 3) of the cross product with vectors (N, 3)."""
-    x, y, z = vectors.T
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+_UNIT_MOMENTA = np.stack([pin.bodyRegressor(pin.Motion.Zero(), pin.Motion(unit)) for unit in np.eye(6)])
+"""Momentum (6, 6, 10) of a body for unit parameters, at unit motions in its own axes: that of a body without rates."""
 
 
-def _momentum_columns(motion: np.ndarray) -> np.ndarray:
-    """Momentum (N, 6, 10) of a body for unit parameters, at motions (N, 6) in its own axes."""
-    out = np.zeros((len(motion), 6, 10))
-    linear, angular = motion[:, :3], motion[:, 3:]
-    out[:, :3, 0] = linear
-    out[:, :3, 1:4] = _cross(angular)
-    out[:, 3:, 1:4] = -_cross(linear)
-    x, y, z = angular.T
-    for column, pairs in enumerate(
-        (((0, x),), ((0, y), (1, x)), ((1, y),), ((0, z), (2, x)), ((1, z), (2, y)), ((2, z),))
-    ):
-        for row, value in pairs:
-            out[:, 3 + row, 4 + column] = value
-    return out
+def _moved(at: VelocityKinematics, joint: int, motion: np.ndarray) -> np.ndarray:
+    """Momentum (N, 6, 10) of a body for unit parameters, at motions (N, 6) in its own axes.
 
-
-def _moved(at: VelocityKinematics, joint: int, columns: np.ndarray) -> np.ndarray:
-    """Spatial forces (N, 6, 10) in the axes of a joint, moved to the origin and the axes of the world."""
-    place = at.joint_placement(joint)
+    It is about the origin of the world, in its axes.
+    """
+    place, columns = at.joint_placement(joint), np.tensordot(motion, _UNIT_MOMENTA, 1)
     linear, angular = place.rotation @ columns[:, :3], place.rotation @ columns[:, 3:]
-    return np.concatenate([linear, angular + _cross(place.translation) @ linear], axis=1)
+    return np.concatenate([linear, angular + np.cross(place.translation[:, :, None], linear, axis=1)], axis=1)
 
 
 _DEPENDENT = 1e-7  # distance of a unit column from the span of others below which it depends on them

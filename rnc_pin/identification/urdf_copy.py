@@ -12,6 +12,7 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.io.json import atomic_file
 from rnc_pin.io.safe_read import parse_tree, read_bytes
 from rnc_pin.robots.robot import Robot
+from rnc_pin.robots.sources.urdf_links import inertial_element
 
 _SAME = 1e-9  # difference of placements below which an origin is not written again
 
@@ -91,11 +92,11 @@ def write_inertias(source: Path, path: Path, robot: Robot, bodies: list[str], jo
             raise ConfigurationError(f"{source}: no joint '{name}'")
         carrier = top if name == "root_joint" else _link(elements[name], "child")
         for link in links:
-            if link != carrier and model.existFrame(link) and model.frames[robot.frame_id(link)].parentJoint == index:
+            if model.existFrame(link) and model.frames[robot.frame_id(link)].parentJoint == index:
                 for inertial in links[link].findall("inertial"):
                     links[link].remove(inertial)
         place = model.frames[robot.frame_id(carrier)].placement.inverse()
-        _write_inertia(links[carrier], place.act(model.inertias[index]))
+        links[carrier].append(inertial_element(place.act(model.inertias[index])))
     for name in joints:
         entry = robot.velocity_indices(name).start
         dynamics = elements[name].find("dynamics")
@@ -104,18 +105,6 @@ def write_inertias(source: Path, path: Path, robot: Robot, bodies: list[str], jo
         dynamics.set("damping", f"{model.damping[entry]:.12g}")
         dynamics.set("friction", f"{model.upperDryFrictionLimit[entry]:.12g}")
     _write(root, path)
-
-
-def _write_inertia(link: Element, inertia: pin.Inertia) -> None:
-    for each in link.findall("inertial"):
-        link.remove(each)
-    inertial = SubElement(link, "inertial")
-    numbers = " ".join(f"{each:.17g}" for each in inertia.lever)
-    SubElement(inertial, "origin", {"xyz": numbers, "rpy": "0 0 0"})
-    SubElement(inertial, "mass", {"value": f"{inertia.mass:.17g}"})
-    moments = np.asarray(inertia.inertia)
-    keys = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-    SubElement(inertial, "inertia", {key: f"{moments[at]:.17g}" for key, at in keys.items()})
 
 
 def _read(source: Path) -> tuple[Element, dict[str, Element]]:

@@ -157,6 +157,11 @@ class Fit:
     deviations: np.ndarray
     """Standard deviations of position and heading (2,) [m, rad]."""
 
+    @property
+    def sizes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Distances (M,) [m] and errors of the heading (M,) [rad]."""
+        return np.hypot(self.residuals[:, 0], self.residuals[:, 1]), np.abs(self.residuals[:, 2])
+
     def scaled(self) -> tuple[np.ndarray, np.ndarray]:
         """Weighted residuals (3 M,) and derivatives (3 M, P), without unit; all x first, then all y and headings."""
         root = (np.sqrt(self.weights)[:, [0, 0, 1]] / self.deviations[[0, 0, 1]]).ravel(order="F")
@@ -237,7 +242,7 @@ def weighted(fit: Fit, heading: bool, previous: np.ndarray | None = None) -> Fit
     Previous deviations (2,) stay if the new ones hardly differ. Medians jump from step to step. A cost that follows
     them has no minimum along a combination of parameters that the log hardly shows.
     """
-    length, angle = np.hypot(fit.residuals[:, 0], fit.residuals[:, 1]), np.abs(fit.residuals[:, 2])
+    length, angle = fit.sizes
     deviations = np.maximum([_RAYLEIGH * np.median(length), _NORMAL * np.median(angle)], _FLOOR)
     if not heading:
         deviations[1] = 1.0
@@ -251,8 +256,7 @@ def weighted(fit: Fit, heading: bool, previous: np.ndarray | None = None) -> Fit
 def cost(fit: Fit, deviations: np.ndarray) -> float:
     """Huber's cost of a fit for standard deviations (2,)."""
     total = 0.0
-    sizes = (np.hypot(fit.residuals[:, 0], fit.residuals[:, 1]), np.abs(fit.residuals[:, 2]))
-    for size, limit, deviation in zip(sizes, (_POSITION, _HEADING), deviations, strict=True):
+    for size, limit, deviation in zip(fit.sizes, (_POSITION, _HEADING), deviations, strict=True):
         u = size / deviation
         total += float(np.sum(np.where(u <= limit, u**2 / 2, limit * (u - limit / 2))))
     return total

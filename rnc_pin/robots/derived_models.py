@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, argument, nearest
-from rnc_pin.robots.joint_values import JointValue, configuration, joint_index
+from rnc_pin.robots.joint_values import JointValue, NamedModel
 
 
 class LazyGeometry:
@@ -58,11 +58,11 @@ class LockedModel:
     """Reduced model without the locked joints, with its geometry."""
 
     def __init__(self, model: pin.Model, lock: Mapping[str, JointValue]) -> None:
-        self._full = model
-        self._joints = [joint_index(model, name) for name in lock]
-        if "root_joint" in lock and model.joints[joint_index(model, "root_joint")].nv > 1:
+        self._full, named = model, NamedModel(model)
+        self._joints = [named.joint_id(name) for name in lock]
+        if "root_joint" in lock and model.joints[named.joint_id("root_joint")].nv > 1:
             raise ModelError(f"'root_joint' cannot be locked: load the robot with {argument('base', 'fixed')} instead")
-        self._reference = configuration(model, lock)
+        self._reference = named.configuration(lock)
         self.model = self._reduced(None)[0]
 
     def geometry(self, load: Callable[[str], pin.GeometryModel], kind: str) -> pin.GeometryModel:

@@ -36,52 +36,6 @@ def fixed_base(model: pin.Model) -> str:
     return f"the base of robot '{model.name}' is fixed; {argument('base', 'planar')} or 'free' lets it move"
 
 
-def joint_index(model: pin.Model, name: str) -> int:
-    """Index of a joint. An unknown name raises ModelError with the nearest name."""
-    valid = list(model.names)[1:]
-    if name not in valid:
-        if name == "root_joint" and base_of(model) == "fixed":
-            raise ModelError(f"no joint 'root_joint' in robot '{model.name}': {fixed_base(model)}")
-        raise ModelError(f"no joint '{name}' in robot '{model.name}'{nearest(str(name), valid)}")
-    return model.getJointId(name)
-
-
-def configuration(model: pin.Model, values: Mapping[str, JointValue]) -> np.ndarray:
-    """Neutral configuration (nq,) with the given joint values.
-
-    Raises:
-        ModelError: unknown joint, or values of a wrong number or type.
-    """
-    q = pin.neutral(model)
-    if not isinstance(values, Mapping):
-        example = next(iter(model.names[1:]), "joint")
-        raise ModelError(f"joint values have to be a mapping such as {{'{example}': 0.0}}, found {values!r}")
-    for name, value in values.items():
-        joint = model.joints[joint_index(model, name)]
-        try:
-            entry = np.atleast_1d(np.asarray(value, dtype=float))
-        except (TypeError, ValueError):
-            raise ModelError(f"joint '{name}' takes numbers, found {value!r}") from None
-        if not np.isfinite(entry).all():
-            raise ModelError(f"joint '{name}' takes finite numbers, found {value!r}")
-        q[joint.idx_q : joint.idx_q + joint.nq] = _joint_coordinates(name, joint, entry)
-    return q
-
-
-def values_of(model: pin.Model, q: np.ndarray) -> dict[str, float | list[float]]:
-    """Joint name to value(s) [rad or m] at q (nq,), the inverse of ``configuration``."""
-    values: dict[str, float | list[float]] = {}
-    for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
-        entry = q[joint.idx_q : joint.idx_q + joint.nq]
-        if _goes_round(joint):
-            values[name] = float(np.arctan2(entry[1], entry[0]))
-        elif joint.shortname() == "JointModelPlanar":
-            values[name] = [float(entry[0]), float(entry[1]), float(np.arctan2(entry[3], entry[2]))]
-        else:
-            values[name] = float(entry[0]) if joint.nq == 1 else entry.tolist()
-    return values
-
-
 def _goes_round(joint: pin.JointModel) -> bool:
     """True if a joint is continuous with configuration (cos, sin). Its class depends on the axis."""
     return bool(joint.nq == 2 and joint.nv == 1)
@@ -156,7 +110,12 @@ class NamedModel:
 
     def joint_id(self, name: str) -> int:
         """Index of a joint. An unknown name raises ModelError with the nearest name."""
-        return joint_index(self.model, name)
+        model, valid = self.model, self.joint_names
+        if name not in valid:
+            if name == "root_joint" and base_of(model) == "fixed":
+                raise ModelError(f"no joint 'root_joint' in robot '{self.name}': {fixed_base(model)}")
+            raise ModelError(f"no joint '{name}' in robot '{self.name}'{nearest(str(name), valid)}")
+        return int(model.getJointId(name))
 
     def frame_id(self, name: str) -> int:
         """Index of a frame (link, joint or operational frame).
@@ -243,13 +202,35 @@ class NamedModel:
                 (x, y, z) and a quaternion (x, y, z, w), a ball joint the quaternion.
 
         Raises:
-            ModelError: unknown joint, or the wrong number of values for one.
+            ModelError: unknown joint, or values of a wrong number or type.
         """
-        return configuration(self.model, values or {})
+        q, values = pin.neutral(self.model), values or {}
+        if not isinstance(values, Mapping):
+            example = next(iter(self.joint_names), "joint")
+            raise ModelError(f"joint values have to be a mapping such as {{'{example}': 0.0}}, found {values!r}")
+        for name, value in values.items():
+            joint = self.model.joints[self.joint_id(name)]
+            try:
+                entry = np.atleast_1d(np.asarray(value, dtype=float))
+            except (TypeError, ValueError):
+                raise ModelError(f"joint '{name}' takes numbers, found {value!r}") from None
+            if not np.isfinite(entry).all():
+                raise ModelError(f"joint '{name}' takes finite numbers, found {value!r}")
+            q[joint.idx_q : joint.idx_q + joint.nq] = _joint_coordinates(name, joint, entry)
+        return q
 
     def joint_values(self, q: np.ndarray) -> dict[str, float | list[float]]:
         """Joint name to value(s) [rad or m] at q (nq,), the inverse of ``configuration``."""
-        return values_of(self.model, q)
+        values: dict[str, float | list[float]] = {}
+        for name, joint in zip(self.joint_names, list(self.model.joints)[1:], strict=True):
+            entry = q[joint.idx_q : joint.idx_q + joint.nq]
+            if _goes_round(joint):
+                values[name] = float(np.arctan2(entry[1], entry[0]))
+            elif joint.shortname() == "JointModelPlanar":
+                values[name] = [float(entry[0]), float(entry[1]), float(np.arctan2(entry[3], entry[2]))]
+            else:
+                values[name] = float(entry[0]) if joint.nq == 1 else entry.tolist()
+        return values
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> np.ndarray:
         """Random configuration (nq,) from ``generator``, within joint limits and ``spread`` [rad or m] of neutral."""

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Literal, NamedTuple, get_args
 
 import numpy as np
-import pinocchio as pin
 from annotated_types import Len
 
 from rnc_pin.collision import Obstacle
 from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import ConstraintKind, GroundSurface
 from rnc_pin.printing import printed
@@ -148,15 +148,15 @@ def tracked_frames(outputs: OutputNames, goals: Sequence[str], robot: Robot) -> 
 
 def sample_configurations(robot: Robot, trajectory: Trajectory, rate: float = RATE) -> np.ndarray:
     """Configurations (frames, nq) at a constant rate, interpolated on the manifold."""
-    return _configurations(robot, trajectory, _even_times(trajectory, rate))
+    return _configurations(robot, trajectory, even_times(trajectory.time[-1], rate))
 
 
 def recorded_states(
     robot: Robot, trajectory: Trajectory, rate: float = RATE, others: Sequence[Trajectory] = ()
 ) -> Iterator[DrawnState]:
     """States at a constant rate. Other runs that end earlier keep their last configuration."""
-    times = _even_times(trajectory, rate)
-    configurations = sample_configurations(robot, trajectory, rate)
+    times = even_times(trajectory.time[-1], rate)
+    configurations = _configurations(robot, trajectory, times)
     beside = [_configurations(robot, other, times) for other in others]
     nearest = np.searchsorted(trajectory.time, times).clip(max=len(trajectory.time) - 1)
     t = trajectory
@@ -196,17 +196,16 @@ def live_state(reduced: ReducedModel, sample: Sample) -> DrawnState:
     )
 
 
-def _even_times(trajectory: Trajectory, rate: float) -> np.ndarray:
-    end = trajectory.time[-1]
+def even_times(end: float, rate: float) -> np.ndarray:
+    """Times of pictures at a rate [1/s], from zero to the end [s]."""
     return np.arange(0.0, end + 0.5 / rate, 1.0 / rate).clip(max=end)
 
 
 def _configurations(robot: Robot, trajectory: Trajectory, wanted: np.ndarray) -> np.ndarray:
-    time = trajectory.time
-    index = np.clip(np.searchsorted(time, wanted, side="right") - 1, 0, max(len(time) - 2, 0))
-    frames = []
-    for t, i in zip(wanted, index, strict=True):
-        j = min(i + 1, len(time) - 1)
-        fraction = 0.0 if time[j] <= time[i] else float((t - time[i]) / (time[j] - time[i]))
-        frames.append(pin.interpolate(robot.model, trajectory.q[i], trajectory.q[j], min(fraction, 1.0)))
-    return np.stack(frames)
+    """Configurations (M, nq) at times (M,), and the last one after the end."""
+    time, q = trajectory.time, trajectory.q
+    before = np.clip(np.searchsorted(time, wanted, side="right") - 1, 0, max(len(time) - 2, 0))
+    after = np.minimum(before + 1, len(time) - 1)
+    interval = time[after] - time[before]
+    parts = np.divide(wanted - time[before], interval, out=np.zeros(len(wanted)), where=interval > 0)
+    return ConfigurationManifold(robot.model).interpolate(q[before], q[after], np.minimum(parts, 1.0))

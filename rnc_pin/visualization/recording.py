@@ -5,13 +5,11 @@ from __future__ import annotations
 import shutil
 import subprocess
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Literal
-
-import numpy as np
 
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.extras import missing_extra
@@ -21,7 +19,7 @@ from rnc_pin.printing import ObjectSummary, SummaryMixin, items, significant
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization.browser.scene_server import SceneWindow
-from rnc_pin.visualization.drawn_state import RATE, DrawnModel, View, recorded_states
+from rnc_pin.visualization.drawn_state import RATE, DrawnModel, View, even_times, recorded_states
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.run_scene import RunScene, ShownRun
 
@@ -199,7 +197,7 @@ def write_frames(
     """
     folder, names = Path(folder), []
     with atomic_folder(folder, replace) as staging:
-        for k, picture in enumerate(take_pictures(recording, _times(recording, rate), size)):
+        for k, picture in enumerate(take_pictures(recording, even_times(recording.duration, rate), size)):
             names.append(f"frame_{k:05d}.png")
             (staging / names[-1]).write_bytes(picture)
     return [folder / name for name in names]
@@ -232,7 +230,8 @@ def write_video(
     if ffmpeg is None:
         raise ConfigurationError(f"{path}: a video needs ffmpeg, which is not installed; frames do not need it")
     with atomic_file(path, replace) as partial:
-        _encode(ffmpeg, path, partial, take_pictures(recording, _times(recording, rate), size, "jpeg"), rate)
+        pictures = take_pictures(recording, even_times(recording.duration, rate), size, "jpeg")
+        _encode(ffmpeg, path, partial, pictures, rate)
     return path
 
 
@@ -241,20 +240,16 @@ def _encode(ffmpeg: str, path: Path, partial: Path, pictures: Iterable[bytes], r
     command += [*_encoding(path.suffix), str(partial.absolute())]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
     assert process.stdin is not None
-    assert process.stderr is not None
     try:
-        for picture in pictures:
-            process.stdin.write(picture)
-        process.stdin.close()
-        complaint = process.stderr.read().decode(errors="replace")
-        if process.wait():
-            raise ConfigurationError(f"{path}: ffmpeg: {' '.join(complaint.split()) or 'failed'}")
-    except BrokenPipeError:
-        complaint = process.stderr.read().decode(errors="replace")
-        raise ConfigurationError(f"{path}: ffmpeg: {' '.join(complaint.split())}") from None
+        with suppress(BrokenPipeError):
+            for picture in pictures:
+                process.stdin.write(picture)
+        complaint = process.communicate()[1].decode(errors="replace")
     finally:
         process.kill()
         process.wait()
+    if process.returncode:
+        raise ConfigurationError(f"{path}: ffmpeg: {' '.join(complaint.split()) or 'failed'}")
 
 
 def _encoding(suffix: str) -> Sequence[str]:
@@ -262,7 +257,3 @@ def _encoding(suffix: str) -> Sequence[str]:
         palette = "split[a][b];[a]palettegen=max_colors=128[p];[b][p]paletteuse=dither=bayer:bayer_scale=4"
         return ["-vf", palette, "-loop", "0"]
     return ["-c:v", "libx264", "-preset", "medium", "-crf", "22", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
-
-
-def _times(recording: Recording, rate: float) -> np.ndarray:
-    return np.arange(0.0, recording.duration + 0.5 / rate, 1.0 / rate).clip(max=recording.duration)

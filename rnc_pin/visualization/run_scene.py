@@ -85,7 +85,7 @@ class RunScene:
         moments = first.q[None] if run is None else run.q[:: max(1, len(run.q) // 12)]
         self.size = float(np.clip(np.linalg.norm(np.ptp(self.kinematics.corners(first.q), axis=0)) / 2, 0.05, 20.0))
         self._offset = np.zeros(3)
-        self._pictures = 0
+        self._pictures, self._largest_force = 0, 1e-9  # the largest so far scales the arrows of a live view
         self.ground = shown.drawn_model.ground_height(view)
         self._follower: Follower | None = None
         times = (first.time,) if run is None else np.linspace(run.time[0], run.time[-1], 5).tolist()
@@ -267,7 +267,8 @@ class RunScene:
         points, _ = self.kinematics.lines_of_action_at(first)
         drawn = np.flatnonzero(~np.isnan(points).any(axis=1))
         run = self.shown.trajectory
-        largest = _RunningMaximum(0.0 if run is None else float(np.abs(run.multipliers[:, drawn]).max(initial=0.0)))
+        if run is not None:
+            self._largest_force = float(np.abs(run.multipliers[:, drawn]).max(initial=self._largest_force))
         direction = e.LayerEntry("constraint direction", "constraint directions", e.SKY)
         force = _force_layer()
         found: list[e.Element] = []
@@ -281,7 +282,8 @@ class RunScene:
                 points, directions = self.kinematics.lines_of_action_at(state)
                 # Multipliers are on the side of the inertia forces, so the constraint force has the opposite sign.
                 value = -state.multipliers[row]
-                return points[row], directions[row] * value / largest(abs(value)) * 0.7 * self.size
+                self._largest_force = max(self._largest_force, abs(value))
+                return points[row], directions[row] * value / self._largest_force * 0.7 * self.size
 
             found.append(e.Rod(direction, str(row), line, 0.8 * self.size, 0.6 * self._width))
             found.append(e.Arrow(force, str(row), vector, 1.6 * self._width))
@@ -370,15 +372,3 @@ def _constant(pose: np.ndarray) -> Callable[[DrawnState], np.ndarray]:
 
 def _origin(pose: Callable[[DrawnState], np.ndarray]) -> Callable[[DrawnState], np.ndarray]:
     return lambda state: pose(state)[:3, 3]
-
-
-class _RunningMaximum:
-    """Largest value so far, used to scale the arrows."""
-
-    def __init__(self, value: float) -> None:
-        self._value = max(value, 1e-9)
-
-    def __call__(self, value: float) -> float:
-        if value > self._value:
-            self._value = value
-        return self._value

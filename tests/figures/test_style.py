@@ -18,7 +18,7 @@ def test_labels_have_room_if_the_layout_makes_tick_labels_wider(tmp_path):
         for axes in (upper, lower):
             axes.set_ylabel("position [m]")
         lower.set_xlabel("time [s]")
-        figure.align_labels_of([upper, lower])
+        figure.align_ylabels([upper, lower])
         save(figure, tmp_path / "figure.png")
         left = [axes.yaxis.label.get_window_extent().x0 for axes in (upper, lower)]
     assert left[0] == left[1] > 0.0

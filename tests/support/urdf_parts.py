@@ -1,6 +1,16 @@
 """Small URDF files, from parts: links, joints, wheels on pivots, and what names their motors."""
 
 BOX = '<box size="0.6 0.3 0.1"/>'
+INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+
+
+def write(path, content):
+    """Write text or bytes, and the folders above; return the path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
 
 
 def link(name, mass=1.0, shape="", turn="0 0 0", at="0 0 0", moment=None, geometry="collision"):

@@ -10,6 +10,7 @@ from typing import Annotated, Literal, get_args
 import numpy as np
 import yaml
 from pydantic import BeforeValidator, Field
+from scipy.spatial.transform import Rotation, Slerp
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InputError, nearest
@@ -332,7 +333,8 @@ class Channel:
         first, last = self.values[before], self.values[before + 1]
         found = first + share * (last - first)
         if self.quantity == "pose":
-            found[:, 3:] = _slerp(first[:, 3:], last[:, 3:], share)
+            arc = Slerp(self.time, Rotation.from_quat(self.values[:, 3:]))
+            found[:, 3:] = arc(np.clip(times, self.time[0], self.time[-1])).as_quat()
         inside = (share[:, 0] >= -1e-9) & (share[:, 0] <= 1 + 1e-9)
         in_gap = (interval > _GAP * self.period) & (share[:, 0] > 1e-9) & (share[:, 0] < 1 - 1e-9)
         found[~inside | in_gap] = np.nan
@@ -368,13 +370,3 @@ def _with_unit_quaternions(values: np.ndarray, name: str) -> np.ndarray:
     turned = np.sum(unit[1:] * unit[:-1], axis=1) < 0
     signs = np.where(np.concatenate([[0], np.cumsum(turned)]) % 2, -1.0, 1.0)
     return np.hstack([values[:, :3], unit * signs[:, None]])
-
-
-def _slerp(first: np.ndarray, last: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Rotations (M, 4) on the arc between two quaternions (M, 4), at shares (M, 1) of it."""
-    half = np.arctan2(np.linalg.norm(last - first, axis=1), np.linalg.norm(last + first, axis=1))[:, None]
-    angle = 2.0 * half
-    return np.asarray(
-        ((1 - share) * np.sinc((1 - share) * angle / np.pi) * first + share * np.sinc(share * angle / np.pi) * last)
-        / np.sinc(angle / np.pi)
-    )

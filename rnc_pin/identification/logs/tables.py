@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.extras import missing_extra
@@ -133,20 +134,11 @@ def _channels(
             values = stacked(pose, (*_POSE[:3], *_QUATERNION), frame)
         else:
             parts = stacked(pose, _POSE, frame)
-            values = np.hstack([parts[:, :3], quaternions(parts[:, 3:])])
+            values = np.hstack([parts[:, :3], Rotation.from_euler("xyz", parts[:, 3:]).as_quat()])
         yield Channel("pose", frame, time, values)
     for quantity, group, names in groups:
         for frame, keys in group.items():
             yield Channel(quantity, frame, time, stacked(keys, names, frame))
-
-
-def quaternions(angles: np.ndarray) -> np.ndarray:
-    """Quaternions (N, 4) of roll, pitch and yaw (N, 3), as in URDF files; continuous in the angles."""
-    cosine, sine = np.cos(angles / 2).T, np.sin(angles / 2).T
-    (a, b, c), (d, e, f) = cosine, sine
-    return np.stack(
-        [d * b * c - a * e * f, a * e * c + d * b * f, a * b * f - d * e * c, a * b * c + d * e * f], axis=1
-    )
 
 
 # ---------------------------------------------------------------------- files

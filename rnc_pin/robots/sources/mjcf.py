@@ -31,8 +31,7 @@ from rnc_pin.robots.sources.description import (
     unlogged,
 )
 from rnc_pin.robots.sources.description_files import AllowedFolders
-from rnc_pin.robots.sources.mjcf_geometry import MeshAssets, MjcfGeometry
-from rnc_pin.robots.sources.mjcf_model import SMALLEST, ModelBuilder, pose
+from rnc_pin.robots.sources.mjcf_model import SMALLEST, MeshAssets, MjcfGeometry, ModelBuilder, pose
 from rnc_pin.robots.sources.urdf_repairs import snap_mjcf
 
 if TYPE_CHECKING:

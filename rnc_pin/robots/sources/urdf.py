@@ -151,8 +151,7 @@ def _snap(root: ElementTree.Element) -> list[str]:
             element = each.find(path)
             if element is not None and read_numbers(element.get(key), 3) is not None:
                 element.set(key, exact(element.get(key, ""), f"{where} '{each.get('name')}'"))
-    words = roundings.words()
-    return [words] if words else []
+    return roundings.notes()
 
 
 def _build(text: str, path: Path, base: str) -> pin.Model:

@@ -229,7 +229,9 @@ def give_masses(root: ElementTree.Element, masses: Mapping[str, float], path: Pa
             )
         for inertial in link.findall("inertial"):
             link.remove(inertial)
-        link.append(_inertial(float(mass), *_box(link)))
+        center, edges = _box(link)
+        moments = mass / 12 * (np.sum(edges**2) - edges**2)
+        link.append(inertial_element(pin.Inertia(float(mass), center, np.diag(moments))))
 
 
 def bodies_of(root: ElementTree.Element) -> dict[str, Body]:
@@ -246,7 +248,7 @@ def _inertia(link: ElementTree.Element) -> tuple[float, np.ndarray]:
     mass, tensor = link.find("inertial/mass"), link.find("inertial/inertia")
     if mass is None or tensor is None:
         return 0.0, np.zeros((3, 3))
-    words = [mass.get("value", "")] + [tensor.get(key, "") for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
+    words = [mass.get("value", "")] + [tensor.get(key, "") for key in _TENSOR]
     numbers = read_numbers(" ".join(words), 7)
     if numbers is None:
         return 0.0, np.zeros((3, 3))
@@ -254,14 +256,16 @@ def _inertia(link: ElementTree.Element) -> tuple[float, np.ndarray]:
     return float(kg), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def _inertial(mass: float, center: np.ndarray, edges: np.ndarray) -> ElementTree.Element:
-    inertial = ElementTree.Element("inertial")
-    ElementTree.SubElement(inertial, "origin", {"xyz": " ".join(map(repr, center.tolist()))})
-    ElementTree.SubElement(inertial, "mass", {"value": repr(mass)})
-    moments = mass / 12 * (np.sum(edges**2) - edges**2)
-    tensor = dict.fromkeys(("ixy", "ixz", "iyz"), "0")
-    tensor |= {key: repr(float(moment)) for key, moment in zip(("ixx", "iyy", "izz"), moments, strict=True)}
-    ElementTree.SubElement(inertial, "inertia", tensor)
+_TENSOR = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+
+
+def inertial_element(inertia: pin.Inertia) -> ElementTree.Element:
+    """``<inertial>`` of a link, with all digits."""
+    inertial, tensor = ElementTree.Element("inertial"), inertia.inertia
+    center = " ".join(f"{each:.17g}" for each in inertia.lever)
+    ElementTree.SubElement(inertial, "origin", {"xyz": center, "rpy": "0 0 0"})
+    ElementTree.SubElement(inertial, "mass", {"value": f"{inertia.mass:.17g}"})
+    ElementTree.SubElement(inertial, "inertia", {key: f"{tensor[at]:.17g}" for key, at in _TENSOR.items()})
     return inertial
 
 

@@ -122,13 +122,10 @@ class Roundings:
     largest: float = 0.0
     where: str = ""
 
-    def angle(self, text: str, where: str) -> str:
-        """Return the exact angle [rad] as text."""
-        return self._written([text], [snapped_angle(text)], where, is_axis=False)[0]
-
     def angles_of(self, text: str, where: str) -> str:
         """Return several exact angles [rad] as text, separated by blanks."""
-        return " ".join(self.angle(each, where) for each in text.split())
+        words = text.split()
+        return " ".join(self._written([each], [snapped_angle(each)], where, is_axis=False)[0] for each in words)
 
     def direction(self, text: str, where: str) -> str:
         """Return an exact direction or unit quaternion as text, separated by blanks."""
@@ -148,21 +145,20 @@ class Roundings:
             self.largest, self.where = change, where
         return [text if old == new else repr(new) for text, old, new in zip(texts, given, exact, strict=True)]
 
-    def words(self) -> str:
-        """Summary of the changes in one line; empty if there is nothing to report."""
+    def notes(self) -> list[str]:
+        """Summary of the changes in one line, which can follow the file name; none if there is nothing to report."""
         counts = [
             f"{count} {one if count == 1 else many}"
             for count, one, many in ((self.angles, "angle", "angles"), (self.axes, "axis", "axes"))
             if count
         ]
         if not counts:
-            return ""
+            return []
         verb, article = ("was", "a multiple") if self.angles + self.axes == 1 else ("were", "multiples")
         taken = f"{'is' if verb == 'was' else 'are'} taken as {article} of pi" if self.angles else "made exact"
-        return (
-            f"{' and '.join(counts)} {verb} rounded in the file and {taken} "
-            f"(largest change {self.largest:.0e} rad, {self.where}); {argument('snap', False)} keeps them"
-        )
+        largest = f"largest change {self.largest:.0e} rad, {self.where}"
+        text = f"{' and '.join(counts)} {verb} rounded in the file and {taken} ({largest})"
+        return [f"{text}; {argument('snap', False)} keeps them"]
 
 
 def snap_mjcf(root: ElementTree.Element) -> list[str]:
@@ -180,8 +176,7 @@ def snap_mjcf(root: ElementTree.Element) -> list[str]:
         for key, make in exact.get(element.tag, {}).items():
             if key in element.attrib:
                 element.set(key, make(element.attrib[key], f"{element.tag} '{element.get('name', '')}'"))
-    words = roundings.words()
-    return [words] if words else []
+    return roundings.notes()
 
 
 Notes: TypeAlias = defaultdict[str, list[str]]

@@ -10,8 +10,7 @@ import rnc_pin as rnc
 from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.robots.sources.description_files import Packages, package_name
 from tolerances import ROUNDING
-
-XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+from urdf_parts import TETRAHEDRON, XACRO, write
 
 
 def urdf(mimic="", moments=(1, 1, 1), visual="", mass=2):
@@ -27,12 +26,6 @@ def urdf(mimic="", moments=(1, 1, 1), visual="", mass=2):
     links = f'<link name="ground">{visual}</link><link name="one">{body}</link><link name="two">{body}</link>'
     joints = joint.format("shoulder", "ground", "one", "") + joint.format("elbow", "one", "two", mimic)
     return f'<robot name="arm">{links}{joints}</robot>'
-
-
-def write(path, text):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text)
-    return path
 
 
 # ---------------------------------------------------------------------- MJCF
@@ -93,7 +86,7 @@ def test_the_floor_of_an_mjcf_is_not_drawn_with_the_robot(tmp_path):
 
 
 def test_meshes_of_an_mjcf_are_found_from_anywhere(tmp_path, monkeypatch):
-    write(tmp_path / "meshes" / "t.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    write(tmp_path / "meshes" / "t.obj", TETRAHEDRON)
     text = mjcf().replace('<geom type="sphere" size="0.05" contype="0"/>', '<geom type="mesh" mesh="t"/>')
     text = text.replace(
         '<compiler angle="radian"/>',
@@ -155,7 +148,6 @@ def test_an_inertia_that_no_body_has_is_named(moments, possible, tmp_path):
 # ---------------------------------------------------------------------- packages
 
 MESH = '<visual><geometry><mesh filename="package://shapes/meshes/t.obj"/></geometry></visual>'
-TRIANGLES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
 def names(robot):
@@ -169,11 +161,12 @@ def names(robot):
     ("else/shapes", "arm.urdf", {"package_dirs": ["else/shapes"]}, None),  # the package itself
     ("else/shapes", "arm.urdf", {}, ("ROS_PACKAGE_PATH", "nowhere:else")),
     ("else/share/shapes", "arm.urdf", {}, ("AMENT_PREFIX_PATH", "else")),
-], ids=["inside", "beside", "folder", "itself", "ROS 1", "ROS 2"])  # fmt: skip
+    ("git-checkout", "git-checkout/urdf/arm.urdf", {}, None),  # by the name in its manifest
+], ids=["inside", "beside", "folder", "itself", "ROS 1", "ROS 2", "another name"])  # fmt: skip
 def test_a_package_is_found(package, file, options, variable, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    write(tmp_path / package / "meshes/t.obj", TRIANGLES)
-    if file == "ws/arm_description/urdf/arm.urdf":  # without it, the folder beside could be anybody's
+    write(tmp_path / package / "meshes/t.obj", TETRAHEDRON)
+    if "arm_description" in file or package == "git-checkout":  # else the folder could be anybody's
         write(tmp_path / package / "package.xml", "<package><name>shapes</name></package>")
     path = write(tmp_path / file, urdf(visual=MESH))
     if variable:
@@ -181,17 +174,10 @@ def test_a_package_is_found(package, file, options, variable, tmp_path, monkeypa
     assert names(rnc.Robot.from_urdf(path, **options)) == 1
 
 
-def test_a_package_may_lie_in_a_folder_of_another_name(tmp_path):
-    write(tmp_path / "git-checkout/meshes/t.obj", TRIANGLES)
-    write(tmp_path / "git-checkout/package.xml", "<package><name>shapes</name></package>")
-    path = write(tmp_path / "git-checkout/urdf/arm.urdf", urdf(visual=MESH))
-    assert names(rnc.Robot.from_urdf(path)) == 1
-
-
 @pytest.mark.parametrize("name", ["$(find shapes)/meshes/t.obj", "file://$(find  shapes )/meshes/t.obj"])
 def test_a_package_is_found_as_xacro_names_it_although_the_file_is_none(name, tmp_path):
     text = urdf(visual=MESH.replace("package://shapes/meshes/t.obj", name))
-    write(tmp_path / "checkout/meshes/t.obj", TRIANGLES)
+    write(tmp_path / "checkout/meshes/t.obj", TETRAHEDRON)
     path = write(tmp_path / "checkout/urdf/arm.urdf", text)
     robot = rnc.Robot.from_urdf(path)
     with pytest.warns(rnc.ModelWarning, match=r"1 mesh was not found: package 'shapes' \(1\); give the folder"):

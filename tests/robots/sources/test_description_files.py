@@ -7,17 +7,10 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.robots.sources.description_files import AllowedFolders, Packages, folders_above, package_name
+from urdf_parts import TETRAHEDRON, XACRO, write
 
-XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 INERTIAL = '<inertial><mass value="{}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-TRIANGLES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 REFUSED = r"outside the folders of the description: give its folder in package_dirs \(--package-dir\)"
-
-
-def write(path, text):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text)
-    return path
 
 
 def urdf(filename, tag="mesh", mass=1):
@@ -46,8 +39,8 @@ def vertices(robot):
 @pytest.fixture
 def tree(tmp_path):
     """A description, a mesh that is its own, and one elsewhere; links to the latter among its own."""
-    write(tmp_path / "robot/own.obj", TRIANGLES)
-    write(tmp_path / "private/secret.obj", TRIANGLES)
+    write(tmp_path / "robot/own.obj", TETRAHEDRON)
+    write(tmp_path / "private/secret.obj", TETRAHEDRON)
     write(tmp_path / "private/secret.yaml", "password: hush")
     write(tmp_path / "private/secret.xacro", urdf("own.obj", mass=7))
     (tmp_path / "robot/link.obj").symlink_to(tmp_path / "private/secret.obj")
@@ -93,7 +86,7 @@ def test_a_mesh_is_not_taken_from_the_working_directory(tree, monkeypatch):
 
 @pytest.mark.parametrize("place", ["meshes/m.obj", "assets/deep/m.obj", "textures/m.obj", "Secrets/m.obj"])
 def test_beside_a_description_without_package_only_customary_folders_count(place, tmp_path):
-    write(tmp_path / "robot" / place, TRIANGLES)
+    write(tmp_path / "robot" / place, TETRAHEDRON)
     path = write(tmp_path / "robot/urdf/r.urdf", urdf(f"../{place}"))
     if place.startswith("Secrets"):
         with pytest.raises(rnc.ModelError, match=REFUSED):
@@ -104,7 +97,7 @@ def test_beside_a_description_without_package_only_customary_folders_count(place
 
 def test_the_package_of_a_description_is_its_own(tmp_path):
     package(tmp_path / "checkout", "robot")
-    write(tmp_path / "checkout/any/where/m.obj", TRIANGLES)
+    write(tmp_path / "checkout/any/where/m.obj", TETRAHEDRON)
     for k, name in enumerate(("../../any/where/m.obj", "package://robot/any/where/m.obj")):
         path = write(tmp_path / f"checkout/urdf/arms/r{k}.urdf", urdf(name))
         assert vertices(rnc.Robot.from_urdf(path)) == 4
@@ -112,7 +105,7 @@ def test_the_package_of_a_description_is_its_own(tmp_path):
 
 def test_a_package_beside_may_not_be_a_link_to_one_elsewhere(tmp_path):
     package(tmp_path / "private", "parts")
-    write(tmp_path / "private/m.obj", TRIANGLES)
+    write(tmp_path / "private/m.obj", TETRAHEDRON)
     path = write(tmp_path / "ws/robot/r.urdf", urdf("package://parts/m.obj"))
     (tmp_path / "ws/parts").symlink_to(tmp_path / "private")
     with pytest.raises(rnc.ModelError, match=REFUSED):
@@ -220,7 +213,7 @@ def test_a_default_of_an_mjcf_names_no_file(tree):
     ],
 )
 def test_an_mjcf_names_its_own_files(head, tree):
-    write(tree / "meshes/m.obj", TRIANGLES)
+    write(tree / "meshes/m.obj", TETRAHEDRON)
     path = write(tree / "robot/r.xml", MJCF.format(head=head.format(tree=tree)))
     assert vertices(rnc.Robot.from_mjcf(path)) == 4
 
@@ -279,9 +272,9 @@ def test_a_pipe_in_the_place_of_a_manifest_is_not_waited_for(tree):
 def test_the_nearest_allowed_file_of_a_package_is_taken(tmp_path):
     """A folder of the package's name without a manifest stands nearer."""
     write(tmp_path / "ws/parts/robot/m.obj", "secret")
-    write(tmp_path / "ws/parts/m.obj", TRIANGLES)
+    write(tmp_path / "ws/parts/m.obj", TETRAHEDRON)
     package(tmp_path / "ws/parts", "parts")
-    write(tmp_path / "ws/robot/parts/other.obj", TRIANGLES)
+    write(tmp_path / "ws/robot/parts/other.obj", TETRAHEDRON)
     found = Packages(tmp_path / "ws/robot").file("package://parts/m.obj")
     assert found == tmp_path / "ws/parts/m.obj"
 

@@ -18,16 +18,11 @@ from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import mesh_formats
 from rnc_pin.robots.sources.mesh_formats import MeshError, convex_hull, mesh, read_mesh, scenes
 from rnc_pin.robots.sources.mesh_formats.scenes import read_collada
+from urdf_parts import write
 
 SINGLE = 1e-7  # [m], of vertices kept in single precision
-INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 PLY = "ply\nformat {} 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\nelement face {}\n{}end_header\n"
 LIST = "property list uchar int vertex_indices\n"
-
-
-def write(path, content):
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return path
 
 
 def corners_of(found):

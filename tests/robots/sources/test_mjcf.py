@@ -10,6 +10,9 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.robots.sources.description import unlogged
+from urdf_parts import TETRAHEDRON
+
+mujoco = pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
 
 SHORT = """<mujoco><include file="parts/defaults.xml"/><compiler settotalmass="6" meshdir="parts" angle="degree"/>
 <asset><mesh name="wedge" file="wedge.obj" scale="1 2 0.5"/><material name="red" rgba="1 0 0 1"/></asset><worldbody>
@@ -20,7 +23,6 @@ range="-60 60"/><geom type="capsule" fromto="0 0 0 1 0 0" size="0.1" density="70
 axis="1 0 1"/><geom type="sphere" size="0.1" pos="0 1 0"/><site name="tip" pos="0 0 1"/></body></frame></body></replicate>
 </body></frame></worldbody></mujoco>"""
 DEFAULTS = '<mujoco><default><joint damping="0.1" armature="0.02"/></default></mujoco>'
-WEDGE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 BODY = '<mujoco>{}<worldbody><body name="b"><joint name="j"/><geom size="1"/>{}</body></worldbody></mujoco>'
 
 
@@ -28,9 +30,9 @@ BODY = '<mujoco>{}<worldbody><body name="b"><joint name="j"/><geom size="1"/>{}<
 def folder(tmp_path):
     (tmp_path / "robot" / "parts").mkdir(parents=True)
     (tmp_path / "robot" / "parts" / "defaults.xml").write_text(DEFAULTS)
-    (tmp_path / "robot" / "parts" / "wedge.obj").write_text(WEDGE)
+    (tmp_path / "robot" / "parts" / "wedge.obj").write_text(TETRAHEDRON)
     (tmp_path / "elsewhere.xml").write_text(DEFAULTS)
-    (tmp_path / "elsewhere.obj").write_text(WEDGE)
+    (tmp_path / "elsewhere.obj").write_text(TETRAHEDRON)
     (tmp_path / "robot" / "link.xml").symlink_to(tmp_path / "elsewhere.xml")
     os.mkfifo(tmp_path / "robot" / "pipe.xml")
     return tmp_path / "robot"
@@ -44,7 +46,6 @@ def written(folder, text):
 @pytest.mark.filterwarnings("ignore:compiler attribute")
 def test_what_is_written_out_is_the_same_machine(folder, monkeypatch):
     monkeypatch.chdir(folder)  # MuJoCo writes a log of what this test asks it for
-    mujoco = pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
     path = written(folder, SHORT)
     theirs = mujoco.MjModel.from_xml_path(str(path))
     robot = rnc.Robot.from_mjcf(path)
@@ -102,7 +103,6 @@ def test_what_is_written_out_is_the_same_machine(folder, monkeypatch):
     (BODY.format("", "<frame><attach model='x'/></frame>"), "<attach> is not supported"),
 ])  # fmt: skip
 def test_what_is_not_the_descriptions_own_is_not_read(text, words, folder):
-    pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
     with pytest.raises(rnc.ModelError, match=words) as raised:
         rnc.Robot.from_mjcf(written(folder, text))
     assert str(raised.value).isprintable()
@@ -123,7 +123,6 @@ def test_a_material_needs_no_picture_where_the_sky_has_no_name(tmp_path):
 
 def test_files_of_folders_that_are_named_are_read(folder):
     """Descriptions often have their meshes beside their folder and not in it."""
-    pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
     asset = (
         '<compiler meshdir=".."/><asset><mesh name="m" file="elsewhere.obj"/></asset><include file="../elsewhere.xml"/>'
     )
@@ -144,7 +143,6 @@ def test_without_mujoco_no_mjcf_is_read(tmp_path, monkeypatch):
 
 
 def test_mujoco_leaves_no_log_where_the_program_was_started(folder, monkeypatch):
-    pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
     path = written(folder, SHORT)
     monkeypatch.chdir(folder.parent / "robot" / "parts")
     rnc.Robot.from_mjcf(path)
@@ -162,7 +160,6 @@ HELD = '<inertial mass="2" pos="0 0 0.1" fullinertia="0.02 0.03 0.04 0.001 0 0"/
 
 def same_machine(path):
     """Check joints, limits, losses, moments, gravity and sites against MuJoCo's; the robot."""
-    mujoco = pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
     from benchmarks.mjcf import difference
 
     robot = rnc.Robot.from_mjcf(path, snap=False)
@@ -342,7 +339,6 @@ def test_a_mesh_without_mass_is_read_when_it_is_drawn(folder):
 @pytest.mark.parametrize("weighed", [False, True], ids=["drawn", "weighed"])
 def test_a_mesh_with_a_pose_of_its_own_is_drawn_where_mujoco_has_it(weighed, folder, monkeypatch):
     monkeypatch.chdir(folder)
-    mujoco = pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
     inertial = "" if weighed else '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
     path = written(
         folder,
@@ -378,7 +374,6 @@ def test_a_joint_that_moves_no_mass_can_be_locked(tmp_path):
 
 
 def test_mujoco_is_given_no_plugins_sensors_or_pictures(tmp_path, monkeypatch):
-    mujoco = pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
     given, read = [], mujoco.MjSpec.from_string
     monkeypatch.setattr(mujoco.MjSpec, "from_string", lambda text, *more: given.append(text) or read(text, *more))
     head = (

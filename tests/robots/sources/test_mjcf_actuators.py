@@ -4,6 +4,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.files import read_yaml
+from urdf_parts import write
 
 pytestmark = pytest.mark.usefixtures("brief")
 
@@ -14,11 +15,6 @@ ARM = f"""<mujoco><worldbody><body><joint name="a" axis="0 1 0"/>{GEOM}
   <tendon><fixed name="t"><joint joint="b" coef="1"/><joint joint="c" coef="-1"/></fixed>
   <spatial name="s"><site site="p"/><site site="q"/></spatial></tendon>
   <actuator>{{}}</actuator></mujoco>"""
-
-
-def write(path, text):
-    path.write_text(text)
-    return path
 
 
 @pytest.mark.filterwarnings("ignore:.*<tendon> is left out")

@@ -9,6 +9,7 @@ import rnc_pin as rnc
 from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.model.kinematics import Kinematics
 from tolerances import ROUNDING
+from urdf_parts import write
 
 TREE = """<mujoco><compiler angle="radian"/>{head}<worldbody><site name="w" pos="0.2 0.1 0" euler="0.1 0.2 0.3"/>
   <body name="a" pos="0.1 0 0.2" euler="0.3 -0.2 0.1"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
@@ -31,11 +32,6 @@ LOOPS = {
     "weld sites": '<weld site1="s" site2="t"/>',
     "weld that turns": '<weld body1="b" body2="c" anchor="0.1 0 0.2" torquescale="0"/>',
 }
-
-
-def write(path, text):
-    path.write_text(text)
-    return path
 
 
 @pytest.mark.parametrize("name", LOOPS)

@@ -23,14 +23,9 @@ from rnc_pin.errors import nearest
 from rnc_pin.io.json import dump_json
 from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.visualization.scene_bodies import MeshVisualizer
+from urdf_parts import INERTIAL, write
 
-INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
-
-
-def write(path, text):
-    path.write_text(text)
-    return path
 
 
 def tree(count, kind="fixed", parent=lambda k: k, inside=""):

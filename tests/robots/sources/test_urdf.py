@@ -18,8 +18,7 @@ from rnc_pin.applications.scenario.schema.world import RobotSource
 from rnc_pin.robots.sources.description_files import Packages
 from rnc_pin.robots.sources.urdf_repairs import decimals, is_rounding, snapped_angle, snapped_direction
 from tolerances import ROUNDING
-
-XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+from urdf_parts import TETRAHEDRON, XACRO, write
 
 
 def loaded(name, **options):
@@ -244,8 +243,7 @@ SHAPES = {
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_mass_is_spread_over_every_kind_of_geometry(shape, tmp_path):
-    (tmp_path / "shapes").mkdir()
-    (tmp_path / "shapes/t.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    write(tmp_path / "shapes/t.obj", TETRAHEDRON)
     origin, geometry, edges = SHAPES[shape]
     text = (DIRT / "massless_knuckle.urdf").read_text()
     text = text.replace('<origin xyz="0.1 0 0"/><geometry><box size="0.2 0.04 0.06"/>', f"{origin}<geometry>{geometry}")

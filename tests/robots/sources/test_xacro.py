@@ -21,8 +21,8 @@ from rnc_pin.robots.sources.xacro import expand
 from rnc_pin.robots.sources.xacro.definitions import read_macro
 from rnc_pin.robots.sources.xacro.expressions import evaluate
 from rnc_pin.robots.sources.xacro.functions import admit, builtins
+from urdf_parts import XACRO
 
-XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 HERE = ROOT / "tests"
 COLLECTIONS = (Path("/opt/robots/rtb_data/rtbdata"), Path("/opt/robots/igibson-2.2.2/igibson/examples/ros"))
 FOLDERS = [COLLECTIONS[0] / "xacro", COLLECTIONS[1] / "igibson-ros/turtlebot"]

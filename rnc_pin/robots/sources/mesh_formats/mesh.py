@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -78,35 +79,23 @@ def check_counts(vertices: int, triangles: int) -> None:
         )
 
 
-class SceneTriangles:
-    """Triangles of a scene, collected mesh by mesh."""
+def scene_mesh(parts: Iterable[tuple[Mesh, np.ndarray]]) -> Mesh:
+    """Join the meshes of a scene, each at its placement (4, 4).
 
-    def __init__(self) -> None:
-        self._vertices: list[np.ndarray] = []
-        self._triangles: list[np.ndarray] = []
-        self._count = self._faces = 0
-
-    def place(self, mesh: Mesh, placement: np.ndarray) -> None:
-        """Add a mesh at a placement (4, 4).
-
-        Raises:
-            MeshError: the scene is too large.
-        """
-        self._triangles.append(mesh.triangles + self._count)
-        self._count += len(mesh.vertices)
-        self._faces += len(mesh.triangles)
-        check_counts(self._count, self._faces)
-        self._vertices.append(mesh.vertices @ placement[:3, :3].T + placement[:3, 3])
-
-    def mesh(self) -> Mesh:
-        """Return all triangles.
-
-        Raises:
-            MeshError: there are none.
-        """
-        if not self._vertices:
-            raise MeshError("has no triangles")
-        return checked_mesh(np.concatenate(self._vertices), np.concatenate(self._triangles))
+    Raises:
+        MeshError: there are none, or too many triangles.
+    """
+    vertices: list[np.ndarray] = []
+    triangles: list[np.ndarray] = []
+    count = faces = 0
+    for mesh, placement in parts:
+        triangles.append(mesh.triangles + count)
+        count, faces = count + len(mesh.vertices), faces + len(mesh.triangles)
+        check_counts(count, faces)
+        vertices.append(mesh.vertices @ placement[:3, :3].T + placement[:3, 3])
+    if not vertices:
+        raise MeshError("has no triangles")
+    return checked_mesh(np.concatenate(vertices), np.concatenate(triangles))
 
 
 def merged(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

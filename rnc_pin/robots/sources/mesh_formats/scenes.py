@@ -18,11 +18,11 @@ from rnc_pin.io.safe_read import parse_tree
 from rnc_pin.robots.sources.mesh_formats.mesh import (
     Mesh,
     MeshError,
-    SceneTriangles,
     check_counts,
     checked_mesh,
     fans,
     numbers,
+    scene_mesh,
 )
 
 _MAX_NODES = 100_000  # visited nodes; each instance counts
@@ -62,7 +62,6 @@ class _ColladaScene:
         self._numbers: dict[int, np.ndarray] = {}
         self._read = 0  # number of points read
         self._extents: dict[ElementTree.Element, tuple[int, int]] = {}
-        self._collected = SceneTriangles()
 
     def mesh(self) -> Mesh:
         """Return all triangles."""
@@ -74,9 +73,7 @@ class _ColladaScene:
         visits = sum(self._extent(node, 0)[0] for node in nodes)
         if visits > _MAX_NODES:
             raise MeshError(_TOO_MANY_NODES)
-        for node in nodes:
-            self._add(node, np.eye(4))
-        return self._collected.mesh()
+        return scene_mesh(part for node in nodes for part in self._placed(node, np.eye(4)))
 
     def _named(self, element: ElementTree.Element, key: str) -> ElementTree.Element:
         name = element.get(key, "")
@@ -109,15 +106,16 @@ class _ColladaScene:
             elif part.tag == "node":
                 yield part
 
-    def _add(self, node: ElementTree.Element, placement: np.ndarray) -> None:
+    def _placed(self, node: ElementTree.Element, placement: np.ndarray) -> Iterator[tuple[Mesh, np.ndarray]]:
+        """Yield the meshes of a node and of those inside with their placements (4, 4)."""
         for part in node:
             if part.tag in _TRANSFORMS:
                 placement = placement @ _collada_transform(part)
         for part in node.findall("instance_geometry"):
             for mesh in self._geometry(part.get("url", ""), self._named(part, "url")):
-                self._collected.place(mesh, placement)
+                yield mesh, placement
         for each in self._nodes_of(node):
-            self._add(each, placement)
+            yield from self._placed(each, placement)
 
     def _geometry(self, name: str, geometry: ElementTree.Element) -> list[Mesh]:
         """Return the meshes of a geometry; each is read once."""
@@ -260,16 +258,15 @@ class _GltfScene:
         self._document, self._binary = document, binary
         self._buffers: dict[int, bytes] = {}
         self._meshes: dict[int, list[Mesh]] = {}
-        self._collected = SceneTriangles()
         self._nodes = self._points = 0
 
     def mesh(self) -> Mesh:
         """Return all triangles."""
-        for node in _item(self._document["scenes"], self._document.get("scene", 0))["nodes"]:
-            self._add(node, np.eye(4), 0)
-        return self._collected.mesh()
+        nodes = _item(self._document["scenes"], self._document.get("scene", 0))["nodes"]
+        return scene_mesh(part for node in nodes for part in self._placed(node, np.eye(4), 0))
 
-    def _add(self, index: int, placement: np.ndarray, depth: int) -> None:
+    def _placed(self, index: int, placement: np.ndarray, depth: int) -> Iterator[tuple[Mesh, np.ndarray]]:
+        """Yield the meshes of a node and of its children with their placements (4, 4)."""
         self._nodes += 1
         if self._nodes > _MAX_NODES or depth > _MAX_DEPTH:
             raise MeshError(_TOO_MANY_NODES)
@@ -277,9 +274,9 @@ class _GltfScene:
         placement = placement @ _gltf_transform(node)
         if "mesh" in node:
             for mesh in self._read(node["mesh"]):
-                self._collected.place(mesh, placement)
+                yield mesh, placement
         for child in node.get("children", ()):
-            self._add(child, placement, depth + 1)
+            yield from self._placed(child, placement, depth + 1)
 
     def _read(self, index: int) -> list[Mesh]:
         """Return the triangle primitives of a mesh; each is read once."""

@@ -170,7 +170,13 @@ def read_ply(content: bytes) -> Mesh:
         MeshError: the file is shorter than declared in its header, or is not well formed.
         ValueError: a word is not a number, or there are no coordinates.
     """
-    order, elements, start = _head(content)
+    return checked_mesh(*_points_and_triangles(content, *_head(content)))
+
+
+def _points_and_triangles(
+    content: bytes, order: str, elements: list[_Element], start: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) and triangles (k, 3) of the elements behind a header."""
     body = _Bytes(content, start, order) if order else _Lines(content, start)
     points, corners, sizes = np.zeros((0, 3)), array("q"), array("q")
     for element in elements:
@@ -187,7 +193,7 @@ def read_ply(content: bytes) -> Mesh:
         else:
             for _ in body.rows(element):
                 pass
-    return checked_mesh(points, fans(np.array(corners, dtype=np.int64), np.array(sizes, dtype=np.int64)))
+    return points, fans(np.array(corners, dtype=np.int64), np.array(sizes, dtype=np.int64))
 
 
 def ply_points(content: bytes) -> np.ndarray | None:
@@ -200,14 +206,9 @@ def ply_points(content: bytes) -> np.ndarray | None:
     order, elements, start = _head(content)
     if any(element.name == "face" and element.size for element in elements):
         return None
-    body = _Bytes(content, start, order) if order else _Lines(content, start)
-    for element in elements:
-        if element.name == "vertex":
-            check_counts(element.size, 0)
-            return _points(body, element)
-        for _ in body.rows(element):
-            pass
-    raise MeshError("has no element 'vertex'")
+    if all(element.name != "vertex" for element in elements):
+        raise MeshError("has no element 'vertex'")
+    return _points_and_triangles(content, order, elements, start)[0]
 
 
 def _head(content: bytes) -> tuple[str, list[_Element], int]:
