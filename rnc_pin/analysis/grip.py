@@ -12,7 +12,7 @@ from rnc_pin.analysis.normal_forces import LiftOff, NormalForces, first_lift_off
 from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.cone_margin import least_shares
-from rnc_pin.model.parameter_types import Positive
+from rnc_pin.model.parameter_types import Positive, check_positive_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
@@ -55,8 +55,7 @@ class Grip(SummaryMixin):
     """
 
     def __init__(self, reduced: ReducedModel, friction: Positive, loads: Mapping[str, float] | None = None) -> None:
-        if not 0 < friction < np.inf:
-            raise ConfigurationError(f"friction of the ground has to be positive, found {friction}")
+        check_positive_settings(friction=friction)
         self._reduced, self.friction, self._set = reduced, friction, ContactForceSet(reduced)
         self.normal = self._set.normal
         self._contacts = [each for each in self._set.contacts if each.along]

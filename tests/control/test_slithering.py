@@ -493,4 +493,4 @@ def test_a_length_along_the_path_is_positive(size):
     for name in ("spacing", "window"):
         with pytest.raises(rnc.ConfigurationError) as caught:
             reference(**{name: size})
-        assert str(caught.value) == f"{name} of a slithering reference has to be positive, found {size}"
+        assert str(caught.value) == f"{name}: expected a positive number, found {size:g}"

@@ -463,7 +463,7 @@ def test_a_base_has_three_velocities_in_the_plane_and_enough_motors():
         TwistController(bicycle(), "rear")
     with pytest.raises(rnc.ConfigurationError, match=r"dt > 0 and 0 < slip < 1, found 0 and 0\.02"):
         TwistController(ackermann_car(), "base", 0)
-    with pytest.raises(rnc.ConfigurationError, match="length of a base has to be positive, found -1"):
+    with pytest.raises(rnc.ConfigurationError, match="length: expected a positive number, found -1"):
         TwistController(ackermann_car(), "base", length=-1)
 
 
