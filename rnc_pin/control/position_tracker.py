@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import exp, expm1
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -16,8 +17,7 @@ from rnc_pin.control.controller import (
     check_size,
     elapsed_time,
     goals_at,
-    stack_states,
-    state_of_runs,
+    run_by_run,
 )
 from rnc_pin.control.feedback import fed_back, saturation_mask
 from rnc_pin.control.gain_design import PositionGains
@@ -170,9 +170,8 @@ class PositionTracker(DescribedMixin):
         if not _kernel.library.track_position(*arrays, exp(-sigma * elapsed), leak_time, sigma, elapsed, found):
             if not batch:
                 return self._adapted(t, elapsed, desired, measurement, state)
-            runs = [state_of_runs((measurement, state), run) for run in range(len(x2))]
-            each = [self._compiled(t, elapsed, desired, *own) for own in runs]
-            return cast("tuple[Command, PositionState]", stack_states(each))
+            alone = partial(self._compiled, t, elapsed, desired)
+            return run_by_run(alone, len(x2), measurement, state)
         F, z, f, e = (found[at : at + n] for at in (0, n, 2 * n, 3 * n + 2 * square))
         A, B = (found[at : at + square].reshape(*batch, k, k) for at in (3 * n, 3 * n + square))
         v2, x2d = found[-2 * x2.size : -x2.size], found[-x2.size :]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import cast
+from functools import partial
 
 import numpy as np
 
@@ -15,8 +15,7 @@ from rnc_pin.control.controller import (
     describe,
     goals_at,
     listed,
-    measurement_of_run,
-    stack_states,
+    run_by_run,
 )
 from rnc_pin.control.feedback import deviation, fed_back
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
@@ -153,8 +152,7 @@ class RedundancyController(DescribedMixin):
         if not _kernel.library.pursue(*arrays, *counts, found):
             if not batch:
                 return self._pursued(x21d, x1d, secondary, m)
-            each = [self._target(x21d, x1d, secondary, measurement_of_run(m, run)) for run in range(len(m.x2))]
-            return cast(VelocityTarget, stack_states(each))
+            return run_by_run(partial(self._target, x21d, x1d, secondary), len(m.x2), m)
         v2, v2_dot, x2, x1 = found[:r], found[r : 2 * r], found[2 * r : 3 * r], found[3 * r :]
         if batch:
             v2, v2_dot, x2, x1 = (each.reshape(*batch, -1) for each in (v2, v2_dot, x2, x1))

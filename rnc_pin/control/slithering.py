@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Runs, RunStates, measurement_of_run
+from rnc_pin.control.controller import Runs, RunStates, state_of_runs
 from rnc_pin.control.path_fit import PathPoint, chord_end_between, chord_end_fitted
 from rnc_pin.errors import ConfigurationError, SingularityError, nearest
 from rnc_pin.model.coordinates import wrapped
@@ -189,7 +189,7 @@ class SlitheringReference(ReprMixin):
                 paths[run] = paths[run][int(found[run, 3]) :]
                 continue
             alone = DrivenPath(paths[run], float(state.headings[run]))
-            (*numbers, _), new = self.step(measurement_of_run(m, run), v2_dot[run], alone)
+            (*numbers, _), new = self.step(state_of_runs(m, run), v2_dot[run], alone)
             assert isinstance(new, DrivenPath)
             found[run, :3], paths[run] = np.concatenate(numbers), new.path
         desired, rate, acceleration = (found[:, column : column + 1].copy() for column in range(3))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import exp, expm1
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -19,8 +20,7 @@ from rnc_pin.control.controller import (
     accepts_batches,
     command_towards,
     elapsed_time,
-    stack_states,
-    state_of_runs,
+    run_by_run,
 )
 from rnc_pin.control.feedback import apply_dead_zone, saturation_mask
 from rnc_pin.control.gain_design import VelocityGains
@@ -147,9 +147,8 @@ class VelocityTracker(DescribedMixin):
         if not _kernel.library.track(*arrays, self._has_dead_zone, decay, leak_time, out):
             if v2.ndim == 1:
                 return self._adapted(elapsed, measurement, target, state)
-            given = measurement, VelocityTarget(target.v2, target.v2_dot), state
-            runs = [state_of_runs(given, run) for run in range(len(v2))]
-            return cast(_Learnt, stack_states([self._learnt(elapsed, *each) for each in runs]))
+            desired = VelocityTarget(target.v2, target.v2_dot)
+            return run_by_run(partial(self._learnt, elapsed), len(v2), measurement, desired, state)
         F, g, C, D = out[:n], out[n : 2 * n], out[2 * n : n * (2 + r)], out[n * (2 + r) :]
         if v2.ndim == 2:
             F, g = F.reshape(v2.shape), g.reshape(v2.shape)

@@ -220,7 +220,7 @@ class _Element(OutputForceLaw):
     def kernel_laws(self) -> list[KernelForce]:
         turns = self._coordinates.kinds * self.conservative
         columns = self._stiffness, self._rest, turns, self._damping, self._limit
-        return [KernelForce(0.0, *row, self._speed) for row in np.stack(columns, axis=1).tolist()]
+        return [KernelForce._make([0.0, *row, self._speed]) for row in np.stack(columns, axis=1).tolist()]
 
     def energy(self, y: np.ndarray) -> np.ndarray:
         return 0.5 * (self._stiffness * np.square(self._coordinates.difference(self._rest, y))).sum(axis=-1)
