@@ -15,7 +15,7 @@ from rnc_pin.analysis.equilibrium import Equilibrium, Velocities, search, veloci
 from rnc_pin.analysis.lie_brackets import frame_bracket
 from rnc_pin.analysis.symmetry import Symmetries, find_symmetries
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import ConstraintError, InputError, ModelError, SingularityError, nearest
+from rnc_pin.errors import ConstraintError, InputError, ModelError, SingularityError, place_of
 from rnc_pin.math.linear_algebra import sorted_eigenvalues
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.kinematics import Kinematics
@@ -180,10 +180,7 @@ class _Branch:
         given, open_rates = velocities(reduced, self._v2)
         given = given.copy()
         if self._parameter is not None:
-            names = reduced.reducing.names
-            if self._parameter not in names:
-                raise ModelError(f"parameter: no reducing output '{self._parameter}'{nearest(self._parameter, names)}")
-            k = names.index(self._parameter)
+            k = place_of(self._parameter, reduced.reducing.names, "parameter: no reducing output", ModelError)
             given[k], open_rates[k] = value, False
         return given, open_rates
 

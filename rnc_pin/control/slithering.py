@@ -14,7 +14,7 @@ from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Runs, RunStates, state_of_runs
 from rnc_pin.control.path_fit import PathPoint, chord_end_between, chord_end_fitted
-from rnc_pin.errors import ConfigurationError, SingularityError, nearest
+from rnc_pin.errors import ConfigurationError, SingularityError, place_of
 from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.parameter_types import check_positive_settings
 from rnc_pin.model.reduced_kinematics import Measurement
@@ -271,10 +271,8 @@ class SlitheringReference(ReprMixin):
 
 
 def _places(names: tuple[str, ...], wanted: list[str]) -> Array:
-    for name in wanted:
-        if name not in names:
-            raise ConfigurationError(f"a slithering trailer needs the vertical output '{name}'{nearest(name, names)}")
-    return np.array([names.index(name) for name in wanted])
+    what = "a slithering trailer needs the vertical output"
+    return np.array([place_of(name, names, what) for name in wanted])
 
 
 def _drawbar(reduced: ReducedModel, output: int, tractor: str, kingpin: str, axle: str) -> tuple[float, float]:
