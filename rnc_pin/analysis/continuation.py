@@ -201,14 +201,8 @@ class _Branch:
         A = _modulo_symmetries(reduced, found, self._known(reduced, found.q))
         eigenvalues = sorted_eigenvalues(A)
         grows = _GROWS * max(1.0, float(np.abs(A).max(initial=0.0)))
-        return SteadyMotion(
-            value=value,
-            q=found.q,
-            v2=found.v2,
-            T=found.T,
-            eigenvalues=eigenvalues,
-            stable=bool((eigenvalues.real <= grows).all()),
-        )
+        stable = bool((eigenvalues.real <= grows).all())
+        return SteadyMotion(value, found.q, found.v2, found.T, eigenvalues, stable)
 
 
 def _modulo_symmetries(reduced: ReducedModel, found: Equilibrium, symmetries: Symmetries) -> Array:
