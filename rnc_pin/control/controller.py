@@ -228,15 +228,7 @@ def goals_at(values: np.ndarray, where: np.ndarray, shape: tuple[int, ...]) -> n
 
 def command_towards(target: VelocityTarget, F: np.ndarray | None = None, T: np.ndarray | None = None) -> Command:
     """Return a command with force F or inputs T, and the record of its velocity target."""
-    return Command(
-        F=F,
-        T=T,
-        v2_desired=target.v2,
-        x1_desired=target.x1,
-        x2_desired=target.x2,
-        estimates=target.estimates,
-        prediction_error=target.prediction_error,
-    )
+    return Command(F, T, target.v2, target.x1, target.x2, target.estimates, target.prediction_error)
 
 
 @printed(until="s")

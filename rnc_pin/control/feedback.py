@@ -30,6 +30,7 @@ saturation ends the lemma holds again, with everything that was learnt before.
 from __future__ import annotations
 
 from functools import partial
+from math import exp, expm1
 from typing import NamedTuple
 
 import numpy as np
@@ -122,7 +123,12 @@ class Feedback:
         return v2, seen.acceleration + self._gain * seen.error_rate
 
 
-# ------------------------------------------------------------------ conditions of adaptation
+# ------------------------------------------------------------------ adaptation
+
+
+def leak(sigma: float, elapsed: float) -> tuple[float, float]:
+    """Return the share of a leaky integral that is left after a sample, and the integral of that share over it [s]."""
+    return exp(-sigma * elapsed), -expm1(-sigma * elapsed) / sigma if sigma else elapsed
 
 
 def apply_dead_zone(error: Float[Array, "*batch k"], zone: float | Array) -> Float[Array, "*batch k"]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from math import exp, expm1
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +18,7 @@ from rnc_pin.control.controller import (
     goals_at,
     run_by_run,
 )
-from rnc_pin.control.feedback import fed_back, saturation_mask
+from rnc_pin.control.feedback import fed_back, leak, saturation_mask
 from rnc_pin.control.gain_design import PositionGains
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply
@@ -161,13 +160,13 @@ class PositionTracker(DescribedMixin):
         if deficit is not None or self._has_dead_zone:
             before = desired if state.time is None else self.reference.at(state.time)
             frozen = (np.zeros(x2.shape) if deficit is None else deficit), before.velocity, before.acceleration
-        leak_time = -expm1(-sigma * elapsed) / sigma if sigma else elapsed
+        decay, leak_time = leak(sigma, elapsed)
         n = k * len(x2) if batch else k
         square = n * k
         found = np.empty(4 * n + 2 * square + 2 * x2.size)
         point = desired.position, desired.velocity, desired.acceleration, desired.jerk
         arrays = *point, x2, self.outputs, self._table, *state[1:], *frozen
-        if not _kernel.library.track_position(*arrays, exp(-sigma * elapsed), leak_time, sigma, elapsed, found):
+        if not _kernel.library.track_position(*arrays, decay, leak_time, sigma, elapsed, found):
             if not batch:
                 return self._adapted(t, elapsed, desired, measurement, state)
             alone = partial(self._compiled, t, elapsed, desired)
@@ -191,8 +190,7 @@ class PositionTracker(DescribedMixin):
         z = fade * state.z - (1.0 - fade) * g.gamma**2 * e
         w = z + g.gamma**2 * e
         q = (g.k2 / (g.k1 * g.gamma)) * e - w / g.gamma
-        decay = np.exp(-g.sigma * elapsed)
-        leak_time = -np.expm1(-g.sigma * elapsed) / g.sigma if g.sigma else elapsed
+        decay, leak_time = leak(g.sigma, elapsed)
         step = g.beta * e
         drive = g.beta * q
 
