@@ -299,9 +299,9 @@ def _approach(reduced: ReducedModel, configurations: np.ndarray, singularity: Si
         sizes.append((float(H[0]), float(V[0])))
     if len(distances) < _FEWEST:
         return None
-    H, V = zip(*sizes, strict=True)
-    orders = _order(distances, H), _order(distances, V)
-    return Approach(singularity.rows, tuple(distances), H, V, *orders, bounded=max(orders) < _FLAT)
+    inertias, couplings = zip(*sizes, strict=True)
+    orders = _order(distances, inertias), _order(distances, couplings)
+    return Approach(singularity.rows, tuple(distances), inertias, couplings, *orders, bounded=max(orders) < _FLAT)
 
 
 def _order(distances: Sequence[float], sizes: Sequence[float]) -> float:
