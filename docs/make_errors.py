@@ -57,9 +57,13 @@ def _messages_of(path: Path) -> Iterator[Message]:
     forwarded = _FORWARDED if name.startswith("applications/scenario/") else set()
     for scope, node in _calls(tree, None):
         kind = node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
-        if kind not in error_classes() | forwarded or not node.args:
+        if kind == "place_of":  # of a name that is not known
+            text = _words(node.args[2], _Names(tree, scope)) + f" '{_GAP}'{_GAP}"
+            kind = ast.unparse(node.args[3]) if len(node.args) > 3 else "ConfigurationError"
+        elif kind not in error_classes() | forwarded or not node.args:
             continue
-        text = _words(node.args[-1 if kind == "wrong" else 0], _Names(tree, scope))
+        else:
+            text = _words(node.args[-1 if kind == "wrong" else 0], _Names(tree, scope))
         text = " ".join(re.sub(rf"{_GAP}+", _GAP, text).split())
         if len(re.findall("[a-zA-Z]", text)) >= 4:  # else it forwards the message of another error
             shown = text if len(text) <= _LONGEST else text[:_LONGEST].rsplit(" ", 1)[0] + f" {_GAP}"

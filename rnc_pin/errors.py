@@ -350,6 +350,20 @@ def nearest(name: str, valid: Iterable[str], ending: str = "") -> str:
     return f"; expected one of: {shown}"
 
 
+def place_of(name: str, valid: Sequence[str], what: str, error: type[RncError] = ConfigurationError) -> int:
+    """Return the index of a name among the valid ones.
+
+    Args:
+        name: the name.
+        valid: the valid names.
+        what: beginning of the message about an unknown name, such as "no actuator".
+        error: class of the error; by default ``ConfigurationError``.
+    """
+    if name not in valid:
+        raise error(f"{what} '{name}'{nearest(name, valid)}")
+    return list(valid).index(name)
+
+
 def argument(name: str, value: object) -> str:
     """Return an argument of a robot as Python and as scenario files take it: ``base='free' (robot: {base: free})``."""
     return f"{name}={value!r} (robot: {{{name}: {json.dumps(value).replace(chr(34), '')}}})"

@@ -15,7 +15,7 @@ from rnc_pin.analysis.equilibrium import Equilibrium, Velocities, search, veloci
 from rnc_pin.analysis.lie_brackets import frame_bracket
 from rnc_pin.analysis.symmetry import Symmetries, find_symmetries
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import ConstraintError, InputError, ModelError, SingularityError, nearest
+from rnc_pin.errors import ConstraintError, InputError, ModelError, SingularityError, place_of
 from rnc_pin.math.linear_algebra import sorted_eigenvalues
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.kinematics import Kinematics
@@ -180,10 +180,7 @@ class _Branch:
         given, open_rates = velocities(reduced, self._v2)
         given = given.copy()
         if self._parameter is not None:
-            names = reduced.reducing.names
-            if self._parameter not in names:
-                raise ModelError(f"parameter: no reducing output '{self._parameter}'{nearest(self._parameter, names)}")
-            k = names.index(self._parameter)
+            k = place_of(self._parameter, reduced.reducing.names, "parameter: no reducing output", ModelError)
             given[k], open_rates[k] = value, False
         return given, open_rates
 
@@ -204,14 +201,8 @@ class _Branch:
         A = _modulo_symmetries(reduced, found, self._known(reduced, found.q))
         eigenvalues = sorted_eigenvalues(A)
         grows = _GROWS * max(1.0, float(np.abs(A).max(initial=0.0)))
-        return SteadyMotion(
-            value=value,
-            q=found.q,
-            v2=found.v2,
-            T=found.T,
-            eigenvalues=eigenvalues,
-            stable=bool((eigenvalues.real <= grows).all()),
-        )
+        stable = bool((eigenvalues.real <= grows).all())
+        return SteadyMotion(value, found.q, found.v2, found.T, eigenvalues, stable)
 
 
 def _modulo_symmetries(reduced: ReducedModel, found: Equilibrium, symmetries: Symmetries) -> Array:

@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.analysis.symmetry import Symmetries, find_symmetries
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import ConstraintError, InputError, ModelError, nearest
+from rnc_pin.errors import ConstraintError, InputError, ModelError, place_of
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
@@ -125,10 +125,7 @@ def velocities(reduced: ReducedModel, v2: Velocities | None) -> tuple[Array, Arr
         return found, np.zeros(reduced.r, dtype=bool)
     if not isinstance(v2, Mapping):
         return vector(v2, reduced.r, "v2"), np.zeros(reduced.r, dtype=bool)
-    for name in v2:
-        if name not in names:
-            raise ModelError(f"v2: no reducing output '{name}'{nearest(str(name), names)}")
-    given = [names.index(name) for name in v2]
+    given = [place_of(name, names, "v2: no reducing output", ModelError) for name in v2]
     found[given] = vector(np.array(list(v2.values()), dtype=float), len(v2), "v2")
     return found, ~np.isin(np.arange(reduced.r), given)
 

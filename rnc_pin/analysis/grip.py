@@ -10,9 +10,9 @@ from numpy import ndarray as Array
 from rnc_pin.analysis.contact_forces import ContactForceSet, dependent_groups, linked_contacts
 from rnc_pin.analysis.normal_forces import LiftOff, NormalForces, first_lift_off
 from rnc_pin.array_shapes import Bool, Float
-from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.errors import ConfigurationError, place_of
 from rnc_pin.math.cone_margin import least_shares
-from rnc_pin.model.parameter_types import Positive
+from rnc_pin.model.parameter_types import Positive, check_positive_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
@@ -55,8 +55,7 @@ class Grip(SummaryMixin):
     """
 
     def __init__(self, reduced: ReducedModel, friction: Positive, loads: Mapping[str, float] | None = None) -> None:
-        if not 0 < friction < np.inf:
-            raise ConfigurationError(f"friction of the ground has to be positive, found {friction}")
+        check_positive_settings(friction=friction)
         self._reduced, self.friction, self._set = reduced, friction, ContactForceSet(reduced)
         self.normal = self._set.normal
         self._contacts = [each for each in self._set.contacts if each.along]
@@ -65,11 +64,9 @@ class Grip(SummaryMixin):
             raise ConfigurationError("no contact of this system grips the ground by friction")
         self._known = np.full(len(self.names), np.nan)
         for name, load in (loads or {}).items():
-            if name not in self.names:
-                raise ConfigurationError(f"loads: no gripping contact '{name}'{nearest(name, self.names)}")
             if not load > 0:
                 raise ConfigurationError(f"load of '{name}' has to be positive, found {load}")
-            self._known[self.names.index(name)] = load
+            self._known[place_of(name, self.names, "loads: no gripping contact")] = load
 
     def _summary(self) -> ObjectSummary:
         known = [f"{load:.4g} N" if np.isfinite(load) else "load from statics" for load in self._known]

@@ -14,7 +14,7 @@ from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.analysis.lie_brackets import frame_bracket
 from rnc_pin.analysis.symmetry import entries_of
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, ModelError, nearest
+from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, ModelError, place_of
 from rnc_pin.math.linear_algebra import sorted_eigenvalues
 from rnc_pin.model.independence import ROUNDING
 from rnc_pin.model.kinematics import Kinematics
@@ -177,10 +177,7 @@ def _kept_rates(reduced: ReducedModel, rates: Sequence[str] | None) -> list[int]
     names = reduced.reducing.names
     if rates is None:
         return list(range(reduced.r))
-    for name in rates:
-        if name not in names:
-            raise ModelError(f"no reducing output '{name}'{nearest(str(name), names)}")
-    return [names.index(name) for name in rates]
+    return [place_of(name, names, "no reducing output", ModelError) for name in rates]
 
 
 def _check_steady(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> None:
@@ -246,9 +243,7 @@ class _Coordinates:
         self.names: tuple[str, ...] = ()
         for each in names if chosen is None else chosen:
             if isinstance(each, str):
-                if each not in names:
-                    raise ModelError(f"no coordinate '{each}' in robot '{self._robot.name}'{nearest(each, names)}")
-                self._parts.append(names.index(each))
+                self._parts.append(place_of(each, names, "no coordinate", ModelError))
                 self.names += (each,)
             else:
                 stack = OutputStack([each.bind(reduced.robot)])
@@ -384,8 +379,7 @@ def _cost(given: Cost, names: Sequence[str], what: str) -> Array:
     size = len(names)
     if isinstance(given, Mapping):
         for name in given:
-            if name not in names:
-                raise ConfigurationError(f"{what}: no '{name}'{nearest(str(name), names)}")
+            place_of(name, names, f"{what}: no")
         given = [given.get(name, 0.0) for name in names]
     try:
         weights = np.asarray(given, float)

@@ -299,16 +299,9 @@ def _approach(reduced: ReducedModel, configurations: np.ndarray, singularity: Si
         sizes.append((float(H[0]), float(V[0])))
     if len(distances) < _FEWEST:
         return None
-    H_order, V_order = (_order(distances, column) for column in zip(*sizes, strict=True))
-    return Approach(
-        rows=singularity.rows,
-        distances=tuple(distances),
-        H=tuple(size for size, _ in sizes),
-        V=tuple(size for _, size in sizes),
-        H_order=H_order,
-        V_order=V_order,
-        bounded=max(H_order, V_order) < _FLAT,
-    )
+    inertias, couplings = zip(*sizes, strict=True)
+    orders = _order(distances, inertias), _order(distances, couplings)
+    return Approach(singularity.rows, tuple(distances), inertias, couplings, *orders, bounded=max(orders) < _FLAT)
 
 
 def _order(distances: Sequence[float], sizes: Sequence[float]) -> float:

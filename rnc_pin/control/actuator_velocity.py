@@ -24,7 +24,7 @@ from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin, printed
-from rnc_pin.robots.joint_values import NO_LIMIT
+from rnc_pin.robots.joint_values import known_velocity_limits
 
 _SAMPLES = 5
 _RANK = 1e-9  # smallest relative singular value of B^T R at which actuators determine the motion
@@ -175,8 +175,7 @@ def velocity_limits(reduced: ReducedModel, limits: bool | np.ndarray) -> np.ndar
         ConfigurationError: not a boolean and not nv positive numbers.
     """
     if isinstance(limits, bool):
-        found = np.array(reduced.robot.model.upperVelocityLimit, dtype=float)
-        return np.where((found > 0) & (found < NO_LIMIT) & limits, found, np.inf)
+        return known_velocity_limits(reduced.robot.model) if limits else np.full(reduced.n, np.inf)
     try:
         given = np.array(limits, dtype=float)
     except (TypeError, ValueError):

@@ -20,7 +20,7 @@ from rnc_pin.control.controller import (
     listed,
 )
 from rnc_pin.control.feedback import Feedback, deviation
-from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.errors import ConfigurationError, place_of
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.references import Reference
@@ -146,10 +146,7 @@ class StateFeedback(ReprMixin):
             raise ConfigurationError(f"the gain has shape {self.K.shape}, expected {linear.B.T.shape}")
         reducing, states = linear.reducing, linear.state_names
         self.outputs = (reducing.names if outputs is None else tuple(outputs)) if reference is not None else ()
-        for name in self.outputs:
-            if name not in reducing.names:
-                raise ConfigurationError(f"no reducing output '{name}'{nearest(name, reducing.names)}")
-        self._of = np.array([reducing.names.index(name) for name in self.outputs], dtype=int)
+        self._of = np.array([place_of(name, reducing.names, "no reducing output") for name in self.outputs], dtype=int)
         self._coordinates = reducing.coordinates.choose(self._of)
         rates = [name if reducing.quasi[i] else f"{name}_dot" for name, i in zip(self.outputs, self._of, strict=True)]
         values = [name if not reducing.quasi[i] else "" for name, i in zip(self.outputs, self._of, strict=True)]

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -228,15 +228,7 @@ def goals_at(values: np.ndarray, where: np.ndarray, shape: tuple[int, ...]) -> n
 
 def command_towards(target: VelocityTarget, F: np.ndarray | None = None, T: np.ndarray | None = None) -> Command:
     """Return a command with force F or inputs T, and the record of its velocity target."""
-    return Command(
-        F=F,
-        T=T,
-        v2_desired=target.v2,
-        x1_desired=target.x1,
-        x2_desired=target.x2,
-        estimates=target.estimates,
-        prediction_error=target.prediction_error,
-    )
+    return Command(F, T, target.v2, target.x1, target.x2, target.estimates, target.prediction_error)
 
 
 @printed(until="s")
@@ -393,9 +385,9 @@ def with_states(states: State, runs: Sequence[int], each: Sequence[State]) -> St
     return states
 
 
-def measurement_of_run(measurement: Measurement, run: int) -> Measurement:
-    """Measurement of one run of a batch."""
-    return Measurement._make([None if field is None else field[run] for field in measurement])
+def run_by_run(step: Callable[..., State], count: int, *given: State) -> State:
+    """Results of a step for each of many runs alone, together: NumPy would round a stack differently."""
+    return stack_states([step(*state_of_runs(given, run)) for run in range(count)])
 
 
 def _like(first: tuple[State, ...], parts: list[State]) -> tuple[State, ...]:

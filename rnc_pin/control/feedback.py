@@ -29,6 +29,8 @@ saturation ends the lemma holds again, with everything that was learnt before.
 
 from __future__ import annotations
 
+from functools import partial
+from math import exp, expm1
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +38,7 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.control.controller import run_by_run
 from rnc_pin.errors import InputError
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.coordinates import Coordinates
@@ -113,16 +116,19 @@ class Feedback:
             point = desired.position, desired.velocity, desired.acceleration
             if _kernel.library.feedback(*point, actual, rate, self._table, found):
                 return found[0], found[1]
-            if actual.ndim == 2:  # each run alone: NumPy would round a stack differently
-                rows = [self(desired, *row) for row in zip(actual, rate, strict=True)]
-                return np.stack([row[0] for row in rows]), np.stack([row[1] for row in rows])
+            if actual.ndim == 2:
+                return run_by_run(partial(self, desired), len(actual), actual, rate)
         seen = deviation(self._coordinates, desired, actual, rate)
-        return seen.velocity + fed_back(
-            self._gain, seen.error, actual
-        ), seen.acceleration + self._gain * seen.error_rate
+        v2 = seen.velocity + fed_back(self._gain, seen.error, actual)
+        return v2, seen.acceleration + self._gain * seen.error_rate
 
 
-# ------------------------------------------------------------------ conditions of adaptation
+# ------------------------------------------------------------------ adaptation
+
+
+def leak(sigma: float, elapsed: float) -> tuple[float, float]:
+    """Return the share of a leaky integral that is left after a sample, and the integral of that share over it [s]."""
+    return exp(-sigma * elapsed), -expm1(-sigma * elapsed) / sigma if sigma else elapsed
 
 
 def apply_dead_zone(error: Float[Array, "*batch k"], zone: float | Array) -> Float[Array, "*batch k"]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from rnc_pin.control.controller import Command, Controller, Description, State, accepts_batches, describe
 from rnc_pin.control.position_tracker import PositionState, PositionTracker
-from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.errors import ConfigurationError, place_of
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -72,16 +72,11 @@ class JacobianTransposeController(ReprMixin):
     def __init__(self, reduced: ReducedModel, tracker: PositionTracker, active: Sequence[str]) -> None:
         self.tracker = tracker
         self._reduced = reduced
-        self._active = _places(reduced, active, tracker.outputs)
+        self._names, self._active = list(active), _places(reduced, active, tracker.outputs)
 
     def describe(self) -> Description:
         """Return the active actuators, and the tracker."""
-        names = self._reduced.actuation.names
-        return {
-            "type": type(self).__name__,
-            "active": [names[place] for place in self._active],
-            "tracker": describe(self.tracker),
-        }
+        return {"type": type(self).__name__, "active": self._names, "tracker": describe(self.tracker)}
 
     def initial_state(self, measurement: Measurement) -> PositionState:
         """Return the initial state of the tracker."""
@@ -98,21 +93,17 @@ class JacobianTransposeController(ReprMixin):
 
     def effective_inertia(self, q: np.ndarray) -> np.ndarray:
         """Return the effective inertia of the tracked outputs under the active actuators, (..., k, k)."""
-        names = self._reduced.actuation.names
-        return effective_inertia(self._reduced, q, self.tracker.outputs, [names[place] for place in self._active])
+        return effective_inertia(self._reduced, q, self.tracker.outputs, self._names)
 
 
 def _places(reduced: ReducedModel, active: Sequence[str], outputs: np.ndarray) -> np.ndarray:
-    names = list(reduced.actuation.names)
-    for name in active:
-        if name not in names:
-            raise ConfigurationError(f"no actuator '{name}'{nearest(name, names)}")
+    places = [place_of(name, reduced.actuation.names, "no actuator") for name in active]
     twice = [name for name in dict.fromkeys(active) if list(active).count(name) > 1]
     if twice:
         raise ConfigurationError(f"active actuator '{twice[0]}' is named twice")
     if len(active) < len(outputs):
         raise ConfigurationError(f"{len(active)} active actuators cannot drive {len(outputs)} outputs")
-    return np.array([names.index(name) for name in active], dtype=int)
+    return np.array(places, dtype=int)
 
 
 class SplitController(ReprMixin):

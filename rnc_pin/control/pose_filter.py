@@ -9,14 +9,12 @@ import scipy
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Description, elapsed_time
+from rnc_pin.control.controller import DescribedMixin, elapsed_time
 from rnc_pin.control.wheeled_base import WheelOdometry, composed
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.coordinates import arc_chord, wrapped
 from rnc_pin.model.input_validation import ArrayInput, vector
-from rnc_pin.printing import ReprMixin
 
-_TERMS = 30  # of a series in the turn of one step, at most half a turn
 _SYMMETRIC = 1e-9  # accepted asymmetry of a covariance, relative to its size
 
 
@@ -58,7 +56,7 @@ class PoseFix(NamedTuple):
     """True if the fix was used."""
 
 
-class PoseFilter(ReprMixin):
+class PoseFilter(DescribedMixin):
     """Kalman filter of a base's pose whose process model is the reduced kinematics.
 
     The rows ``A v = 0`` turn motions of the encoders into motions of the base. Slip of the rows and noise of the
@@ -92,6 +90,8 @@ class PoseFilter(ReprMixin):
         (array([0.2, 0. , 0. ]), array([0.21, 0.  , 0.  ]), True)
     """
 
+    described = ("frame", "slip", "encoder", "gyro", "bias", "gate")
+
     def __init__(
         self,
         odometry: WheelOdometry,
@@ -110,19 +110,8 @@ class PoseFilter(ReprMixin):
             raise ConfigurationError("gyro: expected a density above zero, or None without a gyroscope")
         if not 0 < gate < 1:
             raise ConfigurationError(f"gate: expected a probability between 0 and 1, found {gate}")
-        self.odometry, self.slip, self.encoder = odometry, float(slip), float(encoder)
+        self._odometry, self.frame, self.slip, self.encoder = odometry, odometry.frame, float(slip), float(encoder)
         self.gyro, self.bias, self.gate = gyro, float(bias), float(gate)
-
-    def describe(self) -> Description:
-        """Return the frame, the densities and the gate."""
-        return {
-            "frame": self.odometry.frame,
-            "slip": self.slip,
-            "encoder": self.encoder,
-            "gyro": self.gyro,
-            "bias": self.bias,
-            "gate": self.gate,
-        }
 
     def initial_state(
         self,
@@ -163,7 +152,7 @@ class PoseFilter(ReprMixin):
         elapsed = elapsed_time(t, state.time)
         if turn_rate is not None and self.gyro is None:
             raise ConfigurationError("a turn rate was measured: give the density 'gyro' of the gyroscope")
-        step = self.odometry.increment(state.q, q)
+        step = self._odometry.increment(state.q, q)
         noise = self.encoder**2 * step.by_joints @ step.by_joints.T + self.slip**2 * step.by_rows @ step.by_rows.T
         spread = np.zeros((7, 7))  # of the error, of the bias, and of the motion
         spread[:4, :4], spread[4:, 4:] = state.covariance, elapsed * noise
@@ -177,7 +166,7 @@ class PoseFilter(ReprMixin):
         motion = step.motion + mean[4:]
         pose = composed(composed(state.pose, mean[:3]), motion)
         to_error = np.zeros((4, 7))
-        to_error[:3, :3], to_error[:3, 4:] = _adjoint_of_inverse(motion), _right_jacobian(motion)
+        to_error[:3, :3], to_error[:3, 4:] = _step_derivatives(motion)
         to_error[3, 3] = 1.0
         covariance = to_error @ spread @ to_error.T
         covariance[3, 3] += self.bias**2 * elapsed
@@ -206,7 +195,7 @@ class PoseFilter(ReprMixin):
             innovation[2] = wrapped(innovation[2])
             motion = _between(state.pose, measured)
             # Noise of the position moves the pose in the axes of the frame, and the error by the inverse Jacobian.
-            to_motion = np.linalg.inv(_right_jacobian(motion)) @ _rotation(-motion[2])
+            to_motion = np.linalg.inv(_step_derivatives(motion)[1]) @ _rotation(-motion[2])
             noise, left = to_motion @ noise @ to_motion.T, motion
         else:
             left = innovation
@@ -217,14 +206,11 @@ class PoseFilter(ReprMixin):
         mean, spread = _updated(state.covariance, H, left, noise)
         pose = composed(state.pose, mean[:3])
         reset = np.eye(4)
-        reset[:3, :3] = _right_jacobian(mean[:3])
+        reset[:3, :3] = _step_derivatives(mean[:3])[1]
         estimate = state._replace(
             pose=pose, bias=state.bias + float(mean[3]), covariance=_symmetric(reset @ spread @ reset.T)
         )
         return PoseFix(estimate, innovation, distance, True)
-
-    def _settings(self) -> dict[str, object]:
-        return dict(self.describe())
 
 
 def _updated(P: Array, H: Array, left: Array, noise: Array) -> tuple[Array, Array]:
@@ -269,15 +255,11 @@ def _bracket(motion: Array) -> Array:
     return np.array([[0.0, -turn, y], [turn, 0.0, -x], [0.0, 0.0, 0.0]])
 
 
-def _adjoint_of_inverse(motion: Array) -> Array:
-    """Motion (3, 3) of an error in front of a motion, seen behind it: ``Ad`` of the inverse."""
-    return np.asarray(scipy.linalg.expm(-_bracket(motion)))
-
-
-def _right_jacobian(motion: Array) -> Array:
-    """Right Jacobian (3, 3): ``Exp(m + d) = Exp(m) Exp(J d)`` for small d."""
-    term, total, bracket = np.eye(3), np.eye(3), _bracket(motion)
-    for k in range(1, _TERMS):
-        term = -term @ bracket / (k + 1)
-        total = total + term
-    return total
+def _step_derivatives(motion: Array) -> tuple[Array, Array]:
+    """Derivatives (3, 3) of the pose behind a motion: ``Ad`` of its inverse, by an error in front of it, and the right
+    Jacobian J, by the motion: ``Exp(m + d) = Exp(m) Exp(J d)`` for small d.
+    """
+    both = np.zeros((6, 6))
+    both[:3, :3], both[:3, 3:] = -_bracket(motion), np.eye(3)
+    found = scipy.linalg.expm(both)  # J is the integral of exp(-s ad) over s from 0 to 1
+    return found[:3, :3], found[:3, 3:]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from math import exp, expm1
-from typing import NamedTuple, cast
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -16,10 +16,9 @@ from rnc_pin.control.controller import (
     check_size,
     elapsed_time,
     goals_at,
-    stack_states,
-    state_of_runs,
+    run_by_run,
 )
-from rnc_pin.control.feedback import fed_back, saturation_mask
+from rnc_pin.control.feedback import fed_back, leak, saturation_mask
 from rnc_pin.control.gain_design import PositionGains
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply
@@ -161,18 +160,17 @@ class PositionTracker(DescribedMixin):
         if deficit is not None or self._has_dead_zone:
             before = desired if state.time is None else self.reference.at(state.time)
             frozen = (np.zeros(x2.shape) if deficit is None else deficit), before.velocity, before.acceleration
-        leak_time = -expm1(-sigma * elapsed) / sigma if sigma else elapsed
+        decay, leak_time = leak(sigma, elapsed)
         n = k * len(x2) if batch else k
         square = n * k
         found = np.empty(4 * n + 2 * square + 2 * x2.size)
         point = desired.position, desired.velocity, desired.acceleration, desired.jerk
         arrays = *point, x2, self.outputs, self._table, *state[1:], *frozen
-        if not _kernel.library.track_position(*arrays, exp(-sigma * elapsed), leak_time, sigma, elapsed, found):
+        if not _kernel.library.track_position(*arrays, decay, leak_time, sigma, elapsed, found):
             if not batch:
                 return self._adapted(t, elapsed, desired, measurement, state)
-            runs = [state_of_runs((measurement, state), run) for run in range(len(x2))]
-            each = [self._compiled(t, elapsed, desired, *own) for own in runs]
-            return cast("tuple[Command, PositionState]", stack_states(each))
+            alone = partial(self._compiled, t, elapsed, desired)
+            return run_by_run(alone, len(x2), measurement, state)
         F, z, f, e = (found[at : at + n] for at in (0, n, 2 * n, 3 * n + 2 * square))
         A, B = (found[at : at + square].reshape(*batch, k, k) for at in (3 * n, 3 * n + square))
         v2, x2d = found[-2 * x2.size : -x2.size], found[-x2.size :]
@@ -192,8 +190,7 @@ class PositionTracker(DescribedMixin):
         z = fade * state.z - (1.0 - fade) * g.gamma**2 * e
         w = z + g.gamma**2 * e
         q = (g.k2 / (g.k1 * g.gamma)) * e - w / g.gamma
-        decay = np.exp(-g.sigma * elapsed)
-        leak_time = -np.expm1(-g.sigma * elapsed) / g.sigma if g.sigma else elapsed
+        decay, leak_time = leak(g.sigma, elapsed)
         step = g.beta * e
         drive = g.beta * q
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import cast
+from functools import partial
 
 import numpy as np
 
@@ -15,10 +15,9 @@ from rnc_pin.control.controller import (
     describe,
     goals_at,
     listed,
-    measurement_of_run,
-    stack_states,
+    run_by_run,
 )
-from rnc_pin.control.feedback import deviation, fed_back
+from rnc_pin.control.feedback import Feedback
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.control.secondary import Secondary
 from rnc_pin.errors import ConfigurationError, SingularityError
@@ -105,6 +104,8 @@ class RedundancyController(DescribedMixin):
         check_size(vertical, len(task.vertical), "vertical")
         self.task, self.primary, self.vertical = task, primary, vertical
         self.k3, self.k21 = k3, k21
+        self._follow_primary = Feedback(task.primary_coordinates, k21)
+        self._follow_vertical = Feedback(task.vertical_coordinates, k3)
         self._weights = np.ones(len(task.redundant)) if weights is None else np.asarray(weights, dtype=float)
         if self._weights.shape != (len(task.redundant),) or not ((self._weights > 0) & (self._weights < np.inf)).all():
             raise ConfigurationError(f"weights have to be {len(task.redundant)} positive numbers")
@@ -153,8 +154,7 @@ class RedundancyController(DescribedMixin):
         if not _kernel.library.pursue(*arrays, *counts, found):
             if not batch:
                 return self._pursued(x21d, x1d, secondary, m)
-            each = [self._target(x21d, x1d, secondary, measurement_of_run(m, run)) for run in range(len(m.x2))]
-            return cast(VelocityTarget, stack_states(each))
+            return run_by_run(partial(self._target, x21d, x1d, secondary), len(m.x2), m)
         v2, v2_dot, x2, x1 = found[:r], found[r : 2 * r], found[2 * r : 3 * r], found[3 * r :]
         if batch:
             v2, v2_dot, x2, x1 = (each.reshape(*batch, -1) for each in (v2, v2_dot, x2, x1))
@@ -165,12 +165,8 @@ class RedundancyController(DescribedMixin):
     ) -> VelocityTarget:
         """Target by the formulas."""
         task = self.task
-        first = deviation(task.primary_coordinates, x21d, m.x2[..., task.primary], m.v2[..., task.primary])
-        base = deviation(task.vertical_coordinates, x1d, m.x1[..., task.vertical], m.v1[..., task.vertical])
-        v21 = first.velocity + fed_back(self.k21, first.error, m.x2[..., task.primary])
-        v21_dot = first.acceleration + self.k21 * first.error_rate
-        wanted = base.velocity + self.k3 * base.error
-        wanted_dot = base.acceleration + self.k3 * base.error_rate
+        v21, v21_dot = self._follow_primary(x21d, m.x2[..., task.primary], m.v2[..., task.primary])
+        wanted, wanted_dot = self._follow_vertical(x1d, m.x1[..., task.vertical], m.v1[..., task.vertical])
         if m.v1_offset is not None:  # rates of the vertical outputs at v2 = 0
             wanted = wanted - m.v1_offset[..., task.vertical]
         if m.v1_offset_dot is not None:

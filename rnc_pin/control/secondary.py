@@ -16,7 +16,7 @@ import pinocchio as pin
 from annotated_types import Gt, Le, Len
 
 from rnc_pin.control.controller import DescribedMixin, Description, check_size, describe, listed
-from rnc_pin.control.feedback import deviation, fed_back
+from rnc_pin.control.feedback import Feedback
 from rnc_pin.control.whole_body.limits.joint_limits import limited_positions
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import apply_transposed
@@ -95,12 +95,12 @@ class Posture(DescribedMixin):
     def __init__(self, task: Task, reference: Reference, k: float | np.ndarray = 1.0) -> None:
         check_size(reference, len(task.redundant), "redundant")
         self._task, self.reference, self.k = task, reference, _one_each(k, task)
+        self._follow = Feedback(task.redundant_coordinates, self.k)
 
     def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
         redundant = self._task.redundant
         x22, v22 = measurement.x2[..., redundant], measurement.v2[..., redundant]
-        seen = deviation(self._task.redundant_coordinates, self.reference.at(t), x22, v22)
-        return seen.velocity + fed_back(self.k, seen.error, x22), seen.acceleration + self.k * seen.error_rate
+        return self._follow(self.reference.at(t), x22, v22)
 
 
 class JointLimits(DescribedMixin):

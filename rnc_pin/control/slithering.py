@@ -12,10 +12,11 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Runs, RunStates, measurement_of_run
+from rnc_pin.control.controller import Runs, RunStates, state_of_runs
 from rnc_pin.control.path_fit import PathPoint, chord_end_between, chord_end_fitted
-from rnc_pin.errors import ConfigurationError, SingularityError, nearest
+from rnc_pin.errors import ConfigurationError, SingularityError, place_of
 from rnc_pin.model.coordinates import wrapped
+from rnc_pin.model.parameter_types import check_positive_settings
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
@@ -138,14 +139,10 @@ class SlitheringReference(ReprMixin):
         self._kingpin = self._tractor[:2] if kingpin is None else _places(names, [f"{kingpin}_x", f"{kingpin}_y"])
         self.length, self._offset = _drawbar(reduced, self._output, tractor, kingpin or tractor, axle)
         self.spacing = self.length / 50 if spacing is None else spacing
-        if not self.spacing > 0:
-            raise ConfigurationError(f"spacing of a slithering reference has to be positive, found {spacing}")
         self.window = _PLACES * self.spacing if window is None else window
-        if not self.window > 0:
-            raise ConfigurationError(f"window of a slithering reference has to be positive, found {window}")
+        check_positive_settings(spacing=self.spacing, window=self.window)
         self._places = np.concatenate([self._tractor, self._kingpin]).astype(np.int64)  # for the compiled kernel
-        table = self.length, self._offset, self.spacing, self.window, _ACROSS, _JUMP, _KEPT
-        self._table = np.array(table)
+        self._table = np.array([self.length, self._offset, self.spacing, self.window, _ACROSS, _JUMP, _KEPT])
         self._names = (*task.vertical_names, names[self._tractor[2]])
 
     def initial_state(self, measurement: Measurement) -> DrivenPath:
@@ -192,7 +189,7 @@ class SlitheringReference(ReprMixin):
                 paths[run] = paths[run][int(found[run, 3]) :]
                 continue
             alone = DrivenPath(paths[run], float(state.headings[run]))
-            (*numbers, _), new = self.step(measurement_of_run(m, run), v2_dot[run], alone)
+            (*numbers, _), new = self.step(state_of_runs(m, run), v2_dot[run], alone)
             assert isinstance(new, DrivenPath)
             found[run, :3], paths[run] = np.concatenate(numbers), new.path
         desired, rate, acceleration = (found[:, column : column + 1].copy() for column in range(3))
@@ -274,10 +271,8 @@ class SlitheringReference(ReprMixin):
 
 
 def _places(names: tuple[str, ...], wanted: list[str]) -> Array:
-    for name in wanted:
-        if name not in names:
-            raise ConfigurationError(f"a slithering trailer needs the vertical output '{name}'{nearest(name, names)}")
-    return np.array([names.index(name) for name in wanted])
+    what = "a slithering trailer needs the vertical output"
+    return np.array([place_of(name, names, what) for name in wanted])
 
 
 def _drawbar(reduced: ReducedModel, output: int, tractor: str, kingpin: str, axle: str) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from math import isfinite
 import numpy as np
 
 from rnc_pin import _kernel
-from rnc_pin.control.controller import DescribedMixin, VelocityTarget, check_size, goals_at, state_of_runs
+from rnc_pin.control.controller import DescribedMixin, VelocityTarget, check_size, goals_at, run_by_run
 from rnc_pin.control.feedback import Feedback
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS, OuterGains
 from rnc_pin.control.slithering import PathState, SlitheringReference
@@ -160,7 +160,7 @@ class SteeringController(DescribedMixin):
             return self._steered(m, np.moveaxis(slopes, 0, -1), v21d_dot, x11d)
         points = [np.broadcast_to(each, point[0].shape) for each in x11d]
         given = m, slopes, v21d, v21d_dot, ReferencePoint(*points)
-        return np.stack([self._redundant_rates(*state_of_runs(given, run)) for run in range(len(m.v2))])
+        return run_by_run(self._redundant_rates, len(m.v2), *given)
 
     def _steered(self, m: Measurement, gradient: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint) -> np.ndarray:
         """Redundant rates (a,) by the formulas."""

@@ -142,24 +142,23 @@ def no_gains(
     period = _longest_period(best, slowest, delay)
     at = reduced.at(np.atleast_2d(configurations))
     values = np.atleast_1d(at.smallest_singular_value)
-    place = int(np.argmin(values))
-    if values[place] < NEARLY_SINGULAR:
-        where, rows = _place(_time(times, place), at.q[place]), few(at.dependent_rows(place), 6)
+    singular = bool(values.min() < NEARLY_SINGULAR)
+    place = int(np.argmin(values) if singular else np.argmax(best.eigenvalues[:, -1]))
+    time, rows = None if times is None else float(times[place]), at.dependent_rows(place)
+    where = _place(time, at.q[place])
+    if singular:
         words.append(
-            f"the outputs are nearly singular{where}: rows {rows} are almost dependent, smallest singular value of "
-            f"E = [A; J2] {values[place]:.2g}"
+            f"the outputs are nearly singular{where}: rows {few(rows, 6)} are almost dependent, smallest singular "
+            f"value of E = [A; J2] {values[place]:.2g}"
         )
         words.append("keep the motion away from there, or choose other outputs")
     else:
-        place = int(np.argmax(best.eigenvalues[:, -1]))
         least, most = best.eigenvalues[place, 0], best.eigenvalues[place, -1]
-        where = _place(_time(times, place), at.q[place])
         words.append(f"the inertia is most uneven{where}, with {least:.3g} to {most:.3g} of its typical value")
     words.append(_sampling(period))
     error = InfeasibleError("; ".join(words))
-    error.of_motion, error.q, error.time = True, at.q[place].copy(), _time(times, place)
-    error.rows, error.singular_value = at.dependent_rows(place), float(values[place])
-    error.near_singular = bool(values[place] < NEARLY_SINGULAR)
+    error.of_motion, error.q, error.time, error.rows = True, at.q[place].copy(), time, rows
+    error.singular_value, error.near_singular = float(values[place]), singular
     return error
 
 
@@ -175,10 +174,6 @@ def _sampling(period: float) -> str:
         return f"sample faster, at least every {period:.2g} s"
     needed = f"it would have to be {period:.1g} s" if period else "the delay is too long for any"
     return f"a shorter sampling period does not help: {needed}"
-
-
-def _time(times: np.ndarray | None, index: int) -> float | None:
-    return None if times is None else float(times[index])
 
 
 def _place(time: float | None, q: np.ndarray) -> str:

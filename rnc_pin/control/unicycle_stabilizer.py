@@ -122,11 +122,8 @@ class UnicycleStabilizer(DescribedMixin):
             )
         self.goal, self.position = np.asarray(goal, dtype=float), np.asarray(position, dtype=int)
         self.begin, self.k, self.rate = begin, k, rate
-        self.tolerance, self.ramp_time, self.max_speed = (
-            tolerance,
-            ramp_time,
-            (float(max_speed[0]), float(max_speed[1])),
-        )
+        self.tolerance, self.ramp_time = tolerance, ramp_time
+        self.max_speed = float(max_speed[0]), float(max_speed[1])
         # Near the line of sight the angles have the polynomial s^2 + c s + k^2 h: poles at -rate and -1.2 rate.
         self._c, self._h = 2.2 * rate, 1.2 * rate**2 / k**2
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from math import exp, expm1
-from typing import NamedTuple, cast
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -19,10 +19,9 @@ from rnc_pin.control.controller import (
     accepts_batches,
     command_towards,
     elapsed_time,
-    stack_states,
-    state_of_runs,
+    run_by_run,
 )
-from rnc_pin.control.feedback import apply_dead_zone, saturation_mask
+from rnc_pin.control.feedback import apply_dead_zone, leak, saturation_mask
 from rnc_pin.control.gain_design import VelocityGains
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.reduced_kinematics import Measurement
@@ -108,15 +107,9 @@ class VelocityTracker(DescribedMixin):
 
     def initial_state(self, measurement: Measurement) -> TrackerState:
         """Return zero adaptive gains."""
-        shape = np.shape(measurement.v2)
+        shape, target = np.shape(measurement.v2), self.target.initial_state(measurement)
         r = shape[-1]
-        return TrackerState(
-            time=None,
-            g=np.zeros(shape),
-            C=np.zeros((*shape, r)),
-            D=np.zeros((*shape, r * r)),
-            target=self.target.initial_state(measurement),
-        )
+        return TrackerState(None, np.zeros(shape), np.zeros((*shape, r)), np.zeros((*shape, r * r)), target)
 
     def step(self, t: float, measurement: Measurement, state: TrackerState) -> tuple[Command, TrackerState]:
         """Compute one sample; the sampling interval may vary.
@@ -136,20 +129,18 @@ class VelocityTracker(DescribedMixin):
 
     def _learnt(self, elapsed: float, measurement: Measurement, target: VelocityTarget, state: TrackerState) -> _Learnt:
         """Force, and learnt g, C and D. If the kernel declines many runs, each is computed alone, to the same bits."""
-        v2, sigma = measurement.v2, self.gains.sigma
+        v2 = measurement.v2
         if v2.ndim > 2:
             return self._adapted(elapsed, measurement, target, state)
         r, square = v2.shape[-1], (*v2.shape, v2.shape[-1])
-        decay = exp(-sigma * elapsed)
-        leak_time = -expm1(-sigma * elapsed) / sigma if sigma else elapsed
+        decay, leak_time = leak(self.gains.sigma, elapsed)
         out, n = np.empty(v2.size * (2 + r + r * r)), v2.size
         arrays = v2, target.v2, target.v2_dot, measurement.force_deficit, state.g, state.C, state.D, self._table
         if not _kernel.library.track(*arrays, self._has_dead_zone, decay, leak_time, out):
             if v2.ndim == 1:
                 return self._adapted(elapsed, measurement, target, state)
-            given = measurement, VelocityTarget(target.v2, target.v2_dot), state
-            runs = [state_of_runs(given, run) for run in range(len(v2))]
-            return cast(_Learnt, stack_states([self._learnt(elapsed, *each) for each in runs]))
+            desired = VelocityTarget(target.v2, target.v2_dot)
+            return run_by_run(partial(self._learnt, elapsed), len(v2), measurement, desired, state)
         F, g, C, D = out[:n], out[n : 2 * n], out[2 * n : n * (2 + r)], out[n * (2 + r) :]
         if v2.ndim == 2:
             F, g = F.reshape(v2.shape), g.reshape(v2.shape)
@@ -163,9 +154,9 @@ class VelocityTracker(DescribedMixin):
         error = target.v2 - v2
         products = (v2[..., :, None] * target.v2[..., None, :]).reshape(*v2.shape[:-1], -1)  # [v2 v2d]
         square = 1.0 + np.vecdot(target.v2_dot, target.v2_dot) + np.vecdot(products, products)
-        k, beta, sigma = self.gains.k, self.gains.beta, self.gains.sigma
-        decay = np.asarray(np.exp(-sigma * elapsed))
-        leak_time = -np.expm1(-sigma * elapsed) / sigma if sigma else elapsed  # integral of the leak over the sample
+        k, beta = self.gains.k, self.gains.beta
+        share, leak_time = leak(self.gains.sigma, elapsed)
+        decay = np.asarray(share)
         gain = leak_time * beta / (1.0 + leak_time * beta * square[..., None] / k)
         step = gain * error
         if self._has_dead_zone:

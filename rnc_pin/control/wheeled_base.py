@@ -23,6 +23,7 @@ from rnc_pin.model.coordinates import arc_chord
 from rnc_pin.model.frame_rows import FrameVelocityRows
 from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator, vector
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics
+from rnc_pin.model.parameter_types import check_positive_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.printing import ReprMixin
@@ -101,8 +102,7 @@ class WheeledBase:
         self.length = self._lever(np.ones(len(self._scales), dtype=bool))  # for tolerances
         self._find_pivots(samples)
         self.length = self._lever(self._belongs) if length is None else float(length)
-        if not 0 < self.length < np.inf:
-            raise ConfigurationError(f"the length of a base has to be positive, found {length!r} m")
+        check_positive_settings(length=self.length)
 
     def at(self, q: Float[Array, " nq"]) -> BaseMotion:
         """Evaluate the rows at a configuration (nq,)."""

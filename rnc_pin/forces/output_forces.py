@@ -132,35 +132,7 @@ class Spring:
     rest: float | Numbers = 0.0
 
     def bind(self, robot: Robot) -> PassiveForce:
-        return _Spring(self, robot)
-
-
-class _Spring(OutputForceLaw):
-    conservative = True
-
-    def __init__(self, kind: Spring, robot: Robot) -> None:
-        super().__init__("spring", kind.output, robot)
-        rows = self.rows
-        if rows.quasi or rows.rotation:
-            what = "a quasi-velocity, which has no value" if rows.quasi else "an orientation"
-            raise ConstraintError(f"{self.name}: the output is {what}: use an angle, a position or a distance")
-        size = len(rows.names)
-        self._stiffness = admit_coefficients(kind.stiffness, size, f"{self.name}: stiffness")
-        self._rest = admit_coefficients(kind.rest, size, f"{self.name}: rest")
-        self._coordinates = Coordinates(rows.angular)
-
-    def law(self, y: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        return self._stiffness * self._coordinates.difference(self._rest, y)
-
-    def slopes(self, y: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        return -np.diag(self._stiffness), np.zeros((len(y), len(y))), 0.0
-
-    def kernel_laws(self) -> list[KernelForce]:
-        numbers = zip(self._stiffness.tolist(), self._rest.tolist(), self._coordinates.kinds.tolist(), strict=True)
-        return [KernelForce(stiffness=stiffness, rest=rest, turns=turns) for stiffness, rest, turns in numbers]
-
-    def energy(self, y: np.ndarray) -> np.ndarray:
-        return 0.5 * (self._stiffness * np.square(self._coordinates.difference(self._rest, y))).sum(axis=-1)
+        return _Element("spring", self.output, robot, stiffness=self.stiffness, rest=self.rest)
 
 
 @dataclass(frozen=True)
@@ -186,22 +158,7 @@ class Damper:
     damping: float | Numbers
 
     def bind(self, robot: Robot) -> PassiveForce:
-        return _Damper(self, robot)
-
-
-class _Damper(OutputForceLaw):
-    def __init__(self, kind: Damper, robot: Robot) -> None:
-        super().__init__("damper", kind.output, robot)
-        self._damping = admit_coefficients(kind.damping, len(self.rows.names), f"{self.name}: damping")
-
-    def law(self, y: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        return -self._damping * rate
-
-    def slopes(self, y: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        return np.zeros((len(y), len(y))), -np.diag(self._damping), 0.0
-
-    def kernel_laws(self) -> list[KernelForce]:
-        return [KernelForce(damping=each) for each in self._damping.tolist()]
+        return _Element("damper", self.output, robot, damping=self.damping)
 
 
 @dataclass(frozen=True)
@@ -229,26 +186,44 @@ class SmoothFriction:
     speed: Positive
 
     def bind(self, robot: Robot) -> PassiveForce:
-        return _SmoothFriction(self, robot)
+        return _Element("friction", self.output, robot, self.speed, limit=self.limit)
 
 
-class _SmoothFriction(OutputForceLaw):
-    def __init__(self, kind: SmoothFriction, robot: Robot) -> None:
-        super().__init__("friction", kind.output, robot)
-        self._limit = admit_coefficients(kind.limit, len(self.rows.names), f"{self.name}: limit")
-        if not 0 < kind.speed < np.inf:
-            raise InputError(f"{self.name}: speed {kind.speed!r}: expected a positive number")
-        self._speed = float(kind.speed)
+class _Element(OutputForceLaw):
+    """``stiffness (rest - y) - damping ydot - limit tanh(ydot / speed)``, as of the kernel's ``KernelForce``."""
+
+    def __init__(
+        self, word: str, output: OutputKind, robot: Robot, speed: float = 1.0, **given: float | Numbers
+    ) -> None:
+        super().__init__(word, output, robot)
+        rows, size = self.rows, len(self.rows.names)
+        self.conservative = "stiffness" in given
+        if self.conservative and (rows.quasi or rows.rotation):
+            what = "a quasi-velocity, which has no value" if rows.quasi else "an orientation"
+            raise ConstraintError(f"{self.name}: the output is {what}: use an angle, a position or a distance")
+        if not 0 < speed < np.inf:
+            raise InputError(f"{self.name}: speed {speed!r}: expected a positive number")
+        self._stiffness, self._rest, self._damping, self._limit = (
+            admit_coefficients(given.get(name, 0.0), size, f"{self.name}: {name}")
+            for name in ("stiffness", "rest", "damping", "limit")
+        )
+        self._speed, self._coordinates = float(speed), Coordinates(rows.angular)
 
     def law(self, y: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        return -self._limit * np.tanh(rate / self._speed)
+        spring = self._stiffness * self._coordinates.difference(self._rest, y)
+        return spring - self._damping * rate - self._limit * np.tanh(rate / self._speed)
 
     def slopes(self, y: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        slope = -self._limit / self._speed * (1.0 - np.square(np.tanh(rate / self._speed)))
-        return np.zeros((len(y), len(y))), np.diag(slope), 0.0
+        friction = self._limit / self._speed * (1.0 - np.square(np.tanh(rate / self._speed)))
+        return -np.diag(self._stiffness), -np.diag(self._damping + friction), 0.0
 
     def kernel_laws(self) -> list[KernelForce]:
-        return [KernelForce(limit=each, speed=self._speed) for each in self._limit.tolist()]
+        turns = self._coordinates.kinds * self.conservative
+        columns = self._stiffness, self._rest, turns, self._damping, self._limit
+        return [KernelForce._make([0.0, *row, self._speed]) for row in np.stack(columns, axis=1).tolist()]
+
+    def energy(self, y: np.ndarray) -> np.ndarray:
+        return 0.5 * (self._stiffness * np.square(self._coordinates.difference(self._rest, y))).sum(axis=-1)
 
 
 Law = Callable[[np.ndarray, np.ndarray], np.ndarray]

@@ -136,15 +136,18 @@ class DirectionAngleRow(DirectionRows, OutputRows):
         robot: the robot that has the frame.
         frame: name of the frame.
         axis: the frame's own axis, "x", "y" or "z".
+        name: name of the output.
 
     Attributes:
         in_kernel: the row and its value in the compiled kernel; None if Python evaluates them.
     """
 
     units = ("rad/s",)
+    angular: tuple[bool, ...] = (False,)
     in_kernel: tuple[Form, Value] | None = None
 
-    def __init__(self, robot: Robot, frame: str, axis: str) -> None:
+    def __init__(self, robot: Robot, frame: str, axis: str, name: str) -> None:
+        self.names = (name,)
         self.frame, self._axis = robot.frame_id(frame), axis_index(axis)
         self.directions = np.eye(3)[:, [self._axis]]
 
@@ -159,6 +162,40 @@ class DirectionAngleRow(DirectionRows, OutputRows):
             return None
         (form, value), numbers = self.in_kernel, self.directions[:, 0].tolist()
         return [KernelRow(form, (attached(model, self.frame),), (self._axis,), numbers, value=(value, 0))]
+
+
+class AngleRow(DirectionAngleRow):
+    """Angle of a direction about an axis of the world, or of the frame that stands for it.
+
+    Args:
+        robot: the robot that has the frame.
+        frame: name of the frame.
+        axis: the frame's own axis, "x", "y" or "z".
+        name: name of the output.
+        about: axis of the world, "x", "y" or "z".
+    """
+
+    angular = (True,)
+    undefined = "an angle about an axis is not defined for a direction along it"
+
+    def __init__(self, robot: Robot, frame: str, axis: str, name: str, about: str = "z") -> None:
+        super().__init__(robot, frame, axis, name)
+        last = axis_index(about)
+        self._order = [(last + 1) % 3, (last + 2) % 3, last]
+
+    def _ordered(self, direction: Sequence[Entry]) -> list[Entry]:
+        return [direction[k] for k in self._order]
+
+    def regularity(self, *directions: Sequence[Entry]) -> Entry:
+        return level(self._ordered(directions[0]))
+
+    def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
+        wrench = yaw_wrench(self._ordered(directions[0]))
+        return [[*wrench[:3], *(wrench[3 + self._order.index(k)] for k in range(3))]]
+
+    def value(self, at: PositionKinematics) -> np.ndarray:
+        x, y, _ = np.moveaxis(self._direction(at)[..., self._order], -1, 0)
+        return np.arctan2(y, x)[..., None]
 
 
 @dataclass(frozen=True)
@@ -184,24 +221,13 @@ class FrameYaw:
     axis: Axis = "x"
 
     def bind(self, robot: Robot) -> OutputRows:
-        return _FrameYawRow(self, robot)
+        name = f"{self.frame}_yaw" + ("" if self.axis == "x" else f"_{self.axis}")
+        return _YawRow(robot, self.frame, self.axis, name)
 
 
-class _FrameYawRow(DirectionAngleRow):
-    angular = (True,)
+class _YawRow(AngleRow):
     in_kernel = Form.YAW, Value.HEADING
     undefined = "a yaw is not defined for a vertical axis"
-
-    def __init__(self, kind: FrameYaw, robot: Robot) -> None:
-        super().__init__(robot, kind.frame, kind.axis)
-        self.names = (f"{kind.frame}_yaw" + ("" if kind.axis == "x" else f"_{kind.axis}"),)
-
-    def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
-        return [yaw_wrench(directions[0])]
-
-    def value(self, at: PositionKinematics) -> np.ndarray:
-        x, y, _ = np.moveaxis(self._direction(at), -1, 0)
-        return np.arctan2(y, x)[..., None]
 
 
 @dataclass(frozen=True)
@@ -228,17 +254,12 @@ class FrameTilt:
     axis: Axis = "y"
 
     def bind(self, robot: Robot) -> OutputRows:
-        return _TiltRow(self, robot)
+        return _TiltRow(robot, self.frame, self.axis, f"{self.frame}_tilt_{self.axis}")
 
 
 class _TiltRow(DirectionAngleRow):
-    angular = (False,)
     in_kernel = Form.TILT, Value.ELEVATION
     undefined = "the tilt of a vertical axis has no rate"
-
-    def __init__(self, kind: FrameTilt, robot: Robot) -> None:
-        super().__init__(robot, kind.frame, kind.axis)
-        self.names = (f"{kind.frame}_tilt_{kind.axis}",)
 
     def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
         return [tilt_wrench(directions[0])]
@@ -270,16 +291,16 @@ class FrameSpeed:
     axis: Axis = "x"
 
     def bind(self, robot: Robot) -> OutputRows:
-        return _SpeedRow(self, robot)
+        return _QuasiVelocityRow(robot, self.frame, axis_index(self.axis), f"{self.frame}_speed_{self.axis}")
 
 
-class _SpeedRow(FrameVelocityRows, OutputRows):
+class _QuasiVelocityRow(FrameVelocityRows, OutputRows):
     quasi = True
+    angular = (False,)
 
-    def __init__(self, kind: FrameSpeed, robot: Robot) -> None:
-        super().__init__(robot, kind.frame, (axis_index(kind.axis),), OWN_AXES)
-        self.names = (f"{kind.frame}_speed_{kind.axis}",)
-        self.angular = (False,)
+    def __init__(self, robot: Robot, frame: str, row: int, name: str, axes: pin.ReferenceFrame = OWN_AXES) -> None:
+        super().__init__(robot, frame, (row,), axes)
+        self.names = (name,)
 
 
 @dataclass(frozen=True)
@@ -309,17 +330,9 @@ class FrameAngularVelocity:
     axes: Literal["own", "world"] = "own"
 
     def bind(self, robot: Robot) -> OutputRows:
-        return _AngularVelocityRow(self, robot)
-
-
-class _AngularVelocityRow(FrameVelocityRows, OutputRows):
-    quasi = True
-
-    def __init__(self, kind: FrameAngularVelocity, robot: Robot) -> None:
-        if kind.axes not in ("own", "world"):
-            found = nearest(str(kind.axes), ["own", "world"])
-            raise ConfigurationError(f"angular velocity of '{kind.frame}': axes '{kind.axes}' is not known{found}")
-        own = kind.axes == "own"
-        super().__init__(robot, kind.frame, (3 + axis_index(kind.axis),), OWN_AXES if own else WORLD_AXES)
-        self.names = (f"{kind.frame}_angular_velocity_{'' if own else 'world_'}{kind.axis}",)
-        self.angular = (False,)
+        if self.axes not in ("own", "world"):
+            found = nearest(str(self.axes), ["own", "world"])
+            raise ConfigurationError(f"angular velocity of '{self.frame}': axes '{self.axes}' is not known{found}")
+        axes, of = (OWN_AXES, "") if self.axes == "own" else (WORLD_AXES, "world_")
+        name = f"{self.frame}_angular_velocity_{of}{self.axis}"
+        return _QuasiVelocityRow(robot, self.frame, 3 + axis_index(self.axis), name, axes)

@@ -17,7 +17,7 @@ from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.parameter_types import Axis
 from rnc_pin.model.relative_rows import RelativeOutputRows
 from rnc_pin.model.rows import OutputRows, check_defined
-from rnc_pin.outputs.frame_outputs import DirectionAngleRow, level, yaw_wrench
+from rnc_pin.outputs.frame_outputs import AngleRow
 from rnc_pin.robots.robot import Robot
 
 TOGETHER = 1e-9
@@ -140,34 +140,8 @@ class RelativeAngle:
         reference = robot.frame_id(self.reference)
         if reference == robot.frame_id(self.frame):
             raise ConfigurationError(f"angle of frame '{self.frame}' relative to itself: name another reference")
-        return RelativeOutputRows(_AngleRow(self, robot), reference)
-
-
-class _AngleRow(DirectionAngleRow):
-    """Yaw of a direction if the axes are ordered so that the third is the axis ``about``."""
-
-    angular = (True,)
-    undefined = "an angle about an axis is not defined for a direction along it"
-
-    def __init__(self, kind: RelativeAngle, robot: Robot) -> None:
-        super().__init__(robot, kind.frame, kind.axis)
-        last = axis_index(kind.about)
-        self._order = [(last + 1) % 3, (last + 2) % 3, last]
-        self.names = (f"{kind.frame}_angle_{kind.axis}_about_{kind.reference}_{kind.about}",)
-
-    def _ordered(self, direction: Sequence[Entry]) -> list[Entry]:
-        return [direction[k] for k in self._order]
-
-    def regularity(self, *directions: Sequence[Entry]) -> Entry:
-        return level(self._ordered(directions[0]))
-
-    def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
-        wrench = yaw_wrench(self._ordered(directions[0]))
-        return [[*wrench[:3], *(wrench[3 + self._order.index(k)] for k in range(3))]]
-
-    def value(self, at: PositionKinematics) -> np.ndarray:
-        x, y, _ = np.moveaxis(self._direction(at)[..., self._order], -1, 0)
-        return np.arctan2(y, x)[..., None]
+        name = f"{self.frame}_angle_{self.axis}_about_{self.reference}_{self.about}"
+        return RelativeOutputRows(AngleRow(robot, self.frame, self.axis, name, self.about), reference)
 
 
 @dataclass(frozen=True)

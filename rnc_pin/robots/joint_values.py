@@ -26,6 +26,12 @@ NO_LIMIT = 1e10
 _BASES = {"JointModelPlanar": "planar", "JointModelFreeFlyer": "free"}
 
 
+def known_velocity_limits(model: pin.Model) -> np.ndarray:
+    """Velocity limits (nv,) of a robot file [rad/s or m/s]; infinity where it states none."""
+    limits = np.array(model.upperVelocityLimit, dtype=float)
+    return np.where((limits > 0) & (limits < NO_LIMIT), limits, np.inf)
+
+
 def base_of(model: pin.Model) -> str:
     """Kind of the joint between the root link and the world: "fixed", "planar" or "free"."""
     return _BASES.get(model.joints[1].shortname(), "fixed") if model.njoints > 1 else "fixed"

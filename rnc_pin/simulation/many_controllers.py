@@ -16,7 +16,6 @@ from rnc_pin.control.controller import (
     NotStackable,
     State,
     accepts_batches,
-    measurement_of_run,
     stack_states,
     state_of_runs,
     with_states,
@@ -102,7 +101,7 @@ class ManyControllers:
                 commands.append(None)
                 states.append(state)
                 continue
-            seen = measurement_of_run(measurement, place)
+            seen = state_of_runs(measurement, place)
             if seen.input_deficit is not None and not seen.input_deficit.any():
                 seen = seen._replace(input_deficit=None, force_deficit=None)
             command: object = None

@@ -329,25 +329,6 @@ def test_no_step_is_longer_than_three_tenths(step, limited):
     np.testing.assert_allclose(search._limited(np.array(step)), limited, rtol=1e-14)
 
 
-@pytest.fixture
-def way(monkeypatch):
-    """Points at which steps were computed, with these, and how many configurations were looked at."""
-    seen, newton, at = {"points": [], "looks": 0}, _Search._newton, _Search._at
-
-    def recorded(self, here):
-        found = newton(self, here)
-        seen["points"].append((here, found[0]))
-        return found
-
-    def counted(self, q, v2=None):
-        seen["looks"] += 1
-        return at(self, q, v2)
-
-    monkeypatch.setattr(_Search, "_newton", recorded)
-    monkeypatch.setattr(_Search, "_at", counted)
-    return seen
-
-
 def test_a_way_back_that_gets_lost_is_not_taken():
     """From here the way towards the guess wanders off what rests."""
     found = rnc.equilibrium(hanging_chain(["hinge_1", "hinge_2"]), (1.4, -2.56, -0.65))

@@ -109,11 +109,11 @@ def test_a_second_factor_is_asked_of_the_slowed_reference(gripping):
 @pytest.mark.parametrize(
     ("friction", "loads", "words"),
     [
-        (0.0, None, "friction of the ground has to be positive"),
+        (0.0, None, "friction: expected a positive number"),
         (0.5, {"slegh": 1.0}, "no gripping contact 'slegh'; did you mean 'sleigh'"),
         (0.5, {"sleigh": 0.0}, "load of 'sleigh' has to be positive"),
-        (np.inf, None, "friction of the ground has to be positive"),
-        (np.nan, None, "friction of the ground has to be positive"),
+        (np.inf, None, "friction: expected a positive number"),
+        (np.nan, None, "friction: expected a positive number"),
     ],
 )
 def test_what_is_no_grip_is_refused(gripping, friction, loads, words):

@@ -53,15 +53,13 @@ def test_limits_that_exclude_each_other_are_named():
 def test_unusable_requests_are_refused():
     reduced, program = arm(dt=0.01)
     state = (0.0, reduced.robot.configuration(), np.zeros(reduced.r))
-    with pytest.raises(rnc.InputError, match="program and states belong together"):
-        rnc.analyze(reduced, samples=4, states=[state])
-    with pytest.raises(rnc.InputError, match="program and states belong together"):
-        rnc.analyze(reduced, samples=4, program=program)
-    with pytest.raises(rnc.InputError, match=r"state 0: q and v2 have shapes"):
-        rnc.analyze(reduced, samples=4, program=program, states=[(0.0, state[1], [0.0])])
-    with pytest.raises(rnc.InputError, match=r"state 0: expected \(t, q, v2\)"):
-        rnc.analyze(reduced, samples=4, program=program, states=[state[1]])
-    with pytest.raises(rnc.InputError, match="give the program a dt"):
-        rnc.analyze(reduced, samples=4, program=arm()[1], states=[state])
-    with pytest.raises(rnc.InputError, match="reports no effects"):
-        rnc.analyze(reduced, samples=4, program=object(), states=[state])
+    for options, words in (
+        ({"states": [state]}, "program and states belong together"),
+        ({"program": program}, "program and states belong together"),
+        ({"program": program, "states": [(0.0, state[1], [0.0])]}, "state 0: q and v2 have shapes"),
+        ({"program": program, "states": [state[1]]}, r"state 0: expected \(t, q, v2\)"),
+        ({"program": arm()[1], "states": [state]}, "give the program a dt"),
+        ({"program": object(), "states": [state]}, "reports no effects"),
+    ):
+        with pytest.raises(rnc.InputError, match=words):
+            rnc.analyze(reduced, samples=4, **options)

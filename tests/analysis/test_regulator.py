@@ -5,7 +5,6 @@ import pytest
 import scipy.linalg
 
 import rnc_pin as rnc
-from rnc_pin.analysis.linearization import Linearization
 from textbook_systems import linear
 
 # ---------------------------------------------------------------------- the regulator
@@ -79,11 +78,6 @@ def test_a_mode_that_moves_many_states_names_them_all():
     assert str(told.value).endswith(f"it moves {', '.join(f'x{k}' for k in range(16))}")
 
 
-def test_only_the_proportion_of_the_costs_counts():
-    system = linear([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]])
-    np.testing.assert_allclose(rnc.lqr(system, 1e-8, 1e-8), rnc.lqr(system, 1.0, 1.0), rtol=1e-6)
-
-
 @pytest.mark.parametrize("size", [1e-4, 1.0, 1e4])
 def test_a_double_integrator_in_other_units_of_time_is_regulated(size):
     K = rnc.lqr(linear([[0.0, size], [0.0, 0.0]], [[0.0], [size]]), 1.0)
@@ -94,7 +88,6 @@ def test_a_double_integrator_in_other_units_of_time_is_regulated(size):
     ("cost", "inputs", "words"),
     [
         ([[1.0, 2.0], [2.0, 1.0]], 1.0, "state_cost: no weight may be negative"),
-        ([1.0, -1e-3], 1.0, "state_cost: no weight may be negative"),
         ([[1.0, 0.5], [0.0, 1.0]], 1.0, "or a symmetric matrix, found"),
         ([1.0, np.nan], 1.0, "or a symmetric matrix, found"),
         ([[1.0, 2.0]], 1.0, "or a symmetric matrix, found"),
@@ -218,23 +211,15 @@ def test_what_hardly_grows_or_fades_is_named_all_the_same(slowly, size):
     assert told(linear(system.A, np.eye(2)), [0.0, 1.0]) == COSTS_NOTHING + "x0"
 
 
-def linearization(A, B):
-    """Of a system that is written down."""
-    names = tuple(f"x{i}" for i in range(len(A)))
-    return Linearization(A, B, names, ("u",), np.zeros(0), np.zeros(1), np.zeros(1), 0.0, (), None, None)
-
-
 def test_a_cost_that_is_no_diagonal():
     """A double integrator with ``Q = [[1, c], [c, 2]]`` and R = 1: ``P12 = 1``, ``P22 = sqrt(2 + 2 P12 - ...)``."""
-    linear = linearization(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]]))
-    cost = np.array([[1.0, -0.5], [-0.5, 2.5]])
-    K = rnc.lqr(linear, cost)
+    K = rnc.lqr(linear([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]]), np.array([[1.0, -0.5], [-0.5, 2.5]]))
     # P12^2 = Q11 and P22^2 = Q22 + 2 P12, from the corners of the Riccati equation; K = (P12, P22).
     np.testing.assert_allclose(K, [[1.0, np.sqrt(4.5)]], atol=1e-12)
 
 
 def test_a_little_force_is_enough_for_little_dynamics():
     """States that nanonewtons reach count as reached."""
-    linear = linearization(np.array([[1e-7, 1.0], [0.0, 1e-7]]), np.array([[0.0], [1e-9]]))
-    K = rnc.lqr(linear, np.eye(2), 1e-18)
-    assert np.linalg.eigvals(linear.A - linear.B @ K).real.max() < -0.5
+    system = linear([[1e-7, 1.0], [0.0, 1e-7]], [[0.0], [1e-9]])
+    K = rnc.lqr(system, np.eye(2), 1e-18)
+    assert np.linalg.eigvals(system.A - system.B @ K).real.max() < -0.5

@@ -234,29 +234,21 @@ def test_sizes_are_those_of_the_matrices(make):
 def test_growth_towards_a_singular_heading_is_that_of_the_closed_form():
     """A unicycle in x and yaw, at d from heading along y: ``H = 1 / sin(d)^2``, ``V = cos(d) / sin(d)^3``.
 
-    Only the nearest sample lies straight across; sets that were not met, or are not of E, are no goals.
+    Only the nearest sample lies straight across.
     """
     model, _ = planar_model()
     system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body")])
     reduced = system.reduce([rnc.FramePosition("body", "x"), rnc.FrameYaw("body")])
 
-    def singularity(matrix="E", located=True):
-        return Singularity(matrix, ("body_x",), 0.0, located, {"root_joint": [2.0, 1.0, np.pi / 2]})
-
+    goal = Singularity("E", ("body_x",), 0.0, True, {"root_joint": [2.0, 1.0, np.pi / 2]})
     samples = [(5.0, 1.0, 1.5), (2.0, 1.0, np.pi / 2 - 0.4), (2.0, 1.0, np.pi / 2 + 0.9)]
     configurations = np.stack([reduced.robot.configuration({"root_joint": each}) for each in samples])
-    goals = [singularity("A4"), singularity(located=False), singularity()]
-    bounds = boundedness(reduced, configurations, goals)
-    (way,) = bounds.approaches
+    (way,) = boundedness(reduced, configurations, [goal]).approaches
     distances = np.array(way.distances)
-    assert 0.1 > distances[0] > 10 * distances[-1] > 0
-    assert (np.diff(distances) < 0).all()
     np.testing.assert_allclose(way.H, 1 / np.sin(distances) ** 2, rtol=1e-9)
     np.testing.assert_allclose(way.V, np.cos(distances) / np.sin(distances) ** 3, rtol=1e-9)
     assert (way.H_order, way.V_order) == (pytest.approx(2.0, abs=1e-3), pytest.approx(3.0, abs=1e-3))
     assert way.rows == ("body_x",)
-    assert not way.bounded
-    assert not bounds.everywhere
 
 
 @pytest.mark.parametrize(("mass", "H_order", "V_order"), [(0.0, 0.0, 0.0), (1.0, 2.0, 3.0), (1e-15, 0.0, 3.0)])

@@ -1,6 +1,7 @@
 """Gains that are scaled to an inertia, beside their closed forms."""
 
 import re
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,15 +22,9 @@ def test_gains_are_given_up_to_the_edge_of_their_windows():
     assert (gains.k1.tolist(), gains.k2.tolist()) == ([15.0 / 8.0**4], [16.0 / 2.0 / 8.0**3])
     with pytest.raises(rnc.InfeasibleError, match=r"allows oscillations of 4 rad/s, a decay rate of 1/s with gamma 8"):
         PositionGains.scaled(one, 0.5 * (1 + 1e-9), 8.0, 1.0)
-    slow = PositionGains.normalised(2.0, gamma=1.0, rate=0.3)
-    assert 2 * slow.k2 == pytest.approx(0.3 * (slow.k1 + slow.k2))
-    assert slow.k1 + slow.k2 == pytest.approx(2.0 * 1.2**2)
-    assert VelocityGains.scaled(
-        SimpleNamespace(at=lambda q: SimpleNamespace(H=one)),
-        np.zeros(1),
-        0.1,
-        GainDesign(bandwidth=2.0, slowest=2.0, adaptation=1.0),
-    ).k == [2.0]
+    still = SimpleNamespace(at=lambda q: SimpleNamespace(H=one))
+    design = GainDesign(bandwidth=2.0, slowest=2.0, adaptation=1.0)
+    assert VelocityGains.scaled(still, np.zeros(1), 0.1, design).k == [2.0]
     region = np.array([[[2.0, 0.5], [0.5, 1.0]], [[3.0, -0.2], [-0.2, 4.0]], [[0.7, 0.1], [0.3, 5.0]]])
     flat = PositionGains.scaled(region, 0.002)
     grid = PositionGains.scaled(region[None], 0.002)
@@ -39,9 +34,9 @@ def test_gains_are_given_up_to_the_edge_of_their_windows():
         with pytest.raises(rnc.ConfigurationError) as caught:
             PositionGains.scaled(one, 0.001, delay=delay)
         assert str(caught.value) == f"delay of a loop has to be a time [s], not negative, found {delay}"
-    for bound in (0.0, -1.0, float("inf"), [1.0, float("nan")]):
+    for bound, gains in product((0.0, -1.0, np.inf, np.nan, [1.0, np.nan]), (PositionGains, VelocityGains)):
         with pytest.raises(rnc.ConfigurationError, match="a bound on the inertia has to be positive, found "):
-            PositionGains.normalised(bound)
+            gains.normalised(bound)
 
 
 def test_paper_preset():
@@ -56,10 +51,8 @@ def test_presets_are_known_by_their_letters():
     """Gains of words that a program puts together, and of a model that only "scaled" reads."""
     one = np.array([[[1.0]]])
     still = SimpleNamespace(at=lambda q: SimpleNamespace(H=one))
-    velocity, position = (
-        VelocityGains.scaled(still, one[0], 0.01, GainDesign(adaptation=1.0)),
-        PositionGains.scaled(one, 0.01),
-    )
+    velocity = VelocityGains.scaled(still, one[0], 0.01, GainDesign(adaptation=1.0))
+    position = PositionGains.scaled(one, 0.01)
     for letters, of_velocity, of_position in (
         ("paper", VelocityGains.paper(), PositionGains.paper()),
         ("normalised", VelocityGains.normalised(3.0), PositionGains.normalised(3.0)),
@@ -86,9 +79,6 @@ def test_normalised_gains_need_a_bound_on_the_inertia_alone():
         K = np.diag(np.broadcast_to(gains.k, reduced.r))
         assert np.linalg.eigvals(np.linalg.solve(H, np.broadcast_to(K, H.shape))).real.min() > 5.0 - ROUNDING
         np.testing.assert_allclose(gains.beta, 2.0 * gains.k)
-    for bound in (0.0, [1.0, -1.0], np.nan):
-        with pytest.raises(rnc.ConfigurationError, match="a bound on the inertia has to be positive"):
-            VelocityGains.normalised(bound)
 
 
 @pytest.mark.parametrize("lighter", [1.0, 3.0, 30.0, 1e4])
@@ -98,8 +88,6 @@ def test_normalised_position_gains_fade_at_their_rate_from_the_bound_down(lighte
     # H s^2 e = -k1 gamma^2 w - k2 gamma^2 e, w (s + 2 gamma) = gamma^2 s e
     roots = np.roots([inertia, 2 * gains.gamma * inertia, k1 + k2, 2 * gains.gamma * k2])
     assert roots.real.max() < -3.0
-    with pytest.raises(rnc.ConfigurationError, match="gamma has to be above twice the rate"):
-        PositionGains.normalised(20.0, gamma=6.0, rate=3.0)
 
 
 UNEVEN = np.array([[[1.0, 0.6], [0.6, 4.0]], [[4.0, 0.0], [0.0, 16.0]]])
@@ -128,9 +116,8 @@ def test_gains_scaled_to_an_inertia_are_those_of_the_window():
         GainDesign(adaptation=1.0),
     )
     assert alone.k == pytest.approx([400.0, 1600.0])
-    for delay in (-1e-9, np.inf, np.nan):
-        with pytest.raises(rnc.ConfigurationError, match=r"delay of a loop has to be a time \[s\], not negative"):
-            VelocityGains.scaled(reduced, region, 0.002, GainDesign(delay=delay))
+    with pytest.raises(rnc.ConfigurationError, match=r"delay of a loop has to be a time \[s\], not negative"):
+        VelocityGains.scaled(reduced, region, 0.002, GainDesign(delay=-1e-9))
 
 
 def test_position_gains_scaled_to_an_inertia_are_those_of_the_closed_form():
@@ -164,7 +151,7 @@ def test_gains_of_a_bound_are_those_of_the_closed_form_and_describe_themselves()
     np.testing.assert_allclose(position.k1 * 7.0**4 + position.k2 * 7.0**2, 64.0 * bound)
     np.testing.assert_allclose(2 * position.k2 * 7.0**3 / 64.0, 2.0 * bound)
     np.testing.assert_allclose(position.beta, bound)
-    for rate in (0.0, -1.0, 3.5):
+    for rate in (0.0, -1.0, 3.5, 4.0):
         with pytest.raises(rnc.ConfigurationError, match="gamma has to be above twice the rate"):
             PositionGains.normalised(bound, gamma=7.0, rate=rate)
     plain = {"k1": 10.0, "k2": 10.0, "gamma": 2.0, "beta": 10.0, "sigma": 0.1}

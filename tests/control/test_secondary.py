@@ -132,7 +132,6 @@ def test_joint_limits_keep_a_joint_inside_while_the_rest_is_tracked():
 def test_nonsense_is_refused():
     reduced, task = manipulator()
     for call, words in (
-        (lambda: JointLimits(reduced, task, margin=0.7), "margin of joint limits has to be a share"),
         (lambda: JointLimits(reduced, task, joints=["root_joint"]), "joint 'root_joint' has no position limits"),
         (lambda: JointLimits(reduced, task, joints=["joint_3"]), "no joint 'joint_3'.*; did you mean 'joint_"),
         (lambda: JointLimits(reduced, task, k=[1.0, 2.0, 3.0]), "has to be a number or 2"),
@@ -264,14 +263,6 @@ def test_secondary_objectives_are_worth_their_gains_and_describe_themselves():
             JointLimits(reduced, task, margin=margin)
     assert JointLimits(reduced, task, k=0.0).describe()["k"] == 0.0
     assert len(LIMITS) == len(JointLimits(reduced, task).describe()["zone"])
-
-
-def test_objectives_add_up():
-    parts = [lambda t, m, k=k: (np.array([k, t]), np.array([2.0 * k, -t])) for k in (1.0, 5.0, 11.0)]
-    for count, total in ((1, 1.0), (2, 6.0), (3, 17.0)):
-        z, z_dot = Combined(parts[:count])(0.5, None)
-        assert z.tolist() == [total, 0.5 * count]
-        assert z_dot.tolist() == [2.0 * total, -0.5 * count]
 
 
 def test_joints_of_several_freedoms_leave_the_ends_of_each():

@@ -447,24 +447,20 @@ def test_a_twist_is_three_numbers(twist, found):
 
 
 def test_a_base_has_three_velocities_in_the_plane_and_enough_motors():
-    with pytest.raises(rnc.ModelError, match="did you mean 'base'"):
-        TwistController(ackermann_car(), "bass")
-    with pytest.raises(
-        rnc.ConfigurationError, match=r"left_steer, fl_spin with 5 velocities: expected a frame of a base"
-    ):
-        TwistController(ackermann_car(), "fl")
-    with pytest.raises(rnc.ConfigurationError, match="affine"):
-        TwistController(spinning_space_robot(), spinning_space_robot().robot.model.frames[-1].name)
     wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
     idle = rnc.NonholonomicSystem(differential_drive(), wheels, ["left_wheel_joint"]).reduce()
-    with pytest.raises(rnc.ConfigurationError, match=r"velocities of the actuators .* determine 1 of 2"):
-        TwistController(idle, "base")
-    with pytest.raises(rnc.ConfigurationError, match="expected a frame"):
-        TwistController(bicycle(), "rear")
-    with pytest.raises(rnc.ConfigurationError, match=r"dt > 0 and 0 < slip < 1, found 0 and 0\.02"):
-        TwistController(ackermann_car(), "base", 0)
-    with pytest.raises(rnc.ConfigurationError, match="length of a base has to be positive, found -1"):
-        TwistController(ackermann_car(), "base", length=-1)
+    car, turning = ackermann_car(), spinning_space_robot()
+    for reduced, frame, options, words in (
+        (car, "bass", {}, "did you mean 'base'"),
+        (car, "fl", {}, r"left_steer, fl_spin with 5 velocities: expected a frame of a base"),
+        (turning, turning.robot.model.frames[-1].name, {}, "affine"),
+        (idle, "base", {}, r"velocities of the actuators .* determine 1 of 2"),
+        (bicycle(), "rear", {}, "expected a frame"),
+        (car, "base", {"dt": 0}, r"dt > 0 and 0 < slip < 1, found 0 and 0\.02"),
+        (car, "base", {"length": -1}, "length: expected a positive number, found -1"),
+    ):
+        with pytest.raises((rnc.ConfigurationError, rnc.ModelError), match=words):
+            TwistController(reduced, frame, **options)
 
 
 def test_the_state_is_the_only_memory():

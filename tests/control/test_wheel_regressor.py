@@ -90,10 +90,7 @@ def test_two_wheels_of_one_joint_or_of_two_bodies_have_no_track():
     add_body(model, "far_joint", "RY", 1.0, arm, at=TURNED, frame="far")
     robot = rnc.Robot(model)
     for pair in (("left", "outer"), ("outer", "left"), ("left", "far"), ("far", "right")):
-        with pytest.raises(rnc.ConfigurationError) as caught:
-            _axles(robot, 0, *pair)
-        words = "do not turn on joints of their own on one body: they have no fixed track"
-        assert str(caught.value) == f"unknown track: wheels '{pair[0]}' and '{pair[1]}' {words}"
+        assert_track(robot, pair, False, "do not turn on joints of their own on one body: they have no fixed track")
 
 
 def test_unknown_wheels_say_which_rows_they_enter_and_no_others():

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from math import isfinite
 from pathlib import Path
 from typing import NamedTuple, TypedDict
 
@@ -93,68 +92,55 @@ def check_state(state: LoopState, reduced: ReducedModel) -> None:
     """
     if not isinstance(state, LoopState):
         raise InputError(f"expected a LoopState, found {type(state).__name__}")
-    for name in ("begin", "time", "invalid_since"):
-        value = getattr(state, name)
-        if value is not None and (isinstance(value, bool) or not _is_number(value)):
-            raise InputError(f"{name} is not a finite number: {_shown(value)}")
-    sizes = {"v2": reduced.r, "integrals": reduced.r, "T": reduced.p, "input_deficit": reduced.p, "q": reduced.robot.nq}
-    for name, size in sizes.items():
-        if getattr(state, name) is not None:
-            _check_vector(name, getattr(state, name), size)
-    configurations = [] if state.q is None else [state.q]
-    if state.motion is not None:
-        if not isinstance(state.motion, VelocityEstimate):
-            raise InputError(f"motion is not a VelocityEstimate: {_shown(state.motion)}")
-        for name, size in {"q": reduced.robot.nq, "v": reduced.n, "other": reduced.n}.items():
-            _check_vector(f"motion.{name}", getattr(state.motion, name), size)
-        configurations.append(state.motion.q)
+    r, p, q, v = np.zeros(reduced.r), np.zeros(reduced.p), reduced.robot.configuration(), np.zeros(reduced.n)
+    valid = LoopState(0.0, 0.0, q, r, r, VelocityEstimate(q, v, v), p, p, None, 0.0, "", False)
+    for name, found, model in zip(LoopState._fields, state, valid, strict=True):
+        if name != "controller":
+            _check_memory(found, model, model, name)
     validator = ConfigurationValidator(reduced.robot)
-    for q in configurations:
-        validator.validate(q)
-    if state.fault is not None and not isinstance(state.fault, str):
-        raise InputError(f"fault is not text: {_shown(state.fault)}")
-    if not isinstance(state.failed, bool):
-        raise InputError(f"failed is not a boolean: {_shown(state.failed)}")
-
-
-def _check_vector(name: str, value: object, size: int) -> None:
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
-        raise InputError(f"{name} is not an array of numbers: {_shown(value)}")
-    if value.shape != (size,):
-        raise InputError(f"{name} has shape {value.shape}, expected ({size},)")
-    wrong = np.flatnonzero(~(np.abs(value) <= _MAX_VALUE))
-    if len(wrong):
-        raise InputError(f"{name}[{wrong[0]}] is {value[wrong[0]]:g}, expected at most {_MAX_VALUE:g}")
+    for each in (state, state.motion):
+        if each is not None and each.q is not None:
+            validator.validate(each.q)
 
 
 def _check_memory(found: object, initial: object, after: object, where: str = "controller") -> None:
-    """Check the stored state of a controller against two valid states.
+    """Check a stored value against two valid ones.
 
     Args:
-        found: stored state.
-        initial: initial state of the controller.
-        after: state after one step from ``found``. If its shape differs from that of ``initial``, it is a history: the
-            first axis may have any length.
+        found: stored value, such as the state of a controller. None is valid.
+        initial: its initial value.
+        after: its value after one step from ``found``. If its shape differs from that of ``initial``, it is a history:
+            the first axis may have any length.
         where: name of the field, for error messages.
 
     Raises:
-        InputError: the type or shape differs, or a number is not finite.
+        InputError: the type or shape differs, or a number is not finite or too large.
     """
     models = [each for each in (initial, after) if each is not None]
     if found is None or (not models and not isinstance(found, tuple | dict | np.ndarray | float | int | str)):
         return
-    if isinstance(found, dict | tuple):
+    if isinstance(found, dict | tuple | str):
         if models and not any(type(each) is type(found) for each in models):
             raise InputError(f"{where} is a {type(found).__name__}, expected a {type(models[0]).__name__}")
-        names = found if isinstance(found, dict) else getattr(found, "_fields", range(len(found)))
-        for key, name in enumerate(names):
-            at = name if isinstance(found, dict) else key
-            _check_memory(found[at], _item(initial, at), _item(after, at), f"{where}.{name}")
-    elif isinstance(found, str):
-        if models and not any(isinstance(each, str) for each in models):
-            raise InputError(f"{where} is text: {_shown(found)}")
-    else:
-        _check_numbers(found, initial, after, where)
+        fields = {} if isinstance(found, str) else found if isinstance(found, dict) else dict(enumerate(found))
+        names = getattr(found, "_fields", None)
+        for key, value in fields.items():
+            name = key if names is None else names[key]
+            _check_memory(value, _item(initial, key), _item(after, key), f"{where}.{name}")
+        return
+    numbers = [each for each in models if not isinstance(each, str | tuple | dict)]
+    if models and not numbers:
+        raise InputError(f"{where} is a number or an array, expected a {type(models[0]).__name__}")
+    # An initial state may use NaN for unknown values.
+    unknown = any(each is initial and np.isnan(np.asarray(each)).any() for each in numbers)
+    if not unknown and not _is_number(found):
+        raise InputError(f"{where} is not finite, or beyond {_MAX_VALUE:g}")
+    if numbers and isinstance(found, bool) not in {isinstance(each, bool) for each in numbers}:
+        raise InputError(f"{where} is {found!r}, expected a {type(numbers[0]).__name__}")
+    shape, *shapes = (np.asarray(each).shape for each in (found, *numbers))
+    varies = len({*shapes}) > 1 and len(shape) == len(shapes[-1]) and shape[1:] == shapes[-1][1:]
+    if shapes and shape not in shapes and not varies:
+        raise InputError(f"{where} has shape {shape}, expected {shapes[0]}")
 
 
 def _item(model: object, key: str | int) -> object:
@@ -164,36 +150,10 @@ def _item(model: object, key: str | int) -> object:
     return model[key] if isinstance(model, tuple) and isinstance(key, int) and key < len(model) else None
 
 
-def _check_numbers(found: object, initial: object, after: object, where: str) -> None:
-    given = [each for each in (initial, after) if each is not None]
-    models = [each for each in given if not isinstance(each, str | tuple | dict)]
-    if given and not models:
-        raise InputError(f"{where} is a number or an array, expected a {type(given[0]).__name__}")
-    # An initial state may use NaN for unknown values.
-    unknown = any(each is initial and np.isnan(np.asarray(each)).any() for each in models)
-    if not unknown and not _is_number(found):
-        raise InputError(f"{where} is not finite")
-    shape, shapes = np.asarray(found).shape, [np.asarray(each).shape for each in models]
-    if not shapes or shape in shapes:
-        return
-    varies = len({*shapes}) > 1
-    if not varies or len(shape) != len(shapes[-1]) or shape[1:] != shapes[-1][1:]:
-        raise InputError(f"{where} has shape {shape}, expected {shapes[0]}")
-
-
 def _is_number(value: object) -> bool:
-    """True if the value is a finite number or an array of them."""
-    if isinstance(value, np.ndarray | np.generic):
-        return value.dtype.kind in "fiub" and bool(np.isfinite(value).all())
-    try:
-        return isinstance(value, float | int) and isfinite(value)
-    except OverflowError:
-        return False
-
-
-def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) < 60 else f"{text[:57]}..."
+    """True if the value is a number within bounds, or an array of them."""
+    array = np.asarray(value)  # integers without bound are objects
+    return array.dtype.kind in "fiub" and bool((np.abs(array.astype(float)) <= _MAX_VALUE).all())
 
 
 # ------------------------------------------------------------------ file

@@ -77,14 +77,11 @@ class LoopSettings:
 
     def __post_init__(self) -> None:
         check_choice("fallback", self.fallback, ("hold", "brake", "zero", "raise"))
-        check_number("max_speed", self.max_speed)
-        check_number("min_singular_value", self.min_singular_value, zero=True)
-        check_number("brake", self.brake, zero=True)
-        if self.timeout is not None:
-            check_number("timeout", self.timeout, zero=True)
         check_choice("velocity", self.velocity, ("measured", "filtered", "observer"))
-        if self.cutoff is not None:
-            check_number("cutoff", self.cutoff)
+        for name in ("max_speed", "cutoff", "timeout", "min_singular_value", "brake"):
+            value = getattr(self, name)
+            if value is not None:
+                check_number(name, value, zero=name not in ("max_speed", "cutoff"))
 
 
 def admit_model(reduced: object) -> ReducedModel:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Literal, NamedTuple, Unpack
 
 import numpy as np
@@ -19,8 +18,7 @@ from rnc_pin.control.actuator_velocity import (
     velocity_limits,
 )
 from rnc_pin.control.controller import KinematicController
-from rnc_pin.control.loop.control_loop import ControlLoop, Decision
-from rnc_pin.control.loop.loop_state import LoopState
+from rnc_pin.control.loop.control_loop import ControlLoop
 from rnc_pin.control.loop.options import (
     ControllerOrFactory,
     GuardOptions,
@@ -83,7 +81,7 @@ class VelocityInputLoop(ControlLoop):
         return np.zeros(self.reduced.p) if last is None else last * np.exp(-self.settings.brake * self.dt)
 
 
-class VelocityLoop:
+class VelocityLoop(VelocityInputLoop):
     """Run a kinematic controller on a robot that takes velocity commands.
 
     The guards are those of ``ControlLoop``: invalid measurements are rejected, the last command is held for
@@ -136,19 +134,13 @@ class VelocityLoop:
         fallback: Literal["zero", "brake", "hold", "raise"] = "zero",
         **options: Unpack[GuardOptions],
     ) -> None:
-        self.reduced = admit_model(reduced)
+        admit_model(reduced)
         target = admit_controller(target, of_measurement=True)
         check_choice("velocity", velocity, _VELOCITIES)
         self._commanded = velocity == "commanded"
-        self._loop = VelocityInputLoop(
-            reduced,
-            _velocity_controller(reduced, target, limits),
-            dt,
-            velocity="measured" if velocity == "commanded" else velocity,
-            limits=False,
-            fallback=fallback,
-            **options,
-        )
+        measured = "measured" if velocity == "commanded" else velocity
+        controller = _velocity_controller(reduced, target, limits)
+        super().__init__(reduced, controller, dt, velocity=measured, limits=False, fallback=fallback, **options)
         robot = reduced.robot
         self._base = None if base is None else robot.frame_id(base)
         self._base_entries = _BASES.get(robot.model.joints[1].shortname()) if robot.model.njoints > 1 else None
@@ -156,7 +148,7 @@ class VelocityLoop:
         self.joints = driven_joints(reduced) if joints is None else tuple(joints)
         self._entries = np.array([_entry(reduced, name) for name in self.joints], dtype=int)
 
-    def step(
+    def step(  # type: ignore[override]  # a command of velocities, in place of inputs
         self,
         t: float,
         q: Float[Array, " nq"],
@@ -175,13 +167,13 @@ class VelocityLoop:
             RncError: an invalid measurement or an error of the controller, with ``fallback="raise"``.
         """
         if self._commanded:
-            v = self._velocity(self._loop.state.T)
-        return self._command(self._loop.step(t, q, v, integrals))
+            v = self._velocity(self.state.T)
+        return self._command(super().step(t, q, v, integrals))
 
     @property
     def command(self) -> VelocityCommand:
         """Last command; zero velocities before the first step."""
-        u = self._loop.state.T
+        u = self.state.T
         return self._command(np.zeros(self.reduced.p) if u is None else u.copy())
 
     def _command(self, u: Array) -> VelocityCommand:
@@ -190,7 +182,7 @@ class VelocityLoop:
 
     def _velocity(self, u: Array | None) -> Array:
         """Velocity (nv,) of the robot with actuator velocities u, at the last valid configuration."""
-        state, last = self._loop.state, self._loop.last
+        state, last = self.state, self.last
         if last is not None and state.fault is None and last.command.v2_desired is not None:
             return np.array(last.state.configuration.velocity(last.command.v2_desired))
         if state.q is None or u is None or not u.any():
@@ -200,44 +192,12 @@ class VelocityLoop:
     def _twist(self, v: Array) -> BaseTwist | None:
         if self._base is None:
             return None if self._base_entries is None else BaseTwist(*v[list(self._base_entries)].tolist())
-        q, model, data = self._loop.state.q, self.reduced.robot.model, self._kinematics
+        q, model, data = self.state.q, self.reduced.robot.model, self._kinematics
         if q is None:
             return BaseTwist(0.0, 0.0, 0.0)
         pin.forwardKinematics(model, data, q, v)
         twist = pin.getFrameVelocity(model, data, self._base, pin.ReferenceFrame.LOCAL)
         return BaseTwist(float(twist.linear[0]), float(twist.linear[1]), float(twist.angular[2]))
-
-    # ------------------------------------------------------------------ state
-
-    @property
-    def state(self) -> LoopState:
-        """Data of the loop between two steps; its T are the velocities of the actuators."""
-        return self._loop.state
-
-    @property
-    def last(self) -> Decision | None:
-        """Result of the last step of the controller; None before the first."""
-        return self._loop.last
-
-    def reset(self) -> None:
-        """Clear the state: the next step is the first."""
-        self._loop.reset()
-
-    def resume(self, state: LoopState) -> None:
-        """Continue from a state of a loop with the same controller and model."""
-        self._loop.resume(state)
-
-    def save(self, path: str | Path) -> None:
-        """Write the state to an ``.npz`` file at a path."""
-        self._loop.save(path)
-
-    def load(self, path: str | Path) -> None:
-        """Continue bit for bit from the file of ``save`` at a path. If the file is invalid, the loop does not change.
-
-        Raises:
-            ConfigurationError: not a file of ``save``, of another controller or model, or with invalid values.
-        """
-        self._loop.load(path)
 
 
 def _velocity_controller(

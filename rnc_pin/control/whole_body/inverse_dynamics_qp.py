@@ -25,9 +25,8 @@ from rnc_pin.control.whole_body.task_hierarchy import (
 )
 from rnc_pin.control.whole_body.tasks.output_tasks import ControlTask
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
-from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE, LieRungeKutta4
-from rnc_pin.model.parameter_types import Positive
+from rnc_pin.model.parameter_types import Positive, check_positive_settings
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -137,10 +136,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         braking_time: Positive | None = 2.0,
         solver: str = "daqp",
     ) -> None:
-        given = ("dt", dt), ("velocity_gain", velocity_gain), ("friction", friction), ("braking_time", braking_time)
-        for name, value in given:
-            if value is not None and not 0 < value < np.inf:
-                raise ConfigurationError(f"{name} of an inverse-dynamics controller has to be positive, found {value}")
+        check_positive_settings(dt=dt, velocity_gain=velocity_gain, friction=friction, braking_time=braking_time)
         self.dt, self.velocity_gain, self.friction, self.braking_time = dt, velocity_gain, friction, braking_time
         super().__init__(reduced, tasks, limits, solver)
         self._contacts, self._integrator = ContactCones(reduced, friction), LieRungeKutta4(reduced.robot)

@@ -26,7 +26,7 @@ from rnc_pin.control.whole_body.task_hierarchy import (
 from rnc_pin.control.whole_body.tasks.output_tasks import ControlTask
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram, limit_report
 from rnc_pin.errors import ConfigurationError, InputError
-from rnc_pin.model.parameter_types import NotNegative
+from rnc_pin.model.parameter_types import NotNegative, check_positive_settings
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 
@@ -109,8 +109,7 @@ class VelocityQP(WholeBodyProgram):
         damping: NotNegative = 0.0,
         solver: str = "daqp",
     ) -> None:
-        if dt is not None and not 0 < dt < np.inf:
-            raise ConfigurationError(f"dt of a whole-body controller has to be positive, found {dt}")
+        check_positive_settings(dt=dt)
         if not 0 <= damping < np.inf:
             raise ConfigurationError(f"damping of a whole-body controller cannot be negative, found {damping}")
         self.dt, self.damping = dt, damping

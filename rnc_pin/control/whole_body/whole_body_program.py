@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -33,17 +33,6 @@ class LimitReport(NamedTuple):
     """Limits that gave way, with the amounts, because they excluded each other."""
     worst: Mapping[str, float]
     """The same since the start, with the largest amounts."""
-
-
-class LimitedState(Protocol):
-    """Part of a program's state that ``report`` reads."""
-
-    @property
-    def multipliers(self) -> Float[Array, "levels k"]: ...
-    @property
-    def excess(self) -> Float[Array, " k"]: ...
-    @property
-    def worst_excess(self) -> Float[Array, " k"]: ...
 
 
 class WholeBodyProgram(ReprMixin):
@@ -93,7 +82,7 @@ class WholeBodyProgram(ReprMixin):
                 f"a whole-body controller takes one state: v2 has shape {np.shape(v2)}, expected ({self._reduced.r},)"
             )
 
-    def report(self, state: LimitedState) -> LimitReport:
+    def report(self, state: State) -> LimitReport:
         """Return the limits that are active, and those that gave way."""
         return limit_report(self.limit_names, state.multipliers, state.excess, state.worst_excess)
 

@@ -227,7 +227,7 @@ def test_wheels_on_ice_do_not_slip_in_mujoco():
 
 @pytest.mark.parametrize(
     ("settings", "words"),
-    [({"dt": 0.0}, "dt of an inverse-dynamics"), ({"dt": 0.01, "friction": -1.0}, "friction of an inverse-dynamics")],
+    [({"dt": 0.0}, "dt: expected a positive"), ({"dt": 0.01, "friction": -1.0}, "friction: expected a positive")],
 )
 def test_settings_that_mean_nothing_are_refused(settings, words):
     with pytest.raises(rnc.ConfigurationError, match=words):

@@ -321,20 +321,26 @@ def test_bad_limits_are_refused():
         VelocityQP(reduced, [], [limit])
 
     for limit, words in [
-        (lambda: limits.JointPositionLimit(deceleration=-1.0), "positive deceleration"),
-        (lambda: limits.JointPositionLimit(margin=0.5), "margin of 0 to 0.5"),
+        (
+            lambda: limits.JointPositionLimit(deceleration=-1.0),
+            "deceleration of JointPositionLimit has to be above 0, found -1.0",
+        ),
+        (
+            lambda: limits.JointPositionLimit(margin=0.5),
+            "margin of JointPositionLimit has to be at least 0 and below 0.5, found 0.5",
+        ),
         (lambda: limits.JointPositionLimit(joints=["wheel_left_joint"]), "no position limits"),
-        (lambda: limits.JointVelocityLimit(margin=1.0), "margin of 0 to 1"),
-        (lambda: limits.JointVelocityLimit(limit=0.0), "margin of 0 to 1"),
+        (lambda: limits.JointVelocityLimit(margin=1.0), "at least 0 and below 1, found 1.0"),
+        (lambda: limits.JointVelocityLimit(limit=0.0), "above 0, found 0.0"),
         (lambda: limits.AccelerationLimit(0.0), "positive number or 12"),
         (lambda: limits.AccelerationLimit([1.0, 2.0]), "positive number or 12"),
         (lambda: limits.AccelerationLimit({}), "give one or more"),
         (lambda: limits.AccelerationLimit({"arm_1_joint": 1.0}, joints=["arm_2_joint"]), "no 'joints'"),
         (lambda: limits.AccelerationLimit({"arm_1_joint": -1.0}), "positive number or 1"),
-        (lambda: limits.BaseSpeedLimit("base_link", 0.0), "speed of 'base_link' has to be positive"),
-        (lambda: limits.BaseAccelerationLimit("base_link", -1.0), "acceleration of 'base_link' has to be positive"),
+        (lambda: limits.BaseSpeedLimit("base_link", 0.0), "limit of BaseSpeedLimit"),
+        (lambda: limits.BaseAccelerationLimit("base_link", -1.0), "limit of BaseAccelerationLimit"),
         (lambda: limits.WheelSpeedLimit(1.0, wheels=["wheel_left"]), "did you mean 'wheel_left_link'"),
-        (lambda: limits.WheelSpeedLimit(-1.0), "has to be positive"),
+        (lambda: limits.WheelSpeedLimit(-1.0), "has to be above 0"),
         (lambda: limits.RegionLimit("base_link"), "give a box, a polygon or half-spaces"),
         (lambda: limits.RegionLimit("base_link", box={"x": (1.0, 0.0)}), "x from 1.0 to 0.0 is empty"),
         (lambda: limits.RegionLimit("base_link", polygon=[(0, 0), (1, 0), (1, 1), (0.9, 0.1)]), "convex polygon"),

@@ -192,7 +192,7 @@ def test_bad_input_is_refused():
         program.step(0.0, rnc.Measurement(v2=np.zeros(reduced.r)), program.initial_state(rnc.Measurement()))
     with pytest.raises(rnc.InputError, match="takes one state"):
         program.initial_state(rnc.Measurement(v2=np.zeros((2, reduced.r))))
-    with pytest.raises(rnc.ConfigurationError, match="dt of a whole-body controller has to be positive, found -1"):
+    with pytest.raises(rnc.ConfigurationError, match="dt: expected a positive number, found -1"):
         VelocityQP(reduced, [], dt=-1.0)
     with pytest.raises(rnc.ConfigurationError, match="cannot be negative"):
         VelocityQP(reduced, [], damping=-1.0)

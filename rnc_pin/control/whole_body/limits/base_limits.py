@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
 from rnc_pin.constraints.ground_plane import RollingRows
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows
@@ -86,8 +85,6 @@ class _BoundNorm(BoundLimit):
 
     def __init__(self, frame: str, limit: float, reduced: ReducedModel, of_change: bool) -> None:
         what = "acceleration" if of_change else "speed"
-        if not 0 < limit < np.inf:
-            raise ConfigurationError(f"the limit of the {what} of '{frame}' has to be positive, found {limit}")
         self._frame, self._limit, self._of_change = reduced.robot.frame_id(frame), limit, of_change
         self.names = tuple(f"{frame} {what} at {360 * k / _SIDES:g} deg" for k in range(_SIDES))
 
@@ -99,9 +96,7 @@ class _BoundNorm(BoundLimit):
             upper = sample.dt * upper + _NORMALS @ at_start
         return LimitRows(jacobian, np.full(_SIDES, -np.inf), upper)
 
-    def exceeded_by(
-        self, state: StateEvaluation, time: float, mean: Float[Array, " nv"] | None = None
-    ) -> Float[Array, " k"] | None:
+    def exceeded_by(self, state: StateEvaluation, time: float, mean: Array | None = None) -> Array | None:
         if self._of_change:
             return None
         speed = float(np.linalg.norm(state.position.jacobian(self._frame)[:2] @ state.v))
@@ -140,8 +135,6 @@ class WheelSpeedLimit(ControlLimit):
 
 class _BoundWheels(BoundLimit):
     def __init__(self, limit: WheelSpeedLimit, reduced: ReducedModel) -> None:
-        if not 0 < limit.limit < np.inf:
-            raise ConfigurationError(f"a wheel speed limit has to be positive, found {limit.limit}")
         blocks = [place.block for place in reduced.all_constraints.places]
         rolling = {block.wheel: block for block in blocks if isinstance(block, RollingRows)}
         for name in limit.wheels or ():

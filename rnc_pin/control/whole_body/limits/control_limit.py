@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float, Int
 from rnc_pin.control.whole_body.control_sample import ControlSample
+from rnc_pin.model.parameter_types import check_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
@@ -77,6 +78,9 @@ class ControlLimit(ABC):
     hard: ClassVar[bool] = False
 
     priority: int = 0
+
+    def __post_init__(self) -> None:
+        check_settings(self)
 
     @abstractmethod
     def bind(self, reduced: ReducedModel) -> BoundLimit:

@@ -59,8 +59,6 @@ class _BoundRegion(BoundLimit):
         sides = [*_box_sides(limit), *_polygon_sides(limit), *_half_space_sides(limit)]
         if not sides:
             raise ConfigurationError(f"region of frame '{limit.frame}': give a box, a polygon or half-spaces")
-        if not 0 < limit.gain < np.inf:
-            raise ConfigurationError(f"region of frame '{limit.frame}': gain has to be positive, found {limit.gain}")
         self._frame, self._gain = reduced.robot.frame_id(limit.frame), limit.gain
         self.names = tuple(f"{limit.frame} {name}" for name, *_ in sides)
         self._normals, self._offsets = np.array([n for _, n, _ in sides]), np.array([c for *_, c in sides])
@@ -74,9 +72,7 @@ class _BoundRegion(BoundLimit):
         jacobian = self._normals @ at.jacobian(self._frame)[:3]
         return LimitRows(jacobian, self._below, self._gain * distance)
 
-    def exceeded_by(
-        self, state: StateEvaluation, time: float, mean: Float[np.ndarray, " nv"] | None = None
-    ) -> Float[np.ndarray, " k"]:
+    def exceeded_by(self, state: StateEvaluation, time: float, mean: np.ndarray | None = None) -> np.ndarray:
         return self._normals @ state.position.placement(self._frame).translation - self._offsets
 
 
@@ -185,15 +181,10 @@ class CollisionAvoidance(ControlLimit):
     deceleration: Positive | None = None
 
     def __post_init__(self) -> None:
-        if not 0 <= self.clearance < self.influence < np.inf or not 0 < self.rate < np.inf:
-            raise ConfigurationError(
-                "collision avoidance needs 0 <= clearance < influence and a positive rate, found clearance "
-                f"{self.clearance}, influence {self.influence} and rate {self.rate}"
-            )
-        if not (self.deceleration is None or 0 < self.deceleration < np.inf):
-            raise ConfigurationError(
-                f"the deceleration of collision avoidance has to be positive and finite, found {self.deceleration}"
-            )
+        super().__post_init__()
+        if not self.clearance < self.influence:
+            found = f"clearance {self.clearance} and influence {self.influence}"
+            raise ConfigurationError(f"collision avoidance needs clearance < influence, found {found}")
 
     def bind(self, reduced: ReducedModel) -> BoundLimit:
         return BoundCollisionAvoidance(self, reduced)
@@ -237,9 +228,7 @@ class BoundCollisionAvoidance(BoundLimit):
             places = places + number * len(self.clearances)
         return LimitRows(near.jacobian, lower, np.full(len(lower), np.inf), places)
 
-    def exceeded_by(
-        self, state: StateEvaluation, time: float, mean: Float[np.ndarray, " nv"] | None = None
-    ) -> Float[np.ndarray, " k"]:
+    def exceeded_by(self, state: StateEvaluation, time: float, mean: np.ndarray | None = None) -> np.ndarray:
         near, found = self.distances.at(state, time, self._nearest), np.zeros(len(self.names))
         found[near.pairs] = self.clearances[near.pairs] - near.distance
         return found

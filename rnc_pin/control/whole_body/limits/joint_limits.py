@@ -19,7 +19,7 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.parameter_types import Numbers, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.robots.joint_values import NO_LIMIT
+from rnc_pin.robots.joint_values import NO_LIMIT, known_velocity_limits
 from rnc_pin.robots.robot import Robot
 
 
@@ -68,23 +68,16 @@ def limited_velocities(robot: Robot, joints: Sequence[str] | None, limit: float 
         ModelError: unknown joint.
         ConfigurationError: a named joint has no velocity limit in the file, and none is given.
     """
-    model = robot.model
-    indices: list[int] = []
-    limits: list[float] = []
+    model, indices = robot.model, list[int]()
+    own = known_velocity_limits(model)
     for name in robot.joint_names if joints is None else joints:
         joint = model.joints[robot.joint_id(name)]
-        if limit is not None:
-            if joints is not None or joint.nv == 1:
-                indices += range(joint.idx_v, joint.idx_v + joint.nv)
-                limits += [limit] * joint.nv
-            continue
-        own = model.upperVelocityLimit[joint.idx_v : joint.idx_v + joint.nv]
-        limited = [i for i in range(joint.nv) if 0 < own[i] < NO_LIMIT]
+        limited = [i for i in range(joint.idx_v, joint.idx_v + joint.nv) if limit is not None or np.isfinite(own[i])]
         if joints is not None and not limited:
             raise ConfigurationError(f"joint '{name}' has no velocity limit in the robot's file: give one")
-        indices += [joint.idx_v + i for i in limited]
-        limits += [float(own[i]) for i in limited]
-    return indices, np.array(limits)
+        if joints is not None or limit is None or joint.nv == 1:
+            indices += limited
+    return indices, own[indices] if limit is None else np.full(len(indices), float(limit))
 
 
 def selection_rows(indices: Sequence[int], size: int) -> np.ndarray:
@@ -123,13 +116,6 @@ class JointVelocityLimit(ControlLimit):
     limit: Positive | None = None
     margin: Annotated[float, Ge(0), Lt(1)] = 1e-3
 
-    def __post_init__(self) -> None:
-        if not 0 <= self.margin < 1 or not (self.limit is None or self.limit > 0):
-            raise ConfigurationError(
-                f"a joint velocity limit needs a positive limit and a margin of 0 to 1, found {self.limit} and "
-                f"{self.margin}"
-            )
-
     def bind(self, reduced: ReducedModel) -> BoundLimit:
         return _BoundVelocities(self, reduced)
 
@@ -148,9 +134,7 @@ class _BoundVelocities(BoundLimit):
     def rows(self, sample: ControlSample) -> LimitRows:
         return self._rows
 
-    def exceeded_by(
-        self, state: StateEvaluation, time: float, mean: Float[np.ndarray, " nv"] | None = None
-    ) -> Float[np.ndarray, " k"]:
+    def exceeded_by(self, state: StateEvaluation, time: float, mean: Array | None = None) -> Array:
         fastest = np.abs(state.v[self._indices])
         if mean is not None:
             fastest = np.maximum(fastest, np.abs(mean[self._indices]))
@@ -192,13 +176,6 @@ class JointPositionLimit(ControlLimit):
     deceleration: Positive | None = None
     margin: Annotated[float, Ge(0), Lt(0.5)] = 1e-3
 
-    def __post_init__(self) -> None:
-        if not 0 <= self.margin < 0.5 or not (self.deceleration is None or 0 < self.deceleration < np.inf):
-            raise ConfigurationError(
-                "a joint position limit needs a positive deceleration and a margin of 0 to 0.5, found "
-                f"{self.deceleration} and {self.margin}"
-            )
-
     def bind(self, reduced: ReducedModel) -> BoundLimit:
         return _BoundPositions(self, reduced)
 
@@ -206,20 +183,17 @@ class JointPositionLimit(ControlLimit):
 class _BoundPositions(BoundLimit):
     def __init__(self, limit: JointPositionLimit, reduced: ReducedModel) -> None:
         found = limited_positions(reduced.robot, limit.joints)
-        self._q, self._v = found.q, found.v
+        self._q, self._v = self._places = np.array(found.q, dtype=int), np.array(found.v, dtype=int)
         room = limit.margin * (found.upper - found.lower)
-        self._lower, self._upper = found.lower + room, found.upper - room
         self._ends = found.lower, found.upper
         names = reduced.robot.velocity_names
         self.names = tuple(f"{names[index]} position" for index in found.v)
         self._jacobian = selection_rows(found.v, reduced.n)
-        fastest = np.abs(reduced.robot.model.upperVelocityLimit[found.v])
-        limited = (fastest > 0) & (fastest < NO_LIMIT)
+        fastest = known_velocity_limits(reduced.robot.model)[found.v]
         by_range = (found.upper - found.lower) / _CROSSING_TIME**2
-        own = np.where(limited, np.where(limited, fastest, 0.0) / _STOPPING_TIME, by_range)
-        self._deceleration = own if limit.deceleration is None else np.full(len(own), limit.deceleration)
-        self._places = np.array(found.q, dtype=int), np.array(found.v, dtype=int)
-        self._limits = np.array([self._lower, self._upper, self._deceleration])
+        own = np.where(np.isfinite(fastest), fastest / _STOPPING_TIME, by_range)
+        deceleration = own if limit.deceleration is None else np.full(len(own), limit.deceleration)
+        self._limits = np.array([found.lower + room, found.upper - room, deceleration])
         self._braking = PlannedBraking(reduced) if limit.deceleration is None else None
         self._sides = np.vstack([-self._jacobian, self._jacobian])
 
@@ -228,17 +202,15 @@ class _BoundPositions(BoundLimit):
         limits, bounds = self._limits, np.empty((2, len(self._v)))
         if self._braking is not None:
             planned = self._braking.decelerations(self._sides, start).reshape(2, -1).min(axis=0)
-            limits = np.array([self._lower, self._upper, np.minimum(self._deceleration, planned)])
+            limits = np.array([*limits[:2], np.minimum(limits[2], planned)])
         if _kernel.library.stopping_velocities(start.q, start.v, *self._places, limits, sample.dt, bounds):
             return LimitRows(self._jacobian, bounds[0], bounds[1])
         q, ahead = start.q[self._q], 0.5 * sample.dt * start.v[self._v]
-        room = np.array([self._upper - q - ahead, q + ahead - self._lower])
+        room = np.array([limits[1] - q - ahead, q + ahead - limits[0]])
         upper, lower = velocity_to_stop(room, limits[2], sample.dt)
         return LimitRows(self._jacobian, -lower, upper)
 
-    def exceeded_by(
-        self, state: StateEvaluation, time: float, mean: Float[Array, " nv"] | None = None
-    ) -> Float[Array, " k"]:
+    def exceeded_by(self, state: StateEvaluation, time: float, mean: Array | None = None) -> Array:
         q, (lower, upper) = state.q[self._q], self._ends
         return np.maximum(q - upper, lower - q)
 
