@@ -7,7 +7,7 @@ import pytest
 import rnc_pin as rnc
 from benchmarks.planned_models import car, mobile_manipulator, tractor
 from rnc_pin.control import NavigationController, WayFollowing
-from rnc_pin.planning.kinematic_flow import KinematicFlow
+from rnc_pin.planning.action_models import KinematicFlow
 from systems import ROLLERS, WHEEL, mecanum, with_box
 
 Obstacle = rnc.collision.Obstacle

@@ -7,6 +7,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from node_rows import check_rows
 from rnc_pin.optimal import (
     EffortCost,
     InputBound,
@@ -25,8 +26,6 @@ from rnc_pin.optimal.node_data import NodeData
 from rnc_pin.optimal.set_point import first_motion, quadratic_set_point
 from rnc_pin.planning.action_models import Nodes
 from textbook_systems import unicycle_with_trailers
-
-STEP = 1e-6
 
 
 def drive():
@@ -139,13 +138,8 @@ def test_derivatives(form, spread):
     cost, generator = SetPointCost(center, precision=0.1).bind(model), np.random.default_rng(1)
     q = np.repeat(center[None], 4, axis=0)
     q = model.manifold.integrate(q, generator.uniform(-spread, spread, (4, model.nv)))
-    w = generator.normal(size=(4, model.nw))
-    found = cost.rows(nodes_at(model, q, w), True)
-    np.testing.assert_allclose(found.value, cost.rows(nodes_at(model, q, w), False).value, rtol=1e-12)
-    for k, d in enumerate(np.eye(model.nx) * STEP):
-        moved = (model.displaced(Nodes(q, w), np.tile(s * d, (4, 1))) for s in (1, -1))
-        ahead, behind = (cost.rows(nodes_at(model, *each), False).value for each in moved)
-        np.testing.assert_allclose(found.x[:, :, k], (ahead - behind) / (2 * STEP), rtol=1e-5, atol=1e-6)
+    at, u = Nodes(q, generator.normal(size=(4, model.nw))), np.zeros((4, model.nu))
+    check_rows(model, cost, at, u, step=1e-6, rtol=1e-5)
 
 
 def test_no_cost_and_no_slope_at_the_goal():
