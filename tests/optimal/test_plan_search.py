@@ -166,8 +166,7 @@ def test_a_line_that_the_rows_allow_is_the_only_guess():
 
 def across(place):
     """A box on Mecanum wheels whose straight line leads along x, and a wall across x = 1.5."""
-    rows = [rnc.RollingWheel(name, systems.WHEEL, roller=roller) for name, roller in systems.ROLLERS.items()]
-    reduced = rnc.NonholonomicSystem(systems.with_box(systems.mecanum().robot, "base", 0.6, 0.4, 0.2), rows).reduce()
+    reduced = systems.mecanum_box()
     wall = rnc.collision.Obstacle(coal.Box(0.4, 2.0, 2.0), position=(1.5, place, 0.0), name="wall")
     distances = rnc.collision.CollisionDistances(reduced.robot, [wall], rnc.collision.PairSelection(links=False))
     goal = {rnc.FramePosition("base", "xy"): [3.0, 0.0], rnc.FrameYaw("base"): 0.0}
