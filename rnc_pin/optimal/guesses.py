@@ -36,8 +36,8 @@ _LOOPS = 4  # loops that are tried
 _SHORT = 1e-6  # length of a segment of a path that counts as none, in turning radii
 _PATIENCE = 10  # singular random motions in succession after which no more are drawn
 
-Guess = MotionPlan | Iterate | Way | ArrayLike | None
-"""Another plan, a motion, a way, or configurations (n, nq) at equal times; None for the straight line."""
+Guess = MotionPlan | Way | ArrayLike | None
+"""Another plan, a way, or configurations (n, nq) at equal times; None for the straight line."""
 
 
 def guesses(
@@ -48,7 +48,7 @@ def guesses(
     Args:
         problem: the problem.
         goal: the goal, for the straight line.
-        given: a plan, a way, configurations (n, nq) at equal times, an iterate, or None for the straight line.
+        given: a plan, a way, configurations (n, nq) at equal times, or None for the straight line.
         seeds: number of guesses after it: detours first, then loops of the shape, then random ones.
         seed: of the random generator.
     """
@@ -359,11 +359,9 @@ def goal_configuration(reduced: ReducedModel, q0: Array, goal: Goal | None) -> A
     return np.array(found.q) if found.converged else q0
 
 
-def _given(problem: Transcription, given: MotionPlan | Iterate | Way | ArrayLike, duration: float) -> Iterate:
-    """Guess from a plan, an iterate, a way or configurations."""
+def _given(problem: Transcription, given: MotionPlan | Way | ArrayLike, duration: float) -> Iterate:
+    """Guess from a plan, a way or configurations."""
     K, model = problem.K, problem.model
-    if isinstance(given, Iterate):
-        return given
     if isinstance(given, Way):
         q, nodes, mean = motion_along(given, K, duration)
         if model.form == "kinematic":
