@@ -27,8 +27,8 @@ from benchmarks.planned_models import car, tractor
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.planning import OutputTarget, Way, WaySettings, find_steering, find_way
+from rnc_pin.planning.action_models import KinematicFlow
 from rnc_pin.planning.exact_steering import ExactMotion
-from rnc_pin.planning.kinematic_flow import KinematicFlow
 from rnc_pin.planning.steering_detection import planned_velocities
 from rnc_pin.planning.way_checking import WayChecker
 

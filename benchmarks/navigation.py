@@ -36,7 +36,7 @@ from benchmarks.set_points import mecanum as tiago_pro
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.control import NavigationController, WayFollowing
 from rnc_pin.planning import ReferencePoint, find_steering
-from rnc_pin.planning.kinematic_flow import KinematicFlow
+from rnc_pin.planning.action_models import KinematicFlow
 
 
 def mecanum() -> rnc.ReducedModel:

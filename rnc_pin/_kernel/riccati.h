@@ -1,5 +1,5 @@
-/* Linear-quadratic problems: the Riccati recursion and an interior-point method; see optimal/linear_quadratic.py and
-   interior_point.py. Included at the end of kernel.c. */
+/* Linear-quadratic problems: the Riccati recursion and an interior-point method; see
+   optimal/interior_point.py. Included at the end of kernel.c. */
 
 /* Functions with long loops, also for processors with vectors of four numbers; the results have the same bits. */
 #if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeGuard
+from typing import Annotated, Literal
 
 import coal
 import numpy as np
+import yaml
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
+from pydantic import Field, model_validator
 
 from rnc_pin.array_shapes import Bool, Float, Int
 from rnc_pin.collision.shapes import Obstacle
-from rnc_pin.errors import InputError, ModelError, nearest
+from rnc_pin.errors import ConfigurationError, InputError, ModelError
 from rnc_pin.io.safe_read import load_yaml, read_bytes
+from rnc_pin.io.strict_mapping import Strict, validated, wrong
 from rnc_pin.printing import printed
 from rnc_pin.robots.sources.mesh_formats import FORMATS, Mesh, MeshError, read_mesh
 from rnc_pin.robots.sources.mesh_formats.simple_formats import ply_points
@@ -252,8 +254,6 @@ def _cells(low: Float[Array, "n 3"], size: Float[Array, "n 3"], side: float, nam
 
 # ------------------------------------------------------------------ maps
 
-_KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
-_NEEDED = _KEYS[:6]
 _LARGEST = 2**26  # pixels of an image
 
 
@@ -322,65 +322,43 @@ def load_map(path: str | Path, name: str = "map") -> OccupancyMap:
     """
     path = Path(path)
     title = f"map '{path.name}'"
-    content = _content(path, title)
-    resolution = _number(content, "resolution", title)
-    low, high = (_number(content, key, title) for key in ("free_thresh", "occupied_thresh"))
-    if not (resolution > 0.0 and 0.0 <= low < high <= 1.0):
-        raise ModelError(
-            f"{title}: expected a positive resolution and 0 <= free_thresh < occupied_thresh <= 1, "
-            f"found {resolution:g}, {low:g} and {high:g}"
-        )
-    if content["negate"] not in (0, 1):
-        raise ModelError(f"{title}: negate: expected 0 or 1, found {content['negate']!r}")
-    if (mode := content.get("mode", "trinary")) not in ("trinary", "scale"):
-        raise ModelError(f"{title}: mode: expected 'trinary' or 'scale', found {mode!r}")
-    origin = content["origin"]
-    if not isinstance(origin, list) or len(origin) != 3 or not all(_is_number(each) for each in origin):
-        raise ModelError(f"{title}: origin: expected x, y and yaw, found {origin!r}")
-    bright, transparent = _pixels(path, content["image"], title)
-    occupancy = bright if content["negate"] else 1.0 - bright
-    seen = ~transparent if mode == "scale" else np.ones_like(transparent)
-    occupied = (occupancy > high) & seen
-    unknown = ~occupied & ~((occupancy < low) & seen)
+    try:
+        keys = validated(_MapKeys, load_yaml(read_bytes(path).decode()), title)
+    except (ConfigurationError, OSError, ValueError, yaml.YAMLError) as error:
+        text = " ".join(str(error).split()).removeprefix(f"{title}: ")
+        raise ModelError(f"{title}: {text}") from None
+    bright, transparent = _pixels(path, keys.image, title)
+    occupancy = bright if keys.negate else 1.0 - bright
+    seen = ~transparent if keys.mode == "scale" else np.ones_like(transparent)
+    occupied = (occupancy > keys.occupied_thresh) & seen
+    unknown = ~occupied & ~((occupancy < keys.free_thresh) & seen)
     for array in (occupied, unknown):
         array.setflags(write=False)
-    return OccupancyMap(occupied, unknown, resolution, np.array(origin, dtype=float), name)
+    return OccupancyMap(occupied, unknown, keys.resolution, np.array(keys.origin), name)
 
 
-def _content(path: Path, title: str) -> Mapping[str, object]:
-    """Mapping of a map's YAML file."""
-    try:
-        content = load_yaml(read_bytes(path).decode())
-    except (OSError, ValueError) as error:
-        raise ModelError(f"{title}: {error}") from None
-    if not isinstance(content, dict):
-        raise ModelError(f"{title}: expected the keys {', '.join(_NEEDED)}")
-    for key in content:
-        if key not in _KEYS:
-            raise ModelError(f"{title}: unknown key '{key}'{nearest(str(key), _KEYS)}")
-    for key in _NEEDED:
-        if key not in content:
-            raise ModelError(f"{title}: no key '{key}'; expected {', '.join(_NEEDED)}")
-    return content
+class _MapKeys(Strict):
+    """Keys of a map's YAML file."""
+
+    image: str
+    resolution: Annotated[float, Field(gt=0)]
+    origin: Annotated[list[float], Field(min_length=3, max_length=3)]
+    negate: Literal[0, 1]
+    occupied_thresh: Annotated[float, Field(ge=0, le=1)]
+    free_thresh: Annotated[float, Field(ge=0, le=1)]
+    mode: Literal["trinary", "scale"] = "trinary"
+
+    @model_validator(mode="after")
+    def _in_order(self) -> _MapKeys:
+        if not self.free_thresh < self.occupied_thresh:
+            raise wrong("free_thresh", f"expected less than occupied_thresh, found {self.free_thresh:g}")
+        return self
 
 
-def _number(content: Mapping[str, object], key: str, title: str) -> float:
-    value = content[key]
-    if not _is_number(value):
-        raise ModelError(f"{title}: {key}: expected a number, found {value!r}")
-    return value
-
-
-def _is_number(value: object) -> TypeGuard[float]:
-    return not isinstance(value, bool) and isinstance(value, int | float) and bool(np.isfinite(value))
-
-
-def _pixels(path: Path, image: object, title: str) -> tuple[Float[Array, "n m"], Bool[Array, "n m"]]:
+def _pixels(path: Path, image: str, title: str) -> tuple[Float[Array, "n m"], Bool[Array, "n m"]]:
     """Brightness from 0 to 1 of the cells, the lowest row first, and the mask of transparent ones."""
     from PIL import Image, UnidentifiedImageError
 
-    if not isinstance(image, str):
-        raise ModelError(f"{title}: image: expected a file name, found {image!r}")
     file = (path.parent / image).resolve()
     if not file.is_relative_to(path.parent.resolve()):
         raise ModelError(f"{title}: image '{image}' is not in the folder of the map")

@@ -222,30 +222,21 @@ class PairMeasurement:
         Raises:
             SimulationError: coal finds no depth of a penetration.
         """
-        if self._memory is None:
-            return self._measure_by_attributes(pairs)
-        clear, read, arguments = self._result.clear, self._memory.tobytes, self._arguments
+        read = self._attributes if self._memory is None else self._memory.tobytes
+        clear, arguments = self._result.clear, self._arguments
         found = []
         for pair in pairs:
             clear()
             if not coal.distance(*arguments[pair]) > _FAILED:
-                raise self._failure(pair)
+                raise SimulationError(f"coal found no penetration depth of {self._pairs[pair].label}")
             found.append(read())
         return np.frombuffer(b"".join(found)).reshape(-1, NUMBERS)
 
-    def _measure_by_attributes(self, pairs: Sequence[int]) -> Float[np.ndarray, "k 10"]:
-        found, result = np.empty((len(pairs), NUMBERS)), self._result
-        for row, pair in zip(found, pairs, strict=True):
-            result.clear()
-            row[0] = coal.distance(*self._arguments[pair])
-            if not row[0] > _FAILED:
-                raise self._failure(pair)
-            row[1:4], row[4:7], row[7:] = result.normal, result.getNearestPoint1(), result.getNearestPoint2()
-        found.flags.writeable = False
-        return found
-
-    def _failure(self, pair: int) -> SimulationError:
-        return SimulationError(f"coal found no penetration depth of {self._pairs[pair].label}")
+    def _attributes(self) -> bytes:
+        """Numbers of the last result, where its memory has another order."""
+        result = self._result
+        points = result.getNearestPoint1(), result.getNearestPoint2()
+        return np.concatenate([[result.min_distance], result.normal, *points]).tobytes()
 
 
 def _memory_of(result: coal.DistanceResult) -> Float[np.ndarray, " 10"] | None:

@@ -6,6 +6,7 @@ from rnc_pin.planning.action_models import action_model as action_model
 
 from .bounds import BoundKind as BoundKind
 from .bounds import DistanceBound as DistanceBound
+from .bounds import FileLimits as FileLimits
 from .bounds import InputBound as InputBound
 from .bounds import OutputBound as OutputBound
 from .bounds import VelocityBound as VelocityBound
@@ -18,7 +19,6 @@ from .costs import OutputCost as OutputCost
 from .costs import PostureCost as PostureCost
 from .costs import VelocityCost as VelocityCost
 from .costs import Weight as Weight
-from .file_limits import FileLimits as FileLimits
 from .guesses import driven_configurations as driven_configurations
 from .guesses import goal_configuration as goal_configuration
 from .motion_plan import Integration as Integration

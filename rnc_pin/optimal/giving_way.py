@@ -106,10 +106,10 @@ class GivingWay:
                 budget.spend(_DRAWN)
                 time = self._times(motion.steps)
                 begin, arrival = departure + parent.time, departure + parent.time + float(time[-1])
-                if self._free(budget, motion.q, begin + time, motion.steps) < arrival:
+                if self._free(budget, motion.q, begin + time) < arrival:
                     continue
                 stands = np.array([arrival, max(last, arrival)])
-                free = self._free(budget, motion.q[-1:], stands, motion.steps[:0])
+                free = self._free(budget, motion.q[[-1, -1]], stands)
                 if free < parent.free - _WORSE or (still is not None and not still.is_free(motion)):
                     continue
                 steps = np.concatenate([parent.steps, motion.steps])
@@ -165,17 +165,12 @@ class GivingWay:
         sizes = np.abs(steps[:, self._finder.planned]).max(axis=1) / np.maximum(least, 1e-300)
         return np.concatenate([[0.0], np.cumsum(least / share + share * sizes / self._following.acceleration)])
 
-    def _free(self, budget: SearchBudget, q: Array, time: Array, steps: Array) -> float:
+    def _free(self, budget: SearchBudget, q: Array, time: Array) -> float:
         """Time until which looks at a drive see no obstacle that is too near [s]."""
         before = -np.inf
         for at in np.linspace(time[0], time[-1], int(np.clip(np.ceil((time[-1] - time[0]) / _LOOKS), 1, 100)) + 1):
             budget.spend(_LOOK)
-            place = q[-1]
-            if len(steps):
-                k = int(np.clip(np.searchsorted(time, at, "right") - 1, 0, len(steps) - 1))
-                part = (at - time[k]) / max(time[k + 1] - time[k], 1e-300)
-                place = self._steering.manifold.integrate(q[k][None], part * steps[k][None])[0]
-            if self._moving.violation(place, float(at)) is not None:
+            if self._moving.violation(self._moving.between(time, q, float(at)), float(at)) is not None:
                 return before
             before = float(at)
         return before

@@ -36,8 +36,8 @@ _LOOPS = 4  # loops that are tried
 _SHORT = 1e-6  # length of a segment of a path that counts as none, in turning radii
 _PATIENCE = 10  # singular random motions in succession after which no more are drawn
 
-Guess = MotionPlan | Iterate | Way | ArrayLike | None
-"""Another plan, a motion, a way, or configurations (n, nq) at equal times; None for the straight line."""
+Guess = MotionPlan | Way | ArrayLike | None
+"""Another plan, a way, or configurations (n, nq) at equal times; None for the straight line."""
 
 
 def guesses(
@@ -48,7 +48,7 @@ def guesses(
     Args:
         problem: the problem.
         goal: the goal, for the straight line.
-        given: a plan, a way, configurations (n, nq) at equal times, an iterate, or None for the straight line.
+        given: a plan, a way, configurations (n, nq) at equal times, or None for the straight line.
         seeds: number of guesses after it: detours first, then loops of the shape, then random ones.
         seed: of the random generator.
     """
@@ -249,7 +249,8 @@ def _circular(circles: Array, turns: Array, steps: int, duration: float) -> Arra
 
 def _driven(model: ActionModel, q0: Array, v2: Array, duration: float) -> Array:
     """Configurations (n, steps + 1, nq) of n motions with velocities (n, steps, r), each for an equal time."""
-    kinematic, (count, steps, _) = KinematicModel(model.reduced), v2.shape
+    kinematic = model if isinstance(model, KinematicModel) else KinematicModel(model.reduced)
+    count, steps, _ = v2.shape
     now = Nodes(np.repeat(q0[None], count, axis=0), np.empty((count, 0)))
     found = [now.q]
     for k in range(steps):
@@ -309,13 +310,9 @@ def driven_configurations(
     total = reference.duration if duration is None else duration
     if not 0 < total < np.inf:
         raise InputError(f"duration: expected a positive number, found {total:g}")
-    model, h = KinematicModel(reduced), total / (count - 1)
-    now = Nodes(np.array(reduced.at(q0).q)[None], np.empty((1, 0)))
-    found = [now.q[0]]
-    for k in range(count - 1):
-        now = model.step(now, reference.at((k + 0.5) * h).velocity[None], np.array([h]))
-        found.append(now.q[0])
-    return np.array(found)
+    h = total / (count - 1)
+    v2 = np.array([reference.at((k + 0.5) * h).velocity for k in range(count - 1)])
+    return _driven(KinematicModel(reduced), np.array(reduced.at(q0).q), v2[None], total)[0]
 
 
 def inputs_for(model: ActionModel, at: Nodes, rates: Array) -> Array:
@@ -362,11 +359,9 @@ def goal_configuration(reduced: ReducedModel, q0: Array, goal: Goal | None) -> A
     return np.array(found.q) if found.converged else q0
 
 
-def _given(problem: Transcription, given: MotionPlan | Iterate | Way | ArrayLike, duration: float) -> Iterate:
-    """Guess from a plan, an iterate, a way or configurations."""
+def _given(problem: Transcription, given: MotionPlan | Way | ArrayLike, duration: float) -> Iterate:
+    """Guess from a plan, a way or configurations."""
     K, model = problem.K, problem.model
-    if isinstance(given, Iterate):
-        return given
     if isinstance(given, Way):
         q, nodes, mean = motion_along(given, K, duration)
         if model.form == "kinematic":

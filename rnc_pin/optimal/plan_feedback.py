@@ -21,7 +21,7 @@ from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.costs import Weight, weights_of
 from rnc_pin.optimal.guesses import inputs_for
-from rnc_pin.optimal.linear_quadratic import RiccatiFactors
+from rnc_pin.optimal.interior_point import RiccatiFactors
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.planning.action_models import ActionModel, Form, KinematicModel, Nodes, action_model
 from rnc_pin.printing import ReprMixin

@@ -136,15 +136,18 @@ class PlanSearch:
         self._left, self._spent = 0.0, False
         self._given: Iterate | None = None
 
-    def run(self, starts: Iterator[tuple[str, Iterate]]) -> MotionPlan:
+    def run(self, first: tuple[str, Iterate], further: Iterator[tuple[str, Iterate]]) -> MotionPlan:
         """Return the first verified plan: the cheapest of the wanted solutions, else the next one.
+
+        Args:
+            first: the first named guess.
+            further: guesses after it.
 
         Raises:
             InfeasibleError: there is none.
         """
-        first = next(starts)
         self._given = first[1] if first[0] == GIVEN else None
-        starts = chain([first], starts)
+        starts = chain([first], further)
         with closing(GuessSolver(self._problem, self._settings).solutions(starts, self._effort.jobs)) as found:
             return self._cheapest(found)
 
@@ -313,15 +316,15 @@ class PlanSearch:
             info=info,
         )
         gains = None if self._gains is None else _checked(self._gains(plan), plan)
-        verified = verify_inputs(problem, at, settings.substeps, gains, settings.accuracy)
-        confirmed = verified.verification.violation <= settings.accuracy and found.outcome != "infeasible"
+        verified, excesses = verify_inputs(problem, at, settings.substeps, gains, settings.accuracy)
+        confirmed = verified.violation <= settings.accuracy and found.outcome != "infeasible"
         info = replace(
             info,
             outcome=found.outcome if confirmed else "unverified",
-            verification=verified.verification,
-            findings=plan_findings(problem, at, verified.excesses, verified.verification, settings.accuracy),
+            verification=verified,
+            findings=plan_findings(problem, at, excesses, verified, settings.accuracy),
         )
-        return _Made(replace(plan, info=info), candidate, verified.excesses)
+        return _Made(replace(plan, info=info), candidate, excesses)
 
     # ------------------------------------------------------------------ refusal
 

@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import chain
 from typing import Annotated, Literal
 
 import numpy as np
@@ -17,9 +16,17 @@ from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, ModelWarning
 from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.bounds import DISTANCE, BoundKind, DistanceBound, DistanceRows, Goal, GoalRows, NodeBound
+from rnc_pin.optimal.bounds import (
+    DISTANCE,
+    BoundKind,
+    DistanceBound,
+    DistanceRows,
+    FileLimits,
+    Goal,
+    GoalRows,
+    NodeBound,
+)
 from rnc_pin.optimal.costs import CostKind, EffortCost, OutputCost
-from rnc_pin.optimal.file_limits import FileLimits
 from rnc_pin.optimal.guesses import Guess, guesses
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.node_data import NodeData
@@ -252,13 +259,11 @@ def plan_motion(
             problem = problem.with_reserve(limits.reserve)
         _warn_of_differences(problem)
         starts = guesses(problem, goal, guess, seeds + wanted - 1, seed)
+        first = next(starts)
+        effort = SearchEffort(wanted, np.inf, alone=not seeds and wanted == 1, jobs=jobs, progress=progress)
         if solutions is None and seeds and guess is None:
-            first = next(starts)
-            several, starts = _bends(problem, first[1]), chain([first], starts)
-            effort = SearchEffort(_USUAL if several else 1, _USUAL, jobs=jobs, progress=progress)
-        else:
-            effort = SearchEffort(wanted, np.inf, alone=not seeds and wanted == 1, jobs=jobs, progress=progress)
-        return PlanSearch(problem, settings, _gains(reduced, feedback), effort).run(starts)
+            effort = effort._replace(solutions=_USUAL if _bends(problem, first[1]) else 1, guesses=_USUAL)
+        return PlanSearch(problem, settings, _gains(reduced, feedback), effort).run(first, starts)
 
     if isinstance(guess, Way) and not guess.v.any():
         guess = guess.q[[0, -1]]  # a way that stays has no pieces

@@ -26,8 +26,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import RncError, SimulationError
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.optimal.bounds import DISTANCE
-from rnc_pin.optimal.interior_point import Direction, InteriorPointSolver
-from rnc_pin.optimal.linear_quadratic import LinearQuadratic
+from rnc_pin.optimal.interior_point import Direction, InteriorPointSolver, LinearQuadratic
 from rnc_pin.optimal.transcription import Iterate, Transcription, Values, Violation
 
 _LENGTHS = 0.5 ** np.arange(8)

@@ -35,7 +35,7 @@ from rnc_pin.model.task import OutputTarget
 from rnc_pin.optimal.bounds import BoundKind, Goal, GoalRows
 from rnc_pin.optimal.costs import BoundCost, CostKind, OutputCost, Phase, PostureCost, weights_of
 from rnc_pin.optimal.motion_plan import MotionPlan
-from rnc_pin.optimal.node_data import NodeData, NodeOutputs, OutputChoice, RowValues, velocity_rows
+from rnc_pin.optimal.node_data import NodeData, NodeOutputs, RowValues, velocity_rows
 from rnc_pin.optimal.planner import plan_motion
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.transcription import Iterate
@@ -347,21 +347,11 @@ def quadratic_set_point(model: ActionModel, costs: Sequence[CostKind]) -> SetPoi
         if isinstance(cost, PostureCost) and cost.phase != "running":
             found = cost.q
         elif isinstance(cost, OutputCost) and cost.phase != "running" and not isinstance(cost.target, Reference):
-            goal |= _targets(model, cost.output, np.atleast_1d(np.asarray(cost.target, dtype=float)))
+            single: list[OutputTarget] = list(cost.output) if isinstance(cost.output, list | tuple) else [cost.output]  # type: ignore[list-item]
+            ends = np.cumsum([NodeOutputs(model.reduced, each).size for each in single])[:-1]
+            goal |= zip(single, np.split(np.atleast_1d(np.asarray(cost.target, dtype=float)), ends), strict=True)
     try:
         point = SetPoint(model.reduced, goal if found is None else found) if goal or found is not None else None
     except RncError:  # the costs determine no set point, or not one that is reached
         return None
     return point if point is not None and max(point.coordinates.weights) > 1 else None
-
-
-def _targets(model: ActionModel, chosen: OutputChoice, target: Array) -> dict[OutputTarget, ArrayLike]:
-    """Targets of single outputs, from those of an output or of a list of them."""
-    parts: dict[OutputTarget, ArrayLike] = {}
-    begin = 0
-    single: list[OutputTarget] = list(chosen) if isinstance(chosen, list | tuple) else [chosen]  # type: ignore[list-item]
-    for each in single:
-        size = NodeOutputs(model.reduced, each).size
-        parts[each] = target[begin : begin + size]
-        begin += size
-    return parts

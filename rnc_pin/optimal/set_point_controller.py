@@ -16,9 +16,8 @@ from rnc_pin.errors import RncError
 from rnc_pin.model.parameter_types import Positive, check_positive_settings
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.bounds import BoundKind, DistanceBound, Goal, InputBound, OutputBound
+from rnc_pin.optimal.bounds import BoundKind, DistanceBound, FileLimits, Goal, InputBound, OutputBound
 from rnc_pin.optimal.costs import CostKind
-from rnc_pin.optimal.file_limits import FileLimits
 from rnc_pin.optimal.guesses import inputs_for
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.node_data import NodeData

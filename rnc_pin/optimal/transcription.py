@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.optimal.bounds import DISTANCE, GoalRows, NodeBound
 from rnc_pin.optimal.costs import BoundCost
-from rnc_pin.optimal.linear_quadratic import LinearQuadratic, RiccatiFactors
+from rnc_pin.optimal.interior_point import LinearQuadratic, RiccatiFactors
 from rnc_pin.optimal.node_data import NodeData
 from rnc_pin.planning.action_models import ActionModel, Nodes, StepDerivatives
 

@@ -58,21 +58,16 @@ class Excess(NamedTuple):
     limit: float
 
 
-class Verified(NamedTuple):
-    """Result of a verification, and the rows that the motion of the integration that decides exceeds, largest first."""
-
-    verification: PlanVerification
-    excesses: tuple[Excess, ...]
-
-
 def verify_inputs(
     problem: Transcription,
     at: Iterate,
     substeps: int,
     gains: Float[Array, "K nu nx"] | None,
     accuracy: float,
-) -> Verified:
+) -> tuple[PlanVerification, tuple[Excess, ...]]:
     """Integrate the inputs from the start, and compare with bounds and goal at every fine step and between them.
+
+    Returns the result, and the rows that the motion of the integration that decides exceeds, largest first.
 
     Args:
         problem: the problem.
@@ -82,10 +77,10 @@ def verify_inputs(
         accuracy: distance below a clearance up to which a motion between fine steps needs no further measurement [m].
     """
     alone, excesses = _integrated(problem, at, substeps, None, accuracy)
-    if gains is None:
-        return Verified(PlanVerification(alone, None, substeps), excesses)
-    followed, excesses = _integrated(problem, at, substeps, gains, accuracy)
-    return Verified(PlanVerification(alone, followed, substeps), excesses)
+    followed = None
+    if gains is not None:
+        followed, excesses = _integrated(problem, at, substeps, gains, accuracy)
+    return PlanVerification(alone, followed, substeps), excesses
 
 
 def _integrated(

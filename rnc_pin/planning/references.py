@@ -5,6 +5,8 @@ Every reference has ``size`` and ``at(t)``. SciPy computes the splines.
 
 from __future__ import annotations
 
+import math
+from abc import abstractmethod
 from bisect import bisect_right
 from collections.abc import Sequence
 from math import comb, perm
@@ -20,8 +22,29 @@ from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
 from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
-from rnc_pin.planning.reference_summary import ReferenceSummary
-from rnc_pin.printing import printed
+from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, described, printed
+
+
+class _Point(Protocol):
+    @property
+    def position(self) -> np.ndarray: ...
+
+
+class ReferenceSummary(SummaryMixin):
+    """Mixin of references that prints them: positions have the units of the outputs that the reference is for."""
+
+    size: int
+    duration: float
+
+    @abstractmethod
+    def at(self, t: float) -> _Point: ...
+
+    def _summary(self) -> ObjectSummary:
+        end = "never rests" if math.isinf(self.duration) else f"rests from t = {self.duration:g} s on"
+        times = [0.0] if math.isinf(self.duration) or not self.duration else [0.0, self.duration]
+        lines = [(f"position at t = {t:g} s", described(self.at(t).position)) for t in times]
+        return ObjectSummary(f"{type(self).__name__} of {counted(self.size, 'output')}, {end}", lines)
+
 
 _GROWN = np.array([1.0, 0.0, 0.0, 0.0])  # full amplitude, which no longer changes
 

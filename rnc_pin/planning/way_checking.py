@@ -107,10 +107,16 @@ class WayChecker:
         """Some times and configurations of a motion."""
         count = int(np.clip(np.ceil((time[-1] - time[0]) / _APART), 1, _MOST_LOOKS))
         for t in np.linspace(time[0], time[-1], count + 1).tolist():
-            yield t, self._between(time, q, t)
+            yield t, self.between(time, q, t)
 
-    def _between(self, time: Float[Array, " n"], q: Float[Array, "n nq"], t: float) -> Float[Array, " nq"]:
-        """Configuration at a time of a motion whose joints move at constant rates between its nodes."""
+    def between(self, time: Float[Array, " n"], q: Float[Array, "n nq"], t: float) -> Float[Array, " nq"]:
+        """Configuration at a time of a motion whose joints move at constant rates between its nodes.
+
+        Args:
+            time: times (n,) of the nodes [s].
+            q: configurations (n, nq) there.
+            t: time [s].
+        """
         k = int(np.clip(np.searchsorted(time, t, "right") - 1, 0, len(time) - 2))
         part = (t - time[k]) / max(float(time[k + 1] - time[k]), 1e-300)
         return self.manifold.interpolate(q[k : k + 1], q[k + 1 : k + 2], np.array([part]))[0]
@@ -151,7 +157,7 @@ class WayChecker:
             return None
         nearest = int(np.argmin(beside))
         at = float(found.time[nearest])
-        place = self._between(time, q, at)
+        place = self.between(time, q, at)
         return NarrowPlace(float(beside[nearest]), self.distances.pairs[nearest].label, place, at)
 
 

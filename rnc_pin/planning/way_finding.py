@@ -20,16 +20,15 @@ from rnc_pin.extras import check_extra
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
+from rnc_pin.planning.action_models import KinematicFlow
 from rnc_pin.planning.exact_steering import ExactMotion, Steering, base_axes
-from rnc_pin.planning.kinematic_flow import KinematicFlow
 from rnc_pin.planning.steering_detection import find_steering, planned_velocities
-from rnc_pin.planning.way import Way, WayInfo, way_along
+from rnc_pin.planning.way import TimedWay, Way, WayInfo, WayTiming, way_along
 from rnc_pin.planning.way_checking import WayChecker, way_checker
 from rnc_pin.planning.way_goals import WayGoals, check_configuration, validated_configuration
 from rnc_pin.planning.way_propagation import DEVIATION, PropagatedSearch
 from rnc_pin.planning.way_search import SHORTER, SearchBudget, WaySearch, drive_times, in_slices, speed_limits
 from rnc_pin.planning.way_space import base_area
-from rnc_pin.planning.way_timing import TimedWay, WayTiming
 
 _FIRST = 400  # motions of the first search, in which joints stay within the range of start and goals
 _ATTEMPT = 4000  # motions of each further search, before it starts again with other random numbers

@@ -16,8 +16,8 @@ from numpy import ndarray as Array
 
 from rnc_pin.analysis.growth import filtration
 from rnc_pin.array_shapes import Bool, Float, Int
+from rnc_pin.planning.action_models import KinematicFlow, Shots
 from rnc_pin.planning.exact_steering import ExactMotion, base_axes
-from rnc_pin.planning.kinematic_flow import KinematicFlow, Shots
 from rnc_pin.planning.way_checking import WayChecker
 from rnc_pin.planning.way_search import Nearest, SearchBudget, drive_times
 from rnc_pin.robots.joint_values import NO_LIMIT

@@ -57,6 +57,7 @@ def test_spheres_have_the_closed_form(place):
     assert found.distance == pytest.approx([length - 0.35], abs=1e-12)
     np.testing.assert_allclose(found.normal[0], offset / length, atol=1e-12)
     np.testing.assert_allclose(found.jacobian[0], -offset[:2] / length, atol=1e-12)
+    np.testing.assert_allclose(found.point_a[0], [*place, 0.0] + 0.1 * offset / length, atol=1e-12)
     np.testing.assert_allclose(found.point_b - found.point_a, found.distance[:, None] * found.normal, atol=1e-12)
 
 

@@ -145,13 +145,13 @@ def test_the_verification_finds_a_lift_off_between_nodes():
     plan = rnc.optimal.plan(reduced, start[0], goal, 0.2, form="dynamic", v2_0=start[1])
     model, bounds = action_model(reduced, "dynamic"), [rnc.optimal.NormalForceBound()]
     problem = build_problem(model, initial_node(model, *start), None, 0.2, None, bounds, len(plan.u))
-    found = verify_inputs(problem, Iterate(plan.q, plan.w, plan.u, 0.2), 20, None, 5e-3)
+    verified, excesses = verify_inputs(problem, Iterate(plan.q, plan.w, plan.u, 0.2), 20, None, 5e-3)
     lowest = min((G * 0.3 + a * 0.6) / 0.5 / G / 2 for a in plan.u.sum(axis=1) / 0.1 / 10.0)
     assert lowest < 0
-    assert {each.title for each in found.excesses} == {"normal force of l", "normal force of r"}
-    for each in found.excesses:
+    assert {each.title for each in excesses} == {"normal force of l", "normal force of r"}
+    for each in excesses:
         assert (each.amount, each.limit, each.unit) == (pytest.approx(-lowest, rel=1e-3), 0.0, "times the weight")
-    findings = plan_findings(problem, Iterate(plan.q, plan.w, plan.u, 0.2), found.excesses, found.verification, 5e-3)
+    findings = plan_findings(problem, Iterate(plan.q, plan.w, plan.u, 0.2), excesses, verified, 5e-3)
     assert {each.kind for each in findings} == {"lift_off"}
 
 

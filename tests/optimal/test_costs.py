@@ -6,11 +6,10 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from node_rows import check_rows
 from rnc_pin.optimal.bounds import GoalRows
 from rnc_pin.optimal.node_data import NodeData
 from rnc_pin.planning.action_models import Nodes, action_model
-
-STEP = 3e-5  # logarithms of rotations near half a turn round to 1e-11
 
 
 def panda():
@@ -19,31 +18,10 @@ def panda():
     return rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
 
 
-def data(model, at, u, derivatives=False):
-    flow = model.flow_derivatives(at, u) if derivatives else None
-    return NodeData(model, at, u, np.linspace(0.0, 1.0, len(u)), flow)
-
-
 def nodes_of(model, seed=0, count=3):
     generator = np.random.default_rng(seed)
     q = np.array([model.reduced.random_configuration(generator, 0.4) for _ in range(count)])
     return Nodes(q, 0.3 * generator.normal(size=(count, model.nw))), 0.3 * generator.normal(size=(count, model.nu))
-
-
-def check(model, block, atol=1e-6, step=STEP):
-    at, u = nodes_of(model)
-    n = len(u)
-    found = block.rows(data(model, at, u, derivatives=True), True)
-    np.testing.assert_allclose(found.value, block.rows(data(model, at, u), False).value, atol=1e-12)
-    x, by_u = found.full(model.nx, model.nu)
-    for k, d in enumerate(np.eye(model.nx) * step):
-        ahead, behind = (
-            block.rows(data(model, model.displaced(at, np.tile(s * d, (n, 1))), u), False).value for s in (1, -1)
-        )
-        np.testing.assert_allclose(x[:, :, k], (ahead - behind) / (2 * step), atol=atol)
-    for k, d in enumerate(np.eye(model.nu) * step):
-        ahead, behind = (block.rows(data(model, at, u + s * d), False).value for s in (1, -1))
-        np.testing.assert_allclose(by_u[:, :, k], (ahead - behind) / (2 * step), atol=atol)
 
 
 @pytest.mark.parametrize("form", ["kinematic", "acceleration", "dynamic"])
@@ -67,7 +45,7 @@ def test_every_cost_and_bound_of_a_mobile_robot(form):
     if form != "kinematic":
         blocks.append(o.AccelerationCost().bind(model))
     for block in blocks:
-        check(model, block)
+        check_rows(model, block, *nodes_of(model))
 
 
 def test_orientation_of_a_hand_and_distances_of_an_arm():
@@ -77,10 +55,11 @@ def test_orientation_of_a_hand_and_distances_of_an_arm():
     rules = rnc.collision.PairSelection(links=False)
     distances = rnc.collision.CollisionDistances(reduced.robot, [shelf], rules)
     goal = {rnc.FrameOrientation("panda_hand"): [2.6, 0.4, 0.3], rnc.FramePosition("panda_hand"): [0.4, 0.1, 0.5]}
-    check(model, GoalRows(model, goal, at_rest=True))
-    check(model, rnc.optimal.OutputCost(rnc.FrameOrientation("panda_hand"), [2.6, 0.4, 0.3]).bind(model))
+    nodes = nodes_of(model)
+    check_rows(model, GoalRows(model, goal, at_rest=True), *nodes)
+    check_rows(model, rnc.optimal.OutputCost(rnc.FrameOrientation("panda_hand"), [2.6, 0.4, 0.3]).bind(model), *nodes)
     # coal's distances are correct to 1e-7 m, so that differences need longer steps.
-    check(model, rnc.optimal.DistanceBound(distances, 0.05, pairs=1).bind(model), atol=2e-3, step=1e-3)
+    check_rows(model, rnc.optimal.DistanceBound(distances, 0.05, pairs=1).bind(model), *nodes, atol=2e-3, step=1e-3)
 
 
 def test_weights_by_name_and_over_time():
@@ -104,7 +83,8 @@ def test_distances_to_an_obstacle_that_moves_are_those_at_the_times_of_the_nodes
     distances = rnc.collision.CollisionDistances(robot, [ball], rnc.collision.PairSelection(links=False))
     bound = rnc.optimal.DistanceBound(distances, 2.0, pairs=1)
     at = Nodes(np.repeat(robot.configuration()[None], 3, axis=0), np.empty((3, 0)))
-    found = bound.bind(model).rows(data(model, at, np.zeros((3, model.nu))), False).value[:, 0]
+    nodes = NodeData(model, at, np.zeros((3, model.nu)), np.linspace(0.0, 1.0, 3))
+    found = bound.bind(model).rows(nodes, False).value[:, 0]
     # The nearest shape of the car ends 1.34 m in front of its rear axle.
     np.testing.assert_allclose(found, 2.0 + np.array([0.0, 0.5, 1.0]) - 0.2 - 1.34, atol=1e-6)
     with pytest.raises(rnc.ConfigurationError, match="an obstacle moves over time"):

@@ -7,8 +7,8 @@ import pytest
 import rnc_pin as rnc
 from benchmarks.planned_models import car, mobile_manipulator, tractor
 from rnc_pin.control import NavigationController, WayFollowing
-from rnc_pin.planning.kinematic_flow import KinematicFlow
-from systems import ROLLERS, WHEEL, mecanum, with_box
+from rnc_pin.planning.action_models import KinematicFlow
+from systems import mecanum_box, with_box
 
 Obstacle = rnc.collision.Obstacle
 DT = 0.02
@@ -28,11 +28,6 @@ def wall(*gaps, x=1.5, width=1.2, reach=4.0):
 def unicycle():
     robot = with_box(rnc.Robot.from_urdf("unicycle.urdf", base="planar"), "axle", 0.5, 0.4, 0.2)
     return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
-
-
-def mecanum_box():
-    rows = [rnc.RollingWheel(name, WHEEL, roller=roller) for name, roller in ROLLERS.items()]
-    return rnc.NonholonomicSystem(with_box(mecanum().robot, "base", 0.6, 0.4, 0.2), rows).reduce()
 
 
 SYSTEMS = {"unicycle": unicycle, "car": car, "mecanum": mecanum_box, "mobile manipulator": mobile_manipulator}

@@ -164,16 +164,9 @@ def test_a_line_that_the_rows_allow_is_the_only_guess():
     assert (plan.info.guess, plan.info.guesses) == ("straight line", 1)
 
 
-def test_a_number_of_processes_that_is_none_is_refused():
-    reduced = systems.sleigh()
-    with pytest.raises(rnc.ConfigurationError, match="jobs 0: expected a number of processes"):
-        rnc.optimal.plan(reduced, reduced.robot.configuration(), None, 4.0, jobs=0)
-
-
 def across(place):
     """A box on Mecanum wheels whose straight line leads along x, and a wall across x = 1.5."""
-    rows = [rnc.RollingWheel(name, systems.WHEEL, roller=roller) for name, roller in systems.ROLLERS.items()]
-    reduced = rnc.NonholonomicSystem(systems.with_box(systems.mecanum().robot, "base", 0.6, 0.4, 0.2), rows).reduce()
+    reduced = systems.mecanum_box()
     wall = rnc.collision.Obstacle(coal.Box(0.4, 2.0, 2.0), position=(1.5, place, 0.0), name="wall")
     distances = rnc.collision.CollisionDistances(reduced.robot, [wall], rnc.collision.PairSelection(links=False))
     goal = {rnc.FramePosition("base", "xy"): [3.0, 0.0], rnc.FrameYaw("base"): 0.0}
@@ -265,25 +258,13 @@ def test_fewer_solutions_than_asked_for_are_told():
 def test_a_refusal_carries_the_best_motion_even_if_no_guess_is_within_tolerance():
     reduced = systems.sleigh()
     far = {rnc.FramePosition("sleigh", "xy"): [5.0, 0.0]}
-    settings = SolverSettings(nodes=10, iterations=30)
-    with pytest.raises(rnc.InfeasibleError, match="no plan in 1 s") as refusal:
+    settings, row = (
+        SolverSettings(nodes=10, iterations=30),
+        r"no plan in 1 s: .*(sleigh_x|sleigh_speed_x).* violated by",
+    )
+    with pytest.raises(rnc.InfeasibleError, match=row) as refusal:
         rnc.optimal.plan(
             reduced, reduced.robot.configuration(), far, 1.0, bounds=[VelocityBound(-1, 1)], seeds=0, settings=settings
         )
     assert refusal.value.plan.info.outcome == "unverified"
     assert not refusal.value.plan.verdict.succeeded
-
-
-def test_the_verdict_of_a_plan_survives_a_file(tmp_path):
-    reduced = systems.sleigh()
-    goal = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.5], rnc.FrameYaw("sleigh"): 0.5}
-    coarse = SolverSettings(nodes=5, refinements=0, accuracy=1e-6)
-    with pytest.raises(rnc.InfeasibleError) as refusal:
-        rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 2.0, seeds=0, settings=coarse)
-    refusal.value.plan.save(tmp_path / "plan.npz")
-    again = rnc.optimal.MotionPlan.load(tmp_path / "plan.npz")
-    assert again.info == refusal.value.plan.info
-    assert again.verdict.findings == refusal.value.plan.verdict.findings
-    assert not again.verdict.succeeded
-    assert {each.kind for each in again.verdict.failures} == {FindingKind.GOAL}
-    assert {each.unit for each in again.verdict.failures} <= {"m", "rad", "m/s", "rad/s"}

@@ -73,27 +73,23 @@ def test_free_duration_ends_where_time_and_effort_balance():
     assert plan.duration == pytest.approx(9.0**0.25, rel=2e-3)
 
 
-def test_a_goal_out_of_reach_is_refused_with_its_row():
-    reduced = systems.sleigh()
-    with pytest.raises(InfeasibleError, match=r"no plan in 1 s: .*(sleigh_x|sleigh_speed_x).* violated by"):
-        rnc.optimal.plan(
-            reduced,
-            reduced.robot.configuration(),
-            sleigh_goal(5.0, 0.0, 0.0),
-            1.0,
-            bounds=[rnc.optimal.VelocityBound(-1.0, 1.0)],
-            seeds=0,
-            settings=rnc.optimal.SolverSettings(nodes=10, iterations=30),
-        )
-
-
-def test_a_plan_survives_a_file(tmp_path):
+def test_a_plan_and_its_verdict_survive_a_file(tmp_path):
     reduced = systems.sleigh()
     plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), sleigh_goal(0.5, 0.0, 0.0), 2.0)
     plan.save(tmp_path / "plan.npz")
     again = rnc.optimal.MotionPlan.load(tmp_path / "plan.npz")
     assert again.info == plan.info
     np.testing.assert_array_equal(again.K, plan.K)
+    hasty = rnc.optimal.SolverSettings(nodes=5, refinements=0, accuracy=1e-6)
+    with pytest.raises(InfeasibleError) as refusal:
+        rnc.optimal.plan(reduced, plan.q[0], sleigh_goal(1.0, 0.5, 0.5), 2.0, seeds=0, settings=hasty)
+    refusal.value.plan.save(tmp_path / "refused.npz")
+    again = rnc.optimal.MotionPlan.load(tmp_path / "refused.npz")
+    assert again.info == refusal.value.plan.info
+    assert again.verdict.findings == refusal.value.plan.verdict.findings
+    assert not again.verdict.succeeded
+    assert {each.kind for each in again.verdict.failures} == {"goal"}
+    assert {each.unit for each in again.verdict.failures} <= {"m", "rad", "m/s", "rad/s"}
     with pytest.raises(ConfigurationError, match="no file"):
         rnc.optimal.MotionPlan.load(tmp_path / "other.npz")
     np.savez(tmp_path / "wrong.npz", u=np.zeros(3))
@@ -109,6 +105,7 @@ def test_a_plan_survives_a_file(tmp_path):
         ({"goal": {"sleigh_spede_x": 1.0}}, ConfigurationError, "no output 'sleigh_spede_x'"),
         ({"bounds": [rnc.optimal.InputBound(1.0, -1.0)]}, InputError, "above upper limit"),
         ({"costs": [1.0]}, ConfigurationError, "expected costs"),
+        ({"jobs": 0}, ConfigurationError, "jobs 0: expected a number of processes"),
     ],
 )
 def test_mistakes_are_refused(change, error, message):

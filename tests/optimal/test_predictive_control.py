@@ -121,10 +121,7 @@ def test_prediction_over_the_delay_is_the_simulated_state():
 
 def parking(bounds, **options):
     """Differential drive, and control of its velocities to the origin."""
-    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
-    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
-    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
-    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+    reduced = systems.differential_drive()
     goal = {rnc.FramePosition("base", "xy"): [0.0, 0.0], rnc.FrameYaw("base"): 0.0}
     costs = [rnc.optimal.SetPointCost(goal, weight=10.0, velocity_weight=0.1), EffortCost(0.01)]
     return reduced, PredictiveController(

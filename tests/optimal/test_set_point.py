@@ -7,6 +7,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from node_rows import check_rows
 from rnc_pin.optimal import (
     EffortCost,
     InputBound,
@@ -26,14 +27,6 @@ from rnc_pin.optimal.set_point import first_motion, quadratic_set_point
 from rnc_pin.planning.action_models import Nodes
 from textbook_systems import unicycle_with_trailers
 
-STEP = 1e-6
-
-
-def drive():
-    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
-    rows = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
-    return rnc.NonholonomicSystem(robot, rows, ["left_wheel_joint", "right_wheel_joint"]).reduce()
-
 
 def pose(frame, x=0.0, y=0.0, yaw=0.0):
     return {rnc.FramePosition(frame, "xy"): [x, y], rnc.FrameYaw(frame): yaw}
@@ -49,7 +42,7 @@ def nodes_at(model, q, w=None, u=None):
 
 
 def test_wheels_that_roll_may_stay_undetermined():
-    point = SetPoint(drive(), pose("base", 0.5, -0.2, 0.7))
+    point = SetPoint(systems.differential_drive(), pose("base", 0.5, -0.2, 0.7))
     assert point.ignored == ("left_wheel_joint", "right_wheel_joint")
     assert point.coordinates.weights == (1, 1, 2)
     np.testing.assert_allclose(point.q[:4], [0.5, -0.2, np.cos(0.7), np.sin(0.7)], atol=1e-6)
@@ -64,14 +57,11 @@ def test_goals_that_leave_more_open_are_refused_by_name():
         SetPoint(truck, goal)
 
 
-def test_configurations_with_neighbours_out_of_reach_are_refused():
+def test_goals_and_neighbours_out_of_reach_are_refused():
     """The difference of the wheels' angles follows from the yaw: 4 of 5 dimensions."""
-    reduced = drive()
+    reduced = systems.differential_drive()
     with pytest.raises(rnc.InfeasibleError, match="4 of 5 dimensions"):
         SetPoint(reduced, reduced.robot.configuration())
-
-
-def test_goals_out_of_reach_are_refused():
     reduced = systems.mobile_manipulator()
     tip, axle = rnc.FramePosition("tip", "xy"), rnc.FramePosition("axle", "xy")
     with pytest.raises(rnc.InfeasibleError, match="no configuration reaches the goal"):
@@ -139,13 +129,8 @@ def test_derivatives(form, spread):
     cost, generator = SetPointCost(center, precision=0.1).bind(model), np.random.default_rng(1)
     q = np.repeat(center[None], 4, axis=0)
     q = model.manifold.integrate(q, generator.uniform(-spread, spread, (4, model.nv)))
-    w = generator.normal(size=(4, model.nw))
-    found = cost.rows(nodes_at(model, q, w), True)
-    np.testing.assert_allclose(found.value, cost.rows(nodes_at(model, q, w), False).value, rtol=1e-12)
-    for k, d in enumerate(np.eye(model.nx) * STEP):
-        moved = (model.displaced(Nodes(q, w), np.tile(s * d, (4, 1))) for s in (1, -1))
-        ahead, behind = (cost.rows(nodes_at(model, *each), False).value for each in moved)
-        np.testing.assert_allclose(found.x[:, :, k], (ahead - behind) / (2 * STEP), rtol=1e-5, atol=1e-6)
+    at, u = Nodes(q, generator.normal(size=(4, model.nw))), np.zeros((4, model.nu))
+    check_rows(model, cost, at, u, step=1e-6, rtol=1e-5)
 
 
 def test_no_cost_and_no_slope_at_the_goal():
@@ -170,12 +155,9 @@ def test_a_plan_without_a_hard_goal_arrives_by_the_cost_alone():
     assert np.abs(plan.q[-1, :2]).max() < 5e-3
 
 
-def test_the_precision_is_positive():
+def test_precisions_that_are_not_positive_and_unknown_weights_are_refused():
     with pytest.raises(rnc.ConfigurationError, match="positive precision"):
         SetPointCost(np.zeros(4), precision=0.0)
-
-
-def test_unknown_weights_are_refused():
     cost = SetPointCost(pose("sleigh"), weight={"sleigh_x": 1.0})
     with pytest.raises(rnc.ConfigurationError, match="no 'sleigh_x'"):
         cost.bind(action_model(systems.sleigh(), "kinematic"))

@@ -26,12 +26,7 @@ def away(run):
 
 
 @pytest.mark.parametrize(
-    ("form", "aside", "yaw"),
-    [
-        ("dynamic", 0.3, 0.2),
-        ("acceleration", 0.3, 0.0),
-        ("kinematic", 1.0, 0.5),
-    ],
+    ("form", "aside", "yaw"), [("dynamic", 0.3, 0.2), ("acceleration", 0.3, 0.0), ("kinematic", 1.0, 0.5)]
 )
 def test_arrives_and_stays_where_quadratic_costs_stall(form, aside, yaw):
     reduced = systems.sleigh()
@@ -110,15 +105,12 @@ def test_wrong_masses_noise_and_a_delay():
 
 def test_robots_that_take_velocities():
     """A differential drive with velocity servos parks 0.4 m aside, in reverse gear too, within velocities and rates."""
-    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
-    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
-    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
-    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+    reduced = systems.differential_drive()
     bounds = [InputBound(-1.0, 1.0), rnc.optimal.VelocityBound([-0.5, -1.0], [0.5, 1.0])]
     target = SetPointController(reduced, goal_of("base"), 8.0, form="acceleration", bounds=bounds, velocities=True)
     controller = rnc.control.ActuatorVelocityController(reduced, target, limits=False)
     plant = rnc.plants.VelocityPlant(reduced)
-    start = robot.configuration({"root_joint": [0.0, 0.4, 0.0]})
+    start = reduced.robot.configuration({"root_joint": [0.0, 0.4, 0.0]})
     run = rnc.simulate(reduced, controller, start, 16.0, 0.05, plant=plant)
     assert max(away(run)) < 0.01
     assert run.verdict.succeeded
@@ -126,11 +118,6 @@ def test_robots_that_take_velocities():
     assert np.abs(np.diff(run.v2, axis=0)).max() / 0.05 < 1.2
     assert run.v2[:, 0].min() < -0.01
     assert run.v2[:, 0].max() > 0.01
-
-
-def test_velocities_need_the_form_with_rates():
-    with pytest.raises(rnc.ConfigurationError, match="expected the form 'acceleration'"):
-        controller_of(systems.sleigh(), velocities=True)
 
 
 def test_a_goal_that_no_plan_reaches_is_in_the_verdict():
@@ -193,7 +180,9 @@ def test_an_arm_that_floats_turns_its_platform_by_its_joints():
     assert run.verdict.succeeded
 
 
-@pytest.mark.parametrize("name", ["tolerance", "tube", "check", "bandwidth", "braking"])
-def test_settings_are_positive(name):
-    with pytest.raises(rnc.ConfigurationError, match=f"{name}: expected a positive number"):
-        controller_of(systems.sleigh(), **{name: 0.0})
+def test_settings_are_positive_and_velocities_need_the_form_with_rates():
+    for name in ("tolerance", "tube", "check", "bandwidth", "braking"):
+        with pytest.raises(rnc.ConfigurationError, match=f"{name}: expected a positive number"):
+            controller_of(systems.sleigh(), **{name: 0.0})
+    with pytest.raises(rnc.ConfigurationError, match="expected the form 'acceleration'"):
+        controller_of(systems.sleigh(), velocities=True)

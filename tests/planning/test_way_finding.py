@@ -19,7 +19,7 @@ from rnc_pin.planning.exact_steering import ExactMotion
 from rnc_pin.planning.way import intervals_along, motion_along
 from rnc_pin.planning.way_finding import WayFinder
 from rnc_pin.planning.way_search import WaySearch
-from systems import ROLLERS, WHEEL, four_bar, mecanum, tiago, with_box
+from systems import ROLLERS, WHEEL, four_bar, mecanum, mecanum_box, tiago, with_box
 
 Obstacle = rnc.collision.Obstacle
 
@@ -28,12 +28,6 @@ def unicycle(width=0.6):
     """A box with a knife edge in its middle."""
     robot = with_box(rnc.Robot.from_urdf("unicycle.urdf", base="planar"), "axle", width, width, 0.2)
     return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
-
-
-def mecanum_box():
-    """A box on four Mecanum wheels."""
-    rows = [rnc.RollingWheel(name, WHEEL, roller=roller) for name, roller in ROLLERS.items()]
-    return rnc.NonholonomicSystem(with_box(mecanum().robot, "base", 0.6, 0.4, 0.2), rows).reduce()
 
 
 def gap(width, thickness=0.2, length=40.0):

@@ -28,8 +28,7 @@ from rnc_pin.control.velocity_tracker import TrackerState
 from rnc_pin.control.whole_body import ControlSample
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.reduced_kinematics import Measurement
-from rnc_pin.optimal.interior_point import InteriorPointSolver
-from rnc_pin.optimal.linear_quadratic import LinearQuadratic, RiccatiFactors
+from rnc_pin.optimal.interior_point import InteriorPointSolver, LinearQuadratic, RiccatiFactors
 from rnc_pin.planning import Harmonic, Hold, MinimumJerk, ViaPoints
 from rnc_pin.planning.references import ReferencePoint
 from systems import fire_truck, mecanum, mobile_manipulator, random_states, space_robot_in_joints, tiago

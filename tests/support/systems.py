@@ -472,3 +472,9 @@ def wheels_on_moving_ground():
         rnc.NoSideSlip("three", "z", at=(0.1, -0.2, 0.3), ground=TURNTABLE),
     ]
     return rnc.NonholonomicSystem(free_bodies("one", "two", "three"), rows).reduce()
+
+
+def mecanum_box() -> rnc.ReducedModel:
+    """A box on four Mecanum wheels, with collision geometry."""
+    rows = [rnc.RollingWheel(name, WHEEL, roller=roller) for name, roller in ROLLERS.items()]
+    return rnc.NonholonomicSystem(with_box(mecanum().robot, "base", 0.6, 0.4, 0.2), rows).reduce()

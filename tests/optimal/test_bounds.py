@@ -9,6 +9,7 @@ import forklifts
 import rnc_pin as rnc
 import systems
 from benchmarks.planned_models import mobile_manipulator, tractor
+from node_rows import check_rows
 from rnc_pin.optimal import FileLimits, InputBound, OutputBound, SolverSettings, VelocityBound
 from rnc_pin.optimal.node_data import NodeData
 from rnc_pin.planning.action_models import Nodes, action_model
@@ -157,28 +158,13 @@ def test_an_effort_limit_of_zero_counts_as_not_stated_and_is_found(tmp_path):
 def test_derivatives_of_all_limits_are_those_of_central_differences(form, model):
     reduced = model()
     model = action_model(reduced, form)
-    generator, h = np.random.default_rng(0), 3e-5
+    generator = np.random.default_rng(0)
     q = np.array([reduced.random_configuration(generator, 0.4) for _ in range(3)])
     at, u = Nodes(q, 0.3 * generator.normal(size=(3, model.nw))), 0.3 * generator.normal(size=(3, model.nu))
-
-    def data(at, u, flow=None):
-        return NodeData(model, at, u, np.zeros(3), flow)
-
     limits = FileLimits().bind(model, [])
     assert limits
     for block in limits:
-        found = block.rows(data(at, u, model.flow_derivatives(at, u)), True)
-        np.testing.assert_allclose(found.value, block.rows(data(at, u), False).value, atol=1e-12)
-        x, by_u = found.full(model.nx, model.nu)
-        for k, d in enumerate(np.eye(model.nx) * h):
-            ahead, behind = (
-                block.rows(data(model.displaced(at, np.tile(s * d, (3, 1))), u), False).value for s in (1, -1)
-            )
-            np.testing.assert_allclose(x[:, :, k], (ahead - behind) / (2 * h), atol=1e-6)
-        for k, d in enumerate(np.eye(model.nu) * h):
-            ahead, behind = (block.rows(data(at, u + s * d), False).value for s in (1, -1))
-            np.testing.assert_allclose(by_u[:, :, k], (ahead - behind) / (2 * h), atol=1e-6)
-        if form != "kinematic":  # at the end there is no input
-            last = block.rows(data(at, None), True) if block.of_state else None
-            if last is not None:
-                np.testing.assert_allclose(last.full(model.nx, model.nu)[0], x, atol=1e-9)
+        x = check_rows(model, block, at, u).full(model.nx, model.nu)[0]
+        if form != "kinematic" and block.of_state:  # at the end there is no input
+            last = block.rows(NodeData(model, at, None, np.zeros(3)), True)
+            np.testing.assert_allclose(last.full(model.nx, model.nu)[0], x, atol=1e-9)
