@@ -265,7 +265,7 @@ class ReductionKernel:
         python_values: blocks of reducing and of vertical outputs whose values Python evaluates.
         measures: True if one call evaluates all rows and values.
         fused: True if the kernel knows all rows of E, all inputs and all forces.
-        kinematics, inverse, rows, biases, rates, terms, derivatives, measured: types of records.
+        kinematics, inverse, rows, biases, rates, terms, derivatives: types of records.
     """
 
     def __init__(self, data: ReductionData) -> None:
@@ -292,9 +292,6 @@ class ReductionKernel:
         self.terms = _record({**kinematics, **inverse, "v": (n,), **rates, **coriolis, **forces})
         by = {"v_q": (n, n), "v_v2": (n, r), "v2_dot_q": (r, n), "v2_dot_v2": (r, r), "v2_dot_T": (r, p)}
         self.derivatives = _record({"v": (n,), "v2_dot": (r,), **by})
-        stages = {"kinematics": self.kinematics, "inverse": self.inverse, "rates": self.rates}
-        self.measured = np.dtype([*stages.items(), ("x2", float, (r,)), ("x1", float, (k,))])
-
         self.python_values = tuple(
             blocks_valued_by_python(stack, data.robot.model) for stack in (data.reducing, data.vertical)
         )
