@@ -83,99 +83,61 @@ static PyObject *measure(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
                               : each_state(ev, args, 7, "qvP!F!D!x!1!", measured_new);
 }
 
-/* True if the kernel integrates a run in its chart. */
-static int integrable(const Evaluator *chart, Py_ssize_t s, const double *T)
-{
-    return chart && chart->fused && !chart->external_vertical && chart->curved && s == integrated(chart)
-           && all_finite(T, chart->p);
-}
-
-/* Tuple of evaluators; q (nq), y (s) and T (p), step, number of steps, kinematics at q, or None; of one run: mu and its
-   rates (2 m) at each half step, else None; q and y at the end, status, roughness. Where the status is 0, the others
-   are undefined. */
+/* Tuple of evaluators; q (nq), y (s) and T (p), step, number of steps, kinematics at q or None; q and y at the end,
+   status, roughness: where the status is 0, the others are undefined. Then of one run mu and its rates (2 m) at each
+   half step, or None; damping (n) or None, entries of v with friction, and limits (B, rows) of these and of the inputs,
+   or None without dissipation. With dissipation but without steps, y at the end starts with the generalized forces (n)
+   of dry friction during the step, and is as long as these at least. */
 static PyObject *integrate(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
-    Arrays all = {.count = -1};
-    double *q, *y, *T, *P, *rates = NULL, *q_end, *y_end, *status, *rough;
-    Py_ssize_t s = 0;
-    int ok = -1;
-    if (expect(ev, given, 12) && (all.count = PyTuple_Size(args[0])) >= 0 && take(&all, args[1], ev->nq, READ, &q)
-        && take_rows(&all, args[2], 0, READ, &y, &s) && take(&all, args[3], ev->p, READ, &T)
-        && optional(&all, args[6], kinematics_size(ev), &P) && take(&all, args[8], ev->nq, WRITE, &q_end)
-        && take(&all, args[9], s, WRITE, &y_end) && take(&all, args[10], 1, WRITE, &status)
-        && take(&all, args[11], 1, WRITE, &rough)) {
-        double h = PyFloat_AsDouble(args[4]);
-        Py_ssize_t steps = PyErr_Occurred() ? 0 : PyLong_AsSsize_t(args[5]);
-        Py_ssize_t halves = within((long)steps, 1 << 20) ? 2 * steps + 1 : 0;
-        ok = PyErr_Occurred() || !optional(&all, args[7], halves * 2 * ev->m, &rates) ? -1 : 1;
-        memcpy(q_end, q, (size_t)(all.count * ev->nq) * sizeof(double));
-        memcpy(y_end, y, (size_t)(all.count * s) * sizeof(double));
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, T += ev->p, q_end += ev->nq, y_end += s) {
-            Evaluator *chart = of_run(ev, args[0], i);
-            int done = integrable(chart, s, T) && !chart->timed == !rates && (!rates || (chart == ev && chart->mu));
-            if (PyErr_Occurred()) ok = -1;
-            rough[i] = 0.0;
-            for (Py_ssize_t j = 0; j < steps && ok > 0 && done > 0; j++)
-                done = step(chart, T, h, j || !P ? NULL : P + i * kinematics_size(ev),
-                            rates ? rates + j * 4 * ev->m : NULL, q_end, y_end, rough + i);
-            if (done < 0) ok = -1;
-            status[i] = done > 0;
-        }
-    }
-    return result(&all, ok);
-}
-
-/* Tuple of evaluators; q (nq), y (s) and T (p), step, number of steps, kinematics at q or None; damping (n) or None,
- * entries of v with friction, limits (B, rows) of these and of the inputs; q and y at the end, status, roughness.
- * Without steps, y at the end starts with the generalized forces (n) of dry friction during the step, and is as long as
- * these at least. */
-static PyObject *dissipate_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
-{
     Arrays all = {.count = -1}, one = {.count = 1}, listed = {.count = -1};
-    double *q, *y, *T, *limits, *q_end, *y_end, *status, *rough, *damping, *joints, *P, *memory = NULL;
+    double *q, *y, *T, *P, *q_end, *y_end, *status, *rough, *rates, *damping, *joints = NULL, *limits = NULL;
     Py_ssize_t s = 0, to = 0, n = ev->n, held = -1;
     Dissipation d = {.T = NULL};
-    int ok = -1;
-    if (expect(ev, given, 14) && (all.count = PyTuple_Size(args[0])) >= 0 && take(&all, args[1], ev->nq, READ, &q)
-        && take_rows(&all, args[2], 0, READ, &y, &s) && take(&all, args[3], ev->p, READ, &T)
-        && optional(&all, args[6], kinematics_size(ev), &P) && optional(&one, args[7], n, &damping)
-        && take(&listed, args[8], 1, READ, &joints) && take_rows(&all, args[9], 0, READ, &limits, &d.rows)
-        && take(&all, args[10], ev->nq, WRITE, &q_end) && take_rows(&all, args[11], 0, WRITE, &y_end, &to)
-        && take(&all, args[12], 1, WRITE, &status) && take(&all, args[13], 1, WRITE, &rough)) {
-        double h = PyFloat_AsDouble(args[4]);
-        Py_ssize_t steps = PyErr_Occurred() ? 0 : PyLong_AsSsize_t(args[5]);
-        ok = PyErr_Occurred() ? -1 : 1;
-        d.damping = damping, d.joints = joints, d.jointed = listed.count;
-        int valid = (d.rows == d.jointed || d.rows == d.jointed + ev->p) && (steps ? to == s : to >= n);
-        for (Py_ssize_t j = 0; j < d.jointed; j++) valid = valid && joints[j] >= 0 && joints[j] < n;
-        if (ok > 0 && !valid) {
-            PyErr_SetString(PyExc_ValueError, "kernel: rows of friction do not fit");
-            ok = -1;
+    if (!expect(ev, given, 15) || (all.count = PyTuple_Size(args[0])) < 0) return NULL;
+    double h = PyFloat_AsDouble(args[4]);
+    Py_ssize_t steps = PyErr_Occurred() ? 0 : PyLong_AsSsize_t(args[5]);
+    Py_ssize_t halves = within((long)steps, 1 << 20) ? 2 * steps + 1 : 0;
+    int ok = -1, loses = args[14] != Py_None;
+    if (!PyErr_Occurred() && take(&all, args[1], ev->nq, READ, &q) && take_rows(&all, args[2], 0, READ, &y, &s)
+        && take(&all, args[3], ev->p, READ, &T) && optional(&all, args[6], kinematics_size(ev), &P)
+        && take(&all, args[7], ev->nq, WRITE, &q_end) && take_rows(&all, args[8], 0, WRITE, &y_end, &to)
+        && take(&all, args[9], 1, WRITE, &status) && take(&all, args[10], 1, WRITE, &rough)
+        && optional(&all, args[11], halves * 2 * ev->m, &rates) && optional(&one, args[12], n, &damping)
+        && (!loses || take(&listed, args[13], 1, READ, &joints))
+        && (!loses || take_rows(&all, args[14], 0, READ, &limits, &d.rows))) {
+        d.damping = damping, d.joints = joints, d.jointed = loses ? listed.count : 0;
+        ok = (d.rows == d.jointed || d.rows == d.jointed + ev->p) && (steps || !loses ? to == s : to >= n) ? 1 : -1;
+        for (Py_ssize_t j = 0; j < d.jointed; j++)
+            if (!(joints[j] >= 0 && joints[j] < n)) ok = -1;
+        if (ok < 0) PyErr_SetString(PyExc_ValueError, "kernel: rows of friction do not fit");
+    }
+    for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q_end += ev->nq, y_end += to, y += s, T += ev->p) {
+        Evaluator *chart = of_run(ev, args[0], i);
+        int done = chart && chart->fused && !chart->external_vertical && chart->curved && s == integrated(chart)
+                   && all_finite(T, ev->p) && !chart->timed == !rates
+                   && (!rates || (chart == ev && chart->mu && !loses));
+        if (PyErr_Occurred()) ok = -1;
+        if (done && loses && s != held) { /* charts of one reduction have equal sizes */
+            free(all.memory);
+            if (!(all.memory = dissipation_memory(chart, &d))) ok = -1;
+            held = s;
         }
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q_end += ev->nq, y_end += to) {
-            Evaluator *chart = of_run(ev, args[0], i);
-            int done = integrable(chart, s, T + i * ev->p) && !chart->timed;
-            if (PyErr_Occurred()) ok = -1;
-            if (done && s != held) { /* charts of one reduction have equal sizes */
-                free(memory);
-                memory = dissipation_memory(chart, &d);
-                held = s;
-                if (!memory) ok = -1;
-            }
-            rough[i] = 0.0, d.T = T + i * ev->p, d.limits = limits + i * d.rows;
-            d.located = d.biased = 0, d.kinematics = P ? P + i * kinematics_size(ev) : NULL;
-            memcpy(q_end, q + i * ev->nq, (size_t)ev->nq * sizeof(double));
-            if (steps) memcpy(y_end, y + i * s, (size_t)s * sizeof(double));
-            for (Py_ssize_t j = 0; j < steps && ok > 0 && done > 0; j++)
-                done = dissipative_step(chart, &d, q_end, y_end, h, rough + i);
-            if (!steps && ok > 0 && done > 0 && (done = begin(chart, &d, q_end, y + i * s, h)) > 0) {
-                memset(y_end, 0, (size_t)n * sizeof(double));
-                for (Py_ssize_t j = 0; j < d.rows; j++) add(y_end, d.forces[j], d.J + j * n, n);
-            }
-            if (done < 0) ok = -1;
-            status[i] = done > 0;
+        const double *known = P ? P + i * kinematics_size(ev) : NULL;
+        rough[i] = 0.0, d.T = T, d.limits = loses ? limits + i * d.rows : NULL;
+        d.located = d.biased = 0, d.kinematics = known;
+        memcpy(q_end, q + i * ev->nq, (size_t)ev->nq * sizeof(double));
+        if (steps || !loses) memcpy(y_end, y, (size_t)s * sizeof(double));
+        for (Py_ssize_t j = 0; j < steps && ok > 0 && done > 0; j++)
+            done = loses ? dissipative_step(chart, &d, q_end, y_end, h, rough + i)
+                         : step(chart, T, h, j ? NULL : known, rates ? rates + j * 4 * ev->m : NULL, q_end, y_end,
+                                rough + i);
+        if (loses && !steps && ok > 0 && done > 0 && (done = begin(chart, &d, q_end, y, h)) > 0) {
+            memset(y_end, 0, (size_t)n * sizeof(double));
+            for (Py_ssize_t j = 0; j < d.rows; j++) add(y_end, d.forces[j], d.J + j * n, n);
         }
-        free(memory);
+        if (done < 0) ok = -1;
+        status[i] = done > 0;
     }
     close_arrays(&one), close_arrays(&listed);
     return result(&all, ok);

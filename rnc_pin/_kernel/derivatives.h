@@ -193,19 +193,7 @@ static void vary_frames(Evaluator *ev, Derivatives *d, const double *J)
 
 /* ------------------------------------------------------------------ rows of E, and their forces */
 
-/* derivative of the velocity of a row by q */
-static void rate_slopes(const Evaluator *ev, const Derivatives *d, const Row *row, const Slopes *slopes, double *Ev_q)
-{
-    for (int side = 0; side < sides_of(row); side++) {
-        long f = side ? row->b : row->a, joint = ev->frame[f].joint;
-        const double *K = (const double *)(slopes->velocity + side);
-        for (long s = ev->start[joint]; s < ev->start[joint + 1]; s++) {
-            long c = ev->support[s];
-            Ev_q[c] += dot(K, (const double *)(d->by_q + f * ev->n + c), UP_TO_VELOCITY);
-        }
-    }
-}
-
+/* Derivatives of the velocity of a row by q, and of its acceleration by q and v unless NULL */
 static void wrench_row(const Evaluator *ev, const Derivatives *d, const Row *row, const Slopes *slopes, double *Ev_q,
                        double *Ew_q, double *Ew_v)
 {
@@ -218,6 +206,7 @@ static void wrench_row(const Evaluator *ev, const Derivatives *d, const Row *row
             const double *by_q = (const double *)(d->by_q + f * ev->n + c),
                          *by_v = (const double *)(d->by_v + f * ev->n + c);
             Ev_q[c] += dot(K, by_q, UP_TO_VELOCITY);
+            if (!Ew_q) continue;
             Ew_q[c] += dot(G, by_q, CHANGE);
             Ew_v[c] += dot(G + FROM_VELOCITY, by_v + FROM_VELOCITY, CHANGE - FROM_VELOCITY);
         }
@@ -376,7 +365,7 @@ static void vary_laws(Evaluator *ev, Derivatives *d, const double *q, const doub
         d->passive[f] = law(ev, f, q, w, &unused);
         if (by_rate == 0.0 && of[F_STIFFNESS] == 0.0) continue;
         memset(rate_q, 0, (size_t)n * sizeof(double));
-        if (row_slopes(ev, d->origin, row, &slopes)) rate_slopes(ev, d, row, &slopes, rate_q);
+        if (row_slopes(ev, d->origin, row, &slopes)) wrench_row(ev, d, row, &slopes, rate_q, NULL, NULL);
         for (Py_ssize_t i = 0; i < n; i++) {
             if (J[i] == 0.0) continue;
             add(d->tau_q + i * n, J[i] * of[F_STIFFNESS], J, n);
@@ -391,14 +380,9 @@ static void vary_laws(Evaluator *ev, Derivatives *d, const double *q, const doub
 /* Pinocchio's derivatives of the inverse dynamics at q, v and w; false with an error */
 static int differentiated(Evaluator *ev, const double *q, const double *v, const double *w)
 {
-    PyObject *of[REFS];
     take_state(ev, q, v);
     memcpy(ev->views[V_A].buf, w, (size_t)ev->n * sizeof(double));
-    for (int i = 0; i < REFS; i++) of[i] = PyTuple_GetItem(ev->refs, i);
-    PyObject *result =
-        PyObject_CallFunctionObjArgs(of[P_RNEA], of[P_MODEL], of[P_DATA], of[P_Q], of[P_V], of[P_A], NULL);
-    Py_XDECREF(result);
-    return result != NULL;
+    return called(ev, P_RNEA, 1);
 }
 
 /* acceleration w, tau and multipliers at v and v2_dot; then Pinocchio's derivatives */

@@ -74,6 +74,8 @@ typedef struct {
     PyObject *refs;           /* tuple of Python objects, see below */
     Py_buffer views[10];      /* M, J, nle, C, placements, q, v, acceleration, derivatives of inverse dynamics */
     int open;                 /* number of views */
+    void *memory[24];         /* that the evaluator owns */
+    int owns;                 /* number of its blocks */
     Derivatives *derivatives; /* NULL until they are used */
 } Evaluator;
 
@@ -418,12 +420,14 @@ static void ackermann(const Row *row, const double *q, double *out)
 /* Kinematics at a configuration: M (n, n), J (6, n), placements (joints, 12). */
 static Py_ssize_t kinematics_size(const Evaluator *ev) { return ev->n * ev->n + 6 * ev->n + 12 * ev->joints; }
 
+/* Call a function of Pinocchio, whose last arguments are v or a convention, and an acceleration if v comes first */
 static int called(Evaluator *ev, int function, int with_velocity)
 {
     PyObject *of[REFS];
     for (int i = 0; i < REFS; i++) of[i] = PyTuple_GetItem(ev->refs, i);
-    PyObject *last = with_velocity ? of[P_V] : of[P_CONVENTION];
-    PyObject *result = PyObject_CallFunctionObjArgs(of[function], of[P_MODEL], of[P_DATA], of[P_Q], last, NULL);
+    PyObject *last = with_velocity ? of[P_V] : of[P_CONVENTION], *acceleration = function == P_RNEA ? of[P_A] : NULL;
+    PyObject *result =
+        PyObject_CallFunctionObjArgs(of[function], of[P_MODEL], of[P_DATA], of[P_Q], last, acceleration, NULL);
     Py_XDECREF(result);
     return result != NULL;
 }
@@ -1476,16 +1480,21 @@ static int all_within(const long *index, Py_ssize_t count, Py_ssize_t size)
 
 /* ------------------------------------------------------------------ creation */
 
-static void *copied(PyObject *bytes_like, Py_ssize_t count, size_t item) /* NULL with an error if the size differs */
+/* Memory that is released with the evaluator: a copy of a table, or zeros for NULL; NULL with an error */
+static void *owned(Evaluator *ev, PyObject *table, Py_ssize_t count, size_t item)
 {
     Py_buffer view;
-    void *out = NULL;
-    if (PyObject_GetBuffer(bytes_like, &view, PyBUF_SIMPLE) < 0) return NULL;
-    if (view.len != count * (Py_ssize_t)item)
+    void *out = calloc((size_t)count * item + 1, 1);
+    if (!out) return PyErr_NoMemory();
+    ev->memory[ev->owns++] = out;
+    if (!table) return out;
+    if (PyObject_GetBuffer(table, &view, PyBUF_SIMPLE) < 0) return NULL;
+    if (view.len == count * (Py_ssize_t)item) memcpy(out, view.buf, (size_t)view.len);
+    else {
         PyErr_Format(PyExc_ValueError, "kernel: table of %zd bytes, expected %zd entries of %zd bytes", view.len, count,
                      (Py_ssize_t)item);
-    else if (!(out = malloc((size_t)count * item + 1))) PyErr_NoMemory();
-    else memcpy(out, view.buf, (size_t)view.len);
+        out = NULL;
+    }
     PyBuffer_Release(&view);
     return out;
 }
@@ -1550,10 +1559,10 @@ static void find_owners(Evaluator *ev)
 /* Table of joints with curved coordinates; None if the coordinates of a joint have no formula here. */
 static int bent(Evaluator *ev, PyObject *table)
 {
-    Py_ssize_t bytes = table == Py_None ? 0 : PyObject_Size(table) * 2 * (Py_ssize_t)sizeof(long);
+    Py_ssize_t count = table == Py_None ? 0 : PyObject_Size(table);
     if (table == Py_None) return 1;
-    if (bytes < 0 || !(ev->curved = copied(table, bytes / (Py_ssize_t)sizeof(long), sizeof(long)))) return 0;
-    ev->curves = bytes / (2 * (Py_ssize_t)sizeof(long));
+    if (count < 0 || !(ev->curved = owned(ev, table, count, 2 * sizeof(long)))) return 0;
+    ev->curves = count;
     for (Py_ssize_t j = 0; j < ev->curves; j++) {
         long kind = ev->curved[2 * j], at = ev->curved[2 * j + 1];
         if (!within(kind, FREE + 1) || at < 0 || at + (kind == FREE ? 6 : 3) > ev->n) {
@@ -1590,21 +1599,17 @@ static int opened(Evaluator *ev, PyObject *arrays) /* views of Pinocchio's memor
 static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
 {
     Evaluator *ev = (Evaluator *)self;
-    PyObject *refs, *views, *integers, *numbers, *columns, *joints, *placements, *start, *support, *constant, *B, *mu;
-    PyObject *lengths, *curved, *forces;
+    PyObject *refs, *views, *rows, *columns, *frames, *start, *support, *constant, *B, *mu, *lengths, *curved, *forces;
     Py_ssize_t supported;
-    long *table = NULL, *on = NULL;
-    double *weights = NULL, *placed = NULL;
-    int ok = 0;
     if (ev->refs || keywords) {
         PyErr_SetString(PyExc_TypeError, "kernel: an Evaluator is made once, from positional arguments");
         return -1;
     }
-    if (!PyArg_ParseTuple(args, "(nnnnnnnnnnnpppn)O!O!OOOOOOOOOOOOOdd", &ev->nq, &ev->n, &ev->m, &ev->k, &ev->p,
+    if (!PyArg_ParseTuple(args, "(nnnnnnnnnnnpppn)O!O!OOOOOOOOOOOdd", &ev->nq, &ev->n, &ev->m, &ev->k, &ev->p,
                           &ev->joints, &ev->frames, &ev->external, &ev->external_vertical, &ev->count, &supported,
                           &ev->normalized, &ev->fused, &ev->timed, &ev->forced, &PyTuple_Type, &refs, &PyTuple_Type,
-                          &views, &integers, &numbers, &columns, &joints, &placements, &start, &support, &constant, &B,
-                          &mu, &lengths, &curved, &forces, &ev->fast_length, &ev->fast_limit))
+                          &views, &rows, &columns, &frames, &start, &support, &constant, &B, &mu, &lengths, &curved,
+                          &forces, &ev->fast_length, &ev->fast_limit))
         return -1;
     Py_ssize_t n = ev->n,
                sizes[] = {ev->nq, n, ev->m, ev->k, ev->p, ev->joints, ev->frames, ev->count, supported, ev->forced};
@@ -1617,53 +1622,30 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
     ev->r = n - ev->m;
     Py_INCREF(refs);
     ev->refs = refs;
-    if (opened(ev, views) && (table = copied(integers, ev->count * INTEGERS, sizeof(long)))
-        && (weights = copied(numbers, ev->count * NUMBERS, sizeof(double)))
-        && (ev->columns = copied(columns, ev->count - n - ev->k - ev->forced, sizeof(long)))
-        && (on = copied(joints, ev->frames, sizeof(long)))
-        && (placed = copied(placements, ev->frames * 12, sizeof(double)))
-        && (ev->start = copied(start, ev->joints + 1, sizeof(long)))
-        && (ev->support = copied(support, supported, sizeof(long)))
-        && (ev->constant = copied(constant, ev->count * n, sizeof(double)))
-        && (ev->B = copied(B, n * ev->p, sizeof(double)))
-        && (mu == Py_None
-            || ((ev->mu = copied(mu, ev->m, sizeof(double)))
-                && (ev->mu_dot = calloc((size_t)ev->m + 1, sizeof(double)))))
-        && (ev->lengths = copied(lengths, n, sizeof(double)))
-        && (ev->laws = copied(forces, ev->forced * FORCE_NUMBERS, sizeof(double))) && bent(ev, curved)) {
-        Py_ssize_t wide = n > ev->k ? n : ev->k, work = 2 * n * n + 6 * n + wide * n;
-        Py_ssize_t states = kinematics_size(ev) + 2 * n * n + n + dynamics_size(ev) + n;
-        ev->work = work;
-        ev->rows = calloc((size_t)ev->count, sizeof(Row));
-        ev->owner = calloc((size_t)n, sizeof(long));
-        ev->frame = calloc((size_t)ev->frames + 1, sizeof(Frame));
-        ev->motion = calloc((size_t)ev->frames + 1, sizeof(Motion));
-        ev->scratch = calloc((size_t)(work + states + stages_size(ev) + 2 * n), sizeof(double));
-        ev->stages = ev->scratch ? ev->scratch + work + states : NULL;
-        ev->force_row = ev->scratch ? ev->stages + stages_size(ev) : NULL;
-        if (!ev->rows || !ev->owner || !ev->frame || !ev->motion || !ev->scratch) PyErr_NoMemory();
-        else {
-            for (Py_ssize_t i = 0; i < ev->count; i++) {
-                const long *from = table + i * INTEGERS;
-                Row *row = ev->rows + i;
-                row->kind = from[0], row->a = from[1], row->b = from[2];
-                memcpy(row->i, from + 3, sizeof row->i);
-                memcpy(row->w, weights + i * NUMBERS, sizeof row->w);
-            }
-            for (Py_ssize_t f = 0; f < ev->frames; f++) {
-                ev->frame[f].joint = on[f];
-                memcpy(ev->frame[f].R, placed + 12 * f, sizeof ev->frame->R);
-                memcpy(ev->frame[f].p, placed + 12 * f + 9, sizeof ev->frame->p);
-            }
-            ok = checked(ev) && ev->start[0] == 0 && ev->start[ev->joints] == supported;
-            if (ok) find_owners(ev);
-            else PyErr_SetString(PyExc_ValueError, "kernel: a row refers to something that does not exist");
-        }
-    }
-    free(table), free(weights), free(on), free(placed);
-    ev->ready = ok;
-    if (!ok && !PyErr_Occurred()) PyErr_NoMemory();
-    return ok ? 0 : -1;
+    Py_ssize_t wide = n > ev->k ? n : ev->k, work = ev->work = 2 * n * n + 6 * n + wide * n;
+    Py_ssize_t states = kinematics_size(ev) + 2 * n * n + n + dynamics_size(ev) + n;
+    if (!opened(ev, views) || !(ev->rows = owned(ev, rows, ev->count, sizeof(Row)))
+        || !(ev->columns = owned(ev, columns, ev->count - n - ev->k - ev->forced, sizeof(long)))
+        || !(ev->frame = owned(ev, frames, ev->frames, sizeof(Frame)))
+        || !(ev->start = owned(ev, start, ev->joints + 1, sizeof(long)))
+        || !(ev->support = owned(ev, support, supported, sizeof(long)))
+        || !(ev->constant = owned(ev, constant, ev->count * n, sizeof(double)))
+        || !(ev->B = owned(ev, B, n * ev->p, sizeof(double)))
+        || (mu != Py_None
+            && (!(ev->mu = owned(ev, mu, ev->m, sizeof(double)))
+                || !(ev->mu_dot = owned(ev, NULL, ev->m, sizeof(double)))))
+        || !(ev->lengths = owned(ev, lengths, n, sizeof(double)))
+        || !(ev->laws = owned(ev, forces, ev->forced * FORCE_NUMBERS, sizeof(double))) || !bent(ev, curved)
+        || !(ev->owner = owned(ev, NULL, n, sizeof(long)))
+        || !(ev->motion = owned(ev, NULL, ev->frames, sizeof(Motion)))
+        || !(ev->scratch = owned(ev, NULL, work + states + stages_size(ev) + 2 * n, sizeof(double))))
+        return -1;
+    ev->stages = ev->scratch + work + states;
+    ev->force_row = ev->stages + stages_size(ev);
+    ev->ready = checked(ev) && ev->start[0] == 0 && ev->start[ev->joints] == supported;
+    if (ev->ready) find_owners(ev);
+    else PyErr_SetString(PyExc_ValueError, "kernel: a row refers to something that does not exist");
+    return ev->ready ? 0 : -1;
 }
 
 static void destroy(PyObject *self)
@@ -1671,10 +1653,7 @@ static void destroy(PyObject *self)
     Evaluator *ev = (Evaluator *)self;
     PyTypeObject *type = Py_TYPE(self);
     while (ev->open) PyBuffer_Release(ev->views + --ev->open);
-    free(ev->rows), free(ev->columns), free(ev->frame), free(ev->support), free(ev->start), free(ev->constant);
-    free(ev->owner), free(ev->B), free(ev->mu), free(ev->mu_dot), free(ev->lengths), free(ev->motion),
-        free(ev->scratch), free(ev->curved);
-    free(ev->laws);
+    while (ev->owns) free(ev->memory[--ev->owns]);
     free(ev->derivatives);
     Py_CLEAR(ev->refs);
     PyObject_Free(self);
@@ -1706,7 +1685,6 @@ static PyMethodDef methods[] = {
     {"vertical_velocities", (PyCFunction)(void (*)(void))vertical_velocities, METH_FASTCALL, NULL},
     {"row_velocities", (PyCFunction)(void (*)(void))row_velocities, METH_FASTCALL, NULL},
     {"admissible_velocities", (PyCFunction)(void (*)(void))admissible_velocities, METH_FASTCALL, NULL},
-    {"dissipate_runs", (PyCFunction)(void (*)(void))dissipate_runs, METH_FASTCALL, NULL},
     {"measure", (PyCFunction)(void (*)(void))measure, METH_FASTCALL, NULL},
     {"terms", (PyCFunction)(void (*)(void))terms, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
@@ -1739,12 +1717,9 @@ static PyMethodDef functions[] = {
     {"harmonic", (PyCFunction)(void (*)(void))harmonic, METH_FASTCALL, NULL},
     {"riccati_factors", (PyCFunction)(void (*)(void))riccati_factors, METH_FASTCALL, NULL},
     {"riccati_solve", (PyCFunction)(void (*)(void))riccati_solve, METH_FASTCALL, NULL},
-    {"variances", (PyCFunction)(void (*)(void))variances, METH_FASTCALL, NULL},
     {"interior_point", (PyCFunction)(void (*)(void))interior_point, METH_FASTCALL, NULL},
     {"least_squares", (PyCFunction)(void (*)(void))least_squares, METH_FASTCALL, NULL},
     {"shape_poses", (PyCFunction)(void (*)(void))shape_poses, METH_FASTCALL, NULL},
-    {"look_rows", (PyCFunction)(void (*)(void))look_rows, METH_FASTCALL, NULL},
-    {"decelerations", (PyCFunction)(void (*)(void))decelerations, METH_FASTCALL, NULL},
     {"frame_kinematics", (PyCFunction)(void (*)(void))frame_kinematics, METH_FASTCALL, NULL},
     {"pair_rows", (PyCFunction)(void (*)(void))pair_rows, METH_FASTCALL, NULL},
     {"pair_bounds", (PyCFunction)(void (*)(void))pair_bounds, METH_FASTCALL, NULL},

@@ -1,4 +1,4 @@
-/* Programs of whole-body control; see task_hierarchy.py, distance_limits.py and output_tasks.py. Included at the
+/* Programs of whole-body control; see task_hierarchy.py. Included at the
  * end of kernel.c. */
 
 /* Inverse T (n, n) of the triangular factor in A (n, n + 1), and the right-hand side (n) before it; the norm of T, or
@@ -54,61 +54,3 @@ static int least_squares_by(Arrays *all, PyObject *const *args)
     return size > 0.0 && 1.0 > relative * sqrt(square) * size;
 }
 FUNCTION(least_squares, 8)
-
-/* Rows of a frame that looks at a point: Jacobians (6, n) of the frame and of the other frame or None, axis (3), ray to
-   the point (3) and its length, record of the rows (3, n). False if the arrays need the other path. */
-static int look_rows_by(Arrays *all, PyObject *const *args)
-{
-    double *x[6];
-    Py_ssize_t six = 0, n = 0;
-    if (!stacked(args[0], &six, &n)) return 0;
-    Py_ssize_t sizes[] = {6 * n, 6 * n, 3, 3, 0, 3 * n};
-    int ok = arrays_of(all, args, "dnddfw", sizes, x);
-    const double *J = x[0], *other = x[1], *a = x[2], *ray = x[3], *length = x[4];
-    for (Py_ssize_t j = 0; j < n && ok > 0; j++) {
-        double d[3], u[3], turned[3], along = 0.0, w[3] = {J[3 * n + j], J[4 * n + j], J[5 * n + j]};
-        for (int i = 0; i < 3; i++) {
-            u[i] = ray[i] / *length, d[i] = (other ? other[i * n + j] : 0.0) - J[i * n + j];
-            along += u[i] * d[i];
-        }
-        cross(a, w, turned);
-        for (int i = 0; i < 3; i++) x[5][i * n + j] = -turned[i] - (d[i] - u[i] * along) / *length;
-    }
-    return ok;
-}
-FUNCTION(look_rows, 6)
-
-/* Decelerations of rows that efforts allow: rows (k, n), inverse of E (n, n) with R in its last columns, H (r, r),
-   input matrix (r, p), forces without inputs (n), efforts for braking (p), 1 for each actuator without a limit (p),
-   least share, least effect, record (k). False if H is not positive definite or if the arrays need the other path. */
-static int decelerations_by(Arrays *all, PyObject *const *args)
-{
-    double *x[10], *work;
-    Py_ssize_t k = 0, n = 0, r = 0, rows_H = 0, rows_B = 0, p = 0;
-    if (!stacked(args[0], &k, &n) || !stacked(args[2], &rows_H, &r) || !stacked(args[3], &rows_B, &p) || rows_B != r
-        || r < 1 || r > n)
-        return 0;
-    Py_ssize_t sizes[] = {k * n, n * n, r * r, r * p, n, p, p, 0, 0, k};
-    int ok = arrays_of(all, args, "dddddddffw", sizes, x);
-    if (ok <= 0) return ok;
-    if (!(work = memory_of(all, r * r + 2 * r))) return -1;
-    double share = *x[7], least = *x[8], *L = work, *y = work + r * r, *force = y + r, *R = x[1] + n - r;
-    multiply_transposed(R, n, x[4], 1, force, r, n, 1);
-    if (!cholesky(x[2], r, 1, L, r)) return 0;
-    for (Py_ssize_t row = 0; row < k; row++) {
-        multiply_transposed(R, n, x[0] + row * n, 1, y, r, n, 1);
-        solve_cholesky(L, y, r, 1);
-        double planned = 0.0, adverse = dot(y, force, r);
-        int unlimited = 0;
-        for (Py_ssize_t a = 0; a < p; a++) {
-            double effect = 0.0;
-            for (Py_ssize_t i = 0; i < r; i++) effect += y[i] * x[3][i * p + a];
-            effect = fabs(effect), planned += effect * x[5][a];
-            unlimited |= x[6][a] != 0.0 && effect > least;
-        }
-        double found = planned + (adverse < 0.0 ? adverse : 0.0);
-        x[9][row] = unlimited || planned <= least ? INFINITY : found > share * planned ? found : share * planned;
-    }
-    return 1;
-}
-FUNCTION(decelerations, 10)

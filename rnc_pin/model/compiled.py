@@ -8,7 +8,7 @@ other constraint rows have to be considered. Then ``NumPyEvaluator`` decides. It
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
 
@@ -148,7 +148,8 @@ class CompiledEvaluator(NumPyEvaluator):
         if self.data.rheonomic and self.kernel.fused:
             rates = self.kernel.rates_between(y[-2] + 0.5 * h * np.arange(2 * steps + 1))
         q_end, y_end, status, rough = np.empty(q.shape), np.empty(y.shape), np.empty(1), np.empty(1)
-        self._calls.integrate((self._calls,), q, y, T, h, steps, None, rates, q_end, y_end, status, rough)
+        found = q_end, y_end, status, rough
+        self._calls.integrate((self._calls,), q, y, T, h, steps, None, *found, rates, None, None, None)
         return (q_end, y_end, float(rough[0])) if status[0] else None
 
     def planned_motion(
@@ -338,32 +339,30 @@ class CompiledRuns(NumPyRuns):
         steps: int,
         kinematics: Array | None,
     ) -> tuple[Array, Array, Array, Array]:
-        q_end, y_end, status, roughness = np.empty_like(q), np.empty_like(y), np.zeros(len(q)), np.zeros(len(q))
-        self._calls.integrate(charts, q, y, T, h, steps, kinematics, None, q_end, y_end, status, roughness)
-        return q_end, y_end, status, roughness
+        return self._integrated(charts, RunStarts(q, y, T, kinematics), (h, steps), None, np.empty_like(y))
 
     def dissipate(
         self, charts: tuple[object, ...], start: RunStarts, h: float, steps: int, losses: Dissipation
     ) -> tuple[Array, Array, Array, Array]:
-        return self._dissipated(charts, start, (h, steps), losses, np.empty_like(start[1]))
+        return self._integrated(charts, start, (h, steps), losses, np.empty_like(start.y))
 
     def friction(
         self, charts: tuple[object, ...], start: RunStarts, h: float, losses: Dissipation
     ) -> tuple[Array, Array]:
         found = np.empty((len(charts), self._kernel.data.n))
-        return self._dissipated(charts, start, (h, 0), losses, found)[1:3]
+        return self._integrated(charts, start, (h, 0), losses, found)[1:3]
 
-    def _dissipated(
+    def _integrated(
         self,
         charts: tuple[object, ...],
         start: RunStarts,
         steps: tuple[float, int],
-        losses: Dissipation,
+        losses: Dissipation | None,
         y_end: Array,
     ) -> tuple[Array, Array, Array, Array]:
-        q_end, status, roughness = np.empty_like(start[0]), np.zeros(len(charts)), np.zeros(len(charts))
-        (q, y, T, kinematics), (damping, joints, limits), found = start, losses, (q_end, y_end, status, roughness)
-        self._calls.dissipate_runs(charts, q, y, T, *steps, kinematics, damping, joints, limits, *found)
+        q, y, T, kinematics = start
+        found = np.empty_like(q), y_end, np.zeros(len(q)), np.zeros(len(q))
+        self._calls.integrate(charts, q, y, T, *steps, kinematics, *found, None, *(losses or (None, None, None)))
         return found
 
     def measure(self, q: Array, v: Array, kinematics: Array, status: Array) -> RunRecords:

@@ -27,6 +27,8 @@ from rnc_pin.model.row_stack import OutputStack, Place, RowStack
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.robots.robot import Robot
 
+_ROW = np.dtype([("integers", np.int64, 3 + INTEGERS), ("numbers", float, NUMBERS)])  # as the kernel stores them
+_FRAME = np.dtype([("joint", np.int64), ("placement", float, 12)])
 _CURVED = {"JointModelPlanar": 0, "JointModelSpherical": 1, "JointModelFreeFlyer": 2}
 
 
@@ -185,16 +187,17 @@ def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None) -> 
         for places in (table.external, table.external_vertical)
     ]
     sizes = (robot.nq, n, data.m, k, data.p, joints, len(table.frames), *external, len(table.integers))
-    placements = np.array([placement_numbers(frame.placement) for frame in table.frames])
+    rows, frames = np.empty(len(table.integers), _ROW), np.empty(len(table.frames), _FRAME)
+    rows["integers"], rows["numbers"] = table.integers, table.numbers
+    for record, frame in zip(frames, table.frames, strict=True):
+        record["joint"], record["placement"] = frame.joint, placement_numbers(frame.placement)
     return _kernel.library.Evaluator(
         (*sizes, len(workspace.entries), robot.nq != robot.nv, table.fused, data.rheonomic, len(table.laws)),
         workspace.references,
         workspace.views,
-        table.integers,
-        table.numbers,
+        rows,
         table.columns,
-        np.array([frame.joint for frame in table.frames], np.int64),
-        placements,
+        frames,
         workspace.ends,
         workspace.entries,
         np.ascontiguousarray(table.constant),
