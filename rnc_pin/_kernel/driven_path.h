@@ -36,20 +36,39 @@ static PathPoint chord_end_between(const double *begin, const double *end, doubl
     return (PathPoint){x, y, atan2(y_s, x_s), bend / (speed * speed * speed)};
 }
 
-/* Least squares of rows (count, DEGREES + 1), whose last column is the right-hand side; they are overwritten. False if
-   the rank is in doubt */
-static int fitted(double *rows, Py_ssize_t count, double *curve)
+/* Least squares by Householder's reflections: rows (count, DEGREES) and right (count) are overwritten. False if the
+ * rank is in doubt */
+static int fitted(double *rows, double *right, Py_ssize_t count, double *curve)
 {
-    double largest = 0.0, smallest = INFINITY;
-    triangularize(rows, count, DEGREES);
-    for (int c = DEGREES - 1; c >= 0; c--) {
-        const double *row = rows + c * (DEGREES + 1);
-        largest = fmax(largest, fabs(row[c])), smallest = fmin(smallest, fabs(row[c]));
-        curve[c] = row[DEGREES];
-        for (int j = c + 1; j < DEGREES; j++) curve[c] -= row[j] * curve[j];
-        curve[c] /= row[c];
+    double pivot[DEGREES], largest = 0.0, smallest = INFINITY;
+    for (int c = 0; c < DEGREES; c++) {
+        double square = 0.0;
+        for (Py_ssize_t i = c; i < count; i++) square += rows[i * DEGREES + c] * rows[i * DEGREES + c];
+        double size = sqrt(square), head = rows[c * DEGREES + c];
+        pivot[c] = head > 0.0 ? -size : size;
+        largest = fmax(largest, size), smallest = fmin(smallest, size);
+        if (!(size > 0.0)) return 0;
+        rows[c * DEGREES + c] = head - pivot[c];
+        double scale = -1.0 / (pivot[c] * rows[c * DEGREES + c]); /* 2 / |reflector|^2 */
+        for (int j = c + 1; j <= DEGREES; j++) {
+            double product = 0.0;
+            for (Py_ssize_t i = c; i < count; i++)
+                product += rows[i * DEGREES + c] * (j < DEGREES ? rows[i * DEGREES + j] : right[i]);
+            product *= scale;
+            for (Py_ssize_t i = c; i < count; i++) {
+                double change = product * rows[i * DEGREES + c];
+                if (j < DEGREES) rows[i * DEGREES + j] -= change;
+                else right[i] -= change;
+            }
+        }
     }
-    return smallest > POOR_FIT * largest && all_finite(curve, DEGREES);
+    if (!(smallest > POOR_FIT * largest)) return 0;
+    for (int c = DEGREES - 1; c >= 0; c--) {
+        curve[c] = right[c];
+        for (int j = c + 1; j < DEGREES; j++) curve[c] -= rows[c * DEGREES + j] * curve[j];
+        curve[c] /= pivot[c];
+    }
+    return all_finite(curve, DEGREES);
 }
 
 /* Move a point to the polynomial y(x), in axes at the point and in units of the window, at distance L from (px, py) */
@@ -97,7 +116,7 @@ static int chord_end_fitted(const double *path, Py_ssize_t count, Py_ssize_t old
     if (first > older || last < older + 2) return 1;
     for (Py_ssize_t i = first; i < last; i++) even += fabs(wrapped(path[4 * i + 2] - near->heading)) < STEEPEST;
     if (even < FEWEST) return 1;
-    double *rows = malloc((size_t)(2 * even * (DEGREES + 1)) * sizeof(double));
+    double *rows = malloc((size_t)(2 * even * (DEGREES + 1)) * sizeof(double)), *right = rows + 2 * even * DEGREES;
     if (!rows) return PyErr_NoMemory(), -1;
     double c = cos(near->heading), s = sin(near->heading);
     Py_ssize_t at = 0;
@@ -107,16 +126,16 @@ static int chord_end_fitted(const double *path, Py_ssize_t count, Py_ssize_t old
         if (!(fabs(turned) < STEEPEST)) continue;
         double u = (c * dx + s * dy) / window, far = (place[3] - middle) / window, weight = 1.0 - far * far;
         double lever = weight * (cos(turned) * cos(turned)) * (L / window), power = 1.0;
-        double *values = rows + at * (DEGREES + 1), *slopes = values + even * (DEGREES + 1);
+        double *values = rows + at * DEGREES, *slopes = rows + (even + at) * DEGREES;
         slopes[0] = 0.0;
         for (int k = 0; k < DEGREES; k++, power *= u) {
             values[k] = weight * power;
             if (k + 1 < DEGREES) slopes[k + 1] = lever * ((k + 1) * power);
         }
-        values[DEGREES] = weight * ((c * dy - s * dx) / window), slopes[DEGREES] = lever * tan(turned);
+        right[at] = weight * ((c * dy - s * dx) / window), right[even + at] = lever * tan(turned);
         at++;
     }
-    int ok = fitted(rows, 2 * even, curve);
+    int ok = fitted(rows, right, 2 * even, curve);
     free(rows);
     if (ok) chord_end_along(curve, near, px, py, L, window);
     return ok;

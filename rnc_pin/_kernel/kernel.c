@@ -1717,6 +1717,7 @@ static PyMethodDef functions[] = {
     {"harmonic", (PyCFunction)(void (*)(void))harmonic, METH_FASTCALL, NULL},
     {"riccati_factors", (PyCFunction)(void (*)(void))riccati_factors, METH_FASTCALL, NULL},
     {"riccati_solve", (PyCFunction)(void (*)(void))riccati_solve, METH_FASTCALL, NULL},
+    {"variances", (PyCFunction)(void (*)(void))variances, METH_FASTCALL, NULL},
     {"interior_point", (PyCFunction)(void (*)(void))interior_point, METH_FASTCALL, NULL},
     {"least_squares", (PyCFunction)(void (*)(void))least_squares, METH_FASTCALL, NULL},
     {"shape_poses", (PyCFunction)(void (*)(void))shape_poses, METH_FASTCALL, NULL},

@@ -77,7 +77,11 @@ class LinearQuadratic:
 
     def _variances(self) -> tuple[Float[Array, "N1 k"], Float[Array, "N1 nx"]]:
         """Squares of the typical sizes."""
-        AB, scales, nx = self.scaled_dynamics, self.input_scales, self.B.shape[1]
+        AB, scales, (N, nx, nu), k = self.scaled_dynamics, self.input_scales, self.B.shape, self.C.shape[1]
+        rows, states = np.empty((N + 1, k)), np.empty((N + 1, nx))
+        given = np.ascontiguousarray(self.C), np.ascontiguousarray(self.D)
+        if _kernel.library.variances(N, nx, nx + nu, k, AB, *given, scales, rows, states):
+            return rows, states
         noise = AB[:, :, nx:]
         P = np.concatenate([np.zeros_like(self.A[:1]), noise @ noise.mT])
         for before, A, after in zip(P, self.A, P[1:], strict=False):

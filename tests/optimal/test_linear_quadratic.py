@@ -5,7 +5,7 @@ import pytest
 
 from rnc_pin import _kernel
 from rnc_pin.errors import SimulationError
-from rnc_pin.optimal.linear_quadratic import LinearQuadratic, RiccatiFactors
+from rnc_pin.optimal.linear_quadratic import RiccatiFactors
 
 N, NX, NU, M = 5, 3, 2, 2
 
@@ -35,30 +35,6 @@ def test_solution_is_that_of_the_dense_equations():
     found = np.linalg.solve(whole, -np.concatenate([right, np.zeros((NX, M)), gap.reshape(-1, M)]))
     np.testing.assert_allclose(np.concatenate([z.reshape(-1, M), last]), found[:count], atol=1e-10)
     np.testing.assert_allclose(costate[1:].reshape(-1, M), found[count + NX :], atol=1e-9)
-
-
-def test_typical_sizes_are_those_of_the_responses_to_each_input():
-    """Independent inputs of the size of their scales: the squares of their responses add up."""
-    generator, k = np.random.default_rng(5), 4
-    A, B, C, D = (generator.normal(size=(N + last, *shape)) for last, *shape in (
-        (0, NX, NX), (0, NX, NU), (1, k, NX), (1, k, NU)
-    ))  # fmt: skip
-    C[:, 0], D[:, 1] = 0.0, 0.0
-    H, end = np.tile(np.diag([1.0, 1.0, 1.0, 0.3, 2.0]), (N, 1, 1)), np.eye(NX)
-    limit = np.ones((N + 1, k))
-    problem = LinearQuadratic(0.4 * A, B, A[:, 0], H, H[:, 0], end, end[0], C, D, -limit, limit)
-    rows, states = np.zeros((N + 1, k)), np.zeros((N + 1, NX))
-    for stage in range(N):
-        for scale, column in zip(problem.input_scales, range(NU), strict=True):
-            rows[stage] += (D[stage, :, column] * scale) ** 2
-            x = B[stage, :, column] * scale
-            for later in range(stage + 1, N + 1):
-                states[later] += x**2
-                rows[later] += (C[later] @ x) ** 2
-                x = 0.4 * A[later] @ x if later < N else x
-    found = problem.typical_sizes
-    np.testing.assert_allclose(found[0], np.maximum(np.sqrt(rows), 1e-4 * np.sqrt(rows.max())), rtol=1e-12)
-    np.testing.assert_allclose(found[1], np.sqrt(states), rtol=1e-12)
 
 
 @pytest.mark.parametrize("library", [_kernel.library, _kernel.NUMPY_ALONE])

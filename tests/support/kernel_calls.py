@@ -350,6 +350,19 @@ def programs_in_stages():
     return found
 
 
+def sizes_of_rows():
+    """Typical sizes of rows that depend on states, inputs and both."""
+    generator, N, nx, nu, k = np.random.default_rng(5), 7, 5, 3, 4
+    A, B, C, D = (generator.normal(size=(N + last, *shape)) for last, *shape in (
+        (0, nx, nx), (0, nx, nu), (1, k, nx), (1, k, nu)
+    ))  # fmt: skip
+    C[:, 0], D[:, 1] = 0.0, 0.0
+    H, end = np.tile(np.diag([1.0, 1.0, 1.0, 1.0, 1.0, 0.3, 2.0, 0.0]), (N, 1, 1)), np.eye(nx)
+    limit = np.ones((N + 1, k))
+    linear = LinearQuadratic(0.4 * A, B, A[:, 0], H, H[:, 0], end, end[0], C, D, -limit, limit)
+    return list(linear.typical_sizes)
+
+
 CALLS = {
     "feedback": (feedbacks, 1e-10),
     "adapt": (adaptations, 1e-12),
@@ -362,6 +375,7 @@ CALLS = {
     "harmonic": (harmonics, 1e-13),
     "riccati_factors": (riccati, 1e-9),
     "riccati_solve": (riccati, 1e-9),
+    "variances": (sizes_of_rows, 1e-12),
     "interior_point": (programs_in_stages, 1e-9),
     "least_squares": (programs, 1e-10),
     "stopping_velocities": (limited_arm, 0.0),
