@@ -8,7 +8,7 @@ other constraint rows have to be considered. Then ``NumPyEvaluator`` decides. It
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 
@@ -117,6 +117,15 @@ class CompiledEvaluator(NumPyEvaluator):
 
     def terms(self, q: ArrayInput, v2: ArrayInput) -> ReducedTerms:
         return self._fused_terms(q, v2, None) or super().terms(q, v2)
+
+    def output_slopes(self, q: Array, along: Sequence[int] | Array) -> Array:
+        kernel, batch = self.kernel, q.shape[:-1]
+        record, inverse = empty_records(batch, kernel.kinematics), empty_records(batch, kernel.inverse)
+        if not kernel.python_rows and self._calls.configure(q, record, inverse, None, False):
+            found = CompiledArraysAtQ(kernel, q, None, record, inverse).output_slopes(None, along)
+            if found is not None:
+                return np.ascontiguousarray(np.moveaxis(found, 0, -3))
+        return super().output_slopes(q, along)
 
     def state_derivative(
         self,
