@@ -119,13 +119,20 @@ class CompiledEvaluator(NumPyEvaluator):
         return self._fused_terms(q, v2, None) or super().terms(q, v2)
 
     def output_slopes(self, q: Array, along: Sequence[int] | Array) -> Array:
-        kernel, batch = self.kernel, q.shape[:-1]
-        record, inverse = empty_records(batch, kernel.kinematics), empty_records(batch, kernel.inverse)
-        if not kernel.python_rows and self._calls.configure(q, record, inverse, None, False):
-            found = CompiledArraysAtQ(kernel, q, None, record, inverse).output_slopes(None, along)
-            if found is not None:
-                return np.ascontiguousarray(np.moveaxis(found, 0, -3))
-        return super().output_slopes(q, along)
+        kernel, batch, (n, m, r) = self.kernel, q.shape[:-1], (self.data.n, self.data.m, self.data.r)
+        if kernel.python_rows or self.data.affine:
+            return super().output_slopes(q, along)
+        types = kernel.kinematics, kernel.inverse, kernel.rates
+        P, F, D = (np.empty((*batch, each.itemsize // 8)) for each in types)
+        k = self.data.vertical.size
+        found = np.empty((*batch, len(along), k, r))
+        taken = self._calls.configure(q, P, F, None, False)
+        end = -n - k  # the rates of A_star come before the velocities of rows
+        for place, j in enumerate(along):
+            v = F[..., n * n + m + j :: n].copy()
+            taken = taken and self._calls.rates(q, P, F, v, None, None, None, D)
+            found[..., place, :, :] = D[..., end - k * r : end].reshape(*batch, k, r)
+        return found if taken else super().output_slopes(q, along)
 
     def state_derivative(
         self,

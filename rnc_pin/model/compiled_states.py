@@ -189,7 +189,7 @@ class CompiledArraysAtQ(ArraysAtQ):
         force = np.ascontiguousarray(F)
         return T if self._calls.allocate(self.q, self.kinematics, self.inverse, force, T) else None
 
-    def output_slopes(self, at: Configurations | None, along: Sequence[int] | Array) -> Array | None:
+    def output_slopes(self, at: Configurations, along: Sequence[int] | Array) -> Array | None:
         """Rates (s, ..., k, r) of A_star in motions of single reducing outputs; None if NumPy has to evaluate them."""
         data = self.kernel.data
         if self.kernel.python_rows or data.affine or not len(along):
