@@ -34,143 +34,110 @@ static int take_rows(Arrays *all, PyObject *object, Py_ssize_t size, int flags, 
     return *length >= 0;
 }
 
-/* Tuple of evaluators; q (nq), y that starts with the velocities of the chart, largest |R|^2, kinematics, v (n),
- * status. */
-static PyObject *velocities_of_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+/* Tuple of evaluators; q (nq), y that starts with the velocities of the chart, record of kinematics or None, v (n),
+   record of the sum of squares of R; infinite where the general way has to decide. */
+static PyObject *admissible_velocities(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1};
-    double *q, *y, *P, *v, *status;
+    double *q, *y, *P = NULL, *v, *sizes;
     Py_ssize_t n = ev->n, in_y = 0;
-    int ok = -1;
-    if (expect(ev, given, 7) && (all.count = PyTuple_Size(args[0])) >= 0 && take(&all, args[1], ev->nq, READ, &q)
-        && take_rows(&all, args[2], 0, READ, &y, &in_y) && take(&all, args[4], kinematics_size(ev), WRITE, &P)
-        && take(&all, args[5], n, WRITE, &v) && take(&all, args[6], 1, WRITE, &status)) {
-        double limit = PyFloat_AsDouble(args[3]);
-        ok = PyErr_Occurred() ? -1 : 1;
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q += ev->nq, v += n, P += kinematics_size(ev)) {
-            Evaluator *chart = of_run(ev, args[0], i);
-            double size = 0.0;
-            status[i] = 0.0;
-            if (PyErr_Occurred() || !take_position(ev, q, P)) ok = -1;
-            if (ok < 0 || !chart || !chart->fused || chart->timed || chart->r > in_y) continue;
-            double *F = chart->scratch + chart->work + kinematics_size(chart), *R = F + n * n + chart->m;
-            if (!all_finite(y + i * in_y, in_y) || !factorize(chart, q, P, NULL, F)) continue;
-            velocity(chart, F, chart->mu, y + i * in_y, v);
-            for (Py_ssize_t j = 0; j < n; j++) size += dot(R + j * n, R + j * n, chart->r);
-            if (size < limit) status[i] = 1.0;
-        }
+    if (!expect(ev, given, 6) || (all.count = PyTuple_Size(args[0])) < 0) return NULL;
+    if (!take(&all, args[1], ev->nq, READ, &q) || !take_rows(&all, args[2], 0, READ, &y, &in_y)
+        || (args[3] != Py_None && !take(&all, args[3], kinematics_size(ev), WRITE, &P))
+        || !take(&all, args[4], n, WRITE, &v) || !take(&all, args[5], 1, WRITE, &sizes))
+        return result(&all, -1);
+    for (Py_ssize_t i = 0; i < all.count; i++, q += ev->nq, v += n, y += in_y) {
+        Evaluator *chart = of_run(ev, args[0], i);
+        double *own = !P ? ev->scratch + ev->work : P + i * kinematics_size(ev);
+        sizes[i] = INFINITY;
+        if (PyErr_Occurred() || !take_position(ev, q, own)) return result(&all, -1);
+        if (!chart || !chart->fused || chart->r > in_y) continue;
+        double *F = chart->scratch + chart->work + kinematics_size(chart), *R = F + n * n + chart->m;
+        if (!all_finite(y, in_y) || !factorize(chart, q, own, NULL, F)) continue;
+        velocity(chart, F, chart->mu, y, v);
+        sizes[i] = 0.0;
+        for (Py_ssize_t j = 0; j < n; j++) sizes[i] += dot(R + j * n, R + j * n, chart->r);
     }
-    return result(&all, ok);
+    return result(&all, 1);
 }
 
-/* q (nq), v (n), kinematics; E and E^-1, rates, values of the outputs, status: only runs with 1 are measured. */
-static PyObject *measure_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+/* All that a sampled controller reads: q (nq), v (n), kinematics; E and E^-1, rates, values of the outputs, status:
+   only runs with 1 are measured. It becomes 0 where the general way has to decide. True if the kinematics are known. */
+static int measured_known(Evaluator *ev, double *const *x)
 {
-    Arrays all = {.count = -1};
-    double *q, *v, *P, *F, *D, *x, *status;
-    Py_ssize_t square = 2 * ev->n * ev->n, outputs = ev->r + ev->k;
-    int ok = -1;
-    if (expect(ev, given, 7) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], ev->n, READ, &v)
-        && take(&all, args[2], kinematics_size(ev), READ, &P) && take(&all, args[3], square, WRITE, &F)
-        && take(&all, args[4], rates_size(ev), WRITE, &D) && take(&all, args[5], outputs, WRITE, &x)
-        && take(&all, args[6], 1, WRITE, &status)) {
-        ok = 1;
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++) {
-            if (status[i] != 1.0) continue;
-            int found = measured(ev, q + i * ev->nq, v + i * ev->n, P + i * kinematics_size(ev), F + i * square,
-                                 D + i * rates_size(ev), x + i * outputs);
-            if (found < 0) ok = -1;
-            status[i] = found > 0;
-        }
-    }
-    return result(&all, ok);
+    double *q = x[0], *v = x[1], *P = x[2], *F = x[3], *status = x[6];
+    int ok = *status == 1.0 && !ev->external && !ev->external_vertical && factorize(ev, q, P, NULL, F);
+    if (ok) ok = rates_with_C(ev, q, P, F, v, NULL, NULL, NULL, x[4]);
+    if (ok > 0) values(ev, q, P, x[5]);
+    *status = ok > 0;
+    return ok < 0 ? -1 : 1;
 }
 
-/* Tuple of evaluators; q (nq), y (s) and T (p), step, number of steps, kinematics at q, or None; q and y at the end,
- * status, roughness. Where the status is 0, the others are undefined. */
-static PyObject *integrate_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+static int measured_new(Evaluator *ev, double *const *x)
+{ return take_position(ev, x[0], x[2]) ? measured_known(ev, x) : -1; }
+
+static PyObject *measure(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
-    Arrays all = {.count = -1};
-    double *q, *y, *T, *P, *q_end, *y_end, *status, *rough;
-    Py_ssize_t s = 0;
-    int ok = -1;
-    if (expect(ev, given, 11) && (all.count = PyTuple_Size(args[0])) >= 0 && take(&all, args[1], ev->nq, READ, &q)
-        && take_rows(&all, args[2], 0, READ, &y, &s) && take(&all, args[3], ev->p, READ, &T)
-        && optional(&all, args[6], kinematics_size(ev), &P) && take(&all, args[7], ev->nq, WRITE, &q_end)
-        && take(&all, args[8], s, WRITE, &y_end) && take(&all, args[9], 1, WRITE, &status)
-        && take(&all, args[10], 1, WRITE, &rough)) {
-        double h = PyFloat_AsDouble(args[4]);
-        Py_ssize_t steps = PyErr_Occurred() ? 0 : PyLong_AsSsize_t(args[5]);
-        ok = PyErr_Occurred() ? -1 : 1;
-        memcpy(q_end, q, (size_t)(all.count * ev->nq) * sizeof(double));
-        memcpy(y_end, y, (size_t)(all.count * s) * sizeof(double));
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, T += ev->p, q_end += ev->nq, y_end += s) {
-            Evaluator *chart = of_run(ev, args[0], i);
-            int done = chart && chart->fused && !chart->timed && !chart->external_vertical && chart->curved
-                       && s == integrated(chart) && all_finite(T, ev->p);
-            if (PyErr_Occurred()) ok = -1;
-            rough[i] = 0.0;
-            for (Py_ssize_t j = 0; j < steps && ok > 0 && done > 0; j++)
-                done = step(chart, T, h, j || !P ? NULL : P + i * kinematics_size(ev), NULL, q_end, y_end, rough + i);
-            if (done < 0) ok = -1;
-            status[i] = done > 0;
-        }
-    }
-    return result(&all, ok);
+    if (!expect(ev, given, 8)) return NULL;
+    return args[7] == Py_True ? each_state(ev, args, 7, "qvPF!D!x!1!", measured_known)
+                              : each_state(ev, args, 7, "qvP!F!D!x!1!", measured_new);
 }
 
-/* Tuple of evaluators; q (nq), y (s) and T (p), step, number of steps, kinematics at q or None; damping (n) or None,
- * entries of v with friction, limits (B, rows) of these and of the inputs; q and y at the end, status, roughness.
- * Without steps, y at the end starts with the generalized forces (n) of dry friction during the step, and is as long as
- * these at least. */
-static PyObject *dissipate_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+/* Tuple of evaluators; q (nq), y (s) and T (p), step, number of steps, kinematics at q or None; q and y at the end,
+   status, roughness: where the status is 0, the others are undefined. Then of one run mu and its rates (2 m) at each
+   half step, or None; damping (n) or None, entries of v with friction, and limits (B, rows) of these and of the inputs,
+   or None without dissipation. With dissipation but without steps, y at the end starts with the generalized forces (n)
+   of dry friction during the step, and is as long as these at least. */
+static PyObject *integrate(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1}, one = {.count = 1}, listed = {.count = -1};
-    double *q, *y, *T, *limits, *q_end, *y_end, *status, *rough, *damping, *joints, *P, *memory = NULL;
+    double *q, *y, *T, *P, *q_end, *y_end, *status, *rough, *rates, *damping, *joints = NULL, *limits = NULL;
     Py_ssize_t s = 0, to = 0, n = ev->n, held = -1;
     Dissipation d = {.T = NULL};
-    int ok = -1;
-    if (expect(ev, given, 14) && (all.count = PyTuple_Size(args[0])) >= 0 && take(&all, args[1], ev->nq, READ, &q)
-        && take_rows(&all, args[2], 0, READ, &y, &s) && take(&all, args[3], ev->p, READ, &T)
-        && optional(&all, args[6], kinematics_size(ev), &P) && optional(&one, args[7], n, &damping)
-        && take(&listed, args[8], 1, READ, &joints) && take_rows(&all, args[9], 0, READ, &limits, &d.rows)
-        && take(&all, args[10], ev->nq, WRITE, &q_end) && take_rows(&all, args[11], 0, WRITE, &y_end, &to)
-        && take(&all, args[12], 1, WRITE, &status) && take(&all, args[13], 1, WRITE, &rough)) {
-        double h = PyFloat_AsDouble(args[4]);
-        Py_ssize_t steps = PyErr_Occurred() ? 0 : PyLong_AsSsize_t(args[5]);
-        ok = PyErr_Occurred() ? -1 : 1;
-        d.damping = damping, d.joints = joints, d.jointed = listed.count;
-        int valid = (d.rows == d.jointed || d.rows == d.jointed + ev->p) && (steps ? to == s : to >= n);
-        for (Py_ssize_t j = 0; j < d.jointed; j++) valid = valid && joints[j] >= 0 && joints[j] < n;
-        if (ok > 0 && !valid) {
-            PyErr_SetString(PyExc_ValueError, "kernel: rows of friction do not fit");
-            ok = -1;
+    if (!expect(ev, given, 15) || (all.count = PyTuple_Size(args[0])) < 0) return NULL;
+    double h = PyFloat_AsDouble(args[4]);
+    Py_ssize_t steps = PyErr_Occurred() ? 0 : PyLong_AsSsize_t(args[5]);
+    Py_ssize_t halves = within((long)steps, 1 << 20) ? 2 * steps + 1 : 0;
+    int ok = -1, loses = args[14] != Py_None;
+    if (!PyErr_Occurred() && take(&all, args[1], ev->nq, READ, &q) && take_rows(&all, args[2], 0, READ, &y, &s)
+        && take(&all, args[3], ev->p, READ, &T) && optional(&all, args[6], kinematics_size(ev), &P)
+        && take(&all, args[7], ev->nq, WRITE, &q_end) && take_rows(&all, args[8], 0, WRITE, &y_end, &to)
+        && take(&all, args[9], 1, WRITE, &status) && take(&all, args[10], 1, WRITE, &rough)
+        && optional(&all, args[11], halves * 2 * ev->m, &rates) && optional(&one, args[12], n, &damping)
+        && (!loses || take(&listed, args[13], 1, READ, &joints))
+        && (!loses || take_rows(&all, args[14], 0, READ, &limits, &d.rows))) {
+        d.damping = damping, d.joints = joints, d.jointed = loses ? listed.count : 0;
+        ok = (d.rows == d.jointed || d.rows == d.jointed + ev->p) && (steps || !loses ? to == s : to >= n) ? 1 : -1;
+        for (Py_ssize_t j = 0; j < d.jointed; j++)
+            if (!(joints[j] >= 0 && joints[j] < n)) ok = -1;
+        if (ok < 0) PyErr_SetString(PyExc_ValueError, "kernel: rows of friction do not fit");
+    }
+    for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q_end += ev->nq, y_end += to, y += s, T += ev->p) {
+        Evaluator *chart = of_run(ev, args[0], i);
+        int done = chart && chart->fused && !chart->external_vertical && chart->curved && s == integrated(chart)
+                   && all_finite(T, ev->p) && !chart->timed == !rates
+                   && (!rates || (chart == ev && chart->mu && !loses));
+        if (PyErr_Occurred()) ok = -1;
+        if (done && loses && s != held) { /* charts of one reduction have equal sizes */
+            free(all.memory);
+            if (!(all.memory = dissipation_memory(chart, &d))) ok = -1;
+            held = s;
         }
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q_end += ev->nq, y_end += to) {
-            Evaluator *chart = of_run(ev, args[0], i);
-            int done = chart && chart->fused && !chart->timed && !chart->external_vertical && chart->curved
-                       && s == integrated(chart) && all_finite(T + i * ev->p, ev->p);
-            if (PyErr_Occurred()) ok = -1;
-            if (done && s != held) { /* charts of one reduction have equal sizes */
-                free(memory);
-                memory = dissipation_memory(chart, &d);
-                held = s;
-                if (!memory) PyErr_NoMemory(), ok = -1;
-            }
-            rough[i] = 0.0, d.T = T + i * ev->p, d.limits = limits + i * d.rows;
-            d.located = d.biased = 0, d.kinematics = P ? P + i * kinematics_size(ev) : NULL;
-            memcpy(q_end, q + i * ev->nq, (size_t)ev->nq * sizeof(double));
-            if (steps) memcpy(y_end, y + i * s, (size_t)s * sizeof(double));
-            for (Py_ssize_t j = 0; j < steps && ok > 0 && done > 0; j++)
-                done = dissipative_step(chart, &d, q_end, y_end, h, rough + i);
-            if (!steps && ok > 0 && done > 0 && (done = begin(chart, &d, q_end, y + i * s, h)) > 0) {
-                memset(y_end, 0, (size_t)n * sizeof(double));
-                for (Py_ssize_t j = 0; j < d.rows; j++) add(y_end, d.forces[j], d.J + j * n, n);
-            }
-            if (done < 0) ok = -1;
-            status[i] = done > 0;
+        const double *known = P ? P + i * kinematics_size(ev) : NULL;
+        rough[i] = 0.0, d.T = T, d.limits = loses ? limits + i * d.rows : NULL;
+        d.located = d.biased = 0, d.kinematics = known;
+        memcpy(q_end, q + i * ev->nq, (size_t)ev->nq * sizeof(double));
+        if (steps || !loses) memcpy(y_end, y, (size_t)s * sizeof(double));
+        for (Py_ssize_t j = 0; j < steps && ok > 0 && done > 0; j++)
+            done = loses ? dissipative_step(chart, &d, q_end, y_end, h, rough + i)
+                         : step(chart, T, h, j ? NULL : known, rates ? rates + j * 4 * ev->m : NULL, q_end, y_end,
+                                rough + i);
+        if (loses && !steps && ok > 0 && done > 0 && (done = begin(chart, &d, q_end, y, h)) > 0) {
+            memset(y_end, 0, (size_t)n * sizeof(double));
+            for (Py_ssize_t j = 0; j < d.rows; j++) add(y_end, d.forces[j], d.J + j * n, n);
         }
-        free(memory);
+        if (done < 0) ok = -1;
+        status[i] = done > 0;
     }
     close_arrays(&one), close_arrays(&listed);
     return result(&all, ok);

@@ -20,32 +20,25 @@
 
 /* Tables and memory of the derivatives of an Evaluator, made at their first use. */
 struct Derivatives {
-    long *joint, *parent; /* joint of each entry of v (n), parent of each joint (joints) */
-    char *moves;          /* true if an entry of v moves a joint (joints, n) */
-    double *twist, *rate; /* of the joints, (joints, 6) */
-    double *forces;       /* on the joints, (joints, 6) */
-    double *origin;       /* acceleration of the frames' origins, (frames, 3) */
-    Change *by_q, *by_v;  /* of the frames, (frames, n) */
+    double *twist, *rate;                                 /* of the joints, (joints, 6) */
+    double *forces;                                       /* on the joints, (joints, 6) */
+    double *origin;                                       /* acceleration of the frames' origins, (frames, 3) */
+    double *frames_q, *frames_v;                          /* changes of the frames by q and by v, (frames, n) */
     double *h_q, *tau_q, *tau_v, *N, *Ev_q, *Ew_q, *Ew_v; /* (n, n) each; rows of the last three are packed */
     double *tau, *acceleration, *multipliers, *unit;      /* (n) each; the last is zero between uses */
-    double *RM, *Q, *Z, *L;                               /* R^T M (r, n), (r, n) twice, (r, r) */
+    double *RM, *Q, *Z, *L, *B;                           /* R^T M (r, n), (r, n) twice, (r, r), (n, p) */
     double *columns;                                      /* of E^-1 that belong to varying rows (n, n) */
     double *passive;                                      /* of the laws (forces) */
-    long *varying;                                        /* rows of E that are not constant (n) */
-    void *memory;
+    Change *by_q, *by_v;                                  /* frames_q, frames_v */
+    long *joint, *parent; /* joint of each entry of v (n), parent of each joint (joints) */
+    long *varying;        /* rows of E that are not constant (n) */
+    char *moves;          /* true if an entry of v moves a joint (joints, n) */
 };
 
 static Py_ssize_t derivatives_size(const Evaluator *ev)
 {
     Py_ssize_t n = ev->n, r = ev->r;
     return n + r + n * n + n * r + r * n + r * r + r * ev->p;
-}
-
-static void release_derivatives(Evaluator *ev)
-{
-    if (ev->derivatives) free(ev->derivatives->memory);
-    free(ev->derivatives);
-    ev->derivatives = NULL;
 }
 
 /* Joints come before those that they carry, and a joint's entries of v come last in its support. */
@@ -64,35 +57,47 @@ static void find_joints(const Evaluator *ev, Derivatives *d)
 static int prepare_derivatives(Evaluator *ev) /* false with an error if there is no memory */
 {
     if (ev->derivatives) return 1;
-    size_t n = (size_t)ev->n, r = (size_t)ev->r, joints = (size_t)ev->joints, frames = (size_t)ev->frames;
-    size_t numbers =
-        18 * joints + 3 * frames + 2 * frames * n * CHANGE + 8 * n * n + 4 * n + 3 * n * r + r * r + (size_t)ev->forced;
-    size_t bytes = numbers * sizeof(double) + (2 * n + joints) * sizeof(long) + joints * n;
-    Derivatives *d = ev->derivatives = calloc(1, sizeof(Derivatives));
-    if (d) d->memory = calloc(bytes + 1, 1);
-    if (!d || !d->memory) {
-        release_derivatives(ev);
-        return PyErr_NoMemory(), 0;
-    }
-    double *next = d->memory, **squares[] = {&d->h_q, &d->tau_q, &d->tau_v, &d->N, &d->Ev_q, &d->Ew_q, &d->Ew_v};
-    double **vectors[] = {&d->tau, &d->acceleration, &d->multipliers, &d->unit}, **wide[] = {&d->RM, &d->Q, &d->Z};
-    d->by_q = (Change *)next, next += frames * n * CHANGE;
-    d->by_v = (Change *)next, next += frames * n * CHANGE;
-    d->twist = next, next += 6 * joints;
-    d->rate = next, next += 6 * joints;
-    d->forces = next, next += 6 * joints;
-    d->origin = next, next += 3 * frames;
-    for (int i = 0; i < 7; i++) *squares[i] = next, next += n * n;
-    for (int i = 0; i < 4; i++) *vectors[i] = next, next += n;
-    for (int i = 0; i < 3; i++) *wide[i] = next, next += n * r;
-    d->L = next, next += r * r;
-    d->columns = next, next += n * n;
-    d->passive = next, next += ev->forced;
-    d->joint = (long *)next;
-    d->varying = d->joint + n;
-    d->parent = d->varying + n;
+    Py_ssize_t n = ev->n, r = ev->r, joints = ev->joints, frames = ev->frames, nn = n * n;
+    Derivatives own, *d = &own;
+    double **parts[] = {&d->twist, &d->rate,         &d->forces,      &d->origin, &d->frames_q, &d->frames_v,
+                        &d->h_q,   &d->tau_q,        &d->tau_v,       &d->N,      &d->Ev_q,     &d->Ew_q,
+                        &d->Ew_v,  &d->columns,      &d->tau,         &d->unit,   &d->RM,       &d->Q,
+                        &d->Z,     &d->acceleration, &d->multipliers, &d->L,      &d->B,        &d->passive};
+    Py_ssize_t sizes[] = {6 * joints,
+                          6 * joints,
+                          6 * joints,
+                          3 * frames,
+                          frames * n * CHANGE,
+                          frames * n * CHANGE,
+                          nn,
+                          nn,
+                          nn,
+                          nn,
+                          nn,
+                          nn,
+                          nn,
+                          nn,
+                          n,
+                          n,
+                          n * r,
+                          n * r,
+                          n * r,
+                          n,
+                          n,
+                          r * r,
+                          n * ev->p,
+                          ev->forced};
+    size_t count = sizeof sizes / sizeof *sizes;
+    Py_ssize_t numbers = divide(NULL, parts, sizes, count);
+    size_t bytes = (size_t)numbers * sizeof(double) + (size_t)(2 * n + joints) * sizeof(long) + (size_t)(joints * n);
+    if (!(ev->derivatives = calloc(1, sizeof own + bytes))) return PyErr_NoMemory(), 0;
+    double *block = (double *)(ev->derivatives + 1);
+    divide(block, parts, sizes, count);
+    d->by_q = (Change *)d->frames_q, d->by_v = (Change *)d->frames_v;
+    d->joint = (long *)(block + numbers), d->varying = d->joint + n, d->parent = d->varying + n;
     d->moves = (char *)(d->parent + joints);
-    find_joints(ev, d);
+    *ev->derivatives = own;
+    find_joints(ev, ev->derivatives);
     return 1;
 }
 
@@ -188,19 +193,7 @@ static void vary_frames(Evaluator *ev, Derivatives *d, const double *J)
 
 /* ------------------------------------------------------------------ rows of E, and their forces */
 
-/* derivative of the velocity of a row by q */
-static void rate_slopes(const Evaluator *ev, const Derivatives *d, const Row *row, const Slopes *slopes, double *Ev_q)
-{
-    for (int side = 0; side < sides_of(row); side++) {
-        long f = side ? row->b : row->a, joint = ev->frame[f].joint;
-        const double *K = (const double *)(slopes->velocity + side);
-        for (long s = ev->start[joint]; s < ev->start[joint + 1]; s++) {
-            long c = ev->support[s];
-            Ev_q[c] += dot(K, (const double *)(d->by_q + f * ev->n + c), UP_TO_VELOCITY);
-        }
-    }
-}
-
+/* Derivatives of the velocity of a row by q, and of its acceleration by q and v unless NULL */
 static void wrench_row(const Evaluator *ev, const Derivatives *d, const Row *row, const Slopes *slopes, double *Ev_q,
                        double *Ew_q, double *Ew_v)
 {
@@ -213,6 +206,7 @@ static void wrench_row(const Evaluator *ev, const Derivatives *d, const Row *row
             const double *by_q = (const double *)(d->by_q + f * ev->n + c),
                          *by_v = (const double *)(d->by_v + f * ev->n + c);
             Ev_q[c] += dot(K, by_q, UP_TO_VELOCITY);
+            if (!Ew_q) continue;
             Ew_q[c] += dot(G, by_q, CHANGE);
             Ew_v[c] += dot(G + FROM_VELOCITY, by_v + FROM_VELOCITY, CHANGE - FROM_VELOCITY);
         }
@@ -371,7 +365,7 @@ static void vary_laws(Evaluator *ev, Derivatives *d, const double *q, const doub
         d->passive[f] = law(ev, f, q, w, &unused);
         if (by_rate == 0.0 && of[F_STIFFNESS] == 0.0) continue;
         memset(rate_q, 0, (size_t)n * sizeof(double));
-        if (row_slopes(ev, d->origin, row, &slopes)) rate_slopes(ev, d, row, &slopes, rate_q);
+        if (row_slopes(ev, d->origin, row, &slopes)) wrench_row(ev, d, row, &slopes, rate_q, NULL, NULL);
         for (Py_ssize_t i = 0; i < n; i++) {
             if (J[i] == 0.0) continue;
             add(d->tau_q + i * n, J[i] * of[F_STIFFNESS], J, n);
@@ -386,40 +380,9 @@ static void vary_laws(Evaluator *ev, Derivatives *d, const double *q, const doub
 /* Pinocchio's derivatives of the inverse dynamics at q, v and w; false with an error */
 static int differentiated(Evaluator *ev, const double *q, const double *v, const double *w)
 {
-    PyObject *of[REFS];
     take_state(ev, q, v);
     memcpy(ev->views[V_A].buf, w, (size_t)ev->n * sizeof(double));
-    for (int i = 0; i < REFS; i++) of[i] = PyTuple_GetItem(ev->refs, i);
-    PyObject *result =
-        PyObject_CallFunctionObjArgs(of[P_RNEA], of[P_MODEL], of[P_DATA], of[P_Q], of[P_V], of[P_A], NULL);
-    Py_XDECREF(result);
-    return result != NULL;
-}
-
-/* L L^T = H for positive definite H (r, r); false if it is not */
-static int cholesky(const double *H, double *L, Py_ssize_t r)
-{
-    for (Py_ssize_t i = 0; i < r; i++)
-        for (Py_ssize_t j = 0; j <= i; j++) {
-            double rest = H[i * r + j] - dot(L + i * r, L + j * r, j);
-            if (i > j) L[i * r + j] = rest / L[j * r + j];
-            else if (rest > 0.0) L[i * r + i] = sqrt(rest);
-            else return 0;
-        }
-    return 1;
-}
-
-/* X <- (L L^T)^-1 X for X (r, c) */
-static void solve_cholesky(const double *L, double *X, Py_ssize_t r, Py_ssize_t c)
-{
-    for (Py_ssize_t i = 0; i < r; i++) {
-        for (Py_ssize_t j = 0; j < i; j++) add(X + i * c, -L[i * r + j], X + j * c, c);
-        for (Py_ssize_t j = 0; j < c; j++) X[i * c + j] *= 1.0 / L[i * r + i];
-    }
-    for (Py_ssize_t i = r - 1; i >= 0; i--) {
-        for (Py_ssize_t j = i + 1; j < r; j++) add(X + i * c, -L[j * r + i], X + j * c, c);
-        for (Py_ssize_t j = 0; j < c; j++) X[i * c + j] *= 1.0 / L[i * r + i];
-    }
+    return called(ev, P_RNEA, 1);
 }
 
 /* acceleration w, tau and multipliers at v and v2_dot; then Pinocchio's derivatives */
@@ -454,7 +417,7 @@ static int solve_variations(Evaluator *ev, Derivatives *d, const double *P, cons
     Py_ssize_t n = ev->n, m = ev->m, r = ev->r, p = ev->p;
     const double *inverse = F + n * n, *R = inverse + m;
     double *v_q = out + n + r, *v_v2 = v_q + n * n, *by_q = v_v2 + n * r, *by_v2 = by_q + r * n, *by_T = by_v2 + r * r;
-    if (!cholesky(H, d->L, r)) return 0;
+    if (!cholesky(H, r, 1, d->L, r)) return 0;
     memset(v_q, 0, (size_t)(n * n) * sizeof(double));
     for (Py_ssize_t i = 0; i < n; i++) {
         for (Py_ssize_t k = 0; k < varying; k++) add(v_q + i * n, -inverse[i * n + d->varying[k]], d->Ev_q + k * n, n);
@@ -484,16 +447,14 @@ static int solve_variations(Evaluator *ev, Derivatives *d, const double *P, cons
     return all_finite(out, derivatives_size(ev));
 }
 
-/* Record of derivatives of one state; B (n, p) is memory. False if the general way has to decide; -1: an error */
-static int differentiate(Evaluator *ev, const double *q, const double *v2, const double *T, double *B, double *out)
+/* Record of derivatives of one state. False if the general way has to decide; -1: an error */
+static int differentiate(Evaluator *ev, const double *q, const double *v2, const double *T, double *out)
 {
     Py_ssize_t n = ev->n;
     Derivatives *d = ev->derivatives;
     double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *S = F + 2 * n * n;
-    double *force = S + dynamics_size(ev), *J = P + n * n, *v = out, *v2_dot = out + n;
-    int ok = admissible(ev, q, v2, T);
-    if (ok > 0 && !take_position(ev, q, P)) ok = -1;
-    if (ok > 0) ok = factorize(ev, q, P, NULL, F);
+    double *force = S + dynamics_size(ev), *J = P + n * n, *B = d->B, *v = out, *v2_dot = out + n;
+    int ok = locate_state(ev, q, v2, T, P, F);
     if (ok <= 0) return ok;
     input_matrix(ev, q, P, B, ev->scratch);
     for (Py_ssize_t j = 0; j < n; j++) force[j] = dot(B + j * ev->p, T, ev->p);
@@ -511,19 +472,9 @@ static int differentiate(Evaluator *ev, const double *q, const double *v2, const
     return solve_variations(ev, d, P, F, S + 4 * n, B, varying, out);
 }
 
-/* q, v2, T -> record of derivatives of one state or of a stack of states; None if the general way has to decide. */
+/* q, v2, T -> record of derivatives */
+static int derivatives_at(Evaluator *ev, double *const *x)
+{ return ev->r ? differentiate(ev, x[0], x[1], x[2], x[3]) : 0; }
+
 static PyObject *state_derivatives(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
-{
-    Py_ssize_t sizes[3] = {ev->nq, ev->r, ev->p}, r = ev->r, size = derivatives_size(ev);
-    Arrays all = {.count = -1};
-    PyObject *array = NULL;
-    double *x[3], *out, *B = NULL;
-    if (!expect(ev, given, 3) || !prepare_derivatives(ev)) return NULL;
-    int ok = ev->fused && r && states(args, 3, sizes, &all, x);
-    if (ok && !(array = made(ev, &all, size, &out))) ok = -1;
-    if (ok > 0 && !(B = malloc((size_t)(ev->n * ev->p + 1) * sizeof(double)))) ok = -1, PyErr_NoMemory();
-    for (Py_ssize_t i = 0; i < all.count && ok > 0; i++)
-        ok = differentiate(ev, x[0] + i * ev->nq, x[1] + i * r, x[2] + i * ev->p, B, out + i * size);
-    free(B);
-    return answer(&all, array, ok);
-}
+{ return prepare_derivatives(ev) ? fused(ev, args, given, "qrT", derivatives_size(ev), derivatives_at) : NULL; }

@@ -25,55 +25,55 @@ typedef struct {
     const double *kinematics;                /* those at the start of the run, or NULL */
 } Dissipation;
 
-/* Pointers into a block that calloc returns, or NULL */
-#define PART(name, count)                                                                                              \
-    if (memory) d->name = memory + at;                                                                                 \
-    at += (size_t)(count)
+/* Pointers into a block that calloc returns; NULL with an error */
 static double *dissipation_memory(const Evaluator *ev, Dissipation *d)
 {
-    Py_ssize_t n = ev->n, r = ev->r, k = d->rows, size = d->size = n + integrated(ev);
-    double *memory = NULL;
-    for (int pass = 0; pass < 2; pass++) {
-        size_t at = 0;
-        PART(J, k * n);
-        PART(along, k * r);
-        PART(moved, k * r);
-        PART(gram, k * k);
-        PART(H, r * r);
-        PART(modes, r * r);
-        PART(inverse, r * r);
-        PART(decay, r);
-        PART(follow, (size - r) * r);
-        PART(speeds, k);
-        PART(forces, k);
-        PART(stops, k);
-        PART(now, k);
-        PART(wanted, k);
-        PART(shares, k);
-        PART(slope, k);
-        PART(bias, k);
-        PART(basis, r * k);
-        PART(a, r);
-        PART(growth, 10 * r);
-        PART(rest, k);
-        PART(which, k);
-        PART(slides, k);
-        PART(x, size);
-        PART(at, size);
-        PART(y, size);
-        PART(q, ev->nq);
-        PART(flows, size);
-        PART(stages, 8 * size + k * (k + 1));
-        PART(inputs, ev->p);
-        PART(external, n);
-        PART(B, n * ev->p);
-        PART(at_q, ev->nq);
-        PART(at_v2, r);
-        if (!pass && !(memory = calloc(at + 1, sizeof(double)))) return NULL;
-    }
+    Py_ssize_t n = ev->n, r = ev->r, k = d->rows, size = d->size = n + integrated(ev), rr = r * r;
+    double **parts[] = {&d->J,      &d->along,  &d->moved,    &d->gram,   &d->H,     &d->modes,  &d->inverse,
+                        &d->decay,  &d->follow, &d->speeds,   &d->forces, &d->stops, &d->now,    &d->wanted,
+                        &d->shares, &d->slope,  &d->bias,     &d->basis,  &d->a,     &d->growth, &d->rest,
+                        &d->which,  &d->slides, &d->x,        &d->at,     &d->y,     &d->q,      &d->flows,
+                        &d->stages, &d->inputs, &d->external, &d->B,      &d->at_q,  &d->at_v2};
+    Py_ssize_t sizes[] = {k * n,
+                          k * r,
+                          k * r,
+                          k * k,
+                          rr,
+                          rr,
+                          rr,
+                          r,
+                          (size - r) * r,
+                          k,
+                          k,
+                          k,
+                          k,
+                          k,
+                          k,
+                          k,
+                          k,
+                          r * k,
+                          r,
+                          10 * r,
+                          k,
+                          k,
+                          k,
+                          size,
+                          size,
+                          size,
+                          ev->nq,
+                          size,
+                          8 * size + k * (k + 1),
+                          ev->p,
+                          n,
+                          n * ev->p,
+                          ev->nq,
+                          r};
+    size_t count = sizeof sizes / sizeof *sizes;
+    double *memory = calloc((size_t)divide(NULL, parts, sizes, count) + 1, sizeof(double));
+    if (memory) divide(memory, parts, sizes, count);
+    else PyErr_NoMemory();
     return memory;
 }
-#undef PART
 
 /* The position, E and its inverse at q, in scratch, and the rows with friction */
 static int locate(Evaluator *ev, Dissipation *d, const double *q)
@@ -228,12 +228,7 @@ static int linear_part(Evaluator *ev, Dissipation *d)
     const double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *S = F + 2 * n * n + n;
     const double *H = S + 4 * n, *R = F + n * n + ev->m, *v = d->x, *v2_dot = v + n;
     double *L = ev->scratch, *A = L + r * r, *V = d->H, *row = V;
-    for (Py_ssize_t i = 0; i < r; i++)
-        for (Py_ssize_t j = 0; j <= i; j++) {
-            double rest = H[j * r + i] - dot(L + i * r, L + j * r, j);
-            if (i == j && !(rest > 0.0)) return 0;
-            L[i * r + j] = i == j ? sqrt(rest) : rest / L[j * r + j];
-        }
+    if (!cholesky(H, 1, r, L, r)) return 0;
     memset(d->decay, 0, (size_t)r * sizeof(double));
     memset(V, 0, (size_t)(r * r) * sizeof(double));
     for (Py_ssize_t i = 0; i < r; i++) V[i * r + i] = 1.0;

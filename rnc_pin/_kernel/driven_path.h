@@ -203,39 +203,29 @@ static int follow(const double *path, Py_ssize_t count, double before, const dou
 /* Tuple of paths (n, 4), one for each run; headings (1), x1 and v1 (k), A_star and A_star_dot (k, r), v2 and v2_dot
    (r), each of one run or of a stack of runs; indices (5), table of the trailer (7), record (5) of ``follow``. False if
    the arrays need the other path. */
-static PyObject *slither(PyObject *module, PyObject *const *args, Py_ssize_t given)
+static int slither_by(Arrays *all, PyObject *const *args)
 {
-    enum { HEADINGS = 1, X1, V1, A_STAR, A_DOT, V2, V2_DOT, AT, TABLE, OUT, ARGUMENTS };
-    Arrays all = {.count = 1};
-    double *x[ARGUMENTS] = {NULL};
-    Py_ssize_t k = 0, r = 0, runs = 0, again = 0;
-    (void)module;
-    if (given != ARGUMENTS) return PyErr_SetString(PyExc_TypeError, "kernel: slither takes 11 arguments"), NULL;
-    int ok = PyTuple_Check(args[0]) && stacked(args[X1], &runs, &k) && stacked(args[V2], &again, &r) && again == runs
-             && PyTuple_Size(args[0]) == runs && k < 1 << 10 && r < 1 << 10;
-    Py_ssize_t sizes[ARGUMENTS] = {0,        runs,     runs * k, runs * k, runs * k * r, runs * k * r,
-                                   runs * r, runs * r, 0,        7,        5 * runs};
-    for (int i = HEADINGS; i < ARGUMENTS && ok; i++)
-        if (i != AT) ok = (x[i] = numbers(&all, args[i], sizes[i])) != NULL;
-    if (!ok || all.views[all.open - 1].readonly) return result(&all, 0);
-    double *places = NULL;
-    if (!take(&all, args[AT], 5, READ, &places)) return result(&all, -1);
-    const long *at = (const long *)(const void *)places;
+    enum { PATHS, HEADINGS, X1, V1, A_STAR, A_DOT, V2, V2_DOT, AT, TABLE, OUT };
+    double *x[OUT + 1];
+    Py_ssize_t k = 0, r = 0, again = 0;
+    if (!PyTuple_Check(args[PATHS]) || !stacked(args[X1], &all->count, &k) || !stacked(args[V2], &again, &r)
+        || again != all->count || PyTuple_Size(args[PATHS]) != again || k >= 1 << 10 || r >= 1 << 10)
+        return 0;
+    Py_ssize_t sizes[] = {0, 1, k, k, k * r, k * r, r, r, 5, 7, 5};
+    int ok = arrays_of(all, args + 1, "DDDDDDDidW", sizes + 1, x + 1);
+    if (ok <= 0 || !all_within((const long *)x[AT], 5, k)) return ok < 0 ? -1 : 0;
     const double *t = x[TABLE];
     Trailer trailer = {t[0], t[1], t[2], t[3], t[4], t[5], t[6]};
-    for (int i = 0; i < 5; i++) ok = ok && within(at[i], k);
-    for (Py_ssize_t run = 0; run < runs && ok > 0; run++) {
+    for (Py_ssize_t run = 0; run < again && ok > 0; run++, advance(all, x + 1, OUT)) {
         Py_buffer path;
-        if (PyObject_GetBuffer(PyTuple_GetItem(args[0], run), &path, PyBUF_ND | PyBUF_FORMAT) < 0) {
-            PyErr_Clear();
-            return result(&all, 0);
-        }
+        if (PyObject_GetBuffer(PyTuple_GetItem(args[PATHS], run), &path, PyBUF_ND | PyBUF_FORMAT) < 0)
+            return PyErr_Clear(), 0;
         ok = path.format && !strcmp(path.format, "d") && path.ndim == 2 && path.shape[1] == 4 && path.shape[0] > 0;
         if (ok)
-            ok = follow(path.buf, path.shape[0], x[HEADINGS][run], x[X1] + run * k, x[V1] + run * k,
-                        x[A_STAR] + run * k * r, x[A_DOT] + run * k * r, x[V2] + run * r, x[V2_DOT] + run * r, r, at,
-                        &trailer, x[OUT] + 5 * run);
+            ok = follow(path.buf, path.shape[0], *x[HEADINGS], x[X1], x[V1], x[A_STAR], x[A_DOT], x[V2], x[V2_DOT], r,
+                        (const long *)x[AT], &trailer, x[OUT]);
         PyBuffer_Release(&path);
     }
-    return result(&all, ok);
+    return ok;
 }
+FUNCTION(slither, 11)

@@ -74,6 +74,8 @@ typedef struct {
     PyObject *refs;           /* tuple of Python objects, see below */
     Py_buffer views[10];      /* M, J, nle, C, placements, q, v, acceleration, derivatives of inverse dynamics */
     int open;                 /* number of views */
+    void *memory[24];         /* that the evaluator owns */
+    int owns;                 /* number of its blocks */
     Derivatives *derivatives; /* NULL until they are used */
 } Evaluator;
 
@@ -173,6 +175,12 @@ static void multiply_transposed(const double *left, Py_ssize_t ldl, const double
             if (left[j * ldl + i] != 0.0) add(out + i * c, left[j * ldl + i], right + j * ldr, c);
 }
 
+/* out (a) = left (a, b) x (b) */
+static void multiply_vector(const double *left, const double *x, double *out, Py_ssize_t a, Py_ssize_t b)
+{
+    for (Py_ssize_t i = 0; i < a; i++) out[i] = dot(left + i * b, x, b);
+}
+
 /* inverse of (n, n) by LU factorization with row pivoting; false if it is singular. work: n * n */
 static int invert(const double *matrix, double *out, double *work, Py_ssize_t n)
 {
@@ -207,23 +215,63 @@ static int invert(const double *matrix, double *out, double *work, Py_ssize_t n)
     return 1;
 }
 
+/* Lower L (n, n) with L L^T = M, whose entry i, j is at i row + j column, for j <= i; false if M is not positive */
+static int cholesky(const double *M, Py_ssize_t row, Py_ssize_t column, double *L, Py_ssize_t n)
+{
+    for (Py_ssize_t i = 0; i < n; i++)
+        for (Py_ssize_t j = 0; j <= i; j++) {
+            double rest = M[i * row + j * column] - dot(L + i * n, L + j * n, j);
+            if (i > j) L[i * n + j] = rest / L[j * n + j];
+            else if (rest > 0.0) L[i * n + i] = sqrt(rest);
+            else return 0; /* also not a number */
+        }
+    return 1;
+}
+
+/* X <- (L L^T)^-1 X for X (r, c) */
+static void solve_cholesky(const double *L, double *X, Py_ssize_t r, Py_ssize_t c)
+{
+    for (Py_ssize_t i = 0; i < r; i++) {
+        for (Py_ssize_t j = 0; j < i; j++) add(X + i * c, -L[i * r + j], X + j * c, c);
+        for (Py_ssize_t j = 0; j < c; j++) X[i * c + j] *= 1.0 / L[i * r + i];
+    }
+    for (Py_ssize_t i = r - 1; i >= 0; i--) {
+        for (Py_ssize_t j = i + 1; j < r; j++) add(X + i * c, -L[j * r + i], X + j * c, c);
+        for (Py_ssize_t j = 0; j < c; j++) X[i * c + j] *= 1.0 / L[i * r + i];
+    }
+}
+
 /* x <- H^-1 x for symmetric positive definite H (r, r); false if it is not. work: r * r */
 static int solve_positive_definite(const double *H, double *x, double *work, Py_ssize_t r)
 {
-    for (Py_ssize_t i = 0; i < r; i++) {
-        for (Py_ssize_t j = 0; j <= i; j++) {
-            double rest = H[j * r + i] - dot(work + i * r, work + j * r, j);
-            if (i > j) work[i * r + j] = rest / work[j * r + j];
-            else if (rest > 0.0) work[i * r + i] = sqrt(rest);
-            else return 0;
-        }
-        x[i] = (x[i] - dot(work + i * r, x, i)) / work[i * r + i];
-    }
+    if (!cholesky(H, 1, r, work, r)) return 0;
+    for (Py_ssize_t i = 0; i < r; i++) x[i] = (x[i] - dot(work + i * r, x, i)) / work[i * r + i];
     for (Py_ssize_t i = r - 1; i >= 0; i--) {
         for (Py_ssize_t j = i + 1; j < r; j++) x[i] -= work[j * r + i] * x[j];
         x[i] /= work[i * r + i];
     }
     return all_finite(x, r);
+}
+
+/* Triangular factor of rows (k, n + 1), whose last column is the right-hand side, by reflections; in place, k >= n. */
+static void triangularize(double *A, Py_ssize_t k, Py_ssize_t n)
+{
+    Py_ssize_t w = n + 1;
+    for (Py_ssize_t j = 0; j < n; j++) {
+        double square = 0.0, first = A[j * w + j];
+        for (Py_ssize_t i = j; i < k; i++) square += A[i * w + j] * A[i * w + j];
+        if (square == 0.0) continue;
+        double size = first > 0.0 ? -sqrt(square) : sqrt(square), scale = 1.0 / (square - first * size);
+        A[j * w + j] = first - size;
+        double sums[256];
+        for (Py_ssize_t c = j + 1; c < w; c++) sums[c] = 0.0;
+        for (Py_ssize_t i = j; i < k; i++)
+            for (Py_ssize_t c = j + 1; c < w; c++) sums[c] += A[i * w + j] * A[i * w + c];
+        for (Py_ssize_t c = j + 1; c < w; c++) sums[c] *= scale;
+        for (Py_ssize_t i = j; i < k; i++)
+            for (Py_ssize_t c = j + 1; c < w; c++) A[i * w + c] -= A[i * w + j] * sums[c];
+        A[j * w + j] = size;
+    }
 }
 
 /* ------------------------------------------------------------------ frames */
@@ -372,12 +420,14 @@ static void ackermann(const Row *row, const double *q, double *out)
 /* Kinematics at a configuration: M (n, n), J (6, n), placements (joints, 12). */
 static Py_ssize_t kinematics_size(const Evaluator *ev) { return ev->n * ev->n + 6 * ev->n + 12 * ev->joints; }
 
+/* Call a function of Pinocchio, whose last arguments are v or a convention, and an acceleration if v comes first */
 static int called(Evaluator *ev, int function, int with_velocity)
 {
     PyObject *of[REFS];
     for (int i = 0; i < REFS; i++) of[i] = PyTuple_GetItem(ev->refs, i);
-    PyObject *last = with_velocity ? of[P_V] : of[P_CONVENTION];
-    PyObject *result = PyObject_CallFunctionObjArgs(of[function], of[P_MODEL], of[P_DATA], of[P_Q], last, NULL);
+    PyObject *last = with_velocity ? of[P_V] : of[P_CONVENTION], *acceleration = function == P_RNEA ? of[P_A] : NULL;
+    PyObject *result =
+        PyObject_CallFunctionObjArgs(of[function], of[P_MODEL], of[P_DATA], of[P_Q], last, acceleration, NULL);
     Py_XDECREF(result);
     return result != NULL;
 }
@@ -711,19 +761,27 @@ static void coriolis(Evaluator *ev, const double *P, const double *F, const doub
 
 /* ------------------------------------------------------------------ arguments of the methods */
 
+#define MOST 24 /* arrays of one call */
+#define READ PyBUF_SIMPLE
+#define WRITE PyBUF_WRITABLE
+
 /* Arrays of one call. Each is a contiguous block of doubles: count states of a given size. */
 typedef struct {
-    Py_buffer views[24];
+    Py_buffer views[MOST];
     int open;
-    Py_ssize_t count;
+    Py_ssize_t count, sizes[MOST];
+    double numbers[MOST]; /* arguments that are no arrays */
+    void *memory;         /* released with the arrays */
 } Arrays;
 
 static void close_arrays(Arrays *all)
 {
     while (all->open) PyBuffer_Release(all->views + --all->open);
+    free(all->memory);
+    all->memory = NULL;
 }
 
-/* The first array sets the number of states; the others have to agree. None gives NULL if that is allowed. */
+/* The first array sets the number of states; the others have to agree. */
 static int take(Arrays *all, PyObject *object, Py_ssize_t size, int flags, double **out)
 {
     Py_buffer *view = all->views + all->open;
@@ -744,7 +802,15 @@ static int take(Arrays *all, PyObject *object, Py_ssize_t size, int flags, doubl
 static int optional(Arrays *all, PyObject *object, Py_ssize_t size, double **out)
 {
     *out = NULL;
-    return object == Py_None || take(all, object, size, PyBUF_SIMPLE, out);
+    return object == Py_None || take(all, object, size, READ, out);
+}
+
+/* Arrays of given sizes, the last of which are written; false with an error */
+static int take_sized(Arrays *all, PyObject *const *args, const Py_ssize_t *sizes, int count, int written, double **x)
+{
+    for (int i = 0; i < count; i++)
+        if (!take(all, args[i], sizes[i], i < count - written ? READ : WRITE, x + i)) return 0;
+    return 1;
 }
 
 static PyObject *result(Arrays *all, int outcome) /* -1: a Python error; else False or True */
@@ -753,15 +819,105 @@ static PyObject *result(Arrays *all, int outcome) /* -1: a Python error; else Fa
     return outcome < 0 ? NULL : PyBool_FromLong(outcome);
 }
 
-static int expect(const Evaluator *ev, Py_ssize_t found, Py_ssize_t expected)
+static int expect(const Evaluator *ev, Py_ssize_t found, Py_ssize_t expected) /* ev: NULL for a function */
 {
-    if (ev->ready && found == expected) return 1;
+    if ((!ev || ev->ready) && found == expected) return 1;
     PyErr_Format(PyExc_TypeError, "kernel: expected %zd arguments, found %zd", expected, found);
     return 0;
 }
 
-#define READ PyBUF_SIMPLE
-#define WRITE PyBUF_WRITABLE
+/* Numbers (size) that are released with the arrays; NULL with an error */
+static double *memory_of(Arrays *all, Py_ssize_t size)
+{
+    if (!(all->memory = calloc((size_t)size + 1, sizeof(double)))) PyErr_NoMemory();
+    return all->memory;
+}
+
+/* Divide a block of memory into parts; returns its length, also without a block */
+static Py_ssize_t divide(double *block, double **const *parts, const Py_ssize_t *sizes, size_t count)
+{
+    Py_ssize_t at = 0;
+    for (size_t i = 0; i < count; at += sizes[i++])
+        if (block) *parts[i] = block + at;
+    return at;
+}
+
+/* Numbers of y of the integrator: v2, integrals of J1 v, time if mu depends on it, and work */
+static Py_ssize_t integrated(const Evaluator *ev) { return ev->r + ev->k + (ev->timed ? 2 : 1); }
+
+/* Numbers of an array at one state, by the letter that names it in the signature of a method */
+static Py_ssize_t size_of(const Evaluator *ev, char letter)
+{
+    Py_ssize_t n = ev->n, r = ev->r, k = ev->k;
+    switch (letter) {
+    case 'q': return ev->nq;
+    case 'v': return n; /* velocities, accelerations and forces */
+    case 'r': return r; /* v2, its rate and reduced forces */
+    case 'm': return ev->m;
+    case 'k': return k;
+    case 'T': return ev->p;
+    case 'P': return kinematics_size(ev);
+    case 'F': return 2 * n * n; /* E and E^-1 */
+    case 'S': return dynamics_size(ev);
+    case 'D': return rates_size(ev);
+    case 'H': return r * r;
+    case 'B': return n * ev->p;
+    case 'Y': return k * (n + r); /* J1 and A_star */
+    case 'x': return r + k;       /* values of outputs */
+    case 'y': return integrated(ev);
+    case 'd': return n + integrated(ev); /* state derivative */
+    case 'e': return ev->external;
+    case 'E': return ev->external * n;
+    case 'W': return ev->external_vertical * n;
+    case '2': return 2 * n;
+    case 'w': return ev->count * NUMBERS;
+    case 'u': return 2 * ev->m;
+    }
+    return 1;
+}
+
+/* Arrays with the sizes of a signature. "!" marks those that are written, "?" those that may be None. */
+static int take_all(const Evaluator *ev, Arrays *all, PyObject *const *args, const char *signature, double **x)
+{
+    for (int i = 0; *signature; i++) {
+        char letter = *signature++, mark = *signature == '!' || *signature == '?' ? *signature++ : ' ';
+        all->sizes[i] = size_of(ev, letter), x[i] = NULL;
+        if (mark == '?' && args[i] == Py_None) continue;
+        if (!take(all, args[i], all->sizes[i], mark == '!' ? WRITE : READ, x + i)) return 0;
+    }
+    return 1;
+}
+
+static Py_ssize_t arguments(const char *signature)
+{
+    Py_ssize_t count = 0;
+    for (; *signature; signature++) count += *signature != '!' && *signature != '?';
+    return count;
+}
+
+/* Pointers to the arrays of the next state */
+static void advance(const Arrays *all, double **x, Py_ssize_t count)
+{
+    for (Py_ssize_t i = 0; i < count; i++)
+        if (x[i]) x[i] += all->sizes[i];
+}
+
+/* What a method does at one state. False if the general way has to decide; -1: an error */
+typedef int (*AtState)(Evaluator *ev, double *const *x);
+
+static PyObject *each_state(Evaluator *ev, PyObject *const *args, Py_ssize_t given, const char *signature, AtState one)
+{
+    Arrays all = {.count = -1};
+    double *x[MOST];
+    int ok = expect(ev, given, arguments(signature)) && take_all(ev, &all, args, signature, x) ? 1 : -1;
+    for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, advance(&all, x, given)) ok = one(ev, x);
+    return result(&all, ok);
+}
+
+/* A method that calls a function at each state; see ``size_of`` for the letters of a signature. */
+#define METHOD(name, signature, one)                                                                                   \
+    static PyObject *name(Evaluator *ev, PyObject *const *args, Py_ssize_t given)                                      \
+    { return each_state(ev, args, given, signature, one); }
 
 /* ------------------------------------------------------------------ methods */
 
@@ -772,227 +928,115 @@ static Py_ssize_t terms_size(const Evaluator *ev)
            + 2 * n;
 }
 
-static PyObject *configure(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* q, P, F, external, known */
+static int configure_known(Evaluator *ev, double *const *x)
+{ return x[3] || !ev->external ? factorize(ev, x[0], x[1], x[3], x[2]) : 0; }
+
+static int configure_new(Evaluator *ev, double *const *x)
+{ return take_position(ev, x[0], x[1]) ? configure_known(ev, x) : -1; }
+
+/* q, P, F, external rows, True if P is known */
+static PyObject *configure(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
-    Arrays all = {.count = -1};
-    double *q, *P, *F, *external;
-    int ok = -1;
-    if (expect(ev, given, 5) && take(&all, args[0], ev->nq, READ, &q)
-        && take(&all, args[1], kinematics_size(ev), args[4] == Py_True ? READ : WRITE, &P)
-        && take(&all, args[2], 2 * ev->n * ev->n, WRITE, &F)
-        && optional(&all, args[3], ev->external * ev->n, &external)) {
-        int known = args[4] == Py_True;
-        ok = external || !ev->external;
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++) {
-            double *P_i = P + i * kinematics_size(ev);
-            if (!known && !take_position(ev, q + i * ev->nq, P_i)) ok = -1;
-            else
-                ok = factorize(ev, q + i * ev->nq, P_i, external ? external + i * ev->external * ev->n : NULL,
-                               F + i * 2 * ev->n * ev->n);
-        }
-    }
-    return result(&all, ok);
+    if (!expect(ev, given, 5)) return NULL;
+    return args[4] == Py_True ? each_state(ev, args, 4, "qPF!E?", configure_known)
+                              : each_state(ev, args, 4, "qP!F!E?", configure_new);
 }
 
-static PyObject *full_velocity(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* F, mu, v2, v */
-{
-    Arrays all = {.count = -1};
-    double *F, *mu, *v2, *v;
-    int ok = -1;
-    if (expect(ev, given, 4) && take(&all, args[0], 2 * ev->n * ev->n, READ, &F) && optional(&all, args[1], ev->m, &mu)
-        && take(&all, args[2], ev->r, READ, &v2) && take(&all, args[3], ev->n, WRITE, &v)) {
-        ok = 1;
-        for (Py_ssize_t i = 0; i < all.count; i++)
-            velocity(ev, F + i * 2 * ev->n * ev->n, mu ? mu + i * ev->m : NULL, v2 + i * ev->r, v + i * ev->n);
-    }
-    return result(&all, ok);
-}
+static int velocity_at(Evaluator *ev, double *const *x) { return velocity(ev, x[0], x[1], x[2], x[3]), 1; }
+METHOD(full_velocity, "Fm?rv!", velocity_at)
 
-static PyObject *reduced_inertia(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* P, F, H */
-{
-    Arrays all = {.count = -1};
-    double *P, *F, *H;
-    int ok = -1;
-    if (expect(ev, given, 3) && take(&all, args[0], kinematics_size(ev), READ, &P)
-        && take(&all, args[1], 2 * ev->n * ev->n, READ, &F) && take(&all, args[2], ev->r * ev->r, WRITE, &H)) {
-        ok = 1;
-        for (Py_ssize_t i = 0; i < all.count; i++)
-            inertia(ev, P + i * kinematics_size(ev), F + i * 2 * ev->n * ev->n, H + i * ev->r * ev->r, ev->scratch);
-    }
-    return result(&all, ok);
-}
+static int inertia_at(Evaluator *ev, double *const *x) { return inertia(ev, x[0], x[1], x[2], ev->scratch), 1; }
+METHOD(reduced_inertia, "PFH!", inertia_at)
 
 /* q, P, F, v, external, rates of mu over time (m) or None for those that are set, S */
-static PyObject *bias_forces(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+static int biases_at(Evaluator *ev, double *const *x)
 {
-    Arrays all = {.count = -1};
-    double *q, *P, *F, *v, *external, *drift, *S, *kept = ev->mu_dot;
-    int ok = -1;
-    if (expect(ev, given, 7) && take(&all, args[0], ev->nq, READ, &q)
-        && take(&all, args[1], kinematics_size(ev), READ, &P) && take(&all, args[2], 2 * ev->n * ev->n, READ, &F)
-        && take(&all, args[3], ev->n, READ, &v) && optional(&all, args[4], ev->external, &external)
-        && optional(&all, args[5], ev->m, &drift) && take(&all, args[6], dynamics_size(ev), WRITE, &S)) {
-        ok = external || !ev->external;
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++) {
-            if (drift) ev->mu_dot = drift + i * ev->m;
-            if (!biases(ev, q + i * ev->nq, P + i * kinematics_size(ev), F + i * 2 * ev->n * ev->n, v + i * ev->n,
-                        external ? external + i * ev->external : NULL, S + i * dynamics_size(ev)))
-                ok = -1;
-        }
-        ev->mu_dot = kept;
-    }
-    return result(&all, ok);
+    double *kept = ev->mu_dot;
+    if (!x[4] && ev->external) return 0;
+    if (x[5]) ev->mu_dot = x[5];
+    int ok = biases(ev, x[0], x[1], x[2], x[3], x[4], x[6]);
+    ev->mu_dot = kept;
+    return ok ? 1 : -1;
 }
+METHOD(bias_forces, "qPFve?m?S!", biases_at)
 
-static PyObject *acceleration(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* F, S, force, v2_dot */
-{
-    Arrays all = {.count = -1};
-    double *F, *S, *force, *v2_dot;
-    int ok = -1;
-    if (expect(ev, given, 4) && take(&all, args[0], 2 * ev->n * ev->n, READ, &F)
-        && take(&all, args[1], dynamics_size(ev), READ, &S) && take(&all, args[2], ev->n, READ, &force)
-        && take(&all, args[3], ev->r, WRITE, &v2_dot)) {
-        ok = 1;
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++)
-            ok = accelerate(ev, F + i * 2 * ev->n * ev->n, S + i * dynamics_size(ev), force + i * ev->n,
-                            v2_dot + i * ev->r, ev->scratch);
-    }
-    return result(&all, ok);
-}
+static int acceleration_at(Evaluator *ev, double *const *x)
+{ return accelerate(ev, x[0], x[1], x[2], x[3], ev->scratch); }
+METHOD(acceleration, "FSvr!", acceleration_at)
 
-static PyObject *vertical_rows(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* q, P, F, external, Y */
+static int vertical_at(Evaluator *ev, double *const *x)
+{ return (x[3] || !ev->external_vertical) && vertical(ev, x[0], x[1], x[2], x[3], x[4]); }
+METHOD(vertical_rows, "qPFW?Y!", vertical_at)
+
+/* Rates at a state with a position and E. False if a row is undefined; -1: an error */
+static int rates_with_C(Evaluator *ev, const double *q, const double *P, const double *F, const double *v,
+                        const double *of_J1, const double *E_rates, const double *J1_rates, double *D)
 {
-    Arrays all = {.count = -1};
-    double *q, *P, *F, *external, *Y;
-    Py_ssize_t size = ev->k * (ev->n + ev->r), rows = ev->external_vertical;
-    int ok = -1;
-    if (expect(ev, given, 5) && take(&all, args[0], ev->nq, READ, &q)
-        && take(&all, args[1], kinematics_size(ev), READ, &P) && take(&all, args[2], 2 * ev->n * ev->n, READ, &F)
-        && optional(&all, args[3], rows * ev->n, &external) && take(&all, args[4], size, WRITE, &Y)) {
-        ok = external || !rows;
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++)
-            ok = vertical(ev, q + i * ev->nq, P + i * kinematics_size(ev), F + i * 2 * ev->n * ev->n,
-                          external ? external + i * rows * ev->n : NULL, Y + i * size);
-    }
-    return result(&all, ok);
+    take_state(ev, q, v);
+    if (ev->rates_need_C && !called(ev, P_C, 1)) return -1;
+    return rates(ev, q, P, F, v, of_J1, E_rates, J1_rates, D, ev->scratch);
 }
 
 /* q, P, F, v, rows of J1, rates of E and of J1 from the user, D */
-static PyObject *row_rates(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+static int rates_at(Evaluator *ev, double *const *x)
 {
-    Arrays all = {.count = -1};
-    double *q, *P, *F, *v, *of_J1, *E_rates, *J1_rates, *D;
-    Py_ssize_t n = ev->n, in_E = ev->external * n, in_J1 = ev->external_vertical * n;
-    int ok = -1;
-    if (expect(ev, given, 8) && take(&all, args[0], ev->nq, READ, &q)
-        && take(&all, args[1], kinematics_size(ev), READ, &P) && take(&all, args[2], 2 * n * n, READ, &F)
-        && take(&all, args[3], n, READ, &v) && optional(&all, args[4], in_J1, &of_J1)
-        && optional(&all, args[5], in_E, &E_rates) && optional(&all, args[6], in_J1, &J1_rates)
-        && take(&all, args[7], rates_size(ev), WRITE, &D)) {
-        ok = (E_rates || !in_E) && ((of_J1 && J1_rates) || !in_J1);
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++) {
-            take_state(ev, q + i * ev->nq, v + i * n);
-            if (ev->rates_need_C && !called(ev, P_C, 1)) ok = -1;
-            else
-                ok = rates(ev, q + i * ev->nq, P + i * kinematics_size(ev), F + i * 2 * n * n, v + i * n,
-                           of_J1 ? of_J1 + i * in_J1 : NULL, E_rates ? E_rates + i * in_E : NULL,
-                           J1_rates ? J1_rates + i * in_J1 : NULL, D + i * rates_size(ev), ev->scratch);
-        }
-    }
-    return result(&all, ok);
+    if ((!x[5] && ev->external) || ((!x[4] || !x[6]) && ev->external_vertical)) return 0;
+    return rates_with_C(ev, x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7]);
 }
+METHOD(row_rates, "qPFvW?E?W?D!", rates_at)
+
+/* E or J1 at the begin of a record, times v, with the bits of the rates */
+static int row_velocities_at(Evaluator *ev, double *const *x)
+{ return multiply_vector(x[0], x[1], x[2], ev->n, ev->n), 1; }
+METHOD(row_velocities, "Fvv!", row_velocities_at)
+
+static int vertical_velocities_at(Evaluator *ev, double *const *x)
+{ return multiply_vector(x[0], x[1], x[2], ev->k, ev->n), 1; }
+METHOD(vertical_velocities, "Yvk!", vertical_velocities_at)
 
 /* q, P, v, record of the forces that follow from the state (n) and of those of springs (n) */
-static PyObject *passive_forces(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+static int passive_at(Evaluator *ev, double *const *x)
 {
-    Arrays all = {.count = -1};
-    double *q, *P, *v, *out;
-    Py_ssize_t n = ev->n;
-    int ok = -1;
-    if (expect(ev, given, 4) && take(&all, args[0], ev->nq, READ, &q)
-        && take(&all, args[1], kinematics_size(ev), READ, &P) && take(&all, args[2], n, READ, &v)
-        && take(&all, args[3], 2 * n, WRITE, &out)) {
-        ok = 1;
-        memset(out, 0, (size_t)(all.count * 2 * n) * sizeof(double));
-        for (Py_ssize_t i = 0; i < all.count && ok > 0;
-             i++, q += ev->nq, P += kinematics_size(ev), v += n, out += 2 * n) {
-            place(ev, P + n * n + 6 * n);
-            ok = add_passive(ev, q, P, v, out, out + n);
-        }
-    }
-    return result(&all, ok);
+    memset(x[3], 0, (size_t)(2 * ev->n) * sizeof(double));
+    place(ev, x[1] + ev->n * ev->n + 6 * ev->n);
+    return add_passive(ev, x[0], x[1], x[2], x[3], x[3] + ev->n);
 }
+METHOD(passive_forces, "qPv2!", passive_at)
 
-static PyObject *output_values(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* q, P, values */
-{
-    Arrays all = {.count = -1};
-    double *q, *P, *x;
-    int ok = -1;
-    if (expect(ev, given, 3) && take(&all, args[0], ev->nq, READ, &q)
-        && take(&all, args[1], kinematics_size(ev), READ, &P) && take(&all, args[2], ev->r + ev->k, WRITE, &x)) {
-        ok = 1;
-        for (Py_ssize_t i = 0; i < all.count; i++)
-            values(ev, q + i * ev->nq, P + i * kinematics_size(ev), x + i * (ev->r + ev->k));
-    }
-    return result(&all, ok);
-}
+static int values_at(Evaluator *ev, double *const *x) { return values(ev, x[0], x[1], x[2]), 1; }
+METHOD(output_values, "qPx!", values_at)
 
-static PyObject *actuation(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* q, P, B */
-{
-    Arrays all = {.count = -1};
-    double *q, *P, *B;
-    Py_ssize_t n = ev->n, p = ev->p;
-    int ok = -1;
-    if (expect(ev, given, 3) && take(&all, args[0], ev->nq, READ, &q)
-        && take(&all, args[1], kinematics_size(ev), READ, &P) && take(&all, args[2], n * p, WRITE, &B)) {
-        ok = 1;
-        for (Py_ssize_t i = 0; i < all.count; i++, q += ev->nq, P += kinematics_size(ev), B += n * p)
-            input_matrix(ev, q, P, B, ev->scratch);
-    }
-    return result(&all, ok);
-}
+static int actuation_at(Evaluator *ev, double *const *x) { return input_matrix(ev, x[0], x[1], x[2], ev->scratch), 1; }
+METHOD(actuation, "qPB!", actuation_at)
 
 /* q, P, F, reduced force (r), record of the inputs T (p = r) with R^T B T = force. False if the general way has to
    decide, e.g. for dependent actuators. */
-static PyObject *allocation(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+static int allocation_at(Evaluator *ev, double *const *x)
 {
-    Arrays all = {.count = -1};
-    double *q, *P, *F, *force, *T;
     Py_ssize_t n = ev->n, r = ev->r;
-    int ok = -1;
-    if (expect(ev, given, 5) && take(&all, args[0], ev->nq, READ, &q)
-        && take(&all, args[1], kinematics_size(ev), READ, &P) && take(&all, args[2], 2 * n * n, READ, &F)
-        && take(&all, args[3], r, READ, &force) && take(&all, args[4], ev->p, WRITE, &T)) {
-        double *B = ev->scratch, *matrix = B + n * r, *inverse = matrix + r * r, *work = inverse + r * r;
-        ok = ev->p == r;
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, F += 2 * n * n, force += r, T += r) {
-            input_matrix(ev, q + i * ev->nq, P + i * kinematics_size(ev), B, work);
-            multiply_transposed(F + n * n + ev->m, n, B, r, matrix, r, n, r);
-            ok = invert(matrix, inverse, work, r) && all_finite(inverse, r * r);
-            for (Py_ssize_t a = 0; a < r && ok > 0; a++) {
-                for (Py_ssize_t b = 0; b < r; b++) {
-                    double amplified = 0.0;
-                    for (Py_ssize_t c = 0; c < r; c++) amplified += fabs(matrix[a * r + c]) * fabs(inverse[c * r + b]);
-                    if (!(amplified < AMPLIFIED)) ok = 0;
-                }
-                T[a] = dot(inverse + a * r, force, r);
-            }
+    double *B = ev->scratch, *matrix = B + n * r, *inverse = matrix + r * r, *work = inverse + r * r;
+    if (ev->p != r) return 0;
+    input_matrix(ev, x[0], x[1], B, work);
+    multiply_transposed(x[2] + n * n + ev->m, n, B, r, matrix, r, n, r);
+    if (!invert(matrix, inverse, work, r) || !all_finite(inverse, r * r)) return 0;
+    for (Py_ssize_t a = 0; a < r; a++) {
+        for (Py_ssize_t b = 0; b < r; b++) {
+            double amplified = 0.0;
+            for (Py_ssize_t c = 0; c < r; c++) amplified += fabs(matrix[a * r + c]) * fabs(inverse[c * r + b]);
+            if (!(amplified < AMPLIFIED)) return 0;
         }
+        x[4][a] = dot(inverse + a * r, x[3], r);
     }
-    return result(&all, ok);
+    return 1;
 }
+METHOD(allocation, "qPFrT!", allocation_at)
 
-static PyObject *set_numbers(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* numbers of all rows */
+static int numbers_set(Evaluator *ev, double *const *x) /* numbers of all rows */
 {
-    Arrays all = {.count = 1};
-    double *numbers;
-    int ok = -1;
-    if (expect(ev, given, 1) && take(&all, args[0], ev->count * NUMBERS, READ, &numbers)) {
-        ok = 1;
-        for (Py_ssize_t i = 0; i < ev->count; i++) memcpy(ev->rows[i].w, numbers + i * NUMBERS, sizeof ev->rows->w);
-    }
-    return result(&all, ok);
+    for (Py_ssize_t i = 0; i < ev->count; i++) memcpy(ev->rows[i].w, x[0] + i * NUMBERS, sizeof ev->rows->w);
+    return 1;
 }
+METHOD(set_numbers, "w", numbers_set)
 
 static void use_rates(Evaluator *ev, const double *rates) /* mu, then its rates over time (m each) */
 {
@@ -1002,17 +1046,8 @@ static void use_rates(Evaluator *ev, const double *rates) /* mu, then its rates 
 
 /* mu at one time and its rates (m each), which later calls use; those of moving ground are found at each configuration.
  */
-static PyObject *set_rates(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
-{
-    Arrays all = {.count = 1};
-    double *rates;
-    int ok = -1;
-    if (expect(ev, given, 1) && take(&all, args[0], 2 * ev->m, READ, &rates)) {
-        ok = ev->mu != NULL;
-        if (ok) use_rates(ev, rates);
-    }
-    return result(&all, ok);
-}
+static int rates_set(Evaluator *ev, double *const *x) { return ev->mu && (use_rates(ev, x[0]), 1); }
+METHOD(set_rates, "u", rates_set)
 
 /* Finite numbers, and unit complex numbers and quaternions? Pinocchio's q is set. -1: a Python error */
 static int admissible(Evaluator *ev, const double *q, const double *v2, const double *T)
@@ -1029,152 +1064,99 @@ static int admissible(Evaluator *ev, const double *q, const double *v2, const do
     return found;
 }
 
-/* Buffers of the caller's q, v2 (and T) for one state or a stack of states. False if they are not float64 arrays of the
-   right sizes, contiguous and with equal stacks: the general way converts them or raises the error. */
-static int states(PyObject *const *args, int number, const Py_ssize_t *sizes, Arrays *all, double **x)
+/* Position, E and its inverse of a caller's state, if its numbers are admissible. False if the general way has to
+   decide; -1: an error */
+static int locate_state(Evaluator *ev, const double *q, const double *v2, const double *T, double *P, double *F)
 {
-    for (int i = 0; i < number; i++) {
-        Py_buffer *view = all->views + all->open;
+    int ok = admissible(ev, q, v2, T);
+    if (ok > 0 && !take_position(ev, q, P)) ok = -1;
+    return ok > 0 ? factorize(ev, q, P, NULL, F) : ok;
+}
+
+/* A method for one state of a caller or a stack of states (count, ...): a new array with size numbers of each, which
+   follow the arguments in x. None where the general way has to decide, raise an error, or convert arrays: they are to
+   be float64, contiguous, of the right sizes, and with equal stacks. */
+static PyObject *fused(Evaluator *ev, PyObject *const *args, Py_ssize_t given, const char *signature, Py_ssize_t size,
+                       AtState one)
+{
+    Arrays all = {.count = 1};
+    double *x[MOST];
+    Py_buffer *first = all.views, *made = all.views + given;
+    PyObject *array = NULL;
+    if (!expect(ev, given, arguments(signature))) return NULL;
+    PyObject *empty = PyTuple_GetItem(ev->refs, P_EMPTY);
+    int ok = ev->fused, stacked = 0;
+    for (int i = 0; i < given && ok > 0; i++) {
+        Py_buffer *view = all.views + i;
+        all.sizes[i] = size_of(ev, signature[i]);
         if (PyObject_GetBuffer(args[i], view, PyBUF_ND | PyBUF_FORMAT) < 0) {
             PyErr_Clear();
-            return 0;
+            ok = 0;
+            break;
         }
-        all->open++;
-        int stacked = view->ndim == 2;
-        if (!view->format || strcmp(view->format, "d") || (!stacked && view->ndim != 1)
-            || view->ndim != all->views[0].ndim || view->shape[stacked] != sizes[i]
-            || (stacked && view->shape[0] != all->views[0].shape[0]))
-            return 0;
-        x[i] = view->buf;
+        all.open++, x[i] = view->buf, stacked = first->ndim == 2;
+        ok = view->format && !strcmp(view->format, "d") && view->ndim == 1 + stacked
+             && view->shape[stacked] == all.sizes[i] && (!stacked || view->shape[0] == first->shape[0]);
     }
-    all->count = all->views[0].ndim == 2 ? all->views[0].shape[0] : 1;
-    return 1;
-}
-
-/* New array (size,) or (count, size) of float64 for the states; NULL with an error */
-static PyObject *made(Evaluator *ev, Arrays *all, Py_ssize_t size, double **out)
-{
-    PyObject *empty = PyTuple_GetItem(ev->refs, P_EMPTY);
-    PyObject *array = all->views[0].ndim == 2 ? PyObject_CallFunction(empty, "((nn))", all->count, size)
-                                              : PyObject_CallFunction(empty, "n", size);
-    Py_buffer *view = all->views + all->open;
-    if (array && PyObject_GetBuffer(array, view, PyBUF_WRITABLE) < 0) Py_CLEAR(array);
-    if (!array) return NULL;
-    all->open++;
-    *out = view->buf;
-    if (view->len == all->count * size * (Py_ssize_t)sizeof(double)) return array;
-    PyErr_SetString(PyExc_ValueError, "kernel: a result has another size");
-    Py_DECREF(array);
-    return NULL;
-}
-
-/* The array if ok is positive, None for zero, an error below. */
-static PyObject *answer(Arrays *all, PyObject *array, int ok)
-{
-    close_arrays(all);
+    if (ok > 0) {
+        all.sizes[given] = size, all.count = stacked ? first->shape[0] : 1;
+        array =
+            stacked ? PyObject_CallFunction(empty, "((nn))", all.count, size) : PyObject_CallFunction(empty, "n", size);
+        if (!array || PyObject_GetBuffer(array, made, PyBUF_WRITABLE) < 0) ok = -1;
+        else all.open++, x[given] = made->buf;
+        if (ok > 0 && made->len != all.count * size * (Py_ssize_t)sizeof(double))
+            ok = -1, PyErr_SetString(PyExc_ValueError, "kernel: a result has another size");
+    }
+    for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, advance(&all, x, given + 1)) ok = one(ev, x);
+    close_arrays(&all);
     if (ok > 0) return array;
     Py_XDECREF(array);
     if (ok < 0) return NULL;
     Py_RETURN_NONE;
 }
+#define FUSED(name, signature, size, one)                                                                              \
+    static PyObject *name(Evaluator *ev, PyObject *const *args, Py_ssize_t given)                                      \
+    { return fused(ev, args, given, signature, size, one); }
 
-/* q, v2, T -> v2_dot of one state or of a stack of states (count, ...); None if the general way has to decide. */
-static PyObject *forward_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+/* q, v2, T -> v2_dot */
+static int forward_at(Evaluator *ev, double *const *x)
 {
-    Py_ssize_t sizes[3] = {ev->nq, ev->r, ev->p}, n = ev->n, r = ev->r;
-    Arrays all = {.count = -1};
-    PyObject *out = NULL;
-    double *x[3], *v2_dot;
-    if (!expect(ev, given, 3)) return NULL;
-    int ok = ev->fused && ev->r && states(args, 3, sizes, &all, x);
-    if (ok && !(out = made(ev, &all, r, &v2_dot))) ok = -1;
-    double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *v = F + 2 * n * n, *S = v + n;
+    const double *q = x[0], *v2 = x[1], *T = x[2];
+    double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *v = F + 2 * ev->n * ev->n, *S = v + ev->n;
     double *force = S + dynamics_size(ev);
-    for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, v2_dot += r) {
-        const double *q = x[0] + i * ev->nq, *v2 = x[1] + i * r, *T = x[2] + i * ev->p;
-        ok = admissible(ev, q, v2, T);
-        if (ok > 0 && !take_position(ev, q, P)) ok = -1;
-        if (ok > 0) ok = factorize(ev, q, P, NULL, F);
-        if (ok <= 0) break;
-        input_force(ev, q, P, T, force, ev->scratch);
-        velocity(ev, F, ev->mu, v2, v);
-        if (!add_passive(ev, q, P, v, force, NULL)) ok = 0;
-        if (ok > 0 && !biases(ev, q, P, F, v, NULL, S)) ok = -1;
-        if (ok > 0) ok = accelerate(ev, F, S, force, v2_dot, ev->scratch);
-    }
-    return answer(&all, out, ok);
+    int ok = ev->r ? locate_state(ev, q, v2, T, P, F) : 0;
+    if (ok <= 0) return ok;
+    input_force(ev, q, P, T, force, ev->scratch);
+    velocity(ev, F, ev->mu, v2, v);
+    if (!add_passive(ev, q, P, v, force, NULL)) return 0;
+    if (!biases(ev, q, P, F, v, NULL, S)) return -1;
+    return accelerate(ev, F, S, force, x[3], ev->scratch);
 }
+FUSED(forward_dynamics, "qrT", ev->r, forward_at)
 
-/* q of one state or of a stack of states, indices (s) of reducing outputs, record (s, k, r) of the rates of A_star
-   while one of them moves at unit rate. False if the general way has to decide. */
-static PyObject *output_slopes(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+/* q, v2, v2_dot -> reduced forces R^T (M (R v2_dot - E^-1 gamma) + bias) */
+static int inverse_at(Evaluator *ev, double *const *x)
 {
-    Py_ssize_t n = ev->n, r = ev->r, k = ev->k, sizes[1] = {ev->nq}, moved = given > 1 ? PyObject_Size(args[1]) : 0;
-    Arrays all = {.count = -1};
-    double *q, *along = NULL, *out = NULL, *D = NULL;
-    if (moved < 0 || !expect(ev, given, 3)) return NULL;
-    if (ev->external || ev->external_vertical || ev->mu || !moved || moved > r || !states(args, 1, sizes, &all, &q))
-        return result(&all, 0);
-    Py_ssize_t count = all.count;
-    int ok = take(&all, args[2], moved * k * r, WRITE, &out) ? 1 : -1;
-    all.count = 1;
-    if (ok > 0 && !take(&all, args[1], moved, READ, &along)) ok = -1;
-    const long *at = (const long *)(const void *)along;
-    for (Py_ssize_t j = 0; j < moved && ok > 0; j++) ok = within(at[j], r);
-    if (ok > 0 && !(D = malloc((size_t)rates_size(ev) * sizeof(double)))) PyErr_NoMemory(), ok = -1;
-    double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *v = F + 2 * n * n;
-    const double *A_star_dot = D ? D + n * n + n * r + k * (n + r) + k * n : NULL;
-    for (Py_ssize_t i = 0; i < count && ok > 0; i++, q += ev->nq) {
-        ok = admissible(ev, q, q, NULL); /* r is at most nq */
-        if (ok > 0 && !take_position(ev, q, P)) ok = -1;
-        if (ok > 0) ok = factorize(ev, q, P, NULL, F);
-        for (Py_ssize_t j = 0; j < moved && ok > 0; j++, out += k * r) {
-            for (Py_ssize_t e = 0; e < n; e++) v[e] = F[n * n + e * n + ev->m + at[j]];
-            take_state(ev, q, v);
-            if (ev->rates_need_C && !called(ev, P_C, 1)) ok = -1;
-            if (ok > 0) ok = rates(ev, q, P, F, v, NULL, NULL, NULL, D, ev->scratch);
-            if (ok > 0) memcpy(out, A_star_dot, (size_t)(k * r) * sizeof(double));
-        }
-    }
-    free(D);
-    return result(&all, ok);
-}
-
-/* q, v2, v2_dot -> reduced forces R^T (M (R v2_dot - E^-1 gamma) + bias) of one state or of a stack of states (count,
-   ...); None if the general way has to decide. */
-static PyObject *inverse_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
-{
-    Py_ssize_t sizes[3] = {ev->nq, ev->r, ev->r}, n = ev->n, r = ev->r;
-    Arrays all = {.count = -1};
-    PyObject *out = NULL;
-    double *x[3], *F_reduced;
-    if (!expect(ev, given, 3)) return NULL;
-    int ok = ev->fused && ev->r && states(args, 3, sizes, &all, x);
-    if (ok && !(out = made(ev, &all, r, &F_reduced))) ok = -1;
+    Py_ssize_t n = ev->n, r = ev->r;
+    const double *q = x[0], *v2 = x[1], *v2_dot = x[2];
     double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *v = F + 2 * n * n, *S = v + n;
-    double *passive = S + dynamics_size(ev), *acceleration = ev->scratch;
-    for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, F_reduced += r) {
-        const double *q = x[0] + i * ev->nq, *v2 = x[1] + i * r, *v2_dot = x[2] + i * r;
-        ok = all_finite(v2_dot, r) ? admissible(ev, q, v2, NULL) : 0;
-        if (ok > 0 && !take_position(ev, q, P)) ok = -1;
-        if (ok > 0) ok = factorize(ev, q, P, NULL, F);
-        if (ok <= 0) break;
-        velocity(ev, F, ev->mu, v2, v);
-        memset(passive, 0, (size_t)n * sizeof(double));
-        if (!add_passive(ev, q, P, v, passive, NULL)) ok = 0;
-        if (ok > 0 && !biases(ev, q, P, F, v, NULL, S)) ok = -1;
-        if (ok <= 0) break;
-        const double *R = F + n * n + ev->m, *solved = S + 2 * n;
-        memset(F_reduced, 0, (size_t)r * sizeof(double));
-        for (Py_ssize_t j = 0; j < n; j++) acceleration[j] = dot(R + j * n, v2_dot, r) - solved[j];
-        for (Py_ssize_t j = 0; j < n; j++) {
-            double force = dot(P + j * n, acceleration, n) + (S[j] - passive[j]);
-            add(F_reduced, force, R + j * n, r);
-        }
-        if (!all_finite(F_reduced, r)) ok = 0;
+    double *passive = S + dynamics_size(ev), *acceleration = ev->scratch, *F_reduced = x[3];
+    int ok = r && all_finite(v2_dot, r) ? locate_state(ev, q, v2, NULL, P, F) : 0;
+    if (ok <= 0) return ok;
+    velocity(ev, F, ev->mu, v2, v);
+    memset(passive, 0, (size_t)n * sizeof(double));
+    if (!add_passive(ev, q, P, v, passive, NULL)) return 0;
+    if (!biases(ev, q, P, F, v, NULL, S)) return -1;
+    const double *R = F + n * n + ev->m, *solved = S + 2 * n;
+    memset(F_reduced, 0, (size_t)r * sizeof(double));
+    for (Py_ssize_t j = 0; j < n; j++) acceleration[j] = dot(R + j * n, v2_dot, r) - solved[j];
+    for (Py_ssize_t j = 0; j < n; j++) {
+        double force = dot(P + j * n, acceleration, n) + (S[j] - passive[j]);
+        add(F_reduced, force, R + j * n, r);
     }
-    return answer(&all, out, ok);
+    return all_finite(F_reduced, r);
 }
+FUSED(inverse_dynamics, "qrr", ev->r, inverse_at)
 
 /* -mu^T lambda: power of moving constraints, with lambda from force = bias + M vdot + A^T lambda. work: 2 n */
 static double constraint_power(const Evaluator *ev, const double *P, const double *F, const double *S,
@@ -1192,9 +1174,6 @@ static double constraint_power(const Evaluator *ev, const double *P, const doubl
     for (Py_ssize_t i = 0; i < m; i++) power -= ev->mu[i] * push[i];
     return power;
 }
-
-/* Numbers of y of the integrator: v2, integrals of J1 v, time if mu depends on it, and work */
-static Py_ssize_t integrated(const Evaluator *ev) { return ev->r + ev->k + (ev->timed ? 2 : 1); }
 
 /* State derivative where position, E and its inverse are in scratch: v (n), v2_dot (r), J1 v (k), 1 for the time, and
    the power of forces and moving constraints. Forces are those of T, further ones (n) and damping (n), unless NULL.
@@ -1234,24 +1213,6 @@ static int derivative(Evaluator *ev, const double *q, const double *v2, const do
     if (known) memcpy(P, known, (size_t)kinematics_size(ev) * sizeof(double));
     else if (!take_position(ev, q, P)) return -1;
     return factorize(ev, q, P, NULL, P + kinematics_size(ev)) ? rates_here(ev, q, v2, T, further, damping, 0, out) : 0;
-}
-
-/* q, v2, T, further forces (n), damping (n), record of the state derivative. False if the general way has to decide. */
-static PyObject *state_derivative(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
-{
-    Arrays all = {.count = -1};
-    double *q, *v2, *T, *further, *damping, *out;
-    Py_ssize_t n = ev->n, r = ev->r, size = n + integrated(ev);
-    int ok = -1;
-    if (expect(ev, given, 6) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], r, READ, &v2)
-        && take(&all, args[2], ev->p, READ, &T) && optional(&all, args[3], n, &further)
-        && optional(&all, args[4], n, &damping) && take(&all, args[5], size, WRITE, &out)) {
-        ok = ev->fused && !ev->external_vertical;
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++)
-            ok = derivative(ev, q + i * ev->nq, v2 + i * r, T + i * ev->p, further ? further + i * n : NULL,
-                            damping ? damping + i * n : NULL, NULL, out + i * size);
-    }
-    return result(&all, ok);
 }
 
 /* ------------------------------------------------------------------ integration */
@@ -1318,28 +1279,35 @@ static void coordinate_rates(const Evaluator *ev, const double *u, double *v)
     }
 }
 
+/* Numbers (n) that a Python function returns for arguments; false with an error */
+static int copy_result(PyObject *function, PyObject *const *args, int count, Py_ssize_t n, double *out)
+{
+    Py_buffer view;
+    PyObject *found = PyObject_CallFunctionObjArgs(function, args[0], args[1], count > 2 ? args[2] : NULL, NULL);
+    if (!found || PyObject_GetBuffer(found, &view, PyBUF_SIMPLE) < 0) {
+        Py_XDECREF(found);
+        return 0;
+    }
+    int ok = view.len == n * (Py_ssize_t)sizeof(double);
+    if (ok) memcpy(out, view.buf, (size_t)view.len);
+    else PyErr_SetString(PyExc_ValueError, "kernel: a result of Pinocchio has another size");
+    PyBuffer_Release(&view);
+    Py_DECREF(found);
+    return ok;
+}
+
 /* out = q (+) u; false with an error */
 static int displace(Evaluator *ev, const double *q, const double *u, double *out)
 {
-    Py_buffer view;
+    PyObject *of[REFS];
     if (ev->nq == ev->n) { /* all joints are real numbers */
         for (Py_ssize_t i = 0; i < ev->n; i++) out[i] = q[i] + u[i];
         return 1;
     }
     take_state(ev, q, u);
-    PyObject *moved =
-        PyObject_CallFunctionObjArgs(PyTuple_GetItem(ev->refs, P_INTEGRATE), PyTuple_GetItem(ev->refs, P_MODEL),
-                                     PyTuple_GetItem(ev->refs, P_Q), PyTuple_GetItem(ev->refs, P_V), NULL);
-    if (!moved || PyObject_GetBuffer(moved, &view, PyBUF_SIMPLE) < 0) {
-        Py_XDECREF(moved);
-        return 0;
-    }
-    int ok = view.len == ev->nq * (Py_ssize_t)sizeof(double);
-    if (ok) memcpy(out, view.buf, (size_t)view.len);
-    else PyErr_SetString(PyExc_ValueError, "kernel: Pinocchio integrates to another size");
-    PyBuffer_Release(&view);
-    Py_DECREF(moved);
-    return ok;
+    for (int i = 0; i < REFS; i++) of[i] = PyTuple_GetItem(ev->refs, i);
+    PyObject *args[] = {of[P_MODEL], of[P_Q], of[P_V]};
+    return copy_result(of[P_INTEGRATE], args, 3, ev->nq, out);
 }
 
 static Py_ssize_t stages_size(const Evaluator *ev) { return 5 * (ev->n + integrated(ev)) + ev->nq; }
@@ -1381,73 +1349,20 @@ static int step(Evaluator *ev, const double *T, double h, const double *known, c
     return 1;
 }
 
-/* q, y, T, step, number of steps, mu and its rates (2 m) at each half step or None, record of q and y at the end and of
- * the roughness. False if the general way has to decide. */
-static PyObject *integrate(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+/* q, u or None, v2, T, further forces (n), damping (n); record of the state derivative at q (+) u, in the coordinates u
+   if they are given. False if the general way has to decide. */
+static int state_derivative_at(Evaluator *ev, double *const *x)
 {
-    Arrays all = {.count = 1};
-    double *q, *y, *T, *rates = NULL, *out;
-    Py_ssize_t s = integrated(ev);
-    int ok = -1;
-    if (expect(ev, given, 7) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], s, READ, &y)
-        && take(&all, args[2], ev->p, READ, &T) && take(&all, args[6], ev->nq + s + 1, WRITE, &out)) {
-        double h = PyFloat_AsDouble(args[3]);
-        Py_ssize_t steps = PyErr_Occurred() ? 0 : PyLong_AsSsize_t(args[4]);
-        if (!PyErr_Occurred() && within((long)steps, 1 << 20)
-            && optional(&all, args[5], (2 * steps + 1) * 2 * ev->m, &rates)) {
-            ok = ev->fused && !ev->external_vertical && ev->curved && all_finite(T, ev->p) && !ev->timed == !rates
-                 && (ev->mu || !rates);
-            memcpy(out, q, (size_t)ev->nq * sizeof(double));
-            memcpy(out + ev->nq, y, (size_t)s * sizeof(double));
-            out[ev->nq + s] = 0.0;
-        }
-        for (Py_ssize_t i = 0; i < steps && ok > 0; i++)
-            ok = step(ev, T, h, NULL, rates ? rates + i * 4 * ev->m : NULL, out, out + ev->nq, out + ev->nq + s);
-    }
-    return result(&all, ok);
+    const double *q = x[0], *u = x[1];
+    if (!ev->fused || ev->external_vertical) return 0;
+    if (!u) return derivative(ev, q, x[2], x[3], x[4], x[5], NULL, x[6]);
+    if (!ev->curved || !(dot(u, u, ev->n) < FARTHEST)) return 0;
+    if (!displace(ev, q, u, ev->stages)) return -1;
+    int ok = derivative(ev, ev->stages, x[2], x[3], x[4], x[5], NULL, x[6]);
+    if (ok > 0) coordinate_rates(ev, u, x[6]);
+    return ok;
 }
-
-/* q, x = (u, y) of a state at q (+) u, T, damping (n), record of the rates of x. False if the general way has to
- * decide. */
-static PyObject *chart_rate(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
-{
-    Arrays all = {.count = 1};
-    double *q, *x, *T, *damping, *out;
-    Py_ssize_t n = ev->n, s = integrated(ev);
-    int ok = -1;
-    if (expect(ev, given, 5) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], n + s, READ, &x)
-        && take(&all, args[2], ev->p, READ, &T) && optional(&all, args[3], n, &damping)
-        && take(&all, args[4], n + s, WRITE, &out)) {
-        ok = ev->fused && !ev->external_vertical && ev->curved && dot(x, x, n) < FARTHEST;
-        if (ok && !displace(ev, q, x, ev->stages)) ok = -1;
-        if (ok > 0) ok = derivative(ev, ev->stages, x + n, T, NULL, damping, NULL, out);
-        if (ok > 0) coordinate_rates(ev, x, out);
-    }
-    return result(&all, ok);
-}
-
-/* q, v2, record of the full velocity (n) and of the sum of squares of R. False if the general way has to decide. */
-static PyObject *admissible_velocity(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
-{
-    Arrays all = {.count = 1};
-    double *q, *v2, *out;
-    Py_ssize_t n = ev->n;
-    int ok = -1;
-    if (expect(ev, given, 3) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], ev->r, READ, &v2)
-        && take(&all, args[2], n + 1, WRITE, &out)) {
-        double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev);
-        ok = ev->fused;
-        if (ok && !take_position(ev, q, P)) ok = -1;
-        if (ok > 0) ok = factorize(ev, q, P, NULL, F);
-        if (ok > 0) {
-            velocity(ev, F, ev->mu, v2, out);
-            out[n] = 0.0;
-            for (Py_ssize_t i = 0; i < n; i++)
-                out[n] += dot(F + n * n + i * n + ev->m, F + n * n + i * n + ev->m, ev->r);
-        }
-    }
-    return result(&all, ok);
-}
+METHOD(state_derivative, "qv?rTv?v?d!", state_derivative_at)
 
 /* Velocity b of v = R v2 + b, and its rate; their forces are added to G. The frames move. work: 2 n */
 static void add_offset(Evaluator *ev, const double *P, const double *F, const double *D, double *K, double *b,
@@ -1471,58 +1386,58 @@ static void add_offset(Evaluator *ev, const double *P, const double *F, const do
     for (Py_ssize_t i = 0; i < n; i++) add(G, force[i], R + i * n, r);
 }
 
-/* q, v2 -> record of all matrices of one state or of a stack of states: kinematics, F, v, D, K, bias, H, B, R^T B, b,
- * its rate. None if the general way has to decide. */
-static PyObject *terms(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+/* q, v2 -> record of all matrices of a state: kinematics, F, v, D, K, bias, H, B, R^T B, b, its rate */
+static int terms_at(Evaluator *ev, double *const *x)
 {
-    Py_ssize_t sizes[2] = {ev->nq, ev->r}, n = ev->n, r = ev->r;
-    Arrays all = {.count = -1};
-    PyObject *out = NULL;
-    double *x[2], *record;
-    if (!expect(ev, given, 2)) return NULL;
-    int ok = ev->fused && !ev->external_vertical && states(args, 2, sizes, &all, x);
-    if (ok && !(out = made(ev, &all, terms_size(ev), &record))) ok = -1;
-    for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, record += terms_size(ev)) {
-        const double *q = x[0] + i * ev->nq, *v2 = x[1] + i * r;
-        double *P = record, *F = P + kinematics_size(ev), *v = F + 2 * n * n, *D = v + n;
-        double *K = D + rates_size(ev), *bias = K + n * n + r * r + n + r, *H = bias + n, *B = H + r * r;
-        double *input = B + n * ev->p, *b = input + r * ev->p;
-        ok = admissible(ev, q, v2, NULL);
-        if (ok > 0 && !take_position(ev, q, P)) ok = -1;
-        if (ok > 0) ok = factorize(ev, q, P, NULL, F);
-        if (ok <= 0) break;
-        velocity(ev, F, ev->mu, v2, v);
-        take_state(ev, q, v);
-        if (!called(ev, P_NLE, 1)) ok = -1;
-        if (ok > 0 && !called(ev, P_C, 1)) ok = -1;
-        if (ok <= 0) break;
-        memset(bias, 0, (size_t)n * sizeof(double));
-        if (!(ok = add_passive(ev, q, P, v, bias, NULL))) break;
-        subtract(ev->views[V_NLE].buf, bias, bias, n);
-        if (!(ok = rates(ev, q, P, F, v, NULL, NULL, NULL, D, ev->scratch))) break;
-        coriolis(ev, P, F, v, bias, D, K, ev->scratch);
-        if (ev->mu) add_offset(ev, P, F, D, K, b, b + n, ev->scratch);
-        else memset(b, 0, (size_t)(2 * n) * sizeof(double));
-        inertia(ev, P, F, H, ev->scratch);
-        input_matrix(ev, q, P, B, ev->scratch);
-        multiply_transposed(F + n * n + ev->m, n, B, ev->p, input, r, n, ev->p);
-    }
-    return answer(&all, out, ok);
+    Py_ssize_t n = ev->n, r = ev->r;
+    const double *q = x[0], *v2 = x[1];
+    double *P = x[2], *F = P + kinematics_size(ev), *v = F + 2 * n * n, *D = v + n;
+    double *K = D + rates_size(ev), *bias = K + n * n + r * r + n + r, *H = bias + n, *B = H + r * r;
+    double *input = B + n * ev->p, *b = input + r * ev->p;
+    int ok = ev->external_vertical ? 0 : locate_state(ev, q, v2, NULL, P, F);
+    if (ok <= 0) return ok;
+    velocity(ev, F, ev->mu, v2, v);
+    take_state(ev, q, v);
+    if (!called(ev, P_NLE, 1) || !called(ev, P_C, 1)) return -1;
+    memset(bias, 0, (size_t)n * sizeof(double));
+    if (!add_passive(ev, q, P, v, bias, NULL)) return 0;
+    subtract(ev->views[V_NLE].buf, bias, bias, n);
+    if (!rates(ev, q, P, F, v, NULL, NULL, NULL, D, ev->scratch)) return 0;
+    coriolis(ev, P, F, v, bias, D, K, ev->scratch);
+    if (ev->mu) add_offset(ev, P, F, D, K, b, b + n, ev->scratch);
+    else memset(b, 0, (size_t)(2 * n) * sizeof(double));
+    inertia(ev, P, F, H, ev->scratch);
+    input_matrix(ev, q, P, B, ev->scratch);
+    multiply_transposed(F + n * n + ev->m, n, B, ev->p, input, r, n, ev->p);
+    return 1;
 }
+FUSED(terms, "qr", terms_size(ev), terms_at)
 
-/* ------------------------------------------------------------------ controllers */
+/* ------------------------------------------------------------------ arguments of functions */
 
-/* Buffer of size numbers of an array of float64, or NULL without an error. */
-static double *numbers(Arrays *all, PyObject *object, Py_ssize_t size)
+/* Arrays of a function, by the kinds of its arguments: "d" float64, "n" the same or None, "w" float64 that is written,
+   "i" 64-bit integers, "f" one number. Capitals are arrays of each run; all->count is the number of runs. sizes:
+   numbers in each array, or for one run. False for other arrays, which NumPy has to convert or refuse; -1: an error */
+static int arrays_of(Arrays *all, PyObject *const *args, const char *kinds, const Py_ssize_t *sizes, double **x)
 {
-    Py_buffer *view = all->views + all->open;
-    if (PyObject_GetBuffer(object, view, PyBUF_ND | PyBUF_FORMAT) < 0) {
-        PyErr_Clear();
-        return NULL;
+    for (int i = 0; kinds[i]; i++) {
+        int of_each = kinds[i] < 'a', kind = of_each ? kinds[i] - 'A' + 'a' : kinds[i];
+        Py_buffer *view = all->views + all->open;
+        x[i] = NULL, all->sizes[i] = of_each ? sizes[i] : 0;
+        if (kind == 'n' && args[i] == Py_None) continue;
+        if (kind == 'f') {
+            all->numbers[i] = PyFloat_AsDouble(args[i]), x[i] = all->numbers + i;
+            if (PyErr_Occurred()) return -1;
+            continue;
+        }
+        if (PyObject_GetBuffer(args[i], view, PyBUF_ND | PyBUF_FORMAT) < 0) return PyErr_Clear(), 0;
+        all->open++, x[i] = view->buf;
+        const char *format = view->format ? view->format : "";
+        int fits = kind == 'i' ? !strcmp(format, "l") || !strcmp(format, "q") : !strcmp(format, "d");
+        if (!fits || view->len != 8 * sizes[i] * (of_each ? all->count : 1) || (kind == 'w' && view->readonly))
+            return 0;
     }
-    all->open++;
-    return view->format && !strcmp(view->format, "d") && view->len == size * (Py_ssize_t)sizeof(double) ? view->buf
-                                                                                                        : NULL;
+    return 1;
 }
 
 /* Sizes of one row of numbers, or of a stack of rows; false for other arrays. */
@@ -1536,69 +1451,26 @@ static int stacked(PyObject *object, Py_ssize_t *count, Py_ssize_t *size)
     return ok && *count < 1 << 20 && *size < 1 << 15;
 }
 
-/* Law (10) over one sample; see velocity_tracker.py. v2, v2d, v2d_dot (r), deficit of force (r) or None, g (r), C (r,
-   r), D (r, r^2), each of one run or of a stack of runs; gains (4, r) or (4, 1): k, beta, dead zone, compensation; True
-   with a dead zone, decay, time of the leak, record of F, g, C, D, each of all runs. False if the arrays need the other
-   path. */
-static PyObject *track(PyObject *module, PyObject *const *args, Py_ssize_t given)
+static int all_within(const long *index, Py_ssize_t count, Py_ssize_t size)
 {
-    Arrays all = {.count = 1};
-    double *x[8] = {NULL}, *out = NULL, decay, leak;
-    Py_ssize_t r = 0, runs = 0;
-    (void)module;
-    if (given != 12) return PyErr_SetString(PyExc_TypeError, "kernel: track takes 12 arguments"), NULL;
-    int ok = stacked(args[0], &runs, &r), zone = args[8] == Py_True;
-    Py_ssize_t sizes[8] = {r, r, r, r, r, r * r, r * r * r};
-    decay = PyFloat_AsDouble(args[9]), leak = PyFloat_AsDouble(args[10]);
-    if (PyErr_Occurred()) return NULL;
-    for (int i = 0; i < 7 && ok; i++) {
-        x[i] = i == 3 && args[i] == Py_None ? NULL : numbers(&all, args[i], runs * sizes[i]);
-        ok = x[i] || (i == 3 && args[i] == Py_None);
-    }
-    Py_ssize_t each = 1; /* gains of each output, or one for all */
-    if (ok && !(x[7] = numbers(&all, args[7], 4 * r))) ok = (x[7] = numbers(&all, args[7], 4)) != NULL, each = 0;
-    Py_ssize_t next = each ? r : 1;
-    if (ok && !(out = numbers(&all, args[11], runs * (2 * r + r * r + r * r * r)))) ok = 0;
-    if (ok && all.views[all.open - 1].readonly) ok = 0;
-    const double *k = x[7];
-    double *g_out = out + runs * r, *C_out = g_out + runs * r, *D_out = C_out + runs * r * r;
-    for (Py_ssize_t run = 0; run < runs && ok; run++) {
-        const double *v2 = x[0] + run * r, *v2d = x[1] + run * r, *v2d_dot = x[2] + run * r;
-        double square = 1.0;
-        for (Py_ssize_t i = 0; i < r; i++) {
-            square += v2d_dot[i] * v2d_dot[i];
-            for (Py_ssize_t j = 0; j < r; j++) square += v2[i] * v2d[j] * (v2[i] * v2d[j]);
-        }
-        for (Py_ssize_t i = 0; i < r; i++) {
-            double feedback = k[each * i], beta = k[next + each * i], size = k[2 * next + each * i], keep = decay;
-            double error = v2d[i] - v2[i], beyond = error - fmin(fmax(error, -size), size);
-            double step = leak * beta / (1.0 + leak * beta * square / feedback) * beyond;
-            Py_ssize_t at = run * r + i;
-            if (zone && beyond == 0.0) keep = 1.0;
-            if (x[3] && x[3][at] * error > 0.0) step = 0.0, keep = 1.0;
-            double *g = g_out + at, *C = C_out + at * r, *D = D_out + at * r * r;
-            const double *C_before = x[5] + at * r, *D_before = x[6] + at * r * r;
-            *g = keep * x[4][at] + step;
-            double force = *g + feedback * error + k[3 * next + each * i];
-            for (Py_ssize_t j = 0; j < r; j++) {
-                C[j] = keep * C_before[j] + step * v2d_dot[j];
-                force += C[j] * v2d_dot[j];
-            }
-            for (Py_ssize_t a = 0; a < r; a++)
-                for (Py_ssize_t b = 0; b < r; b++) {
-                    D[a * r + b] = keep * D_before[a * r + b] + step * (v2[a] * v2d[b]);
-                    force += D[a * r + b] * (v2[a] * v2d[b]);
-                }
-            out[at] = force;
-        }
-    }
-    return result(&all, ok);
+    for (Py_ssize_t i = 0; i < count; i++)
+        if (!within(index[i], size)) return 0;
+    return 1;
 }
+
+/* A function of the module: ``name_by`` gets its arguments, and returns False if NumPy has to decide, -1 for an error.
+ */
+#define FUNCTION(name, takes)                                                                                          \
+    static PyObject *name(PyObject *module, PyObject *const *args, Py_ssize_t given)                                   \
+    {                                                                                                                  \
+        Arrays all = {.count = 1};                                                                                     \
+        (void)module;                                                                                                  \
+        return expect(NULL, given, takes) ? result(&all, name##_by(&all, args)) : NULL;                                \
+    }
 
 #include "laws.h"
 #include "driven_path.h"
 #include "derivatives.h"
-#include "sampling.h"
 #include "dissipation.h"
 #include "batches.h"
 #include "riccati.h"
@@ -1608,16 +1480,21 @@ static PyObject *track(PyObject *module, PyObject *const *args, Py_ssize_t given
 
 /* ------------------------------------------------------------------ creation */
 
-static void *copied(PyObject *bytes_like, Py_ssize_t count, size_t item) /* NULL with an error if the size differs */
+/* Memory that is released with the evaluator: a copy of a table, or zeros for NULL; NULL with an error */
+static void *owned(Evaluator *ev, PyObject *table, Py_ssize_t count, size_t item)
 {
     Py_buffer view;
-    void *out = NULL;
-    if (PyObject_GetBuffer(bytes_like, &view, PyBUF_SIMPLE) < 0) return NULL;
-    if (view.len != count * (Py_ssize_t)item)
+    void *out = calloc((size_t)count * item + 1, 1);
+    if (!out) return PyErr_NoMemory();
+    ev->memory[ev->owns++] = out;
+    if (!table) return out;
+    if (PyObject_GetBuffer(table, &view, PyBUF_SIMPLE) < 0) return NULL;
+    if (view.len == count * (Py_ssize_t)item) memcpy(out, view.buf, (size_t)view.len);
+    else {
         PyErr_Format(PyExc_ValueError, "kernel: table of %zd bytes, expected %zd entries of %zd bytes", view.len, count,
                      (Py_ssize_t)item);
-    else if (!(out = malloc((size_t)count * item + 1))) PyErr_NoMemory();
-    else memcpy(out, view.buf, (size_t)view.len);
+        out = NULL;
+    }
     PyBuffer_Release(&view);
     return out;
 }
@@ -1682,10 +1559,10 @@ static void find_owners(Evaluator *ev)
 /* Table of joints with curved coordinates; None if the coordinates of a joint have no formula here. */
 static int bent(Evaluator *ev, PyObject *table)
 {
-    Py_ssize_t bytes = table == Py_None ? 0 : PyObject_Size(table) * 2 * (Py_ssize_t)sizeof(long);
+    Py_ssize_t count = table == Py_None ? 0 : PyObject_Size(table);
     if (table == Py_None) return 1;
-    if (bytes < 0 || !(ev->curved = copied(table, bytes / (Py_ssize_t)sizeof(long), sizeof(long)))) return 0;
-    ev->curves = bytes / (2 * (Py_ssize_t)sizeof(long));
+    if (count < 0 || !(ev->curved = owned(ev, table, count, 2 * sizeof(long)))) return 0;
+    ev->curves = count;
     for (Py_ssize_t j = 0; j < ev->curves; j++) {
         long kind = ev->curved[2 * j], at = ev->curved[2 * j + 1];
         if (!within(kind, FREE + 1) || at < 0 || at + (kind == FREE ? 6 : 3) > ev->n) {
@@ -1722,21 +1599,17 @@ static int opened(Evaluator *ev, PyObject *arrays) /* views of Pinocchio's memor
 static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
 {
     Evaluator *ev = (Evaluator *)self;
-    PyObject *refs, *views, *integers, *numbers, *columns, *joints, *placements, *start, *support, *constant, *B, *mu;
-    PyObject *lengths, *curved, *forces;
+    PyObject *refs, *views, *rows, *columns, *frames, *start, *support, *constant, *B, *mu, *lengths, *curved, *forces;
     Py_ssize_t supported;
-    long *table = NULL, *on = NULL;
-    double *weights = NULL, *placed = NULL;
-    int ok = 0;
     if (ev->refs || keywords) {
         PyErr_SetString(PyExc_TypeError, "kernel: an Evaluator is made once, from positional arguments");
         return -1;
     }
-    if (!PyArg_ParseTuple(args, "(nnnnnnnnnnnpppn)O!O!OOOOOOOOOOOOOdd", &ev->nq, &ev->n, &ev->m, &ev->k, &ev->p,
+    if (!PyArg_ParseTuple(args, "(nnnnnnnnnnnpppn)O!O!OOOOOOOOOOOdd", &ev->nq, &ev->n, &ev->m, &ev->k, &ev->p,
                           &ev->joints, &ev->frames, &ev->external, &ev->external_vertical, &ev->count, &supported,
                           &ev->normalized, &ev->fused, &ev->timed, &ev->forced, &PyTuple_Type, &refs, &PyTuple_Type,
-                          &views, &integers, &numbers, &columns, &joints, &placements, &start, &support, &constant, &B,
-                          &mu, &lengths, &curved, &forces, &ev->fast_length, &ev->fast_limit))
+                          &views, &rows, &columns, &frames, &start, &support, &constant, &B, &mu, &lengths, &curved,
+                          &forces, &ev->fast_length, &ev->fast_limit))
         return -1;
     Py_ssize_t n = ev->n,
                sizes[] = {ev->nq, n, ev->m, ev->k, ev->p, ev->joints, ev->frames, ev->count, supported, ev->forced};
@@ -1749,53 +1622,30 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
     ev->r = n - ev->m;
     Py_INCREF(refs);
     ev->refs = refs;
-    if (opened(ev, views) && (table = copied(integers, ev->count * INTEGERS, sizeof(long)))
-        && (weights = copied(numbers, ev->count * NUMBERS, sizeof(double)))
-        && (ev->columns = copied(columns, ev->count - n - ev->k - ev->forced, sizeof(long)))
-        && (on = copied(joints, ev->frames, sizeof(long)))
-        && (placed = copied(placements, ev->frames * 12, sizeof(double)))
-        && (ev->start = copied(start, ev->joints + 1, sizeof(long)))
-        && (ev->support = copied(support, supported, sizeof(long)))
-        && (ev->constant = copied(constant, ev->count * n, sizeof(double)))
-        && (ev->B = copied(B, n * ev->p, sizeof(double)))
-        && (mu == Py_None
-            || ((ev->mu = copied(mu, ev->m, sizeof(double)))
-                && (ev->mu_dot = calloc((size_t)ev->m + 1, sizeof(double)))))
-        && (ev->lengths = copied(lengths, n, sizeof(double)))
-        && (ev->laws = copied(forces, ev->forced * FORCE_NUMBERS, sizeof(double))) && bent(ev, curved)) {
-        Py_ssize_t wide = n > ev->k ? n : ev->k, work = 2 * n * n + 6 * n + wide * n;
-        Py_ssize_t states = kinematics_size(ev) + 2 * n * n + n + dynamics_size(ev) + n;
-        ev->work = work;
-        ev->rows = calloc((size_t)ev->count, sizeof(Row));
-        ev->owner = calloc((size_t)n, sizeof(long));
-        ev->frame = calloc((size_t)ev->frames + 1, sizeof(Frame));
-        ev->motion = calloc((size_t)ev->frames + 1, sizeof(Motion));
-        ev->scratch = calloc((size_t)(work + states + stages_size(ev) + 2 * n), sizeof(double));
-        ev->stages = ev->scratch ? ev->scratch + work + states : NULL;
-        ev->force_row = ev->scratch ? ev->stages + stages_size(ev) : NULL;
-        if (!ev->rows || !ev->owner || !ev->frame || !ev->motion || !ev->scratch) PyErr_NoMemory();
-        else {
-            for (Py_ssize_t i = 0; i < ev->count; i++) {
-                const long *from = table + i * INTEGERS;
-                Row *row = ev->rows + i;
-                row->kind = from[0], row->a = from[1], row->b = from[2];
-                memcpy(row->i, from + 3, sizeof row->i);
-                memcpy(row->w, weights + i * NUMBERS, sizeof row->w);
-            }
-            for (Py_ssize_t f = 0; f < ev->frames; f++) {
-                ev->frame[f].joint = on[f];
-                memcpy(ev->frame[f].R, placed + 12 * f, sizeof ev->frame->R);
-                memcpy(ev->frame[f].p, placed + 12 * f + 9, sizeof ev->frame->p);
-            }
-            ok = checked(ev) && ev->start[0] == 0 && ev->start[ev->joints] == supported;
-            if (ok) find_owners(ev);
-            else PyErr_SetString(PyExc_ValueError, "kernel: a row refers to something that does not exist");
-        }
-    }
-    free(table), free(weights), free(on), free(placed);
-    ev->ready = ok;
-    if (!ok && !PyErr_Occurred()) PyErr_NoMemory();
-    return ok ? 0 : -1;
+    Py_ssize_t wide = n > ev->k ? n : ev->k, work = ev->work = 2 * n * n + 6 * n + wide * n;
+    Py_ssize_t states = kinematics_size(ev) + 2 * n * n + n + dynamics_size(ev) + n;
+    if (!opened(ev, views) || !(ev->rows = owned(ev, rows, ev->count, sizeof(Row)))
+        || !(ev->columns = owned(ev, columns, ev->count - n - ev->k - ev->forced, sizeof(long)))
+        || !(ev->frame = owned(ev, frames, ev->frames, sizeof(Frame)))
+        || !(ev->start = owned(ev, start, ev->joints + 1, sizeof(long)))
+        || !(ev->support = owned(ev, support, supported, sizeof(long)))
+        || !(ev->constant = owned(ev, constant, ev->count * n, sizeof(double)))
+        || !(ev->B = owned(ev, B, n * ev->p, sizeof(double)))
+        || (mu != Py_None
+            && (!(ev->mu = owned(ev, mu, ev->m, sizeof(double)))
+                || !(ev->mu_dot = owned(ev, NULL, ev->m, sizeof(double)))))
+        || !(ev->lengths = owned(ev, lengths, n, sizeof(double)))
+        || !(ev->laws = owned(ev, forces, ev->forced * FORCE_NUMBERS, sizeof(double))) || !bent(ev, curved)
+        || !(ev->owner = owned(ev, NULL, n, sizeof(long)))
+        || !(ev->motion = owned(ev, NULL, ev->frames, sizeof(Motion)))
+        || !(ev->scratch = owned(ev, NULL, work + states + stages_size(ev) + 2 * n, sizeof(double))))
+        return -1;
+    ev->stages = ev->scratch + work + states;
+    ev->force_row = ev->stages + stages_size(ev);
+    ev->ready = checked(ev) && ev->start[0] == 0 && ev->start[ev->joints] == supported;
+    if (ev->ready) find_owners(ev);
+    else PyErr_SetString(PyExc_ValueError, "kernel: a row refers to something that does not exist");
+    return ev->ready ? 0 : -1;
 }
 
 static void destroy(PyObject *self)
@@ -1803,11 +1653,8 @@ static void destroy(PyObject *self)
     Evaluator *ev = (Evaluator *)self;
     PyTypeObject *type = Py_TYPE(self);
     while (ev->open) PyBuffer_Release(ev->views + --ev->open);
-    free(ev->rows), free(ev->columns), free(ev->frame), free(ev->support), free(ev->start), free(ev->constant);
-    free(ev->owner), free(ev->B), free(ev->mu), free(ev->mu_dot), free(ev->lengths), free(ev->motion),
-        free(ev->scratch), free(ev->curved);
-    free(ev->laws);
-    release_derivatives(ev);
+    while (ev->owns) free(ev->memory[--ev->owns]);
+    free(ev->derivatives);
     Py_CLEAR(ev->refs);
     PyObject_Free(self);
     Py_DECREF(type);
@@ -1827,22 +1674,17 @@ static PyMethodDef methods[] = {
     {"passive_forces", (PyCFunction)(void (*)(void))passive_forces, METH_FASTCALL, NULL},
     {"values", (PyCFunction)(void (*)(void))output_values, METH_FASTCALL, NULL},
     {"rates", (PyCFunction)(void (*)(void))row_rates, METH_FASTCALL, NULL},
-    {"output_slopes", (PyCFunction)(void (*)(void))output_slopes, METH_FASTCALL, NULL},
     {"inverse_dynamics", (PyCFunction)(void (*)(void))inverse_dynamics, METH_FASTCALL, NULL},
     {"forward_dynamics", (PyCFunction)(void (*)(void))forward_dynamics, METH_FASTCALL, NULL},
     {"state_derivative", (PyCFunction)(void (*)(void))state_derivative, METH_FASTCALL, NULL},
     {"planned_motion", (PyCFunction)(void (*)(void))planned_motion, METH_FASTCALL, NULL},
     {"planned_steps", (PyCFunction)(void (*)(void))planned_steps, METH_FASTCALL, NULL},
     {"planned_derivatives", (PyCFunction)(void (*)(void))planned_derivatives, METH_FASTCALL, NULL},
-    {"chart_rate", (PyCFunction)(void (*)(void))chart_rate, METH_FASTCALL, NULL},
     {"integrate", (PyCFunction)(void (*)(void))integrate, METH_FASTCALL, NULL},
-    {"admissible_velocity", (PyCFunction)(void (*)(void))admissible_velocity, METH_FASTCALL, NULL},
     {"state_derivatives", (PyCFunction)(void (*)(void))state_derivatives, METH_FASTCALL, NULL},
+    {"vertical_velocities", (PyCFunction)(void (*)(void))vertical_velocities, METH_FASTCALL, NULL},
     {"row_velocities", (PyCFunction)(void (*)(void))row_velocities, METH_FASTCALL, NULL},
-    {"velocities_of_runs", (PyCFunction)(void (*)(void))velocities_of_runs, METH_FASTCALL, NULL},
-    {"measure_runs", (PyCFunction)(void (*)(void))measure_runs, METH_FASTCALL, NULL},
-    {"integrate_runs", (PyCFunction)(void (*)(void))integrate_runs, METH_FASTCALL, NULL},
-    {"dissipate_runs", (PyCFunction)(void (*)(void))dissipate_runs, METH_FASTCALL, NULL},
+    {"admissible_velocities", (PyCFunction)(void (*)(void))admissible_velocities, METH_FASTCALL, NULL},
     {"measure", (PyCFunction)(void (*)(void))measure, METH_FASTCALL, NULL},
     {"terms", (PyCFunction)(void (*)(void))terms, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
@@ -1879,8 +1721,6 @@ static PyMethodDef functions[] = {
     {"interior_point", (PyCFunction)(void (*)(void))interior_point, METH_FASTCALL, NULL},
     {"least_squares", (PyCFunction)(void (*)(void))least_squares, METH_FASTCALL, NULL},
     {"shape_poses", (PyCFunction)(void (*)(void))shape_poses, METH_FASTCALL, NULL},
-    {"look_rows", (PyCFunction)(void (*)(void))look_rows, METH_FASTCALL, NULL},
-    {"decelerations", (PyCFunction)(void (*)(void))decelerations, METH_FASTCALL, NULL},
     {"frame_kinematics", (PyCFunction)(void (*)(void))frame_kinematics, METH_FASTCALL, NULL},
     {"pair_rows", (PyCFunction)(void (*)(void))pair_rows, METH_FASTCALL, NULL},
     {"pair_bounds", (PyCFunction)(void (*)(void))pair_bounds, METH_FASTCALL, NULL},

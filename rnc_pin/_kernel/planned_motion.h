@@ -6,6 +6,21 @@ enum { KINEMATIC, ACCELERATION, DYNAMIC }; /* forms: inputs v2, v2_dot or T */
 #define LARGEST_TURN 4.0 /* square of the largest turn of a step that has derivatives here [rad^2] */
 #define TERMS 25         /* of the series of its derivatives, whose rest is below the rounding */
 
+typedef struct {
+    long form;
+    Py_ssize_t nw, nu; /* numbers of w and of inputs */
+} Form;
+
+static int take_form(const Evaluator *ev, PyObject *number, Form *out) /* false with an error */
+{
+    long form = PyLong_AsLong(number);
+    *out = (Form){form, form == KINEMATIC ? 0 : ev->r, form == DYNAMIC ? ev->p : ev->r};
+    return !PyErr_Occurred();
+}
+
+static int plannable(const Evaluator *ev, const double *u, Py_ssize_t count)
+{ return ev->fused && !ev->external_vertical && !ev->timed && all_finite(u, count); }
+
 /* Velocity (n) and reduced acceleration (r) of a form. 0: the general way has to decide; -1: an error */
 static int planned_flow(Evaluator *ev, long form, const double *q, const double *w, const double *u, double *rate)
 {
@@ -52,28 +67,23 @@ static int same(const double *x, Py_ssize_t n) { return !n || !memcmp(x - n, x, 
 static PyObject *planned_steps(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1};
-    double *q, *w, *u, *h, *out;
-    int ok = -1;
-    if (!expect(ev, given, 6)) return NULL;
-    long form = PyLong_AsLong(args[0]);
-    if (PyErr_Occurred()) return NULL;
-    Py_ssize_t n = ev->n, nq = ev->nq, nw = form == KINEMATIC ? 0 : ev->r, nu = form == DYNAMIC ? ev->p : ev->r;
-    double *shift = malloc((size_t)(2 * n + nq + 2 * nw + 1) * sizeof(double));
-    double *q_at = shift + n, *w_at = q_at + nq, *first = w_at + nw;
-    if (!shift) return PyErr_NoMemory();
-    if (take(&all, args[1], nq, READ, &q) && take(&all, args[2], nw, READ, &w) && take(&all, args[3], nu, READ, &u)
-        && take(&all, args[4], 1, READ, &h) && take(&all, args[5], nq + nw, WRITE, &out)) {
-        ok = ev->fused && !ev->external_vertical && !ev->timed && all_finite(u, all.count * nu);
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, out += nq + nw) {
-            memcpy(out, q + i * nq, (size_t)nq * sizeof(double));
-            memcpy(out + nq, w + i * nw, (size_t)nw * sizeof(double));
-            int known = i && same(q + i * nq, nq) && same(w + i * nw, nw) && same(u + i * nu, nu);
-            ok = all_finite(out, nq + nw)
-                     ? planned_step(ev, form, h[i], u + i * nu, out, out + nq, nw, shift, q_at, w_at, first, known)
-                     : 0;
-        }
+    double *x[5], *shift;
+    Form of;
+    if (!expect(ev, given, 6) || !take_form(ev, args[0], &of)) return NULL;
+    Py_ssize_t nq = ev->nq, nw = of.nw, nu = of.nu, sizes[] = {nq, nw, nu, 1, nq + nw};
+    if (!take_sized(&all, args + 1, sizes, 5, 1, x) || !(shift = memory_of(&all, 2 * ev->n + nq + 2 * nw)))
+        return result(&all, -1);
+    double *q_at = shift + ev->n, *w_at = q_at + nq, *first = w_at + nw, *out = x[4];
+    int ok = plannable(ev, x[2], all.count * nu);
+    for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, out += nq + nw) {
+        const double *q = x[0] + i * nq, *w = x[1] + i * nw, *u = x[2] + i * nu;
+        memcpy(out, q, (size_t)nq * sizeof(double));
+        memcpy(out + nq, w, (size_t)nw * sizeof(double));
+        int known = i && same(q, nq) && same(w, nw) && same(u, nu);
+        ok = all_finite(out, nq + nw)
+                 ? planned_step(ev, of.form, x[3][i], u, out, out + nq, nw, shift, q_at, w_at, first, known)
+                 : 0;
     }
-    free(shift);
     return result(&all, ok);
 }
 
@@ -156,68 +166,45 @@ static int displaced_slopes(const Evaluator *ev, Py_ssize_t nx, Py_ssize_t colum
 static PyObject *planned_derivatives(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1};
-    double *q, *w, *u, *h, *first, *after, *out;
-    int ok = -1;
-    if (!expect(ev, given, 8) || !prepare_derivatives(ev)) return NULL;
-    long form = PyLong_AsLong(args[0]);
-    if (PyErr_Occurred()) return NULL;
-    Py_ssize_t n = ev->n, nq = ev->nq, r = ev->r, p = ev->p, size = derivatives_size(ev);
-    Py_ssize_t nw = form == KINEMATIC ? 0 : r, nu = form == DYNAMIC ? p : r, nx = n + nw, columns = nx + nu + 1;
-    double *memory = calloc((size_t)(n * p + p + size + n + r + n + nq + nw + 2 * nx * columns + 1), sizeof(double));
-    if (!memory) return PyErr_NoMemory();
-    double *B = memory, *none = B + n * p, *second = none + p, *flow = second + size, *shift = flow + n + r,
-           *q_at = shift + n, *w_at = q_at + nq, *by_middle = w_at + nw, *slopes = by_middle + nx * columns;
-    if (take(&all, args[1], nq, READ, &q) && take(&all, args[2], nw, READ, &w) && take(&all, args[3], nu, READ, &u)
-        && take(&all, args[4], 1, READ, &h) && take(&all, args[5], size, WRITE, &first)
-        && take(&all, args[6], nq + nw, WRITE, &after) && take(&all, args[7], nx * columns, WRITE, &out)) {
-        ok = ev->fused && r && !ev->external_vertical && !ev->timed && ev->curved && all_finite(u, all.count * nu);
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, out += nx * columns, after += nq + nw) {
-            const double *q_i = q + i * nq, *w_i = w + i * nw, *u_i = u + i * nu, *T = form == DYNAMIC ? u_i : none;
-            memcpy(q_at, q_i, (size_t)nq * sizeof(double));
-            memcpy(w_at, w_i, (size_t)nw * sizeof(double));
-            for (int stage = 0; stage < 2 && ok > 0; stage++) {
-                double *found = stage ? second : first + i * size, length = stage ? h[i] : h[i] / 2;
-                double *moved = stage ? out : by_middle;
-                ok = differentiate(ev, q_at, form == KINEMATIC ? u_i : w_at, T, B, found);
-                if (ok <= 0) break;
-                memcpy(flow, found, (size_t)(n + r) * sizeof(double));
-                if (form == ACCELERATION) memcpy(flow + n, u_i, (size_t)r * sizeof(double));
-                for (Py_ssize_t j = 0; j < n; j++) shift[j] = length * flow[j];
-                for (Py_ssize_t j = 0; j < nw; j++) w_at[j] = w_i[j] + length * flow[n + j];
-                if (!displace(ev, q_i, shift, q_at)) ok = -1;
-                flow_slopes(ev, form, found, nx, columns, stage ? slopes : by_middle);
-                if (stage) {
-                    memset(out, 0, (size_t)(nx * columns) * sizeof(double));
-                    for (Py_ssize_t j = 0; j < nx; j++)
-                        memcpy(out + j * columns + nx, slopes + j * columns + nx, (size_t)nu * sizeof(double));
-                    multiply_slopes(slopes, by_middle, out, nx, columns);
-                }
-                if (ok > 0) ok = displaced_slopes(ev, nx, columns, flow, length, stage ? 1.0 : 0.5, moved);
+    double *x[7], *none, *second, *flow, *shift, *q_at, *w_at, *by_middle, *slopes;
+    Form of;
+    if (!expect(ev, given, 8) || !prepare_derivatives(ev) || !take_form(ev, args[0], &of)) return NULL;
+    Py_ssize_t n = ev->n, nq = ev->nq, r = ev->r, size = derivatives_size(ev), nw = of.nw, nu = of.nu, nx = n + nw;
+    Py_ssize_t columns = nx + nu + 1, sizes[] = {nq, nw, nu, 1, size, nq + nw, nx * columns};
+    double **parts[] = {&none, &second, &flow, &shift, &q_at, &w_at, &by_middle, &slopes};
+    Py_ssize_t of_parts[] = {ev->p, size, n + r, n, nq, nw, nx * columns, nx * columns};
+    if (!take_sized(&all, args + 1, sizes, 7, 3, x) || !memory_of(&all, divide(NULL, parts, of_parts, 8)))
+        return result(&all, -1);
+    divide(all.memory, parts, of_parts, 8);
+    int ok = plannable(ev, x[2], all.count * nu) && r && ev->curved;
+    double *after = x[5], *out = x[6];
+    for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, out += nx * columns, after += nq + nw) {
+        const double *q = x[0] + i * nq, *w = x[1] + i * nw, *u = x[2] + i * nu, *T = of.form == DYNAMIC ? u : none;
+        memcpy(q_at, q, (size_t)nq * sizeof(double));
+        memcpy(w_at, w, (size_t)nw * sizeof(double));
+        for (int stage = 0; stage < 2 && ok > 0; stage++) {
+            double *found = stage ? second : x[4] + i * size, length = stage ? x[3][i] : x[3][i] / 2;
+            double *moved = stage ? out : by_middle;
+            ok = differentiate(ev, q_at, of.form == KINEMATIC ? u : w_at, T, found);
+            if (ok <= 0) break;
+            memcpy(flow, found, (size_t)(n + r) * sizeof(double));
+            if (of.form == ACCELERATION) memcpy(flow + n, u, (size_t)r * sizeof(double));
+            for (Py_ssize_t j = 0; j < n; j++) shift[j] = length * flow[j];
+            for (Py_ssize_t j = 0; j < nw; j++) w_at[j] = w[j] + length * flow[n + j];
+            if (!displace(ev, q, shift, q_at)) ok = -1;
+            flow_slopes(ev, of.form, found, nx, columns, stage ? slopes : by_middle);
+            if (stage) {
+                memset(out, 0, (size_t)(nx * columns) * sizeof(double));
+                for (Py_ssize_t j = 0; j < nx; j++)
+                    memcpy(out + j * columns + nx, slopes + j * columns + nx, (size_t)nu * sizeof(double));
+                multiply_slopes(slopes, by_middle, out, nx, columns);
             }
-            memcpy(after, q_at, (size_t)nq * sizeof(double));
-            memcpy(after + nq, w_at, (size_t)nw * sizeof(double));
+            if (ok > 0) ok = displaced_slopes(ev, nx, columns, flow, length, stage ? 1.0 : 0.5, moved);
         }
+        memcpy(after, q_at, (size_t)nq * sizeof(double));
+        memcpy(after + nq, w_at, (size_t)nw * sizeof(double));
     }
-    free(memory);
     return result(&all, ok);
-}
-
-/* out (n) = tangent vector from the first to the second of two arrays, from a function of Pinocchio; false with an
-   error */
-static int planned_difference(PyObject *const *call, Py_ssize_t n, double *out)
-{
-    Py_buffer view;
-    PyObject *found = PyObject_CallFunctionObjArgs(call[0], call[1], call[2], NULL);
-    if (!found || PyObject_GetBuffer(found, &view, PyBUF_SIMPLE) < 0) {
-        Py_XDECREF(found);
-        return 0;
-    }
-    int ok = view.len == n * (Py_ssize_t)sizeof(double);
-    if (ok) memcpy(out, view.buf, (size_t)view.len);
-    else PyErr_SetString(PyExc_ValueError, "kernel: the difference has another size");
-    PyBuffer_Release(&view);
-    Py_DECREF(found);
-    return ok;
 }
 
 /* Form, intervals K, steps of each, step; q, w and inputs (K nu); gains (K nu nx) or None with the planned states of
@@ -228,22 +215,21 @@ static PyObject *planned_motion(Evaluator *ev, PyObject *const *args, Py_ssize_t
     Arrays all = {.count = 1};
     double *q, *w, *u, *gains, *planned, *limits, *first, *second, *out;
     int ok = -1;
-    if (!expect(ev, given, 14)) return NULL;
-    long form = PyLong_AsLong(args[0]);
+    Form of;
+    if (!expect(ev, given, 14) || !take_form(ev, args[0], &of)) return NULL;
     Py_ssize_t K = PyLong_AsSsize_t(args[1]), steps = PyLong_AsSsize_t(args[2]), n = ev->n, nq = ev->nq;
     double h = PyFloat_AsDouble(args[3]);
     if (PyErr_Occurred() || !within((long)K, 1 << 20) || !within((long)steps, 1 << 20)) return NULL;
-    Py_ssize_t nw = form == KINEMATIC ? 0 : ev->r, nu = form == DYNAMIC ? ev->p : ev->r, nx = n + nw;
-    Py_ssize_t row = nq + nw + nu, own = 2 * nq + 3 * nw + 2 * n + nx;
-    double *work = malloc((size_t)own * sizeof(double) + 1);
-    if (!work) return PyErr_NoMemory();
+    Py_ssize_t nw = of.nw, nu = of.nu, nx = n + nw, row = nq + nw + nu;
+    double *work = memory_of(&all, 2 * nq + 3 * nw + 2 * n + nx);
+    if (!work) return NULL;
     if (take(&all, args[4], nq, READ, &q) && take(&all, args[5], nw, READ, &w) && take(&all, args[6], K * nu, READ, &u)
         && optional(&all, args[7], K * nu * nx, &gains) && optional(&all, args[8], K * steps * (nq + nw), &planned)
         && take(&all, args[9], 2 * nu, READ, &limits) && take(&all, args[11], nq, WRITE, &first)
         && take(&all, args[12], nq, WRITE, &second) && take(&all, args[13], K * steps * row, WRITE, &out)) {
         double *q_now = work, *w_now = q_now + nq, *q_at = w_now + nw, *w_at = q_at + nq, *shift = w_at + nw,
                *dx = shift + n, *first_flow = dx + nx;
-        ok = ev->fused && !ev->external_vertical && !ev->timed && (!gains || planned) && all_finite(u, K * nu);
+        ok = plannable(ev, u, K * nu) && (!gains || planned);
         memcpy(q_now, q, (size_t)nq * sizeof(double));
         memcpy(w_now, w, (size_t)nw * sizeof(double));
         for (Py_ssize_t i = 0; i < K * steps && ok > 0; i++, out += row) {
@@ -257,7 +243,7 @@ static PyObject *planned_motion(Evaluator *ev, PyObject *const *args, Py_ssize_t
                 else {
                     memcpy(first, there, (size_t)nq * sizeof(double));
                     memcpy(second, q_now, (size_t)nq * sizeof(double));
-                    if (!planned_difference(args + 10, n, dx)) ok = -1;
+                    if (!copy_result(args[10], args + 11, 2, n, dx)) ok = -1;
                 }
                 for (Py_ssize_t j = 0; j < nw; j++) dx[n + j] = w_now[j] - there[nq + j];
                 for (Py_ssize_t j = 0; j < nu && ok > 0; j++)
@@ -265,11 +251,10 @@ static PyObject *planned_motion(Evaluator *ev, PyObject *const *args, Py_ssize_t
                                    fmax(high[j], input[j]));
                 if (ok > 0 && !all_finite(used, nu)) ok = 0;
             }
-            if (ok > 0) ok = planned_step(ev, form, h, used, q_now, w_now, nw, shift, q_at, w_at, first_flow, 0);
+            if (ok > 0) ok = planned_step(ev, of.form, h, used, q_now, w_now, nw, shift, q_at, w_at, first_flow, 0);
             memcpy(out, q_now, (size_t)nq * sizeof(double));
             memcpy(out + nq, w_now, (size_t)nw * sizeof(double));
         }
     }
-    free(work);
     return result(&all, ok);
 }

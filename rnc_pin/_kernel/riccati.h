@@ -81,13 +81,7 @@ WIDE static void multiply_slopes(const double *a, const double *b, double *out, 
  * definite. */
 WIDE static int inverse_of_positive(const double *M, Py_ssize_t step, Py_ssize_t n, double *out, double *work)
 {
-    for (Py_ssize_t i = 0; i < n; i++)
-        for (Py_ssize_t j = 0; j <= i; j++) {
-            double rest = M[i * step + j] - dot(work + i * n, work + j * n, j);
-            if (i > j) work[i * n + j] = rest / work[j * n + j];
-            else if (rest > 0) work[i * n + i] = sqrt(rest);
-            else return 0; /* also not a number */
-        }
+    if (!cholesky(M, step, 1, work, n)) return 0;
     for (Py_ssize_t i = 0; i < n; i++) {
         memset(out + i * n, 0, (size_t)n * sizeof(double));
         out[i * n + i] = 1;
@@ -101,22 +95,18 @@ WIDE static int inverse_of_positive(const double *M, Py_ssize_t step, Py_ssize_t
     return 1;
 }
 
-/* N, nx, nz of a call; False with a Python error */
-static int stages(PyObject *const *args, Py_ssize_t given, Py_ssize_t expected, Py_ssize_t *sizes, Py_ssize_t count)
+/* Counts N, nx, nz and more of a call; false with an error */
+static int stages(PyObject *const *args, Py_ssize_t *counts, int number)
 {
-    if (given != expected) {
-        PyErr_Format(PyExc_TypeError, "kernel: expected %zd arguments, found %zd", expected, given);
-        return 0;
-    }
-    for (Py_ssize_t i = 0; i < count; i++) {
-        sizes[i] = PyLong_AsSsize_t(args[i]);
-        if (sizes[i] < 0 || sizes[i] > 1 << 20) {
+    for (int i = 0; i < number; i++) {
+        counts[i] = PyLong_AsSsize_t(args[i]);
+        if (PyErr_Occurred() || counts[i] < 0 || counts[i] > 1 << 20) {
             if (!PyErr_Occurred())
                 PyErr_SetString(PyExc_ValueError, "kernel: a size of a recursion is out of its range");
             return 0;
         }
     }
-    if (sizes[2] >= sizes[1]) return 1;
+    if (counts[2] >= counts[1]) return 1;
     PyErr_SetString(PyExc_ValueError, "kernel: expected nz of at least nx");
     return 0;
 }
@@ -156,8 +146,8 @@ WIDE static int factorize_stages(Py_ssize_t N, Py_ssize_t nx, Py_ssize_t nz, con
 }
 
 /* Numbers that factors and solutions for m terms need */
-static size_t recursion_work(Py_ssize_t nx, Py_ssize_t nz, Py_ssize_t m)
-{ return (size_t)((nx + nz) * m + 2 * nz * nz + nx * nz + 1); }
+static Py_ssize_t recursion_work(Py_ssize_t nx, Py_ssize_t nz, Py_ssize_t m)
+{ return (nx + nz) * m + 2 * nz * nz + nx * nz + 1; }
 
 /* Minimisers z (N, nz, m) and states (N + 1, nx, m) for linear terms g (N, nz, m) and offsets gap (N, nx, m); p (N + 1,
    nx, m) has the last linear term at its end and becomes the linear terms of the cost to go. */
@@ -229,69 +219,49 @@ WIDE static void spread_stages(Py_ssize_t N, Py_ssize_t nx, Py_ssize_t nz, Py_ss
 
 /* N, nx, nz, k, AB (N, nx, nz), C (N + 1, k, nx), D (N + 1, k, nu), scales (nu); variances of rows (N + 1, k) and of
    states (N + 1, nx) */
-static PyObject *variances(PyObject *module, PyObject *const *args, Py_ssize_t given)
+static int variances_by(Arrays *all, PyObject *const *args)
 {
-    Arrays all = {.count = 1};
-    Py_ssize_t sizes[4];
-    double *AB, *C, *D, *scales, *rows, *states;
-    (void)module;
-    if (!stages(args, given, 10, sizes, 4)) return NULL;
-    Py_ssize_t N = sizes[0], nx = sizes[1], nz = sizes[2], nu = nz - nx, k = sizes[3];
-    if (!(take(&all, args[4], N * nx * nz, READ, &AB) && take(&all, args[5], (N + 1) * k * nx, READ, &C)
-          && take(&all, args[6], (N + 1) * k * nu, READ, &D) && take(&all, args[7], nu, READ, &scales)
-          && take(&all, args[8], (N + 1) * k, WRITE, &rows) && take(&all, args[9], (N + 1) * nx, WRITE, &states)))
-        return result(&all, -1);
-    double *work = malloc((size_t)(2 * nx * nx + nx * nz + 1) * sizeof(double));
-    if (!work) return PyErr_NoMemory(), result(&all, -1);
-    spread_stages(N, nx, nz, k, AB, C, D, scales, rows, states, work);
-    free(work);
-    return result(&all, 1);
+    Py_ssize_t counts[4];
+    double *x[6], *work;
+    if (!stages(args, counts, 4)) return -1;
+    Py_ssize_t N = counts[0], nx = counts[1], nz = counts[2], nu = nz - nx, k = counts[3];
+    Py_ssize_t sizes[] = {N * nx * nz, (N + 1) * k * nx, (N + 1) * k * nu, nu, (N + 1) * k, (N + 1) * nx};
+    if (!take_sized(all, args + 4, sizes, 6, 2, x) || !(work = memory_of(all, 2 * nx * nx + nx * nz))) return -1;
+    spread_stages(N, nx, nz, k, x[0], x[1], x[2], x[3], x[4], x[5], work);
+    return 1;
 }
+FUNCTION(variances, 10)
 
 /* N, nx, nz, AB (N, nx, nz), H (N, nz, nz), P (N + 1, nx, nx) with the last Hessian at its end, K (N, nu, nx), inverse
    (N, nu, nu). False if the problem is not convex. */
-static PyObject *riccati_factors(PyObject *module, PyObject *const *args, Py_ssize_t given)
+static int riccati_factors_by(Arrays *all, PyObject *const *args)
 {
-    Arrays all = {.count = 1};
-    Py_ssize_t sizes[3];
-    double *AB, *H, *P, *K, *inverse;
-    (void)module;
-    if (!stages(args, given, 8, sizes, 3)) return NULL;
-    Py_ssize_t N = sizes[0], nx = sizes[1], nz = sizes[2], nu = nz - nx;
-    if (!(take(&all, args[3], N * nx * nz, READ, &AB) && take(&all, args[4], N * nz * nz, READ, &H)
-          && take(&all, args[5], (N + 1) * nx * nx, WRITE, &P) && take(&all, args[6], N * nu * nx, WRITE, &K)
-          && take(&all, args[7], N * nu * nu, WRITE, &inverse)))
-        return result(&all, -1);
-    double *work = malloc(recursion_work(nx, nz, 0) * sizeof(double));
-    if (!work) return PyErr_NoMemory(), result(&all, -1);
-    int ok = factorize_stages(N, nx, nz, AB, H, P, K, inverse, work);
-    free(work);
-    return result(&all, ok);
+    Py_ssize_t counts[3];
+    double *x[5], *work;
+    if (!stages(args, counts, 3)) return -1;
+    Py_ssize_t N = counts[0], nx = counts[1], nz = counts[2], nu = nz - nx;
+    Py_ssize_t sizes[] = {N * nx * nz, N * nz * nz, (N + 1) * nx * nx, N * nu * nx, N * nu * nu};
+    if (!take_sized(all, args + 3, sizes, 5, 3, x) || !(work = memory_of(all, recursion_work(nx, nz, 0)))) return -1;
+    return factorize_stages(N, nx, nz, x[0], x[1], x[2], x[3], x[4], work);
 }
+FUNCTION(riccati_factors, 8)
 
 /* N, nx, nz, m, AB, K, inverse, P, g (N, nz, m), gap (N, nx, m), p (N + 1, nx, m) with the last linear term at its end,
    z (N, nz, m), states (N + 1, nx, m). p becomes the costates. */
-static PyObject *riccati_solve(PyObject *module, PyObject *const *args, Py_ssize_t given)
+static int riccati_solve_by(Arrays *all, PyObject *const *args)
 {
-    Arrays all = {.count = 1};
-    Py_ssize_t sizes[4];
-    double *AB, *K, *inverse, *P, *g, *gap, *p, *z, *states;
-    (void)module;
-    if (!stages(args, given, 13, sizes, 4)) return NULL;
-    Py_ssize_t N = sizes[0], nx = sizes[1], nz = sizes[2], m = sizes[3], nu = nz - nx;
-    if (!(take(&all, args[4], N * nx * nz, READ, &AB) && take(&all, args[5], N * nu * nx, READ, &K)
-          && take(&all, args[6], N * nu * nu, READ, &inverse) && take(&all, args[7], (N + 1) * nx * nx, READ, &P)
-          && take(&all, args[8], N * nz * m, READ, &g) && take(&all, args[9], N * nx * m, READ, &gap)
-          && take(&all, args[10], (N + 1) * nx * m, WRITE, &p) && take(&all, args[11], N * nz * m, WRITE, &z)
-          && take(&all, args[12], (N + 1) * nx * m, WRITE, &states)))
-        return result(&all, -1);
-    double *work = malloc(recursion_work(nx, nz, m) * sizeof(double));
-    if (!work) return PyErr_NoMemory(), result(&all, -1);
-    solve_stages(N, nx, nz, m, AB, K, inverse, P, g, gap, p, z, states, work);
-    add_costates(N, nx, m, P, states, p);
-    free(work);
-    return result(&all, 1);
+    Py_ssize_t counts[4];
+    double *x[9], *work;
+    if (!stages(args, counts, 4)) return -1;
+    Py_ssize_t N = counts[0], nx = counts[1], nz = counts[2], m = counts[3], nu = nz - nx;
+    Py_ssize_t sizes[] = {N * nx * nz, N * nu * nx,      N * nu * nu, (N + 1) * nx * nx, N * nz * m,
+                          N * nx * m,  (N + 1) * nx * m, N * nz * m,  (N + 1) * nx * m};
+    if (!take_sized(all, args + 4, sizes, 9, 3, x) || !(work = memory_of(all, recursion_work(nx, nz, m)))) return -1;
+    solve_stages(N, nx, nz, m, x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], work);
+    add_costates(N, nx, m, x[3], x[8], x[6]);
+    return 1;
 }
+FUNCTION(riccati_solve, 13)
 
 /* Problem within elastic rows ``G z <= limit``. Row i of G has the entries from start[i] to start[i + 1]. */
 typedef struct {
@@ -426,55 +396,38 @@ static Py_ssize_t improve(const Bounded *b, const double *limits, Point *at, Poi
 /* N, nx, nz, k, AB (N, nx, nz), gap (N, nx), H (N, nz, nz), g (N, nz), H_end (nx, nx), g_end (nx), G (N + 1, k, nz),
    limit (N + 1, k), active (N + 1, k), numbers (weight, and the limits of ``improve``), the iterate z (N + 1, nz), s, e
    and y (N + 1, k), costate (N + 1, nx), number of iterations. */
-static PyObject *interior_point(PyObject *module, PyObject *const *args, Py_ssize_t given)
+static int interior_point_by(Arrays *all, PyObject *const *args)
 {
-    Arrays all = {.count = 1};
-    Py_ssize_t sizes[4];
-    Bounded b;
-    Point at, step;
-    Newton n;
-    double *AB, *gap, *H, *g, *H_end, *g_end, *G, *limit, *active, *numbers, *found;
-    (void)module;
-    if (!stages(args, given, 20, sizes, 4)) return NULL;
-    Py_ssize_t N = sizes[0], nx = sizes[1], nz = sizes[2], nu = nz - nx, k = sizes[3], rows = (N + 1) * k;
-    if (!(take(&all, args[4], N * nx * nz, READ, &AB) && take(&all, args[5], N * nx, READ, &gap)
-          && take(&all, args[6], N * nz * nz, READ, &H) && take(&all, args[7], N * nz, READ, &g)
-          && take(&all, args[8], nx * nx, READ, &H_end) && take(&all, args[9], nx, READ, &g_end)
-          && take(&all, args[10], rows * nz, READ, &G) && take(&all, args[11], rows, READ, &limit)
-          && take(&all, args[12], rows, READ, &active) && take(&all, args[13], 7, READ, &numbers)
-          && take(&all, args[14], (N + 1) * nz, WRITE, &at.z) && take(&all, args[15], rows, WRITE, &at.s)
-          && take(&all, args[16], rows, WRITE, &at.e) && take(&all, args[17], rows, WRITE, &at.y)
-          && take(&all, args[18], (N + 1) * nx, WRITE, &n.p) && take(&all, args[19], 1, WRITE, &found)))
-        return result(&all, -1);
+    Py_ssize_t counts[4];
+    double *x[16], *entry, *start;
+    if (!stages(args, counts, 4)) return -1;
+    Py_ssize_t N = counts[0], nx = counts[1], nz = counts[2], nu = nz - nx, k = counts[3], rows = (N + 1) * k;
+    Py_ssize_t widths[] = {N * nx * nz, N * nx, N * nz * nz,  N * nz, nx * nx, nx,   rows * nz,    rows,
+                           rows,        7,      (N + 1) * nz, rows,   rows,    rows, (N + 1) * nx, 1};
+    if (!take_sized(all, args + 4, widths, 16, 6, x)) return -1;
+    const double *G = x[6], *numbers = x[9];
     Py_ssize_t entries = 0;
     for (Py_ssize_t i = 0; i < rows * nz; i++) entries += G[i] != 0;
-    double *parts[20];
-    Py_ssize_t lengths[] = {(N + 1) * nz, rows,
-                            rows,         rows,
-                            rows,         rows,
-                            (N + 1) * nz, N * nx,
-                            N * nz * nz,  (N + 1) * nx * nx,
-                            N * nu * nx,  N * nu * nu,
-                            rows,         rows,
-                            rows,         (N + 1) * nz,
-                            (N + 1) * nx, (Py_ssize_t)recursion_work(nx, nz, 1),
-                            entries};
-    Py_ssize_t total = 1;
-    for (int i = 0; i < 19; i++) total += lengths[i];
-    double *memory = malloc((size_t)total * sizeof(double));
-    b.start = malloc((size_t)(rows + 1 + entries) * sizeof(Py_ssize_t));
-    if (!memory || !b.start) {
-        free(memory), free(b.start);
-        return PyErr_NoMemory(), result(&all, -1);
-    }
-    memset(memory, 0, (size_t)((N + 1) * nz + 3 * rows) * sizeof(double)); /* the step */
-    parts[0] = memory;
-    for (int i = 0; i < 19; i++) parts[i + 1] = parts[i] + lengths[i];
-    step = (Point){parts[0], parts[1], parts[2], parts[3]};
-    n = (Newton){parts[4],  parts[5],  parts[6],  parts[7],  parts[8], parts[9],  parts[10], parts[11],
-                 parts[12], parts[13], parts[14], parts[15], n.p,      parts[16], parts[17]};
-    b = (Bounded){N, nx,    nz,    k,     b.start, b.start + rows + 1, parts[18], numbers[0], AB, gap, H,
-                  g, H_end, g_end, limit, active};
+    Bounded b = {N, nx, nz, k, NULL, NULL, NULL, numbers[0], x[0], x[1], x[2], x[3], x[4], x[5], x[7], x[8]};
+    Point at = {x[10], x[11], x[12], x[13]}, step;
+    Newton n = {.p = x[14]};
+    double **parts[] = {&step.z,   &step.s,  &step.e,   &step.y, &n.W,       &n.primal, &n.g,
+                        &n.gap,    &n.H,     &n.P,      &n.K,    &n.inverse, &n.first,  &n.second,
+                        &n.offset, &n.slope, &n.states, &n.work, &entry,     &start};
+    Py_ssize_t sizes[] = {(N + 1) * nz, rows,
+                          rows,         rows,
+                          rows,         rows,
+                          (N + 1) * nz, N * nx,
+                          N * nz * nz,  (N + 1) * nx * nx,
+                          N * nu * nx,  N * nu * nu,
+                          rows,         rows,
+                          rows,         (N + 1) * nz,
+                          (N + 1) * nx, recursion_work(nx, nz, 1),
+                          entries,      rows + 1 + entries};
+    size_t count = sizeof sizes / sizeof *sizes;
+    if (!memory_of(all, divide(NULL, parts, sizes, count))) return -1;
+    divide(all->memory, parts, sizes, count);
+    b.entry = entry, b.start = (Py_ssize_t *)start, b.column = b.start + rows + 1;
     entries = 0;
     for (Py_ssize_t i = 0; i < rows; i++) {
         b.start[i] = entries;
@@ -482,8 +435,7 @@ static PyObject *interior_point(PyObject *module, PyObject *const *args, Py_ssiz
             if (G[i * nz + j] != 0) b.entry[entries] = G[i * nz + j], b.column[entries++] = j;
     }
     b.start[rows] = entries;
-    *found = (double)improve(&b, numbers + 1, &at, &step, &n);
-    free(memory);
-    free(b.start);
-    return result(&all, 1);
+    *x[15] = (double)improve(&b, numbers + 1, &at, &step, &n);
+    return 1;
 }
+FUNCTION(interior_point, 20)

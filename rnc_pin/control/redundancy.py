@@ -144,14 +144,14 @@ class RedundancyController(DescribedMixin):
         """Target. If the kernel declines many runs, each is computed alone, with the same bits."""
         if m.x2.ndim > 1 + self.accepts_batches:
             return self._pursued(x21d, x1d, secondary, m)
-        batch, counts = m.x2.shape[:-1], (len(self.task.vertical), len(self.task.primary))
+        batch = m.x2.shape[:-1]
         r, k = m.x2.size, m.x1.size  # of all runs
         found = np.empty(3 * r + k)
         actual = m.x2, m.v2, m.x1, m.v1, self._table, m.v1_offset, m.v1_offset_dot
         first = x21d.position, x21d.velocity, x21d.acceleration
         base = x1d.position, x1d.velocity, x1d.acceleration
         arrays = m.A_star, m.A_star_dot, self._places, *first, *base, *actual, *secondary
-        if not _kernel.library.pursue(*arrays, *counts, found):
+        if not _kernel.library.pursue(*arrays, found):
             if not batch:
                 return self._pursued(x21d, x1d, secondary, m)
             return run_by_run(partial(self._target, x21d, x1d, secondary), len(m.x2), m)

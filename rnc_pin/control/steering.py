@@ -154,7 +154,7 @@ class SteeringController(DescribedMixin):
         ]
         arrays = m.A_star, m.A_star_dot, slopes, self._places, m.v2, v21d, v21d_dot, m.x1, *point, self._table
         settings = self.k4, self.damping, self.max_rate
-        if _kernel.library.steer(*arrays, *settings, len(self.task.vertical), found):
+        if _kernel.library.steer(*arrays, *settings, found):
             return found
         if m.v2.ndim == 1:
             return self._steered(m, np.moveaxis(slopes, 0, -1), v21d_dot, x11d)

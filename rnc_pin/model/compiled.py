@@ -81,13 +81,11 @@ class CompiledEvaluator(NumPyEvaluator):
 
     def measured(self, q: Array, v: Array, t: float | None = None) -> StateEvaluation:
         kernel = self.kernel
-        numbers = np.empty(kernel.measured.itemsize // 8)
-        if not kernel.measures or not self._calls.measure(q, v, numbers):
+        if not kernel.measures:
             return super().measured(q, v, t)
-        numbers.setflags(write=False)
-        found = np.ndarray((), kernel.measured, numbers)
-        at_q = CompiledArraysAtQ(kernel, q, None, found["kinematics"], found["inverse"], (found["x1"], found["x2"]))
-        return StateEvaluation.filled(self, q, v, (at_q, CompiledArraysAtV(at_q, v, None, t, found["rates"])), t)
+        found, status = _run_records(kernel, ()), np.ones(1)
+        self._calls.measure(q, v, *found, status, False)
+        return _measured_state(self, kernel, q, v, found, t) if status[0] else super().measured(q, v, t)
 
     # ------------------------------------------------------------------ whole calls
 
@@ -121,12 +119,20 @@ class CompiledEvaluator(NumPyEvaluator):
         return self._fused_terms(q, v2, None) or super().terms(q, v2)
 
     def output_slopes(self, q: Array, along: Sequence[int] | Array) -> Array:
-        data = self.data
-        if not data.rheonomic:
-            found = np.empty((*q.shape[:-1], len(along), data.vertical.size, data.r))
-            if self._calls.output_slopes(q, along, found):
-                return found
-        return super().output_slopes(q, along)
+        kernel, batch, (n, m, r) = self.kernel, q.shape[:-1], (self.data.n, self.data.m, self.data.r)
+        if kernel.python_rows or self.data.affine:
+            return super().output_slopes(q, along)
+        types = kernel.kinematics, kernel.inverse, kernel.rates
+        P, F, D = (np.empty((*batch, each.itemsize // 8)) for each in types)
+        k = self.data.vertical.size
+        found = np.empty((*batch, len(along), k, r))
+        taken = self._calls.configure(q, P, F, None, False)
+        end = -n - k  # the rates of A_star come before the velocities of rows
+        for place, j in enumerate(along):
+            v = F[..., n * n + m + j :: n].copy()
+            taken = taken and self._calls.rates(q, P, F, v, None, None, None, D)
+            found[..., place, :, :] = D[..., end - k * r : end].reshape(*batch, k, r)
+        return found if taken else super().output_slopes(q, along)
 
     def state_derivative(
         self,
@@ -140,25 +146,27 @@ class CompiledEvaluator(NumPyEvaluator):
         data, n = self.data, self.data.n
         found = np.empty(n + data.r + data.vertical.size + 1 + data.rheonomic)
         if (self._steady or self.kernel.set_time(t)) and self._calls.state_derivative(
-            q, v2, T, external, damping, found
+            q, None, v2, T, external, damping, found
         ):
             return found[:n], found[n:]
         return super().state_derivative(q, v2, T, external, damping, t)
 
     def admissible_velocity(self, q: Array, v2: Array, t: float | None = None) -> tuple[Array, float]:
-        found = np.empty(self.data.n + 1)
-        if (self._steady or self.kernel.set_time(t)) and self._calls.admissible_velocity(q, v2, found):
-            return found[:-1], found[-1]
+        v, size = np.empty(self.data.n), np.empty(1)
+        if self._steady or self.kernel.set_time(t):
+            self._calls.admissible_velocities((self._calls,), q, v2, None, v, size)
+            if size[0] < np.inf:
+                return v, size[0]
         return super().admissible_velocity(q, v2, t)
 
     def integrate(self, q: Array, y: Array, T: Array, h: float, steps: int) -> tuple[Array, Array, float] | None:
-        found = np.empty(len(q) + len(y) + 1)
         rates = None
         if self.data.rheonomic and self.kernel.fused:
             rates = self.kernel.rates_between(y[-2] + 0.5 * h * np.arange(2 * steps + 1))
-        if not self._calls.integrate(q, y, T, h, steps, rates, found):
-            return None
-        return found[: len(q)], found[len(q) : -1], float(found[-1])
+        q_end, y_end, status, rough = np.empty(q.shape), np.empty(y.shape), np.empty(1), np.empty(1)
+        found = q_end, y_end, status, rough
+        self._calls.integrate((self._calls,), q, y, T, h, steps, None, *found, rates, None, None, None)
+        return (q_end, y_end, float(rough[0])) if status[0] else None
 
     def planned_motion(
         self, form: str, start: tuple[Array, Array], u: Array, h: float, steps: int, feedback: PlannedFeedback | None
@@ -199,9 +207,10 @@ class CompiledEvaluator(NumPyEvaluator):
         return first, (after[:, :nq], after[:, nq:]), slopes
 
     def chart_rate(self, q: Array, x: Array, T: Array, damping: Array | None) -> Array | None:
-        found = np.empty(len(x))
+        found, n = np.empty(len(x)), self.data.n
         timed = self.kernel.set_time(float(x[-2]) if self.data.rheonomic else None)
-        return found if timed and self._calls.chart_rate(q, x, T, damping, found) else None
+        state = q, x[:n], x[n : n + self.data.r]
+        return found if timed and self._calls.state_derivative(*state, T, None, damping, found) else None
 
     def state_derivatives(
         self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None = None
@@ -332,7 +341,9 @@ class CompiledRuns(NumPyRuns):
     def velocities(
         self, charts: tuple[object, ...], q: Array, y: Array, limit: float, kinematics: Array, v: Array, status: Array
     ) -> None:
-        self._calls.velocities_of_runs(charts, q, y, limit, kinematics, v, status)
+        sizes = np.empty(len(q))
+        self._calls.admissible_velocities(charts, q, y, kinematics, v, sizes)
+        status[:] = sizes < limit
 
     def integrate(
         self,
@@ -344,50 +355,57 @@ class CompiledRuns(NumPyRuns):
         steps: int,
         kinematics: Array | None,
     ) -> tuple[Array, Array, Array, Array]:
-        q_end, y_end, status, roughness = np.empty_like(q), np.empty_like(y), np.zeros(len(q)), np.zeros(len(q))
-        self._calls.integrate_runs(charts, q, y, T, h, steps, kinematics, q_end, y_end, status, roughness)
-        return q_end, y_end, status, roughness
+        return self._integrated(charts, RunStarts(q, y, T, kinematics), (h, steps), None, np.empty_like(y))
 
     def dissipate(
         self, charts: tuple[object, ...], start: RunStarts, h: float, steps: int, losses: Dissipation
     ) -> tuple[Array, Array, Array, Array]:
-        return self._dissipated(charts, start, (h, steps), losses, np.empty_like(start[1]))
+        return self._integrated(charts, start, (h, steps), losses, np.empty_like(start.y))
 
     def friction(
         self, charts: tuple[object, ...], start: RunStarts, h: float, losses: Dissipation
     ) -> tuple[Array, Array]:
         found = np.empty((len(charts), self._kernel.data.n))
-        return self._dissipated(charts, start, (h, 0), losses, found)[1:3]
+        return self._integrated(charts, start, (h, 0), losses, found)[1:3]
 
-    def _dissipated(
+    def _integrated(
         self,
         charts: tuple[object, ...],
         start: RunStarts,
         steps: tuple[float, int],
-        losses: Dissipation,
+        losses: Dissipation | None,
         y_end: Array,
     ) -> tuple[Array, Array, Array, Array]:
-        q_end, status, roughness = np.empty_like(start[0]), np.zeros(len(charts)), np.zeros(len(charts))
-        (q, y, T, kinematics), (damping, joints, limits), found = start, losses, (q_end, y_end, status, roughness)
-        self._calls.dissipate_runs(charts, q, y, T, *steps, kinematics, damping, joints, limits, *found)
+        q, y, T, kinematics = start
+        found = np.empty_like(q), y_end, np.zeros(len(q)), np.zeros(len(q))
+        self._calls.integrate(charts, q, y, T, *steps, kinematics, *found, None, *(losses or (None, None, None)))
         return found
 
     def measure(self, q: Array, v: Array, kinematics: Array, status: Array) -> RunRecords:
-        kernel, data = self._kernel, self._kernel.data
-        if not kernel.measures:
+        if not self._kernel.measures:
             return super().measure(q, v, kinematics, status)
-        sizes = kernel.inverse.itemsize // 8, kernel.rates.itemsize // 8, data.r + data.vertical.size
-        found = [np.empty((len(q), size)) for size in sizes]
-        self._calls.measure_runs(q, v, kinematics, *found, status)
-        return RunRecords(kinematics, *found)
+        found = _run_records(self._kernel, q.shape[:-1], kinematics)
+        self._calls.measure(q, v, *found, status, True)
+        return found
 
     def states(self, q: Array, v: Array, records: RunRecords) -> StateEvaluation:
-        kernel, batch, r = self._kernel, q.shape[:-1], self._kernel.data.r
-        for array in records:
-            array.setflags(write=False)
-        kinematics = np.ndarray(batch, kernel.kinematics, records.kinematics)
-        inverse = np.ndarray(batch, kernel.inverse, records.inverse)
-        values = records.values[..., r:], records.values[..., :r]
-        at_q = CompiledArraysAtQ(kernel, q, None, kinematics, inverse, values)
-        rates = np.ndarray(batch, kernel.rates, records.rates)
-        return StateEvaluation.filled(self._evaluator, q, v, (at_q, CompiledArraysAtV(at_q, v, None, None, rates)))
+        return _measured_state(self._evaluator, self._kernel, q, v, records)
+
+
+def _run_records(kernel: ReductionKernel, batch: tuple[int, ...], kinematics: Array | None = None) -> RunRecords:
+    """Records of measurements without values; kinematics: those of the states, if known."""
+    sizes = kernel.inverse.itemsize // 8, kernel.rates.itemsize // 8, kernel.data.r + kernel.data.vertical.size
+    known = np.empty((*batch, kernel.kinematics.itemsize // 8)) if kinematics is None else kinematics
+    return RunRecords(known, *(np.empty((*batch, size)) for size in sizes))
+
+
+def _measured_state(
+    evaluator: Evaluator, kernel: ReductionKernel, q: Array, v: Array, records: RunRecords, t: float | None = None
+) -> StateEvaluation:
+    for array in records:
+        array.setflags(write=False)
+    batch, r, types = q.shape[:-1], kernel.data.r, (kernel.kinematics, kernel.inverse, kernel.rates)
+    kinematics, inverse, rates = (np.ndarray(batch, *each) for each in zip(types, records, strict=False))
+    values = records.values[..., r:], records.values[..., :r]
+    at_q = CompiledArraysAtQ(kernel, q, None, kinematics, inverse, values)
+    return StateEvaluation.filled(evaluator, q, v, (at_q, CompiledArraysAtV(at_q, v, None, t, rates)), t)

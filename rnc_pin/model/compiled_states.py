@@ -190,14 +190,13 @@ class CompiledArraysAtQ(ArraysAtQ):
         return T if self._calls.allocate(self.q, self.kinematics, self.inverse, force, T) else None
 
     def output_slopes(self, at: Configurations, along: Sequence[int] | Array) -> Array | None:
-        """Rates (s, k, r) of A_star in the motions of single reducing outputs; None if NumPy has to evaluate them."""
+        """Rates (s, ..., k, r) of A_star in motions of single reducing outputs; None if NumPy has to evaluate them."""
         data = self.kernel.data
-        if self.batch or self.kernel.python_rows or data.affine or not len(along):
+        if self.kernel.python_rows or data.affine or not len(along):
             return None
-        rates = empty_records((len(along),), self.kernel.rates)
-        for place, j in enumerate(along):
-            v = self.inverse["E_inverse"][:, data.m + j].copy()
-            record = rates[place : place + 1]
+        rates = empty_records((len(along), *self.batch), self.kernel.rates)
+        for j, record in zip(along, rates.reshape(len(along), -1), strict=True):
+            v = self.inverse["E_inverse"][..., data.m + j].copy()
             if not self._calls.rates(self.q, self.kinematics, self.inverse, v, None, None, None, record):
                 return None
         return rates["A_star_dot"]
@@ -279,7 +278,7 @@ class CompiledArraysAtV(ArraysAtV):
         if known is not None:
             return known["row_velocities"]
         velocities = np.empty(self._v.shape)
-        self._calls.row_velocities(self.at_q.inverse, False, self._v, velocities)
+        self._calls.row_velocities(self.at_q.inverse, self._v, velocities)
         return velocities
 
     @property
@@ -292,7 +291,7 @@ class CompiledArraysAtV(ArraysAtV):
         if rows is None:
             return None
         v1 = np.empty((*self.at_q.batch, self._kernel.data.vertical.size))
-        self._calls.row_velocities(rows, True, self._v, v1)
+        self._calls.vertical_velocities(rows, self._v, v1)
         return v1
 
     @cached_property

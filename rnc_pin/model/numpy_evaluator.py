@@ -242,9 +242,10 @@ class NumPyEvaluator:
             q: configurations (nq,) or (B, nq).
             along: indices of the outputs (s,).
         """
-        if q.ndim > 1:
+        here = self.at(q)
+        if q.ndim > 1 and not here.arrays_at_q.one_by_one:
             return np.stack([self.output_slopes(each, along) for each in q])
-        return np.ascontiguousarray(output_slopes(self.at(q), along))
+        return np.ascontiguousarray(np.moveaxis(output_slopes(here, along), 0, -3))
 
     def state_derivative(
         self,

@@ -27,6 +27,8 @@ from rnc_pin.model.row_stack import OutputStack, Place, RowStack
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.robots.robot import Robot
 
+_ROW = np.dtype([("integers", np.int64, 3 + INTEGERS), ("numbers", float, NUMBERS)])  # as the kernel stores them
+_FRAME = np.dtype([("joint", np.int64), ("placement", float, 12)])
 _CURVED = {"JointModelPlanar": 0, "JointModelSpherical": 1, "JointModelFreeFlyer": 2}
 
 
@@ -185,16 +187,17 @@ def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None) -> 
         for places in (table.external, table.external_vertical)
     ]
     sizes = (robot.nq, n, data.m, k, data.p, joints, len(table.frames), *external, len(table.integers))
-    placements = np.array([placement_numbers(frame.placement) for frame in table.frames])
+    rows, frames = np.empty(len(table.integers), _ROW), np.empty(len(table.frames), _FRAME)
+    rows["integers"], rows["numbers"] = table.integers, table.numbers
+    for record, frame in zip(frames, table.frames, strict=True):
+        record["joint"], record["placement"] = frame.joint, placement_numbers(frame.placement)
     return _kernel.library.Evaluator(
         (*sizes, len(workspace.entries), robot.nq != robot.nv, table.fused, data.rheonomic, len(table.laws)),
         workspace.references,
         workspace.views,
-        table.integers,
-        table.numbers,
+        rows,
         table.columns,
-        np.array([frame.joint for frame in table.frames], np.int64),
-        placements,
+        frames,
         workspace.ends,
         workspace.entries,
         np.ascontiguousarray(table.constant),
@@ -265,7 +268,7 @@ class ReductionKernel:
         python_values: blocks of reducing and of vertical outputs whose values Python evaluates.
         measures: True if one call evaluates all rows and values.
         fused: True if the kernel knows all rows of E, all inputs and all forces.
-        kinematics, inverse, rows, biases, rates, terms, derivatives, measured: types of records.
+        kinematics, inverse, rows, biases, rates, terms, derivatives: types of records.
     """
 
     def __init__(self, data: ReductionData) -> None:
@@ -292,9 +295,6 @@ class ReductionKernel:
         self.terms = _record({**kinematics, **inverse, "v": (n,), **rates, **coriolis, **forces})
         by = {"v_q": (n, n), "v_v2": (n, r), "v2_dot_q": (r, n), "v2_dot_v2": (r, r), "v2_dot_T": (r, p)}
         self.derivatives = _record({"v": (n,), "v2_dot": (r,), **by})
-        stages = {"kinematics": self.kinematics, "inverse": self.inverse, "rates": self.rates}
-        self.measured = np.dtype([*stages.items(), ("x2", float, (r,)), ("x1", float, (k,))])
-
         self.python_values = tuple(
             blocks_valued_by_python(stack, data.robot.model) for stack in (data.reducing, data.vertical)
         )

@@ -112,22 +112,6 @@ def limited_arm():
     return found
 
 
-def braking():
-    """Decelerations that the efforts of TIAGo allow, on wheels and with its arm near its body."""
-    lock = dict.fromkeys(("head_1_joint", "head_2_joint", "arm_5_joint", "arm_6_joint", "arm_7_joint"), 0.0)
-    robot = rnc.Robot.from_example("tiago_no_hand", base="planar", lock=lock)
-    wheels = [rnc.RollingWheel(f"wheel_{side}_link", 0.0985) for side in ("left", "right")]
-    arm = ["torso_lift_joint", "arm_1_joint", "arm_2_joint", "arm_3_joint", "arm_4_joint"]
-    outputs = [rnc.FrameSpeed("base_link"), rnc.FrameYaw("base_link"), *map(rnc.JointPosition, arm)]
-    reduced = rnc.NonholonomicSystem(robot, wheels, [f"wheel_{side}_joint" for side in ("left", "right")] + arm)
-    reduced, start = reduced.reduce(outputs), dict(zip(arm, (0.3, 0.7, -0.5, -1.2, 1.9), strict=True))
-    q0 = robot.configuration(start)
-    bound = limits.CollisionAvoidance(influence=0.3, q0=q0).bind(reduced)
-    rows = bound.rows(ControlSample(reduced, 0.0, q0, np.linspace(-0.4, 0.4, reduced.r), 0.01))
-    assert len(rows.lower) > 3
-    return [rows.lower]
-
-
 def programs():
     """Velocities and multipliers of a level that determines everything, alone and below another; limits are active."""
     reduced, found = fresh(tiago), []
@@ -393,8 +377,6 @@ CALLS = {
     "variances": (sizes_of_rows, 1e-12),
     "interior_point": (programs_in_stages, 1e-9),
     "least_squares": (programs, 1e-10),
-    "look_rows": (lambda: rows_of(TASKS["look at a frame"]), 1e-13),
-    "decelerations": (braking, 1e-12),
     "stopping_velocities": (limited_arm, 0.0),
     "frame_kinematics": (frames, 1e-13),
     "shape_poses": (distances, 1e-13),

@@ -1,6 +1,7 @@
 """Limits by replay in Pinocchio: an ideal robot moves as commanded, and the limits of its file are looked up again."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -9,6 +10,7 @@ import pytest
 import rnc_pin as rnc
 from driven import drive
 from rnc_pin.control import InverseDynamicsQP, VelocityQP, limits, tasks
+from rnc_pin.control.whole_body.limits.control_limit import PlannedBraking
 from rnc_pin.control.whole_body.limits.joint_limits import velocity_to_stop
 from rnc_pin.planning import Hold
 from systems import mecanum, mobile_manipulator, space_robot_in_joints, tiago
@@ -351,3 +353,14 @@ def test_bad_limits_are_refused():
             bound(limit())
     with pytest.raises(rnc.ConfigurationError, match="the system has none"):
         VelocityQP(mobile_manipulator(), [], [limits.WheelSpeedLimit(1.0)])
+
+
+def test_braking_plans_half_of_the_efforts_less_the_load():
+    """At least a tenth of that half; rows that nothing moves, or an actuator without a limit, brake at once."""
+    effects = np.array([[2.0, -1.0, 0.0], [2.0, -1.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.0, 1.0], [0.0, 0.0, 0.0]])
+    load = np.array([-3.0, 3.0, -9.0, 0.0, -1.0])
+    state = SimpleNamespace(R=np.eye(5), row_accelerations=lambda rows: (effects, load))
+    braking = PlannedBraking(SimpleNamespace(actuation=SimpleNamespace(limits=np.array([4.0, 6.0, np.inf]))))
+    found = braking.decelerations(np.eye(5), state)
+    np.testing.assert_allclose(found, [7.0 - 3.0, 7.0, 0.1 * 1.0, np.inf, np.inf])
+    assert np.isinf(braking.decelerations(np.zeros((0, 5)), state)).all()

@@ -9,7 +9,6 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float, Int
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.model.parameter_types import check_settings
@@ -109,17 +108,12 @@ class PlannedBraking:
         efforts = reduced.actuation.limits
         self._unlimited = np.flatnonzero(~np.isfinite(efforts))
         self._efforts = np.where(np.isfinite(efforts), _BRAKING * efforts, 0.0)
-        self._without_limit = (~np.isfinite(efforts)).astype(float)
         self._any = bool(self._efforts.any())
 
     def decelerations(self, jacobian: Float[np.ndarray, "k nv"], state: StateEvaluation) -> Float[np.ndarray, " k"]:
         """Accelerations (k,) of rows [m/s^2 or rad/s^2] in their positive direction; infinite without limits."""
         if not (self._any and len(jacobian)):
             return np.full(len(jacobian), np.inf)
-        found, efforts = np.empty(len(jacobian)), (self._efforts, self._without_limit)
-        known = jacobian, state.E_inverse, state.H, state.input_matrix, state.unforced
-        if _kernel.library.decelerations(*known, *efforts, _LEAST, _NO_EFFECT, found):
-            return found
         effects, adverse = state.row_accelerations(jacobian @ state.R)
         effects = np.abs(effects)
         planned = effects @ self._efforts

@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
 
-from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import check_size
 from rnc_pin.control.whole_body.control_sample import ControlSample
@@ -332,9 +331,6 @@ class _BoundLook(BoundTask):
             )
         direction = ray / length
         rate = -self._gain * (axis - direction)
-        rows = np.empty((3, J.shape[-1]))
-        if _kernel.library.look_rows(J, other, axis, ray, length, rows):
-            return TaskRows(rows, rate)
         approach = -J[:3] if other is None else other[:3] - J[:3]
         turn = (approach - np.outer(direction, direction @ approach)) / length
         return TaskRows(-pin.skew(axis) @ J[3:] - turn, rate)
