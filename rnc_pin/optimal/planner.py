@@ -73,9 +73,9 @@ def build_problem(
     stated = [bound.bind(model) for bound in bounds]
     of_file = [] if limits is None else limits.bind(model, stated)
     if goal is not None:
-        for bound in (*stated, *of_file):
-            if bound.quantity == "output":  # refuse a goal beyond a limit at once: no motion ends there
-                _compare("goal", bound, goal.values_of(bound))
+        for row in (*stated, *of_file):
+            if row.quantity == "output":  # refuse a goal beyond a limit at once: no motion ends there
+                _compare("goal", row, goal.values_of(row))
     return Transcription(model, start, nodes, [cost.bind(model) for cost in costs], [*stated, *of_file], goal, times)
 
 
