@@ -283,7 +283,7 @@ class MissedGoal(NamedTuple):
         return tuple(cls(name, error, tolerance, reason) for name, error in found if not error <= tolerance)
 
 
-def part_with(whole: object, name: str) -> Any:
+def part_with(whole: object, name: str) -> State:
     """Return the controller or state that has an attribute: the whole, or what it has as its ``target``; else None."""
     while whole is not None and not hasattr(whole, name):
         whole = getattr(whole, "target", None)

@@ -64,9 +64,9 @@ class Transcription:
         goal: rows that hold at the end; None without a hard goal.
         duration: (shortest, longest) [s]; free if these differ.
         time_weight: cost of the duration [1/s].
-        reserve: share of the range of positions and velocities in the robot's file that the motion keeps free.
 
     Attributes:
+        reserve: share of the range of positions and velocities in the robot's file that the motion keeps free.
         margins: additions to the lower limits of distances at every node (K + 1,) [m].
     """
 
@@ -80,9 +80,8 @@ class Transcription:
         goal: NodeBound | None,
         duration: tuple[float, float],
         time_weight: float = 0.0,
-        reserve: float = 0.0,
     ) -> None:
-        self.margins, self.reserve = np.zeros(K + 1), reserve
+        self.margins, self.reserve = np.zeros(K + 1), 0.0
         self.model, self.start, self.K = model, start, K
         self.costs = list(costs)
         self.running = [each for each in costs if each.running]
@@ -101,8 +100,6 @@ class Transcription:
         for each, rows in self.blocks:
             nodes = slice(0, K) if each is goal else slice(0, 1) if each.of_state else slice(K, K + 1)
             self.lower[nodes, rows], self.upper[nodes, rows] = -np.inf, np.inf
-        if reserve:
-            self._keep_reserve()
 
     def with_intervals(self, K: int) -> Transcription:
         """Return the same problem over another number of intervals."""
@@ -123,10 +120,8 @@ class Transcription:
     def _with(
         self, K: int, bounds: Sequence[NodeBound], duration: tuple[float, float], reserve: float | None = None
     ) -> Transcription:
-        share = self.reserve if reserve is None else reserve
-        return Transcription(
-            self.model, self.start, K, self.costs, bounds, self.goal, duration, self.time_weight, share
-        )
+        made = Transcription(self.model, self.start, K, self.costs, bounds, self.goal, duration, self.time_weight)
+        return made._keep_reserve(self.reserve if reserve is None else reserve)
 
     def _keep(self, margins: Array) -> Transcription:
         self.margins = margins
@@ -135,10 +130,11 @@ class Transcription:
                 self.lower[:, rows] += margins[:, None]
         return self
 
-    def _keep_reserve(self) -> None:
+    def _keep_reserve(self, reserve: float) -> Transcription:
         """Narrow the limits of the robot's file, as far as the start and the goal are within."""
+        self.reserve = reserve
         nodes = NodeData(self.model, self.start, None, np.full(1, self.begin))
-        for each, rows in self.blocks:
+        for each, rows in self.blocks if reserve else ():
             if not each.of_file or each.quantity == "input":  # saturation keeps inputs
                 continue
             span = each.upper if each.quantity == "velocity" else each.upper - each.lower
@@ -152,6 +148,7 @@ class Transcription:
                 high = np.fmax(np.fmin(high, each.upper - values), 0.0)
             self.lower[:, rows] += low
             self.upper[:, rows] -= high
+        return self
 
     def times(self, duration: float) -> Array:
         """Times of the nodes (K + 1,) [s]."""

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
-from typing import Annotated, Any, Literal, TypeVar, cast
+from typing import Annotated, Literal, TypeVar, cast
 
 from pydantic import BaseModel, BeforeValidator, Field, TypeAdapter, model_validator
 
@@ -322,17 +322,17 @@ def admitted(model: type[_Model], raw: Mapping[str, Json], source: str) -> _Mode
 
 def constraint_of(entry: Mapping[str, Json] | str) -> ConstraintKind:
     """Constraint of one valid entry of ``constraints``."""
-    return _validator(ConstraintItem).validate_python(entry)
+    return cast("ConstraintKind", _validator(ConstraintItem).validate_python(entry))
 
 
 def output_of(entry: Mapping[str, Json]) -> OutputKind:
     """Output of one valid entry of ``outputs``."""
-    return _validator(OutputItem).validate_python(entry)
+    return cast("OutputKind", _validator(OutputItem).validate_python(entry))
 
 
 @cache  # building a validator takes 30 ms
-def _validator(item: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(item)
+def _validator(item: object) -> TypeAdapter[object]:
+    return TypeAdapter(item)  # type: ignore[arg-type]
 
 
 def schema() -> dict[str, Json]:
