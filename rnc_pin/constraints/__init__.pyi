@@ -18,10 +18,10 @@ from .curved_grounds import HeightField as HeightField
 from .curved_grounds import SphericalGround as SphericalGround
 from .ground_plane import GroundPlane as GroundPlane
 from .ground_plane import RollingRows as RollingRows
-from .kept_outputs import FixedOutput as FixedOutput
-from .kept_outputs import PrescribedMotion as PrescribedMotion
 from .momentum import MomentumConservation as MomentumConservation
+from .pfaffian import FixedOutput as FixedOutput
 from .pfaffian import Pfaffian as Pfaffian
+from .pfaffian import PrescribedMotion as PrescribedMotion
 from .rolling_body import BodySurface as BodySurface
 from .rolling_body import RollingBall as RollingBall
 from .rolling_body import RollingBody as RollingBody

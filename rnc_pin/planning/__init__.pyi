@@ -26,8 +26,8 @@ from .relative_references import RelativeHold as RelativeHold
 from .relative_references import RelativeMinimumJerk as RelativeMinimumJerk
 from .relative_references import RelativeReference as RelativeReference
 from .relative_references import RelativeViaPoints as RelativeViaPoints
+from .steering_detection import SteeringGeometry as SteeringGeometry
 from .steering_detection import find_steering as find_steering
-from .steering_geometry import SteeringGeometry as SteeringGeometry
 from .way import Way as Way
 from .way import WayInfo as WayInfo
 from .way_checking import NarrowPlace as NarrowPlace

@@ -20,7 +20,7 @@ from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.planning.references import InTurn, MinimumJerk, Reference, ViaPoints
-from rnc_pin.planning.steering_geometry import SteeringGeometry
+from rnc_pin.planning.steering_detection import SteeringGeometry
 
 _STEEPEST = np.deg2rad(75.0)
 FINE = 201  # samples of a leg in the final path

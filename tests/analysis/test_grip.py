@@ -9,7 +9,7 @@ import rnc_pin as rnc
 import systems
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.control.whole_body.contact_cones import ContactCones
+from rnc_pin.control.whole_body.limit_stack import ContactCones
 from rnc_pin.model.rows import Rows
 from rnc_pin.planning import MinimumJerk, Slowed, TaskReference
 from rnc_pin.simulation import grip_along, within_grip

@@ -8,7 +8,7 @@ import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.control import ControlSample, InverseDynamicsQP, limits, tasks
 from rnc_pin.control.whole_body import inverse_dynamics_qp
-from rnc_pin.control.whole_body.contact_cones import ContactCones
+from rnc_pin.control.whole_body.limit_stack import ContactCones
 from rnc_pin.control.whole_body.task_hierarchy import solve_within
 from rnc_pin.planning import Hold, MinimumJerk
 from rnc_pin.plants.mujoco import MuJoCoPlant, MuJoCoSettings
