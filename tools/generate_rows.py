@@ -26,7 +26,7 @@ from rnc_pin.math.components import cross, dot
 from rnc_pin.model.frame_rows import FLAT
 from rnc_pin.model.kernel_rows import AT_GROUND, INTEGERS, NUMBERS, Form, KernelForce, Value
 from rnc_pin.outputs.frame_outputs import level, tilt_wrench, yaw_wrench
-from rnc_pin.outputs.relative_outputs import TOGETHER, distance_force
+from rnc_pin.outputs.robot_outputs import TOGETHER, distance_force
 from tools.formulas import Symbol, c_statements, forget, gradient, inputs, rate, symbol, total
 
 PATH = Path(__file__).parent.parent / "rnc_pin" / "_kernel" / "rows_generated.h"

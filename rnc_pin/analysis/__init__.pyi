@@ -1,6 +1,6 @@
 """Exports of ``rnc_pin.analysis``, which ``__init__.py`` imports at their first use."""
 
-from rnc_pin.constraints.rolling_wheel import wheel_height_findings as wheel_height_findings
+from rnc_pin.constraints.wheel_heights import wheel_height_findings as wheel_height_findings
 
 from .continuation import SteadyMotion as SteadyMotion
 from .continuation import continuation as continuation
@@ -12,8 +12,6 @@ from .grip import Grip as Grip
 from .grip import lift_off_along as lift_off_along
 from .growth import GrowthEvidence as GrowthEvidence
 from .growth import growth_vector as growth_vector
-from .integrability import Integrability as Integrability
-from .integrability import integrability as integrability
 from .limit_effects import LimitEffect as LimitEffect
 from .limit_effects import limit_effects as limit_effects
 from .linearization import Linearization as Linearization
@@ -30,8 +28,10 @@ from .redundancy_class import Evidence as Evidence
 from .redundancy_class import Redundancy as Redundancy
 from .redundancy_class import Spread as Spread
 from .redundancy_class import classify as classify
+from .report import Integrability as Integrability
 from .report import Report as Report
 from .report import analyze as analyze
+from .report import integrability as integrability
 from .singularities import Approach as Approach
 from .singularities import Boundedness as Boundedness
 from .singularities import Singularity as Singularity

@@ -6,9 +6,9 @@ from .frame_outputs import FramePosition as FramePosition
 from .frame_outputs import FrameSpeed as FrameSpeed
 from .frame_outputs import FrameTilt as FrameTilt
 from .frame_outputs import FrameYaw as FrameYaw
-from .relative_outputs import Distance as Distance
-from .relative_outputs import RelativeAngle as RelativeAngle
-from .relative_outputs import RelativeAngularVelocity as RelativeAngularVelocity
 from .robot_outputs import CenterOfMass as CenterOfMass
+from .robot_outputs import Distance as Distance
 from .robot_outputs import JointPosition as JointPosition
 from .robot_outputs import Output as Output
+from .robot_outputs import RelativeAngle as RelativeAngle
+from .robot_outputs import RelativeAngularVelocity as RelativeAngularVelocity

@@ -10,7 +10,7 @@ import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.analysis import integrability
 from rnc_pin.analysis.growth import Growth
-from rnc_pin.analysis.integrability import Combination, _pivots
+from rnc_pin.analysis.report import Combination, _pivots
 from systems import ackermann_car, free_flying_panda, leaning_wheel, random_states
 from textbook_systems import planar_model, rail_sliders, unicycle
 from tolerances import ROUNDING

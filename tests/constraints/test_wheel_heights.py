@@ -11,7 +11,7 @@ from rnc_pin.applications.scenario.files import find_scenario, read_yaml
 from rnc_pin.applications.scenario.plant_builder import start_findings
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema.scenario import validate
-from rnc_pin.constraints.rolling_wheel import wheel_height_findings
+from rnc_pin.constraints.wheel_heights import wheel_height_findings
 from rnc_pin.errors import RncError
 from rnc_pin.verdict import FindingKind, Severity
 from zoo import MECANUM, WHEELS, load

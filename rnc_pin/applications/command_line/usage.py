@@ -16,8 +16,8 @@ from click.shell_completion import CompletionItem
 from rnc_pin.applications.command_line import commands
 from rnc_pin.applications.command_line.messages import announce
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario
+from rnc_pin.finding_kinds import FindingKind
 from rnc_pin.interruption import interruptible_imports
-from rnc_pin.verdict import FindingKind
 
 Given: TypeAlias = Any
 """Argument from Click; the functions in ``commands`` declare the types."""

@@ -9,10 +9,10 @@ import numpy as np
 
 from rnc_pin.applications.gym.episode_task import EpisodeStart, EpisodeTask, SpaceBounds
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, LimitError, SingularityError
+from rnc_pin.finding_kinds import FindingKind
 from rnc_pin.model import StateEvaluation, scaled_rows, wrapped
 from rnc_pin.plants import ReducedPlant, ReducedPlantBatch
 from rnc_pin.simulation import PENETRATION, Stop, StopMonitor
-from rnc_pin.verdict import FindingKind
 
 
 class Transition(NamedTuple):
