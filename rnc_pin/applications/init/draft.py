@@ -42,6 +42,7 @@ from rnc_pin.applications.init.wheel_detection import find_raised_wheels, find_w
 from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels, find_drawn_axles
 from rnc_pin.applications.init.wheeled_base import knife_edge_base, wheeled_base
 from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
+from rnc_pin.finding_kinds import FindingKind
 
 _BaseBuilder = Callable[[], BaseAssumptions]
 
@@ -91,16 +92,17 @@ def draft(source: str, folder: Path, wishes: DraftOptions | None = None) -> str:
 def draft_with_decisions(source: str, folder: Path, wishes: DraftOptions | None = None) -> DraftedScenario:
     """Return a scenario as ``draft`` does, with the decisions behind it.
 
-    If its trial run leaves doubts and a decision is open, another answer that leaves none is taken.
+    If its run exceeds a position or collides and a decision is open, another answer that leaves no doubts is taken.
     """
     choices = wishes or DraftOptions()
     first = _heard(source, folder, choices)
-    for decision in first.scenario.questions if first.trial.doubts else ():
+    wrong = [str(each) for each in first.trial.findings if each.kind in (FindingKind.POSITION, FindingKind.COLLISION)]
+    for decision in first.scenario.questions if wrong else ():
         for other in decision.alternatives:
             with suppress(RncError):
                 found = _heard(source, folder, with_choices(choices, other.options))
                 if not found.trial.doubts:
-                    evidence = f"with the answer '{decision.answer}', its run has {first.trial.doubts[0]}"
+                    evidence = f"with the answer '{decision.answer}', its run has {wrong[0]}"
                     decided = DraftDecision(decision.question, other.answer, LIKELY, evidence)
                     scenario = replace(found.scenario, decisions=(*found.scenario.decisions, decided))
                     return _said(found._replace(scenario=scenario))
