@@ -1,145 +1,20 @@
-"""Safe readers of untrusted files: regular files of limited size, XML, YAML and ``.npz`` archives of bounded cost.
-
-A zip directory and the header of an array may both be wrong. So each array is read up to the size in its header, has to
-end there, and nothing is unpickled.
-"""
+"""Safe readers of untrusted files: regular files of limited size, XML of limited depth, YAML of bounded cost."""
 
 from __future__ import annotations
 
 import errno
 import os
 import stat
-import zipfile
-from collections.abc import Callable, Collection, Hashable
+from collections.abc import Callable, Hashable
 from io import BufferedReader
-from math import prod
 from pathlib import Path
-from typing import IO, Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 from xml.etree.ElementTree import Element, ParseError, TreeBuilder
 from xml.parsers import expat
 
-import numpy as np
 import yaml
 
 from rnc_pin.errors import ModelError
-
-ROOM = 256 * 2**20
-"""Size limit of the arrays of a small file [bytes]."""
-RATIO = 20
-"""Size limit of the arrays of a larger file, relative to its own size. Runs compress to 80 %, zip bombs to 0.1 %."""
-
-_MAX_TEXT = 32 * 2**20  # bytes of one text array, 4 per character
-_MAX_ARRAYS = 10_000
-_MAX_AXES = 8
-_CHUNK = 2**20
-_MAX_HEADER = 2**16 + 10
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # other methods allocate what their headers request
-
-
-class ArchiveError(Exception):
-    """The archive is broken or too large; the message says why."""
-
-
-def read_npz(
-    path: Path, names: Collection[str] | None = None, text: Collection[str] = (), largest: int | None = None
-) -> dict[str, np.ndarray]:
-    """Read numeric arrays and text arrays.
-
-    Args:
-        path: the file.
-        names: arrays to read; names that are not in the file are skipped. All arrays by default.
-        text: names of the text arrays.
-        largest: size limit of all arrays together [bytes]. By default the larger of ``ROOM`` and ``RATIO`` times the
-            file size.
-
-    Raises:
-        FileNotFoundError: the file does not exist.
-        ArchiveError: the file is not an archive, is broken, or is too large.
-    """
-    try:
-        with open_regular(path) as file:
-            size = file.seek(0, 2)
-            largest = max(ROOM, RATIO * size) if largest is None else largest
-            with zipfile.ZipFile(file) as archive:
-                return _arrays(archive, names, text, largest)
-    except FileNotFoundError:
-        raise
-    except OSError as error:
-        if error.errno in (errno.EINVAL, errno.EISDIR):
-            raise ArchiveError("not a regular file") from None
-        raise ArchiveError(f"cannot be read: {error.strerror}" if error.strerror else "cannot be read") from None
-    except MemoryError:
-        raise ArchiveError("larger than memory") from None
-    except ArchiveError:
-        raise
-    except Exception:  # zipfile, zlib and NumPy raise various exceptions on broken files
-        raise ArchiveError("cannot be read as .npz") from None
-
-
-class _Header(NamedTuple):
-    shape: tuple[int, ...]
-    by_columns: bool
-    dtype: np.dtype
-
-    @property
-    def size(self) -> int:
-        """Size that the header declares [bytes]."""
-        return self.dtype.itemsize * prod(self.shape)
-
-
-def _arrays(
-    archive: zipfile.ZipFile, names: Collection[str] | None, text: Collection[str], largest: int
-) -> dict[str, np.ndarray]:
-    members = archive.infolist()
-    if len(members) > _MAX_ARRAYS:
-        raise ArchiveError(f"holds {len(members)} arrays, more than {_MAX_ARRAYS}")
-    chosen: dict[str, zipfile.ZipInfo] = {}
-    total = 0
-    for member in members:
-        name = member.filename.removesuffix(".npy")
-        if names is not None and name not in names:
-            continue
-        if name in chosen:
-            raise ArchiveError(f"duplicate array '{name}'")
-        if member.compress_type not in _METHODS:
-            raise ArchiveError(f"'{name}' has an unsupported compression method")
-        with archive.open(member) as file:
-            header = _header(file, name, name in text)
-        total += max(header.size, prod(header.shape))
-        if total > largest or (name in text and header.size > _MAX_TEXT):
-            raise ArchiveError(f"arrays take more than {largest:,} bytes: '{name}' has shape {header.shape}")
-        if member.file_size > header.size + _MAX_HEADER:
-            raise ArchiveError(f"'{name}' is longer than its header declares")
-        chosen[name] = member
-    return {name: _array(archive, member, name, name in text) for name, member in chosen.items()}
-
-
-def _header(file: IO[bytes], name: str, is_text: bool) -> _Header:
-    if np.lib.format.read_magic(file) != (1, 0):  # later versions allow headers of any length
-        raise ArchiveError(f"'{name}' is not an array of numbers")
-    header = _Header(*np.lib.format.read_array_header_1_0(file))
-    if header.dtype.kind not in ("U" if is_text else "fiub"):
-        raise ArchiveError(f"'{name}' holds no {'text' if is_text else 'numbers'}")
-    if len(header.shape) > _MAX_AXES or min(header.shape, default=0) < 0:
-        raise ArchiveError(f"'{name}' has shape {header.shape}")
-    return header
-
-
-def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str, is_text: bool) -> np.ndarray:
-    with archive.open(member) as file:
-        shape, by_columns, dtype = header = _header(file, name, is_text)
-        # Read in chunks: the header may declare more than the file has.
-        content = bytearray()
-        while len(content) < header.size:
-            chunk = file.read(min(_CHUNK, header.size - len(content)))
-            if not chunk:
-                raise ArchiveError(f"'{name}' is shorter than its header declares")
-            content += chunk
-        if file.read(1):
-            raise ArchiveError(f"'{name}' is longer than its header declares")
-    array = np.frombuffer(content, dtype) if content else np.zeros(prod(shape), dtype)
-    return array.reshape(shape, order="F" if by_columns else "C").astype(dtype.newbyteorder("="), copy=False)
-
 
 LARGEST = 64 * 2**20
 """Size limit of text and XML files [bytes]."""

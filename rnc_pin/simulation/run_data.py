@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float, Int
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io.json import Json, atomic_file, dump_json
-from rnc_pin.io.safe_read import ArchiveError, read_npz
+from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin
 from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo

@@ -19,7 +19,7 @@ from rnc_pin.control.controller import Controller, State
 from rnc_pin.control.loop.options import input_of, unpack_step
 from rnc_pin.errors import ConfigurationError, InputError, RncError, printable
 from rnc_pin.io.json import atomic_file
-from rnc_pin.io.safe_read import ArchiveError, read_npz
+from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel

@@ -15,7 +15,7 @@ from rnc_pin.identification.logs.bags import is_bag, read_bag
 from rnc_pin.identification.logs.channel import Channel, Correction, LogMapping, Quantity
 from rnc_pin.identification.logs.tables import read_table
 from rnc_pin.io.json import Json, atomic_file
-from rnc_pin.io.safe_read import ArchiveError, read_npz
+from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted
 from rnc_pin.robots.robot import Robot

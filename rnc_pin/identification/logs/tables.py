@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.extras import missing_extra
 from rnc_pin.identification.logs.channel import Channel, ColumnKeys, LogMapping, Place, Quantity
-from rnc_pin.io.safe_read import ArchiveError, open_regular, read_npz
+from rnc_pin.io.safe_npz import ArchiveError, read_npz
+from rnc_pin.io.safe_read import open_regular
 from rnc_pin.io.strict_mapping import Strict
 
 _MOST = 0.4  # largest step as a fraction of the range; near one half, its direction is not known

@@ -465,7 +465,7 @@ def test_a_large_run_loads_where_it_is_asked_for(run_file, tmp_path, monkeypatch
     assert rnc.Trajectory.load(run_file, largest=size).outcome == "completed"
     with pytest.raises(rnc.ConfigurationError, match=f"take more than {size // 2:,} bytes"):
         rnc.Trajectory.load(run_file, largest=size // 2)
-    monkeypatch.setattr("rnc_pin.io.safe_read.ROOM", 0)  # a run of any length is within what its own size allows
+    monkeypatch.setattr("rnc_pin.io.safe_npz.ROOM", 0)  # a run of any length is within what its own size allows
     assert rnc.Trajectory.load(run_file).outcome == "completed"
 
 
