@@ -2,10 +2,10 @@
 
 from . import limits as limits
 from . import tasks as tasks
-from .control_sample import ControlSample as ControlSample
 from .inverse_dynamics_qp import InputSolution as InputSolution
 from .inverse_dynamics_qp import InverseDynamicsQP as InverseDynamicsQP
 from .inverse_dynamics_qp import InverseDynamicsState as InverseDynamicsState
+from .limits.control_limit import ControlSample as ControlSample
 from .velocity_qp import ProgramSolution as ProgramSolution
 from .velocity_qp import ProgramState as ProgramState
 from .velocity_qp import VelocityQP as VelocityQP

@@ -12,9 +12,8 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, elapsed_time, listed
 from rnc_pin.control.whole_body.braking_motion import BrakedSample, Braking, BrakingCount
-from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limit_stack import ContactBounds, ContactCones, ProgramBounds
-from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, LimitRows
+from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, ControlSample, LimitRows
 from rnc_pin.control.whole_body.task_hierarchy import (
     RelaxedSolution,
     SampledDamping,

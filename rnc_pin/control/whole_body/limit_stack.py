@@ -11,9 +11,8 @@ from numpy import ndarray as Array
 
 from rnc_pin.analysis.contact_forces import ContactForceSet
 from rnc_pin.array_shapes import Float, Int
-from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
-from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, LimitRows
+from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, ControlSample, LimitRows
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation

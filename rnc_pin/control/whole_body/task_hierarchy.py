@@ -17,9 +17,9 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Bool, Float
-from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import LimitStack, ProgramBounds, distinct
+from rnc_pin.control.whole_body.limits.control_limit import ControlSample
 from rnc_pin.control.whole_body.tasks.output_tasks import BoundOutput, ControlTask, OutputsTogether
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel

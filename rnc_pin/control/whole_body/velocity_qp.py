@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike
 from rnc_pin.analysis.limit_effects import LimitEffect
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Description, VelocityTarget, elapsed_time
-from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limit_stack import ProgramBounds
-from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
+from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, ControlSample
 from rnc_pin.control.whole_body.task_hierarchy import (
     RelaxedSolution,
     SampledDamping,

@@ -10,8 +10,13 @@ import numpy as np
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, Obstacle, PairDistances, PairSelection
 from rnc_pin.collision.distance_bounds import MOST_CORNERS
-from rnc_pin.control.whole_body.control_sample import ControlSample
-from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows, PlannedBraking
+from rnc_pin.control.whole_body.limits.control_limit import (
+    BoundLimit,
+    ControlLimit,
+    ControlSample,
+    LimitRows,
+    PlannedBraking,
+)
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.frame_rows import axis_index
 from rnc_pin.model.parameter_types import NotNegative, Positive

@@ -13,8 +13,13 @@ from numpy import ndarray as Array
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import LimitedAcceleration
-from rnc_pin.control.whole_body.control_sample import ControlSample
-from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows, PlannedBraking
+from rnc_pin.control.whole_body.limits.control_limit import (
+    BoundLimit,
+    ControlLimit,
+    ControlSample,
+    LimitRows,
+    PlannedBraking,
+)
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.parameter_types import Numbers, Positive
 from rnc_pin.model.reduced_model import ReducedModel

@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import check_size
-from rnc_pin.control.whole_body.control_sample import ControlSample
+from rnc_pin.control.whole_body.limits.control_limit import ControlSample
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.compiled import evaluator_for

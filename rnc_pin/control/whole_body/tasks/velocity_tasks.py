@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.control.whole_body.control_sample import ControlSample
+from rnc_pin.control.whole_body.limits.control_limit import ControlSample
 from rnc_pin.control.whole_body.tasks.output_tasks import BoundTask, ControlTask, TaskRows
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.model.reduced_model import ReducedModel
