@@ -288,26 +288,19 @@ class GoalRows(NodeBound):
         return dict(zip(names, np.abs(self.rows(at, False).value[0]).tolist(), strict=True))
 
     @property
-    def positions(self) -> dict[str, float]:
-        """Goals of outputs and joints on a line, by name. Angles that repeat every turn are left out."""
-        if self._q is not None:
-            return {}
-        return {
-            name: float(value)
-            for outputs, target in self._outputs
-            for name, value, angular in zip(outputs.names, target, outputs.angular, strict=True)
-            if not angular
-        }
-
-    @property
     def configuration(self) -> Array | None:
         """Configuration (nq,) of the goal; None if it consists of outputs."""
         return self._q
 
     def values_of(self, bound: NodeBound) -> dict[str, float]:
-        """Values that the goal states for rows of an output bound, by name."""
+        """Values that the goal states for rows of an output bound, by name, but for angles that repeat every turn."""
         if self._q is None:
-            return self.positions
+            return {
+                name: float(value)
+                for outputs, target in self._outputs
+                for name, value, angular in zip(outputs.names, target, outputs.angular, strict=True)
+                if not angular
+            }
         nodes = NodeData(self._model, Nodes(self._q[None], np.zeros((1, self._model.nw))), None, np.zeros(1))
         return dict(zip(bound.names, bound.rows(nodes, False).value[0].tolist(), strict=True))
 

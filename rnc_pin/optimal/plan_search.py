@@ -185,9 +185,10 @@ class PlanSearch:
 
     def _unimproved(self) -> list[Candidate]:
         """The given guess itself, if it keeps all rows and was not taken before: no solution is better than it."""
-        given, problem, self._given = self._given, self._problem.with_reserve(0.0), None
+        given, self._given = self._given, None
         if given is None:
             return []
+        problem = self._problem.with_reserve(0.0)
         at = problem.from_start(given)
         try:
             values = problem.values(at)

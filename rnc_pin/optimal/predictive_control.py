@@ -246,6 +246,7 @@ class PredictiveController(DescribedMixin):
         """State after an update of the motion, or with one more missed update."""
         limit, begin = self.updates.budget, time.process_time()
         waiting = state._replace(next_update=t + self.updates.period)
+        self._problem.begin = t + self.updates.delay
         try:
             at, known = self._shifted(t + self.updates.delay, self._predicted(t, now, state), state)
             escapes, point = state.escapes, self.set_point
@@ -255,13 +256,11 @@ class PredictiveController(DescribedMixin):
                 plan, known = first_motion(self._model, point, at, self.bounds, state.searches), None
                 if plan is not None:
                     escapes += 1
-                    self._problem.begin = t + self.updates.delay
                     first = self._beginning(plan)
                     if self.goal is None and self._problem.values(first).cost > self._problem.values(at).cost:
                         # Over one horizon, waiting costs less: an update would turn the robot back.
                         return self._following(t, plan, waiting._replace(escapes=escapes, updates=state.updates + 1))
                     at = first
-            self._problem.begin = t + self.updates.delay
             solver = SequentialQuadratic(self._problem, self._solver_settings)
             solver.multipliers = known
             rows = None

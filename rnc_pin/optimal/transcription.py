@@ -121,6 +121,7 @@ class Transcription:
         self, K: int, bounds: Sequence[NodeBound], duration: tuple[float, float], reserve: float | None = None
     ) -> Transcription:
         made = Transcription(self.model, self.start, K, self.costs, bounds, self.goal, duration, self.time_weight)
+        made.begin = self.begin
         return made._keep_reserve(self.reserve if reserve is None else reserve)
 
     def _keep(self, margins: Array) -> Transcription:
@@ -305,7 +306,6 @@ class Transcription:
         """
         if linear is None or self.free:
             fixed = self._with(self.K, self.bounds, (at.duration, at.duration))
-            fixed.begin = self.begin
             linear, _ = fixed.linearize(at)
         return gains_of(linear, np.minimum(linear.upper, -linear.lower))
 
