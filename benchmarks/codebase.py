@@ -17,13 +17,14 @@ import statistics
 import tokenize
 from collections import Counter
 from collections.abc import Iterator
-from importlib.util import resolve_name
 from pathlib import Path
 
 import numpy as np
 import scipy.sparse.csgraph
 from rich.console import Console
 from rich.table import Table
+
+from rnc_pin.lazy_exports import listed_exports
 
 CORE = ("model", "math", "constraints", "outputs", "analysis", "control", "planning", "simulation")
 MOST_PARAMETERS, MOST_LINES, LARGE_MODULE = 8, 60, 350
@@ -83,11 +84,9 @@ def imports(package: Path, trees: dict[Path, ast.Module]) -> set[tuple[str, str]
 
     modules = {dotted(path) for path in trees}
     exported = {
-        (dotted(stub), each.asname or each.name): resolve_name("." * node.level + (node.module or ""), dotted(stub))
+        (dotted(stub), name): origin
         for stub in package.rglob("__init__.pyi")
-        for node in ast.parse(stub.read_text()).body
-        if isinstance(node, ast.ImportFrom)
-        for each in node.names
+        for name, (origin, _) in listed_exports(stub, dotted(stub)).items()
     }
     pairs = {
         (dotted(path), whole if whole in modules else exported.get((node.module or "", each.name), node.module or ""))
@@ -132,8 +131,6 @@ def measure(root: Path) -> dict[str, object]:
         if isinstance(node, Function | ast.ClassDef | ast.Module) and (text := ast.get_docstring(node))
     ]
     files = [path.name for path in sources if path.name != "__init__.py"]
-    exported = ast.parse((package / "__init__.pyi").read_text())
-    imported = [each for each in exported.body if isinstance(each, ast.ImportFrom)]
 
     pairs = imports(package, trees)
     importers = Counter(module for _, module in pairs)
@@ -161,7 +158,7 @@ def measure(root: Path) -> dict[str, object]:
         f"functions with more than {MOST_PARAMETERS} parameters": sum(
             parameters(each) > MOST_PARAMETERS for each in every
         ),
-        "exported names": sum(len(each.names) for each in imported),
+        "exported names": len(listed_exports(package / "__init__.pyi", package.name)),
         "public members: evaluation": members(EVALUATION),
         "public members: ReducedModel": members({"ReducedModel"}),
         "public members: Robot": members({"Robot"}),

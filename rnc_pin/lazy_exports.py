@@ -1,6 +1,7 @@
 """Exports of a package, imported at their first use.
 
-The stub ``__init__.pyi`` of the package lists them, as type checkers and editors read them. So each is stated once.
+The stub ``__init__.pyi`` of the package lists them, as type checkers and editors read them. So each is stated once:
+``from .constraints import *`` exports all names that the stub of ``constraints`` lists.
 """
 
 from __future__ import annotations
@@ -32,13 +33,7 @@ def lazy_exports(package: str) -> tuple[Callable[[str], object], Callable[[], li
         package: name of the package, whose ``__init__.py`` is running.
     """
     module = sys.modules[package]
-    stub = ast.parse(Path(str(module.__file__)).with_suffix(".pyi").read_text(encoding="utf-8"))
-    exports = {
-        each.asname or each.name: (resolve_name("." * node.level + (node.module or ""), package), each.name)
-        for node in stub.body
-        if isinstance(node, ast.ImportFrom)
-        for each in node.names
-    }
+    exports = listed_exports(Path(str(module.__file__)).with_suffix(".pyi"), package)
     names = sorted(exports)
     hidden = {name for name, (origin, _) in exports.items() if origin == f"{package}.{name}"}
     if hidden:
@@ -55,3 +50,17 @@ def lazy_exports(package: str) -> tuple[Callable[[str], object], Callable[[], li
         return value
 
     return get, lambda: names.copy(), names.copy()
+
+
+def listed_exports(stub: Path, package: str) -> dict[str, tuple[str, str]]:
+    """Exports of a package by name: the module to import each from, and its name there."""
+    found: dict[str, tuple[str, str]] = {}
+    for node in ast.parse(stub.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.ImportFrom):
+            origin = resolve_name("." * node.level + (node.module or ""), package)
+            if node.names[0].name == "*":
+                names = listed_exports(stub.parent / str(node.module) / stub.name, origin)
+                found |= {name: (origin, name) for name in names}
+            else:
+                found |= {each.asname or each.name: (origin, each.name) for each in node.names}
+    return found

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import sysconfig
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -124,7 +125,9 @@ PACKAGES = sorted(".".join(stub.parent.relative_to(ROOT).parts) for stub in (ROO
 def test_every_public_name_is_there(name):
     package = import_module(name)
     stub = ast.parse(Path(package.__file__).with_suffix(".pyi").read_text())
-    names = [each.asname for node in stub.body if isinstance(node, ast.ImportFrom) for each in node.names]
+    listed = [each for each in stub.body if isinstance(each, ast.ImportFrom)]
+    starred = [import_module(f"{name}.{each.module}").__all__ for each in listed if each.names[0].name == "*"]
+    names = [each.asname for node in listed for each in node.names if each.asname] + [*chain(*starred)]
     assert package.__all__ == dir(package) == sorted(names)
     assert all(getattr(package, each) is not None for each in names)
     with pytest.raises(AttributeError, match="nothing"):

@@ -17,7 +17,6 @@ from .curved_grounds import CylindricalGround as CylindricalGround
 from .curved_grounds import HeightField as HeightField
 from .curved_grounds import SphericalGround as SphericalGround
 from .ground_plane import GroundPlane as GroundPlane
-from .ground_plane import RollingRows as RollingRows
 from .momentum import MomentumConservation as MomentumConservation
 from .pfaffian import FixedOutput as FixedOutput
 from .pfaffian import Pfaffian as Pfaffian

@@ -40,6 +40,11 @@ class CurvedGround(Levelled, Protocol):
 
     The material is a rigid body that turns and slides so that the surface stays in place. An attribute ``frame`` with
     the name of a frame says that this frame carries the surface and stands for the world.
+
+    Example:
+        >>> bowl: rnc.CurvedGround = rnc.SphericalGround(1.0)
+        >>> print(bowl.level(np.array([0.0, 0.0, -0.5])), bowl.gradient(np.array([1.0, 0.0, 0.0])), bowl.moves)
+        0.375 [-1. -0. -0.] False
     """
 
     @property
@@ -61,7 +66,7 @@ class CurvedGround(Levelled, Protocol):
         """Velocity of the material (..., 3) at each place (..., 3) [m/s], in world axes."""
 
     def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
-        """Part of the surface near a point (3,) [m], of half width ``size``: vertices (n, 3) and triangles (m, 3)."""
+        """Part of half width ``size`` [m] near a point ``center`` (3,) [m]: vertices (n, 3) and triangles (m, 3)."""
 
 
 @dataclass(frozen=True)

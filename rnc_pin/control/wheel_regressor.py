@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.constraints import RollingRows
+from rnc_pin.constraints.ground_plane import RollingRows
 from rnc_pin.control.estimation import EstimatedModel, ParametrizedCopy
 from rnc_pin.errors import ConfigurationError, SingularityError, nearest
 from rnc_pin.math.components import cross, dot

@@ -135,6 +135,22 @@ class Rows(ABC):
         ground: surface on which the body rolls; None for the plane z = 0 at rest, and for rows without a ground.
         unnamed: True if the user gave no names, so that the system numbers the rows.
         kind: the description that was bound; None for rows that a system adds itself.
+
+    Example:
+        >>> class ForwardRow(rnc.Rows):
+        ...     names, units = ("no forward motion",), ("m/s",)
+        ...     def jacobian(self, at):
+        ...         return np.array([[1.0, 0.0, 0.0]])
+        ...     def jacobian_dot(self, at):
+        ...         return np.zeros((1, 3))
+        ...     def bias_acceleration(self, at):
+        ...         return np.zeros(1)
+        >>> class NoForwardMotion:
+        ...     def bind(self, robot):
+        ...         return ForwardRow()
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> print(rnc.NonholonomicSystem(robot, [NoForwardMotion()]).r)
+        2
     """
 
     names: tuple[str, ...]
@@ -188,7 +204,7 @@ class Rows(ABC):
         return None
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
-        """Rows as the compiled kernel evaluates them, (k,); None if Python evaluates them."""
+        """Rows as the compiled kernel evaluates them on the robot's ``model``, (k,); None if Python evaluates them."""
         return None
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray] | None:

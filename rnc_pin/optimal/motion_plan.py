@@ -16,7 +16,7 @@ from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.figures.panel import AXIS_NAMES, INTEGRAL_NAMES, Panel, Series, split_names
 from rnc_pin.io.json import atomic_file
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
-from rnc_pin.planning.references import PiecewisePolynomial
+from rnc_pin.planning.reference_kinds import PiecewisePolynomial
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, described, items, printed
 from rnc_pin.verdict import Finding, Verdict
 

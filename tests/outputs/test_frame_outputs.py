@@ -11,7 +11,7 @@ from bodies import add_body
 from rnc_pin.control import ComputedTorque, PositionTracker, RedundancyController
 from rnc_pin.model.coordinates import Coordinates, left_jacobian
 from rnc_pin.planning import Harmonic, Hold, MinimumJerk
-from rnc_pin.planning.relative_references import RelativeMinimumJerk
+from rnc_pin.planning.reference_kinds import RelativeMinimumJerk
 from rolling import slope
 from systems import random_states
 from tolerances import FINITE_DIFFERENCE, ROUNDING

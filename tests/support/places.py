@@ -8,7 +8,6 @@ ROOT = Path(__file__).parents[2]
 DATA = ROOT / "tests" / "data"
 DIRT = DATA / "dirt"
 """Small files with what published descriptions get wrong."""
-SCHEMA = ROOT / "rnc_pin" / "applications" / "scenario" / "scenario.schema.json"
 GENERATED = ("project", "reference", "_scenes")
 """Folders of ``docs`` that the build of the site writes."""
 

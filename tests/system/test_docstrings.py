@@ -27,11 +27,13 @@ METHODS = {
 
 
 def parameters(thing) -> list[inspect.Parameter]:
-    """Those of a call; none where an error or an enumeration takes what Python's own does.
+    """Those of a call; none where an error or an enumeration takes what Python's own does, or a protocol is not called.
 
     The keys of ``**options: Unpack[...]`` are parameters: type checkers know them, and no other is taken.
     """
     if isinstance(thing, type) and issubclass(thing, Exception | Enum) and "__init__" not in vars(thing):
+        return []
+    if getattr(thing, "_is_protocol", False):
         return []
     found = [each for each in inspect.signature(thing).parameters.values() if each.name != "self"]
     options = [key for each in found for key in keys_of(each, thing)]

@@ -1,6 +1,6 @@
 """Controllers of a scenario: one settings class for each ``type``, which builds its controller.
 
-To add a type, write its class in a module of its kind, and add it to ``_AnyType``.
+To add a type, write its class in a module of its kind, and add it to the types at the end of that module.
 """
 
 from __future__ import annotations
@@ -12,43 +12,15 @@ from pydantic import BeforeValidator, Field
 
 from rnc_pin.applications.scenario.controllers.base import ControllerSettings, NoControlSettings
 from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext
-from rnc_pin.applications.scenario.controllers.feedback import (
-    NavigationSettings,
-    PlanFeedbackSettings,
-    PredictiveSettings,
-    SetPointSettings,
-    StateFeedbackSettings,
-)
-from rnc_pin.applications.scenario.controllers.tracking import (
-    JacobianTransposeSettings,
-    ReducingOutputsSettings,
-    RedundancySettings,
-    SteeringSettings,
-    TwoPhaseSettings,
-    UncertainRedundancySettings,
-)
-from rnc_pin.applications.scenario.controllers.whole_body import InverseDynamicsSettings, VelocityProgramSettings
+from rnc_pin.applications.scenario.controllers.feedback import FeedbackTypes
+from rnc_pin.applications.scenario.controllers.tracking import TrackingTypes
+from rnc_pin.applications.scenario.controllers.whole_body import WholeBodyTypes
 from rnc_pin.errors import nearest
 from rnc_pin.io import Json, wrong
 
 __all__ = ["TYPES", "BuiltController", "ControllerContext", "ControllerItem", "read_by", "without_foreign_gains"]
 
-_AnyType = (
-    RedundancySettings
-    | ReducingOutputsSettings
-    | JacobianTransposeSettings
-    | UncertainRedundancySettings
-    | SteeringSettings
-    | StateFeedbackSettings
-    | VelocityProgramSettings
-    | InverseDynamicsSettings
-    | PlanFeedbackSettings
-    | SetPointSettings
-    | PredictiveSettings
-    | NavigationSettings
-    | TwoPhaseSettings
-    | NoControlSettings
-)
+_AnyType = TrackingTypes | FeedbackTypes | WholeBodyTypes | NoControlSettings
 
 TYPES: dict[str, type[ControllerSettings]] = {
     get_args(each.model_fields["type"].annotation)[0]: each for each in get_args(_AnyType)

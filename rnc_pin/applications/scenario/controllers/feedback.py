@@ -335,3 +335,8 @@ class NavigationSettings(_ToGoal, _NAVIGATION.model, _FOLLOWING.model):  # type:
             settings=replace(NavigationController.search, motions=self.motions, improve=self.improve),
             following=_FOLLOWING.build(self),
         )
+
+
+FeedbackTypes = (
+    StateFeedbackSettings | PlanFeedbackSettings | SetPointSettings | PredictiveSettings | NavigationSettings
+)

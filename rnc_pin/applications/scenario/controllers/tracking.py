@@ -359,6 +359,16 @@ class SteeringSettings(VelocityTrackerSettings, _K3.model, _K4.model):  # type: 
         return self.track(context, kinematic)
 
 
+TrackingTypes = (
+    RedundancySettings
+    | ReducingOutputsSettings
+    | JacobianTransposeSettings
+    | UncertainRedundancySettings
+    | SteeringSettings
+    | TwoPhaseSettings
+)
+
+
 class _Reordered:
     """Reference with its outputs in another order."""
 

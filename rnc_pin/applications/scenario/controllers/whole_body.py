@@ -187,3 +187,6 @@ def _task(call: PartialCall[ControlTask], context: ControllerContext) -> Control
     start, coordinates = goal_values(call, context.reduced, context.q0)
     reference = call.given["reference"].from_start(start, coordinates)
     return call.build(reference=reference)
+
+
+WholeBodyTypes = VelocityProgramSettings | InverseDynamicsSettings

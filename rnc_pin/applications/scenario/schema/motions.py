@@ -13,22 +13,9 @@ from rnc_pin.control import SlitheringReference
 from rnc_pin.io import Numbers, Strict
 from rnc_pin.model import NotNegative, Positive, ReducedModel
 from rnc_pin.optimal import FileLimits, MotionPlan, OutputCost, SolverSettings, plan
-from rnc_pin.planning import (
-    CarPath,
-    RelativeHarmonic,
-    RelativeHold,
-    RelativeMinimumJerk,
-    RelativeReference,
-    RelativeViaPoints,
-    SteeringGeometry,
-)
+from rnc_pin.planning import RELATIVE_REFERENCES, CarPath, RelativeReference, SteeringGeometry
 
-ReferenceItem = Annotated[
-    RelativeReference,
-    one_of(
-        minimum_jerk=RelativeMinimumJerk, via_points=RelativeViaPoints, harmonic=RelativeHarmonic, hold=RelativeHold
-    ),
-]
+ReferenceItem = Annotated[RelativeReference, one_of(**RELATIVE_REFERENCES)]
 HOLD: dict[str, object] = {"hold": {}}
 """Reference that keeps the initial value, in the form of a file."""
 

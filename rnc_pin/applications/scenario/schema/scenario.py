@@ -346,5 +346,5 @@ def schema() -> dict[str, Json]:
 
 
 def schema_text() -> str:
-    """Return the schema as text of the schema file."""
+    """Return the schema as text."""
     return json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"

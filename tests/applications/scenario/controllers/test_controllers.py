@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from places import SCHEMA
 from rnc_pin.applications.scenario.builder import build_reduced, build_task
 from rnc_pin.applications.scenario.controllers import TYPES, ControllerContext
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
-from rnc_pin.applications.scenario.schema.scenario import validate
+from rnc_pin.applications.scenario.schema.scenario import schema, validate
 from rnc_pin.planning import Hold
 
 jsonschema = pytest.importorskip("jsonschema", reason="reads schemas; comes with the test extra")
@@ -97,7 +96,7 @@ def scenario(controller):
 
 @cache
 def validator():
-    return jsonschema.Draft202012Validator(json.loads(SCHEMA.read_text()))
+    return jsonschema.Draft202012Validator(schema())
 
 
 def test_every_setting_is_tried():
@@ -154,7 +153,7 @@ def test_what_is_wrong_is_told_without_words_of_the_union(controller, words):
 
 
 def test_settings_of_every_type_are_shown_in_words_by_editors():
-    content = json.loads(SCHEMA.read_text())
+    content = schema()
     branches = next(each for each in content["properties"]["controller"]["anyOf"] if "discriminator" in each)
     assert set(branches["discriminator"]["mapping"]) == set(TYPES)
     for reference in branches["discriminator"]["mapping"].values():

@@ -1,7 +1,6 @@
 """Entries of scenario files are derived from dataclasses: what those have, files have, and it is described."""
 
 import dataclasses
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -12,12 +11,11 @@ from annotated_types import Gt, Len
 from pydantic import TypeAdapter, ValidationError
 
 import rnc_pin as rnc
-from places import SCHEMA
 from rnc_pin import constraints, outputs
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, descriptions, one_of
 from rnc_pin.applications.scenario.schema.kinds import ActuatorItem, ConstraintItem
-from rnc_pin.applications.scenario.schema.scenario import validate
+from rnc_pin.applications.scenario.schema.scenario import schema, validate
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.visualization.drawn_state import View
 
@@ -28,7 +26,7 @@ PARTS_OF_KINDS = {rnc.GroundPlane}  # which stand under a key of another kind
 KINDS = [kind for kind in KINDS if kind not in TAKE_FUNCTIONS | PARTS_OF_KINDS] + [rnc.FrameForce, rnc.FrameTorque]
 ALONE = {rnc.JointPosition: "joint", rnc.FrameOrientation: "frame", rnc.FrameYaw: "frame"}  # {frame_yaw: base}
 REQUIRED = {(rnc.FrameAngularVelocity, "axis"), (rnc.FrameTilt, "axis")}
-PARTS = json.loads(SCHEMA.read_text())["$defs"]
+PARTS = schema()["$defs"]
 
 
 def said_default(value):

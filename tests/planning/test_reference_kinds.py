@@ -5,7 +5,7 @@ import pytest
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.coordinates import Coordinates
-from rnc_pin.planning.relative_references import RelativeHarmonic, RelativeHold, RelativeMinimumJerk, RelativeViaPoints
+from rnc_pin.planning.reference_kinds import RelativeHarmonic, RelativeHold, RelativeMinimumJerk, RelativeViaPoints
 
 START, LINES = np.array([0.4, -1.0]), Coordinates([False, False])
 
