@@ -64,7 +64,7 @@ def columns_of_array(run: RunData, array: str) -> list[Column]:
         return [Column("", _SERIES_UNITS[array])]
     found = _named(info, array)
     count: int = values.shape[1]
-    if len(found) != count:  # no names, as in files of older versions
+    if len(found) != count:  # a run that was made by hand may have no names
         return [Column(str(k), "") for k in range(count)]
     return found
 

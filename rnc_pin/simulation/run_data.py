@@ -193,13 +193,12 @@ class RunData(SummaryMixin):
         names = [*_array_names(), "meta"]
         try:
             arrays = read_npz(path, names, text=["meta"], largest=largest)
-            missing = [name for name in names if name not in arrays and name not in _LATER]
+            missing = [name for name in names if name not in arrays]
             if missing:
                 raise ConfigurationError(f"it has no '{missing[0]}'")
             info = RunInfo.from_json(json.loads(str(arrays.pop("meta"))))
             _check(arrays, info.outputs)
-            absent = {name: np.zeros((len(arrays["time"]), 0)) for name in _LATER if name not in arrays}
-            return cls(**arrays, **absent, info=info)
+            return cls(**arrays, info=info)
         except FileNotFoundError:
             raise ConfigurationError(f"no file '{path}'") from None
         except json.JSONDecodeError as error:
@@ -275,5 +274,4 @@ def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:
         raise ConfigurationError("its time runs backwards")
 
 
-_LATER = ("slip", "v_measured", "friction_used", "ground_poses", "normal_forces")  # absent in files of older versions
 _SERIES = ("time", "energy", "work", "constraint_residual", "position_residual", "singular_value")

@@ -70,7 +70,7 @@ class Columns:
         names, units: names and units of the outputs; for a quasi-velocity, the unit of its integral.
         angular: True for angles.
         rotations: first columns of rotation vectors.
-        quasi: True for integrals of quasi-velocities; empty in files of older versions.
+        quasi: True for integrals of quasi-velocities; empty if there are none.
     """
 
     names: tuple[str, ...] = ()
@@ -104,7 +104,7 @@ class OutputNames:
         normal_forces: contacts with a normal force.
         ground_poses: bodies that move on the ground.
         q: entries of the configuration.
-        T_units: "N" or "N m" per actuator, "" if unknown; empty in files of older versions, as the tuples below.
+        T_units: "N" or "N m" per actuator, "" if unknown; empty without names, as the tuples below.
         multipliers_units, contact_forces_units: the same per constraint row.
         q_units, v_units: units of the entries of configuration and velocity, "-" for numbers.
     """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
@@ -64,11 +63,14 @@ class PlantAdapter:
             _EMPTY,
             _EMPTY,
         )  # velocities are empty if measurements are exact
-        self.friction_names: tuple[str, ...] = tuple(getattr(plant, "wheel_names", ()))
+        names = getattr(plant, "wheel_names", ()) if hasattr(plant, "friction_used") else ()
+        self.friction_names: tuple[str, ...] = tuple(names)
         self.own_force_units: dict[str, dict[str, str]] = {
             "normal_forces": dict.fromkeys(getattr(plant, "normal_forces", ()), "N"),
             "contact_forces": getattr(plant, "contact_force_units", {}),
         }
+        stated = self.friction_names, *self.own_force_units.values()
+        self._is_silent = self._exact is not None and not any(stated)
 
     @property
     def loop_options(self) -> LoopOptions:
@@ -145,16 +147,16 @@ class PlantAdapter:
         )
 
     @property
-    def friction_used(self) -> np.ndarray:
-        """Friction use (w,) of the contacts: friction force over its limit."""
-        friction_used = getattr(self.plant, "friction_used", None)
-        return _EMPTY if friction_used is None or not self.friction_names else np.asarray(friction_used())
-
-    @property
-    def own_forces(self) -> Iterator[np.ndarray]:
-        """Forces that the plant states itself, one array for each kind."""
-        for kind, units in self.own_force_units.items():
-            yield np.array([*getattr(self.plant, kind).values()]) if units else _EMPTY
+    def sensed(self) -> tuple[np.ndarray, ...]:
+        """Measured velocities, use of the friction limits, and forces of the plant; empty if it states none of them."""
+        if self._is_silent:
+            return ()
+        used = np.asarray(self.plant.friction_used()) if self.friction_names else _EMPTY  # type: ignore[attr-defined]
+        own = [
+            np.array([*getattr(self.plant, kind).values()]) if units else _EMPTY
+            for kind, units in self.own_force_units.items()
+        ]
+        return self.measured[1], used, *own
 
 
 @runtime_checkable
@@ -271,9 +273,8 @@ class SampledRun:
         measurement, command = _last_decision(self.loop, state)
         self.record.moves(adapter.model, adapter.external)
         outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None  # not of a sensor's state
-        sensed = adapter.measured[1], adapter.friction_used, *adapter.own_forces
         work = float(getattr(adapter.plant, "work", np.nan))
-        self.record.add(t, state, integrals, command, T, work, outputs, sensed)
+        self.record.add(t, state, integrals, command, T, work, outputs, adapter.sensed)
         return measurement, command
 
     def continue_from(self, samples: int, checkpoint: Checkpoint | None, state: LoopState) -> None:

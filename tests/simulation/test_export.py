@@ -86,8 +86,8 @@ def test_names_with_commas_and_quotes_stay_one_column(run, tmp_path):
 def test_files_keep_the_names_and_those_without_have_numbers(run, tmp_path):
     run.save(tmp_path / "run.npz")
     assert rnc.Trajectory.load(tmp_path / "run.npz").info.outputs == run.info.outputs
-    older = replace(run, info=replace(run.info, outputs=replace(run.info.outputs, q=(), q_units=())))
-    older.export(tmp_path / "run.csv", ["q"])
+    unnamed = replace(run, info=replace(run.info, outputs=replace(run.info.outputs, q=(), q_units=())))
+    unnamed.export(tmp_path / "run.csv", ["q"])
     header = (tmp_path / "run.csv").read_text().splitlines()[0]
     assert header == "time [s]," + ",".join(f"q.{k}" for k in range(7))
 
