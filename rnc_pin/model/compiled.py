@@ -83,7 +83,7 @@ class CompiledEvaluator(NumPyEvaluator):
         kernel = self.kernel
         if not kernel.measures:
             return super().measured(q, v, t)
-        found, status = _run_records(kernel, ()), np.ones(1)
+        found, status = _run_records(kernel, ()), np.array([1.0])
         self._calls.measure(q, v, *found, status, False)
         return _measured_state(self, kernel, q, v, found, t) if status[0] else super().measured(q, v, t)
 
@@ -394,9 +394,13 @@ class CompiledRuns(NumPyRuns):
 
 def _run_records(kernel: ReductionKernel, batch: tuple[int, ...], kinematics: Array | None = None) -> RunRecords:
     """Records of measurements without values; kinematics: those of the states, if known."""
-    sizes = kernel.inverse.itemsize // 8, kernel.rates.itemsize // 8, kernel.data.r + kernel.data.vertical.size
-    known = np.empty((*batch, kernel.kinematics.itemsize // 8)) if kinematics is None else kinematics
-    return RunRecords(known, *(np.empty((*batch, size)) for size in sizes))
+    data = kernel.data
+    return RunRecords(
+        np.empty((*batch, kernel.kinematics.itemsize // 8)) if kinematics is None else kinematics,
+        np.empty((*batch, kernel.inverse.itemsize // 8)),
+        np.empty((*batch, kernel.rates.itemsize // 8)),
+        np.empty((*batch, data.r + data.vertical.size)),
+    )
 
 
 def _measured_state(
@@ -404,8 +408,10 @@ def _measured_state(
 ) -> StateEvaluation:
     for array in records:
         array.setflags(write=False)
-    batch, r, types = q.shape[:-1], kernel.data.r, (kernel.kinematics, kernel.inverse, kernel.rates)
-    kinematics, inverse, rates = (np.ndarray(batch, *each) for each in zip(types, records, strict=False))
+    batch, r = q.shape[:-1], kernel.data.r
+    kinematics = np.ndarray(batch, kernel.kinematics, records.kinematics)
+    inverse = np.ndarray(batch, kernel.inverse, records.inverse)
+    rates = np.ndarray(batch, kernel.rates, records.rates)
     values = records.values[..., r:], records.values[..., :r]
     at_q = CompiledArraysAtQ(kernel, q, None, kinematics, inverse, values)
     return StateEvaluation.filled(evaluator, q, v, (at_q, CompiledArraysAtV(at_q, v, None, t, rates)), t)
