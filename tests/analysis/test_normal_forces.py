@@ -85,10 +85,6 @@ def test_normal_forces_are_kept_in_files_and_drawn(tmp_path):
     panel = next(axes for axes in run.plot().axes if axes.get_ylabel() == "normal force [N]")
     for line, column in zip(panel.get_lines(), run.normal_forces.T, strict=True):
         np.testing.assert_array_equal(line.get_ydata(), column)
-    with np.load(tmp_path / "run.npz") as file:
-        older = {name: file[name] for name in file.files if name != "normal_forces"}
-    np.savez(tmp_path / "older.npz", **older)
-    assert rnc.Trajectory.load(tmp_path / "older.npz").normal_forces.shape == (6, 0)
 
 
 def test_forces_are_those_of_the_masses_that_move():
