@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -383,11 +383,6 @@ def with_states(states: State, runs: Sequence[int], each: Sequence[State]) -> St
     if isinstance(states, RunStates | tuple) or any(type(own) is not type(states) or own != states for own in each):
         raise NotStackable
     return states
-
-
-def run_by_run(step: Callable[..., State], count: int, *given: State) -> State:
-    """Results of a step for each of many runs alone, together: NumPy would round a stack differently."""
-    return stack_states([step(*state_of_runs(given, run)) for run in range(count)])
 
 
 def _like(first: tuple[State, ...], parts: list[State]) -> tuple[State, ...]:

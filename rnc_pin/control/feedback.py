@@ -29,7 +29,6 @@ saturation ends the lemma holds again, with everything that was learnt before.
 
 from __future__ import annotations
 
-from functools import partial
 from math import exp, expm1
 from typing import NamedTuple
 
@@ -38,7 +37,6 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Bool, Float
-from rnc_pin.control.controller import run_by_run
 from rnc_pin.errors import InputError
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.coordinates import Coordinates
@@ -116,8 +114,6 @@ class Feedback:
             point = desired.position, desired.velocity, desired.acceleration
             if _kernel.library.feedback(*point, actual, rate, self._table, found):
                 return found[0], found[1]
-            if actual.ndim == 2:
-                return run_by_run(partial(self, desired), len(actual), actual, rate)
         seen = deviation(self._coordinates, desired, actual, rate)
         v2 = seen.velocity + fed_back(self._gain, seen.error, actual)
         return v2, seen.acceleration + self._gain * seen.error_rate

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +15,6 @@ from rnc_pin.control.controller import (
     check_size,
     elapsed_time,
     goals_at,
-    run_by_run,
 )
 from rnc_pin.control.feedback import fed_back, leak, saturation_mask
 from rnc_pin.control.gain_design import PositionGains
@@ -167,10 +165,7 @@ class PositionTracker(DescribedMixin):
         point = desired.position, desired.velocity, desired.acceleration, desired.jerk
         arrays = *point, x2, self.outputs, self._table, *state[1:], *frozen
         if not _kernel.library.track_position(*arrays, decay, leak_time, sigma, elapsed, found):
-            if not batch:
-                return self._adapted(t, elapsed, desired, measurement, state)
-            alone = partial(self._compiled, t, elapsed, desired)
-            return run_by_run(alone, len(x2), measurement, state)
+            return self._adapted(t, elapsed, desired, measurement, state)
         F, z, f, e = (found[at : at + n] for at in (0, n, 2 * n, 3 * n + 2 * square))
         A, B = (found[at : at + square].reshape(*batch, k, k) for at in (3 * n, 3 * n + square))
         v2, x2d = found[-2 * x2.size : -x2.size], found[-x2.size :]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from rnc_pin import _kernel
@@ -15,7 +13,6 @@ from rnc_pin.control.controller import (
     describe,
     goals_at,
     listed,
-    run_by_run,
 )
 from rnc_pin.control.feedback import Feedback
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
@@ -141,7 +138,7 @@ class RedundancyController(DescribedMixin):
     def _target(
         self, x21d: ReferencePoint, x1d: ReferencePoint, secondary: _Secondary, m: Measurement
     ) -> VelocityTarget:
-        """Target. If the kernel declines many runs, each is computed alone, with the same bits."""
+        """Target; by the formulas if the kernel declines."""
         if m.x2.ndim > 1 + self.accepts_batches:
             return self._pursued(x21d, x1d, secondary, m)
         batch = m.x2.shape[:-1]
@@ -152,9 +149,7 @@ class RedundancyController(DescribedMixin):
         base = x1d.position, x1d.velocity, x1d.acceleration
         arrays = m.A_star, m.A_star_dot, self._places, *first, *base, *actual, *secondary
         if not _kernel.library.pursue(*arrays, found):
-            if not batch:
-                return self._pursued(x21d, x1d, secondary, m)
-            return run_by_run(partial(self._target, x21d, x1d, secondary), len(m.x2), m)
+            return self._pursued(x21d, x1d, secondary, m)
         v2, v2_dot, x2, x1 = found[:r], found[r : 2 * r], found[2 * r : 3 * r], found[3 * r :]
         if batch:
             v2, v2_dot, x2, x1 = (each.reshape(*batch, -1) for each in (v2, v2_dot, x2, x1))
@@ -235,13 +230,14 @@ class RedundancyController(DescribedMixin):
 
     def _solve(self, A4: np.ndarray, right: np.ndarray, measurement: Measurement) -> np.ndarray:
         solution = solve(A4, right)
-        if np.abs(solution).max() < _LIMIT * (1 + np.abs(right).max()):
+        fine = np.abs(solution).max(axis=-1) < _LIMIT * (1 + np.abs(right).max(axis=-1))
+        if fine.all():
             return solution
+        run = np.unravel_index(np.argmin(fine), fine.shape)  # the first of many runs
+        A4 = A4[run]
         raise SingularityError(
             "redundant outputs cannot move the vertical ones (A4 is singular)",
-            q=np.zeros(0) if measurement.q is None else np.array(measurement.q),
-            condition=float(np.max(condition_number(A4)))
-            if len(self.task.vertical) > 1
-            else float(1 / max(np.abs(A4).min(), 1e-300)),
+            q=np.zeros(0) if measurement.q is None else np.array(measurement.q[run]),
+            condition=float(condition_number(A4) if len(A4) > 1 else 1 / max(np.abs(A4).min(), 1e-300)),
             rows=(*self.task.vertical_names, *self.task.redundant_names),
         )

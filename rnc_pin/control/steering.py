@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from math import isfinite
-
 import numpy as np
 
 from rnc_pin import _kernel
-from rnc_pin.control.controller import DescribedMixin, VelocityTarget, check_size, goals_at, run_by_run
+from rnc_pin.control.controller import DescribedMixin, VelocityTarget, check_size, goals_at
 from rnc_pin.control.feedback import Feedback
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS, OuterGains
 from rnc_pin.control.slithering import PathState, SlitheringReference
@@ -92,7 +90,6 @@ class SteeringController(DescribedMixin):
         self.monitored = monitored
         self._follow_primary = Feedback(task.primary_coordinates, gains.k21)
         self._follow_vertical = Feedback(task.vertical_coordinates, gains.k3)
-        self._in_A3 = np.ix_(task.vertical, task.primary)
         self._damped = damping**2 * np.eye(len(task.redundant))
         self._places = np.concatenate([task.vertical, task.primary, task.redundant])
         self._redundant = np.array(task.redundant, dtype=np.int64)
@@ -146,7 +143,7 @@ class SteeringController(DescribedMixin):
     def _redundant_rates(
         self, m: Measurement, slopes: np.ndarray, v21d: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint
     ) -> np.ndarray:
-        """Redundant rates (..., a). If the kernel declines many runs, each is computed alone, with the same bits."""
+        """Redundant rates (..., a); by the formulas if the kernel declines."""
         found = np.empty((*m.v2.shape[:-1], len(self._redundant)))
         point = [
             np.ascontiguousarray(np.broadcast_to(each, (*m.v2.shape[:-1], len(self.task.vertical))))
@@ -156,27 +153,25 @@ class SteeringController(DescribedMixin):
         settings = self.k4, self.damping, self.max_rate
         if _kernel.library.steer(*arrays, *settings, found):
             return found
-        if m.v2.ndim == 1:
-            return self._steered(m, np.moveaxis(slopes, 0, -1), v21d_dot, x11d)
-        points = [np.broadcast_to(each, point[0].shape) for each in x11d]
-        given = m, slopes, v21d, v21d_dot, ReferencePoint(*points)
-        return run_by_run(self._redundant_rates, len(m.v2), *given)
+        return self._steered(m, slopes, v21d_dot, x11d)
 
-    def _steered(self, m: Measurement, gradient: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint) -> np.ndarray:
-        """Redundant rates (a,) by the formulas."""
+    def _steered(self, m: Measurement, slopes: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint) -> np.ndarray:
+        """Redundant rates (..., a) by the formulas."""
         task = self.task
         v21, v22_now = m.v2[..., task.primary], m.v2[..., task.redundant]
-        A3, A3_dot = m.A_star[self._in_A3], m.A_star_dot[self._in_A3]
-        N = np.stack([apply(gradient[..., j][self._in_A3], v21) for j in range(len(task.redundant))], axis=-1)
+        A3, A3_dot = (each[..., task.vertical, :][..., task.primary] for each in (m.A_star, m.A_star_dot))
+        N = apply(slopes[..., task.vertical, :][..., task.primary], v21[..., None, :]).mT
         rate = apply(A3, v21)
         wanted, wanted_dot = self._follow_vertical(x11d, m.x1[..., task.vertical], rate)
         without = apply(A3_dot, v21) - apply(N, v22_now) + apply(A3, v21d_dot)
         right = wanted_dot + self.k4 * (wanted - rate) - without
         v22 = solve(N.mT @ N + self._damped, apply_transposed(N, right))
-        if not isfinite(np.vdot(v22, v22)):
+        fine = np.isfinite(v22).all(axis=-1)
+        if not fine.all():
+            run = np.unravel_index(np.argmin(fine), fine.shape)  # the first of many runs
             raise SingularityError(
                 f"{', '.join(task.redundant_names)} cannot steer {', '.join(task.vertical_names)}: N is singular",
-                q=np.array(m.q),
+                q=np.array(m.q[run]),
                 condition=np.inf,
                 rows=(*task.vertical_names, *task.redundant_names),
             )

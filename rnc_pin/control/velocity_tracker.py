@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +18,6 @@ from rnc_pin.control.controller import (
     accepts_batches,
     command_towards,
     elapsed_time,
-    run_by_run,
 )
 from rnc_pin.control.feedback import apply_dead_zone, leak, saturation_mask
 from rnc_pin.control.gain_design import VelocityGains
@@ -128,7 +126,7 @@ class VelocityTracker(DescribedMixin):
         return command_towards(target, F), TrackerState(t, g, C, D, target_state)
 
     def _learnt(self, elapsed: float, measurement: Measurement, target: VelocityTarget, state: TrackerState) -> _Learnt:
-        """Force, and learnt g, C and D. If the kernel declines many runs, each is computed alone, to the same bits."""
+        """Force, and learnt g, C and D; by the formulas if the kernel declines."""
         v2 = measurement.v2
         if v2.ndim > 2:
             return self._adapted(elapsed, measurement, target, state)
@@ -137,10 +135,7 @@ class VelocityTracker(DescribedMixin):
         out, n = np.empty(v2.size * (2 + r + r * r)), v2.size
         arrays = v2, target.v2, target.v2_dot, measurement.force_deficit, state.g, state.C, state.D, self._table
         if not _kernel.library.track(*arrays, self._has_dead_zone, decay, leak_time, out):
-            if v2.ndim == 1:
-                return self._adapted(elapsed, measurement, target, state)
-            desired = VelocityTarget(target.v2, target.v2_dot)
-            return run_by_run(partial(self._learnt, elapsed), len(v2), measurement, desired, state)
+            return self._adapted(elapsed, measurement, target, state)
         F, g, C, D = out[:n], out[n : 2 * n], out[2 * n : n * (2 + r)], out[n * (2 + r) :]
         if v2.ndim == 2:
             F, g = F.reshape(v2.shape), g.reshape(v2.shape)

@@ -65,14 +65,11 @@ def sorted_eigenvalues(matrix: np.ndarray) -> np.ndarray:
 
 
 def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve ``matrix @ x = right`` for (..., n, n) and (..., n); infinite if a matrix is exactly singular."""
+    """Solve ``matrix @ x = right`` for (..., n, n) and (..., n); infinite for matrices that are exactly singular."""
     if matrix.ndim == 2 and right.ndim == 1:
         _, _, solution, info = scipy.linalg.lapack.dgesv(matrix, right)
         return np.full_like(right, np.inf) if info else solution
-    try:
-        return np.linalg.solve(matrix, right[..., None])[..., 0]
-    except np.linalg.LinAlgError:
-        return np.full(right.shape, np.inf)
+    return _each_solved(solve, matrix, right)
 
 
 def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -80,6 +77,13 @@ def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray
     if matrix.ndim == 2 and right.ndim == 1 and len(right):
         _, solution, info = scipy.linalg.lapack.dposv(matrix, right)
         return np.full_like(right, np.nan) if info else solution
+    return _each_solved(solve_positive_definite, matrix, right)
+
+
+def _each_solved(
+    alone: Callable[[np.ndarray, np.ndarray], np.ndarray], matrix: np.ndarray, right: np.ndarray
+) -> np.ndarray:
+    """Solutions of many systems (..., n), by one call; ``alone`` solves each if one matrix is singular."""
     try:
         return np.linalg.solve(matrix, right[..., None])[..., 0]
     except np.linalg.LinAlgError:  # one singular matrix fails the whole call
@@ -87,7 +91,7 @@ def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray
         found = np.empty((*batch, right.shape[-1]))
         matrices, rights = np.broadcast_to(matrix, (*batch, *matrix.shape[-2:])), np.broadcast_to(right, found.shape)
         for i in np.ndindex(batch):
-            found[i] = solve_positive_definite(matrices[i], rights[i])
+            found[i] = alone(matrices[i], rights[i])
         return found
 
 

@@ -8,6 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from controlled_tasks import Cubic, task_at, truck_task
+from rnc_pin import _kernel
 from rnc_pin.control import OuterGains, SteeringController
 from rnc_pin.model.reduced_kinematics import Measurement, kinematic_gradient
 from rnc_pin.planning import Hold
@@ -111,6 +112,32 @@ def test_steering_is_the_damped_least_squares_of_what_the_vertical_rates_miss(ma
         np.testing.assert_array_equal(target.x1[1], 0.77 if monitored else np.nan)
         np.testing.assert_array_equal(target.x2[primary], x21d.position)
         assert np.isnan(target.x2[[1, 2, 4]]).all()
+
+
+@pytest.mark.parametrize("library", [_kernel.library, _kernel.NUMPY_ALONE])
+def test_many_runs_are_steered_like_each_alone_and_the_first_singular_one_is_named(library, monkeypatch):
+    monkeypatch.setattr(_kernel, "library", library)
+    generator = np.random.default_rng(5)
+    gradient, chosen = generator.uniform(-1, 1, (3, 3, 6, 6)), PLACES[0] + PLACES[1]  # of three runs
+    law, *_ = steering(gradient, damping=0.0)
+    fields = {name: generator.uniform(-1, 1, (3, size)) for name, size in (("v2", 6), ("x1", 3), ("x2", 6))}
+    fields |= {name: generator.uniform(-1, 1, (3, 3, 6)) for name in ("A_star", "A_star_dot")}
+    q = np.array([[0.1], [0.2], [0.3]])
+
+    def slopes_of(runs):
+        return lambda q, along: np.moveaxis(gradient[runs][..., along], -1, -3).copy()
+
+    law._reduced.evaluator.output_slopes = slopes_of(slice(None))
+    together, _ = law.step(0.6, Measurement(q=q, **fields))
+    for run in range(3):
+        law._reduced.evaluator.output_slopes = slopes_of(run)
+        alone, _ = law.step(0.6, Measurement(q=q[run], **{name: value[run] for name, value in fields.items()}))
+        np.testing.assert_allclose(together.v2[run][chosen], alone.v2[chosen], rtol=1e-12)
+    gradient[1:] = 0.0
+    law._reduced.evaluator.output_slopes = slopes_of(slice(None))
+    with pytest.raises(rnc.SingularityError, match="b_4, b_1 cannot steer c_2, c_0: N is singular") as caught:
+        law.step(0.6, Measurement(q=q, **fields))
+    assert caught.value.q.tolist() == [0.2]
 
 
 def test_steering_takes_over_where_redundant_rates_move_nothing():
