@@ -79,8 +79,9 @@ def truck(steered_effort=10.0, load_effort=10.0, extra="", names=("load_l", "loa
     ({"extra": transmissions("drive_joint", "steer_joint")}, 0.95),
     ({"extra": plugin("libtricycle.so", "drive_joint", "steer_joint")}, 0.95),
     ({"load_effort": 0.0}, 0.8),
+    ({"load_effort": None}, 0.8),
     ({}, 0.5),
-], ids=["transmissions", "plugin", "effort", "name"])  # fmt: skip
+], ids=["transmissions", "plugin", "effort 0", "effort", "name"])  # fmt: skip
 def test_the_driven_wheel_may_be_the_steered_one(given, confidence, drafted, tmp_path):
     kind, content, decided = drafted(truck(**given))
     assert kind == "planar: 3 wheels, steered like a car"
