@@ -303,6 +303,25 @@ def test_a_track_has_one_motor(called, drafted, tmp_path):
     assert moved(tmp_path) > 0.05
 
 
+def test_rollers_of_a_track_may_hang_on_bogies(drafted, tmp_path):
+    """A sprocket and an idler above the ground hold the track of two bogies with two rollers each."""
+    parts = [link("base", 20.0, BOX)]
+    for side, y in (("l", 0.25), ("r", -0.25)):
+        parts += [wheel(f"sprocket_{side}", "base", (0.7, y, 0.15))]
+        parts += [wheel(f"idler_{side}", "base", (-0.7, y, 0.15), effort=None)]
+        for k, x in enumerate((0.3, -0.3)):
+            bogie = f"bogie_{side}{k}"
+            parts += [link(bogie), joint(f"{bogie}_joint", "base", bogie, (x, y, 0.1), effort=0.0)]
+            parts += [
+                wheel(f"roller_{side}{k}{n}", bogie, (at, 0, -0.1), effort=None) for n, at in ((0, 0.1), (1, -0.1))
+            ]
+    kind, content, _ = drafted(robot(*parts))
+    assert kind == "planar: 8 wheels, on tracks, skid-steered"
+    assert content["actuators"] == ["sprocket_l_joint", "sprocket_r_joint"]
+    assert len(of(content, "joint_coupling")) == 10
+    assert moved(tmp_path) > 0.05
+
+
 def test_motors_that_the_file_names_make_no_track(drafted):
     parts = [wheel(f"w{side}{k}", "base", (0.2 * k, y, 0)) for side, y in (("l", 0.25), ("r", -0.25)) for k in range(5)]
     names = [f"w{side}{k}_joint" for side in "lr" for k in range(5)]
