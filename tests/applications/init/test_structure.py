@@ -169,6 +169,19 @@ def test_a_driven_turret_carries_the_body(beside, arm, drafted, tmp_path):
     assert moved(tmp_path, **{"controller.tracker": "computed_torque"}) > 0.1
 
 
+def test_one_steered_wheel_on_casters_does_not_hold_the_heading(drafted, tmp_path):
+    parts = [link("base", 20.0, BOX), pivot("steer", "base", (0.5, 0, 0.05)), wheel("front", "steer", (0, 0, 0))]
+    parts += [caster(f"rear_{side}", "base", (-0.4, y, 0)) for side, y in (("l", 0.2), ("r", -0.2))]
+    kind, _, _ = drafted(robot(*parts))
+    said = " ".join(line.removeprefix("# ") for line in (tmp_path / "unit.yaml").read_text().splitlines())
+    remedy = "--lock rear_l_joint --lock rear_r_joint"
+    assert kind == "planar: 3 wheels, in any direction"
+    assert f"casters do not hold the heading of the base (if they are fixed: {remedy}): the base is assumed" in said
+    kind, content, _ = drafted(robot(*parts), lock=dict.fromkeys(remedy.split()[1::2], 0.0))
+    assert kind == "planar: 3 wheels, steered like a car"
+    assert len(of(content, "rolling_wheel")) == 3
+
+
 def test_a_body_on_casters_may_turn_above_its_drive(drafted, tmp_path):
     """The driven wheels belong to the root, and the pivot above them carries the body with its casters."""
     parts = [link("drive", 10.0, BOX), wheel("l", "drive", (0, 0.2, 0)), wheel("r", "drive", (0, -0.2, 0))]
