@@ -371,6 +371,19 @@ def two_wheels(*more, tall=0.5, name="unit_7"):
     return robot(body, *pair, *more, name=name)
 
 
+def test_hinges_of_a_satellite_without_a_motor_are_held(drafted):
+    """A flexible boom with effort 0 is no actuator beside reaction wheels."""
+    parts = [link("bus", 10.0, '<box size="0.3 0.3 0.3"/>')]
+    for name, axis in (("x", "1 0 0"), ("y", "0 1 0"), ("z", "0 0 1")):
+        parts += [link(f"rotor_{name}", 0.1), joint(f"reaction_wheel_{name}", "bus", f"rotor_{name}", (0, 0, 0), axis)]
+    parts += [link("boom", 0.3, at="0.5 0 0")]
+    parts += [joint("hinge", "bus", "boom", (0.2, 0, 0), "0 0 1", "revolute", 0.0, limits=(-0.3, 0.3))]
+    kind, content, _ = drafted(robot(*parts))
+    assert kind.startswith("free")
+    assert content["actuators"] == [f"reaction_wheel_{name}" for name in "xyz"]
+    assert content["robot"]["lock"] == {"hinge": 0.0}
+
+
 def test_parts_of_words_support_nothing(drafted):
     """Neither the foot in footprint nor the roller in controller."""
     box = link("controller_box", 0.2) + joint(
