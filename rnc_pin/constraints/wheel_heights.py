@@ -162,13 +162,19 @@ class _Shapes:
         if self._robot.model.joints[frame.parentJoint].nv != 1 and wheel.axle is not None:
             return None  # the link is more than a wheel
         there = [(item, place) for item, place in self._objects if item.parentJoint == frame.parentJoint]
-        found = [_radius(item.geometry, place, wheel) for item, place in there]
-        largest = max((each for each in found if each is not None), default=None)
+        found = [(item.geometry, place, _radius(item.geometry, place, wheel)) for item, place in there]
+        largest = max((radius for *_, radius in found if radius is not None), default=None)
         if largest is None or wheel.axle is None:
             return largest
-        away = np.stack([place.translation for _, place in there]) - wheel.center
         # Parts beyond the round ones, such as rollers on a hub, touch the ground.
-        return largest if np.linalg.norm(_across(away, wheel.axle), axis=1).max() < largest else None
+        beyond = [_reach(shape, place, wheel.center, wheel.axle) for shape, place, radius in found if radius is None]
+        return largest if max(beyond, default=0.0) < largest else None
+
+
+def _reach(shape: coal.CollisionGeometry, placement: pin.SE3, center: Array, axle: Array) -> float:
+    """Distance from the axle to the center of a shape, or to the far side of a sphere or capsule [m]."""
+    thickness = float(shape.radius) if type(shape).__name__ in ("Sphere", "Capsule") else 0.0
+    return float(np.linalg.norm(_across(placement.translation - center, axle))) + thickness
 
 
 def _radius(shape: coal.CollisionGeometry, placement: pin.SE3, wheel: _Wheel) -> float | None:

@@ -41,9 +41,10 @@ class LazyGeometry:
         self._models = {"visual": visual, "collision": collision}
 
     def get(self, kind: str) -> pin.GeometryModel | None:
-        """Geometry of a kind, or None."""
+        """Geometry of a kind, or None. A file without any visual shape shows its collision shapes."""
         if self._models[kind] is None and self._load is not None:
-            self._models[kind] = self._load(kind)
+            found = self._load(kind)
+            self._models[kind] = found if found.ngeoms or kind == "collision" else self.get("collision")
         return self._models[kind]
 
     def __getstate__(self) -> dict[str, object]:

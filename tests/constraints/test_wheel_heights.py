@@ -190,6 +190,18 @@ def test_other_shapes_say_nothing(tmp_path):
         assert findings(tmp_path, radius=0.2, height=0.0, shape=shape, turn=turn) == ()
 
 
+@pytest.mark.parametrize(("out", "compared"), [(0.158, False), (0.14, True)])
+def test_rollers_that_reach_beyond_their_hub_are_the_rim(tmp_path, out, compared):
+    rollers = "".join(
+        f'<collision><origin xyz="{out * np.cos(a)} 0 {out * np.sin(a)}"/><geometry><sphere radius="0.02"/></geometry>'
+        "</collision>"
+        for a in 2 * np.pi * np.arange(9) / 9
+    )
+    hub = f'<cylinder radius="0.17" length="0.04"/></geometry></collision>{rollers}<collision><geometry>'
+    hub += '<cylinder radius="0.03" length="0.04"/>'
+    assert len(findings(tmp_path, radius=0.2, height=0.0, shape=hub)) == (2 if compared else 0)
+
+
 # ---------------------------------------------------------------------- no false alarm
 
 BUILT_IN = [path.stem for path in sorted(find_scenario("tiago").parent.glob("*.yaml"))]

@@ -345,7 +345,7 @@ def assume_motors(
     named = [name for name in weak if drives.says(name)]
     if powered:
         mobility.without_effort = set(weak) - set(named)
-        if mobility.travel:  # beside driven wheels, a loose joint without an effort is held
+        if mobility.travel or mobility.weightless:  # a loose joint without an effort is held
             undriven += [name for name in weak if name not in {*named, *of_base, *undriven}]
         mobility.passive |= mobility.without_effort
         if named:

@@ -226,7 +226,16 @@ def _candidate_wheeled_bases(found: WheelLayout, at_start: RobotAtStart, source:
         yield lambda: wheeled_base(found, at_start, [each for each in (balance, rollers) if each is not None])
     elif found.fixed and not found.steered:  # disks at right angles that do not carry the base
         yield lambda: without_wheels(at_start, wishes.base, source.mass_of_base)
-    why = "every wheel is steered by itself" if found.steered else "all wheels are casters"
+    yield lambda: force_driven_base(found, at_start, _why_not_on_wheels(found))
+
+
+def _why_not_on_wheels(found: WheelLayout) -> str:
     if found.fixed:
-        why = "these wheels cannot roll together as they are read"
-    yield lambda: force_driven_base(found, at_start, why)
+        return "these wheels cannot roll together as they are read"
+    if not found.steered:
+        return "all wheels are casters"
+    if len(found.steered) == 1 and found.casters:
+        still = " ".join(f"--lock {each.pivot.joint}" for each in found.casters)
+        pivot = found.steered[0].pivot.joint
+        return f"{pivot} alone steers, and casters do not hold the heading of the base (if they are fixed: {still})"
+    return "every wheel is steered by itself"

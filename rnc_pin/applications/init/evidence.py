@@ -222,6 +222,9 @@ class DriveEvidence:
             weak = [each for each in group if self.efforts.get(each) == 0]
             if strong and weak:
                 return DrivenJoints(tuple(strong), LIKELY, f"effort 0 of {few(weak)}")
+        stated = [each for each in possible if 0 < self.efforts.get(each, 0.0) < np.inf]
+        if 0 < len(stated) < len(possible):
+            return DrivenJoints(tuple(stated), LIKELY, "only they have an effort in the file")
         called = [each for each in possible if has_word(_DRIVES, each)]
         if called and len(called) < len(possible):
             return DrivenJoints(tuple(called), GUESSED, "by their names")

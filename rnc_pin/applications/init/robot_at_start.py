@@ -152,7 +152,8 @@ class Disk:
 def fitted_disk(parts: list[Shape], center: np.ndarray, axle: np.ndarray) -> Disk | None:
     """Return the disk that shapes form about an axle near ``center``, or None if they are not round or far from it.
 
-    Radius and roundness are those about the middle of the shapes, which files place a little beside the axle.
+    Radius and roundness are those about the middle of the shapes, which files place a little beside the axle, or about
+    the axle if that is smaller: an odd number of rollers reaches farther on one side.
     """
     if not parts:
         return None
@@ -164,14 +165,26 @@ def fitted_disk(parts: list[Shape], center: np.ndarray, axle: np.ndarray) -> Dis
     high = np.max([((part.points - center) @ axes).max(axis=0) + part.margin for part in parts], axis=0)
     extents = high - low
     middle = (high + low)[:2] / 2
-    own = center + middle[0] * forward + middle[1] * upward
-    radius = max(float(np.linalg.norm(across(part.points - own, axle), axis=1).max()) + part.margin for part in parts)
+    beside = center + middle[0] * forward + middle[1] * upward
+    radius = min(max(_reach(part, own, axle) for part in parts) for own in (beside, center))
     is_near = float(np.linalg.norm(middle)) < max(0.2 * radius, PLACED)
     is_round = extents[:2].min() > 0.9 * extents[:2].max() and is_near
     # A square has equal extents too, but its corners are farther away than its sides.
     if not is_round or 2 * radius > 1.1 * extents[:2].max():
         return None
     return Disk(radius, min(part.bottom for part in parts), float(extents[2]))
+
+
+def _reach(part: Shape, own: np.ndarray, axle: np.ndarray) -> float:
+    """Largest distance of a shape from the axle through a point (3,) [m].
+
+    A cylinder whose axis is the axle up to rounding reaches as far as its radius, not as its raised edge.
+    """
+    middle, along = part.points.mean(axis=0), axle
+    if part.axis is not None and np.linalg.norm(np.cross(part.axis, axle)) < ALIGNED:
+        along = part.axis
+    beside = across(middle - own, axle)
+    return float(np.linalg.norm(across(part.points - middle, along) + beside, axis=1).max()) + part.margin
 
 
 def across(vectors: np.ndarray, axis: np.ndarray) -> np.ndarray:

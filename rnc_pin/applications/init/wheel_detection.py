@@ -155,8 +155,8 @@ def stand_below_body(wheels: Sequence[Wheel], at_start: RobotAtStart) -> bool:
 
 
 def _are_in_plane(one: Wheel, other: Wheel) -> bool:
-    """True if two wheels on the base have parallel axles and the same place along them."""
-    carried = (one.pivots, one.carriers, other.pivots, other.carriers)
+    """True if a wheel on the base and one that no pivot carries have parallel axles and the same place along them."""
+    carried = (one.pivots, one.carriers, other.pivots)  # rollers of a track may hang on bogies
     is_parallel = np.linalg.norm(np.cross(one.axle, other.axle)) < ALIGNED
     return not any(carried) and bool(is_parallel and abs((one.center - other.center) @ other.axle) < other.radius / 2)
 

@@ -2,6 +2,7 @@
 
 import warnings
 
+import numpy as np
 import pytest
 import yaml
 
@@ -92,3 +93,26 @@ def test_a_body_keeps_no_part_of_the_geometry_that_lacks_a_mesh_and_the_base_doe
         "right_wheel": ("tyre.stl",),
     }
     assert robot.missing_meshes("visual") == {}
+
+
+# ---------------------------------------------------------------------- round shapes
+
+
+def radii(folder, shapes):
+    text = draft(str(cart(folder, shapes)), folder)
+    return [each["rolling_wheel"]["radius"] for each in yaml.safe_load(text)["constraints"] if "rolling_wheel" in each]
+
+
+@pytest.mark.filterwarnings("ignore:.*not found:rnc_pin.ModelWarning")  # the bumper's mesh
+def test_a_rounded_right_angle_makes_no_wheel_larger(tmp_path):
+    tire = '<collision><origin rpy="1.57 0 0"/><geometry><cylinder radius="0.14" length="0.4"/></geometry></collision>'
+    assert radii(tmp_path, tire) == [0.14, 0.14]
+
+
+@pytest.mark.filterwarnings("ignore:.*not found:rnc_pin.ModelWarning")
+@pytest.mark.parametrize("count", [8, 9, 11])
+def test_an_odd_number_of_rollers_makes_no_wheel_larger(count, tmp_path):
+    roller = '<collision><origin xyz="{} 0 {}"/><geometry><sphere radius="0.02"/></geometry></collision>'
+    angles = 2 * np.pi * np.arange(count) / count
+    rollers = "".join(roller.format(0.12 * np.sin(each), -0.12 * np.cos(each)) for each in angles)
+    assert radii(tmp_path, DISK.format(kind="collision", radius=0.13) + rollers) == [0.14, 0.14]

@@ -79,8 +79,9 @@ def truck(steered_effort=10.0, load_effort=10.0, extra="", names=("load_l", "loa
     ({"extra": transmissions("drive_joint", "steer_joint")}, 0.95),
     ({"extra": plugin("libtricycle.so", "drive_joint", "steer_joint")}, 0.95),
     ({"load_effort": 0.0}, 0.8),
+    ({"load_effort": None}, 0.8),
     ({}, 0.5),
-], ids=["transmissions", "plugin", "effort", "name"])  # fmt: skip
+], ids=["transmissions", "plugin", "effort 0", "effort", "name"])  # fmt: skip
 def test_the_driven_wheel_may_be_the_steered_one(given, confidence, drafted, tmp_path):
     kind, content, decided = drafted(truck(**given))
     assert kind == "planar: 3 wheels, steered like a car"
@@ -166,6 +167,19 @@ def test_a_driven_turret_carries_the_body(beside, arm, drafted, tmp_path):
         assert content["outputs"]["reducing"][0] == {"frame_position": {"frame": "body", "axes": "xy"}}
     assert ("lock" in content["robot"]) == arm
     assert moved(tmp_path, **{"controller.tracker": "computed_torque"}) > 0.1
+
+
+def test_one_steered_wheel_on_casters_does_not_hold_the_heading(drafted, tmp_path):
+    parts = [link("base", 20.0, BOX), pivot("steer", "base", (0.5, 0, 0.05)), wheel("front", "steer", (0, 0, 0))]
+    parts += [caster(f"rear_{side}", "base", (-0.4, y, 0)) for side, y in (("l", 0.2), ("r", -0.2))]
+    kind, _, _ = drafted(robot(*parts))
+    said = " ".join(line.removeprefix("# ") for line in (tmp_path / "unit.yaml").read_text().splitlines())
+    remedy = "--lock rear_l_joint --lock rear_r_joint"
+    assert kind == "planar: 3 wheels, in any direction"
+    assert f"casters do not hold the heading of the base (if they are fixed: {remedy}): the base is assumed" in said
+    kind, content, _ = drafted(robot(*parts), lock=dict.fromkeys(remedy.split()[1::2], 0.0))
+    assert kind == "planar: 3 wheels, steered like a car"
+    assert len(of(content, "rolling_wheel")) == 3
 
 
 def test_a_body_on_casters_may_turn_above_its_drive(drafted, tmp_path):
@@ -302,6 +316,25 @@ def test_a_track_has_one_motor(called, drafted, tmp_path):
     assert moved(tmp_path) > 0.05
 
 
+def test_rollers_of_a_track_may_hang_on_bogies(drafted, tmp_path):
+    """A sprocket and an idler above the ground hold the track of two bogies with two rollers each."""
+    parts = [link("base", 20.0, BOX)]
+    for side, y in (("l", 0.25), ("r", -0.25)):
+        parts += [wheel(f"sprocket_{side}", "base", (0.7, y, 0.15))]
+        parts += [wheel(f"idler_{side}", "base", (-0.7, y, 0.15), effort=None)]
+        for k, x in enumerate((0.3, -0.3)):
+            bogie = f"bogie_{side}{k}"
+            parts += [link(bogie), joint(f"{bogie}_joint", "base", bogie, (x, y, 0.1), effort=0.0)]
+            parts += [
+                wheel(f"roller_{side}{k}{n}", bogie, (at, 0, -0.1), effort=None) for n, at in ((0, 0.1), (1, -0.1))
+            ]
+    kind, content, _ = drafted(robot(*parts))
+    assert kind == "planar: 8 wheels, on tracks, skid-steered"
+    assert content["actuators"] == ["sprocket_l_joint", "sprocket_r_joint"]
+    assert len(of(content, "joint_coupling")) == 10
+    assert moved(tmp_path) > 0.05
+
+
 def test_motors_that_the_file_names_make_no_track(drafted):
     parts = [wheel(f"w{side}{k}", "base", (0.2 * k, y, 0)) for side, y in (("l", 0.25), ("r", -0.25)) for k in range(5)]
     names = [f"w{side}{k}_joint" for side in "lr" for k in range(5)]
@@ -336,6 +369,19 @@ def two_wheels(*more, tall=0.5, name="unit_7"):
     body = link("base_footprint", 10.0, '<box size="0.2 0.2 0.6"/>', at=f"0 0 {tall}")
     pair = (wheel(side, "base_footprint", (0, y, 0.1)) for side, y in (("l", 0.2), ("r", -0.2)))
     return robot(body, *pair, *more, name=name)
+
+
+def test_hinges_of_a_satellite_without_a_motor_are_held(drafted):
+    """A flexible boom with effort 0 is no actuator beside reaction wheels."""
+    parts = [link("bus", 10.0, '<box size="0.3 0.3 0.3"/>')]
+    for name, axis in (("x", "1 0 0"), ("y", "0 1 0"), ("z", "0 0 1")):
+        parts += [link(f"rotor_{name}", 0.1), joint(f"reaction_wheel_{name}", "bus", f"rotor_{name}", (0, 0, 0), axis)]
+    parts += [link("boom", 0.3, at="0.5 0 0")]
+    parts += [joint("hinge", "bus", "boom", (0.2, 0, 0), "0 0 1", "revolute", 0.0, limits=(-0.3, 0.3))]
+    kind, content, _ = drafted(robot(*parts))
+    assert kind.startswith("free")
+    assert content["actuators"] == [f"reaction_wheel_{name}" for name in "xyz"]
+    assert content["robot"]["lock"] == {"hinge": 0.0}
 
 
 def test_parts_of_words_support_nothing(drafted):
