@@ -134,6 +134,7 @@ class NavigationController(DescribedMixin):
         self._running: tuple[tuple[object, ...], int, Iterator[Way | Refuge | None]] | None = None
         self._world = -1
         self.set_obstacles(obstacles)
+        self._searched_world = self._world, self._obstacles
         self.status: Status = "replanning"
         self.reason = ""
 
@@ -186,12 +187,11 @@ class NavigationController(DescribedMixin):
                 state = self._begun(t, state.start, state)
         elif state.status == "arrived" and t >= state.begin + _SETTLE and self.missed_goals(q, measurement.v2):
             state = self._begun(t, q, state)
-        watched, state = state.watched, self._watched(t, state)
-        if state.watched != watched:
-            pass  # a look at the whole horizon takes a step of its own
-        elif state.threat:
-            state = self._avoided(t, state)
-        elif state.status == "replanning":
+        watched, seen, state = state.watched, state.seen, self._watched(t, state)
+        alone = state.watched != watched  # a look at the whole horizon takes a step of its own
+        if state.threat:
+            state = state if alone else self._avoided(t, state)
+        elif state.status == "replanning" and not (alone and seen < t - since - _END):  # but not each step
             state = self._searched(t, state)
         self.status, self.reason = state.status, state.reason
         v2, v2_dot = self._follower.command(state.way, state.progress, q)
@@ -344,13 +344,28 @@ class NavigationController(DescribedMixin):
     def _begun(self, t: float, start: Array, state: NavigationState, ahead: float | None = None) -> NavigationState:
         """State that searches from a configuration, beside obstacles as they will stand at the horizon."""
         posed = t + (self.following.horizon if ahead is None else ahead)
-        state = state._replace(slices=0, searches=state.searches + 1, world=self._world, posed=posed)
+        self._searched_world = self._world, self._obstacles
+        state = state._replace(slices=0, searches=state.searches + 1, world=self._world, posed=posed, least_slices=0)
         return state._replace(status="replanning", begin=t, start=np.array(start))
+
+    def _renewed(self, t: float, state: NavigationState) -> NavigationState:
+        """State of a search after a change of the world.
+
+        The search begins again, but each time only after twice as many slices. So one of them ends, however often the
+        world changes. Its way counts if it is free in the world of now.
+        """
+        if state.slices < 0:
+            if self._checks.is_free(state.way, 0.0, state.way.end):
+                return state._replace(world=self._world)
+        elif state.slices < state.least_slices:
+            return state
+        least = max(state.least_slices, 2 * state.slices)
+        return self._begun(t, state.start, state)._replace(least_slices=least)
 
     def _searched(self, t: float, state: NavigationState) -> NavigationState:
         """State after one slice of the search, or at the start of the way that it found."""
         if state.world != self._world:
-            state = self._begun(t, state.start, state)
+            state = self._renewed(t, state)
         if state.slices < 0:
             name = self._crossing(t, state.way.end, state)[0]
             if not name:
@@ -387,7 +402,9 @@ class NavigationController(DescribedMixin):
             still = self._finder.among([each for each in self._obstacles if each.motion is None])
             giving = GivingWay(still, self._checks, self._follower, self.following)
             return giving.slices(state.begin, state.since, state.safe, (state.way, state.progress.place), seed)
-        finder = self._finder.among([each.at_rest(state.posed) for each in self._obstacles])
+        world, obstacles = self._searched_world
+        known = obstacles if world == state.world else self._obstacles
+        finder = self._finder.among([each.at_rest(state.posed) for each in known])
         return _best(finder.slices(state.start, self.goal, seed, size))
 
 

@@ -134,6 +134,8 @@ class NavigationState(NamedTuple):
     """Time of the poses of these obstacles in the search [s]."""
     slices: int = 0
     """Slices of the search that were made; negative after the last one."""
+    least_slices: int = 0
+    """Slices of the search before a change of the obstacles begins it again."""
     searches: int = 0
     ways: int = 0
 
@@ -195,7 +197,7 @@ class WayFollower:
         low, high = min(first, last), max(first, last)
         inner = way.time[(way.time > low + _END) & (way.time < high - _END)]
         places = np.concatenate([[low], inner, [high]])
-        k = np.searchsorted(way.time, 0.5 * (places[1:] + places[:-1]), "right") - 1
+        k = np.searchsorted(way.time[:-1], 0.5 * (places[1:] + places[:-1]), "right") - 1  # the end has no segment
         q, steps = self.at(way, places), np.diff(places)[:, None] * np.where(self._planned, way.v[k], 0.0)
         return ExactMotion(q, steps) if last >= first else ExactMotion(q[::-1], -steps[::-1])
 

@@ -125,6 +125,8 @@ def _slices(work: Callable[[Callable[[_Result | None], None]], None]) -> Generat
         try:
             if turns.get():
                 work(hand)
+        except _Abandoned:
+            pass  # nobody takes it, and its frames refer to objects of OMPL
         except BaseException as raised:  # the caller gets it
             error = raised
         results.put((None, error, True))
@@ -261,7 +263,7 @@ class WaySearch:
             over = ob.PlannerTerminationCondition(lambda: bool(failed) or budget.is_over or budget.motions >= last)
             planner.solve(over)
             if failed:
-                raise failed[0]
+                raise failed.pop()  # callbacks of OMPL hold the list: with its frames it would stay in memory
             if not problem.hasExactSolution():
                 return None
             q = [space.read(state) for state in problem.getSolutionPath().getStates()]

@@ -203,6 +203,38 @@ def test_without_another_way_it_stops_and_says_so():
     assert controller.status == "following"
 
 
+@pytest.mark.parametrize("period", [DT, 0.1])
+def test_a_search_ends_however_often_the_obstacles_are_seen_elsewhere(period):
+    reduced, every = unicycle(), round(period / DT)
+    controller = NavigationController(reduced, at_pose(reduced, 3.0, 0.0), wall(0.0))
+
+    def seen(t, q):  # a person walks far away
+        person = Obstacle(coal.Cylinder(0.25, 1.6), position=(0.0, -6.0 + 0.5 * t, 0.8), name="person")
+        return [*wall(0.0), person] if round(t / DT) % every == 0 else None
+
+    rows = driven(reduced, controller, at_pose(reduced, -1.0, 0.0), 12.0, world=seen)
+    assert rows[-1][3] == "arrived"
+    assert closest(reduced, rows, wall(0.0)) > 0.04
+
+
+def test_a_way_that_an_obstacle_has_blocked_during_its_search_is_not_followed():
+    reduced, shut = unicycle(), wall(1.5)
+    q = at_pose(reduced, -1.0, 0.0)
+    controller = NavigationController(reduced, at_pose(reduced, 3.0, 0.0), wall(0.0))
+    measured = reduced.at(q, np.zeros(reduced.r)).measure(np.zeros(reduced.r))
+    state = controller.initial_state(measured)
+    for _ in range(3):
+        state = controller.step(0.0, measured, state)[1]
+    controller.set_obstacles(shut)
+    state = state._replace(least_slices=1000)  # this search goes on in spite of the change
+    while controller.status == "replanning":
+        state = controller.step(0.0, measured, state)[1]
+    assert controller.status == "following"
+    assert state.searches == 2
+    distances = rnc.collision.CollisionDistances(reduced.robot, shut, rnc.collision.PairSelection(links=False))
+    assert min(distances.smallest(each, 0.0, 1.0).min() for each in state.way.q) > 0.04
+
+
 def test_a_robot_that_is_pushed_off_its_way_plans_again():
     reduced = unicycle()
     controller = NavigationController(reduced, at_pose(reduced, 3.0, 0.0), wall(0.0, width=1.6))

@@ -1,6 +1,8 @@
 """Ways between configurations: exact, free of collisions between samples too, deterministic, or an honest error."""
 
 import inspect
+import subprocess
+import sys
 from typing import NamedTuple
 
 import coal
@@ -481,3 +483,21 @@ def test_a_search_ends_after_a_number_of_motions():
     start, goal, limited = at_pose(reduced, 0, 0), at_pose(reduced, 3, 0), WaySettings(motions=60, seconds=600.0)
     with pytest.raises(rnc.InfeasibleError, match=r" 6[0-9] motions checked"):
         find_way(reduced, start, goal, gap(0.3), settings=limited)
+
+
+def test_a_search_that_is_left_leaves_nothing_in_memory():
+    script = """
+import coal
+import rnc_pin as rnc
+from rnc_pin.planning.way_finding import WayFinder, WaySettings
+robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
+reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+q, wall = robot.configuration(), rnc.collision.Obstacle(coal.Box(0.2, 3.0, 1.0), position=(1.5, 0.0, 0.0), name="wall")
+finder = WayFinder(reduced, q, [wall], settings=WaySettings(motions=2000))
+for seed in range(3):
+    slices = finder.slices(q, robot.configuration({"root_joint": [3.0, 0.0, 0.0]}), seed, 20.0)
+    next(slices), next(slices)
+    slices.close()
+"""
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=100)
+    assert (ended.returncode, ended.stderr) == (0, "")

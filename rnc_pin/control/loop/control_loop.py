@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple, Unpack
 
 import numpy as np
+import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
@@ -72,7 +73,8 @@ class ControlLoop(ReprMixin):
     * the state of the controller,
     * the inputs that the actuators could not give; adaptive controllers then stop learning (conditional integration).
 
-    The first step defines the controller's time zero.
+    The first step defines the controller's time zero. After a gap longer than ``timeout``, integrals follow from the
+    change of the configuration, not from velocities.
 
     The loop rejects an invalid measurement: NaN, a wrong shape, time that does not increase, or a jump. It holds the
     last inputs for ``timeout``, then gives the safe command until a measurement is valid again. If the controller
@@ -128,6 +130,7 @@ class ControlLoop(ReprMixin):
         self.state = LoopState()
         self.last: Decision | None = None
         self.active_component = "the model"
+        self._by_positions = False  # True: no velocity is measured
 
     def _settings(self) -> dict[str, object]:
         return {"reduced": self.reduced, "controller": self._controller or self._factory, "dt": self.dt}
@@ -241,11 +244,20 @@ class ControlLoop(ReprMixin):
         return self.reduced.at(q, v=v, t=t - (t if self.state.begin is None else self.state.begin))
 
     def _integrate(self, t: float, state: StateEvaluation) -> np.ndarray:
-        """Integrals (r,) of the reducing velocities."""
+        """Integrals (r,) of the reducing velocities.
+
+        After a gap, velocities at its ends say little about the motion in between, and a clock may have jumped. The
+        change of the configuration then counts.
+        """
         before = self.state
         if before.time is None or before.integrals is None or before.v2 is None:
             return np.zeros(self.reduced.r)
-        return trapezoid(before.integrals, t - before.time, before.v2, state.v2)
+        elapsed = t - before.time
+        if self._by_positions or elapsed > _TIME_TOLERANCE * self.timeout:
+            moved = pin.difference(self.reduced.robot.model, before.q, state.q)
+            integrals: np.ndarray = before.integrals + state.J2 @ moved
+            return integrals
+        return trapezoid(before.integrals, elapsed, before.v2, state.v2)
 
     # ------------------------------------------------------------------ safe command
 

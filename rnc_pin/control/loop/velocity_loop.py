@@ -94,7 +94,8 @@ class VelocityLoop(VelocityInputLoop):
         target: kinematic controller, such as ``RedundancyController``. Or a function from the first measurement to one.
         dt: nominal sampling period [s].
         velocity: "measured"; "filtered" or "observer" as for ``ControlLoop``; or "commanded": the last command replaces
-            the measured velocity, for robots that report positions only.
+            the measured velocity, for robots that report positions only. Integrals of the reducing velocities then
+            follow from positions.
         limits: True for the velocity limits of the robot's file, False for none; or limits (nv,) of the velocity v.
         base: frame whose twist is commanded; by default the body of a planar or free base joint.
         joints: joints whose velocities are commanded; by default those that the actuators drive.
@@ -141,6 +142,7 @@ class VelocityLoop(VelocityInputLoop):
         measured = "measured" if velocity == "commanded" else velocity
         controller = _velocity_controller(reduced, target, limits)
         super().__init__(reduced, controller, dt, velocity=measured, limits=False, fallback=fallback, **options)
+        self._by_positions = self._commanded
         robot = reduced.robot
         self._base = None if base is None else robot.frame_id(base)
         self._base_entries = _BASES.get(robot.model.joints[1].shortname()) if robot.model.njoints > 1 else None

@@ -1,5 +1,7 @@
 """Velocity commands of a kinematic controller: exact, within limits, and safe after a fault."""
 
+from itertools import pairwise
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -253,3 +255,41 @@ def test_a_program_on_tiago_keeps_the_limits_of_the_file():
     assert most > 0.1
     for kind in ("position", "velocity", "acceleration"):
         assert [name for name in seen if name.endswith(kind)]
+
+
+def travelled(loop, times, slow=1.0, clock=lambda t: t, missing=lambda t: False):
+    """Distance and turn of a base that follows twists at a share of their speed, by Euler steps of one millisecond."""
+    robot, pose, done = loop.reduced.robot, np.zeros(3), np.zeros(2)
+    for first, last in pairwise(times):
+        q = robot.configuration({"root_joint": pose})
+        v = np.zeros(robot.nv) if loop.last is None else slow * loop.command.v
+        twist = loop.step(clock(first), np.full(robot.nq, np.nan) if missing(first) else q, v).twist
+        for _ in range(round((last - first) / 1e-3)):
+            step = 1e-3 * slow * np.array([twist.forward, twist.yaw])
+            pose += np.array([step[0] * np.cos(pose[2]), step[0] * np.sin(pose[2]), step[1]])
+            done += step
+    return done
+
+
+def test_without_measured_velocities_a_base_that_is_slower_than_its_commands_still_goes_as_far():
+    reduced, _ = differential_drive()
+    way = rnc.planning.MinimumJerk([0.0, 0.0], [1.0, 0.5], 2.0)
+    target = rnc.control.ReducingOutputController(reduced, way)
+    loop = rnc.VelocityLoop(reduced, target, DT, velocity="commanded")
+    assert travelled(loop, DT * np.arange(400), slow=0.6) == pytest.approx([1.0, 0.5], abs=2e-3)
+
+
+@pytest.mark.parametrize("fallback", ["zero", "brake"])
+@pytest.mark.parametrize("velocity", ["measured", "commanded"])
+def test_a_clock_that_jumps_and_a_gap_of_measurements_leave_no_error_of_the_distance(velocity, fallback):
+    reduced, _ = differential_drive()
+    way = rnc.planning.MinimumJerk([0.0, 0.0], [1.0, 0.5], 2.0)
+    target = rnc.control.ReducingOutputController(reduced, way)
+    times, options = DT * np.arange(400), {"velocity": velocity, "fallback": fallback}
+    for disturbance in (
+        {"clock": lambda t: t + 3600.0 * (t > 1.0)},  # first it is late by an hour
+        {"missing": lambda t: 0.9 < t < 1.5},
+    ):
+        loop = rnc.VelocityLoop(reduced, target, DT, **options)
+        # A measured velocity is that of the interval before, so its trapezoids have an error of v dt / 2.
+        assert travelled(loop, times, **disturbance) == pytest.approx([1.0, 0.5], abs=0.015)
