@@ -319,6 +319,18 @@ class RobotAtStart:
             seen.add(joint)
         return joint
 
+    def are_in_loops(self, one: str, other: str) -> bool:
+        """Return whether loop closures of the file couple two joints, through other loops too."""
+        model, robot = self.robot.model, self.robot
+        loops: list[set[int]] = []
+        for closure in robot.closures:
+            ends = [set(model.supports[model.frames[robot.frame_id(name)].parentJoint]) for name in closure[:2]]
+            loop = ends[0] ^ ends[1]
+            joined = [each for each in loops if each & loop]
+            loops = [*(each for each in loops if not each & loop), loop.union(*joined)]
+        both = {robot.joint_id(one), robot.joint_id(other)}
+        return any(both <= each for each in loops)
+
     @cached_property
     def frame(self) -> str:
         """Frame of the base: ``base_link`` if it exists, else the first link."""

@@ -263,15 +263,19 @@ def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart)
         for one in axle:
             pivot = one.pivot.joint
             same = at_start.leader(pivot) == leader
+            linked = at_start.are_in_loops(main[0].pivot.joint, pivot)
             lateral = one is main[0]
             ackermann: dict[str, Json] | None = None
-            if not lateral and not same and _reach(one, fixed[0]) > placed(one.wheels[0].radius):
+            if not lateral and not same and not linked and _reach(one, fixed[0]) > placed(one.wheels[0].radius):
                 ackermann = {"left": main[0].pivot.joint, "right": pivot, "axle": fixed[0].frame}
                 if number:
                     ackermann["axis"] = _own_axis(at_start, fixed[0])
                 result.constraints.append(({"ackermann": ackermann}, "all steered wheels turn about one point"))
             elif not lateral and same:
                 result.notes.append(f"{main[0].pivot.joint} and {pivot} have the same angle, so that a wheel skids")
+            elif not lateral and linked:
+                said = f"the wheel of {pivot} skids where its angle is not that of Ackermann steering"
+                result.notes.append(f"loops of the file couple {main[0].pivot.joint} and {pivot}: {said}")
             elif not lateral:
                 result.hold([pivot], at_start.start, "on the line of the fixed axle, where no steering is needed")
             for line in in_line(one.wheels):

@@ -407,6 +407,11 @@ def test_inspect_takes_a_system_without_actuators_task_controller_or_simulation(
     assert "not every reduced force can be realised" in told(out)
     assert "no actuator drives base_link_speed_x and base_link_yaw" in told(out)
     assert "1 integrable combination" in out
+    with file.open("a") as more:
+        more.write("actuators: [wheel_left_joint]\n")  # it drives a combination of both
+    status, out, _ = call("inspect", file, "--samples", 4)
+    assert status == 0
+    assert "too few actuators drive base_link_speed_x and base_link_yaw" in told(out)
 
 
 def test_inspect_looks_at_the_vertical_outputs_that_the_task_names(call):

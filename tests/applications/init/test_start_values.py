@@ -232,3 +232,47 @@ def test_a_loop_far_from_its_dead_centres_moves_as_usual(tmp_path):
     assert content["reference"]["primary"]["minimum_jerk"]["by"] == [0.2]
     assert "loop" not in text.partition("title:")[0]
     assert "initial" not in content or not content["initial"]["q"]
+
+
+# ---------------------------------------------------------------------- steering linkages
+
+
+def linkage(rack):
+    """A car whose tie rod couples the knuckles: one rod in one loop, or two rods to a rack in two loops."""
+    rear, front = (
+        '<body name="{0}" pos="{1} {2} 0"><joint name="{0}" axis="0 1 0"/>' + DISK + "</body>",
+        '<body name="k{0}" pos="0.5 {1} 0"><joint name="steer_{0}" axis="0 0 1" range="-0.6 0.6"/>'
+        '<geom size="0.02" mass="0.2"/><body name="f{0}"><joint name="f{0}" axis="0 1 0"/>'
+        + DISK
+        + '</body><body name="arm_{0}" pos="-0.1 {2} 0"><geom size="0.01" mass="0.05"/>{3}</body></body>',
+    )
+    rod = '<body name="tie_{0}"><joint name="tie_{0}" axis="0 0 1"/><geom size="0.01" mass="0.1"/></body>'
+    slide = '<joint name="rack" type="slide" axis="0 1 0"/><geom size="0.02" mass="1"/>'
+    slide = f'<body name="rack" pos="0.4 0 0">{slide}</body>' if rack else ""
+    sides = (("l", 0.2, -0.03), ("r", -0.2, 0.03))
+    wheels = "".join(rear.format(f"r{side}", 0, y) for side, y, _ in sides)
+    held = {"l": rod.format("l"), "r": rod.format("r") if rack else ""}
+    wheels += "".join(front.format(side, y, arm, held[side]) for side, y, arm in sides)
+    ends = [("tie_l", "rack", -0.17), ("tie_r", "rack", 0.17)] if rack else [("tie_l", "arm_r", -0.34)]
+    loops = "".join(f'<connect body1="{rod}" body2="{end}" anchor="0 {at} 0"/>' for rod, end, at in ends)
+    motors = "".join(f'<motor joint="{each}"/>' for each in ("rack" if rack else "steer_l", "rl", "rr"))
+    return (
+        '<mujoco model="linkage"><worldbody><body name="chassis" pos="0 0 0.1"><freejoint/>'
+        f'<geom type="box" size="0.3 0.1 0.04" pos="0.25 0 0.03" mass="8"/>{wheels}{slide}</body>'
+        f"</worldbody><equality>{loops}</equality><actuator>{motors}</actuator></mujoco>"
+    )
+
+
+DISK = '<geom type="cylinder" size="0.1 0.02" euler="90 0 0" mass="0.5"/>'
+
+
+@pytest.mark.parametrize("rack", [False, True], ids=["tie rod", "rack"])
+def test_a_linkage_steers_both_wheels_of_a_car(rack, tmp_path):
+    (tmp_path / "car.xml").write_text(linkage(rack))
+    text = draft(str(tmp_path / "car.xml"), tmp_path, DraftOptions())
+    content = yaml.safe_load(text)
+    assert "# base planar: 4 wheels, steered like a car" in text
+    assert "loops of the file couple steer_l and steer_r" in text
+    kinds = [next(iter(each)) for each in content["constraints"]]
+    assert kinds == ["rolling_wheel"] * 4 + ["loop_closure"] * (2 if rack else 1)
+    assert content["actuators"] == ["rl", "rr", "rack" if rack else "steer_l"]

@@ -11,7 +11,7 @@ from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ModelWarning
-from rnc_pin.verdict import FindingKind, Severity
+from rnc_pin.verdict import Finding, FindingKind, Severity
 from urdf_parts import BOX, joint, link, pivot, robot, wheel
 
 
@@ -213,3 +213,18 @@ def test_of_two_open_answers_the_one_whose_run_keeps_the_limits_is_taken(tmp_pat
     taken = next(each for each in found.decisions if each.question == "Is waist a free hitch?")
     assert (taken.answer, taken.is_open) == ("no, it is driven and steers", False)
     assert taken.evidence.startswith("with the answer 'yes', its run has position of waist")
+
+
+@pytest.mark.parametrize(
+    ("kinds", "remedy"),
+    [
+        ([FindingKind.MODEL], "CHECK the file, constraints and actuators"),
+        ([FindingKind.COLLISION, FindingKind.POSITION], "CHECK the start and the reference"),
+        ([FindingKind.COLLISION, FindingKind.EFFORT], "CHECK actuators and gains"),
+        ([FindingKind.GOAL], "CHECK actuators and gains"),
+    ],
+)
+def test_the_remedy_belongs_to_the_doubts(kinds, remedy):
+    found = [Finding(kind, "x", 1.0, "m", None, Severity.FAILS, "x") for kind in kinds]
+    note = Finding(FindingKind.GOAL, "x", 1.0, "m", None, Severity.NOTE, "x")
+    assert Trial(6.0, findings=(*found, note)).remedy == remedy

@@ -70,7 +70,9 @@ def _motions(report: Report, names: Sequence[str]) -> str:
 
 
 def _limits(reduced: ReducedModel, prevented: Sequence[str], report: Report) -> str:
-    undriven = f"no actuator drives {_listed(report.unactuated)}" if report.actuation_rank < report.r else ""
+    lacking = report.r - report.actuation_rank
+    drive = "no actuator drives" if lacking == len(report.unactuated) else "too few actuators drive"
+    undriven = f"{drive} {_listed(report.unactuated)}" if lacking else ""
     cannot = f"It cannot {_listed(prevented, 'or')}" if prevented else "No constraint keeps it from any motion"
     return f"{cannot}; {undriven + ', and ' if undriven else ''}{_reach_of_singularities(reduced, report)}."
 
