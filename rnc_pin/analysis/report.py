@@ -29,6 +29,7 @@ from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.model.independence import DroppedRow
+from rnc_pin.model.parameter_types import is_count
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted, items, printed
@@ -310,6 +311,8 @@ def analyze(
     if primary is None:
         primary = [name for name in reduced.reducing.names if name not in redundant]
     task = Task.of(reduced, primary, redundant, vertical)
+    if not is_count(samples, 1):
+        raise InputError(f"samples: expected an integer of at least 1, found {samples!r}")
     generator = np.random.default_rng(seed)
     regular, failure = [], None
     for _ in range(samples):

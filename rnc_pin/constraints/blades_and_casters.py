@@ -14,7 +14,7 @@ from rnc_pin.math.components import Entry, cross
 from rnc_pin.model.frame_rows import ConstantWrenchRows, DirectionRows, OffsetFrame, axis_index
 from rnc_pin.model.kernel_rows import Form, KernelRow, wrench_rows
 from rnc_pin.model.kinematics import Placement, PositionKinematics
-from rnc_pin.model.parameter_types import Axis, NotNegative, Vector
+from rnc_pin.model.parameter_types import Axis, NotNegative, Vector, is_number
 from rnc_pin.model.rows import GroundContact, Phrases, Rows
 from rnc_pin.robots.robot import Robot
 
@@ -122,8 +122,8 @@ class Caster:
     ground: GroundPlane | None = None
 
     def bind(self, robot: Robot) -> Rows:
-        if not (np.isfinite(self.radius) and self.radius >= 0):
-            raise ConstraintError(f"radius of caster '{self.frame}' has to be zero or positive, found {self.radius}")
+        if not (is_number(self.radius) and self.radius >= 0):
+            raise ConstraintError(f"radius of caster '{self.frame}' has to be zero or positive, found {self.radius!r}")
         plane = plane_below(self.ground, f"caster '{self.frame}'") or GroundPlane()
         return on_carrier(_CasterRow(self, plane, robot), self.frame, self.ground, robot)
 

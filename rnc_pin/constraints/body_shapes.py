@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.model.frame_rows import axis_index
-from rnc_pin.model.parameter_types import Axis, NotNegative, Positive, Vector
+from rnc_pin.model.parameter_types import Axis, NotNegative, Positive, Vector, is_number
 
 _EYE = np.eye(3)
 
@@ -142,8 +142,8 @@ class Torus:
 
     def __post_init__(self) -> None:
         check_positive("radius of a torus", self.radius)
-        if not (np.isfinite(self.tube) and self.tube >= 0):
-            raise ConstraintError(f"tube of a torus has to be zero or positive [m], found {self.tube}")
+        if not (is_number(self.tube) and self.tube >= 0):
+            raise ConstraintError(f"tube of a torus has to be zero or positive [m], found {self.tube!r}")
         axis_index(self.axis)
 
     @property
@@ -234,8 +234,8 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def check_positive(what: str, value: float) -> None:
     """Raise a ``ConstraintError`` for a length [m] that is not positive."""
-    if not (np.isfinite(value) and value > 0):
-        raise ConstraintError(f"{what} has to be positive [m], found {value}")
+    if not (is_number(value) and value > 0):
+        raise ConstraintError(f"{what} has to be positive [m], found {value!r}")
 
 
 def grid_triangles(rows: int, columns: int) -> np.ndarray:

@@ -15,7 +15,7 @@ from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.frame_rows import DirectionRows, OffsetFrame, PointRows, triple
 from rnc_pin.model.kernel_rows import Form, KernelRow, wrench_rows
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
-from rnc_pin.model.parameter_types import Axis, Vector
+from rnc_pin.model.parameter_types import Axis, Vector, is_number
 from rnc_pin.model.relative_rows import COUPLED, CouplingRow, RelativeRows
 from rnc_pin.model.rows import FrameAnchor, JointCoupler, Phrases, Rows
 from rnc_pin.robots.joint_values import SingleJoint
@@ -58,10 +58,10 @@ class JointCoupling:
     def bind(self, robot: Robot) -> Rows:
         if self.joint == self.driver:
             raise ConstraintError(f"joint '{self.joint}' cannot be coupled to itself")
-        if not (np.isfinite(self.ratio) and self.ratio != 0 and np.isfinite(self.offset)):
+        if not (is_number(self.ratio) and self.ratio != 0 and is_number(self.offset)):
             raise ConstraintError(
                 f"coupling of '{self.joint}' to '{self.driver}' needs a ratio other than zero and a finite offset, "
-                f"found {self.ratio} and {self.offset}"
+                f"found {self.ratio!r} and {self.offset!r}"
             )
         return CouplingRow(robot, self.joint, self.driver, self.ratio, self.offset)
 

@@ -11,7 +11,7 @@ import numpy as np
 from rnc_pin.constraints.body_shapes import grid_triangles
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.model.frame_rows import triple
-from rnc_pin.model.parameter_types import Positive, Vector
+from rnc_pin.model.parameter_types import Positive, Vector, is_number
 
 _EYE = np.eye(3)
 _FINE = 48  # edges of drawn patches
@@ -388,5 +388,5 @@ def _across(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _check_radius(radius: float, what: str) -> None:
-    if not (np.isfinite(radius) and radius > 0):
-        raise ConfigurationError(f"radius of {what} has to be positive [m], found {radius}")
+    if not (is_number(radius) and radius > 0):
+        raise ConfigurationError(f"radius of {what} has to be positive [m], found {radius!r}")

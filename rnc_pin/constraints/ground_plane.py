@@ -17,7 +17,7 @@ from rnc_pin.math.components import Component, Entry, cross, dot, packed_vector
 from rnc_pin.model.frame_rows import FLAT, DirectionRows, triple
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.model.kinematics import Placement, PositionKinematics
-from rnc_pin.model.parameter_types import Vector
+from rnc_pin.model.parameter_types import Vector, is_number
 from rnc_pin.model.relative_rows import RelativeRows
 from rnc_pin.model.rows import Friction, GroundContact, GroundSurface, Phrases, Rows, carrier_of, check_defined
 from rnc_pin.robots.robot import Robot
@@ -63,8 +63,8 @@ class GroundPlane:
             raise ConfigurationError(
                 f"velocity of the ground has to be along it, found {across:g} m/s along its normal"
             )
-        if not np.isfinite(self.spin):
-            raise ConfigurationError(f"spin of the ground: expected a finite number, found {self.spin}")
+        if not is_number(self.spin):
+            raise ConfigurationError(f"spin of the ground: expected a finite number, found {self.spin!r}")
 
     @property
     def moves(self) -> bool:

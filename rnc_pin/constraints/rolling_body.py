@@ -18,7 +18,7 @@ from rnc_pin.math.linear_algebra import apply, apply_transposed, vector_product
 from rnc_pin.model.frame_rows import FLAT, ConstantWrenchRows, WrenchRows, point_name, triple
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.model.kinematics import Placement, PositionKinematics
-from rnc_pin.model.parameter_types import Positive, Vector
+from rnc_pin.model.parameter_types import Positive, Vector, is_number
 from rnc_pin.model.rows import GroundContact, Phrases, Rows, check_defined
 from rnc_pin.robots.robot import Robot
 
@@ -230,8 +230,8 @@ class RollingBall:
     ground: GroundPlane | CurvedGround | None = None
 
     def bind(self, robot: Robot) -> Rows:
-        if not (np.isfinite(self.radius) and self.radius > 0):
-            raise ConstraintError(f"radius of ball '{self.frame}' has to be positive, found {self.radius}")
+        if not (is_number(self.radius) and self.radius > 0):
+            raise ConstraintError(f"radius of ball '{self.frame}' has to be positive, found {self.radius!r}")
         if self.ground is None or isinstance(self.ground, GroundPlane):
             return on_carrier(
                 _RollingBallRows(self, self.ground or GroundPlane(), robot), self.frame, self.ground, robot

@@ -15,7 +15,7 @@ from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.linear_algebra import apply, vector_product
 from rnc_pin.model.frame_rows import axis_index
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics
-from rnc_pin.model.parameter_types import Axis, Positive
+from rnc_pin.model.parameter_types import Axis, Positive, is_number
 from rnc_pin.model.rows import Friction, Phrases, Rows
 from rnc_pin.robots.robot import Robot
 
@@ -72,8 +72,8 @@ class RollingWheel:
     ground: GroundPlane | CurvedGround | None = None
 
     def bind(self, robot: Robot) -> Rows:
-        if not (np.isfinite(self.radius) and self.radius > 0):
-            raise ConstraintError(f"radius of wheel '{self.frame}' has to be positive, found {self.radius}")
+        if not (is_number(self.radius) and self.radius > 0):
+            raise ConstraintError(f"radius of wheel '{self.frame}' has to be positive, found {self.radius!r}")
         if self.roller is not None and not abs(self.roller) < np.pi / 2:
             raise ConstraintError(
                 f"roller of wheel '{self.frame}' has to point less than pi/2 = 1.5708 rad away from the wheel's "

@@ -29,7 +29,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.errors import ConfigurationError, InputError, nearest, short_text
 from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.planning.references import Reference
@@ -195,6 +195,10 @@ class _Sized(Protocol):
 
 def check_size(reference: Reference | _Sized, size: int, what: str) -> None:
     """Raise an error if the size of a reference differs from the number of its outputs."""
+    if not hasattr(reference, "size") or isinstance(reference, np.ndarray):
+        raise ConfigurationError(
+            f"the {what} reference has to be one such as rnc.planning.Hold(values), found {short_text(reference)}"
+        )
     if reference.size != size:
         raise ConfigurationError(f"the {what} reference has {reference.size} values for {size} outputs")
 

@@ -21,7 +21,7 @@ from rnc_pin.control.typical_inertia import (
     inertia_of_outputs,
     no_gains,
 )
-from rnc_pin.errors import ConfigurationError, InfeasibleError
+from rnc_pin.errors import ConfigurationError, InfeasibleError, short_text
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
@@ -382,6 +382,18 @@ _Gains = TypeVar("_Gains", VelocityGains, PositionGains)
 
 def _override(gains: _Gains, design: GainDesign) -> _Gains:
     return replace(gains, **{name: value for name, value in design.overrides.items() if value is not None})  # type: ignore[arg-type]
+
+
+def check_gains(**gains: Gain) -> None:
+    """Raise an error unless gains, by name, are finite numbers, or arrays of them, that are not negative.
+
+    Raises:
+        ConfigurationError: one is not.
+    """
+    for name, gain in gains.items():
+        values = np.asarray(gain)
+        if values.dtype.kind not in "fiu" or not (np.isfinite(values) & (values >= 0)).all():
+            raise ConfigurationError(f"gain {name}: expected numbers of at least 0, found {short_text(gain)}")
 
 
 def _positive(bound: Gain | None) -> np.ndarray:

@@ -17,7 +17,7 @@ from rnc_pin.control.controller import (
 from rnc_pin.control.feedback import Feedback
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.control.secondary import Secondary
-from rnc_pin.errors import ConfigurationError, SingularityError
+from rnc_pin.errors import ConfigurationError, SingularityError, short_text
 from rnc_pin.math.linear_algebra import apply, condition_number, solve
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.task import Task
@@ -91,6 +91,8 @@ class RedundancyController(DescribedMixin):
         weights: np.ndarray | None = None,
         secondary: Secondary | None = None,
     ) -> None:
+        if not isinstance(task, Task):
+            raise ConfigurationError(f"task: expected a Task, see rnc.Task.of, found {short_text(task)}")
         if not 0 < len(task.vertical) <= len(task.redundant):
             raise ConfigurationError(
                 f"the class-1 controller needs as many redundant as vertical outputs, found {len(task.redundant)} "

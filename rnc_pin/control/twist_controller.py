@@ -202,7 +202,8 @@ class TwistController(ReprMixin):
             wanted = np.array(twist, dtype=float)  # None is NaN
         except (TypeError, ValueError):
             wanted = np.empty(0)
-        if wanted.shape != (3,) or np.isinf(wanted).any() or np.isnan(wanted).all():
+        unknown = 3 - np.count_nonzero(np.isfinite(wanted))
+        if wanted.shape != (3,) or (unknown and not sum(each is None for each in twist) == unknown < 3):
             raise InputError(f"a twist is (vx, vy, wz): three finite numbers, or None for a free one; found {twist!r}")
         q = self._validator.validate(q)
         if q.ndim != 1:

@@ -20,7 +20,8 @@ from rnc_pin.control.controller import (
     elapsed_time,
 )
 from rnc_pin.control.feedback import apply_dead_zone, leak, saturation_mask
-from rnc_pin.control.gain_design import VelocityGains
+from rnc_pin.control.gain_design import VelocityGains, check_gains
+from rnc_pin.errors import ConfigurationError, short_text
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.reduced_kinematics import Measurement
 
@@ -85,6 +86,9 @@ class VelocityTracker(DescribedMixin):
     ) -> None:
         self.target = target
         self.gains = VelocityGains.paper() if gains is None else gains
+        if not isinstance(self.gains, VelocityGains):
+            raise ConfigurationError(f"gains: expected VelocityGains, found {short_text(self.gains)}")
+        check_gains(k=self.gains.k, beta=self.gains.beta, sigma=self.gains.sigma, dead_zone=self.gains.dead_zone)
         self.gravity_compensation = (
             0.0 if gravity_compensation is None else np.asarray(gravity_compensation, dtype=float)
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -118,6 +118,8 @@ class Actuation:
         if callable(actuators) or isinstance(actuators, np.ndarray):
             self._read_matrix(actuators, robot)
         else:
+            if isinstance(actuators, str) or not isinstance(actuators, Iterable):
+                raise ConstraintError(f"actuators: expected a list, a matrix or a function B(q), found {actuators!r}")
             self._read_list(list(actuators), robot)
         self.size = len(self.names)
         self.configured = frozenset(column for column, *_ in (*self.frames, *self.outputs))

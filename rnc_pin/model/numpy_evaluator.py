@@ -210,7 +210,8 @@ class NumPyEvaluator:
     def state(self, q: ArrayInput, v2: ArrayInput, t: ArrayInput | None = None) -> StateEvaluation:
         """Validate and evaluate states (q, v2)."""
         found = self.at(q, v2, None, t)
-        assert isinstance(found, StateEvaluation)
+        if not isinstance(found, StateEvaluation):
+            raise InputError("v2 is missing: expected the reduced velocity")
         return found
 
     def measured(self, q: Array, v: Array, t: float | None = None) -> StateEvaluation:

@@ -283,7 +283,7 @@ class NonholonomicSystem(SummaryMixin):
 
 def _kinds(kinds: Sequence[_Kind], what: str) -> Sequence[_Kind]:
     """Return the kinds; raise an error for a single kind, and for an entry that is none."""
-    if hasattr(kinds, "bind") or not isinstance(kinds, Iterable):
+    if hasattr(kinds, "bind") or isinstance(kinds, str) or not isinstance(kinds, Iterable):
         raise ConstraintError(f"{what}: expected a list, found {kinds!r}")
     kinds = tuple(kinds)
     for place, kind in enumerate(kinds):

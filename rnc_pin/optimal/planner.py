@@ -6,15 +6,15 @@ import warnings
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.derivatives import state_derivatives
-from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, ModelWarning
-from rnc_pin.model.parameter_types import NotNegative
+from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, ModelWarning, short_text
+from rnc_pin.model.parameter_types import NotNegative, check_settings, is_count, is_number
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.bounds import (
     DISTANCE,
@@ -38,6 +38,7 @@ from rnc_pin.planning.action_models import ActionModel, Form, Nodes, action_mode
 from rnc_pin.planning.references import Reference
 from rnc_pin.planning.way import Way, intervals_along
 
+_T = TypeVar("_T", CostKind, BoundKind)
 _AT_A_LIMIT = 1e-9  # of a value at its limit
 
 
@@ -57,13 +58,8 @@ def build_problem(
         InfeasibleError: the goal is beyond a limit.
     """
     times = _duration(duration)
-    costs = [EffortCost()] if costs is None else list(costs)
-    for cost in costs:
-        if not isinstance(cost, CostKind):
-            raise ConfigurationError(f"costs: expected costs of rnc.optimal, found {cost!r}")
-    for bound in bounds:
-        if not isinstance(bound, BoundKind):
-            raise ConfigurationError(f"bounds: expected bounds of rnc.optimal, found {bound!r}")
+    costs = _listed("costs", [EffortCost()] if costs is None else costs, CostKind)
+    bounds = _listed("bounds", bounds, BoundKind)
     if not (limits is None or isinstance(limits, FileLimits)):
         raise ConfigurationError(f"limits: expected FileLimits of rnc.optimal or None, found {limits!r}")
     if times[1] > times[0]:
@@ -77,6 +73,17 @@ def build_problem(
             if row.quantity == "output":  # refuse a goal beyond a limit at once: no motion ends there
                 _compare("goal", row, goal.values_of(row))
     return Transcription(model, start, nodes, [cost.bind(model) for cost in costs], [*stated, *of_file], goal, times)
+
+
+def _listed(name: str, given: Sequence[_T], kind: type) -> list[_T]:
+    """List of costs or bounds; raise an error for a single one, and for an entry of another class."""
+    if not isinstance(given, Iterable):
+        raise ConfigurationError(f"{name}: expected a list of {name} of rnc.optimal, found {given!r}")
+    entries = list(given)
+    for each in entries:
+        if not isinstance(each, kind):
+            raise ConfigurationError(f"{name}: expected {name} of rnc.optimal, found {each!r}")
+    return entries
 
 
 def initial_node(model: ActionModel, q0: ArrayLike, v2_0: ArrayLike | None = None) -> Nodes:
@@ -248,7 +255,15 @@ def plan_motion(
     end = None if goal is None else GoalRows(model, goal, at_rest)
     start = initial_node(model, q0, v2_0)
     wanted = solutions or 1
-    if jobs == 0 or jobs < -1:
+    if not isinstance(settings, SolverSettings):
+        raise ConfigurationError(f"settings: expected SolverSettings, found {short_text(settings)}")
+    check_settings(settings)
+    for name, count, least in (("seeds", seeds, 0), ("solutions", wanted, 1)):
+        if not is_count(count, least):
+            raise ConfigurationError(f"{name}: expected an integer of at least {least}, found {count!r}")
+    if not (is_number(time_weight) and time_weight >= 0):
+        raise ConfigurationError(f"time_weight: expected a number of at least 0, found {time_weight!r}")
+    if not is_count(jobs, -1) or jobs == 0:
         raise ConfigurationError(f"jobs {jobs}: expected a number of processes, or -1 for all cores")
 
     def solved(guess: Guess, settings: SolverSettings, seeds: int) -> MotionPlan:

@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.errors import ConfigurationError, InputError, short_text
 from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
-from rnc_pin.model.parameter_types import Numbers, Positive
+from rnc_pin.model.parameter_types import Numbers, Positive, is_number
 from rnc_pin.planning.references import Reference, ReferencePoint, ReferenceSummary
 
 _GROWN = np.array([1.0, 0.0, 0.0, 0.0])  # full amplitude, which no longer changes
@@ -138,8 +138,8 @@ class MinimumJerk(PiecewisePolynomial):
         ]
         if ends[0].shape != ends[1].shape:
             raise InputError(f"start has shape {ends[0].shape} but goal {ends[1].shape}")
-        if not duration > 0:
-            raise InputError(f"duration of a minimum-jerk reference has to be positive, found {duration}")
+        if not (is_number(duration) and duration > 0):
+            raise InputError(f"duration of a minimum-jerk reference has to be positive, found {duration!r}")
         breaks = np.array([begin, begin + duration])
         super().__init__(_quintic(ends[0], ends[1], np.diff(breaks))[:, None], breaks, begin, begin + duration)
 
@@ -403,7 +403,10 @@ def _sized(values: Sequence[float] | None, coordinates: Coordinates) -> np.ndarr
 
 
 def _admit(value: ArrayLike, what: str) -> np.ndarray:
-    array = np.atleast_1d(np.asarray(value, dtype=float))
+    try:
+        array = np.atleast_1d(np.asarray(value, dtype=float))
+    except (TypeError, ValueError):
+        raise InputError(f"{what}: expected numbers, found {short_text(value)}") from None
     if not np.isfinite(array).all():
         raise InputError(f"{what} has to be finite, found {array.tolist()}")
     return array

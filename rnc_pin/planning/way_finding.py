@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
-from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
+from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, short_text
 from rnc_pin.extras import check_extra
-from rnc_pin.model.parameter_types import NotNegative, Positive
+from rnc_pin.model.parameter_types import NotNegative, Positive, check_instances
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
 from rnc_pin.planning.action_models import KinematicFlow
@@ -169,6 +169,8 @@ class WayFinder:
     ) -> None:
         if not 0.0 <= clearance < np.inf:
             raise InputError(f"clearance: expected a number of at least 0 m, found {clearance!r}")
+        if not isinstance(settings, WaySettings):
+            raise ConfigurationError(f"settings: expected WaySettings, found {short_text(settings)}")
         start = validated_configuration(reduced, q0)
         self._reduced, self._settings, self._reference = reduced, settings, start
         self.steering = _steering(reduced, start, settings)
@@ -178,6 +180,7 @@ class WayFinder:
         self._use(obstacles)
 
     def _use(self, obstacles: Sequence[Obstacle]) -> None:
+        check_instances("obstacles", obstacles, Obstacle)
         self._obstacles = [each for each in obstacles if each.motion is None]
         self._moving = [each for each in obstacles if each.motion is not None]
         self.checker = way_checker(self._reduced.robot, self._reference, self._obstacles, self._selection, self._apart)

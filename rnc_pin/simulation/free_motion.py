@@ -11,6 +11,7 @@ import pinocchio as pin
 from rnc_pin.control.controller import Command
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, SingularityError
 from rnc_pin.model.integrators import AdaptiveIntegrator
+from rnc_pin.model.parameter_types import is_number
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ReducedPlant
@@ -86,9 +87,9 @@ def free_motion(
     if options.loop or options.observer is not None or options.controller_state is not None:
         raise ConfigurationError("free_motion has no controller: of the options, it takes stop and meta only")
     rtol, atol = (tolerance, tolerance) if isinstance(tolerance, int | float) else tolerance
-    if not (0 < dt <= duration < np.inf and rtol > 0 and atol > 0):
+    if not all(map(is_number, (dt, duration, rtol, atol))) or not (0 < dt <= duration and rtol > 0 and atol > 0):
         raise InputError(
-            f"duration {duration}, dt {dt} and tolerance {tolerance} have to be positive, dt at most the duration"
+            f"duration {duration!r}, dt {dt!r} and tolerance {tolerance} have to be positive, dt at most the duration"
         )
     dynamics, model = _dynamics(reduced), reduced.reduced if isinstance(reduced, ReducedPlant) else reduced
     stop_monitor = StopMonitor(stop, model.robot)

@@ -22,13 +22,16 @@ from rnc_pin.control import (
     VelocityTracker,
     design_velocity_gains,
 )
+from rnc_pin.control.controller import Command
 from rnc_pin.control.gain_design import OUTER_GAINS
 from rnc_pin.control.typical_inertia import gravity_loads
+from rnc_pin.errors import InputError
 from rnc_pin.math.linear_algebra import weakest_rows
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.integrators import LieRungeKutta4
+from rnc_pin.model.parameter_types import is_number
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.task import Task
@@ -74,6 +77,8 @@ def kinematic_rollout(
         >>> path[-1, :2].round(2)  # the platform reacts to the arm
         array([-0.47,  0.5 ])
     """
+    if not (is_number(duration) and is_number(dt) and duration >= 0 and dt > 0):
+        raise InputError(f"duration {duration!r} and dt {dt!r} have to be positive numbers")
     integrator, r = LieRungeKutta4(reduced.robot), reduced.r
     q, y, v2, t = np.array(q0, dtype=float), np.zeros(r), np.zeros(r), 0.0
     state = target.initial_state(reduced.at(q, v2, t=t).measure(y))
@@ -92,6 +97,8 @@ def kinematic_rollout(
             # Targets use v2 only for their rates, so the last known v2 is sufficient.
             here = reduced.at(q, v2, t=t)
             command, next_state = target.step(t, here.measure(y), state)
+            if isinstance(command, Command):
+                raise InputError("it gives forces, not velocities: expected a kinematic controller")
             v2 = vector(command.v2, r, "v2")
             v, desired = velocity(StateEvaluation(here, v2=v2), y)
             q, x = integrator.step(rate, q, np.append(y, t), dt, (v, np.append(desired, 1.0)))

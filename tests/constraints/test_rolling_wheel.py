@@ -25,6 +25,8 @@ def ball(gravity=(0.0, 0.0, -9.81)):
 def test_a_ball_needs_a_radius_and_a_frame():
     for kind, error, words in (
         (rnc.RollingBall("ball", 0.0), rnc.ConstraintError, "radius of ball 'ball' has to be positive, found 0.0"),
+        (rnc.RollingBall("ball", "0.1"), rnc.ConstraintError, "radius of ball 'ball' has to be positive, found '0.1'"),
+        (rnc.RollingWheel("ball", None), rnc.ConstraintError, "radius of wheel 'ball' has to be positive, found None"),
         (rnc.RollingBall("bal", 1.0), rnc.ModelError, "did you mean 'ball'"),
     ):
         with pytest.raises(error, match=words):

@@ -437,7 +437,13 @@ def test_a_trailer_at_the_limit_of_its_hitch_stops_the_car():
 
 @pytest.mark.parametrize(
     ("twist", "found"),
-    [([1.0, 0.0], "1.0, 0.0"), ([1.0, 0.0, np.inf], "inf"), ([None] * 3, "None"), (["a", 0, 0], "'a'")],
+    [
+        ([1.0, 0.0], "1.0, 0.0"),
+        ([1.0, 0.0, np.inf], "inf"),
+        ([None] * 3, "None"),
+        (["a", 0, 0], "'a'"),
+        ([1, np.nan, 0], "nan"),
+    ],
 )
 def test_a_twist_is_three_numbers(twist, found):
     reduced = ackermann_car()

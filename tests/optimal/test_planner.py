@@ -6,6 +6,7 @@ import pytest
 import rnc_pin as rnc
 import systems
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
+from rnc_pin.optimal import EffortCost, InputBound, SolverSettings
 from rnc_pin.optimal.guesses import resampled
 from rnc_pin.optimal.transcription import Iterate
 
@@ -106,6 +107,18 @@ def test_a_plan_and_its_verdict_survive_a_file(tmp_path):
         ({"bounds": [rnc.optimal.InputBound(1.0, -1.0)]}, InputError, "above upper limit"),
         ({"costs": [1.0]}, ConfigurationError, "expected costs"),
         ({"jobs": 0}, ConfigurationError, "jobs 0: expected a number of processes"),
+        ({"jobs": "2"}, ConfigurationError, "jobs 2: expected a number of processes"),
+        (
+            {"costs": EffortCost(1.0)},
+            ConfigurationError,
+            "costs: expected a list of costs of rnc.optimal, found",
+        ),
+        ({"bounds": InputBound(-1.0, 1.0)}, ConfigurationError, "bounds: expected a list of bounds of rnc.optimal"),
+        ({"settings": {"nodes": 20}}, ConfigurationError, "expected SolverSettings, found a mapping with keys nodes"),
+        ({"settings": SolverSettings(nodes=10.5)}, ConfigurationError, "has to be an integer, at least 2, found 10.5"),
+        ({"settings": SolverSettings(accuracy=-1)}, ConfigurationError, "accuracy of SolverSettings has to be above 0"),
+        ({"seeds": -1}, ConfigurationError, "seeds: expected an integer of at least 0, found -1"),
+        ({"time_weight": "1"}, ConfigurationError, "time_weight: expected a number of at least 0, found '1'"),
     ],
 )
 def test_mistakes_are_refused(change, error, message):
