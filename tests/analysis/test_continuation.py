@@ -22,12 +22,9 @@ def hoop(rate):
     plane = add_body(model, "plane", "RZ", 1.0)
     add_body(model, "bead", "RY", pin.Inertia(0.3, np.array([0.0, 0.0, -L]), np.zeros((3, 3))), plane)
     turned = rnc.Pfaffian(
-        lambda q: np.array([[1.0, 0.0]]),
-        lambda q, v: np.zeros((1, 2)),
-        ["turned"],
-        rate=lambda q: np.array([rate]),
+        lambda q: np.array([[1.0, 0.0]]), lambda q, v: np.zeros((1, 2)), ["turned"], rate=lambda q: np.array([rate]),
         rate_dot=lambda q, v: np.zeros(1),
-    )
+    )  # fmt: skip
     return rnc.NonholonomicSystem(rnc.Robot(model), [turned], []).reduce([rnc.JointPosition("bead")])
 
 
@@ -69,14 +66,11 @@ def test_rates_that_are_not_given_are_found(tmp_path):
     np.testing.assert_allclose(found.q[5], circle(0.3, 1)[0], atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("joints", "hold", "v2", "words"),
-    [
-        ({"front_steering": 1.15}, ["front_steering"], [1.0, 0.0], "'hitch_1' moves by -1"),  # the circle is too small
-        ({"front_steering": 0.3}, ["front_steering", "hitch_1"], [1.0, 0.0], r"'hitch_1' moves by -0\.309 a second"),
-        ({"front_steering": 0.3}, [], [1.0, 0.1], r"'front_steering' moves by 0\.1 a second"),
-    ],
-)
+@pytest.mark.parametrize(("joints", "hold", "v2", "words"), [
+    ({"front_steering": 1.15}, ["front_steering"], [1.0, 0.0], "'hitch_1' moves by -1"),  # the circle is too small
+    ({"front_steering": 0.3}, ["front_steering", "hitch_1"], [1.0, 0.0], r"'hitch_1' moves by -0\.309 a second"),
+    ({"front_steering": 0.3}, [], [1.0, 0.1], r"'front_steering' moves by 0\.1 a second"),
+])  # fmt: skip
 def test_where_there_is_none_the_shape_variable_that_moves_is_named(joints, hold, v2, words, tmp_path):
     reduced = tractor_trailers(1, tmp_path)
     with pytest.raises(rnc.ConstraintError, match=f"no steady motion found .* shape variable {words}") as told:

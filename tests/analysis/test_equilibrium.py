@@ -91,16 +91,13 @@ def test_a_step_that_leads_away_is_made_shorter(guess):
     check(reduced, found)
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "words"),
-    [
-        (lambda r, q: rnc.equilibrium(r, q, hold=["pitch"]), rnc.ConstraintError, "rate of 'pitch' changes by"),
-        (lambda r, q: rnc.equilibrium(r, q, hold=["pich"]), rnc.ModelError, "did you mean 'pitch'"),
-        (lambda r, q: rnc.equilibrium(r, q[:-1]), rnc.InputError, "q has shape"),
-        (lambda r, q: rnc.equilibrium(r, np.tile(q, (2, 1))), rnc.InputError, "expected one configuration"),
-        (lambda r, q: rnc.equilibrium(r, q, v2=[1.0]), rnc.InputError, "v2 has shape"),
-    ],
-)
+@pytest.mark.parametrize(("call", "error", "words"), [
+    (lambda r, q: rnc.equilibrium(r, q, hold=["pitch"]), rnc.ConstraintError, "rate of 'pitch' changes by"),
+    (lambda r, q: rnc.equilibrium(r, q, hold=["pich"]), rnc.ModelError, "did you mean 'pitch'"),
+    (lambda r, q: rnc.equilibrium(r, q[:-1]), rnc.InputError, "q has shape"),
+    (lambda r, q: rnc.equilibrium(r, np.tile(q, (2, 1))), rnc.InputError, "expected one configuration"),
+    (lambda r, q: rnc.equilibrium(r, q, v2=[1.0]), rnc.InputError, "v2 has shape"),
+])  # fmt: skip
 def test_what_is_not_found_is_said(call, error, words):
     reduced = wheeled_pendulum()
     with pytest.raises(error, match=words) as raised:
@@ -182,11 +179,9 @@ def driven_bicycle():
     return rnc.NonholonomicSystem(robot, wheels, ["rear_wheel"]).reduce()
 
 
-@pytest.mark.parametrize(
-    "make",
-    [wheeled_pendulum, lambda: hanging_chain(["hinge_1", "hinge_2"]), systems.four_bar, driven_bicycle],
-    ids=["pendulum on wheels", "chain", "four-bar", "bicycle"],
-)
+@pytest.mark.parametrize("make", [
+    wheeled_pendulum, lambda: hanging_chain(["hinge_1", "hinge_2"]), systems.four_bar, driven_bicycle,
+], ids=["pendulum on wheels", "chain", "four-bar", "bicycle"])  # fmt: skip
 def test_a_step_towards_an_equilibrium_is_that_of_newton(make):
     """Far from one, moving, loops open: forces that inputs do not reach vanish to first order, and so do gaps."""
     reduced = make()
@@ -320,10 +315,9 @@ def test_rows_that_say_nothing_take_no_direction_away():
     assert step[pitch] == pytest.approx(-np.tan(0.3), rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("step", "limited"),
-    [([0.9, -0.15], [0.3, -0.05]), ([0.1, -1.2], [0.025, -0.3]), ([-0.29, 0.1], [-0.29, 0.1]), ([0.0, 0.0], [0, 0])],
-)
+@pytest.mark.parametrize(("step", "limited"), [
+    ([0.9, -0.15], [0.3, -0.05]), ([0.1, -1.2], [0.025, -0.3]), ([-0.29, 0.1], [-0.29, 0.1]), ([0.0, 0.0], [0, 0]),
+])  # fmt: skip
 def test_no_step_is_longer_than_three_tenths(step, limited):
     search = search_from(hanging_chain([], 2), [0.1, 0.2])
     np.testing.assert_allclose(search._limited(np.array(step)), limited, rtol=1e-14)

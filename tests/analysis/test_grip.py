@@ -106,16 +106,13 @@ def test_a_second_factor_is_asked_of_the_slowed_reference(gripping):
     assert needed(slowed.primary, 0.02 * first * second).used < 1.005
 
 
-@pytest.mark.parametrize(
-    ("friction", "loads", "words"),
-    [
-        (0.0, None, "friction: expected a positive number"),
-        (0.5, {"slegh": 1.0}, "no gripping contact 'slegh'; did you mean 'sleigh'"),
-        (0.5, {"sleigh": 0.0}, "load of 'sleigh' has to be positive"),
-        (np.inf, None, "friction: expected a positive number"),
-        (np.nan, None, "friction: expected a positive number"),
-    ],
-)
+@pytest.mark.parametrize(("friction", "loads", "words"), [
+    (0.0, None, "friction: expected a positive number"),
+    (0.5, {"slegh": 1.0}, "no gripping contact 'slegh'; did you mean 'sleigh'"),
+    (0.5, {"sleigh": 0.0}, "load of 'sleigh' has to be positive"),
+    (np.inf, None, "friction: expected a positive number"),
+    (np.nan, None, "friction: expected a positive number"),
+])  # fmt: skip
 def test_what_is_no_grip_is_refused(gripping, friction, loads, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         rnc.Grip(gripping, friction, loads)

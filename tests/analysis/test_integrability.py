@@ -46,15 +46,12 @@ def places(*x, size):
     return found
 
 
-@pytest.mark.parametrize(
-    ("coefficients", "words"),
-    [
-        ({"a": 1.0}, "a"),
-        ({"a": 1.0, "b": 0.4, "c": -1.0}, "a + 0.4 b - c"),
-        ({"a": 1.0, "b": -0.12345678, "c": 1.0}, "a - 0.1235 b + c"),
-        ({"a": 1.0, "b": -1 + 0.97e-5, "c": 1 + 1.03e-5}, "a - b + 1 c"),
-    ],
-)
+@pytest.mark.parametrize(("coefficients", "words"), [
+    ({"a": 1.0}, "a"),
+    ({"a": 1.0, "b": 0.4, "c": -1.0}, "a + 0.4 b - c"),
+    ({"a": 1.0, "b": -0.12345678, "c": 1.0}, "a - 0.1235 b + c"),
+    ({"a": 1.0, "b": -1 + 0.97e-5, "c": 1 + 1.03e-5}, "a - b + 1 c"),
+])  # fmt: skip
 def test_combinations_are_written_like_sums(coefficients, words):
     assert str(Combination(coefficients, True)) == words
 

@@ -308,11 +308,9 @@ def test_less_than_the_fifth_root_is_no_growth(sizes, which, power):
 
 
 @pytest.mark.parametrize(("singular", "told"), [(4, True), (5, False)])
-@pytest.mark.parametrize(
-    "error",
-    [rnc.SingularityError("there", q=np.zeros(3), condition=np.inf, rows=("lever",)), rnc.ConstraintError("open")],
-    ids=["singular", "open"],
-)
+@pytest.mark.parametrize("error", [
+    rnc.SingularityError("there", q=np.zeros(3), condition=np.inf, rows=("lever",)), rnc.ConstraintError("open"),
+], ids=["singular", "open"])  # fmt: skip
 def test_three_places_make_a_way(sizes, singular, told, error):
     sizes.update(singular=singular, error=error)
     bounds = boundedness(lever(), SAMPLES, [goal()])

@@ -53,13 +53,10 @@ def test_free_motion_is_that_of_aba(reduced):
     np.testing.assert_allclose(reduced.at(q, v=w).residual, 0, atol=1e-8)
 
 
-@pytest.mark.parametrize(
-    ("make", "axes", "given"),
-    [
-        (tumbling_panda, [0, 1, 2, 3, 4, 5], [2.0, -1.0, 0.5, 0.3, 0.4, -0.6]),
-        (drifting_manipulator, [0, 1, 5], [3.0, -2.0, 5.0]),
-    ],
-)
+@pytest.mark.parametrize(("make", "axes", "given"), [
+    (tumbling_panda, [0, 1, 2, 3, 4, 5], [2.0, -1.0, 0.5, 0.3, 0.4, -0.6]),
+    (drifting_manipulator, [0, 1, 5], [3.0, -2.0, 5.0]),
+])  # fmt: skip
 def test_momentum_is_that_about_the_origin_of_the_world(make, axes, given):
     reduced = make()
     model, data = reduced.robot.model, reduced.robot.model.createData()
@@ -152,12 +149,9 @@ def test_rows_that_demand_two_things_are_refused():
 
     def turning(speed, name):
         return rnc.Pfaffian(
-            lambda q: row,
-            lambda q, v: 0 * row,
-            [name],
-            rate=lambda q: np.array([speed]),
+            lambda q: row, lambda q, v: 0 * row, [name], rate=lambda q: np.array([speed]),
             rate_dot=lambda q, v: np.zeros(1),
-        )
+        )  # fmt: skip
 
     assert rnc.NonholonomicSystem(robot, [turning(0.5, "a"), turning(0.5, "b")]).m == 1
     with pytest.raises(

@@ -223,15 +223,12 @@ def test_a_coupling_that_full_turns_make_ambiguous_says_so():
     assert reduced.assembly.size == 0
 
 
-@pytest.mark.parametrize(
-    ("coupling", "error", "words"),
-    [
-        (rnc.JointCoupling("wheel", "motr"), rnc.ModelError, "did you mean 'motor'"),
-        (rnc.JointCoupling("wheel", "wheel"), rnc.ConstraintError, "coupled to itself"),
-        (rnc.JointCoupling("wheel", "motor", 0.0), rnc.ConstraintError, "ratio other than zero"),
-        (rnc.JointCoupling("wheel", "motor", 1.0, np.nan), rnc.ConstraintError, "finite offset"),
-    ],
-)
+@pytest.mark.parametrize(("coupling", "error", "words"), [
+    (rnc.JointCoupling("wheel", "motr"), rnc.ModelError, "did you mean 'motor'"),
+    (rnc.JointCoupling("wheel", "wheel"), rnc.ConstraintError, "coupled to itself"),
+    (rnc.JointCoupling("wheel", "motor", 0.0), rnc.ConstraintError, "ratio other than zero"),
+    (rnc.JointCoupling("wheel", "motor", 1.0, np.nan), rnc.ConstraintError, "finite offset"),
+])  # fmt: skip
 def test_couplings_that_make_no_sense_are_refused(coupling, error, words):
     robot = geared(pin.JointModelRZ(), pin.JointModelRZ(), 1.0).robot
     with pytest.raises(error, match=words):

@@ -182,19 +182,16 @@ def test_a_bicycle_is_kept_upright_by_its_steering_alone(tmp_path):
     np.testing.assert_array_equal(again.trajectory.v2, run.v2)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"initial__v2": {"rear_axel": 10}}, "initial.v2: no reducing output 'rear_axel'; did you mean 'rear_axle'"),
-        ({"controller__v2": {"stering": 1}}, "controller.v2: no reducing output 'stering'; did you mean 'steering'"),
-        ({"controller__coordinates": ["stering"]}, "controller: no coordinate 'stering'"),
-        ({"controller__state_cost": {"stering": 1}}, "controller: state_cost: no 'stering'; did you mean 'steering'"),
-        ({"controller__rates": ["steering"]}, "controller: not a closed system: the motion of"),
-        ({"controller__input_cost": 0}, "controller: input_cost: every input needs a positive weight"),
-        ({"simulation__dt": 1.0}, "unstable in discrete time.* the sampling period 1 s"),
-        ({"reference__vertical": {"hold": {}}}, "is not followed by a controller of type 'state_feedback'"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"initial__v2": {"rear_axel": 10}}, "initial.v2: no reducing output 'rear_axel'; did you mean 'rear_axle'"),
+    ({"controller__v2": {"stering": 1}}, "controller.v2: no reducing output 'stering'; did you mean 'steering'"),
+    ({"controller__coordinates": ["stering"]}, "controller: no coordinate 'stering'"),
+    ({"controller__state_cost": {"stering": 1}}, "controller: state_cost: no 'stering'; did you mean 'steering'"),
+    ({"controller__rates": ["steering"]}, "controller: not a closed system: the motion of"),
+    ({"controller__input_cost": 0}, "controller: input_cost: every input needs a positive weight"),
+    ({"simulation__dt": 1.0}, "unstable in discrete time.* the sampling period 1 s"),
+    ({"reference__vertical": {"hold": {}}}, "is not followed by a controller of type 'state_feedback'"),
+])  # fmt: skip
 def test_what_a_file_gets_wrong_is_said_in_a_line(tmp_path, changes, words):
     with pytest.raises(rnc.RncError, match=words) as caught:
         Scenario.load(str(written(tmp_path, BICYCLE, **changes))).build()

@@ -214,17 +214,14 @@ def test_a_bend_too_tight_for_the_trailer_is_singular(radius):
         turn()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("trailer", "rear_axle"), "needs the vertical output 'trailer_x'; did you mean"),
-        (("tractor", "rear"), "no frame 'rear'"),
-        (("tractor", "front_axle"), "'tractor' and 'front_axle' are not two fixed places on a body with trailer_yaw"),
-        (("tractor", "rear_axle", "rear_axle"), "needs the vertical output 'rear_axle_x'"),
-        (("tractor", "rear_axle", None, 0.0), "spacing: expected a positive number, found 0"),
-        (("tractor", "rear_axle", None, None, -1.0), "window: expected a positive number, found -1"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    (("trailer", "rear_axle"), "needs the vertical output 'trailer_x'; did you mean"),
+    (("tractor", "rear"), "no frame 'rear'"),
+    (("tractor", "front_axle"), "'tractor' and 'front_axle' are not two fixed places on a body with trailer_yaw"),
+    (("tractor", "rear_axle", "rear_axle"), "needs the vertical output 'rear_axle_x'"),
+    (("tractor", "rear_axle", None, 0.0), "spacing: expected a positive number, found 0"),
+    (("tractor", "rear_axle", None, None, -1.0), "window: expected a positive number, found -1"),
+])  # fmt: skip
 def test_what_is_no_tractor_with_a_trailer_is_refused(arguments, words):
     reduced = fire_truck()
     with pytest.raises(rnc.RncError, match=words):
@@ -242,17 +239,14 @@ def test_steering_along_the_driven_path_needs_its_state():
         steering.step(0.0, reduced.at(reduced.robot.configuration(), np.zeros(3)).measure())
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"reference.path.forward_only": False}, "cannot follow in reverse"),
-        ({"reference.path.trailer.length": 1.0}, "length"),
-        ({"controller.type": "redundancy"}, "reference.path.trailer: needs the controller type 'steering'"),
-        ({"reference.path.trailer.kingpin": "front_axle"}, "vertical output 'front_axle_x'"),
-        ({"reference.path.max_steering": 2.0}, "max_steering"),
-        ({"reference.path.to": [-8, 3, 0]}, "reference.path: start and goal of the path are the same pose"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"reference.path.forward_only": False}, "cannot follow in reverse"),
+    ({"reference.path.trailer.length": 1.0}, "length"),
+    ({"controller.type": "redundancy"}, "reference.path.trailer: needs the controller type 'steering'"),
+    ({"reference.path.trailer.kingpin": "front_axle"}, "vertical output 'front_axle_x'"),
+    ({"reference.path.max_steering": 2.0}, "max_steering"),
+    ({"reference.path.to": [-8, 3, 0]}, "reference.path: start and goal of the path are the same pose"),
+])  # fmt: skip
 def test_scenarios_that_cannot_slither_are_refused(changes, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         Scenario.load("fire-truck", {**changes, "comparisons": {}}).build()

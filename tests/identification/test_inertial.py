@@ -186,20 +186,17 @@ def test_a_log_that_does_not_show_a_parameter_is_refused_by_name():
     assert set(found.weakest.joints) <= {"arm_2", "arm_3"}
 
 
-@pytest.mark.parametrize(
-    ("unknown", "change", "words"),
-    [
-        ([BodyInertia("arm_9")], {}, "unknown body behind joint 'arm_9'.*did you mean"),
-        ([CoulombFriction("arm_9")], {}, "unknown joint 'arm_9'"),
-        ([EffortScale("arm_9")], {}, "unknown measured effort of joint 'arm_9'"),
-        ([], {}, "name at least one unknown parameter"),
-        ([BodyInertia("arm_1")] * 2, {}, "named twice"),
-        (None, {"prior": -1.0}, "prior: expected a positive number, found -1"),
-        (None, {"held_out": 1.0}, "held_out: expected a share"),
-        (None, {"window": 0.01}, "window: expected at least 4 samples"),
-        (None, {"window": 100.0}, "shorter than a window"),
-    ],
-)
+@pytest.mark.parametrize(("unknown", "change", "words"), [
+    ([BodyInertia("arm_9")], {}, "unknown body behind joint 'arm_9'.*did you mean"),
+    ([CoulombFriction("arm_9")], {}, "unknown joint 'arm_9'"),
+    ([EffortScale("arm_9")], {}, "unknown measured effort of joint 'arm_9'"),
+    ([], {}, "name at least one unknown parameter"),
+    ([BodyInertia("arm_1")] * 2, {}, "named twice"),
+    (None, {"prior": -1.0}, "prior: expected a positive number, found -1"),
+    (None, {"held_out": 1.0}, "held_out: expected a share"),
+    (None, {"window": 0.01}, "window: expected at least 4 samples"),
+    (None, {"window": 100.0}, "shorter than a window"),
+])  # fmt: skip
 def test_mistakes_are_refused(unknown, change, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         rnc.identify(fixed_arm(), fixed_arm_log(), unknown, **change)

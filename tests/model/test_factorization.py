@@ -99,12 +99,9 @@ def edge(slope):
 @pytest.mark.parametrize("count", [None, 2])
 def test_others_are_looked_for_from_a_thousandth_on_or_the_limit(count):
     for limit, slope, chosen in (
-        (1e8, 1 / 900, [0, 2]),
-        (1e8, 1 / 1100, [1, 2]),
-        (1e8, 0.0, [1, 2]),
-        (50.0, 1 / 45, [0, 2]),
+        (1e8, 1 / 900, [0, 2]), (1e8, 1 / 1100, [1, 2]), (1e8, 0.0, [1, 2]), (50.0, 1 / 45, [0, 2]),
         (50.0, 1 / 55, [1, 2]),
-    ):
+    ):  # fmt: skip
         rows, entries = edge(slope)
         state = resting(on_rails(rows, (0,), entries, limit, np.ones(3), free=True), count)
         np.testing.assert_array_equal(state.J2, np.broadcast_to(np.eye(3)[chosen], state.J2.shape))
@@ -156,11 +153,8 @@ def test_rows_that_are_short_beside_their_length_elsewhere_count_for_less():
         rows[0, 0], rows[1, [0, 1]], rows[2, [0, 1]] = (
             1e-9,
             (0.9 * sizes[0], np.sqrt(0.19) * sizes[0]),
-            (
-                0.9 * sizes[1],
-                -np.sqrt(0.19) * sizes[1],
-            ),
-        )
+            (0.9 * sizes[1], -np.sqrt(0.19) * sizes[1]),
+        )  # fmt: skip
         state = resting(on_rails(rows, (0,), np.eye(3)[[1, 2]], 1e8, [1.0, *lengths, 1.0, 1.0]))
         assert state.kept.tolist() == ([kept] if kept else state.kept.tolist())
         assert state.regular
@@ -169,12 +163,9 @@ def test_rows_that_are_short_beside_their_length_elsewhere_count_for_less():
 def test_constraints_that_lose_rank_keep_the_rows_that_they_had():
     """Two rows that are one, and a third at an angle with a sine below the limit, or rounding by its length."""
     for sine, size, length, chosen in (
-        (2e-8, 3.0, 1.0, True),
-        (0.5e-8, 3.0, 1.0, False),
-        (0.5, 1e-9, 0.02, True),
-        (0.5, 1e-9, 0.3, False),
+        (2e-8, 3.0, 1.0, True), (0.5e-8, 3.0, 1.0, False), (0.5, 1e-9, 0.02, True), (0.5, 1e-9, 0.3, False),
         (0.5, 1.0, 0.0, False),
-    ):
+    ):  # fmt: skip
         third = size * np.array([np.sqrt(1 - sine**2), sine, 0.0])
         rows = np.array([[1.0, 0, 0], [1.0, 0, 0], third])
         state = resting(on_rails(rows, (0, 1), [[0, 0, 1.0]], 1e12, [1.0, 1.0, length, 1.0]))

@@ -62,12 +62,9 @@ def test_parts_are_put_together_once_and_again_in_other_velocities():
         (Kinematics(robot), PassiveForces((), robot)),
     )
     for limit, free, kept, quick in (
-        (1e8, False, [0, 2], 1e6),
-        (200.0, False, [0, 2], 4e4),
-        (1e8, True, [1, 2], 1e6),
-        (1e8, False, [0, 1, 2], 1e16),
+        (1e8, False, [0, 2], 1e6), (200.0, False, [0, 2], 4e4), (1e8, True, [1, 2], 1e6), (1e8, False, [0, 1, 2], 1e16),
         (1e8, True, [0, 1, 2], 1e6),
-    ):
+    ):  # fmt: skip
         parts = ReductionData(
             robot, RowStack(rows), tuple(kept), actuation, outputs, vertical, limit, lengths, *shared, free
         )

@@ -478,16 +478,13 @@ def cart_with_arm():
     return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")])
 
 
-@pytest.mark.parametrize(
-    ("make", "given"),
-    [
-        (space, []),
-        (space, [rnc.JointPosition("joint_3")]),
-        (space, [rnc.FramePosition("tip", "xy")]),
-        (cart_with_arm, [rnc.FrameSpeed("base"), rnc.FrameYaw("base")]),
-        (cart_with_arm, [rnc.FramePosition("tip", "xy"), rnc.FrameYaw("base")]),
-    ],
-)
+@pytest.mark.parametrize(("make", "given"), [
+    (space, []),
+    (space, [rnc.JointPosition("joint_3")]),
+    (space, [rnc.FramePosition("tip", "xy")]),
+    (cart_with_arm, [rnc.FrameSpeed("base"), rnc.FrameYaw("base")]),
+    (cart_with_arm, [rnc.FramePosition("tip", "xy"), rnc.FrameYaw("base")]),
+])  # fmt: skip
 def test_the_joints_that_a_refusal_names_complete_the_outputs(make, given):
     system = make()
     with pytest.raises(rnc.ConstraintError, match=r"; [^;]* would complete them$") as caught:

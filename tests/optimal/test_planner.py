@@ -97,17 +97,14 @@ def test_a_plan_and_its_verdict_survive_a_file(tmp_path):
         rnc.optimal.MotionPlan.load(tmp_path / "wrong.npz")
 
 
-@pytest.mark.parametrize(
-    ("change", "error", "message"),
-    [
-        ({"form": "kinematics"}, ConfigurationError, "did you mean 'kinematic'|expected one of"),
-        ({"duration": 0.0}, InputError, "duration"),
-        ({"goal": {"sleigh_spede_x": 1.0}}, ConfigurationError, "no output 'sleigh_spede_x'"),
-        ({"bounds": [rnc.optimal.InputBound(1.0, -1.0)]}, InputError, "above upper limit"),
-        ({"costs": [1.0]}, ConfigurationError, "expected costs"),
-        ({"jobs": 0}, ConfigurationError, "jobs 0: expected a number of processes"),
-    ],
-)
+@pytest.mark.parametrize(("change", "error", "message"), [
+    ({"form": "kinematics"}, ConfigurationError, "did you mean 'kinematic'|expected one of"),
+    ({"duration": 0.0}, InputError, "duration"),
+    ({"goal": {"sleigh_spede_x": 1.0}}, ConfigurationError, "no output 'sleigh_spede_x'"),
+    ({"bounds": [rnc.optimal.InputBound(1.0, -1.0)]}, InputError, "above upper limit"),
+    ({"costs": [1.0]}, ConfigurationError, "expected costs"),
+    ({"jobs": 0}, ConfigurationError, "jobs 0: expected a number of processes"),
+])  # fmt: skip
 def test_mistakes_are_refused(change, error, message):
     reduced = systems.sleigh()
     arguments = {"goal": sleigh_goal(1.0, 0.0, 0.0), "duration": 1.0, **change}

@@ -14,13 +14,8 @@ from simple_controllers import Idle
 
 G, MASS, RADIUS = 9.81, 5.0, 0.1
 FEET = {
-    "left": (0, 0.2),
-    "right": (0, -0.2),
-    "fl": (0.2, 0.1),
-    "fr": (0.2, -0.1),
-    "bl": (-0.2, 0.1),
-    "br": (-0.2, -0.1),
-}
+    "left": (0, 0.2), "right": (0, -0.2), "fl": (0.2, 0.1), "fr": (0.2, -0.1), "bl": (-0.2, 0.1), "br": (-0.2, -0.1),
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

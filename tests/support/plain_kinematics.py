@@ -14,12 +14,9 @@ def tree():
     model, generator = pin.Model(), np.random.default_rng(4)
     flyer = 0
     for name, kind, parent in (
-        ("flyer", "FreeFlyer", None),
-        ("turn", "RX", "flyer"),
-        ("endless", "RUBZ", "turn"),
-        ("ball", "Spherical", "flyer"),
-        ("slide", "PZ", "ball"),
-    ):
+        ("flyer", "FreeFlyer", None), ("turn", "RX", "flyer"), ("endless", "RUBZ", "turn"),
+        ("ball", "Spherical", "flyer"), ("slide", "PZ", "ball"),
+    ):  # fmt: skip
         place = pin.SE3(pin.rpy.rpyToMatrix(*generator.uniform(-1, 1, 3)), generator.uniform(-1, 1, 3))
         parent_id = flyer if parent is None else model.getJointId(parent)
         joint = model.addJoint(parent_id, getattr(pin, f"JointModel{kind}")(), place, name)

@@ -145,10 +145,8 @@ def best_velocities(system: rnc.NonholonomicSystem) -> rnc.Output:
 
 
 KINDS: dict[str, Callable[[str], rnc.ReducedModel]] = {
-    "momentum": momentum,
-    "knife edge": knife_edge,
-    "rolling wheels": rolling_wheels,
-}
+    "momentum": momentum, "knife edge": knife_edge, "rolling wheels": rolling_wheels,
+}  # fmt: skip
 
 
 def entries() -> list[tuple[str, str]]:

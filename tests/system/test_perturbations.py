@@ -212,16 +212,13 @@ def drafted(name, folder):
     return draft(str(folder / f"{name}.urdf"), folder, DraftOptions()), urdf
 
 
-@pytest.mark.parametrize(
-    ("name", "expected"),
-    [
-        ("wide_wheels", BaseKind("planar", "skid-steered", 0, 4, 4)),
-        ("truck_and_trailer", BaseKind("planar", "car", 1, 8, 3)),
-        ("satellite", BaseKind("free", "floating", 0, 0, 0)),
-        ("rigid_drone", BaseKind("free", "floating", 0, 0, 6)),
-        ("raked_fork", BaseKind("free", "bicycle", 0, 2, 2)),
-    ],
-)
+@pytest.mark.parametrize(("name", "expected"), [
+    ("wide_wheels", BaseKind("planar", "skid-steered", 0, 4, 4)),
+    ("truck_and_trailer", BaseKind("planar", "car", 1, 8, 3)),
+    ("satellite", BaseKind("free", "floating", 0, 0, 0)),
+    ("rigid_drone", BaseKind("free", "floating", 0, 0, 6)),
+    ("raked_fork", BaseKind("free", "bicycle", 0, 2, 2)),
+])  # fmt: skip
 def test_the_kind_of_a_draft(name, expected, brief, tmp_path):
     assert base_kind(*drafted(name, tmp_path)) == expected
 

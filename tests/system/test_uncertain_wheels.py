@@ -180,18 +180,15 @@ def test_a_scenario_names_what_is_unknown(tmp_path):
     assert experiment.provenance.to_json()["predicted"] == {"rolling(left_wheel)": "m/s", "rolling(right_wheel)": "m/s"}
 
 
-@pytest.mark.parametrize(
-    ("unknown", "words"),
-    [
-        ({}, "controller.unknown.base: is missing"),
-        ({"radii": []}, "controller.unknown: name at least one radius or track"),
-        ({"radii": [{"wheels": ["left_wheel"]}]}, r"controller.unknown.radii\[0\].initial: is missing"),
-        ({"radii": [{"wheels": ["left_weel"], "initial": 0.1}]}, "controller.unknown: .*did you mean 'left_wheel'"),
-        ({"tracks": [{"wheels": ["left_wheel"], "initial": 0.1}]}, "unknown track: expected two wheels"),
-        ({"radii": [{"wheels": ["left_wheel"], "initial": 9}]}, "radius of left_wheel, 9, has to be within its bounds"),
-        ({"radii": [{"wheels": ["left_wheel"], "initial": 9}], "base": "x"}, "controller.unknown: 'base' is not known"),
-    ],
-)
+@pytest.mark.parametrize(("unknown", "words"), [
+    ({}, "controller.unknown.base: is missing"),
+    ({"radii": []}, "controller.unknown: name at least one radius or track"),
+    ({"radii": [{"wheels": ["left_wheel"]}]}, r"controller.unknown.radii\[0\].initial: is missing"),
+    ({"radii": [{"wheels": ["left_weel"], "initial": 0.1}]}, "controller.unknown: .*did you mean 'left_wheel'"),
+    ({"tracks": [{"wheels": ["left_wheel"], "initial": 0.1}]}, "unknown track: expected two wheels"),
+    ({"radii": [{"wheels": ["left_wheel"], "initial": 9}]}, "radius of left_wheel, 9, has to be within its bounds"),
+    ({"radii": [{"wheels": ["left_wheel"], "initial": 9}], "base": "x"}, "controller.unknown: 'base' is not known"),
+])  # fmt: skip
 def test_a_scenario_with_unknown_nonsense_is_refused(unknown, words, tmp_path):
     with pytest.raises(rnc.ConfigurationError, match=words):
         wheels_of(unknown, tmp_path)

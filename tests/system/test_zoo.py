@@ -75,14 +75,11 @@ def test_every_robot_with_wheels_is_on_them_or_says_why_not():
     assert wheeled == {name for name, kind in zoo.entries() if kind == "rolling wheels"}
 
 
-@pytest.mark.parametrize(
-    ("name", "growth"),
-    [
-        ("tiago_pro", (22, 24)),
-        ("tiago_no_hand", (12, 13, 14)),
-        pytest.param("tiago_dual", (99, 100, 101), marks=pytest.mark.long),  # as tiago_no_hand, with two hands
-    ],
-)
+@pytest.mark.parametrize(("name", "growth"), [
+    ("tiago_pro", (22, 24)),
+    ("tiago_no_hand", (12, 13, 14)),
+    pytest.param("tiago_dual", (99, 100, 101), marks=pytest.mark.long),  # as tiago_no_hand, with two hands
+])  # fmt: skip
 def test_growth_vectors_of_wheeled_robots(name, growth):
     """Closed forms: the base can go sideways beyond its velocities, or to any place on the plane.
 

@@ -415,14 +415,11 @@ def test_an_output_folder_below_a_file_is_refused(command, call, tmp_path, monke
     check_refusal(call, tmp_path, [command, "space-robot", "--out", "file/out", *more], ["--out file/out"])
 
 
-@pytest.mark.parametrize(
-    ("key", "words"),
-    [
-        ("simulation.nothing", ["sweep.simulation.nothing", "'nothing' is not known"]),
-        ("actuators.5", ["actuators.5", "not an index into a list of 3"]),
-        ("title", ["sweep.title", "string"]),
-    ],
-)
+@pytest.mark.parametrize(("key", "words"), [
+    ("simulation.nothing", ["sweep.simulation.nothing", "'nothing' is not known"]),
+    ("actuators.5", ["actuators.5", "not an index into a list of 3"]),
+    ("title", ["sweep.title", "string"]),
+])  # fmt: skip
 def test_a_sweep_over_what_is_not_there_is_refused(key, words, call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write(tmp_path, {"mine.yaml": scenario({"sweep": {key: [0, 1]}}, SPACE_ROBOT)[1]})

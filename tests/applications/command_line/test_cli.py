@@ -259,13 +259,10 @@ def test_a_run_that_misses_a_goal_says_so(call, tmp_path, no_pictures):
     assert f"rnc-pin: warning: the goal of {first} is missed by " in error
 
 
-@pytest.mark.parametrize(
-    ("options", "outcome"),
-    [
-        (["simulation.position_limits=true", "initial.q.joint_1=69.8", "controller.preset=paper"], "limit"),
-        (["actuators=[]"], "failed"),
-    ],
-)
+@pytest.mark.parametrize(("options", "outcome"), [
+    (["simulation.position_limits=true", "initial.q.joint_1=69.8", "controller.preset=paper"], "limit"),
+    (["actuators=[]"], "failed"),
+])  # fmt: skip
 def test_a_run_that_fails_at_once_still_gives_json(options, outcome, call, tmp_path, no_pictures):
     settings = [word for option in options for word in ("--set", option)]
     status, out, error = call("run", "space-robot", *BARE, *settings, "--json", "--out", tmp_path)

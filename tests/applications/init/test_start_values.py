@@ -89,10 +89,9 @@ def test_joints_outside_a_loop_start_as_before_and_a_loop_that_no_limit_admits_i
         draft(str(tmp_path / "finger.xml"), tmp_path, DraftOptions())
 
 
-@pytest.mark.parametrize(
-    ("limits", "expected"),
-    [((0.0, 0.5), 0.01), ((-0.5, 0.0), -0.01), ((-0.001, 0.499), 0.009), ((-0.3, 0.5), 0.0), ((0.1, 0.5), 0.3)],
-)
+@pytest.mark.parametrize(("limits", "expected"), [
+    ((0.0, 0.5), 0.01), ((-0.5, 0.0), -0.01), ((-0.001, 0.499), 0.009), ((-0.3, 0.5), 0.0), ((0.1, 0.5), 0.3),
+])  # fmt: skip
 def test_a_zero_at_an_edge_of_the_limits_is_moved_inside_by_the_least_and_told(limits, expected, tmp_path):
     """It was replaced by the middle of the limits."""
     lower, upper = limits

@@ -44,16 +44,13 @@ def test_runs_are_compared_by_name(runs, call, tmp_path):
     assert "one scene shows one robot" in error
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--video", "run.avi"], "run.avi: expected a name that ends in .mp4 or .gif"),
-        (["--plot", "run.doc"], "run.doc: expected a name that ends in .png, .pdf or .svg"),
-        (["--frames", "."], "--frames .: exists and is not empty"),
-        (["--video", "nowhere/run.mp4"], "--video nowhere/run.mp4: folder"),
-        (["--plot", "."], "--plot .: is a folder, expected a file"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["--video", "run.avi"], "run.avi: expected a name that ends in .mp4 or .gif"),
+    (["--plot", "run.doc"], "run.doc: expected a name that ends in .png, .pdf or .svg"),
+    (["--frames", "."], "--frames .: exists and is not empty"),
+    (["--video", "nowhere/run.mp4"], "--video nowhere/run.mp4: folder"),
+    (["--plot", "."], "--plot .: is a folder, expected a file"),
+])  # fmt: skip
 def test_what_cannot_be_written_is_one_line(arguments, words, run, call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine").touch()

@@ -225,10 +225,9 @@ def test_wheels_on_ice_do_not_slip_in_mujoco():
     assert slips[1] > 0.5
 
 
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [({"dt": 0.0}, "dt: expected a positive"), ({"dt": 0.01, "friction": -1.0}, "friction: expected a positive")],
-)
+@pytest.mark.parametrize(("settings", "words"), [
+    ({"dt": 0.0}, "dt: expected a positive"), ({"dt": 0.01, "friction": -1.0}, "friction: expected a positive"),
+])  # fmt: skip
 def test_settings_that_mean_nothing_are_refused(settings, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         InverseDynamicsQP(space_robot(), [], **settings)
@@ -271,10 +270,9 @@ def swinging_arm(folder, effort):
     return rnc.NonholonomicSystem(rnc.Robot.from_urdf(path), [], ["swing"]).reduce()
 
 
-@pytest.mark.parametrize(
-    ("effort", "deceleration", "kept"),
-    [(15.0, 5.0, {"velocity", "position"}), (15.0, None, {"velocity", "position"}), (5.0, 5.0, {"position"})],
-)
+@pytest.mark.parametrize(("effort", "deceleration", "kept"), [
+    (15.0, 5.0, {"velocity", "position"}), (15.0, None, {"velocity", "position"}), (5.0, 5.0, {"position"}),
+])  # fmt: skip
 def test_limits_of_motion_hold_while_the_efforts_can_hold_the_velocity(tmp_path, effort, deceleration, kept):
     """Load 9.81 sin(angle): an effort above it keeps any velocity; the rest of it, 5.19, has to brake in time."""
     reduced = swinging_arm(tmp_path, effort)

@@ -54,17 +54,14 @@ def test_random_goals_respect_the_limits_of_the_file(seed):
     deceleration = 6.0
     program = VelocityQP(
         reduced,
-        [
-            tasks.OutputTask(rnc.FramePosition("arm_7_link"), Jumping(), gain=4.0),
-            tasks.DampingTask(weight=1e-3),
-        ],
+        [tasks.OutputTask(rnc.FramePosition("arm_7_link"), Jumping(), gain=4.0), tasks.DampingTask(weight=1e-3)],
         [
             limits.JointPositionLimit(deceleration=deceleration, margin=0.0),
             limits.JointVelocityLimit(),
             limits.AccelerationLimit(deceleration),
         ],
         dt=DT,
-    )
+    )  # fmt: skip
     run = drive(reduced, program, q0, 3.0, DT)
     q, v = run.q[:, places], run.v
     assert (q >= low - RANGE * (high - low)).all()
@@ -219,15 +216,12 @@ def test_hard_limits_that_a_drift_violates_are_reported_and_raise_nothing():
     assert program.report(run.states[-1]).exceeded
 
 
-@pytest.mark.parametrize(
-    ("region", "corner"),
-    [
-        ({"box": {"x": (-0.5, 0.6), "y": (-0.4, 0.5)}}, [0.6, 0.5]),
-        ({"polygon": [(-1.0, -1.0), (1.0, -1.0), (0.0, 1.0)]}, None),
-        ({"polygon": [(0.0, 1.0), (1.0, -1.0), (-1.0, -1.0)]}, None),
-        ({"half_spaces": [(3.0, 4.0, 0.0, 2.5)]}, None),
-    ],
-)
+@pytest.mark.parametrize(("region", "corner"), [
+    ({"box": {"x": (-0.5, 0.6), "y": (-0.4, 0.5)}}, [0.6, 0.5]),
+    ({"polygon": [(-1.0, -1.0), (1.0, -1.0), (0.0, 1.0)]}, None),
+    ({"polygon": [(0.0, 1.0), (1.0, -1.0), (-1.0, -1.0)]}, None),
+    ({"half_spaces": [(3.0, 4.0, 0.0, 2.5)]}, None),
+])  # fmt: skip
 def test_a_frame_stays_in_its_region(region, corner):
     """The tip is drawn to a point outside; it ends at the nearest point of the region."""
     reduced = manipulator_in_joints()

@@ -487,19 +487,16 @@ def test_a_gimbal_without_mass_moves_as_the_reduced_plant():
     np.testing.assert_allclose(ends[1], ends[0], atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
-        ({"integrator": "RK5"}, "did you mean 'RK4'"),
-        ({"step": 0.0}, "step: expected a positive number, found 0.0"),
-        ({"friction": (1.0, -0.1, 0.0)}, "three numbers"),
-        ({"settling": float("nan")}, "settling: expected a number from 0, found nan"),
-        ({"contact_time": -1.0}, "expected a number from 0"),
-        ({"iterations": "many"}, "expected a number from 1, found 'many'"),
-        ({"friction": "ice"}, "three numbers"),
-        ({"stance": "standing"}, "stance 'standing' is not known"),
-    ],
-)
+@pytest.mark.parametrize(("wrong", "words"), [
+    ({"integrator": "RK5"}, "did you mean 'RK4'"),
+    ({"step": 0.0}, "step: expected a positive number, found 0.0"),
+    ({"friction": (1.0, -0.1, 0.0)}, "three numbers"),
+    ({"settling": float("nan")}, "settling: expected a number from 0, found nan"),
+    ({"contact_time": -1.0}, "expected a number from 0"),
+    ({"iterations": "many"}, "expected a number from 1, found 'many'"),
+    ({"friction": "ice"}, "three numbers"),
+    ({"stance": "standing"}, "stance 'standing' is not known"),
+])  # fmt: skip
 def test_settings_that_make_no_sense_are_refused(wrong, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         MuJoCoSettings(**wrong)

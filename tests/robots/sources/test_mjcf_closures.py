@@ -67,15 +67,12 @@ def test_loops_that_are_not_active_or_moved_by_a_user_are_none(tmp_path):
     assert rnc.Robot.from_mjcf(write(tmp_path / "r.xml", TREE.format(head="", equality=equality))).closures == ()
 
 
-@pytest.mark.parametrize(
-    ("equality", "words"),
-    [
-        ('<connect body1="b" body2="d" anchor="0 0 0"/>', "unknown element 'd' in equality .*expected one of: a, "),
-        ('<weld site1="s" site2="r"/>', "unknown element 'r' in equality"),
-        ('<connect body1="b" anchor="0 0"/>', "<connect>: anchor takes 3 finite numbers"),
-        ('<weld body1="b" relpose="0 0 nan 1 0 0 0"/>', "relpose takes 7 finite numbers"),
-    ],
-)
+@pytest.mark.parametrize(("equality", "words"), [
+    ('<connect body1="b" body2="d" anchor="0 0 0"/>', "unknown element 'd' in equality .*expected one of: a, "),
+    ('<weld site1="s" site2="r"/>', "unknown element 'r' in equality"),
+    ('<connect body1="b" anchor="0 0"/>', "<connect>: anchor takes 3 finite numbers"),
+    ('<weld body1="b" relpose="0 0 nan 1 0 0 0"/>', "relpose takes 7 finite numbers"),
+])  # fmt: skip
 def test_a_loop_of_nothing_is_refused_by_name(equality, words, tmp_path):
     with pytest.raises(rnc.ModelError, match=words):
         rnc.Robot.from_mjcf(write(tmp_path / "r.xml", TREE.format(head="", equality=equality)))

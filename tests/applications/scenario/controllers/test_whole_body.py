@@ -166,17 +166,14 @@ def test_every_task_and_limit_is_built(tmp_path):
     assert described["tasks"][1]["gain"] == [1, 1, 2]
 
 
-@pytest.mark.parametrize(
-    ("controller", "words"),
-    [
-        ({"tasks": []}, "controller.tasks"),
-        ({"tasks": [{"damping": {"joints": ["joint_9"]}}]}, r"controller.tasks.0: no joint 'joint_9'"),
-        ({"tasks": [{"posture": {"joints": {"joint_1": 0.1}, "gian": 2}}]}, "'gian' is not known; did you mean 'gain'"),
-        ({"limits": {"wheel_speed": {"limit": 1.0}}}, "controller.limits: a wheel speed limit needs RollingWheel"),
-        ({"limits": {"speed": {}}}, "'speed' is not known"),
-        ({"solver": "dapq"}, "no installed solver 'dapq'"),
-    ],
-)
+@pytest.mark.parametrize(("controller", "words"), [
+    ({"tasks": []}, "controller.tasks"),
+    ({"tasks": [{"damping": {"joints": ["joint_9"]}}]}, r"controller.tasks.0: no joint 'joint_9'"),
+    ({"tasks": [{"posture": {"joints": {"joint_1": 0.1}, "gian": 2}}]}, "'gian' is not known; did you mean 'gain'"),
+    ({"limits": {"wheel_speed": {"limit": 1.0}}}, "controller.limits: a wheel speed limit needs RollingWheel"),
+    ({"limits": {"speed": {}}}, "'speed' is not known"),
+    ({"solver": "dapq"}, "no installed solver 'dapq'"),
+])  # fmt: skip
 def test_mistakes_are_one_line_with_their_place(tmp_path, controller, words):
     with pytest.raises(rnc.RncError, match=words) as caught:
         Scenario.load(written(tmp_path, **controller)).build()
