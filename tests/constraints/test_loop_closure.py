@@ -170,13 +170,10 @@ def test_loops_that_cannot_close_are_refused():
         (rnc.LoopClosure("coupler_tp", "rocker_tip"), rnc.ModelError, "did you mean 'coupler_tip'"),
         (rnc.LoopClosure("coupler_tip", "rocker_tip", "pint"), rnc.ConfigurationError, "did you mean 'point'"),
         (rnc.LoopClosure("rocker_tip", "aside"), rnc.ConstraintError, "are on one body"),
-        (
-            rnc.LoopClosure("coupler_tip", "rocker_tip", "point", rpy=(0.0, 0.1, 0.0)),
-            rnc.ConfigurationError,
-            "'coupler_tip' and 'rocker_tip' with kind 'point' has no orientation: omit rpy",
-        ),
+        (rnc.LoopClosure("coupler_tip", "rocker_tip", "point", rpy=(0.0, 0.1, 0.0)), rnc.ConfigurationError,
+            "'coupler_tip' and 'rocker_tip' with kind 'point' has no orientation: omit rpy"),
         (rnc.LoopClosure("coupler_tip", "rocker_tip", rpy=(0.0, 0.1)), rnc.ConfigurationError, "rpy of the loop"),
-    ):
+    ):  # fmt: skip
         with pytest.raises(error, match=words):
             rnc.NonholonomicSystem(rnc.Robot(model), [loop])
 

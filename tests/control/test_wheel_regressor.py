@@ -103,12 +103,10 @@ def test_unknown_wheels_say_which_rows_they_enter_and_no_others():
         ([UnknownRadius([left])], ("radius of left_wheel",), (rolling[left],)),
         ([UnknownRadius([right])], ("radius of right_wheel",), (rolling[right],)),
         ([UnknownTrack([left, right])], ("track of left_wheel, right_wheel",), tuple(rolling.values())),
-        (
-            [UnknownRadius([right]), UnknownTrack([left, right]), UnknownRadius([left])],
+        ([UnknownRadius([right]), UnknownTrack([left, right]), UnknownRadius([left])],
             ("radius of right_wheel", "track of left_wheel, right_wheel", "radius of left_wheel"),
-            tuple(rolling.values()),
-        ),
-    ):
+            tuple(rolling.values())),
+    ):  # fmt: skip
         regressor = WheelRegressor(reduced, unknown)
         assert (regressor.names, regressor.units) == (names, ("m",) * len(names))
         assert (regressor.predicted, regressor.predicted_units) == (rows, ("m/s",) * len(rows))

@@ -124,12 +124,9 @@ def test_actuators_that_are_none_are_refused():
         (lambda q: np.zeros((3, 1)), rnc.ConstraintError, r"actuation matrix has shape \(3, 1\), expected \(12, p\)$"),
         (["turn", "ball"], rnc.ModelError, "actuator 'ball' is a joint of several degrees of freedom: use FrameForce"),
         (["turn", "slide", "turn"], rnc.ConstraintError, "duplicate actuator 'turn'$"),
-        (
-            ["turn", 3],
-            rnc.ConstraintError,
-            "actuator 3 has the wrong type: expected a joint's name, FrameForce, FrameTorque or OutputForce$",
-        ),
-    ):
+        (["turn", 3], rnc.ConstraintError,
+            "actuator 3 has the wrong type: expected a joint's name, FrameForce, FrameTorque or OutputForce$"),
+    ):  # fmt: skip
         with pytest.raises(error, match=words):
             Actuation(wrong, robot)
     sizes = iter([2, 3])

@@ -246,12 +246,10 @@ BAD_FILES = {
     "negative inertia": (urdf(inertial(moment="-1")), ["inertia behind joint 'hinge' is not positive"]),
     "joint that moves no mass": (urdf(arm=""), ["joint 'hinge' moves no mass"]),
     "last joint moves no mass": (urdf(more=SECOND_HINGE), ["joint 'wrist' moves no mass"]),
-    "two joints move one mass": (
-        urdf(arm="", more=SECOND_HINGE.replace("/><joint", f">{BODY}</link><joint", 1)),
-        ["inertia matrix is singular", "can move without moving mass"],
-    ),
+    "two joints move one mass": (urdf(arm="", more=SECOND_HINGE.replace("/><joint", f">{BODY}</link><joint", 1)),
+        ["inertia matrix is singular", "can move without moving mass"]),
     "nothing moves": ('<robot name="tiny"><link name="ground"/></robot>', ["'tiny' has no moving joint"]),
-}
+}  # fmt: skip
 
 
 def refusal(call, capfd):

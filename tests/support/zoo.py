@@ -23,19 +23,13 @@ WHEELS: dict[str, tuple[list[str], float, str]] = {
     "tiago": (["wheel_left_link", "wheel_right_link"], 0.0985, "planar"),
     "tiago_dual": (["wheel_left_link", "wheel_right_link"], 0.0985, "planar"),
     "tiago_no_hand": (["wheel_left_link", "wheel_right_link"], 0.0985, "planar"),
-    "pr2": (
-        [f"{end}{side}_caster_{wheel}_wheel_link" for end in "fb" for side in "lr" for wheel in "lr"],
-        0.075,
-        "planar",
-    ),
-    "tiago_pro": (
-        [f"wheel_{end}_{side}_link" for end in ("front", "rear") for side in ("left", "right")],
-        0.0762,
-        "planar",
-    ),
+    "pr2": ([f"{end}{side}_caster_{wheel}_wheel_link" for end in "fb" for side in "lr" for wheel in "lr"], 0.075,
+        "planar"),
+    "tiago_pro": ([f"wheel_{end}_{side}_link" for end in ("front", "rear") for side in ("left", "right")], 0.0762,
+        "planar"),
     # Wheels at the ends of legs: they lean, and lift the body with them.
     "centauro": ([f"wheel_{k}" for k in (1, 2, 3, 4)], 0.124, "free"),
-}
+}  # fmt: skip
 
 # Of Mecanum wheels, on which side of the wheel's heading the axes of the rollers point that touch the ground.
 MECANUM: dict[str, list[int]] = {"tiago_pro": [1, -1, -1, 1]}

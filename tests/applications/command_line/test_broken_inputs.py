@@ -359,16 +359,13 @@ DRAFTS = {
     "unknown base": (["robot.urdf", "--base", "flying"], {"robot.urdf": GOOD}, ["'--base'", "'flying'"]),
     "out exists": (["robot.urdf", "--out", "a.yaml"], {"robot.urdf": GOOD, "a.yaml": "mine"}, ["a.yaml", "--force"]),
     "out is a folder": (["robot.urdf", "--out", "d"], {"robot.urdf": GOOD, "d/x": ""}, ["--out d", "is a folder"]),
-    "out in no folder": (
-        ["robot.urdf", "--out", "no/a.yaml"],
-        {"robot.urdf": GOOD},
-        ["--out no/a.yaml", "does not exist"],
-    ),
+    "out in no folder": (["robot.urdf", "--out", "no/a.yaml"], {"robot.urdf": GOOD},
+        ["--out no/a.yaml", "does not exist"]),
     "argument of a URDF": (["robot.urdf", "--arg", "a=1"], {"robot.urdf": GOOD}, ["whose name ends in .xacro"]),
     "argument of no value": (["robot.urdf", "--arg", "a"], {"robot.urdf": GOOD}, ["'a'", "expected key=value"]),
     "argument of an MJCF": (["robot.xml", "--arg", "a=1"], {"robot.xml": mjcf()}, ["'xacro_arguments' belongs to"]),
     "broken xacro": (["r.xacro"], {"r.xacro": "<robot"}, ["r.xacro"]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("arguments", "files", "words"), DRAFTS.values(), ids=DRAFTS)
@@ -450,10 +447,8 @@ def small():
 
 WRONG_ARGUMENTS = {
     "no controller": ({"controller": None}, "expected a controller with initial_state and step"),
-    "a class": (
-        {"controller": rnc.control.VelocityTracker},
-        "the controller is the class VelocityTracker: pass an instance of it",
-    ),
+    "a class": ({"controller": rnc.control.VelocityTracker},
+        "the controller is the class VelocityTracker: pass an instance of it"),
     "no model": ({"reduced": None}, "expected a ReducedModel, found None"),
     "words for q0": ({"q0": "here"}, "q0 is not an array of numbers: 'here'"),
     "no q0": ({"q0": None}, r"q has shape \(\), expected"),
@@ -462,7 +457,7 @@ WRONG_ARGUMENTS = {
     "a plant": ({"plant": object()}, "plant: expected methods reset, read, apply, advance, found a object"),
     "meta": ({"options": rnc.SimulationOptions(meta=3)}, "meta: expected a Provenance or a mapping, found int"),
     "options": ({"options": {"meta": 3}}, "options: expected SimulationOptions, found a dict"),
-}
+}  # fmt: skip
 WRONG_OPTIONS = {
     "stop": ("now", "stop: expected a Stop, found a str"),
     "loop": (3, "loop: expected a mapping of options of ControlLoop, found a int"),

@@ -577,14 +577,12 @@ USAGE = {
     "sweep on no process": (["sweep", "space-robot", "--runs", "2", "--jobs", "0", "--out", "x"], "--jobs 0"),
     "inspect without samples": (["inspect", "space-robot", "--samples", "0"], "'--samples'"),
     "key of two levels below": (SET_DURATION, "did you mean 'planner.duration' or 'simulation.duration'?"),
-    "key of a level below": (
-        ["run", "space-robot", "--set", "dt=0"],
-        "'dt' is not known; did you mean 'simulation.dt'?",
-    ),
+    "key of a level below": (["run", "space-robot", "--set", "dt=0"],
+        "'dt' is not known; did you mean 'simulation.dt'?"),
     "key of a part": (["run", "space-robot", "--set", "reducing=[]"], "did you mean 'outputs.reducing'?"),
     "no duration": (["run", "space-robot", "--set", "simulation.duration=-1"], "expected greater than 0, found -1"),
     "key of no part": (["run", "space-robot", "--set", "durations=1"], "'durations' is not known"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("arguments", "words"), USAGE.values(), ids=USAGE)

@@ -311,11 +311,9 @@ def test_ctrl_c_keeps_the_record():
 
 REFUSED = {
     "mobile-manipulator": (["joint_1", "joint_2"], "move only 2 of them (none moves base_speed_x, base_yaw)"),
-    "snakeboard": (
-        ["rotor", "front_steering", "back_steering"],
-        "4 independent velocities, but its actuators move only 3",
-    ),
-}
+    "snakeboard": (["rotor", "front_steering", "back_steering"],
+        "4 independent velocities, but its actuators move only 3"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("source", REFUSED)

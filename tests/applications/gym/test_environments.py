@@ -199,11 +199,9 @@ REFUSED = {
     "limits.speed: expected a number or 3": ("space-robot", {"limits": rnc.gym.EpisodeLimits(speed=[1.0, 2.0])}),
     "limits.input: expected positive": ("space-robot", {"limits": rnc.gym.EpisodeLimits(input=0.0)}),
     "nearly singular": ("space-robot", {"limits": replace(LIMITS, singular_value=0.9)}),
-    "none of 20 draws": (
-        "space-robot",
-        {"draws": {"initial.q.joint_3": [0, 1e-4]}, "limits": replace(LIMITS, singular_value=0.05)},
-    ),
-}
+    "none of 20 draws": ("space-robot",
+        {"draws": {"initial.q.joint_3": [0, 1e-4]}, "limits": replace(LIMITS, singular_value=0.05)}),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("message", REFUSED)

@@ -39,10 +39,8 @@ def gap(robot, values):
 
 
 CLOSED = {
-    "zero, on limits": (
-        {"crank": 'range="0 0.8"', "coupler": 'range="-0.9 0"', "rocker": 'range="0 1"'},
-        {"crank": 0, "coupler": 0, "rocker": 0},
-    ),
+    "zero, on limits": ({"crank": 'range="0 0.8"', "coupler": 'range="-0.9 0"', "rocker": 'range="0 1"'},
+        {"crank": 0, "coupler": 0, "rocker": 0}),
     "as the file draws it": (  # zero is no longer upright, so that it closes nothing
         {"crank": 'range="0.4 0.8" ref="0.5"', "coupler": 'ref="0.1"', "rocker": 'range="-0.5 0.5" ref="-0.2"'},
         {"crank": 0.5, "coupler": 0.1, "rocker": -0.2},
@@ -55,7 +53,7 @@ CLOSED = {
         {"crank": 'range="0.2 1.8"', "coupler": 'range="-1.8 -0.2"', "rocker": 'range="0.1 0.3"'},
         {"crank": 0.3, "coupler": -0.3, "rocker": 0.3},
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", CLOSED)

@@ -317,14 +317,10 @@ def test_bad_limits_are_refused():
         VelocityQP(reduced, [], [limit])
 
     for limit, words in [
-        (
-            lambda: limits.JointPositionLimit(deceleration=-1.0),
-            "deceleration of JointPositionLimit has to be above 0, found -1.0",
-        ),
-        (
-            lambda: limits.JointPositionLimit(margin=0.5),
-            "margin of JointPositionLimit has to be at least 0 and below 0.5, found 0.5",
-        ),
+        (lambda: limits.JointPositionLimit(deceleration=-1.0),
+            "deceleration of JointPositionLimit has to be above 0, found -1.0"),
+        (lambda: limits.JointPositionLimit(margin=0.5),
+            "margin of JointPositionLimit has to be at least 0 and below 0.5, found 0.5"),
         (lambda: limits.JointPositionLimit(joints=["wheel_left_joint"]), "no position limits"),
         (lambda: limits.JointVelocityLimit(margin=1.0), "at least 0 and below 1, found 1.0"),
         (lambda: limits.JointVelocityLimit(limit=0.0), "above 0, found 0.0"),
@@ -342,7 +338,7 @@ def test_bad_limits_are_refused():
         (lambda: limits.RegionLimit("base_link", polygon=[(0, 0), (1, 0), (1, 1), (0.9, 0.1)]), "convex polygon"),
         (lambda: limits.RegionLimit("base_link", polygon=[(0, 0, 0), (1, 0, 0), (0, 1, 0)]), "convex polygon"),
         (lambda: limits.RegionLimit("base_link", half_spaces=[(0, 0, 0, 1)]), "with a normal"),
-    ]:
+    ]:  # fmt: skip
         with pytest.raises(rnc.ConfigurationError, match=words):
             bound(limit())
     with pytest.raises(rnc.ConfigurationError, match="the system has none"):

@@ -224,15 +224,12 @@ def test_a_mass_is_spread_over_the_box_around_the_geometry():
 
 
 SHAPES = {
-    "tilted cylinder": (
-        '<origin rpy="1.5707963267948966 0 0"/>',
-        '<cylinder radius="0.3" length="0.1"/>',
-        (0.6, 0.1, 0.6),
-    ),
+    "tilted cylinder": ('<origin rpy="1.5707963267948966 0 0"/>', '<cylinder radius="0.3" length="0.1"/>',
+        (0.6, 0.1, 0.6)),
     "sphere": ("", '<sphere radius="0.2"/>', (0.4, 0.4, 0.4)),
     "mesh": ("", '<mesh filename="package://shapes/t.obj" scale="2 1 1"/>', (2, 1, 1)),
     "missing mesh": ("", '<mesh filename="package://shapes/u.obj"/>', 3 * [0.05 * (12 / 5) ** 0.5]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("shape", SHAPES)

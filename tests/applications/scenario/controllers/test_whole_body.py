@@ -80,13 +80,11 @@ def test_limits_of_joints_by_name_and_of_norms_hold_in_a_file(tmp_path):
 
 
 REACHING = {
-    "ur5_robot": (
-        "tool0",
-        {"shoulder_lift_joint": -1.2, "elbow_joint": 1.5, "wrist_1_joint": -0.5, "wrist_2_joint": 1},
-    ),
+    "ur5_robot": ("tool0",
+        {"shoulder_lift_joint": -1.2, "elbow_joint": 1.5, "wrist_1_joint": -0.5, "wrist_2_joint": 1}),
     "z1": ("link06", {"joint2": 1.2, "joint3": -1.2, "joint4": 0.3, "joint5": 0.4}),
     "panda": ("panda_hand", {"panda_joint2": 0.3, "panda_joint4": -1.8, "panda_joint6": 1.8}),
-}
+}  # fmt: skip
 """Arms of example-robot-data: the hand, and joints at the start."""
 
 
