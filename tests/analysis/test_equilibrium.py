@@ -8,6 +8,7 @@ import scipy.optimize
 
 import rnc_pin as rnc
 import systems
+from bodies import add_body
 from rnc_pin.analysis.equilibrium import _Search
 from systems import ALL, four_bar, random_states
 from textbook_systems import RESTING, SPEED, G, acrobot, angle_of, hanging_chain, sideways_pendulum, wheeled_pendulum
@@ -116,12 +117,9 @@ def test_of_a_surface_of_equilibria_the_nearest_is_found(guess, hold):
 
     kept = [{"type": "eq", "fun": lambda q, k=k: q[k] - guess[k]} for k in hold]
     expected = scipy.optimize.minimize(
-        lambda q: np.sum((q - guess) ** 2),
-        guess,
-        constraints=[{"type": "eq", "fun": across}, *kept],
-        options={"ftol": 1e-14},
-        method="SLSQP",
-    )
+        lambda q: np.sum((q - guess) ** 2), guess, constraints=[{"type": "eq", "fun": across}, *kept],
+        options={"ftol": 1e-14}, method="SLSQP",
+    )  # fmt: skip
     np.testing.assert_allclose(found.q, expected.x, atol=1e-5)
     np.testing.assert_allclose(across(found.q), 0, atol=1e-9)
     q = np.cumsum(found.q)  # weights below a hinge, with their levers
@@ -287,11 +285,8 @@ def test_a_motor_without_strength_is_none(gear, holds):
 def test_a_grain_of_dust_hangs_too():
     """Its forces are ten million times smaller than those of the other pendulum, in roots of the inertias."""
     model = pin.Model()
-    model.name = "pendulums"
     for k, mass in enumerate((1.0, 1e-14)):
-        joint = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), f"hinge_{k}")
-        inertia = pin.Inertia(mass, np.array([0.0, 0.0, -0.5]), 0.1 * mass * np.eye(3))
-        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+        add_body(model, f"hinge_{k}", "RY", mass, com=(0.0, 0.0, -0.5), moments=0.1 * mass)
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), []).reduce()
     found = rnc.equilibrium(reduced, [0.6, -0.9])
     np.testing.assert_allclose(found.q, 0.0, atol=1e-8)

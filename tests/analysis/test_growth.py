@@ -248,9 +248,8 @@ def test_a_growth_vector_that_is_not_found_is_refused():
     assert len(found) == 13
     reduced = unicycle_with_trailers(3)
     q = reduced.robot.configuration({"hitch_1": np.pi / 2, "hitch_2": np.pi / 2})
-    with pytest.raises(
-        rnc.InfeasibleError, match=r"brackets up to depth 5 give the dimensions .2, 3, 4, 4, 5.*raise 'deepest'"
-    ):
+    words = r"brackets up to depth 5 give the dimensions .2, 3, 4, 4, 5.*raise 'deepest'"
+    with pytest.raises(rnc.InfeasibleError, match=words):
         growth_vector(reduced, q, deepest=4)
     with pytest.raises(rnc.InputError, match="deepest: expected a positive integer, found 0"):
         growth_vector(reduced, q, deepest=0)

@@ -180,7 +180,6 @@ def two_upright_wheels():
 def three_sliders(rows, rows_dot, names):
     """Three prismatic joints with rows of one's own, coordinates (x, y, z)."""
     model = pin.Model()
-    model.name = "sliders"
     parent = 0
     for name, joint in (("x", pin.JointModelPX()), ("y", pin.JointModelPY()), ("z", pin.JointModelPZ())):
         parent = add_body(model, name, joint, 1.0, parent, moments=0.1)

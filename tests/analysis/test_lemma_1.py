@@ -244,12 +244,8 @@ def test_lemma_1_holds_of_slides():
     assert max(found[name] for name in ("A R", "H - H^T", "Hdot - V - V^T", "V linear")) < 1e-9
     free = rnc.NonholonomicSystem(rail_sliders(1), []).reduce([rnc.JointPosition("s0")])
     assert lemma_1_residuals(free, np.zeros((1, 1))) == {
-        "A R": 0.0,
-        "H - H^T": 0.0,
-        "Hdot - V - V^T": 0.0,
-        "V linear": 0.0,
-        "smallest eigenvalue of H": 1.0,
-    }
+        "A R": 0.0, "H - H^T": 0.0, "Hdot - V - V^T": 0.0, "V linear": 0.0, "smallest eigenvalue of H": 1.0,
+    }  # fmt: skip
 
 
 def lever():

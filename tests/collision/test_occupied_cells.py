@@ -117,10 +117,8 @@ def test_a_way_leads_through_a_mesh_with_an_opening(tmp_path):
     gate = load_cells(tmp_path / "gate.stl", 0.1).obstacles()
     robot = rnc.Robot.from_urdf("car.urdf", base="planar")
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("rear_axle")])
-    start, goal = (
-        robot.configuration({"root_joint": [-1.0, 0.0, 0.0]}),
-        robot.configuration({"root_joint": [4.0, 0, 0]}),
-    )
+    start = robot.configuration({"root_joint": [-1.0, 0.0, 0.0]})
+    goal = robot.configuration({"root_joint": [4.0, 0, 0]})
     way = find_way(system.reduce(), start, goal, gate, settings=WaySettings(shortcuts=0))
     distances = CollisionDistances(robot, gate, rnc.collision.PairSelection(links=False))
     replay = way.at(np.linspace(0.0, way.duration, 200))

@@ -228,13 +228,9 @@ def linear():
     )
     generator = np.random.default_rng(1)
     return SimpleNamespace(
-        B=np.zeros((6, 2)),
-        T=np.array([0.3, -0.8]),
-        v2=np.array([1.0, 2.0, 3.0, 4.0, 5.0]),
-        state_names=STATES,
-        reducing=outputs,
-        deviation=lambda q, v2: np.concatenate([q, v2[:1], v2[1:4]]),
-    ), generator.uniform(-1, 1, (2, 6))
+        B=np.zeros((6, 2)), T=np.array([0.3, -0.8]), v2=np.array([1.0, 2.0, 3.0, 4.0, 5.0]), state_names=STATES,
+        reducing=outputs, deviation=lambda q, v2: np.concatenate([q, v2[:1], v2[1:4]]),
+    ), generator.uniform(-1, 1, (2, 6))  # fmt: skip
 
 
 def test_state_feedback_sees_the_deviation_from_where_it_was_linearised():

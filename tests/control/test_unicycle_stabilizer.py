@@ -134,15 +134,9 @@ def test_a_unicycle_waits_until_it_may_begin():
         np.testing.assert_array_equal(target.x1, [GOAL[1], np.nan, GOAL[0]])
         np.testing.assert_array_equal(target.x2, [np.nan, GOAL[2]])
     assert stabilizer.describe() == {
-        "type": "UnicycleStabilizer",
-        "goal": GOAL.tolist(),
-        "begin": 1.5,
-        "k": 0.5,
-        "rate": 1.5,
-        "tolerance": 2e-3,
-        "ramp_time": 1.0,
-        "max_speed": [1e9, 1e9],
-    }
+        "type": "UnicycleStabilizer", "goal": GOAL.tolist(), "begin": 1.5, "k": 0.5, "rate": 1.5, "tolerance": 2e-3,
+        "ramp_time": 1.0, "max_speed": [1e9, 1e9],
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("backwards", [False, True])

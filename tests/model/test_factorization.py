@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.compiled import evaluator_for
@@ -31,16 +32,11 @@ def on_rails(rows, kept, reducing, limit, lengths, free=False, masses=None, actu
     """Parts of a robot whose bodies slide along lines of their own."""
     model, n = pin.Model(), len(reducing[0])
     for k in range(n):
-        joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), f"s{k}")
-        body = pin.Inertia(1.0 if masses is None else masses[k], np.zeros(3), np.eye(3))
-        model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+        add_body(model, f"s{k}", "PX", 1.0 if masses is None else masses[k])
     robot, blocks = rnc.Robot(model), [Rails(rows)] if len(rows) else []
     outputs = OutputStack([Rails(reducing, "x")])
-    actuation = Actuation(actuators, robot)
-    scales, shared = (
-        np.array(lengths, dtype=float),
-        (Kinematics(robot), PassiveForces((), robot)),
-    )
+    actuation, scales = Actuation(actuators, robot), np.array(lengths, dtype=float)
+    shared = Kinematics(robot), PassiveForces((), robot)
     return ReductionData(
         robot, RowStack(blocks), kept, actuation, outputs, OutputStack([]), limit, scales, *shared, free
     )
@@ -274,13 +270,8 @@ def test_one_of_many_states_whose_forces_have_no_bound():
     state = pushed(1e10 * np.eye(2), 2)
     state = StateEvaluation.at(state._evaluator, state.q, np.zeros((2, 2)))
     np.testing.assert_allclose(state.v2_dot([[1.0, 2.0], [3.0, -4.0]]), [[1e10, 2e10], [3e10, -4e10]])
-    with (
-        np.errstate(over="ignore", invalid="ignore"),
-        pytest.raises(
-            rnc.DivergenceError,
-            match=r"reduced acceleration is not finite: H is nearly singular or a force is too large$",
-        ),
-    ):
+    words = r"reduced acceleration is not finite: H is nearly singular or a force is too large$"
+    with np.errstate(over="ignore", invalid="ignore"), pytest.raises(rnc.DivergenceError, match=words):
         state.v2_dot([[1.0, 2.0], [3.0, 1e300]])
 
 

@@ -117,11 +117,8 @@ def test_a_path_goes_by_the_poses_that_it_is_given():
     stops = np.array([leg.goal for leg in path.legs])
     for pose in via:
         assert (np.abs(stops - pose).max(axis=1) < 1e-12).any()
-    np.testing.assert_allclose(drive_length(path), path.length, rtol=1e-3)
-
-
-def drive_length(path):
-    return np.linalg.norm(np.diff(path.poses[:, :2], axis=0), axis=1).sum()
+    driven = np.linalg.norm(np.diff(path.poses[:, :2], axis=0), axis=1).sum()
+    np.testing.assert_allclose(driven, path.length, rtol=1e-3)
 
 
 @pytest.mark.parametrize(("goal", "options", "words"), [

@@ -61,11 +61,8 @@ def test_no_joint_makes_a_full_turn_from_the_start():
 def test_full_turns_are_taken_back_and_random_starts_stay_near():
     """Of a body that floats behind a hinge: its position by a metre, its orientation anyhow."""
     model = pin.Model()
-    hinge = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "hinge")
-    floating = model.addJoint(hinge, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "floating")
-    slide = model.addJoint(floating, pin.JointModelTranslation(), pin.SE3.Identity(), "slide")
-    for joint in (hinge, floating, slide):
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    for parent, (name, kind) in enumerate((("hinge", "RX"), ("floating", "FreeFlyer"), ("slide", "Translation"))):
+        add_body(model, name, kind, 1.0, parent)
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), []).reduce()
     problem = _Problem(reduced, OutputTargets(reduced, {rnc.JointPosition("hinge"): 0.3}), [], True, None, 0.0)
     q0 = reduced.robot.configuration({"hinge": 0.3})

@@ -92,10 +92,8 @@ def test_an_effort_of_zero_is_a_limit_where_the_file_states_others(tmp_path):
 @pytest.mark.parametrize(("limit", "word"), [(2.5, "succeeded"), (1.5, "failed")])
 def test_limits_of_forces_on_frames_are_judged(limit, word):
     """The sleigh's thruster is stated to give 1.5 N, and gives 2 N: no file has this limit."""
-    actuators = [rnc.FrameForce("sleigh", "x", limit=limit), rnc.FrameTorque("sleigh", "z")]
-    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators).reduce()
-    run = rnc.simulate(reduced, Inputs(lambda t: [2.0 * t, 0.3]), robot.configuration(), 1.0, 0.01)
+    reduced = systems.sleigh(limit)
+    run = rnc.simulate(reduced, Inputs(lambda t: [2.0 * t, 0.3]), reduced.robot.configuration(), 1.0, 0.01)
     assert run.verdict.word == word
     if word == "failed":
         (found,) = run.verdict.findings

@@ -166,11 +166,7 @@ def test_a_controller_for_each_run_and_states_that_go_on(sleigh, at_rest):
 
 
 def test_limits_of_the_actuators_and_the_windup_of_each_run(sleigh, at_rest):
-    limited = rnc.NonholonomicSystem(
-        sleigh.robot,
-        [rnc.NoSideSlip("sleigh")],
-        [rnc.FrameForce("sleigh", "x", limit=3.0), rnc.FrameTorque("sleigh", "z", limit=0.2)],
-    ).reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+    limited = systems.sleigh(3.0, 0.2)
     v2_0 = np.array([[0.0, 0.0], [0.95, 0.0], [4.0, 1.0]])
     tracker = VelocityTracker(ReducingOutputController(limited, Hold([1.0, 0.0]), 0.1))
     plant = rnc.ReducedPlant(limited, actuator_limits=True, substeps=2)

@@ -203,15 +203,10 @@ def measured(reduced: rnc.ReducedModel, name: str, kind: str) -> Residuals:
         weight = np.sqrt(np.diag(full.H))
         worst = max(worst, float(np.abs(weight * (ours - theirs)).max() / np.abs(weight * theirs).max()))
     return Residuals(
-        robot=name,
-        constraint=kind,
+        robot=name, constraint=kind,
         base=WHEELS[name][2] if kind == "rolling wheels" else {"momentum": "free", "knife edge": "planar"}[kind],
-        n=reduced.n,
-        kept=reduced.m,
-        rows=reduced.m + len(reduced.dropped_rows),
-        r=reduced.r,
+        n=reduced.n, kept=reduced.m, rows=reduced.m + len(reduced.dropped_rows), r=reduced.r,
         constraint_residual=lemma["A R"],
-        lemma_1=max(lemma[each] for each in ("H - H^T", "Hdot - V - V^T", "V linear")),
-        kkt=worst,
+        lemma_1=max(lemma[each] for each in ("H - H^T", "Hdot - V - V^T", "V linear")), kkt=worst,
         smallest_eigenvalue=lemma["smallest eigenvalue of H"],
-    )
+    )  # fmt: skip

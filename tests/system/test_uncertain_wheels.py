@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -116,13 +116,11 @@ def test_the_estimated_model_is_the_other_robot(tmp_path):
 def cambered():
     """A free body on two wheels that lean outwards: track and radii enter every row."""
     model = pin.Model()
-    model.name = "cambered"
     base = add_body(model, "root_joint", "FreeFlyer", 5.0)
     for name, side in (("left", 1.0), ("right", -1.0)):
         placement = pin.SE3(pin.rpy.rpyToMatrix(side * 0.2, 0.1, 0.0), np.array([0.1, side * 0.3, 0.05]))
         joint = add_body(model, f"{name}_joint", "RUBY", 1.0, base, moments=0.01, at=placement)
-        along = pin.SE3(np.eye(3), np.array([0.0, side * 0.02, 0.0]))
-        model.addFrame(pin.Frame(name, joint, 0, along, pin.FrameType.OP_FRAME))
+        add_frame(model, name, joint, (0.0, side * 0.02, 0.0))
     return rnc.Robot(model)
 
 

@@ -121,7 +121,6 @@ def test_joint_values_are_the_inverse_of_configuration(name, base):
 def ball_jointed():
     """A free body with another on a ball joint: no robot of the package has one."""
     model = pin.Model()
-    model.name = "ball"
     moments = (0.2, 0.3, 0.4)
     base = add_body(model, "root_joint", "FreeFlyer", 2.0, com=(0.1, 0, 0), moments=moments)
     add_body(model, "ball", "Spherical", 1.0, base, com=(0, 0.2, 0.1), moments=moments, at=(0, 0, 0.3))

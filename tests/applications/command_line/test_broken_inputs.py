@@ -143,18 +143,13 @@ URDFS = {  # robot.urdf
     "joint without a child": (GOOD.replace('<child link="wheel_left"/>', ""), "wheel_left_joint"),
     "axis of no length": (urdf(LEFT, wheel("right", -0.2, axis="0 0 0")), "axis of joint 'wheel_right_joint' is zero"),
     "axis in words": (urdf(LEFT, wheel("right", -0.2, axis="y")), "wheel_right_joint"),
-    "negative mass on a fixed link": (
-        urdf(LEFT, RIGHT, wheel("spare", 0, inertial(-1), "fixed")),
-        "mass of link 'wheel_spare' is negative: -1 kg",
-    ),
+    "negative mass on a fixed link": (urdf(LEFT, RIGHT, wheel("spare", 0, inertial(-1), "fixed")),
+        "mass of link 'wheel_spare' is negative: -1 kg"),
     "infinite mass": (urdf(LEFT, wheel("right", -0.2, inertial("inf"))), "wheel_right"),
     "mass with a unit": (urdf(LEFT, wheel("right", -0.2, inertial("1kg"))), "1kg"),
-    "mimic in words": (
-        urdf(LEFT, wheel("right", -0.2, mimic='<mimic joint="wheel_left_joint" multiplier="twice"/>')),
-        "multiplier of joint 'wheel_right_joint'",
-        "'twice'",
-    ),
-}
+    "mimic in words": (urdf(LEFT, wheel("right", -0.2, mimic='<mimic joint="wheel_left_joint" multiplier="twice"/>')),
+        "multiplier of joint 'wheel_right_joint'", "'twice'"),
+}  # fmt: skip
 XACROS = {  # robot.urdf.xacro
     "xacro that is empty": ("",),
     "xacro that is no XML": ("<robot", "xacro", "line 1"),
@@ -166,50 +161,37 @@ XACROS = {  # robot.urdf.xacro
     "macro that calls itself": (xacro('<xacro:macro name="w"><xacro:w/></xacro:macro><xacro:w/>'), "recursive"),
     "xacro that includes itself": (xacro('<xacro:include filename="robot.urdf.xacro"/>'), "recursive"),
     "include of a missing file": (xacro('<xacro:include filename="wheels.xacro"/>'), "cannot read", "wheels.xacro"),
-    "find of a missing package": (
-        xacro('<xacro:include filename="$(find nopkg)/a.xacro"/>'),
-        "no package 'nopkg'",
-        "package_dirs",
-    ),
+    "find of a missing package": (xacro('<xacro:include filename="$(find nopkg)/a.xacro"/>'), "no package 'nopkg'",
+        "package_dirs"),
     "properties in a circle": (
         xacro('<xacro:property name="a" value="${b}"/><xacro:property name="b" value="${a}"/>', "${a}"),
         "circular",
     ),
     "division by zero": (xacro(radius="${1/0}"), "division"),
     "condition in words": (xacro('<xacro:if value="maybe"/>'), "maybe", "boolean"),
-    "xacro that runs a program": (
-        xacro(radius="${(lambda: ().__class__.__base__.__subclasses__())()}"),
-        "refuses to evaluate",
-    ),
+    "xacro that runs a program": (xacro(radius="${(lambda: ().__class__.__base__.__subclasses__())()}"),
+        "refuses to evaluate"),
     "xacro that evaluates a program": (xacro(radius="$(eval map.mro)"), "refuses to evaluate", "'mro'"),
     "xacro that would never end": (xacro(radius="${9**9**9**9}"), "refuses to evaluate"),
-}
+}  # fmt: skip
 MJCFS = {  # robot.xml
     "MJCF that is empty": ("", "not well-formed XML"),
     "MJCF that is a URDF": (GOOD, "<robot>", "expected <mujoco>"),
     "MJCF of nothing": ("<mujoco/>", "no <body>"),
-    "MJCF joint twice": (
-        mjcf('<body name="c"><joint name="wheel_left_joint"/><geom size=".1" mass="1"/></body>'),
-        "repeated name 'wheel_left_joint' in joint",
-    ),
+    "MJCF joint twice": (mjcf('<body name="c"><joint name="wheel_left_joint"/><geom size=".1" mass="1"/></body>'),
+        "repeated name 'wheel_left_joint' in joint"),
     "MJCF joint of an unknown type": (
         mjcf('<body name="c"><joint name="c" type="hingee"/><geom size=".1" mass="1"/></body>'),
         "hingee",
     ),
-    "MJCF mass in words": (
-        mjcf('<body name="c"><joint name="c"/><geom size=".1" mass="heavy"/></body>'),
-        "<geom>: mass",
-        "'heavy'",
-    ),
-    "MJCF position on a plane": (
-        mjcf('<body name="c" pos="1 2"><joint name="c"/><geom size=".1" mass="1"/></body>'),
-        '<body name="c">: pos takes 3',
-        "'1 2'",
-    ),
+    "MJCF mass in words": (mjcf('<body name="c"><joint name="c"/><geom size=".1" mass="heavy"/></body>'),
+        "<geom>: mass", "'heavy'"),
+    "MJCF position on a plane": (mjcf('<body name="c" pos="1 2"><joint name="c"/><geom size=".1" mass="1"/></body>'),
+        '<body name="c">: pos takes 3', "'1 2'"),
     "MJCF body of no mass": (mjcf('<body name="c"><joint name="c"/></body>'), "joint 'c' moves no mass"),
     "MJCF missing mesh": (mjcf(head='<asset><mesh name="m" file="no.stl"/></asset>'), "no mesh", "no.stl"),
     "MJCF gravity in words": (mjcf(head='<option gravity="down"/>'), "<option>: gravity", "'down'"),
-}
+}  # fmt: skip
 # name: (command and content of mine.yaml, other files, words of the message)
 FILES = {
     "inspect an empty scenario": (text("", "inspect"), {}, ["mine.yaml", "expected a mapping"]),
@@ -471,12 +453,8 @@ def test_arguments_of_simulate_are_refused_before_anything_runs(what):
     _, reduced, target = small()
     tracker = rnc.control.VelocityTracker(target)
     given = {
-        "reduced": reduced,
-        "controller": tracker,
-        "q0": reduced.robot.configuration(),
-        "duration": 0.1,
-        "dt": 0.01,
-    }
+        "reduced": reduced, "controller": tracker, "q0": reduced.robot.configuration(), "duration": 0.1, "dt": 0.01,
+    }  # fmt: skip
     with pytest.raises(rnc.RncError, match=words):
         rnc.simulate(**{**given, **changed})
 

@@ -23,15 +23,10 @@ def run(tmp_path_factory):
     return path
 
 
-@pytest.fixture
-def runs(call, tmp_path, no_pictures):
-    folders = {name: tmp_path / name for name in ("space-robot", "fire-truck")}
-    for name, folder in folders.items():
+def test_runs_are_compared_by_name(call, tmp_path, no_pictures):
+    runs = {name: tmp_path / name for name in ("space-robot", "fire-truck")}
+    for name, folder in runs.items():
         assert call("run", name, "--out", folder, *SHORT)[0] == 0
-    return folders
-
-
-def test_runs_are_compared_by_name(runs, call, tmp_path):
     other = runs["space-robot"] / "trajectory_platform_uncontrolled.npz"
     page, plot = tmp_path / "both.html", tmp_path / "both.png"
     status, out, error = call("replay", runs["space-robot"], other, "--html", page, "--plot", plot, "--aside")

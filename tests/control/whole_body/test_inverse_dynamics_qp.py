@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from rnc_pin.control import ControlSample, InverseDynamicsQP, limits, tasks
 from rnc_pin.control.whole_body import inverse_dynamics_qp
 from rnc_pin.control.whole_body.limit_stack import ContactCones
@@ -120,8 +120,7 @@ def high_cart():
     model = pin.Model()
     base = add_body(model, "root_joint", "Planar", 10.0, com=(0.0, 0.0, 1.0), moments=0.5)
     for name, x in (("base", 0.0), ("front", 0.5), ("rear", -0.5)):
-        place = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
-        model.addFrame(pin.Frame(name, base, 0, place, pin.FrameType.OP_FRAME))
+        add_frame(model, name, base, (x, 0.0, 0.0))
     edges = [rnc.NoSideSlip("front"), rnc.NoSideSlip("rear")]
     return rnc.NonholonomicSystem(rnc.Robot(model), edges, [rnc.FrameForce("base", "x")]).reduce(
         [rnc.FrameSpeed("base")]

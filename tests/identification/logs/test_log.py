@@ -128,13 +128,9 @@ def write_bag(path, version):
             place = vector("Pose", vector("Point", X[k], 0.0, 0.0), turned(YAW[k]))
             twist = vector("Twist", vector("Vector3", 1.5, 0.0, 0.0), vector("Vector3", 0.0, 0.0, 1.0))
             write(
-                "/odom",
-                recorded,
-                header(stamp, "odom"),
-                "base_link",
-                vector("PoseWithCovariance", place, covariance),
+                "/odom", recorded, header(stamp, "odom"), "base_link", vector("PoseWithCovariance", place, covariance),
                 vector("TwistWithCovariance", twist, covariance),
-            )
+            )  # fmt: skip
             write("/pose", recorded, header(stamp), place)
             moved = vector("Transform", vector("Vector3", X[k], 0.0, 0.0), turned(YAW[k]))
             write("/tf", recorded, [vector("TransformStamped", header(stamp, "/map"), "/laser_link", moved)])

@@ -107,12 +107,9 @@ def test_a_four_bar_linkage_is_drafted_closed_and_runs(call, tmp_path, monkeypat
     draft = read_yaml(tmp_path / "bars.yaml")
     (entry,) = draft["constraints"]
     assert entry["loop_closure"] == {
-        "frame_a": "coupler",
-        "frame_b": "rocker",
-        "kind": "point",
-        "offset_a": [1.0, 0.0, 0.0],
+        "frame_a": "coupler", "frame_b": "rocker", "kind": "point", "offset_a": [1.0, 0.0, 0.0],
         "offset_b": [0.0, 0.0, 0.3],
-    }
+    }  # fmt: skip
     assert draft["actuators"] == ["j1"]
     short = ["--set", "simulation.duration=1", "--set", "plots={}"]
     status, _, complaint = call("run", "bars.yaml", *short, "--out", "out")

@@ -60,12 +60,9 @@ def test_a_post_between_start_and_goal_keeps_its_clearance(tmp_path):
     post = {"cylinder": {"name": "post", "radius": 0.1, "length": 1.0, "position": [0.0, 0.9, 0.0]}}
     controller = {**PLANNED, "duration": 10.0, "clearance": 0.1}
     made = scenario(
-        tmp_path,
-        controller,
-        obstacles=[post],
-        initial={"q": {"root_joint": [0.0, 1.8, 0.0]}},
+        tmp_path, controller, obstacles=[post], initial={"q": {"root_joint": [0.0, 1.8, 0.0]}},
         simulation={"duration": 14.0, "dt": 0.05},
-    )
+    )  # fmt: skip
     run = made.run()
     assert np.hypot(*run.q[-1, :2]) < 0.01
     assert run.verdict.succeeded
