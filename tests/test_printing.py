@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from rnc_pin import control
 from rnc_pin.planning import Hold
 from systems import bicycle, space_robot
@@ -21,8 +21,7 @@ def cart() -> rnc.Robot:
     model.name = "<cart> & 'co'"
     joint = add_body(model, "root_joint", "Planar", 2.0)
     for name, y in (("left<b>", 0.2), ("right<b>", -0.2)):
-        place = pin.SE3(np.eye(3), np.array([0.0, y, 0.0]))
-        model.addFrame(pin.Frame(name, joint, 0, place, pin.FrameType.OP_FRAME))
+        add_frame(model, name, joint, (0.0, y, 0.0))
     return rnc.Robot(model)
 
 

@@ -48,11 +48,9 @@ def test_the_package_imports_nothing_heavy_and_its_packages_are_there():
     assert out == "tracking_errors Command\n"
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [["run", "--help"], ["list", "--json"], ["rnu"]],
-    ids=" ".join,
-)
+@pytest.mark.parametrize("arguments", [
+    ["run", "--help"], ["list", "--json"], ["rnu"],
+], ids=" ".join)  # fmt: skip
 def test_the_command_line_imports_nothing_heavy(arguments):
     _, packages = imported([COMMAND, *arguments])
     assert not packages & HEAVY

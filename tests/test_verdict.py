@@ -18,18 +18,15 @@ AT_A_BOUND = finding(FindingKind.SATURATION, Severity.DEGRADES, "saturated")
 TOLD = finding(FindingKind.MODEL, Severity.NOTE, "rounded")
 
 
-@pytest.mark.parametrize(
-    ("findings", "accepted", "word", "first"),
-    [
-        ((), (), "succeeded", None),
-        ((TOLD,), (), "succeeded", None),
-        ((TOLD, AT_A_BOUND), (), "degraded", AT_A_BOUND),
-        ((AT_A_BOUND, MISSED), (), "failed", MISSED),
-        ((AT_A_BOUND, MISSED), ("goal",), "degraded", MISSED),
-        ((MISSED, HIT), ("goal",), "failed", HIT),
-        ((MISSED, HIT), ("goal", "collision"), "degraded", MISSED),
-    ],
-)
+@pytest.mark.parametrize(("findings", "accepted", "word", "first"), [
+    ((), (), "succeeded", None),
+    ((TOLD,), (), "succeeded", None),
+    ((TOLD, AT_A_BOUND), (), "degraded", AT_A_BOUND),
+    ((AT_A_BOUND, MISSED), (), "failed", MISSED),
+    ((AT_A_BOUND, MISSED), ("goal",), "degraded", MISSED),
+    ((MISSED, HIT), ("goal",), "failed", HIT),
+    ((MISSED, HIT), ("goal", "collision"), "degraded", MISSED),
+])  # fmt: skip
 def test_the_first_failure_decides_unless_it_is_accepted(findings, accepted, word, first):
     verdict = Verdict.of(findings, accepted)
     assert (verdict.word, verdict.first) == (word, first)

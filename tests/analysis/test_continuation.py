@@ -9,7 +9,7 @@ from benchmarks.validation.bicycle import REAR, bicycle, upright
 from bodies import add_body
 from rnc_pin.analysis.symmetry import find_symmetries
 from rnc_pin.model.user_functions import gradient
-from systems import ALL
+from systems import ALL, floating_robot, in_joints
 from textbook_systems import tractor_trailers, vertical_disk, wheeled_pendulum
 
 G, L = 9.81, 0.8
@@ -18,16 +18,12 @@ G, L = 9.81, 0.8
 def hoop(rate):
     """A bead on a hoop of radius L that turns about the vertical: a pendulum in a plane that turns."""
     model = pin.Model()
-    model.name = "hoop"
     plane = add_body(model, "plane", "RZ", 1.0)
     add_body(model, "bead", "RY", pin.Inertia(0.3, np.array([0.0, 0.0, -L]), np.zeros((3, 3))), plane)
     turned = rnc.Pfaffian(
-        lambda q: np.array([[1.0, 0.0]]),
-        lambda q, v: np.zeros((1, 2)),
-        ["turned"],
-        rate=lambda q: np.array([rate]),
+        lambda q: np.array([[1.0, 0.0]]), lambda q, v: np.zeros((1, 2)), ["turned"], rate=lambda q: np.array([rate]),
         rate_dot=lambda q, v: np.zeros(1),
-    )
+    )  # fmt: skip
     return rnc.NonholonomicSystem(rnc.Robot(model), [turned], []).reduce([rnc.JointPosition("bead")])
 
 
@@ -69,14 +65,11 @@ def test_rates_that_are_not_given_are_found(tmp_path):
     np.testing.assert_allclose(found.q[5], circle(0.3, 1)[0], atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("joints", "hold", "v2", "words"),
-    [
-        ({"front_steering": 1.15}, ["front_steering"], [1.0, 0.0], "'hitch_1' moves by -1"),  # the circle is too small
-        ({"front_steering": 0.3}, ["front_steering", "hitch_1"], [1.0, 0.0], r"'hitch_1' moves by -0\.309 a second"),
-        ({"front_steering": 0.3}, [], [1.0, 0.1], r"'front_steering' moves by 0\.1 a second"),
-    ],
-)
+@pytest.mark.parametrize(("joints", "hold", "v2", "words"), [
+    ({"front_steering": 1.15}, ["front_steering"], [1.0, 0.0], "'hitch_1' moves by -1"),  # the circle is too small
+    ({"front_steering": 0.3}, ["front_steering", "hitch_1"], [1.0, 0.0], r"'hitch_1' moves by -0\.309 a second"),
+    ({"front_steering": 0.3}, [], [1.0, 0.1], r"'front_steering' moves by 0\.1 a second"),
+])  # fmt: skip
 def test_where_there_is_none_the_shape_variable_that_moves_is_named(joints, hold, v2, words, tmp_path):
     reduced = tractor_trailers(1, tmp_path)
     with pytest.raises(rnc.ConstraintError, match=f"no steady motion found .* shape variable {words}") as told:
@@ -108,10 +101,8 @@ def test_a_bead_on_a_hoop_that_turns():
 
 def test_under_a_momentum_a_robot_turns_as_one_piece():
     """Its motors hold what the recursive Newton-Euler algorithm says of platform and arm in rigid rotation."""
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    joints = robot.joint_names[1:]
-    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform", 6.0)], joints)
-    reduced = system.reduce([rnc.JointPosition(joint) for joint in joints])
+    reduced = in_joints(floating_robot(6.0))
+    robot = reduced.robot
     guess = robot.configuration({"joint_1": 0.4, "joint_2": 1.1, "joint_3": -0.7})
     found = rnc.equilibrium(reduced, guess)
     np.testing.assert_allclose(found.q, guess, atol=1e-9)
@@ -144,7 +135,6 @@ def test_a_wheel_that_is_unbalanced_may_be_named():
 
 def free_body(inertia, gravity=(0, 0, 0)):
     model = pin.Model()
-    model.name = "body"
     add_body(model, "root_joint", "FreeFlyer", 1.0, moments=inertia, frame="body")
     model.gravity.linear = np.array(gravity, float)
     return rnc.NonholonomicSystem(rnc.Robot(model), [])

@@ -8,6 +8,7 @@ import scipy.optimize
 
 import rnc_pin as rnc
 import systems
+from bodies import add_body
 from rnc_pin.analysis.equilibrium import _Search
 from systems import ALL, four_bar, random_states
 from textbook_systems import RESTING, SPEED, G, acrobot, angle_of, hanging_chain, sideways_pendulum, wheeled_pendulum
@@ -91,16 +92,13 @@ def test_a_step_that_leads_away_is_made_shorter(guess):
     check(reduced, found)
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "words"),
-    [
-        (lambda r, q: rnc.equilibrium(r, q, hold=["pitch"]), rnc.ConstraintError, "rate of 'pitch' changes by"),
-        (lambda r, q: rnc.equilibrium(r, q, hold=["pich"]), rnc.ModelError, "did you mean 'pitch'"),
-        (lambda r, q: rnc.equilibrium(r, q[:-1]), rnc.InputError, "q has shape"),
-        (lambda r, q: rnc.equilibrium(r, np.tile(q, (2, 1))), rnc.InputError, "expected one configuration"),
-        (lambda r, q: rnc.equilibrium(r, q, v2=[1.0]), rnc.InputError, "v2 has shape"),
-    ],
-)
+@pytest.mark.parametrize(("call", "error", "words"), [
+    (lambda r, q: rnc.equilibrium(r, q, hold=["pitch"]), rnc.ConstraintError, "rate of 'pitch' changes by"),
+    (lambda r, q: rnc.equilibrium(r, q, hold=["pich"]), rnc.ModelError, "did you mean 'pitch'"),
+    (lambda r, q: rnc.equilibrium(r, q[:-1]), rnc.InputError, "q has shape"),
+    (lambda r, q: rnc.equilibrium(r, np.tile(q, (2, 1))), rnc.InputError, "expected one configuration"),
+    (lambda r, q: rnc.equilibrium(r, q, v2=[1.0]), rnc.InputError, "v2 has shape"),
+])  # fmt: skip
 def test_what_is_not_found_is_said(call, error, words):
     reduced = wheeled_pendulum()
     with pytest.raises(error, match=words) as raised:
@@ -119,12 +117,9 @@ def test_of_a_surface_of_equilibria_the_nearest_is_found(guess, hold):
 
     kept = [{"type": "eq", "fun": lambda q, k=k: q[k] - guess[k]} for k in hold]
     expected = scipy.optimize.minimize(
-        lambda q: np.sum((q - guess) ** 2),
-        guess,
-        constraints=[{"type": "eq", "fun": across}, *kept],
-        options={"ftol": 1e-14},
-        method="SLSQP",
-    )
+        lambda q: np.sum((q - guess) ** 2), guess, constraints=[{"type": "eq", "fun": across}, *kept],
+        options={"ftol": 1e-14}, method="SLSQP",
+    )  # fmt: skip
     np.testing.assert_allclose(found.q, expected.x, atol=1e-5)
     np.testing.assert_allclose(across(found.q), 0, atol=1e-9)
     q = np.cumsum(found.q)  # weights below a hinge, with their levers
@@ -182,11 +177,9 @@ def driven_bicycle():
     return rnc.NonholonomicSystem(robot, wheels, ["rear_wheel"]).reduce()
 
 
-@pytest.mark.parametrize(
-    "make",
-    [wheeled_pendulum, lambda: hanging_chain(["hinge_1", "hinge_2"]), systems.four_bar, driven_bicycle],
-    ids=["pendulum on wheels", "chain", "four-bar", "bicycle"],
-)
+@pytest.mark.parametrize("make", [
+    wheeled_pendulum, lambda: hanging_chain(["hinge_1", "hinge_2"]), systems.four_bar, driven_bicycle,
+], ids=["pendulum on wheels", "chain", "four-bar", "bicycle"])  # fmt: skip
 def test_a_step_towards_an_equilibrium_is_that_of_newton(make):
     """Far from one, moving, loops open: forces that inputs do not reach vanish to first order, and so do gaps."""
     reduced = make()
@@ -292,11 +285,8 @@ def test_a_motor_without_strength_is_none(gear, holds):
 def test_a_grain_of_dust_hangs_too():
     """Its forces are ten million times smaller than those of the other pendulum, in roots of the inertias."""
     model = pin.Model()
-    model.name = "pendulums"
     for k, mass in enumerate((1.0, 1e-14)):
-        joint = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), f"hinge_{k}")
-        inertia = pin.Inertia(mass, np.array([0.0, 0.0, -0.5]), 0.1 * mass * np.eye(3))
-        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+        add_body(model, f"hinge_{k}", "RY", mass, com=(0.0, 0.0, -0.5), moments=0.1 * mass)
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), []).reduce()
     found = rnc.equilibrium(reduced, [0.6, -0.9])
     np.testing.assert_allclose(found.q, 0.0, atol=1e-8)
@@ -320,10 +310,9 @@ def test_rows_that_say_nothing_take_no_direction_away():
     assert step[pitch] == pytest.approx(-np.tan(0.3), rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("step", "limited"),
-    [([0.9, -0.15], [0.3, -0.05]), ([0.1, -1.2], [0.025, -0.3]), ([-0.29, 0.1], [-0.29, 0.1]), ([0.0, 0.0], [0, 0])],
-)
+@pytest.mark.parametrize(("step", "limited"), [
+    ([0.9, -0.15], [0.3, -0.05]), ([0.1, -1.2], [0.025, -0.3]), ([-0.29, 0.1], [-0.29, 0.1]), ([0.0, 0.0], [0, 0]),
+])  # fmt: skip
 def test_no_step_is_longer_than_three_tenths(step, limited):
     search = search_from(hanging_chain([], 2), [0.1, 0.2])
     np.testing.assert_allclose(search._limited(np.array(step)), limited, rtol=1e-14)

@@ -95,27 +95,20 @@ def test_a_second_factor_is_asked_of_the_slowed_reference(gripping):
     second = needed(Slowed(reference.primary, first), 0.02 * first).time_scale
     assert second > 1.001
     slowed = within_grip(
-        gripping,
-        task,
-        reference,
-        q0,
-        grip,
+        gripping, task, reference, q0, grip,
         controller=lambda r: rnc.control.ReducingOutputController(gripping, r.primary),
-    )
+    )  # fmt: skip
     assert slowed.duration == pytest.approx(2.0 * first * second, rel=1e-9)
     assert needed(slowed.primary, 0.02 * first * second).used < 1.005
 
 
-@pytest.mark.parametrize(
-    ("friction", "loads", "words"),
-    [
-        (0.0, None, "friction: expected a positive number"),
-        (0.5, {"slegh": 1.0}, "no gripping contact 'slegh'; did you mean 'sleigh'"),
-        (0.5, {"sleigh": 0.0}, "load of 'sleigh' has to be positive"),
-        (np.inf, None, "friction: expected a positive number"),
-        (np.nan, None, "friction: expected a positive number"),
-    ],
-)
+@pytest.mark.parametrize(("friction", "loads", "words"), [
+    (0.0, None, "friction: expected a positive number"),
+    (0.5, {"slegh": 1.0}, "no gripping contact 'slegh'; did you mean 'sleigh'"),
+    (0.5, {"sleigh": 0.0}, "load of 'sleigh' has to be positive"),
+    (np.inf, None, "friction: expected a positive number"),
+    (np.nan, None, "friction: expected a positive number"),
+])  # fmt: skip
 def test_what_is_no_grip_is_refused(gripping, friction, loads, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         rnc.Grip(gripping, friction, loads)
@@ -416,11 +409,9 @@ def test_a_robot_on_two_wheels_skids_on_a_circle_at_the_root_of_mu_g_rho():
 
 def least_largest_share(torques, friction):
     """Of the car of ``on_four_wheels`` at rest: Newton and Euler for one body, and a solver for smooth programs."""
-    mass, center, places = (
-        20.0,
-        np.array([0.05, 0.02, 0.1 + WHEEL]),
-        np.array([[*xy, 0.0] for xy in systems.CORNERS.values()]),
-    )
+    mass = 20.0
+    center = np.array([0.05, 0.02, 0.1 + WHEEL])
+    places = np.array([[*xy, 0.0] for xy in systems.CORNERS.values()])
     driving = np.asarray(torques) / WHEEL
     inertial = np.array([driving.sum(), 0.0, mass * G])  # force of the ground
 

@@ -20,15 +20,9 @@ def every_joint():
     """Joints in an order in which no entries of v have the place of those of q."""
     model = pin.Model()
     kinds = (
-        pin.JointModelRUBX(),
-        pin.JointModelFreeFlyer(),
-        pin.JointModelPY(),
-        pin.JointModelPlanar(),
-        pin.JointModelSpherical(),
-        pin.JointModelTranslation(),
-        pin.JointModelSphericalZYX(),
-        pin.JointModelPlanar(),
-    )
+        pin.JointModelRUBX(), pin.JointModelFreeFlyer(), pin.JointModelPY(), pin.JointModelPlanar(),
+        pin.JointModelSpherical(), pin.JointModelTranslation(), pin.JointModelSphericalZYX(), pin.JointModelPlanar(),
+    )  # fmt: skip
     for k, kind in enumerate(kinds):
         model.addJoint(k, kind, pin.SE3.Identity(), f"j{k}")
     return model
@@ -173,10 +167,9 @@ def test_a_level_that_nothing_leads_to_ends_the_growth():
     assert found.closure.shape == (6, 4)
 
 
-@pytest.mark.parametrize(
-    ("x", "vector", "doubtful"),
-    [(0.3, (2, 3, 4), False), (1e-3, (2, 3, 4), False), (1e-9, (2, 3), True), (0.0, (2, 3), False)],
-)
+@pytest.mark.parametrize(("x", "vector", "doubtful"), [
+    (0.3, (2, 3, 4), False), (1e-3, (2, 3, 4), False), (1e-9, (2, 3), True), (0.0, (2, 3), False),
+])  # fmt: skip
 def test_next_to_a_singular_configuration_a_direction_is_in_doubt(x, vector, doubtful):
     """``x2' = x0 x1'`` and ``x3' = x0^3 x1'``, whose second bracket ``6 x0`` vanishes at ``x0 = 0``."""
     found = grow(monomials([(1, 0), (3, 0)]), np.array([x, 0.2, 0.1, -0.4]))
@@ -255,9 +248,8 @@ def test_a_growth_vector_that_is_not_found_is_refused():
     assert len(found) == 13
     reduced = unicycle_with_trailers(3)
     q = reduced.robot.configuration({"hitch_1": np.pi / 2, "hitch_2": np.pi / 2})
-    with pytest.raises(
-        rnc.InfeasibleError, match=r"brackets up to depth 5 give the dimensions .2, 3, 4, 4, 5.*raise 'deepest'"
-    ):
+    words = r"brackets up to depth 5 give the dimensions .2, 3, 4, 4, 5.*raise 'deepest'"
+    with pytest.raises(rnc.InfeasibleError, match=words):
         growth_vector(reduced, q, deepest=4)
     with pytest.raises(rnc.InputError, match="deepest: expected a positive integer, found 0"):
         growth_vector(reduced, q, deepest=0)

@@ -46,15 +46,12 @@ def places(*x, size):
     return found
 
 
-@pytest.mark.parametrize(
-    ("coefficients", "words"),
-    [
-        ({"a": 1.0}, "a"),
-        ({"a": 1.0, "b": 0.4, "c": -1.0}, "a + 0.4 b - c"),
-        ({"a": 1.0, "b": -0.12345678, "c": 1.0}, "a - 0.1235 b + c"),
-        ({"a": 1.0, "b": -1 + 0.97e-5, "c": 1 + 1.03e-5}, "a - b + 1 c"),
-    ],
-)
+@pytest.mark.parametrize(("coefficients", "words"), [
+    ({"a": 1.0}, "a"),
+    ({"a": 1.0, "b": 0.4, "c": -1.0}, "a + 0.4 b - c"),
+    ({"a": 1.0, "b": -0.12345678, "c": 1.0}, "a - 0.1235 b + c"),
+    ({"a": 1.0, "b": -1 + 0.97e-5, "c": 1 + 1.03e-5}, "a - b + 1 c"),
+])  # fmt: skip
 def test_combinations_are_written_like_sums(coefficients, words):
     assert str(Combination(coefficients, True)) == words
 
@@ -183,7 +180,6 @@ def two_upright_wheels():
 def three_sliders(rows, rows_dot, names):
     """Three prismatic joints with rows of one's own, coordinates (x, y, z)."""
     model = pin.Model()
-    model.name = "sliders"
     parent = 0
     for name, joint in (("x", pin.JointModelPX()), ("y", pin.JointModelPY()), ("z", pin.JointModelPZ())):
         parent = add_body(model, name, joint, 1.0, parent, moments=0.1)

@@ -244,12 +244,8 @@ def test_lemma_1_holds_of_slides():
     assert max(found[name] for name in ("A R", "H - H^T", "Hdot - V - V^T", "V linear")) < 1e-9
     free = rnc.NonholonomicSystem(rail_sliders(1), []).reduce([rnc.JointPosition("s0")])
     assert lemma_1_residuals(free, np.zeros((1, 1))) == {
-        "A R": 0.0,
-        "H - H^T": 0.0,
-        "Hdot - V - V^T": 0.0,
-        "V linear": 0.0,
-        "smallest eigenvalue of H": 1.0,
-    }
+        "A R": 0.0, "H - H^T": 0.0, "Hdot - V - V^T": 0.0, "V linear": 0.0, "smallest eigenvalue of H": 1.0,
+    }  # fmt: skip
 
 
 def lever():
@@ -308,11 +304,9 @@ def test_less_than_the_fifth_root_is_no_growth(sizes, which, power):
 
 
 @pytest.mark.parametrize(("singular", "told"), [(4, True), (5, False)])
-@pytest.mark.parametrize(
-    "error",
-    [rnc.SingularityError("there", q=np.zeros(3), condition=np.inf, rows=("lever",)), rnc.ConstraintError("open")],
-    ids=["singular", "open"],
-)
+@pytest.mark.parametrize("error", [
+    rnc.SingularityError("there", q=np.zeros(3), condition=np.inf, rows=("lever",)), rnc.ConstraintError("open"),
+], ids=["singular", "open"])  # fmt: skip
 def test_three_places_make_a_way(sizes, singular, told, error):
     sizes.update(singular=singular, error=error)
     bounds = boundedness(lever(), SAMPLES, [goal()])

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from rnc_pin.analysis import lie_brackets
 from rnc_pin.analysis.complex_rows import ComplexRows, has_complex_rows
 from rnc_pin.analysis.lie_brackets import PIECES, BracketJets
@@ -89,7 +89,7 @@ def in_plain_coordinates(count):
     frames = ["body", *(f"axle_{k}" for k in range(1, count + 1))]
     for name in frames:
         frame = moving.frames[moving.getFrameId(name)]
-        model.addFrame(pin.Frame(name, frame.parentJoint + 2, 0, frame.placement, pin.FrameType.OP_FRAME))
+        add_frame(model, name, frame.parentJoint + 2, frame.placement)
     system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip(name) for name in frames])
     return system.reduce([rnc.FrameSpeed("body"), rnc.FrameYaw("body")])
 
@@ -147,7 +147,7 @@ def ball_with_rudder():
     for joint in (hinge, slide, turn):
         model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
     for name, joint in (("hub", base), ("rudder", turn)):
-        model.addFrame(pin.Frame(name, joint, 0, pin.SE3.Random(), pin.FrameType.OP_FRAME))
+        add_frame(model, name, joint, pin.SE3.Random())
     kinds = [rnc.RollingBall("hub", 0.2), rnc.NoSideSlip("rudder", at=(0.1, 0.2, -0.3))]
     return rnc.NonholonomicSystem(rnc.Robot(model), kinds).reduce()
 

@@ -94,21 +94,18 @@ def test_rows_of_a_user_say_how_good_their_differences_are():
 FIXED, MOVING = rnc.FramePosition("base", "z"), ["pitch", "root_joint[0]"]
 
 
-@pytest.mark.parametrize(
-    ("options", "error", "words"),
-    [
-        ({"T": [1.0, 1.0]}, rnc.ConstraintError, "not an equilibrium and not a steady motion"),
-        ({"coordinates": []}, rnc.ConstraintError, "also depends on 'pitch'"),
-        ({"rates": ["pitch"]}, rnc.ConstraintError, "also depends on 'base_speed_x'"),
-        ({"coordinates": ["pich"]}, rnc.ModelError, "did you mean 'pitch'"),
-        ({"rates": ["base_yow"]}, rnc.ModelError, "did you mean 'base_yaw'"),
-        ({"coordinates": "pitch"}, rnc.InputError, "have to be a list"),
-        ({"coordinates": ["pitch", "pitch"]}, rnc.ConstraintError, "not independent"),
-        ({"coordinates": [FIXED], "rates": []}, rnc.ConstraintError, "coordinates base_z are not independent under"),
-        ({"coordinates": [rnc.FrameSpeed("base")]}, rnc.ConstraintError, "quasi-velocity: it has no value"),
-        ({"v2": [0.5, 0, 0], "coordinates": MOVING}, rnc.ConstraintError, r"'root_joint\[0\]' moves in this motion"),
-    ],
-)
+@pytest.mark.parametrize(("options", "error", "words"), [
+    ({"T": [1.0, 1.0]}, rnc.ConstraintError, "not an equilibrium and not a steady motion"),
+    ({"coordinates": []}, rnc.ConstraintError, "also depends on 'pitch'"),
+    ({"rates": ["pitch"]}, rnc.ConstraintError, "also depends on 'base_speed_x'"),
+    ({"coordinates": ["pich"]}, rnc.ModelError, "did you mean 'pitch'"),
+    ({"rates": ["base_yow"]}, rnc.ModelError, "did you mean 'base_yaw'"),
+    ({"coordinates": "pitch"}, rnc.InputError, "have to be a list"),
+    ({"coordinates": ["pitch", "pitch"]}, rnc.ConstraintError, "not independent"),
+    ({"coordinates": [FIXED], "rates": []}, rnc.ConstraintError, "coordinates base_z are not independent under"),
+    ({"coordinates": [rnc.FrameSpeed("base")]}, rnc.ConstraintError, "quasi-velocity: it has no value"),
+    ({"v2": [0.5, 0, 0], "coordinates": MOVING}, rnc.ConstraintError, r"'root_joint\[0\]' moves in this motion"),
+])  # fmt: skip
 def test_what_cannot_be_linearised_is_refused(options, error, words):
     reduced = wheeled_pendulum()
     with pytest.raises(error, match=words):

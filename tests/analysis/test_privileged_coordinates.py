@@ -8,6 +8,7 @@ import pytest
 import sympy as sp
 
 import rnc_pin as rnc
+from bodies import add_body, add_frame
 from rnc_pin.analysis import growth_vector, privileged_coordinates
 from rnc_pin.model.integrators import LieRungeKutta4
 from systems import ackermann_car, fire_truck, mecanum, mobile_manipulator, sleigh, spinning_space_robot
@@ -32,12 +33,8 @@ def near(reduced, q, generator, size=0.7):
 def car(length=0.8, ahead=0.0):
     """A car whose base frame is ahead of the rear axle; the front axle steers as one wheel."""
     model, base = planar_model("car")
-    frame = pin.SE3(np.eye(3), np.array([-ahead, 0.0, 0.0]))
-    model.addFrame(pin.Frame("rear", base, 0, frame, pin.FrameType.OP_FRAME))
-    place = pin.SE3(np.eye(3), np.array([length - ahead, 0.0, 0.0]))
-    steer = model.addJoint(base, pin.JointModelRZ(), place, "steer")
-    model.appendBodyToJoint(steer, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("front", steer, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_frame(model, "rear", base, (-ahead, 0.0, 0.0))
+    add_body(model, "steer", "RZ", 1.0, base, moments=0.1, at=(length - ahead, 0.0, 0.0), frame="front")
     edges = [rnc.NoSideSlip("rear"), rnc.NoSideSlip("front")]
     return rnc.NonholonomicSystem(rnc.Robot(model), edges).reduce([rnc.FrameSpeed("rear"), rnc.JointPosition("steer")])
 
@@ -150,15 +147,9 @@ def test_words_shorter_than_the_weight_vanish(hitches):
 def satellite_with_rotors():
     """Attitude by two rotors; the centre of mass stays: 5 of 8 dimensions."""
     model = pin.Model()
-    body = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    inertia = pin.Inertia(8.0, np.zeros(3), np.diag([0.9, 1.1, 1.3]))
-    model.appendBodyToJoint(body, inertia, pin.SE3.Identity())
-    for name, kind, place in (
-        ("roll", pin.JointModelRX(), [0.2, 0.1, 0.0]),
-        ("pitch", pin.JointModelRY(), [0, -0.1, 0]),
-    ):
-        joint = model.addJoint(body, kind, pin.SE3(np.eye(3), np.array(place, dtype=float)), name)
-        model.appendBodyToJoint(joint, pin.Inertia(0.5, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+    body = add_body(model, "root_joint", "FreeFlyer", 8.0, moments=(0.9, 1.1, 1.3))
+    for name, kind, place in (("roll", "RX", (0.2, 0.1, 0.0)), ("pitch", "RY", (0, -0.1, 0))):
+        add_body(model, name, kind, 0.5, body, moments=0.1, at=place)
     model.gravity.linear = np.zeros(3)
     system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("root_joint")])
     return system.reduce([rnc.JointPosition("roll"), rnc.JointPosition("pitch")])
@@ -187,8 +178,7 @@ def swimmer():
     value, slope = sp.lambdify([a, b], rows, cse=True), sp.lambdify([a, b, *rates], rows_dot, cse=True)
     model, base = planar_model("swimmer")
     for name, place in (("a", -1.0), ("b", 1.0)):
-        joint = model.addJoint(base, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([place, 0.0, 0.0])), name)
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+        add_body(model, name, "RZ", 1.0, base, moments=0.1, at=(place, 0.0, 0.0))
 
     drag_rows = rnc.Pfaffian(
         lambda q: np.array(value(*q[4:]), dtype=float),
@@ -203,9 +193,7 @@ def snakeboard():
     """A board whose axles steer on their own: kinematic, with their rates and the speed as inputs."""
     model, base = planar_model("snakeboard")
     for name, place in (("front", 0.5), ("back", -0.5)):
-        joint = model.addJoint(base, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([place, 0.0, 0.0])), name)
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
-        model.addFrame(pin.Frame(f"{name}_axle", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+        add_body(model, name, "RZ", 1.0, base, moments=0.1, at=(place, 0.0, 0.0), frame=f"{name}_axle")
     edges = [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("back_axle")]
     return rnc.NonholonomicSystem(rnc.Robot(model), edges).reduce()
 

@@ -168,18 +168,15 @@ def test_nothing_redundant_is_no_class_and_says_why():
     assert report.redundancy.reason == "no redundant output"
 
 
-@pytest.mark.parametrize(
-    ("along", "expected"),
-    [
-        ((0, 0, 0, 0), "2"),
-        ((0, 0, 1, 0), "2"),  # on x21
-        ((0, 1, 0, 0), "2"),  # on x12
-        ((1, 0, 0, 0), "2"),  # on x11, which x22 moves: the paper asks for A5(x11, x12, x21)
-        ((0, 0, 0, 1), None),  # on x22
-        ((1, 0, 0, -1), None),  # on x11 - x22, which x22 does not change under the constraints
-        ((1, 1, 1, 0.2), None),
-    ],
-)
+@pytest.mark.parametrize(("along", "expected"), [
+    ((0, 0, 0, 0), "2"),
+    ((0, 0, 1, 0), "2"),  # on x21
+    ((0, 1, 0, 0), "2"),  # on x12
+    ((1, 0, 0, 0), "2"),  # on x11, which x22 moves: the paper asks for A5(x11, x12, x21)
+    ((0, 0, 0, 1), None),  # on x22
+    ((1, 0, 0, -1), None),  # on x11 - x22, which x22 does not change under the constraints
+    ((1, 1, 1, 0.2), None),
+])  # fmt: skip
 def test_class_2_asks_for_an_A5_without_x22_and_lets_it_depend_on_all_else(along, expected):
     along = np.array(along, dtype=float)
     reduced = prismatic(lambda q: 1 + 0.5 * np.sin(along @ q), lambda q: 0.5 * np.cos(along @ q) * along)

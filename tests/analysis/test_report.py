@@ -118,17 +118,14 @@ def test_a_millionth_of_a_force_is_missing(share, missing):
     assert (report.actuation_rank, report.unactuated) == (1, missing)
 
 
-@pytest.mark.parametrize(
-    ("B", "rank", "missing"),
-    [
-        ([[1, 0, 0], [0, 1, 0], [0, 0, 1]], 3, ()),
-        ([[1, 0], [0, 1], [0, 0]], 2, ("s2",)),
-        ([[0, 0], [2, 0], [0, 3]], 2, ("s0",)),
-        ([[1, 1], [1, 1], [0, 0]], 1, ("s0", "s1", "s2")),
-        ([[1, 0], [1, 0], [0, 5]], 2, ("s0", "s1")),
-        ([[0.0], [0.0], [0.0]], 0, ("s0", "s1", "s2")),
-    ],
-)
+@pytest.mark.parametrize(("B", "rank", "missing"), [
+    ([[1, 0, 0], [0, 1, 0], [0, 0, 1]], 3, ()),
+    ([[1, 0], [0, 1], [0, 0]], 2, ("s2",)),
+    ([[0, 0], [2, 0], [0, 3]], 2, ("s0",)),
+    ([[1, 1], [1, 1], [0, 0]], 1, ("s0", "s1", "s2")),
+    ([[1, 0], [1, 0], [0, 5]], 2, ("s0", "s1")),
+    ([[0.0], [0.0], [0.0]], 0, ("s0", "s1", "s2")),
+])  # fmt: skip
 @pytest.mark.parametrize("unit", [1e-7, 1.0, 1e7])
 def test_forces_that_are_missing(B, rank, missing, unit):
     """One more is missing at positive q1, so that this is no worst sample."""

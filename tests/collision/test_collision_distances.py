@@ -16,10 +16,8 @@ STEP = 1e-6  # of differences [s]
 def ball_on_rails(radius=0.1):
     """Ball that moves along x and then along y."""
     model = pin.Model()
-    along = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "along")
-    across = model.addJoint(along, pin.JointModelPY(), pin.SE3.Identity(), "across")
-    for joint in (along, across):
-        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, radius), pin.SE3.Identity())
+    along = add_body(model, "along", "PX", pin.Inertia.FromSphere(1.0, radius))
+    across = add_body(model, "across", "PY", pin.Inertia.FromSphere(1.0, radius), along)
     frame = model.addFrame(pin.Frame("ball", across, 0, pin.SE3.Identity(), pin.FrameType.BODY))
     geometry = pin.GeometryModel()
     geometry.addGeometryObject(pin.GeometryObject("ball_0", across, frame, pin.SE3.Identity(), coal.Sphere(radius)))
@@ -137,11 +135,9 @@ def test_rates_agree_with_differences(name, request):
     generator = np.random.default_rng(5)
     errors, step = [], 1e-5
     for _ in range(8):
-        q, v, t = (
-            robot.random_configuration(generator, 1.0),
-            generator.normal(size=robot.nv),
-            generator.uniform(0.0, 2.0),
-        )
+        q = robot.random_configuration(generator, 1.0)
+        v = generator.normal(size=robot.nv)
+        t = generator.uniform(0.0, 2.0)
         found = distances.at(q, t)
         ahead, behind = (
             distances.at(pin.integrate(robot.model, q, sign * step * v), t + sign * step) for sign in (1.0, -1.0)

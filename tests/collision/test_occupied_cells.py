@@ -117,31 +117,26 @@ def test_a_way_leads_through_a_mesh_with_an_opening(tmp_path):
     gate = load_cells(tmp_path / "gate.stl", 0.1).obstacles()
     robot = rnc.Robot.from_urdf("car.urdf", base="planar")
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("rear_axle")])
-    start, goal = (
-        robot.configuration({"root_joint": [-1.0, 0.0, 0.0]}),
-        robot.configuration({"root_joint": [4.0, 0, 0]}),
-    )
+    start = robot.configuration({"root_joint": [-1.0, 0.0, 0.0]})
+    goal = robot.configuration({"root_joint": [4.0, 0, 0]})
     way = find_way(system.reduce(), start, goal, gate, settings=WaySettings(shortcuts=0))
     distances = CollisionDistances(robot, gate, rnc.collision.PairSelection(links=False))
     replay = way.at(np.linspace(0.0, way.duration, 200))
     assert min(distances.smallest(q, 0.0, 0.2).min() for q in replay) >= 0.01
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "side", "message"),
-    [
-        ("a.pcd", "VERSION 0.7\n", 0.1, "has no line 'DATA'"),
-        ("a.pcd", PCD.format(n=2, data="ascii") + "3 0 0 1 1 2 3\n", 0.1, "has 1 points, its header says 2"),
-        ("a.pcd", PCD.format(n=2, data="binary"), 0.1, "ends before its last point"),
-        ("a.pcd", PCD.format(n=2, data="binary_compressed"), 0.1, "expected 'ascii' or 'binary'"),
-        ("a.pcd", PCD.format(n=2, data="ascii").replace(" x ", " u "), 0.1, "FIELDS, with x, y and z"),
-        ("a.xyz", "1 2\n", 0.1, "a.xyz"),
-        ("a.xyz", "nan 0 0\n", 0.1, "there are no points"),
-        ("a.xyz", "0 0 0\n1000 1000 1000\n", 0.1, "give a larger 'side'"),
-        ("a.las", "", 0.1, r"expected one of \.pcd, \.ply, \.xyz"),
-        ("none.xyz", None, 0.1, "No such file"),
-    ],
-)
+@pytest.mark.parametrize(("name", "content", "side", "message"), [
+    ("a.pcd", "VERSION 0.7\n", 0.1, "has no line 'DATA'"),
+    ("a.pcd", PCD.format(n=2, data="ascii") + "3 0 0 1 1 2 3\n", 0.1, "has 1 points, its header says 2"),
+    ("a.pcd", PCD.format(n=2, data="binary"), 0.1, "ends before its last point"),
+    ("a.pcd", PCD.format(n=2, data="binary_compressed"), 0.1, "expected 'ascii' or 'binary'"),
+    ("a.pcd", PCD.format(n=2, data="ascii").replace(" x ", " u "), 0.1, "FIELDS, with x, y and z"),
+    ("a.xyz", "1 2\n", 0.1, "a.xyz"),
+    ("a.xyz", "nan 0 0\n", 0.1, "there are no points"),
+    ("a.xyz", "0 0 0\n1000 1000 1000\n", 0.1, "give a larger 'side'"),
+    ("a.las", "", 0.1, r"expected one of \.pcd, \.ply, \.xyz"),
+    ("none.xyz", None, 0.1, "No such file"),
+])  # fmt: skip
 def test_bad_files_are_one_line(tmp_path, name, content, side, message):
     if content is not None:
         (tmp_path / name).write_text(content)
@@ -248,22 +243,19 @@ def test_a_robot_keeps_its_distance_from_a_map(tmp_path):
     assert here - ahead == pytest.approx(1.0, abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (("resolution: 0.5", "resolution: -1"), "resolution: expected greater than 0"),
-        (("free_thresh: 0.196", ""), "free_thresh: is missing"),
-        (("free_thresh: 0.196", "free_thresh: 0.65"), "free_thresh: expected less than occupied_thresh"),
-        (("negate: 0", "negat: 0"), "'negat' is not known; did you mean 'negate'"),
-        (("negate: 0", "negate: [0"), "while parsing a flow sequence"),
-        (("negate: 0", "negate: 2"), "negate: expected 0 or 1"),
-        (("origin: [-1.0, 2.0, 0.0]", "origin: [1, 2]"), "origin: expected at least 3 items"),
-        (("image: lot.pgm", "image: ../lot.pgm"), "not in the folder of the map"),
-        (("image: lot.pgm", "image: none.pgm"), "No such file"),
-        (("image: lot.pgm", "image: lot.yaml"), "neither PGM nor PNG"),
-        (("negate: 0", "negate: 0\nmode: raw"), "mode: expected 'trinary' or 'scale'"),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    (("resolution: 0.5", "resolution: -1"), "resolution: expected greater than 0"),
+    (("free_thresh: 0.196", ""), "free_thresh: is missing"),
+    (("free_thresh: 0.196", "free_thresh: 0.65"), "free_thresh: expected less than occupied_thresh"),
+    (("negate: 0", "negat: 0"), "'negat' is not known; did you mean 'negate'"),
+    (("negate: 0", "negate: [0"), "while parsing a flow sequence"),
+    (("negate: 0", "negate: 2"), "negate: expected 0 or 1"),
+    (("origin: [-1.0, 2.0, 0.0]", "origin: [1, 2]"), "origin: expected at least 3 items"),
+    (("image: lot.pgm", "image: ../lot.pgm"), "not in the folder of the map"),
+    (("image: lot.pgm", "image: none.pgm"), "No such file"),
+    (("image: lot.pgm", "image: lot.yaml"), "neither PGM nor PNG"),
+    (("negate: 0", "negate: 0\nmode: raw"), "mode: expected 'trinary' or 'scale'"),
+])  # fmt: skip
 def test_bad_maps_are_one_line(tmp_path, change, message):
     path = written_map(tmp_path, [[0, 254]])
     path.write_text(path.read_text().replace(*change))

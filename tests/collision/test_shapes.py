@@ -115,21 +115,18 @@ def test_floor_is_a_half_space():
     assert not Obstacle(coal.Sphere(1)).unbounded
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ({"shape": coal.Box(1, 0, 1)}, "sizes have to be positive"),
-        ({"shape": coal.Sphere(-1)}, "sizes have to be positive"),
-        ({"shape": coal.Sphere(np.inf)}, "sizes have to be positive and finite"),
-        ({"shape": coal.Sphere(1), "position": (0, 0)}, "three finite numbers"),
-        ({"shape": coal.Sphere(1), "position": (0, 0, np.nan)}, "three finite numbers"),
-        ({"shape": coal.Sphere(1), "yaw": "left"}, "have to be numbers"),
-        ({"shape": coal.Sphere(1), "motion": rnc.planning.Hold([0, 0, 0])}, "motion has 3 numbers"),
-        ({"shape": coal.Plane(np.array([0.0, 0.0, 1.0]), 0.0)}, "is a Plane"),
-        ({"shape": "box"}, "expected a coal shape"),
-        ({"shape": coal.Box(1, 1, 1), "ignored_links": "wheel"}, "takes names of links, found 'wheel'"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    ({"shape": coal.Box(1, 0, 1)}, "sizes have to be positive"),
+    ({"shape": coal.Sphere(-1)}, "sizes have to be positive"),
+    ({"shape": coal.Sphere(np.inf)}, "sizes have to be positive and finite"),
+    ({"shape": coal.Sphere(1), "position": (0, 0)}, "three finite numbers"),
+    ({"shape": coal.Sphere(1), "position": (0, 0, np.nan)}, "three finite numbers"),
+    ({"shape": coal.Sphere(1), "yaw": "left"}, "have to be numbers"),
+    ({"shape": coal.Sphere(1), "motion": rnc.planning.Hold([0, 0, 0])}, "motion has 3 numbers"),
+    ({"shape": coal.Plane(np.array([0.0, 0.0, 1.0]), 0.0)}, "is a Plane"),
+    ({"shape": "box"}, "expected a coal shape"),
+    ({"shape": coal.Box(1, 1, 1), "ignored_links": "wheel"}, "takes names of links, found 'wheel'"),
+])  # fmt: skip
 def test_unusable_obstacles_are_refused(arguments, words):
     with pytest.raises(rnc.RncError, match=words):
         Obstacle(name="it", **arguments)

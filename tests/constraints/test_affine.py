@@ -11,19 +11,14 @@ from rnc_pin.control import ComputedTorque, RedundancyController
 from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.model.reduced_kinematics import kinematic_gradient
 from rnc_pin.planning import MinimumJerk
-from systems import drifting_manipulator, random_states, spinning_space_robot, tumbling_panda
+from systems import drifting_manipulator, random_states, space_robot, spinning_space_robot, tumbling_panda
 from tolerances import ROUNDING
 
-AFFINE = {each.__name__: each for each in (spinning_space_robot, drifting_manipulator, tumbling_panda)}
 
-
-@pytest.fixture(params=AFFINE)
-def reduced(request):
-    return AFFINE[request.param]()
-
-
-def test_free_motion_is_that_of_aba(reduced):
+@pytest.mark.parametrize("make", [spinning_space_robot, drifting_manipulator, tumbling_panda])
+def test_free_motion_is_that_of_aba(make):
     """The whole robot, nothing reduced, under the same joint torques: same path, same velocity, same momentum."""
+    reduced = make()
     model, integrator = reduced.robot.model, LieRungeKutta4(reduced.robot)
     data = model.createData()
     # Clear of singular configurations, through which only the unreduced motion goes on.
@@ -53,13 +48,10 @@ def test_free_motion_is_that_of_aba(reduced):
     np.testing.assert_allclose(reduced.at(q, v=w).residual, 0, atol=1e-8)
 
 
-@pytest.mark.parametrize(
-    ("make", "axes", "given"),
-    [
-        (tumbling_panda, [0, 1, 2, 3, 4, 5], [2.0, -1.0, 0.5, 0.3, 0.4, -0.6]),
-        (drifting_manipulator, [0, 1, 5], [3.0, -2.0, 5.0]),
-    ],
-)
+@pytest.mark.parametrize(("make", "axes", "given"), [
+    (tumbling_panda, [0, 1, 2, 3, 4, 5], [2.0, -1.0, 0.5, 0.3, 0.4, -0.6]),
+    (drifting_manipulator, [0, 1, 5], [3.0, -2.0, 5.0]),
+])  # fmt: skip
 def test_momentum_is_that_about_the_origin_of_the_world(make, axes, given):
     reduced = make()
     model, data = reduced.robot.model, reduced.robot.model.createData()
@@ -73,11 +65,9 @@ def test_momentum_is_that_about_the_origin_of_the_world(make, axes, given):
 def test_a_pivot_keeps_its_angular_momentum():
     """A top pinned at its center of mass, on a base turned in the world: Euler's equations in body axes."""
     model = pin.Model()
-    model.name = "top"
     placement = pin.SE3(pin.utils.rpyToMatrix(0.4, -0.7, 1.1), np.array([1.0, 2.0, 3.0]))
-    joint = model.addJoint(0, pin.JointModelSpherical(), placement, "pivot")
     principal = np.array([1.0, 2.0, 3.0])
-    model.appendBodyToJoint(joint, pin.Inertia(5.0, np.zeros(3), np.diag(principal)), pin.SE3.Identity())
+    joint = add_body(model, "pivot", "Spherical", 5.0, moments=principal, at=placement)
     add_body(model, "wheel", "RZ", 1.0, joint, moments=0.5)
     momentum = np.array([0.5, -1.0, 2.0])
     system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("pivot", momentum)], ["wheel"])
@@ -128,13 +118,7 @@ def test_a_run_keeps_momentum_and_energy():
 
 def test_analysis_is_that_of_the_motion_that_can_be_commanded():
     """Class and growth vector depend on span(R), and the gradient of A_star on R alone."""
-    resting = rnc.Robot.from_urdf("space_robot.urdf")
-    joints = ["joint_1", "joint_2", "joint_3"]
-    outputs = [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")]
-    homogeneous = rnc.NonholonomicSystem(resting, [rnc.MomentumConservation("platform")], joints).reduce(
-        outputs, [rnc.JointPosition("platform")]
-    )
-    reduced = spinning_space_robot()
+    homogeneous, reduced = space_robot(), spinning_space_robot()
     reports = [rnc.analyze(each, ["tip_x", "tip_y"], ["joint_1"], samples=4) for each in (homogeneous, reduced)]
     assert reports[0].redundancy_class == reports[1].redundancy_class == "1"
     assert reports[0].growth_vector == reports[1].growth_vector
@@ -152,17 +136,13 @@ def test_rows_that_demand_two_things_are_refused():
 
     def turning(speed, name):
         return rnc.Pfaffian(
-            lambda q: row,
-            lambda q, v: 0 * row,
-            [name],
-            rate=lambda q: np.array([speed]),
+            lambda q: row, lambda q, v: 0 * row, [name], rate=lambda q: np.array([speed]),
             rate_dot=lambda q, v: np.zeros(1),
-        )
+        )  # fmt: skip
 
     assert rnc.NonholonomicSystem(robot, [turning(0.5, "a"), turning(0.5, "b")]).m == 1
-    with pytest.raises(
-        rnc.ConstraintError, match=r"'b' contradicts the others: it requires 0.7, the others require 0.5"
-    ):
+    words = r"'b' contradicts the others: it requires 0.7, the others require 0.5"
+    with pytest.raises(rnc.ConstraintError, match=words):
         rnc.NonholonomicSystem(robot, [turning(0.5, "a"), turning(0.7, "b")])
 
 

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics
 from rnc_pin.model.relative_rows import RelativeKinematics
 from rolling import rigid_body
@@ -20,11 +21,8 @@ def plate_and_ball(parent):
     """A plate on two hinges, and a ball with six free coordinates relative to the plate (1) or to the world (0)."""
     model = pin.Model()
     first = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "first")
-    second = model.addJoint(first, pin.JointModelRY(), ACROSS, "second")
-    free = model.addJoint(second * parent, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "free")
-    for joint, inertia, name in ((second, INERTIAS[0], "plate"), (free, INERTIAS[1], "ball")):
-        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-        model.addFrame(pin.Frame(name, joint, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    second = add_body(model, "second", "RY", INERTIAS[0], first, at=ACROSS, frame="plate")
+    add_body(model, "free", "FreeFlyer", INERTIAS[1], second * parent, frame="ball")
     return rnc.Robot(model)
 
 

@@ -8,11 +8,12 @@ import pytest
 import scipy
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from rnc_pin.control import ZeroInput
 from rnc_pin.control.whole_body.tasks import DampingTask, OutputTask
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.planning import Harmonic, Hold, MinimumJerk
+from simple_controllers import Idle
 
 ANGLE = 0.4
 
@@ -52,8 +53,7 @@ def test_a_hand_stays_on_its_wall(robot):
     place = rnc.FramePosition(frame, "x")
     value = place.bind(robot).value(rnc.NonholonomicSystem(robot).reduce().at(q0).position)
     reduced = rnc.NonholonomicSystem(robot, [rnc.FixedOutput(place, value)], robot.joint_names[1:]).reduce()
-    start = np.linspace(0.1, 0.3, reduced.r)
-    run = rnc.free_motion(reduced, q0, start, 1.0, 0.1, tolerance=1e-10)
+    run = rnc.free_motion(reduced, q0, np.linspace(0.1, 0.3, reduced.r), 1.0, 0.1, tolerance=1e-10)
     assert run.position_residual.max() < 1e-9
     np.testing.assert_allclose(run.energy, run.energy[0], rtol=1e-9)
     assert np.abs(run.contact_forces).max() > 1e-3
@@ -105,9 +105,7 @@ def pendulum():
     """Pendulum on a pivot that slides vertically; at angle zero it stands upright."""
     model = pin.Model()
     pivot = add_body(model, "pivot", "PZ", 0.5, moments=1e-3)
-    hinge = model.addJoint(pivot, pin.JointModelRY(), pin.SE3.Identity(), "hinge")
-    bob = pin.Inertia(MASS, np.array([0.0, 0.0, LENGTH]), 1e-9 * np.eye(3))
-    model.appendBodyToJoint(hinge, bob, pin.SE3.Identity())
+    add_body(model, "hinge", "RY", MASS, pivot, com=(0.0, 0.0, LENGTH), moments=1e-9)
     model.damping = np.array([0.0, 0.2])
     robot = rnc.Robot(model)
     shaken = Harmonic([0.0], [0.02], 30.0, phase=np.pi / 2, ramp=0.2)
@@ -127,29 +125,14 @@ def kapitza(shaken, times, damping=0.0):
     ).y[0]
 
 
-class Nothing:
-    """Controller that gives no input, and notes the times and velocities of its samples."""
-
-    def __init__(self):
-        self.seen = []
-
-    def initial_state(self, measurement):
-        return None
-
-    def step(self, t, measurement, state):
-        self.seen.append((t, measurement.v.copy(), measurement.v1_offset))
-        return rnc.control.Command(T=np.zeros(1)), state
-
-
 def test_a_sampled_run_with_damping_knows_the_time_of_each_stage(pendulum):
     plant = rnc.ReducedPlant(pendulum.reduced, joint_damping=True, substeps=2)
-    run = rnc.simulate(pendulum.reduced, Nothing(), np.array([0.0, 0.3]), 0.2, dt=0.002, plant=plant)
+    run = rnc.simulate(pendulum.reduced, Idle(1), np.array([0.0, 0.3]), 0.2, dt=0.002, plant=plant)
     np.testing.assert_allclose(run.q[:, 1], kapitza(pendulum.shaken, run.time, 0.2), atol=1e-5)
 
 
 def test_a_loop_counts_the_time_of_the_constraints_from_its_first_step(pendulum):
-    controller = Nothing()
-    loop = rnc.ControlLoop(pendulum.reduced, controller, 0.01)
+    loop = rnc.ControlLoop(pendulum.reduced, Idle(1), 0.01)
     for k in range(3):
         t = 7.0 + 0.01 * k
         v = np.array([pendulum.shaken.at(t - 7.0).velocity[0], 0.4])
@@ -198,8 +181,7 @@ def test_rates_of_the_rows_are_those_of_their_residual_over_time(name, rng):
     """On a free-flying body, along a motion that satisfies the rows: differences over time of all that has a rate."""
     model = pin.Model()
     body = add_body(model, "root_joint", "FreeFlyer", 2.0)
-    place = pin.SE3(pin.exp3(np.array([0.3, -0.5, 0.9])), np.array([0.2, 0.1, -0.4]))
-    model.addFrame(pin.Frame("hand", body, 0, place, pin.FrameType.OP_FRAME))
+    add_frame(model, "hand", body, pin.SE3(pin.exp3(np.array([0.3, -0.5, 0.9])), np.array([0.2, 0.1, -0.4])))
     robot, (output, size) = rnc.Robot(model), OUTPUTS[name]
     motion = MinimumJerk(rng.uniform(-0.4, 0.4, size), rng.uniform(-0.4, 0.4, size), 1.3)
     rows = rnc.PrescribedMotion(output, motion).bind(robot)
@@ -209,9 +191,11 @@ def test_rates_of_the_rows_are_those_of_their_residual_over_time(name, rng):
         here = kinematics.position(pin.integrate(model, q, s * along), t + s)
         return here if v is None else here.with_velocity(v)
 
-    along = np.linalg.lstsq(rows.jacobian(kinematics.position(q, t)), rows.rate(kinematics.position(q, t)), rcond=None)[
-        0
-    ]
+    def admissible():
+        here = kinematics.position(q, t)
+        return np.linalg.lstsq(rows.jacobian(here), rows.rate(here), rcond=None)[0]
+
+    along = admissible()
     moving, step = at(0.0, along), 1e-4
 
     def difference(of):
@@ -222,11 +206,8 @@ def test_rates_of_the_rows_are_those_of_their_residual_over_time(name, rng):
     expected = rows.jacobian_dot(moving) @ along - rows.rate_dot(moving)
     np.testing.assert_allclose(rows.bias_acceleration(moving), expected, atol=1e-10)
     if any(rows.holonomic):
-        start = rnc.NonholonomicSystem(robot, [rnc.PrescribedMotion(output, motion)]).assembly.project(q, t=t)
-        q = start
-        along = np.linalg.lstsq(
-            rows.jacobian(kinematics.position(q, t)), rows.rate(kinematics.position(q, t)), rcond=None
-        )[0]
+        q = rnc.NonholonomicSystem(robot, [rnc.PrescribedMotion(output, motion)]).assembly.project(q, t=t)
+        along = admissible()
         np.testing.assert_allclose(rows.residual(kinematics.position(q, t)), 0.0, atol=1e-11)
         np.testing.assert_allclose(difference(rows.residual), 0.0, atol=1e-8)
 
@@ -286,12 +267,9 @@ def test_a_wrong_rate_over_time_is_refused():
     robot = rnc.Robot.from_urdf("space_robot.urdf")
     with pytest.raises(rnc.ConstraintError, match=r"rate_dot\(q, v\).* row 'belt'"):
         rnc.Pfaffian(
-            lambda q, t: np.eye(4)[:1],
-            names=["belt"],
-            rate=lambda q, t: np.array([t**2]),
-            rate_dot=lambda q, v, t: np.array([t]),
-            rheonomic=True,
-        ).bind(robot)
+            lambda q, t: np.eye(4)[:1], names=["belt"], rate=lambda q, t: np.array([t**2]),
+            rate_dot=lambda q, v, t: np.array([t]), rheonomic=True,
+        ).bind(robot)  # fmt: skip
 
 
 @pytest.mark.parametrize("smooth", [True, False])

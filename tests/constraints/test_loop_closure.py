@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from rnc_pin.model import assembly
 from rnc_pin.model.kinematics import Kinematics
 from simple_controllers import Idle
@@ -101,14 +101,11 @@ def test_the_rank_is_that_of_closed_loops():
     """Bennett's linkage: six rows of rank three where it is closed, of rank four where it is not."""
     twist = np.array([0.6, np.arcsin(np.sin(0.6) * 1.4 / 1.0)])
     lengths = np.array([1.0, 1.4])  # a / sin(alpha) = b / sin(beta)
-    model = pin.Model()
-    model.name = "bennett"
-    joint, placement = 0, pin.SE3.Identity()
+    model, joint, placement = pin.Model(), 0, pin.SE3.Identity()
     for k in range(4):
         joint = add_body(model, f"joint_{k}", "RZ", 1.0, joint, moments=0.1, at=placement)
-        bend = pin.SE3(pin.utils.rpyToMatrix(twist[k % 2], 0, 0), np.array([lengths[k % 2], 0, 0]))
-        placement = bend
-    model.addFrame(pin.Frame("end", joint, 0, placement, pin.FrameType.OP_FRAME))
+        placement = pin.SE3(pin.utils.rpyToMatrix(twist[k % 2], 0, 0), np.array([lengths[k % 2], 0, 0]))
+    add_frame(model, "end", joint, placement)
     robot = rnc.Robot(model)
     system = rnc.NonholonomicSystem(robot, [rnc.LoopClosure("universe", "end")])
     assert system.m == 3
@@ -158,10 +155,8 @@ def test_a_loop_closes_with_the_orientation_and_offsets_that_it_is_given():
 def test_loops_that_cannot_close_are_refused():
     robot = four_bar_robot()
     model = robot.model.copy()
-    too_far = pin.SE3(np.eye(3), np.array([3.0, 0.0, 0.0]))
-    aside = pin.SE3(np.eye(3), np.array([ROCKER, 0.02, 0.0]))
-    model.addFrame(pin.Frame("far", 3, 0, too_far, pin.FrameType.OP_FRAME))
-    model.addFrame(pin.Frame("aside", 3, 0, aside, pin.FrameType.OP_FRAME))
+    add_frame(model, "far", 3, (3.0, 0.0, 0.0))
+    add_frame(model, "aside", 3, (ROCKER, 0.02, 0.0))
     for frame, words in (("far", "closure_x"), ("aside", r"closure_y\(coupler_tip, aside\) has residual 0.02")):
         with pytest.raises(rnc.ConstraintError, match=words) as caught:
             rnc.NonholonomicSystem(rnc.Robot(model), [rnc.LoopClosure("coupler_tip", frame, "point")])
@@ -170,13 +165,10 @@ def test_loops_that_cannot_close_are_refused():
         (rnc.LoopClosure("coupler_tp", "rocker_tip"), rnc.ModelError, "did you mean 'coupler_tip'"),
         (rnc.LoopClosure("coupler_tip", "rocker_tip", "pint"), rnc.ConfigurationError, "did you mean 'point'"),
         (rnc.LoopClosure("rocker_tip", "aside"), rnc.ConstraintError, "are on one body"),
-        (
-            rnc.LoopClosure("coupler_tip", "rocker_tip", "point", rpy=(0.0, 0.1, 0.0)),
-            rnc.ConfigurationError,
-            "'coupler_tip' and 'rocker_tip' with kind 'point' has no orientation: omit rpy",
-        ),
+        (rnc.LoopClosure("coupler_tip", "rocker_tip", "point", rpy=(0.0, 0.1, 0.0)), rnc.ConfigurationError,
+            "'coupler_tip' and 'rocker_tip' with kind 'point' has no orientation: omit rpy"),
         (rnc.LoopClosure("coupler_tip", "rocker_tip", rpy=(0.0, 0.1)), rnc.ConfigurationError, "rpy of the loop"),
-    ):
+    ):  # fmt: skip
         with pytest.raises(error, match=words):
             rnc.NonholonomicSystem(rnc.Robot(model), [loop])
 
@@ -187,7 +179,6 @@ def test_loops_that_cannot_close_are_refused():
 def geared(first, second, ratio, offset=0.0):
     """Two flywheels (2 and 0.5 kg m^2) of which the second follows the first; n = 2, r = 1."""
     model = pin.Model()
-    model.name = "gears"
     for name, joint, inertia in (("motor", first, 2.0), ("wheel", second, 0.5)):
         add_body(model, name, joint, 1.0, moments=inertia)
     coupling = rnc.JointCoupling("wheel", "motor", ratio, offset)
@@ -223,15 +214,12 @@ def test_a_coupling_that_full_turns_make_ambiguous_says_so():
     assert reduced.assembly.size == 0
 
 
-@pytest.mark.parametrize(
-    ("coupling", "error", "words"),
-    [
-        (rnc.JointCoupling("wheel", "motr"), rnc.ModelError, "did you mean 'motor'"),
-        (rnc.JointCoupling("wheel", "wheel"), rnc.ConstraintError, "coupled to itself"),
-        (rnc.JointCoupling("wheel", "motor", 0.0), rnc.ConstraintError, "ratio other than zero"),
-        (rnc.JointCoupling("wheel", "motor", 1.0, np.nan), rnc.ConstraintError, "finite offset"),
-    ],
-)
+@pytest.mark.parametrize(("coupling", "error", "words"), [
+    (rnc.JointCoupling("wheel", "motr"), rnc.ModelError, "did you mean 'motor'"),
+    (rnc.JointCoupling("wheel", "wheel"), rnc.ConstraintError, "coupled to itself"),
+    (rnc.JointCoupling("wheel", "motor", 0.0), rnc.ConstraintError, "ratio other than zero"),
+    (rnc.JointCoupling("wheel", "motor", 1.0, np.nan), rnc.ConstraintError, "finite offset"),
+])  # fmt: skip
 def test_couplings_that_make_no_sense_are_refused(coupling, error, words):
     robot = geared(pin.JointModelRZ(), pin.JointModelRZ(), 1.0).robot
     with pytest.raises(error, match=words):
@@ -298,7 +286,6 @@ def test_initial_configurations_that_violate_a_row_are_refused_and_rounding_is_n
 def test_user_rows_with_a_residual_keep_their_position():
     """A bead on a parabola, written by hand: z = x^2 / 2, energy kept and residual gone."""
     model = pin.Model()
-    model.name = "bead"
     add_body(model, "bead", "Translation", pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3))))
     wire = rnc.Pfaffian(
         lambda q: np.array([[-q[0], 0.0, 1.0], [0.0, 1.0, 0.0]]),

@@ -8,44 +8,32 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from random_systems import CONSTRAINTS, KINDS, Recipe, constraint, robot_of
 from rnc_pin.model.kinematics import Kinematics
-from systems import random_states, reacting, space_robot
+from systems import floating_robot, in_tip_and_joint, random_states, reacting, space_robot
 from tolerances import KKT, ROUNDING
 
 SAID = "which is declared as conserved: omit the momentum"
 
 
-def manipulator() -> rnc.Robot:
-    """A platform in the plane with an arm of two joints; its wheel axle is a frame."""
-    return rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-
-
 def satellite(base: str = "free") -> rnc.Robot:
     """A body in space or in the plane with two arms of two joints each, alike enough to hold hands, and a flywheel."""
     model = pin.Model()
-    model.name = "satellite"
     model.gravity.linear = np.zeros(3)
-    kind = {"free": pin.JointModelFreeFlyer, "planar": pin.JointModelPlanar, "pin": pin.JointModelRZ}[base]()
-    root = model.addJoint(0, kind, pin.SE3.Identity(), "root_joint")
     generator = np.random.default_rng(3)
 
-    def body(joint: int, name: str, at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+    def body(joint: str, kind: str, parent: int, at: tuple, frame: str, place: tuple = (0.0, 0.0, 0.0)) -> int:
         center = 0.1 * generator.uniform(-1, 1, 3)
-        model.appendBodyToJoint(joint, pin.Inertia(1.5, center, np.diag([0.2, 0.25, 0.3])), pin.SE3.Identity())
-        model.addFrame(pin.Frame(name, joint, 0, pin.SE3(np.eye(3), np.array(at)), pin.FrameType.OP_FRAME))
+        index = add_body(model, joint, kind, 1.5, parent, com=center, moments=(0.2, 0.25, 0.3), at=at)
+        add_frame(model, frame, index, place)
+        return index
 
-    body(root, "hub", (0.1, 0.2, -0.1))
+    kinds = {"free": "FreeFlyer", "planar": "Planar", "pin": "RZ"}
+    root = body("root_joint", kinds[base], 0, (0.0, 0.0, 0.0), "hub", (0.1, 0.2, -0.1))
     for side, y in (("left", 0.3), ("right", -0.3)):
-        shoulder = model.addJoint(
-            root, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([0.0, y, 0.0])), f"{side}_shoulder"
-        )
-        body(shoulder, f"{side}_arm")
-        elbow = model.addJoint(
-            shoulder, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([0.5, 0.0, 0.0])), f"{side}_elbow"
-        )
-        body(elbow, f"{side}_hand", (0.6, 0.0, 0.0))
+        shoulder = body(f"{side}_shoulder", "RZ", root, (0.0, y, 0.0), f"{side}_arm")
+        body(f"{side}_elbow", "RZ", shoulder, (0.5, 0.0, 0.0), f"{side}_hand", (0.6, 0.0, 0.0))
     add_body(model, "flywheel", "RZ", 0.8, root, moments=(0.02, 0.02, 0.04), at=(-0.4, 0.1, 0.0), frame="rotor")
     return rnc.Robot(model)
 
@@ -63,7 +51,8 @@ def own_row(robot: rnc.Robot, *joints: str, rate: float = 0.0) -> rnc.Pfaffian:
 
 def test_a_platform_that_floats_and_is_on_a_knife_edge_is_refused():
     """The edge pushes the platform: from rest under torques of the arm its momentum does not stay zero."""
-    robot, edge, joints = manipulator(), rnc.NoSideSlip("axle"), ["joint_1", "joint_2"]
+    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+    edge, joints = rnc.NoSideSlip("axle"), ["joint_1", "joint_2"]
     words = rf"^constraint row no_side_slip\(axle.y\) acts on momentum\(root_joint\), {SAID}"
     for constraints in ([edge, rnc.MomentumConservation("root_joint")], [rnc.MomentumConservation("root_joint"), edge]):
         with pytest.raises(rnc.ConstraintError, match=words):
@@ -114,7 +103,6 @@ def test_the_height_of_a_ball_acts_on_a_base_that_can_rise():
 def test_a_lock_that_the_momentum_implies_is_refused_all_the_same():
     """A wheel balanced on a pin: at rest its momentum says that it stays, so that the lock's row is dropped."""
     model = pin.Model()
-    model.name = "wheel"
     model.gravity.linear = np.zeros(3)
     for k, name in enumerate(("pin", "beside")):
         add_body(model, name, "RZ", 2.0, at=(k, 0.0, 0.0))
@@ -164,21 +152,17 @@ def test_what_falls_along_its_joint_has_no_constant_momentum_up_or_down(gravity,
     axes = [sign * axis for axis in (*np.eye(3), SLANTED, sideways / np.linalg.norm(sideways)) for sign in (1, -1)]
     for kind, axis in ((kind, axis) for kind in ("Prismatic", "Revolute") for axis in axes):
         model = pin.Model()
-        model.name = "single"
         model.gravity.linear = np.array(gravity)
-        joint = model.addJoint(0, getattr(pin, f"JointModel{kind}Unaligned")(axis), pin.SE3.Identity(), "joint")
-        arm = model.addJoint(joint, pin.JointModelRX(), pin.SE3.Identity(), "arm")  # so that there is a motion left
-        lever = np.array([0.3, -0.2, 0.5])
-        for each in (joint, arm):
-            model.appendBodyToJoint(each, pin.Inertia(mass, lever, mass * np.eye(3)), pin.SE3.Identity())
+        slanted = getattr(pin, f"JointModel{kind}Unaligned")(axis)
+        for parent, (name, each) in enumerate((("joint", slanted), ("arm", "RX"))):  # so that there is a motion left
+            add_body(model, name, each, mass, parent, com=(0.3, -0.2, 0.5), moments=mass)
         force = axis @ gravity if kind == "Prismatic" else np.linalg.norm(np.cross(axis, gravity))
         robot = rnc.Robot(model)
         if abs(force) < 1e-12:
             assert rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("joint")]).m == 1
             continue
-        with pytest.raises(
-            rnc.ConstraintError, match=r"^momentum of joint 'joint' is not conserved: gravity acts along"
-        ):
+        words = r"^momentum of joint 'joint' is not conserved: gravity acts along"
+        with pytest.raises(rnc.ConstraintError, match=words):
             rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("joint")])
 
 
@@ -323,10 +307,8 @@ def test_of_systems_at_random_those_are_refused_whose_momentum_changes():
 def test_a_momentum_that_is_kept_where_nobody_knows():
     """Of a disc that floats on a lift: its momentum keeps its direction in the world, not in its own axes."""
     model = pin.Model()
-    lift = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "lift")
-    disc = model.addJoint(lift, pin.JointModelPlanar(), pin.SE3.Identity(), "disc")
-    for joint in (lift, disc):
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    lift = add_body(model, "lift", "PZ", 1.0)
+    add_body(model, "disc", "Planar", 1.0, lift)
     robot = rnc.Robot(model)
     assert rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("disc")]).r == 1
     with pytest.raises(rnc.ConstraintError, match=r"'disc' has to be zero, .* JointModelPlanar on 'lift'"):
@@ -340,7 +322,6 @@ def test_a_momentum_of_grams_is_no_nearer_to_zero(scale):
     model = reduced.robot.model.copy()
     for joint, inertia in enumerate(model.inertias):
         model.inertias[joint] = pin.Inertia(scale * inertia.mass, inertia.lever, scale * inertia.inertia)
-    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("platform")])
-    scaled = system.reduce([rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")])
+    scaled = in_tip_and_joint(floating_robot(model=model))
     for q, _ in random_states(reduced, 4):
         np.testing.assert_allclose(scaled.at(q).scaled_stack, reduced.at(q).scaled_stack, atol=1e-12)

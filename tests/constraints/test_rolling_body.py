@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.kinematics import Kinematics
 from rolling import rigid_body
@@ -75,10 +76,7 @@ def test_many_light_bodies_are_put_on_the_ground_at_the_first_draw():
     """By kinetic energy alone, each turned instead at every other draw, and all had to succeed at once."""
     model = pin.Model()
     for k in range(4):
-        joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), f"base_{k}")
-        inertia = pin.Inertia(1.0, np.zeros(3), np.diag((2e-4, 1.6e-3, 1.7e-3)))
-        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-        model.addFrame(pin.Frame(f"stone_{k}", joint, pin.SE3.Identity(), pin.FrameType.BODY))
+        add_body(model, f"base_{k}", "FreeFlyer", 1.0, moments=(2e-4, 1.6e-3, 1.7e-3), frame=f"stone_{k}")
     robot = rnc.Robot(model)
     shape = rnc.Ellipsoid((0.2, 0.03, 0.02))
     assembly = Assembly(robot, [rnc.RollingBody(f"stone_{k}", shape).bind(robot) for k in range(4)])

@@ -16,7 +16,6 @@ SOLID = 0.4 * MASS * RADIUS**2
 
 def ball(gravity=(0.0, 0.0, -9.81)):
     model = pin.Model()
-    model.name = "ball"
     model.gravity.linear = np.array(gravity)
     add_body(model, "root_joint", "FreeFlyer", MASS, moments=SOLID, frame="ball")
     return rnc.Robot(model)
@@ -67,13 +66,9 @@ def test_an_upright_bicycle_turns_as_its_geometry_says():
     The yaw rate is then speed times tan(D) over the distance of the contacts, if the frame neither leans nor pitches.
     """
     model = pin.Model()
-    model.name = "tricycle"
     rake, radius, base = 0.35, 0.25, 1.1
     # A planar base with a raked fork whose axis meets the front wheel's center: the center stays, the wheel tilts.
-    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
-    body = pin.Inertia(5.0, np.array([0.4, 0, 0]), np.eye(3))
-    model.appendBodyToJoint(joint, body, pin.SE3.Identity())
-    model.addFrame(pin.Frame("axle", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    joint = add_body(model, "root_joint", "Planar", 5.0, com=(0.4, 0, 0), frame="axle")
     steering = np.array([-np.sin(rake), 0.0, np.cos(rake)])
     front = pin.SE3(np.eye(3), np.array([base, 0, radius]))
     fork = add_body(model, "steer", pin.JointModelRevoluteUnaligned(steering), 1.0, joint, moments=0.1, at=front)
@@ -100,7 +95,6 @@ def test_an_upright_bicycle_turns_as_its_geometry_says():
 def test_a_caster_follows_its_trail():
     """Closed form: on an upright fork with trail d, ``d (w + deltadot) = w L cos(delta) - u sin(delta)``."""
     model = pin.Model()
-    model.name = "caster"
     length, trail, radius = 0.8, 0.07, 0.05
     joint = add_body(model, "root_joint", "Planar", 5.0, frame="axle")
     fork = add_body(model, "fork", "RUBZ", 0.5, joint, moments=0.01, at=(length, 0, 0.1))

@@ -131,10 +131,9 @@ def test_balls_and_casters_are_compared_too(tmp_path, kind):
     assert summary(found) == [("wheel_right", "degrades", 0.08)]
 
 
-@pytest.mark.parametrize(
-    ("radius", "word", "severities"),
-    [(0.17, "succeeded", []), (0.1716, "succeeded", ["note"] * 2), (0.25, "degraded", ["degrades"] * 2)],
-)
+@pytest.mark.parametrize(("radius", "word", "severities"), [
+    (0.17, "succeeded", []), (0.1716, "succeeded", ["note"] * 2), (0.25, "degraded", ["degrades"] * 2),
+])  # fmt: skip
 def test_a_run_with_a_radius_that_does_not_fit_is_degraded(tmp_path, radius, word, severities):
     (tmp_path / "cart.urdf").write_text(cart())
     wheels = "".join(f"  - rolling_wheel: {{frame: wheel_{each}, radius: {radius}}}\n" for each in ("left", "right"))

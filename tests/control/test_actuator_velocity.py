@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+import systems
 from rnc_pin.control import ActuatorVelocityController
 from rnc_pin.control.actuator_velocity import admissible_scale, velocity_from_actuators, velocity_limits
 from rnc_pin.control.controller import VelocityTarget
 from systems import random_states, spinning_space_robot
-from textbook_systems import differential_drive, sliders
+from textbook_systems import sliders
 
 STATES = random_states(spinning_space_robot(), 4, seed=4)
 
@@ -26,17 +27,10 @@ class Wanted:
         return VelocityTarget(self.v2, 0 * self.v2, x1=self.v2 + 1, x2=self.v2 + 2), 7
 
 
-def wheeled():
-    robot = differential_drive()
-    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
-    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
-    return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
-
-
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_wheels_are_scaled_together(way):
     """At 0.4 m/s the wheels turn at 4 rad/s; a limit of 3 of one of them slows both, and only above it."""
-    reduced = wheeled()
+    reduced = systems.differential_drive()
     measurement = reduced.at(reduced.robot.configuration(), np.zeros(2)).measure(np.zeros(2))
     limits = np.full(5, np.inf)
     for limit, speed in ((3.0, 0.3), (4.0, 0.4), (5.0, 0.4)):
@@ -112,7 +106,7 @@ def test_without_constraints_actuators_move_their_own_joints():
 
 
 def test_targets_that_are_none_are_refused():
-    reduced = wheeled()
+    reduced = systems.differential_drive()
     measurement = reduced.at(reduced.robot.configuration(), np.zeros(2)).measure(np.zeros(2))
     for wanted, error, words in (
         ([1.0, 2.0, 3.0], rnc.InputError, r"shape \(3,\), expected \(..., 2\)"),

@@ -182,19 +182,16 @@ def test_a_bicycle_is_kept_upright_by_its_steering_alone(tmp_path):
     np.testing.assert_array_equal(again.trajectory.v2, run.v2)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"initial__v2": {"rear_axel": 10}}, "initial.v2: no reducing output 'rear_axel'; did you mean 'rear_axle'"),
-        ({"controller__v2": {"stering": 1}}, "controller.v2: no reducing output 'stering'; did you mean 'steering'"),
-        ({"controller__coordinates": ["stering"]}, "controller: no coordinate 'stering'"),
-        ({"controller__state_cost": {"stering": 1}}, "controller: state_cost: no 'stering'; did you mean 'steering'"),
-        ({"controller__rates": ["steering"]}, "controller: not a closed system: the motion of"),
-        ({"controller__input_cost": 0}, "controller: input_cost: every input needs a positive weight"),
-        ({"simulation__dt": 1.0}, "unstable in discrete time.* the sampling period 1 s"),
-        ({"reference__vertical": {"hold": {}}}, "is not followed by a controller of type 'state_feedback'"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"initial__v2": {"rear_axel": 10}}, "initial.v2: no reducing output 'rear_axel'; did you mean 'rear_axle'"),
+    ({"controller__v2": {"stering": 1}}, "controller.v2: no reducing output 'stering'; did you mean 'steering'"),
+    ({"controller__coordinates": ["stering"]}, "controller: no coordinate 'stering'"),
+    ({"controller__state_cost": {"stering": 1}}, "controller: state_cost: no 'stering'; did you mean 'steering'"),
+    ({"controller__rates": ["steering"]}, "controller: not a closed system: the motion of"),
+    ({"controller__input_cost": 0}, "controller: input_cost: every input needs a positive weight"),
+    ({"simulation__dt": 1.0}, "unstable in discrete time.* the sampling period 1 s"),
+    ({"reference__vertical": {"hold": {}}}, "is not followed by a controller of type 'state_feedback'"),
+])  # fmt: skip
 def test_what_a_file_gets_wrong_is_said_in_a_line(tmp_path, changes, words):
     with pytest.raises(rnc.RncError, match=words) as caught:
         Scenario.load(str(written(tmp_path, BICYCLE, **changes))).build()
@@ -231,13 +228,9 @@ def linear():
     )
     generator = np.random.default_rng(1)
     return SimpleNamespace(
-        B=np.zeros((6, 2)),
-        T=np.array([0.3, -0.8]),
-        v2=np.array([1.0, 2.0, 3.0, 4.0, 5.0]),
-        state_names=STATES,
-        reducing=outputs,
-        deviation=lambda q, v2: np.concatenate([q, v2[:1], v2[1:4]]),
-    ), generator.uniform(-1, 1, (2, 6))
+        B=np.zeros((6, 2)), T=np.array([0.3, -0.8]), v2=np.array([1.0, 2.0, 3.0, 4.0, 5.0]), state_names=STATES,
+        reducing=outputs, deviation=lambda q, v2: np.concatenate([q, v2[:1], v2[1:4]]),
+    ), generator.uniform(-1, 1, (2, 6))  # fmt: skip
 
 
 def test_state_feedback_sees_the_deviation_from_where_it_was_linearised():

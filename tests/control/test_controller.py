@@ -9,6 +9,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command, Describable, VelocityTracker, describe
 from rnc_pin.control.controller import check_size
 from rnc_pin.planning import Hold
+from simple_controllers import Memoryless
 from systems import space_robot
 
 
@@ -25,24 +26,15 @@ def test_two_phases_keep_the_gains_of_both():
     assert len(platform["gains"]["k"]) == len(platform["outputs"])
 
 
-class _Silent:
-    """A controller of somebody who never heard of descriptions."""
-
-    def initial_state(self, measurement):
-        return None
-
-    def step(self, t, measurement, state):
-        return Command(F=-measurement.v2), None
-
-
 def test_a_controller_that_says_nothing_runs_all_the_same():
     reduced = space_robot()
     q0 = reduced.robot.configuration({"joint_2": 1.8, "joint_3": -1.1})
-    assert isinstance(_Silent(), control.Controller)
-    assert not isinstance(_Silent(), Describable)
-    assert describe(_Silent()) == {"type": "_Silent"}
-    assert len(rnc.simulate(reduced, _Silent(), q0, 0.1, 0.01).time) == 11
-    assert describe(VelocityTracker(_Silent()))["target"] == {"type": "_Silent"}
+    silent = Memoryless(lambda t, measurement: Command(F=-measurement.v2))
+    assert isinstance(silent, control.Controller)
+    assert not isinstance(silent, Describable)
+    assert describe(silent) == {"type": "Memoryless"}
+    assert len(rnc.simulate(reduced, silent, q0, 0.1, 0.01).time) == 11
+    assert describe(VelocityTracker(silent))["target"] == {"type": "Memoryless"}
 
 
 def test_a_reference_has_one_value_for_each_output():

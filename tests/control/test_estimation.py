@@ -108,11 +108,9 @@ class Believer:
 
     def _at(self, q, v2):
         return SimpleNamespace(
-            A_star=np.array([[v2[0], 2.0]]),
-            A_star_dot=np.array([[q[0], 4.0]]),
-            input_matrix=np.diag([5.0, 6.0]),
+            A_star=np.array([[v2[0], 2.0]]), A_star_dot=np.array([[q[0], 4.0]]), input_matrix=np.diag([5.0, 6.0]),
             allocate=lambda F: 3.0 * F,
-        )
+        )  # fmt: skip
 
     def describe(self):
         return {"alpha": 0.5}

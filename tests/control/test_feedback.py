@@ -36,9 +36,8 @@ def test_an_output_without_a_value_needs_none_where_nothing_is_fed_back():
     np.testing.assert_array_equal(fed_back(2.0, error[1], error[1]), [3.0, 8.0, -2.0])
     np.testing.assert_array_equal(fed_back(gains, lost := np.array([np.inf, np.nan, 1.0]), lost), [np.inf, 0.0, -3.0])
     for gain in (2.0, -2.0, np.array([0.0, 1e-9, 0.0])):
-        with pytest.raises(
-            rnc.InputError, match=r"without a value: it is a quasi-velocity, .* measure\(q, v2, integrals\)"
-        ):
+        words = r"without a value: it is a quasi-velocity, .* measure\(q, v2, integrals\)"
+        with pytest.raises(rnc.InputError, match=words):
             fed_back(gain, error, error)
 
 

@@ -124,15 +124,12 @@ def test_outliers_are_refused():
     assert fix.distance == pytest.approx(1.0 / (0.01 + FIX[0, 0]))
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"slip": -1.0}, "slip: expected a density of at least zero, found -1.0"),
-        ({"slip": 0.0}, "expected one of them above zero"),
-        ({"gyro": 0.0}, "gyro: expected a density above zero"),
-        ({"gate": 1.0}, "gate: expected a probability"),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    ({"slip": -1.0}, "slip: expected a density of at least zero, found -1.0"),
+    ({"slip": 0.0}, "expected one of them above zero"),
+    ({"gyro": 0.0}, "gyro: expected a density above zero"),
+    ({"gate": 1.0}, "gate: expected a probability"),
+])  # fmt: skip
 def test_wrong_densities_are_refused(change, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         PoseFilter(odometry(), **{"slip": SLIP, **change})

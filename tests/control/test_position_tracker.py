@@ -14,10 +14,6 @@ from rnc_pin.planning import Harmonic, Hold, MinimumJerk
 from systems import space_robot, space_robot_in_joints
 
 
-def waves(center):
-    return Harmonic(center, 0.3 * np.ones(3), [0.1, 0.13, 0.16], ramp=2.0)
-
-
 def in_joints():
     reduced = space_robot_in_joints()
     q0 = reduced.robot.configuration(ARM_START)
@@ -29,7 +25,8 @@ def test_error_converges_to_a_ball_that_shrinks_as_the_gains_grow():
     reduced, q0, x2 = in_joints()
     balls = []
     for k in (8.0, 24.0):
-        tracker = PositionTracker(waves(x2), PositionGains(k1=k, k2=3 * k, gamma=4.0, beta=k))
+        waves = Harmonic(x2, 0.3 * np.ones(3), [0.1, 0.13, 0.16], ramp=2.0)
+        tracker = PositionTracker(waves, PositionGains(k1=k, k2=3 * k, gamma=4.0, beta=k))
         run = rnc.simulate(reduced, tracker, q0, 6.0, 0.004)
         error = np.linalg.norm(run.x2_desired - run.x2, axis=1)
         balls.append(error[run.time > 4.0].max())
@@ -149,10 +146,8 @@ def test_a_position_tracker_takes_the_step_of_its_law_output_by_output(sigma, zo
     found, regressor = unprimed(after, gains, now)
     kinds = set()
     for i, j in np.ndindex(7, 2):
-        by, rate = (
-            np.concatenate([[1.0], now.acceleration, now.velocity]),
-            np.concatenate([[0], now.jerk, now.acceleration]),
-        )
+        by = np.concatenate([[1.0], now.acceleration, now.velocity])
+        rate = np.concatenate([[0], now.jerk, now.acceleration])
         primed = np.concatenate([[begin.f[i, j]], begin.A[i, j], begin.B[i, j]])
         step = gains.beta[j] * e[i, j]
         new = (

@@ -201,15 +201,9 @@ def test_a_joint_has_ends_where_both_are_numbers_below_ten_billion_and_in_order(
     for low, high in ((-near, near), (-near, 0.0), (0.0, near), (-3.0, -2.0), (2.0, 3.0)):
         assert JointLimits(limited_sliders((low, high)), task).describe()["zone"] == [0.1 * (high - low)]
     for low, high in (
-        (-far, 2.0),
-        (-np.inf, 2.0),
-        (-beyond, 2.0),
-        (-2.0, far),
-        (-2.0, np.inf),
-        (-2.0, beyond),
-        (2.0, 2.0),
+        (-far, 2.0), (-np.inf, 2.0), (-beyond, 2.0), (-2.0, far), (-2.0, np.inf), (-2.0, beyond), (2.0, 2.0),
         (3.0, 2.0),
-    ):
+    ):  # fmt: skip
         with pytest.raises(rnc.ConfigurationError, match=r"no joint of robot '.*' has position limits"):
             JointLimits(limited_sliders((low, high)), task)
         both = JointLimits(limited_sliders((low, high), (1.0, 3.0)), task)

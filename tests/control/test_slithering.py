@@ -1,14 +1,13 @@
 """A trailer on the path that its tractor has driven: the on-line reference; figure 8 is in test_built_in_runs."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import rnc_pin as rnc
+from bodies import add_frame
 from controlled_tasks import TASK
-from places import ROOT
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import DrivenPath, SlitheringReference, SteeringController
 from rnc_pin.model.reduced_kinematics import Measurement
@@ -27,20 +26,7 @@ def truck_with_kingpin_ahead(folder):
     text = text.replace(hitch, hitch.replace("0 0 0", "0.3 0 0")).replace(axle, axle.replace("-1 0 0", "-1.4 0.2 0"))
     path = folder / "semi.urdf"
     path.write_text(text)
-    system = rnc.NonholonomicSystem(
-        rnc.Robot.from_urdf(path, base="planar"),
-        [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("tractor_axle"), rnc.NoSideSlip("rear_axle")],
-        [rnc.FrameForce("tractor", "x"), "front_steering", "rear_steering"],
-    )
-    return system.reduce(
-        [rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering"), rnc.JointPosition("rear_steering")],
-        [
-            rnc.FramePosition("tractor", "xy"),
-            rnc.FrameYaw("trailer"),
-            rnc.FrameYaw("tractor"),
-            rnc.FramePosition("trailer", "xy"),
-        ],
-    )
+    return fire_truck(path, rnc.FramePosition("trailer", "xy"))
 
 
 class Drive:
@@ -142,35 +128,28 @@ def test_it_rests_with_the_tractor_and_keeps_its_state_to_itself():
     np.testing.assert_array_equal(point.position, first.position)
 
 
+def on_a_bend(reduced, s, speed=1.0, radius=2.0):
+    """Measured on a circle after a straight, by default at unit speed."""
+    x, y, heading = (s, 0.0, 0.0)
+    if s > 0:
+        x, y, heading = radius * np.sin(s / radius), radius - radius * np.cos(s / radius), s / radius
+    values = {"root_joint": [x, y, heading], "front_steering": np.arctan(1 / radius) if s > 0 else 0.0}
+    return reduced.at(reduced.robot.configuration(values), np.array([speed, 0.0, 0.0])).measure()
+
+
 @pytest.mark.parametrize("back", [0.004, 0.5])
 def test_backing_up_leads_back_along_the_same_path(back):
     """Along a bend, back a little or half a metre, and on again: where it was, the reference is what it was."""
     reduced = fire_truck()
     reference = SlitheringReference(reduced, rnc.Task.of(reduced, *TASK), "tractor", "rear_axle")
-
-    def at(s, u):
-        """On a circle of radius 2 after a straight."""
-        x, y, heading = (s, 0.0, 0.0) if s < 0 else (2 * np.sin(s / 2), 2 - 2 * np.cos(s / 2), s / 2)
-        values = {"root_joint": [x, y, heading], "front_steering": np.arctan(0.5) if s > 0 else 0.0}
-        return reduced.at(reduced.robot.configuration(values), np.array([u, 0.0, 0.0])).measure(), np.zeros(3)
-
     way = [*np.arange(-1.0, 3.0, 0.005), *np.arange(3.0, 3.0 - back, -0.001), *np.arange(3.0 - back, 6.0, 0.005)]
-    state, last = reference.initial_state(at(way[0], 0.0)[0]), -1.0
+    state, last = reference.initial_state(on_a_bend(reduced, way[0], 0.0)), -1.0
     for s in way:
-        point, state = reference.step(*at(s, np.sign(s - last)), state)
+        point, state = reference.step(on_a_bend(reduced, s, np.sign(s - last)), np.zeros(3), state)
         last = s
         if s > 1.3:  # chord of length 1 on a circle of radius 2
             np.testing.assert_allclose(point.position, s / 2 - np.arcsin(0.25), atol=1e-6)
             np.testing.assert_allclose(np.abs(point.velocity), 0.5, atol=1e-4)
-
-
-def on_a_bend(reduced, s, radius=2.0):
-    """Measured on a circle after a straight, at unit speed."""
-    x, y, heading = (s, 0.0, 0.0)
-    if s > 0:
-        x, y, heading = radius * np.sin(s / radius), radius - radius * np.cos(s / radius), s / radius
-    values = {"root_joint": [x, y, heading], "front_steering": np.arctan(1 / radius) if s > 0 else 0.0}
-    return reduced.at(reduced.robot.configuration(values), np.array([1.0, 0.0, 0.0])).measure()
 
 
 def test_noise_of_positions_is_not_differentiated():
@@ -214,17 +193,14 @@ def test_a_bend_too_tight_for_the_trailer_is_singular(radius):
         turn()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("trailer", "rear_axle"), "needs the vertical output 'trailer_x'; did you mean"),
-        (("tractor", "rear"), "no frame 'rear'"),
-        (("tractor", "front_axle"), "'tractor' and 'front_axle' are not two fixed places on a body with trailer_yaw"),
-        (("tractor", "rear_axle", "rear_axle"), "needs the vertical output 'rear_axle_x'"),
-        (("tractor", "rear_axle", None, 0.0), "spacing: expected a positive number, found 0"),
-        (("tractor", "rear_axle", None, None, -1.0), "window: expected a positive number, found -1"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    (("trailer", "rear_axle"), "needs the vertical output 'trailer_x'; did you mean"),
+    (("tractor", "rear"), "no frame 'rear'"),
+    (("tractor", "front_axle"), "'tractor' and 'front_axle' are not two fixed places on a body with trailer_yaw"),
+    (("tractor", "rear_axle", "rear_axle"), "needs the vertical output 'rear_axle_x'"),
+    (("tractor", "rear_axle", None, 0.0), "spacing: expected a positive number, found 0"),
+    (("tractor", "rear_axle", None, None, -1.0), "window: expected a positive number, found -1"),
+])  # fmt: skip
 def test_what_is_no_tractor_with_a_trailer_is_refused(arguments, words):
     reduced = fire_truck()
     with pytest.raises(rnc.RncError, match=words):
@@ -242,17 +218,14 @@ def test_steering_along_the_driven_path_needs_its_state():
         steering.step(0.0, reduced.at(reduced.robot.configuration(), np.zeros(3)).measure())
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"reference.path.forward_only": False}, "cannot follow in reverse"),
-        ({"reference.path.trailer.length": 1.0}, "length"),
-        ({"controller.type": "redundancy"}, "reference.path.trailer: needs the controller type 'steering'"),
-        ({"reference.path.trailer.kingpin": "front_axle"}, "vertical output 'front_axle_x'"),
-        ({"reference.path.max_steering": 2.0}, "max_steering"),
-        ({"reference.path.to": [-8, 3, 0]}, "reference.path: start and goal of the path are the same pose"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"reference.path.forward_only": False}, "cannot follow in reverse"),
+    ({"reference.path.trailer.length": 1.0}, "length"),
+    ({"controller.type": "redundancy"}, "reference.path.trailer: needs the controller type 'steering'"),
+    ({"reference.path.trailer.kingpin": "front_axle"}, "vertical output 'front_axle_x'"),
+    ({"reference.path.max_steering": 2.0}, "max_steering"),
+    ({"reference.path.to": [-8, 3, 0]}, "reference.path: start and goal of the path are the same pose"),
+])  # fmt: skip
 def test_scenarios_that_cannot_slither_are_refused(changes, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         Scenario.load("fire-truck", {**changes, "comparisons": {}}).build()
@@ -308,12 +281,8 @@ def test_a_kingpin_as_far_ahead_as_the_axle_is_behind():
     steering = [rnc.JointPosition("front_steering"), rnc.JointPosition("rear_steering")]
     reduced = system.reduce(
         [rnc.FrameSpeed("tractor"), *steering, rnc.FrameYaw("tractor")],
-        [
-            rnc.FramePosition("front_axle", "xy"),
-            rnc.FramePosition("hitch", "xy"),
-            rnc.FrameYaw("trailer"),
-            rnc.FrameYaw("front_axle"),
-        ],
+        [rnc.FramePosition(frame, "xy") for frame in ("front_axle", "hitch")]
+        + [rnc.FrameYaw(frame) for frame in ("trailer", "front_axle")],
     )
     primary = ["tractor_speed_x", "front_steering", "tractor_yaw"]
     task = rnc.Task.of(reduced, primary, ["rear_steering"], ["trailer_yaw"])
@@ -325,15 +294,12 @@ def test_a_kingpin_that_is_on_the_trailer_alone():
     """Fixed on the trailer, but not where it turns about the tractor."""
     truck = fire_truck()
     model = truck.robot.model.copy()
-    trailer = model.getJointId("hitch")
-    model.addFrame(pin.Frame("pole", trailer, 0, pin.SE3(np.eye(3), np.array([-0.2, 0, 0])), pin.FrameType.OP_FRAME))
+    add_frame(model, "pole", model.getJointId("hitch"), (-0.2, 0, 0))
     rows = [rnc.NoSideSlip(f"{axle}_axle") for axle in ("front", "tractor", "rear")]
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), rows).reduce(
         [rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering"), rnc.JointPosition("rear_steering")],
-        [
-            *(rnc.FramePosition(frame, "xy") for frame in ("tractor", "pole")),
-            *map(rnc.FrameYaw, ("trailer", "tractor")),
-        ],
+        [rnc.FramePosition(frame, "xy") for frame in ("tractor", "pole")]
+        + [rnc.FrameYaw(frame) for frame in ("trailer", "tractor")],
     )
     task = rnc.Task.of(reduced, ["tractor_speed_x", "front_steering"], ["rear_steering"], ["trailer_yaw"])
     with pytest.raises(rnc.ConfigurationError, match="kingpin 'pole' has to be a fixed place on the tractor, nearer"):
@@ -448,19 +414,13 @@ def test_a_trailer_may_stand_askew_up_to_a_cosine_of_a_fifth_and_jump_by_seven_t
     assert caught.value.q.shape == (0,)
 
 
-@pytest.fixture
-def long_truck(tmp_path):
-    """With a trailer of 1.5 m."""
-    text = (ROOT / "urdf/fire_truck.urdf").read_text()
-    path = tmp_path / "long_truck.urdf"
-    path.write_text(text.replace('<origin xyz="-1 0 0" rpy="0 0 0"/>', '<origin xyz="-1.5 0 0" rpy="0 0 0"/>'))
-    return fire_truck(path)
-
-
 @pytest.mark.parametrize("window", [0.1, 1.3])
-def test_places_two_lengths_behind_are_forgotten_but_for_those_that_the_path_is_fitted_to(window, long_truck):
-    """And one before them."""
-    law = reference(long_truck, window=window)
+def test_places_two_lengths_behind_are_forgotten_but_for_those_that_the_path_is_fitted_to(window, tmp_path):
+    """And one before them, of a trailer of 1.5 m."""
+    text = find_urdf("fire_truck.urdf").read_text()
+    urdf = tmp_path / "long_truck.urdf"
+    urdf.write_text(text.replace('<origin xyz="-1 0 0" rpy="0 0 0"/>', '<origin xyz="-1.5 0 0" rpy="0 0 0"/>'))
+    law = reference(fire_truck(urdf), window=window)
     L = law.length
     assert L > 1.4
     kept = set()

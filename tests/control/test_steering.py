@@ -159,10 +159,8 @@ def test_steering_takes_over_where_redundant_rates_move_nothing():
     assert law.describe() == {"type": "SteeringController", **gains}
     reduced = SimpleNamespace(affine=False)
     for places, counts in (
-        (([0], [1], [0, 1]), "1 and 2"),
-        (([0], [1, 2], [0]), "2 and 1"),
-        (([0], [], []), "0 and 0"),
-    ):
+        (([0], [1], [0, 1]), "1 and 2"), (([0], [1, 2], [0]), "2 and 1"), (([0], [], []), "0 and 0"),
+    ):  # fmt: skip
         with pytest.raises(rnc.ConfigurationError) as caught:
             SteeringController(reduced, task_at(*places), first, base)
         words = f"steering needs as many redundant as vertical outputs, found {counts}"

@@ -1,11 +1,10 @@
 """Uncertain kinematics (14)-(21) beyond class 1: class 2, 2s and 3, each learning its wheels while it drives."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from rnc_pin.control import (
     Estimator,
     PositionGains,
@@ -33,14 +32,6 @@ def two_wheels():
     return rolling_base({"left": (0.0, TRACK / 2), "right": (0.0, -TRACK / 2)}, RADIUS)
 
 
-def add_joint(model, carrier, name, kind, place, mass, inertia, centre=(0.0, 0.0, 0.0)):
-    return add_body(model, name, kind, mass, carrier, com=centre, moments=inertia, at=place)
-
-
-def add_frame(model, joint, name, place=(0.0, 0.0, 0.0)):
-    model.addFrame(pin.Frame(name, joint, 0, pin.SE3(np.eye(3), np.array(place)), pin.FrameType.OP_FRAME))
-
-
 def rolling(*wheels):
     return [rnc.RollingWheel(wheel, RADIUS) for wheel in wheels]
 
@@ -65,7 +56,7 @@ def late_miss(run):
 def class_2(alpha):
     """A turret on a differential drive keeps pointing: it has to know how the base turns under it."""
     model = two_wheels()
-    add_frame(model, add_joint(model, 1, "turret", pin.JointModelRZ(), (0.1, 0.0, 0.1), 2.0, 0.2), "gun")
+    add_body(model, "turret", "RZ", 2.0, 1, moments=0.2, at=(0.1, 0.0, 0.1), frame="gun")
     drives = ["left_spin", "right_spin", "turret"]
     system = rnc.NonholonomicSystem(rnc.Robot(model), rolling(*WHEELS), drives)
     reduced = system.reduce(list(map(rnc.JointPosition, drives)), [rnc.FrameYaw("gun"), rnc.FrameYaw("base")])
@@ -81,7 +72,7 @@ def class_2(alpha):
 def class_2s(alpha):
     """A tricycle whose rear wheel drives it: how far a turn of the wheel goes decides how it has to be steered."""
     model = rolling_base({"rear": (0.0, 0.0)}, RADIUS)
-    add_frame(model, add_joint(model, 1, "steer", pin.JointModelRZ(), (1.0, 0.0, 0.0), 1.0, 0.1), "front")
+    add_body(model, "steer", "RZ", 1.0, 1, moments=0.1, at=(1.0, 0.0, 0.0), frame="front")
     drives = ["rear_spin", "steer"]
     system = rnc.NonholonomicSystem(rnc.Robot(model), [*rolling("rear"), rnc.NoSideSlip("front")], drives)
     reduced = system.reduce(list(map(rnc.JointPosition, drives)), [rnc.FrameYaw("base")])
@@ -112,9 +103,9 @@ def test_what_is_tracked_is_tracked_better_by_those_who_learn(make):
 def test_class_3_on_wheels_that_are_not_known():
     """Wheels turn a force on the platform into torques by their estimated radius and track; the hand stays."""
     model = two_wheels()
-    shoulder = add_joint(model, 1, "shoulder", pin.JointModelRZ(), (0.0, 0.0, 0.2), 4.0, 0.1, (0.5, 0.0, 0.0))
-    elbow = add_joint(model, shoulder, "elbow", pin.JointModelRZ(), (1.0, 0.0, 0.0), 4.0, 0.1, (0.5, 0.0, 0.0))
-    add_frame(model, elbow, "tip", (1.0, 0.0, 0.0))
+    shoulder = add_body(model, "shoulder", "RZ", 4.0, 1, com=(0.5, 0.0, 0.0), moments=0.1, at=(0.0, 0.0, 0.2))
+    elbow = add_body(model, "elbow", "RZ", 4.0, shoulder, com=(0.5, 0.0, 0.0), moments=0.1, at=(1.0, 0.0, 0.0))
+    add_frame(model, "tip", elbow, (1.0, 0.0, 0.0))
     drives = ["left_spin", "right_spin", "shoulder", "elbow"]
     system = rnc.NonholonomicSystem(rnc.Robot(model), rolling(*WHEELS), drives)
     x2 = [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.FrameYaw("base")]

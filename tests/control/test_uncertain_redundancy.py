@@ -22,7 +22,7 @@ from rnc_pin.control import (
 from rnc_pin.control.estimation import adapt
 from rnc_pin.planning import Harmonic
 from rnc_pin.robots.robot_files import find_urdf
-from systems import random_states, space_robot
+from systems import floating_robot, in_tip_and_joint, random_states, space_robot
 from tolerances import ROUNDING
 
 LINKS = [UnknownMass(f"joint_{i}", unit=10.0) for i in (1, 2, 3)]
@@ -35,14 +35,8 @@ def uncertain(initial=(1.6, 0.4, 1.5), **changes):
     task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
     tip = Harmonic(x2[:2], [0.3, 0.1], [0.2, 0.13], ramp=3.0)
     controller = RedundancyController(task, tip, Harmonic([0.0], [0.15], 0.1, ramp=3.0), 2.0, 2.0)
-    return (
-        reduced,
-        controller,
-        q0,
-        UncertainRedundancyController(
-            reduced, controller, MomentumRegressor(reduced.robot, "platform", LINKS), initial, **changes
-        ),
-    )
+    regressor = MomentumRegressor(reduced.robot, "platform", LINKS)
+    return reduced, controller, q0, UncertainRedundancyController(reduced, controller, regressor, initial, **changes)
 
 
 def heavier(folder):
@@ -158,11 +152,7 @@ def masses_as_believed(p):
     model = rnc.Robot.from_urdf("space_robot.urdf").model
     for joint, value in zip((2, 3, 4), p, strict=True):
         model.inertias[joint] = pin.Inertia.FromDynamicParameters(value * model.inertias[joint].toDynamicParameters())
-    names = [f"joint_{i}" for i in (1, 2, 3)]
-    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("platform")], names)
-    return system.reduce(
-        [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")], [rnc.JointPosition("platform")]
-    )
+    return in_tip_and_joint(floating_robot(model=model))
 
 
 def test_the_uncertain_law_is_that_of_a_robot_with_the_masses_believed():

@@ -134,15 +134,9 @@ def test_a_unicycle_waits_until_it_may_begin():
         np.testing.assert_array_equal(target.x1, [GOAL[1], np.nan, GOAL[0]])
         np.testing.assert_array_equal(target.x2, [np.nan, GOAL[2]])
     assert stabilizer.describe() == {
-        "type": "UnicycleStabilizer",
-        "goal": GOAL.tolist(),
-        "begin": 1.5,
-        "k": 0.5,
-        "rate": 1.5,
-        "tolerance": 2e-3,
-        "ramp_time": 1.0,
-        "max_speed": [1e9, 1e9],
-    }
+        "type": "UnicycleStabilizer", "goal": GOAL.tolist(), "begin": 1.5, "k": 0.5, "rate": 1.5, "tolerance": 2e-3,
+        "ramp_time": 1.0, "max_speed": [1e9, 1e9],
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("backwards", [False, True])
@@ -226,16 +220,13 @@ def test_a_unicycle_at_its_goal_turns_only(backwards):
     assert target.v2_dot[0] == pytest.approx(-expected if backwards else expected)
 
 
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        ({"k": 0.0}, "needs 0 < k < rate, found 0 and 1"),
-        ({"k": 1.0}, "needs 0 < k < rate, found 1 and 1"),
-        ({"tolerance": 0.0}, r"found 0, 1 and \(1.0, 1.0\)"),
-        ({"ramp_time": -1e-9}, r"found 0.002, -1e-09 and \(1.0, 1.0\)"),
-        ({"max_speed": (0.0, 1.0)}, r"found 0.002, 1 and \(0.0, 1.0\)"),
-    ],
-)
+@pytest.mark.parametrize(("settings", "words"), [
+    ({"k": 0.0}, "needs 0 < k < rate, found 0 and 1"),
+    ({"k": 1.0}, "needs 0 < k < rate, found 1 and 1"),
+    ({"tolerance": 0.0}, r"found 0, 1 and \(1.0, 1.0\)"),
+    ({"ramp_time": -1e-9}, r"found 0.002, -1e-09 and \(1.0, 1.0\)"),
+    ({"max_speed": (0.0, 1.0)}, r"found 0.002, 1 and \(0.0, 1.0\)"),
+])  # fmt: skip
 def test_a_unicycle_at_the_edge_of_what_makes_sense(settings, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         UnicycleStabilizer(GOAL, WHERE, **settings)

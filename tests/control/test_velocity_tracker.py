@@ -91,14 +91,9 @@ def test_a_tuned_tracker_is_what_one_would_write_by_hand():
     np.testing.assert_allclose(tracker.gains.beta, 3.0 * expected.k)
     design = rnc.control.GainDesign(bandwidth=20.0)
     slower = rnc.tuned_tracker(
-        reduced,
-        oscillation(0.4 * np.ones(reduced.r), 0.2 + 0.07 * np.arange(reduced.r)),
-        q0,
-        2.0,
-        0.004,
-        along=kinematic,
-        design=design,
-    )
+        reduced, oscillation(0.4 * np.ones(reduced.r), 0.2 + 0.07 * np.arange(reduced.r)), q0, 2.0, 0.004,
+        along=kinematic, design=design,
+    )  # fmt: skip
     np.testing.assert_allclose(slower.gains.k / slower.gains.k[0], expected.k / expected.k[0])
     with pytest.raises(rnc.InfeasibleError, match="sample faster"):
         rnc.tuned_tracker(reduced, kinematic, q0, 2.0, dt=0.2)

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from rnc_pin.control import UnknownRadius, UnknownTrack, WheelRegressor
 from rnc_pin.control.wheel_regressor import _axles
 from rnc_pin.model.kinematics import Kinematics
@@ -85,7 +85,7 @@ def test_a_wheel_that_does_more_than_turn_about_its_axle_has_no_fixed_track(join
 
 def test_two_wheels_of_one_joint_or_of_two_bodies_have_no_track():
     model = two_wheeled_cart().model.copy()
-    model.addFrame(pin.Frame("outer", 2, 0, pin.SE3(np.eye(3), np.array([0.0, 0.1, 0.0])), pin.FrameType.OP_FRAME))
+    add_frame(model, "outer", 2, (0.0, 0.1, 0.0))
     arm = model.addJoint(1, pin.JointModelRZ(), pin.SE3.Identity(), "arm")
     add_body(model, "far_joint", "RY", 1.0, arm, at=TURNED, frame="far")
     robot = rnc.Robot(model)
@@ -103,12 +103,10 @@ def test_unknown_wheels_say_which_rows_they_enter_and_no_others():
         ([UnknownRadius([left])], ("radius of left_wheel",), (rolling[left],)),
         ([UnknownRadius([right])], ("radius of right_wheel",), (rolling[right],)),
         ([UnknownTrack([left, right])], ("track of left_wheel, right_wheel",), tuple(rolling.values())),
-        (
-            [UnknownRadius([right]), UnknownTrack([left, right]), UnknownRadius([left])],
+        ([UnknownRadius([right]), UnknownTrack([left, right]), UnknownRadius([left])],
             ("radius of right_wheel", "track of left_wheel, right_wheel", "radius of left_wheel"),
-            tuple(rolling.values()),
-        ),
-    ):
+            tuple(rolling.values())),
+    ):  # fmt: skip
         regressor = WheelRegressor(reduced, unknown)
         assert (regressor.names, regressor.units) == (names, ("m",) * len(names))
         assert (regressor.predicted, regressor.predicted_units) == (rows, ("m/s",) * len(rows))

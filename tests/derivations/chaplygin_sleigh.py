@@ -20,12 +20,9 @@ def sleigh() -> Mechanics:
         return sp.Matrix([[sp.cos(q[2]), sp.sin(q[2]), 0], [0, 0, 1]])
 
     return Mechanics(
-        ["x", "y", "theta"],
-        energy,
-        rows=lambda q, H: sp.Matrix([[-sp.sin(q[2]), sp.cos(q[2]), 0]]),
-        inputs=lambda q: ahead(q).T,
-        bases={"S4": ahead},
-    )
+        ["x", "y", "theta"], energy, rows=lambda q, H: sp.Matrix([[-sp.sin(q[2]), sp.cos(q[2]), 0]]),
+        inputs=lambda q: ahead(q).T, bases={"S4": ahead},
+    )  # fmt: skip
 
 
 def states(data, count=None):

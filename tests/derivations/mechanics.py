@@ -83,22 +83,12 @@ class Mechanics:
         _, C_free, _, _, _, H_dot_free, A_dot_free, _ = self._at(q, free)
         speed, off = mp.matrix(qd), mp.matrix(free)
         found = {
-            "qd": qd,
-            "H_star": nested(H),
-            "C_star": nested(C),
-            "C_star_qd": nested(C * speed),
-            "Hdot_star": nested(H_dot),
-            "C_star_free": nested(C_free),
-            "C_star_free_qd_free": nested(C_free * off),
-            "Hdot_star_free": nested(H_dot_free),
-            "G_star": [mp.mpf(0)] * len(q),
-            "A": nested(A),
-            "Adot": nested(A_dot),
-            "Adot_free": nested(A_dot_free),
-            "M": nested(M),
-            "kinetic_energy": self._energy(q, qd),
+            "qd": qd, "H_star": nested(H), "C_star": nested(C), "C_star_qd": nested(C * speed),
+            "Hdot_star": nested(H_dot), "C_star_free": nested(C_free), "C_star_free_qd_free": nested(C_free * off),
+            "Hdot_star_free": nested(H_dot_free), "G_star": [mp.mpf(0)] * len(q), "A": nested(A), "Adot": nested(A_dot),
+            "Adot_free": nested(A_dot_free), "M": nested(M), "kinetic_energy": self._energy(q, qd),
             "kinetic_energy_free": self._energy(q, free),
-        }
+        }  # fmt: skip
         for name, inputs in (("", T), ("_zero_input", [mp.mpf(0)] * len(T))):
             found[f"qdd{name}"], found[f"lambda{name}"] = self._accelerations(H, C, A, M, A_dot, speed, inputs)
         return found

@@ -94,9 +94,8 @@ def test_text_has_the_size_of_print(drive, size, points):
 
 
 def test_a_size_without_room_is_refused_with_the_height_that_has_it(drive):
-    with pytest.raises(
-        rnc.InputError, match=r"size \(3.4, 2\): its panels need a height of ([\d.]+) inches"
-    ) as refusal:
+    words = r"size \(3.4, 2\): its panels need a height of ([\d.]+) inches"
+    with pytest.raises(rnc.InputError, match=words) as refusal:
         drive.plot(["tractor_x", "tractor_yaw", "front_steering", "inputs"], size=(3.4, 2.0))
     height = float(str(refusal.value).split("height of ")[1].split()[0])
     check(drive.plot(["tractor_x", "tractor_yaw", "front_steering", "inputs"], size=(3.4, height)))

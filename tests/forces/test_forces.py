@@ -201,24 +201,21 @@ def test_scenario_files_have_forces_of_the_robot_and_of_the_plant_alone():
         ).build()
 
 
-@pytest.mark.parametrize(
-    ("force", "message"),
-    [
-        (lambda: Spring(rnc.FrameSpeed("base"), 1.0), "quasi-velocity"),
-        (lambda: Spring(HAND, (1.0, 2.0, 3.0)), "expected one finite number or 2"),
-        (lambda: Damper(HAND, np.nan), "expected one finite number or 2"),
-        (lambda: SmoothFriction(HAND, 1.0, 0.0), "expected a positive number"),
-        (lambda: Wrench("tipp"), "did you mean 'tip'"),
-        (lambda: Wrench("tip", axes="mine"), "expected 'world' or 'own'"),
-        (lambda: ForceLaw(HAND, lambda y, rate: y[:1]), r"returned shape \(1,\), expected \(2,\)"),
-        (lambda: ForceLaw(HAND, lambda y, rate: -y, lambda y, rate: (np.eye(2), np.zeros((2, 2)))),
-         r"slopes by y: entry \[0, 0\] is 1, a difference of the law gives -1"),
-        (lambda: ForceLaw(HAND, lambda y, rate: -y, potential=lambda y: float(y @ y)), "negative gradient"),
-        (lambda: ForceFunction(lambda q, v: -v, lambda q, v: (np.zeros((5, 5)), np.eye(5))), "by v is 1"),
-        (lambda: Spring, "expected an object with bind"),
-        (lambda: HAND, "is no force"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("force", "message"), [
+    (lambda: Spring(rnc.FrameSpeed("base"), 1.0), "quasi-velocity"),
+    (lambda: Spring(HAND, (1.0, 2.0, 3.0)), "expected one finite number or 2"),
+    (lambda: Damper(HAND, np.nan), "expected one finite number or 2"),
+    (lambda: SmoothFriction(HAND, 1.0, 0.0), "expected a positive number"),
+    (lambda: Wrench("tipp"), "did you mean 'tip'"),
+    (lambda: Wrench("tip", axes="mine"), "expected 'world' or 'own'"),
+    (lambda: ForceLaw(HAND, lambda y, rate: y[:1]), r"returned shape \(1,\), expected \(2,\)"),
+    (lambda: ForceLaw(HAND, lambda y, rate: -y, lambda y, rate: (np.eye(2), np.zeros((2, 2)))),
+     r"slopes by y: entry \[0, 0\] is 1, a difference of the law gives -1"),
+    (lambda: ForceLaw(HAND, lambda y, rate: -y, potential=lambda y: float(y @ y)), "negative gradient"),
+    (lambda: ForceFunction(lambda q, v: -v, lambda q, v: (np.zeros((5, 5)), np.eye(5))), "by v is 1"),
+    (lambda: Spring, "expected an object with bind"),
+    (lambda: HAND, "is no force"),
+])  # fmt: skip
 def test_wrong_forces_are_refused_by_name(force, message):
     with pytest.raises((ConstraintError, InputError, rnc.ModelError), match=message):
         of_arm([force()])

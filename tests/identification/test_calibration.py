@@ -166,16 +166,13 @@ def test_combinations_that_no_log_shows_are_named(tmp_path):
         rnc.calibrate(MECANUM.system(tmp_path), MECANUM.log(0), [*MECANUM.unknown, lengthwise], "sensor")
 
 
-@pytest.mark.parametrize(
-    ("name", "seen"),
-    [
-        ("differential drive", {"radius of left", "radius of right"}),
-        ("tricycle", {"radius of front", "offset of fork_joint"}),
-        ("car", {"offset of left_steer_joint"}),
-        ("Mecanum", {"radius of fl, fr, rl, rr"}),
-        ("car with trailer", {"radius of rear", "offset of steer_joint"}),
-    ],
-)
+@pytest.mark.parametrize(("name", "seen"), [
+    ("differential drive", {"radius of left", "radius of right"}),
+    ("tricycle", {"radius of front", "offset of fork_joint"}),
+    ("car", {"offset of left_steer_joint"}),
+    ("Mecanum", {"radius of fl, fr, rl, rr"}),
+    ("car with trailer", {"radius of rear", "offset of steer_joint"}),
+])  # fmt: skip
 def test_a_straight_motion_shows_no_track_no_wheelbase_and_no_sensor(name, seen, tmp_path):
     """Only radii and zeros of steering act on a straight path; of four measured wheels, it shows the mean radius."""
     vehicle = replace(VEHICLES[name], true=VEHICLES[name].nominal)
@@ -235,21 +232,18 @@ def test_headings_need_not_be_measured(tmp_path):
         rnc.calibrate(DIFFERENTIAL.system(tmp_path), log, [SensorPlace("yaw")], "sensor", heading=False)
 
 
-@pytest.mark.parametrize(
-    ("unknown", "options", "message"),
-    [
-        ([], {}, "name at least one unknown parameter"),
-        ([WheelRadius("lef")], {}, "no frame 'lef' in robot 'vehicle'; did you mean 'left'?"),
-        ([WheelRadius("base")], {}, "radius of base: no wheel or ball rolls there"),
-        ([WheelRadius("left"), WheelRadius("left")], {}, "the radius of left is named twice"),
-        ([JointShift("root_joint", "x")], {}, "place of root_joint along x: 'root_joint' is the base"),
-        ([EncoderScale("left_joit")], {}, "no joint 'left_joit' in robot 'vehicle'; did you mean 'left_joint'?"),
-        ([SensorPlace("x")], {"held_out": 1.0}, "held_out: expected a share of 0 to 0.9, found 1.0"),
-        ([SensorPlace("x")], {"sensor": "left"},
-         "sensor 'left' is on a body behind joint 'left_joint', expected a frame of the base"),
-        ([SensorPlace("x")], {"sensor": "base"}, "the log has no pose(base); did you mean 'pose(sensor)'?"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("unknown", "options", "message"), [
+    ([], {}, "name at least one unknown parameter"),
+    ([WheelRadius("lef")], {}, "no frame 'lef' in robot 'vehicle'; did you mean 'left'?"),
+    ([WheelRadius("base")], {}, "radius of base: no wheel or ball rolls there"),
+    ([WheelRadius("left"), WheelRadius("left")], {}, "the radius of left is named twice"),
+    ([JointShift("root_joint", "x")], {}, "place of root_joint along x: 'root_joint' is the base"),
+    ([EncoderScale("left_joit")], {}, "no joint 'left_joit' in robot 'vehicle'; did you mean 'left_joint'?"),
+    ([SensorPlace("x")], {"held_out": 1.0}, "held_out: expected a share of 0 to 0.9, found 1.0"),
+    ([SensorPlace("x")], {"sensor": "left"},
+     "sensor 'left' is on a body behind joint 'left_joint', expected a frame of the base"),
+    ([SensorPlace("x")], {"sensor": "base"}, "the log has no pose(base); did you mean 'pose(sensor)'?"),
+])  # fmt: skip
 def test_bad_requests_are_one_line(unknown, options, message, tmp_path):
     arguments = {"sensor": "sensor", **options}
     with pytest.raises(rnc.RncError) as error:

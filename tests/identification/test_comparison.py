@@ -15,18 +15,15 @@ from rnc_pin.identification.rolling_motion import RollingMotion
 from rnc_pin.visualization.recording import Recording
 
 
-@pytest.mark.parametrize(
-    ("vehicle", "change", "name"),
-    [
-        (DIFFERENTIAL, {"rl": 0.105}, "radius of left"),
-        (DIFFERENTIAL, {"rl": 0.105, "rr": 0.105}, "radius of left, right"),
-        (DIFFERENTIAL, {"track": 0.56}, "place of left_joint, right_joint along y"),
-        (DIFFERENTIAL, {"sy": 0.05}, "y of the sensor"),
-        (TRICYCLE, {"offset fork_joint": 0.05}, "offset of fork_joint"),
-        (TRICYCLE, {"sx": 1.0}, "x of the sensor"),
-        (TRAILER, {"offset steer_joint": 0.04}, "offset of steer_joint"),
-    ],
-)
+@pytest.mark.parametrize(("vehicle", "change", "name"), [
+    (DIFFERENTIAL, {"rl": 0.105}, "radius of left"),
+    (DIFFERENTIAL, {"rl": 0.105, "rr": 0.105}, "radius of left, right"),
+    (DIFFERENTIAL, {"track": 0.56}, "place of left_joint, right_joint along y"),
+    (DIFFERENTIAL, {"sy": 0.05}, "y of the sensor"),
+    (TRICYCLE, {"offset fork_joint": 0.05}, "offset of fork_joint"),
+    (TRICYCLE, {"sx": 1.0}, "x of the sensor"),
+    (TRAILER, {"offset steer_joint": 0.04}, "offset of steer_joint"),
+])  # fmt: skip
 def test_the_wrong_number_is_named_first(vehicle, change, name, tmp_path):
     other = replace(vehicle, true={**vehicle.nominal, **change})
     found = rnc.compare(other.system(tmp_path), other.log(0), "sensor")
@@ -95,27 +92,23 @@ def _late(log, name, by):
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.parametrize(
-    ("assumption", "name", "vehicle", "change", "spoil"),
-    [
-        ("radius", "radius of left", DIFFERENTIAL, {"rl": 0.105}, _with_efforts),
-        ("radius", "radius of front", TRICYCLE, {"r": 0.126}, None),
-        ("place", "place of left_joint, right_joint along y", DIFFERENTIAL, {"track": 0.56}, _with_efforts),
-        ("encoder", "offset of fork_joint", TRICYCLE, {"offset fork_joint": 0.05}, None),
-        ("sensor", "x of the sensor", TRICYCLE, {"sx": 1.0}, None),
-        ("delay", "delay of the sensor", DIFFERENTIAL, {}, lambda log, seed: _late(log, "sensor", 0.2)),
-        ("delay", "delay of fork_joint", TRICYCLE, {}, lambda log, seed: _late(log, "fork_joint", 0.3)),
-        ("slip", "slip of rolling(left)", DIFFERENTIAL, {}, _with_slip),
-        ("friction", "viscous friction of left_joint", DIFFERENTIAL, {},
-         lambda log, seed: _with_efforts(log, seed, viscous=0.5)),
-        ("friction", "dry friction of left_joint", DIFFERENTIAL, {},
-         lambda log, seed: _with_efforts(log, seed, dry=1.0)),
-        ("mass", "mass of root_joint", DIFFERENTIAL, {}, lambda log, seed: _with_efforts(log, seed, mass=5.0)),
-        ("effort", "effort of left_joint", DIFFERENTIAL, {}, lambda log, seed: _with_efforts(log, seed, gain=0.8)),
-        (None, None, DIFFERENTIAL, {}, _with_efforts),
-        (None, None, TRICYCLE, {}, None),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("assumption", "name", "vehicle", "change", "spoil"), [
+    ("radius", "radius of left", DIFFERENTIAL, {"rl": 0.105}, _with_efforts),
+    ("radius", "radius of front", TRICYCLE, {"r": 0.126}, None),
+    ("place", "place of left_joint, right_joint along y", DIFFERENTIAL, {"track": 0.56}, _with_efforts),
+    ("encoder", "offset of fork_joint", TRICYCLE, {"offset fork_joint": 0.05}, None),
+    ("sensor", "x of the sensor", TRICYCLE, {"sx": 1.0}, None),
+    ("delay", "delay of the sensor", DIFFERENTIAL, {}, lambda log, seed: _late(log, "sensor", 0.2)),
+    ("delay", "delay of fork_joint", TRICYCLE, {}, lambda log, seed: _late(log, "fork_joint", 0.3)),
+    ("slip", "slip of rolling(left)", DIFFERENTIAL, {}, _with_slip),
+    ("friction", "viscous friction of left_joint", DIFFERENTIAL, {},
+     lambda log, seed: _with_efforts(log, seed, viscous=0.5)),
+    ("friction", "dry friction of left_joint", DIFFERENTIAL, {}, lambda log, seed: _with_efforts(log, seed, dry=1.0)),
+    ("mass", "mass of root_joint", DIFFERENTIAL, {}, lambda log, seed: _with_efforts(log, seed, mass=5.0)),
+    ("effort", "effort of left_joint", DIFFERENTIAL, {}, lambda log, seed: _with_efforts(log, seed, gain=0.8)),
+    (None, None, DIFFERENTIAL, {}, _with_efforts),
+    (None, None, TRICYCLE, {}, None),
+])  # fmt: skip
 def test_the_assumption_that_fails_first_is_the_true_one(assumption, name, vehicle, change, spoil, seed, tmp_path):
     """Table of confusion: each log has one fault or none, and noise."""
     true = replace(vehicle, true={**vehicle.nominal, **change})

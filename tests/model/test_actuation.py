@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from plain_kinematics import ROBOTS, Plain, near, states
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.frame_rows import OffsetFrame, PointRows, axis_index, triple
@@ -20,9 +20,7 @@ def test_a_frame_beside_another_moves_as_one_that_is_there(moved):
     point, turn = np.array([0.25, -0.5, 2.0]) * moved, pin.rpy.rpyToMatrix(0.3 * moved, -0.4 * moved, 0.9 * moved)
     model = robot.model.copy()
     base = model.frames[model.getFrameId("on_slide")]
-    there = model.addFrame(
-        pin.Frame("there", base.parentJoint, 0, base.placement * pin.SE3(turn, point), pin.FrameType.OP_FRAME)
-    )
+    there = add_frame(model, "there", base.parentJoint, base.placement * pin.SE3(turn, point))
     frame = OffsetFrame(robot, "on_slide", point, turn)
     assert frame.name == ("on_slide[0.25 -0.5 2]" if moved else "on_slide")
     assert (frame.index, frame.joint) == (robot.frame_id("on_slide"), base.parentJoint)
@@ -49,9 +47,8 @@ def test_a_frame_beside_another_moves_as_one_that_is_there(moved):
 def test_a_point_is_three_finite_numbers():
     assert triple([1, 2, 3], "point").tolist() == [1.0, 2.0, 3.0]
     for wrong in ([1.0, 2.0], [1.0, np.nan, 0.0], np.zeros((1, 3)), 1.0):
-        with pytest.raises(
-            rnc.ConfigurationError, match=r"^point on frame 'on_ball': expected three finite numbers, f"
-        ):
+        words = r"^point on frame 'on_ball': expected three finite numbers, f"
+        with pytest.raises(rnc.ConfigurationError, match=words):
             OffsetFrame(ROBOTS["tree"], "on_ball", wrong)
     with pytest.raises(rnc.ModelError, match="on_bal"):
         OffsetFrame(ROBOTS["tree"], "on_bal", np.zeros(3))
@@ -67,13 +64,9 @@ def test_actuators_pull_where_they_are():
     joints.upperEffortLimit = np.linspace(-2.0, 9.0, robot.nv)
     robot = rnc.Robot(joints)
     kinds = [
-        "slide",
-        rnc.FrameForce("on_ball", "z", 4.0),
-        rnc.FrameTorque("on_endless", "y"),
-        "endless",
-        "turn",
+        "slide", rnc.FrameForce("on_ball", "z", 4.0), rnc.FrameTorque("on_endless", "y"), "endless", "turn",
         rnc.FrameForce("on_universe", "x", limit=0.5),
-    ]
+    ]  # fmt: skip
     actuation = Actuation(kinds, robot)
     names = ("slide", "force(on_ball.z)", "torque(on_endless.y)", "endless", "turn", "force(on_universe.x)")
     assert (actuation.names, actuation.size, actuation.constant) == (names, 6, None)
@@ -124,12 +117,9 @@ def test_actuators_that_are_none_are_refused():
         (lambda q: np.zeros((3, 1)), rnc.ConstraintError, r"actuation matrix has shape \(3, 1\), expected \(12, p\)$"),
         (["turn", "ball"], rnc.ModelError, "actuator 'ball' is a joint of several degrees of freedom: use FrameForce"),
         (["turn", "slide", "turn"], rnc.ConstraintError, "duplicate actuator 'turn'$"),
-        (
-            ["turn", 3],
-            rnc.ConstraintError,
-            "actuator 3 has the wrong type: expected a joint's name, FrameForce, FrameTorque or OutputForce$",
-        ),
-    ):
+        (["turn", 3], rnc.ConstraintError,
+            "actuator 3 has the wrong type: expected a joint's name, FrameForce, FrameTorque or OutputForce$"),
+    ):  # fmt: skip
         with pytest.raises(error, match=words):
             Actuation(wrong, robot)
     sizes = iter([2, 3])
@@ -142,9 +132,8 @@ def test_actuators_that_are_none_are_refused():
 def sliders(B):
     """Three of them, at right angles, that actuators push by the columns of B."""
     model = pin.Model()
-    model.name = "sliders"
-    for axis, kind in zip("xyz", (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ), strict=True):
-        add_body(model, axis, kind(), pin.Inertia.FromSphere(1.0, 0.1), model.njoints - 1)
+    for axis in "xyz":
+        add_body(model, axis, f"P{axis.upper()}", pin.Inertia.FromSphere(1.0, 0.1), model.njoints - 1)
     return rnc.NonholonomicSystem(rnc.Robot(model), [], B).reduce()
 
 
@@ -188,14 +177,9 @@ def between(robot, q, frame, other, push=0.0, torque=(0.0, 0.0, 0.0)):
 
 def test_a_force_on_a_distance_pushes_two_points_apart_and_a_torque_turns_two_bodies():
     robot = bicycle().robot
-    actuation = Actuation(
-        [
-            rnc.OutputForce(rnc.Distance("front", "rear"), 5.0),
-            rnc.OutputForce(rnc.RelativeAngularVelocity("front", "rear", "x")),
-            "steer",
-        ],
-        robot,
-    )
+    push = rnc.OutputForce(rnc.Distance("front", "rear"), 5.0)
+    turn = rnc.OutputForce(rnc.RelativeAngularVelocity("front", "rear", "x"))
+    actuation = Actuation([push, turn, "steer"], robot)
     assert actuation.names == ("force(distance_front_rear)", "torque(front_angular_velocity_x_of_rear)", "steer")
     assert actuation.units == ("N", "N m", "N m")
     assert actuation.limits[:2].tolist() == [5.0, np.inf]
@@ -231,7 +215,7 @@ def test_a_cylinder_lifts_a_boom_with_the_force_of_its_lever():
     model = pin.Model()
     joint = add_body(model, "boom", "RY", 10.0, com=(1.0, 0, 0), moments=0.1)
     for name, parent, place in (("foot", 0, (0.0, 0.0, -0.5)), ("middle", joint, (0.5, 0.0, 0.0))):
-        model.addFrame(pin.Frame(name, parent, pin.SE3(np.eye(3), np.array(place)), pin.FrameType.OP_FRAME))
+        add_frame(model, name, parent, place)
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], [rnc.OutputForce(rnc.Distance("foot", "middle"))]).reduce()
     # Level boom: the cylinder stands at 45 degrees, its lever is 0.5 / sqrt(2); it has to hold 98.1 N at 1 m.
     needed = 10 * 9.81 * 1.0 / (0.5 / np.sqrt(2))

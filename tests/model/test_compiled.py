@@ -181,12 +181,8 @@ def test_the_environment_selects_the_path(asked, expected, tmp_path):
 
 
 def test_an_unknown_path_is_refused():
-    found = subprocess.run(
-        [sys.executable, "-c", "import rnc_pin; rnc_pin.kernel"],
-        capture_output=True,
-        text=True,
-        env={"RNC_PIN_KERNEL": "fortran"},
-    )
+    command, environment = [sys.executable, "-c", "import rnc_pin; rnc_pin.kernel"], {"RNC_PIN_KERNEL": "fortran"}
+    found = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert "RNC_PIN_KERNEL is 'fortran': expected 'c' or 'numpy'" in found.stderr
 
 

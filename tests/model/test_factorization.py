@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.compiled import evaluator_for
@@ -31,16 +32,11 @@ def on_rails(rows, kept, reducing, limit, lengths, free=False, masses=None, actu
     """Parts of a robot whose bodies slide along lines of their own."""
     model, n = pin.Model(), len(reducing[0])
     for k in range(n):
-        joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), f"s{k}")
-        body = pin.Inertia(1.0 if masses is None else masses[k], np.zeros(3), np.eye(3))
-        model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+        add_body(model, f"s{k}", "PX", 1.0 if masses is None else masses[k])
     robot, blocks = rnc.Robot(model), [Rails(rows)] if len(rows) else []
     outputs = OutputStack([Rails(reducing, "x")])
-    actuation = Actuation(actuators, robot)
-    scales, shared = (
-        np.array(lengths, dtype=float),
-        (Kinematics(robot), PassiveForces((), robot)),
-    )
+    actuation, scales = Actuation(actuators, robot), np.array(lengths, dtype=float)
+    shared = Kinematics(robot), PassiveForces((), robot)
     return ReductionData(
         robot, RowStack(blocks), kept, actuation, outputs, OutputStack([]), limit, scales, *shared, free
     )
@@ -99,12 +95,9 @@ def edge(slope):
 @pytest.mark.parametrize("count", [None, 2])
 def test_others_are_looked_for_from_a_thousandth_on_or_the_limit(count):
     for limit, slope, chosen in (
-        (1e8, 1 / 900, [0, 2]),
-        (1e8, 1 / 1100, [1, 2]),
-        (1e8, 0.0, [1, 2]),
-        (50.0, 1 / 45, [0, 2]),
+        (1e8, 1 / 900, [0, 2]), (1e8, 1 / 1100, [1, 2]), (1e8, 0.0, [1, 2]), (50.0, 1 / 45, [0, 2]),
         (50.0, 1 / 55, [1, 2]),
-    ):
+    ):  # fmt: skip
         rows, entries = edge(slope)
         state = resting(on_rails(rows, (0,), entries, limit, np.ones(3), free=True), count)
         np.testing.assert_array_equal(state.J2, np.broadcast_to(np.eye(3)[chosen], state.J2.shape))
@@ -156,11 +149,8 @@ def test_rows_that_are_short_beside_their_length_elsewhere_count_for_less():
         rows[0, 0], rows[1, [0, 1]], rows[2, [0, 1]] = (
             1e-9,
             (0.9 * sizes[0], np.sqrt(0.19) * sizes[0]),
-            (
-                0.9 * sizes[1],
-                -np.sqrt(0.19) * sizes[1],
-            ),
-        )
+            (0.9 * sizes[1], -np.sqrt(0.19) * sizes[1]),
+        )  # fmt: skip
         state = resting(on_rails(rows, (0,), np.eye(3)[[1, 2]], 1e8, [1.0, *lengths, 1.0, 1.0]))
         assert state.kept.tolist() == ([kept] if kept else state.kept.tolist())
         assert state.regular
@@ -169,12 +159,9 @@ def test_rows_that_are_short_beside_their_length_elsewhere_count_for_less():
 def test_constraints_that_lose_rank_keep_the_rows_that_they_had():
     """Two rows that are one, and a third at an angle with a sine below the limit, or rounding by its length."""
     for sine, size, length, chosen in (
-        (2e-8, 3.0, 1.0, True),
-        (0.5e-8, 3.0, 1.0, False),
-        (0.5, 1e-9, 0.02, True),
-        (0.5, 1e-9, 0.3, False),
+        (2e-8, 3.0, 1.0, True), (0.5e-8, 3.0, 1.0, False), (0.5, 1e-9, 0.02, True), (0.5, 1e-9, 0.3, False),
         (0.5, 1.0, 0.0, False),
-    ):
+    ):  # fmt: skip
         third = size * np.array([np.sqrt(1 - sine**2), sine, 0.0])
         rows = np.array([[1.0, 0, 0], [1.0, 0, 0], third])
         state = resting(on_rails(rows, (0, 1), [[0, 0, 1.0]], 1e12, [1.0, 1.0, length, 1.0]))
@@ -283,13 +270,8 @@ def test_one_of_many_states_whose_forces_have_no_bound():
     state = pushed(1e10 * np.eye(2), 2)
     state = StateEvaluation.at(state._evaluator, state.q, np.zeros((2, 2)))
     np.testing.assert_allclose(state.v2_dot([[1.0, 2.0], [3.0, -4.0]]), [[1e10, 2e10], [3e10, -4e10]])
-    with (
-        np.errstate(over="ignore", invalid="ignore"),
-        pytest.raises(
-            rnc.DivergenceError,
-            match=r"reduced acceleration is not finite: H is nearly singular or a force is too large$",
-        ),
-    ):
+    words = r"reduced acceleration is not finite: H is nearly singular or a force is too large$"
+    with np.errstate(over="ignore", invalid="ignore"), pytest.raises(rnc.DivergenceError, match=words):
         state.v2_dot([[1.0, 2.0], [3.0, 1e300]])
 
 

@@ -8,7 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from bodies import add_body
+from bodies import add_body, add_frame
 from tolerances import ROUNDING
 
 LENGTH, MASS = 1.4, 3.0
@@ -20,8 +20,7 @@ def bodies(*inertias):
     for k, (mass, turning) in enumerate(inertias):
         joint = add_body(model, f"body_{k}_joint", "Planar", mass, moments=turning)
         for name, x in (("center", 0.0), ("end", LENGTH / 2), ("tail", -LENGTH / 2)):
-            place = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
-            model.addFrame(pin.Frame(f"{name}_{k}", joint, 0, place, pin.FrameType.OP_FRAME))
+            add_frame(model, f"{name}_{k}", joint, (x, 0.0, 0.0))
     model.gravity = pin.Motion.Zero()
     return rnc.Robot(model)
 
@@ -136,12 +135,9 @@ def two_links(masses=(1.0, 2.0), length=0.7):
     model = pin.Model()
     joint = 0
     for number, mass in enumerate(masses):
-        place = pin.SE3(np.eye(3), np.array([length if number else 0.0, 0.0, 0.0]))
-        joint = model.addJoint(joint, pin.JointModelRZ(), place, f"joint_{number}")
-        moments = np.diag([0.0, 1.0, 1.0]) * mass * length**2 / 12
-        model.appendBodyToJoint(joint, pin.Inertia(mass, np.array([length / 2, 0, 0]), moments), pin.SE3.Identity())
-    tip = pin.SE3(np.eye(3), np.array([length, 0.0, 0.0]))
-    model.addFrame(pin.Frame("tip", joint, 0, tip, pin.FrameType.OP_FRAME))
+        moments, place = np.array([0.0, 1.0, 1.0]) * mass * length**2 / 12, (length if number else 0.0, 0.0, 0.0)
+        joint = add_body(model, f"joint_{number}", "RZ", mass, joint, com=(length / 2, 0, 0), moments=moments, at=place)
+    add_frame(model, "tip", joint, (length, 0.0, 0.0))
     return rnc.NonholonomicSystem(rnc.Robot(model))
 
 

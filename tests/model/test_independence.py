@@ -87,9 +87,8 @@ def test_rows_that_rounding_leaves_may_demand_what_differs_by_as_much():
             if good:
                 assert select_independent(beside(*apart(angle)), "ab", rates).kept == [0]
             else:
-                with pytest.raises(
-                    rnc.ConstraintError, match=r"^constraint row 'b' contradicts the others: it requires"
-                ):
+                words = r"^constraint row 'b' contradicts the others: it requires"
+                with pytest.raises(rnc.ConstraintError, match=words):
                     select_independent(beside(*apart(angle)), "ab", rates)
     short = beside([1.0, 0, 0, 0], [1.0, 0, 0, 0], [0, 1e-7, 0, 0])
     rates = np.tile([1.0, 1.0 + 0.5 * ROUNDING, 0.0], (3, 1))
@@ -98,9 +97,8 @@ def test_rows_that_rounding_leaves_may_demand_what_differs_by_as_much():
         select_independent(short, "abc", rates)
     only = np.zeros((2, 1, 3))
     assert select_independent(only, "a", np.zeros((2, 1))).kept == []
-    with pytest.raises(
-        rnc.ConstraintError, match=r"^constraint row 'a' contradicts the others: it requires 2, the others require"
-    ):
+    words = r"^constraint row 'a' contradicts the others: it requires 2, the others require 0"
+    with pytest.raises(rnc.ConstraintError, match=words):
         select_independent(only, "a", np.array([[0.0], [2.0]]))
 
 
@@ -128,7 +126,7 @@ def test_zero_is_told_from_what_is_zero_but_for_rounding():
 def test_a_rank_that_changes_is_told_with_both():
     """Exactly; a sample near a singular configuration loses rank by the rougher limit alone, and changes nothing."""
     good, lost, near = (np.array([*apart(angle), [0, 0, 1.0, 0]]) for angle in (0.7, 0.0, 0.5 * ROUNDING))
-    words = r"^rank of the constraints changes with the configuration, from 2 to 3 of 3 rows \(a, b, c\): the reduction"
+    words = r"^rank of the constraints .*, from 2 to 3 of 3 rows \(a, b, c\): the reduction needs a constant one"
     with pytest.raises(rnc.ConstraintError, match=words):
         select_independent(np.array([good, lost, good]), "abc")
     found = select_independent(np.array([near, good, near]), "abc")
@@ -165,10 +163,3 @@ def test_rows_that_depend_may_not_demand_something_else():
     words = "row 'c' contradicts the others: it requires 3, the others require 1.5"
     with pytest.raises(rnc.ConstraintError, match=words):
         select_independent(rows, "abc", np.array([[1.0, 0.5, 3.0]]))
-    words = r"from 1 to 2 of 2 rows \(a, b\): the reduction needs a constant one"
-    with pytest.raises(rnc.ConstraintError, match=words):
-        select_independent(np.array([[[1.0, 0], [0, 1]], [[1.0, 0], [1, 0]]]), "ab")
-    with pytest.raises(
-        rnc.ConstraintError, match="row 'b' contradicts the others: it requires 1, the others require 0"
-    ):
-        select_independent(np.array([[[1.0, 0], [0, 0]]]), "ab", np.array([[0.0, 1.0]]))

@@ -34,9 +34,8 @@ def test_configurations_are_admitted_by_shape_number_and_length():
     batch = np.zeros((2, 3, 3))
     batch[1, 0, 2] = np.nan
     for call in (lambda: flat.validate(batch), lambda: vector(batch, 3, "q"), lambda: check_finite("q", batch)):
-        with pytest.raises(
-            rnc.InputError, match=r"q holds values that are not finite at state 1, 0: \[ 0., +0., nan\]"
-        ):
+        message = r"q holds values that are not finite at state 1, 0: \[ 0., +0., nan\]"
+        with pytest.raises(rnc.InputError, match=message):
             call()
     with pytest.raises(rnc.InputError, match=r": \[ 0., 1., 2., 3., nan, 5., 6., 7., 8., 9.\]$"):
         check_finite("q", np.where(np.arange(10) == 4, np.nan, np.arange(10.0)))
@@ -71,9 +70,8 @@ def test_angles_without_end_are_of_unit_length_to_a_millionth(kinds):
             if good:
                 np.testing.assert_array_equal(validator.validate(given), given)
             else:
-                with pytest.raises(
-                    rnc.InputError, match=r"^q holds a \(cos, sin\) pair or a quaternion that is not of"
-                ):
+                words = r"^q holds a \(cos, sin\) pair or a quaternion that is not of"
+                with pytest.raises(rnc.InputError, match=words):
                     validator.validate(given)
 
 

@@ -119,15 +119,12 @@ def test_a_motion_into_a_singularity_keeps_what_it_has():
     assert run.outcome in (rnc.Outcome.SINGULAR, rnc.Outcome.DIVERGED)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        {"duration": 0.0},
-        {"duration": 1.0, "dt": 2.0},
-        {"duration": 1.0, "tolerance": (1e-9, 0.0)},
-        {"duration": np.inf},
-    ],
-)
+@pytest.mark.parametrize("arguments", [
+    {"duration": 0.0},
+    {"duration": 1.0, "dt": 2.0},
+    {"duration": 1.0, "tolerance": (1e-9, 0.0)},
+    {"duration": np.inf},
+])  # fmt: skip
 def test_times_and_tolerances_that_make_no_sense_are_refused(arguments):
     reduced = space_robot_in_joints()
     with pytest.raises(rnc.InputError, match="have to be positive"):

@@ -78,10 +78,8 @@ def test_a_question_is_answered_as_before_whatever_was_asked_of_other_states_bet
     place = q[0, 0]
     here = kinematics.position(place).with_velocity(v[0, 0])
     expected = QUESTIONS[first](Kinematics(robot).position(place).with_velocity(v[0, 0]), frame).copy()
-    other, faster = (
-        kinematics.position(q[1, 1]).with_velocity(v[1, 1]),
-        kinematics.position(place).with_velocity(v[1, 2]),
-    )
+    other = kinematics.position(q[1, 1]).with_velocity(v[1, 1])
+    faster = kinematics.position(place).with_velocity(v[1, 2])
     for (second, ask), between in product(QUESTIONS.items(), (other, faster)):
         near(QUESTIONS[first](here, frame), expected, second)
         ask(between, frame)

@@ -57,17 +57,12 @@ def test_parts_are_put_together_once_and_again_in_other_velocities():
     outputs = OutputStack([VelocityRows(np.eye(4)[[1, 3]], ["x", "y"], ["m/s", "rad/s"])])
     vertical = OutputStack([rnc.JointPosition("c").bind(robot)])
     lengths = np.array([5.0, 7.0, 0.5, 2.0, 4.0])
-    actuation, shared = (
-        Actuation(["a"], robot),
-        (Kinematics(robot), PassiveForces((), robot)),
-    )
+    actuation = Actuation(["a"], robot)
+    shared = (Kinematics(robot), PassiveForces((), robot))
     for limit, free, kept, quick in (
-        (1e8, False, [0, 2], 1e6),
-        (200.0, False, [0, 2], 4e4),
-        (1e8, True, [1, 2], 1e6),
-        (1e8, False, [0, 1, 2], 1e16),
+        (1e8, False, [0, 2], 1e6), (200.0, False, [0, 2], 4e4), (1e8, True, [1, 2], 1e6), (1e8, False, [0, 1, 2], 1e16),
         (1e8, True, [0, 1, 2], 1e6),
-    ):
+    ):  # fmt: skip
         parts = ReductionData(
             robot, RowStack(rows), tuple(kept), actuation, outputs, vertical, limit, lengths, *shared, free
         )

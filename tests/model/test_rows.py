@@ -230,15 +230,12 @@ def test_built_in_kinds_say_which_mechanism_enforces_them():
     np.testing.assert_array_equal(anchor.placements[1].translation, [0.1, 0.0, 0.0])
 
 
-@pytest.mark.parametrize(
-    ("options", "friction", "prevents"),
-    [
-        ({}, "all", "slip at"),
-        ({"lateral": False}, "longitudinal", "roll without turning"),
-        ({"roller": 0.0}, "longitudinal", "roll without turning"),
-        ({"roller": 0.7854}, "oblique", "roll without turning"),
-    ],
-)
+@pytest.mark.parametrize(("options", "friction", "prevents"), [
+    ({}, "all", "slip at"),
+    ({"lateral": False}, "longitudinal", "roll without turning"),
+    ({"roller": 0.0}, "longitudinal", "roll without turning"),
+    ({"roller": 0.7854}, "oblique", "roll without turning"),
+])  # fmt: skip
 def test_a_wheel_has_friction_along_its_rows(options, friction, prevents):
     robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
     rows = rnc.RollingWheel("left_wheel", 0.1, **options).bind(robot)

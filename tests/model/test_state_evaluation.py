@@ -8,7 +8,7 @@ import pytest
 import scipy.linalg
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from rnc_pin.control import PositionTracker, RedundancyController, VelocityGains, VelocityTracker
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.compiled import evaluator_for
@@ -180,13 +180,9 @@ def test_an_integral_that_a_task_needs_is_asked_for():
 def two_joints():
     """A planar arm whose tip is on the way of joint 1 alone: y = sin j1."""
     model = pin.Model()
-    model.name = "arm"
-    first = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "j1")
-    second = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "j2")
-    for joint in (first, second):
-        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
-    tip = pin.SE3(np.eye(3), np.array([1.0, 0.0, 0.0]))
-    model.addFrame(pin.Frame("tip", first, 0, tip, pin.FrameType.OP_FRAME))
+    for name, kind in (("j1", "RZ"), ("j2", "PX")):
+        add_body(model, name, kind, pin.Inertia.FromSphere(1.0, 0.1))
+    add_frame(model, "tip", model.getJointId("j1"), (1.0, 0.0, 0.0))
     return rnc.NonholonomicSystem(rnc.Robot(model), [], ["j1", "j2"])
 
 
@@ -220,7 +216,6 @@ def test_a_motion_goes_through_a_row_that_vanishes():
 
 def test_a_continuous_joint_keeps_its_turns_however_seldom_it_is_sampled():
     model = pin.Model()
-    model.name = "rotor"
     add_body(model, "rotor", "RUBZ", pin.Inertia.FromSphere(1.0, 0.1))
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], ["rotor"]).reduce([rnc.JointPosition("rotor")])
     run = rnc.free_motion(reduced, reduced.robot.configuration(), np.array([4.0]), 20.0, 1.0)
@@ -233,7 +228,6 @@ def test_a_continuous_joint_keeps_its_turns_however_seldom_it_is_sampled():
 def test_without_outputs_no_velocities_are_ever_dependent():
     """A knife edge that turns all the way round: no two fixed entries of v would do everywhere."""
     model = pin.Model()
-    model.name = "skate"
     slide = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")
     across = model.addJoint(slide, pin.JointModelPY(), pin.SE3.Identity(), "y")
     add_body(model, "heading", "RZ", pin.Inertia.FromSphere(2.0, 0.3), across, frame="blade")
@@ -360,16 +354,12 @@ N, MEET = 5, 0.3  # degrees of freedom; first coordinate at which the first two 
 
 def arm():
     """Five joints of both kinds, each on the one before, with frames at the end."""
-    model = pin.Model()
-    model.name = "arm"
-    joint, generator = 0, np.random.default_rng(11)
+    model, joint, generator = pin.Model(), 0, np.random.default_rng(11)
     for name, kind in zip("abcde", ("PZ", "RX", "PY", "RZ", "RY"), strict=True):
         turn = pin.rpy.rpyToMatrix(*generator.uniform(-1, 1, 3))
-        joint = model.addJoint(joint, getattr(pin, f"JointModel{kind}")(), pin.SE3(turn, np.ones(3)), name)
         body = pin.Inertia(generator.uniform(1, 3), generator.uniform(-0.3, 0.3, 3), np.diag([0.3, 0.4, 0.5]))
-        model.appendBodyToJoint(joint, body, pin.SE3.Identity())
-    place = pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.5, -0.8), np.array([0.1, -0.2, 0.4]))
-    model.addFrame(pin.Frame("tip", joint, 0, place, pin.FrameType.OP_FRAME))
+        joint = add_body(model, name, kind, body, joint, at=pin.SE3(turn, np.ones(3)))
+    add_frame(model, "tip", joint, pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.5, -0.8), np.array([0.1, -0.2, 0.4])))
     return rnc.Robot(model)
 
 
@@ -575,14 +565,8 @@ def test_all_of_it_of_a_velocity_as_measured(system, single):
     slipping = system.generator.normal(size=(2, 3, N))
     integrals = system.generator.normal(size=(2, 3, 3))
     for i in np.ndindex(2, 3):
-        state, at = (
-            (StateEvaluation.at(system.evaluator, q[i], v=slipping[i]), ())
-            if single
-            else (
-                StateEvaluation.at(system.evaluator, q, v=slipping),
-                i,
-            )
-        )
+        where, at = (i, ()) if single else (..., i)
+        state = StateEvaluation.at(system.evaluator, q[where], v=slipping[where])
         found, _, all_rows, all_rows_dot, all_rates, all_rates_dot, J2_dot = plain(
             system, q[i], v2[i], np.zeros(4), np.zeros(N), slipping[i]
         )
@@ -607,9 +591,8 @@ def test_all_of_it_of_a_velocity_as_measured(system, single):
             }  # fmt: skip
             for name, here in expected.items():
                 there = getattr(measurement, name)[at]
-                np.testing.assert_allclose(
-                    there, here, rtol=1e-7, atol=1e-6 * (1 + np.nanmax(np.abs(here))), err_msg=name
-                )
+                size = 1 + np.nanmax(np.abs(here))
+                np.testing.assert_allclose(there, here, rtol=1e-7, atol=1e-6 * size, err_msg=name)
         for integral, quasi in ((given, own), (None, 0.0)):
             y1, y2 = state.outputs(integral)
             np.testing.assert_allclose(y1[at], x1, atol=1e-12)

@@ -201,9 +201,7 @@ def test_a_system_says_what_there_is_too_much_or_too_little_of():
     with pytest.raises(rnc.ConstraintError, match="duplicate output 'c'"):
         free.reduce([joints[0], joints[2]], [joints[2]])
     assert free.reduce([joints[0], joints[2]], [joints[1]]).r == 2
-    with pytest.raises(
-        rnc.ConstraintError, match=r"^1 independent constraint rows leave no motion of 1 degrees of freed"
-    ):
+    with pytest.raises(rnc.ConstraintError, match=r"^1 independent constraint rows leave no motion of 1 degrees of"):
         rnc.NonholonomicSystem(sliders("X"), [Bound(Flat([[1.0]], ["stop"]))])
     for row in ([1.0, 0, 0], [1e-9, 0, 0]):
         with pytest.raises(rnc.ConstraintError, match=r"drives .*, which is declared as conserved"):
@@ -403,11 +401,8 @@ def test_of_entries_that_do_equally_well_the_first_is_taken():
 def test_an_actuator_that_drives_what_is_conserved_is_named():
     """By any entry of the momentum, beyond rounding; a coupling of such a joint is, too."""
     model = pin.Model()
-    model.name = "floater"
-    base = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "base")
-    arm = model.addJoint(base, pin.JointModelRZ(), pin.SE3.Identity(), "arm")
-    for joint in (base, arm):
-        model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.3, 0.1, 0.0]), np.eye(3)), pin.SE3.Identity())
+    for parent, (name, kind) in enumerate((("base", "Planar"), ("arm", "RZ"))):
+        add_body(model, name, kind, 2.0, parent, com=(0.3, 0.1, 0.0))
     robot, momentum = rnc.Robot(model), [rnc.MomentumConservation("base")]
     words = r"^actuator 'T\[{}\]' drives momentum\(base\)\[0\], which is declared as conserved$"
     for entry, column in ((0, 0), (1, 1), (2, 1)):
@@ -420,15 +415,12 @@ def test_an_actuator_that_drives_what_is_conserved_is_named():
             rnc.NonholonomicSystem(robot, momentum, B)
     assert rnc.NonholonomicSystem(robot, momentum).p == 0
     assert rnc.NonholonomicSystem(robot, [], np.ones((4, 2))).p == 2
-    single = rnc.Robot.from_urdf("space_robot.urdf")
     words = (
         r"^constraint row coupling\(joint_1, platform\) acts on momentum\(platform\), which is declared as conserved: "
         r"omit the momentum \(the motion follows from the other constraints\) or what acts on it$"
     )
     with pytest.raises(rnc.ConstraintError, match=words):
-        rnc.NonholonomicSystem(
-            single, [rnc.MomentumConservation("platform"), rnc.JointCoupling("joint_1", "platform", 1.0)]
-        )
+        space(constraints=[rnc.MomentumConservation("platform"), rnc.JointCoupling("joint_1", "platform", 1.0)])
 
 
 @pytest.mark.parametrize(("make", "words"), [
@@ -466,11 +458,9 @@ def test_a_base_that_is_fixed_by_mistake_is_named(file, build, still):
 
 
 def test_an_output_too_many_on_a_fixed_arm_says_nothing_about_its_base():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    with pytest.raises(
-        rnc.ConstraintError, match=r"expected 4: 4 .* of the constraints; \w+, \w+ would complete them$"
-    ):
-        rnc.NonholonomicSystem(robot).reduce([rnc.FramePosition("tip", "xy")])
+    words = r"expected 4: 4 .* of the constraints; \w+, \w+ would complete them$"
+    with pytest.raises(rnc.ConstraintError, match=words):
+        space(constraints=[]).reduce([rnc.FramePosition("tip", "xy")])
 
 
 def cart_with_arm():
@@ -478,16 +468,13 @@ def cart_with_arm():
     return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")])
 
 
-@pytest.mark.parametrize(
-    ("make", "given"),
-    [
-        (space, []),
-        (space, [rnc.JointPosition("joint_3")]),
-        (space, [rnc.FramePosition("tip", "xy")]),
-        (cart_with_arm, [rnc.FrameSpeed("base"), rnc.FrameYaw("base")]),
-        (cart_with_arm, [rnc.FramePosition("tip", "xy"), rnc.FrameYaw("base")]),
-    ],
-)
+@pytest.mark.parametrize(("make", "given"), [
+    (space, []),
+    (space, [rnc.JointPosition("joint_3")]),
+    (space, [rnc.FramePosition("tip", "xy")]),
+    (cart_with_arm, [rnc.FrameSpeed("base"), rnc.FrameYaw("base")]),
+    (cart_with_arm, [rnc.FramePosition("tip", "xy"), rnc.FrameYaw("base")]),
+])  # fmt: skip
 def test_the_joints_that_a_refusal_names_complete_the_outputs(make, given):
     system = make()
     with pytest.raises(rnc.ConstraintError, match=r"; [^;]* would complete them$") as caught:
@@ -498,8 +485,6 @@ def test_the_joints_that_a_refusal_names_complete_the_outputs(make, given):
 
 
 def test_no_joint_completes_outputs_that_depend_on_each_other():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    angles = [rnc.JointPosition("joint_1"), rnc.RelativeAngle("link_1", "platform_body")]
     with pytest.raises(rnc.ConstraintError, match=r"of the constraints$"):
-        rnc.NonholonomicSystem(robot).reduce(
-            [rnc.JointPosition("joint_1"), rnc.RelativeAngle("link_1", "platform_body")]
-        )
+        space(constraints=[]).reduce(angles)

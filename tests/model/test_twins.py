@@ -8,6 +8,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 
 import rnc_pin as rnc
+from bodies import add_body
 from by_numpy import by_numpy
 from kernel_calls import CALLS, LIMITS, TASKS, Taken, rows_of
 from kinds import ILL_SCALED, KINDS, ROBOTS, driven_arm
@@ -148,9 +149,7 @@ def test_random_systems(recipe):
 
 def body_on_a_joint(joint_model):
     model = pin.Model()
-    joint = model.addJoint(0, joint_model, pin.SE3.Identity(), "root_joint")
-    inertia = pin.Inertia(1.0, np.array([0.1, 0.2, 0.3]), np.diag([1.0, 1.5, 2.0]))
-    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+    add_body(model, "root_joint", joint_model, 1.0, com=(0.1, 0.2, 0.3), moments=(1.0, 1.5, 2.0))
     return rnc.NonholonomicSystem(rnc.Robot(model), [], np.eye(model.nv)).reduce()
 
 

@@ -111,9 +111,8 @@ def bend_rate(q, v, sign=1.0):
 def test_a_rate_with_a_wrong_sign_is_refused_with_row_entry_and_both_values():
     robot = rnc.Robot.from_urdf("space_robot.urdf")
     rnc.Pfaffian(bend, bend_rate).bind(robot)
-    with pytest.raises(
-        rnc.ConstraintError, match=r"rows_dot\(q, v\).*row 'low', entry 3 is (\S+), differences give"
-    ) as e:
+    words = r"rows_dot\(q, v\).*row 'low', entry 3 is (\S+), differences give"
+    with pytest.raises(rnc.ConstraintError, match=words) as e:
         rnc.Pfaffian(bend, lambda q, v: bend_rate(q, v, -1.0), ["high", "low"]).bind(robot)
     given, found = (
         float(each) for each in (str(e.value).split(" is ")[2].split(",")[0], str(e.value).split("give ")[1].split()[0])
@@ -121,9 +120,8 @@ def test_a_rate_with_a_wrong_sign_is_refused_with_row_entry_and_both_values():
     assert given == pytest.approx(-found, rel=1e-4)
     with pytest.raises(rnc.ConstraintError, match=r"jacobian_dot\(q, v\) of output .* row 'y', entry 3"):
         rnc.Output(None, bend, lambda q, v: bend_rate(q, v, -1.0), ["x", "y"]).bind(robot)
-    with pytest.raises(
-        rnc.ConstraintError, match=r"jacobian\(q\) v of output .* is not the rate of value\(q\): row 'a' is"
-    ):
+    words = r"jacobian\(q\) v of output .* is not the rate of value\(q\): row 'a' is"
+    with pytest.raises(rnc.ConstraintError, match=words):
         rnc.Output(lambda q: np.sin(q[:1]), lambda q: np.array([[-np.cos(q[0]), 0, 0, 0]]), names=["a"]).bind(robot)
     with pytest.raises(rnc.ConstraintError, match=r"rate_dot\(q, v\).*'row\[0\]'.*differences give"):
         rnc.Pfaffian(

@@ -47,15 +47,12 @@ def test_goals_as_configurations_and_starts_are_compared_too(tmp_path):
         rnc.optimal.plan(reduced, low, low, 4.0, bounds=[OutputBound("lift_joint", 0.0, 0.1)])
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"limits": None},
-        {"limits": FileLimits(position=False)},
-        {"bounds": [OutputBound(rnc.JointPosition("lift_joint"), 0.0, 3.0)]},
-        {"bounds": [OutputBound("lift_joint", {"lift_joint": -np.inf})]},
-    ],
-)
+@pytest.mark.parametrize("options", [
+    {"limits": None},
+    {"limits": FileLimits(position=False)},
+    {"bounds": [OutputBound(rnc.JointPosition("lift_joint"), 0.0, 3.0)]},
+    {"bounds": [OutputBound("lift_joint", {"lift_joint": -np.inf})]},
+])  # fmt: skip
 def test_limits_of_positions_are_removed_or_replaced(tmp_path, options):
     plan = lift_plan(forklifts.forklift(tmp_path), 2.6, **options)
     assert plan.q[-1, 4] == pytest.approx(2.6, abs=1e-4)

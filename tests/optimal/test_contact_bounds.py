@@ -16,10 +16,10 @@ from textbook_systems import G
 FRICTION = 0.7
 
 
-def three_supports(base="planar"):
+def three_supports(base="planar", aside=0.0, third=rnc.Caster("nose", WHEEL)):  # noqa: B008
     """Two driven wheels and a caster."""
-    robot = rnc.Robot(rolling_base({"l": (0.0, 0.2), "r": (0.0, -0.2), "nose": (0.4, 0.0)}, WHEEL, base))
-    rows = [rnc.RollingWheel("l", WHEEL), rnc.RollingWheel("r", WHEEL), rnc.Caster("nose", WHEEL)]
+    robot = rnc.Robot(rolling_base({"l": (0.0, 0.2), "r": (0.0, -0.2), "nose": (0.4, aside)}, WHEEL, base))
+    rows = [rnc.RollingWheel("l", WHEEL), rnc.RollingWheel("r", WHEEL), third]
     system = rnc.NonholonomicSystem(robot, rows, ["l_spin", "r_spin", "nose_spin"])
     return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base"), rnc.JointPosition("nose_spin")])
 
@@ -33,15 +33,8 @@ class OfAUser:
         return rows
 
 
-def supported_by_a_user():
-    robot = rnc.Robot(rolling_base({"l": (0.0, 0.2), "r": (0.0, -0.2), "nose": (0.4, 0.1)}, WHEEL))
-    rows = [rnc.RollingWheel("l", WHEEL), rnc.RollingWheel("r", WHEEL), OfAUser()]
-    system = rnc.NonholonomicSystem(robot, rows, ["l_spin", "r_spin", "nose_spin"])
-    return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base"), rnc.JointPosition("nose_spin")])
-
-
 SYSTEMS = {
-    "rows of a user": supported_by_a_user,
+    "rows of a user": lambda: three_supports(aside=0.1, third=OfAUser()),
     "three supports": three_supports,
     "three supports of a free base": lambda: three_supports("free"),
     "four wheels": systems.on_four_wheels,
@@ -90,18 +83,10 @@ def shortest(reduced, goal, bound, v2_0=None):
     plan = None
     for weight in (1e-3, 1e-5):
         plan = rnc.optimal.plan(
-            reduced,
-            reduced.robot.configuration(),
-            goal,
-            (0.05, 5.0),
-            form="dynamic",
-            costs=[rnc.optimal.EffortCost(weight)],
-            bounds=[bound],
-            time_weight=1.0,
-            guess=plan,
-            v2_0=v2_0,
+            reduced, reduced.robot.configuration(), goal, (0.05, 5.0), form="dynamic",
+            costs=[rnc.optimal.EffortCost(weight)], bounds=[bound], time_weight=1.0, guess=plan, v2_0=v2_0,
             settings=rnc.optimal.SolverSettings(nodes=10),
-        )
+        )  # fmt: skip
     assert plan.verdict.succeeded
     return plan
 
@@ -167,13 +152,9 @@ def test_forms_without_forces_and_systems_without_contacts_are_refused():
 
 def test_a_predictive_controller_keeps_its_wheels_on_the_ground():
     reduced = systems.on_two_wheels(height=0.6, ahead=0.5, center=0.2)
-    controller = rnc.optimal.PredictiveController(
-        reduced,
-        [rnc.optimal.EffortCost(0.01)],
-        0.8,
-        goal={rnc.FramePosition("base", "xy"): [0.5, 0.0], rnc.FrameYaw("base"): 0.0},
-        bounds=[rnc.optimal.NormalForceBound(5.0)],
-    )
+    goal = {rnc.FramePosition("base", "xy"): [0.5, 0.0], rnc.FrameYaw("base"): 0.0}
+    costs, bounds = [rnc.optimal.EffortCost(0.01)], [rnc.optimal.NormalForceBound(5.0)]
+    controller = rnc.optimal.PredictiveController(reduced, costs, 0.8, goal=goal, bounds=bounds)
     run = rnc.simulate(reduced, controller, reduced.robot.configuration(), duration=0.4, dt=0.04)
     loads = rnc.analysis.NormalForces(reduced).at(reduced.at(run.q, run.v2), run.T)
     assert loads.min() > 4.9

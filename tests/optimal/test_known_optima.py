@@ -75,13 +75,7 @@ def test_swing_up_of_the_cart_pole_has_the_published_objective(tmp_path):
     slide, hinge = rnc.JointPosition("slide"), rnc.JointPosition("hinge")
     reduced = rnc.NonholonomicSystem(robot, [], ["slide"]).reduce([slide, hinge])
     plan = rnc.optimal.plan(
-        reduced,
-        robot.configuration(),
-        {slide: 1.0, hinge: np.pi},
-        2.0,
-        form="dynamic",
-        costs=[EffortCost(2.0)],
-        bounds=[InputBound(-20.0, 20.0), OutputBound(slide, -2.0, 2.0)],
-        settings=SolverSettings(nodes=80),
-    )
+        reduced, robot.configuration(), {slide: 1.0, hinge: np.pi}, 2.0, form="dynamic", costs=[EffortCost(2.0)],
+        bounds=[InputBound(-20.0, 20.0), OutputBound(slide, -2.0, 2.0)], settings=SolverSettings(nodes=80),
+    )  # fmt: skip
     assert plan.info.cost == pytest.approx(58.8, abs=0.15)

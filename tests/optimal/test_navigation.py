@@ -57,9 +57,9 @@ def driven(reduced, controller, q, duration, *, world=lambda t, q: None, push=la
 
 
 def closest(reduced, rows, obstacles):
-    """Smallest distance of coal from a later part of the robot's motion to obstacles."""
+    """Smallest distance of coal from a later part of the robot's motion to obstacles, which may move."""
     distances = rnc.collision.CollisionDistances(reduced.robot, obstacles, rnc.collision.PairSelection(links=False))
-    return min(distances.smallest(q, 0.0, 1.0).min() for _, q, *_ in rows)
+    return min(distances.smallest(q, t, 1.0).min() for t, q, *_ in rows)
 
 
 @pytest.mark.parametrize("kind", SYSTEMS)
@@ -109,7 +109,7 @@ def test_a_robot_waits_for_a_cart_that_crosses_its_way():
     order = [word for k, word in enumerate(words) if k == 0 or words[k - 1] != word]
     assert order == ["replanning", "waiting", "following", "arrived"]
     assert {row[4].reason for row in rows if row[3] == "waiting"} == {"waits for cart"}
-    assert nearest_of(reduced, rows, cart) > 0.049
+    assert closest(reduced, rows, [cart]) > 0.049
 
 
 def cart_along(first, last, duration, sides=(0.6, 0.8)):
@@ -117,20 +117,14 @@ def cart_along(first, last, duration, sides=(0.6, 0.8)):
     return Obstacle(coal.Box(*sides, 1.0), name="cart", motion=motion)
 
 
-def nearest_of(reduced, rows, obstacle):
-    """Smallest distance of coal from an obstacle that moves."""
-    distances = rnc.collision.CollisionDistances(reduced.robot, [obstacle], rnc.collision.PairSelection(links=False))
-    return min(distances.smallest(q, t, 1.0).min() for t, q, *_ in rows)
-
-
 def test_a_robot_at_its_goal_gives_way_to_a_cart_and_comes_back():
     reduced = unicycle()
     goal, cart = at_pose(reduced, 0.0, 0.0), cart_along([0.0, 4.0], [0.0, -4.0], 7.0)
     # Nobody moves: the cart drives over the goal.
-    assert nearest_of(reduced, [(t, goal) for t in np.arange(0.0, 7.0, 0.1)], cart) < 0.0
+    assert closest(reduced, [(t, goal) for t in np.arange(0.0, 7.0, 0.1)], [cart]) < 0.0
     controller = NavigationController(reduced, goal, [cart], following=WayFollowing(acceleration=1.0), settings=FAST)
     rows = driven(reduced, controller, goal, 12.0, dt=0.1)
-    assert nearest_of(reduced, rows, cart) > 0.04
+    assert closest(reduced, rows, [cart]) > 0.04
     assert "gives way to cart" in {row[4].reason for row in rows if row[3] == "giving way"}
     assert rows[-1][3] == "arrived"
     assert not controller.missed_goals(rows[-1][1], np.zeros(reduced.r))
@@ -152,7 +146,7 @@ def test_in_a_corridor_a_robot_backs_off_along_the_way_that_it_came_from():
 
     rows = driven(reduced, controller, at_pose(reduced, -0.6, 0.0), 17.0, world=world, dt=0.1)
     later = [row for row in rows if row[0] >= seen[0]]
-    assert nearest_of(reduced, later, cart) > 0.04
+    assert closest(reduced, later, [cart]) > 0.04
     assert closest(reduced, rows, walls) > 0.04
     assert min(q[0] for _, q, *_ in later) < -0.4  # out of the corridor, which is too narrow for both
     assert "gives way to cart" in {row[4].reason for row in later}
@@ -160,21 +154,14 @@ def test_in_a_corridor_a_robot_backs_off_along_the_way_that_it_came_from():
 
 def test_a_robot_that_cannot_give_way_says_so():
     reduced, q = unicycle(), at_pose(unicycle(), 0.0, 0.0)
-    walls = [
-        Obstacle(coal.Box(*sides, 1.0), position=(*at, 0.0), name=f"wall {at}")
-        for sides, at in (
-            ((0.1, 1.0), (-0.4, 0.0)),
-            ((0.1, 1.0), (0.4, 0.0)),
-            ((1.0, 0.1), (0.0, -0.4)),
-            ((1.0, 0.1), (0.0, 0.4)),
-        )
-    ]
+    four = (0.1, 1.0, -0.4, 0.0), (0.1, 1.0, 0.4, 0.0), (1.0, 0.1, 0.0, -0.4), (1.0, 0.1, 0.0, 0.4)
+    walls = [Obstacle(coal.Box(a, b, 1.0), position=(x, y, 0.0), name=f"wall {x} {y}") for a, b, x, y in four]
     cart = cart_along([0.0, 4.0], [0.0, -4.0], 7.0)
     following = WayFollowing(acceleration=1.0, slice_size=10.0)
     controller = NavigationController(reduced, q, [*walls, cart], following=following)
     rows = driven(reduced, controller, q, 4.0, dt=0.1)
     assert closest(reduced, rows, walls) > 0.04
-    assert nearest_of(reduced, rows, cart) < 0.0
+    assert closest(reduced, rows, [cart]) < 0.0
     assert "cart comes nearer than the robot can avoid" in {row[4].reason for row in rows}
 
 
@@ -184,12 +171,9 @@ def test_without_another_way_it_stops_and_says_so():
     settings = rnc.planning.WaySettings(motions=150, area=area)
     controller = NavigationController(reduced, at_pose(reduced, 3.0, 0.0), wall(0.0), settings=settings)
     rows = driven(
-        reduced,
-        controller,
-        at_pose(reduced, -1.0, 0.0),
-        6.0,
+        reduced, controller, at_pose(reduced, -1.0, 0.0), 6.0,
         world=lambda t, q: shut if abs(t - 2.0) < DT / 2 else None,
-    )
+    )  # fmt: skip
     assert rows[-1][3] == "no way"
     assert rows[-1][1][0] < 1.5 - 0.1 - 0.25 - 0.04
     missed = controller.missed_goals(rows[-1][1], np.zeros(reduced.r))
@@ -248,12 +232,9 @@ def test_a_robot_that_is_pushed_off_its_way_plans_again():
     # A small push is for the feedback.
     controller = NavigationController(reduced, at_pose(reduced, 3.0, 0.0), wall(0.0, width=1.6))
     rows = driven(
-        reduced,
-        controller,
-        at_pose(reduced, -1.0, 0.0),
-        9.0,
+        reduced, controller, at_pose(reduced, -1.0, 0.0), 9.0,
         push=lambda t: 0.2 * aside if abs(t - 1.5) < DT / 2 else None,
-    )
+    )  # fmt: skip
     assert rows[-1][4].ways == 1
     assert not controller.missed_goals(rows[-1][1], np.zeros(reduced.r))
 

@@ -11,10 +11,10 @@ from rnc_pin.planning.action_models import Nodes, action_model
 
 
 @cache
-def curve(form):
+def curve(form, duration=3.0, **options):
     reduced = systems.sleigh()
     goal = {rnc.FramePosition("sleigh", "xy"): [1.5, 0.6], rnc.FrameYaw("sleigh"): 0.5}
-    return reduced, rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 3.0, form=form)
+    return reduced, rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, duration, form=form, **options)
 
 
 @pytest.mark.parametrize("form", ["kinematic", "acceleration", "dynamic"])
@@ -35,18 +35,12 @@ def test_gains_of_the_plan_keep_it_on_its_path():
     assert np.abs(run.v2[-1]).max() < 1e-2
 
 
-@cache
-def moving(form):
-    """Plan that ends in motion."""
-    reduced = systems.sleigh()
-    goal = {rnc.FramePosition("sleigh", "xy"): [1.5, 0.6], rnc.FrameYaw("sleigh"): 0.5}
-    start = reduced.robot.configuration()
-    return reduced, rnc.optimal.plan(reduced, start, goal, 2.0, form=form, at_rest=False, v2_0=[0.8, 0.0])
+MOVING = {"duration": 2.0, "at_rest": False, "v2_0": (0.8, 0.0)}  # a plan that ends in motion
 
 
 @pytest.mark.parametrize("form", ["acceleration", "dynamic"])
 def test_after_a_plan_that_ends_in_motion_the_velocity_falls_linearly_to_zero(form):
-    reduced, plan = moving(form)
+    reduced, plan = curve(form, **MOVING)
     controller = rnc.optimal.PlanFeedback(reduced, plan)
     largest, last = np.abs(plan.acceleration[:, :, :2]).max(axis=(0, 1)), plan.w[-1]
     stop = np.max(np.abs(last) / np.maximum(largest, np.abs(last) / plan.duration))
@@ -59,7 +53,7 @@ def test_after_a_plan_that_ends_in_motion_the_velocity_falls_linearly_to_zero(fo
 
 
 def test_after_a_plan_that_continues_the_sleigh_drives_on_a_circle():
-    reduced, plan = moving("acceleration")
+    reduced, plan = curve("acceleration", **MOVING)
     feedback = rnc.tvlqr(reduced, plan, end="continue")
     state, u, _ = feedback.planned(plan.duration + 3.0)
     (v, turn), (x, y, c, s) = plan.w[-1], plan.q[-1]

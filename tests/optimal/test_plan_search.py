@@ -258,10 +258,8 @@ def test_fewer_solutions_than_asked_for_are_told():
 def test_a_refusal_carries_the_best_motion_even_if_no_guess_is_within_tolerance():
     reduced = systems.sleigh()
     far = {rnc.FramePosition("sleigh", "xy"): [5.0, 0.0]}
-    settings, row = (
-        SolverSettings(nodes=10, iterations=30),
-        r"no plan in 1 s: .*(sleigh_x|sleigh_speed_x).* violated by",
-    )
+    settings = SolverSettings(nodes=10, iterations=30)
+    row = r"no plan in 1 s: .*(sleigh_x|sleigh_speed_x).* violated by"
     with pytest.raises(rnc.InfeasibleError, match=row) as refusal:
         rnc.optimal.plan(
             reduced, reduced.robot.configuration(), far, 1.0, bounds=[VelocityBound(-1, 1)], seeds=0, settings=settings

@@ -50,9 +50,8 @@ def test_a_free_robot_moves_its_centre_of_mass_as_gravity_says():
 def test_axes_of_a_centre_of_mass():
     robot = ROBOTS["truck"]()
     assert rnc.CenterOfMass("yx").bind(robot).names == ("center_of_mass_y", "center_of_mass_x")
-    with pytest.raises(
-        rnc.ConfigurationError, match="axes 'xx' of the centre of mass: name each of x, y, z at most once"
-    ):
+    words = "axes 'xx' of the centre of mass: name each of x, y, z at most once"
+    with pytest.raises(rnc.ConfigurationError, match=words):
         rnc.CenterOfMass("xx").bind(robot)
     model = pin.Model()
     add_body(model, "hinge", "RX", pin.Inertia.Random())

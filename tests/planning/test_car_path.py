@@ -50,10 +50,9 @@ def assert_same_pose(pose, goal, atol):
     assert abs(np.sin((pose[2] - goal[2]) / 2)) < atol
 
 
-@pytest.mark.parametrize(
-    ("start", "goal"),
-    [((-8, 3, 0), (0, 0, 0)), ((0, 0, 0.4), (6, 2, -0.3)), ((0, 0, 0), (-5, 1, 0.2)), ((1, 1, 0), (9, 1, 0))],
-)
+@pytest.mark.parametrize(("start", "goal"), [
+    ((-8, 3, 0), (0, 0, 0)), ((0, 0, 0.4), (6, 2, -0.3)), ((0, 0, 0), (-5, 1, 0.2)), ((1, 1, 0), (9, 1, 0)),
+])  # fmt: skip
 def test_one_leg_where_one_will_do(start, goal):
     path = CarPath(start, goal, 5.0, WHEELBASE)
     assert len(path.legs) == 1
@@ -118,30 +117,24 @@ def test_a_path_goes_by_the_poses_that_it_is_given():
     stops = np.array([leg.goal for leg in path.legs])
     for pose in via:
         assert (np.abs(stops - pose).max(axis=1) < 1e-12).any()
-    np.testing.assert_allclose(drive_length(path), path.length, rtol=1e-3)
+    driven = np.linalg.norm(np.diff(path.poses[:, :2], axis=0), axis=1).sum()
+    np.testing.assert_allclose(driven, path.length, rtol=1e-3)
 
 
-def drive_length(path):
-    return np.linalg.norm(np.diff(path.poses[:, :2], axis=0), axis=1).sum()
-
-
-@pytest.mark.parametrize(
-    ("goal", "options", "words"),
-    [
-        ((0, 0, 0), {}, "the same pose"),
-        ((0, 0, 2 * np.pi), {}, "the same pose"),
-        ((1, 2), {}, "goal of a path: expected x, y and heading"),
-        ((1, np.nan, 0), {}, "goal of a path: expected x, y and heading"),
-        ((1, 0, 0), {"via": [(0, 1)]}, "via pose of a path"),
-        ((1, 0, 0), {"max_steering": 1.6}, "between 0 and pi/2, found 5, 1 and 1.6"),
-        ((1, 0, 0), {"max_steering": 0.0}, "largest steering angle"),
-        ((1, 0, 0), {"start": (0.0, 0.0)}, r"start of a path: expected x, y and heading, found \[0.0, 0.0\]"),
-        ((1, 0, 0), {"duration": 0.0}, "found 0, 1 and 0.785398"),
-        ((1, 0, 0), {"wheelbase": 0.0}, "found 5, 0 and 0.785398"),
-        ((1, 0, 0), {"max_steering": np.pi / 2}, "found 5, 1 and 1.5708"),
-        ((1, 0, 0), {"max_steering": -0.1}, "found 5, 1 and -0.1"),
-    ],
-)
+@pytest.mark.parametrize(("goal", "options", "words"), [
+    ((0, 0, 0), {}, "the same pose"),
+    ((0, 0, 2 * np.pi), {}, "the same pose"),
+    ((1, 2), {}, "goal of a path: expected x, y and heading"),
+    ((1, np.nan, 0), {}, "goal of a path: expected x, y and heading"),
+    ((1, 0, 0), {"via": [(0, 1)]}, "via pose of a path"),
+    ((1, 0, 0), {"max_steering": 1.6}, "between 0 and pi/2, found 5, 1 and 1.6"),
+    ((1, 0, 0), {"max_steering": 0.0}, "largest steering angle"),
+    ((1, 0, 0), {"start": (0.0, 0.0)}, r"start of a path: expected x, y and heading, found \[0.0, 0.0\]"),
+    ((1, 0, 0), {"duration": 0.0}, "found 0, 1 and 0.785398"),
+    ((1, 0, 0), {"wheelbase": 0.0}, "found 5, 0 and 0.785398"),
+    ((1, 0, 0), {"max_steering": np.pi / 2}, "found 5, 1 and 1.5708"),
+    ((1, 0, 0), {"max_steering": -0.1}, "found 5, 1 and -0.1"),
+])  # fmt: skip
 def test_bad_arguments_are_refused(goal, options, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         CarPath(**{"start": (0, 0, 0), "goal": goal, "duration": 5.0, "wheelbase": 1.0, **options})
@@ -285,10 +278,9 @@ def test_one_more_stop_has_to_save_three_turning_radii(monkeypatch, saved):
     assert plan_legs(np.zeros(3), np.array([0.0, 1.0, 0.0]), radius) is (two if saved < 3 else three)
 
 
-@pytest.mark.parametrize(
-    ("forward_only", "legs", "advice"),
-    [(True, "forward legs", "allow more steering or backing up"), (False, "legs", "allow more steering")],
-)
+@pytest.mark.parametrize(("forward_only", "legs", "advice"), [
+    (True, "forward legs", "allow more steering or backing up"), (False, "legs", "allow more steering"),
+])  # fmt: skip
 def test_a_plan_that_is_not_found_says_what_was_asked_and_what_may_help(monkeypatch, forward_only, legs, advice):
     monkeypatch.setattr(car_path, "_moves", lambda forward_only: np.array([[1.5, 0.0, 0.0]]))
     words = (
@@ -300,10 +292,9 @@ def test_a_plan_that_is_not_found_says_what_was_asked_and_what_may_help(monkeypa
         plan_legs(start, goal, 1.23456, forward_only)
 
 
-@pytest.mark.parametrize(
-    ("goal", "forward_only"),
-    [((0.2, 1.1, 0.3), False), ((-0.4, 0.7, 2.8), False), ((0.1, -0.9, -1.2), True)],
-)
+@pytest.mark.parametrize(("goal", "forward_only"), [
+    ((0.2, 1.1, 0.3), False), ((-0.4, 0.7, 2.8), False), ((0.1, -0.9, -1.2), True),
+])  # fmt: skip
 def test_a_plan_is_the_same_in_a_mirror_and_in_any_size(goal, forward_only):
     """Several legs: left is right, and of a car of a hundred times the size all is a hundred times as long."""
     start, goal = np.zeros(3), np.array(goal)
@@ -317,14 +308,11 @@ def test_a_plan_is_the_same_in_a_mirror_and_in_any_size(goal, forward_only):
         np.testing.assert_allclose(other.goal, leg.goal * [100, 100, 1], rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("radius", "aside", "turn", "same"),
-    [
-        *((1.0, 0.0, turn, True) for turn in (0.0, 2 * np.pi, -4 * np.pi, 1.5e-9)),
-        *((1.0, aside, turn, False) for aside, turn in ((0.0, np.pi), (0.5, 0.0), (0.0, 3e-9))),
-        *((0.5, 4e-7, 0.0, True), (500.0, 4e-4, 0.0, True), (0.5, 4e-6, 0.0, False)),
-    ],
-)
+@pytest.mark.parametrize(("radius", "aside", "turn", "same"), [
+    *((1.0, 0.0, turn, True) for turn in (0.0, 2 * np.pi, -4 * np.pi, 1.5e-9)),
+    *((1.0, aside, turn, False) for aside, turn in ((0.0, np.pi), (0.5, 0.0), (0.0, 3e-9))),
+    *((0.5, 4e-7, 0.0, True), (500.0, 4e-4, 0.0, True), (0.5, 4e-6, 0.0, False)),
+])  # fmt: skip
 def test_a_pose_is_the_same_to_a_millionth_of_the_turning_radius_and_two_billionths_of_a_radian(
     radius, aside, turn, same
 ):

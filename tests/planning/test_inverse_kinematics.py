@@ -61,11 +61,8 @@ def test_no_joint_makes_a_full_turn_from_the_start():
 def test_full_turns_are_taken_back_and_random_starts_stay_near():
     """Of a body that floats behind a hinge: its position by a metre, its orientation anyhow."""
     model = pin.Model()
-    hinge = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "hinge")
-    floating = model.addJoint(hinge, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "floating")
-    slide = model.addJoint(floating, pin.JointModelTranslation(), pin.SE3.Identity(), "slide")
-    for joint in (hinge, floating, slide):
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    for parent, (name, kind) in enumerate((("hinge", "RX"), ("floating", "FreeFlyer"), ("slide", "Translation"))):
+        add_body(model, name, kind, 1.0, parent)
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), []).reduce()
     problem = _Problem(reduced, OutputTargets(reduced, {rnc.JointPosition("hinge"): 0.3}), [], True, None, 0.0)
     q0 = reduced.robot.configuration({"hinge": 0.3})
@@ -272,24 +269,21 @@ def test_equal_seeds_give_equal_bits():
         one.converged = False
 
 
-@pytest.mark.parametrize(
-    ("targets", "options", "kind", "words"),
-    [
-        ({"tip_xx": 1.0}, {}, rnc.ConfigurationError, "no output 'tip_xx'; did you mean 'tip_x'"),
-        ({}, {}, rnc.ConfigurationError, "at least one output"),
-        ({"base_speed_x": 1.0}, {}, rnc.ConfigurationError, "a speed has no value"),
-        ({"tip_x": [1.0, 2.0]}, {}, rnc.InputError, r"target 'tip_x' has shape \(2,\), expected \(1,\)"),
-        ({"tip_x": np.nan}, {}, rnc.InputError, "target 'tip_x' is not finite"),
-        ({"tip_x": "far"}, {}, rnc.InputError, "expected 1 numbers"),
-        ({3: 1.0}, {}, rnc.ConfigurationError, "name of an output or an output object, found 3"),
-        ({rnc.FrameOrientation("tip"): 2 * np.eye(3)}, {}, rnc.InputError, "the matrix is not a rotation"),
-        ({"tip_x": 1.0, rnc.FramePosition("tip", "x"): 1.0}, {}, rnc.ConfigurationError, "two targets for output"),
-        ({"tip_x": 1.0}, {"search": {"starts": 0}}, rnc.InputError, "starts has to be a positive integer"),
-        ({"tip_x": 1.0}, {"search": {"tolerance": 0.0}}, rnc.InputError, "tolerance has to be a number of at least"),
-        ({"tip_x": 1.0}, {"collisions": "all"}, rnc.InputError, "collisions has to be a CollisionDistances"),
-        ({"tip_x": 1.0}, {"hold": ["jont_1"]}, rnc.ModelError, "did you mean 'joint_1'"),
-    ],
-)
+@pytest.mark.parametrize(("targets", "options", "kind", "words"), [
+    ({"tip_xx": 1.0}, {}, rnc.ConfigurationError, "no output 'tip_xx'; did you mean 'tip_x'"),
+    ({}, {}, rnc.ConfigurationError, "at least one output"),
+    ({"base_speed_x": 1.0}, {}, rnc.ConfigurationError, "a speed has no value"),
+    ({"tip_x": [1.0, 2.0]}, {}, rnc.InputError, r"target 'tip_x' has shape \(2,\), expected \(1,\)"),
+    ({"tip_x": np.nan}, {}, rnc.InputError, "target 'tip_x' is not finite"),
+    ({"tip_x": "far"}, {}, rnc.InputError, "expected 1 numbers"),
+    ({3: 1.0}, {}, rnc.ConfigurationError, "name of an output or an output object, found 3"),
+    ({rnc.FrameOrientation("tip"): 2 * np.eye(3)}, {}, rnc.InputError, "the matrix is not a rotation"),
+    ({"tip_x": 1.0, rnc.FramePosition("tip", "x"): 1.0}, {}, rnc.ConfigurationError, "two targets for output"),
+    ({"tip_x": 1.0}, {"search": {"starts": 0}}, rnc.InputError, "starts has to be a positive integer"),
+    ({"tip_x": 1.0}, {"search": {"tolerance": 0.0}}, rnc.InputError, "tolerance has to be a number of at least"),
+    ({"tip_x": 1.0}, {"collisions": "all"}, rnc.InputError, "collisions has to be a CollisionDistances"),
+    ({"tip_x": 1.0}, {"hold": ["jont_1"]}, rnc.ModelError, "did you mean 'joint_1'"),
+])  # fmt: skip
 def test_requests_without_meaning_are_refused(targets, options, kind, words):
     reduced = systems.mobile_manipulator()
 

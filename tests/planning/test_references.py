@@ -112,10 +112,8 @@ def test_via_points_begin_when_the_first_says_and_may_be_numbers():
 def test_a_harmonic_grows_by_the_step_of_degree_seven():
     """``35 u^4 - 84 u^5 + 70 u^6 - 20 u^7`` of the ramp, by Leibniz with the sine; from its end on the sine alone."""
     center, amplitude, rate, phase, ramp = np.array([0.3, -0.2]), np.array([0.5, 2.0]), 2 * np.pi * 0.4, 0.7, 3.0
-    reference, step = (
-        Harmonic(center, amplitude, 0.4, phase, ramp),
-        np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20]),
-    )
+    reference = Harmonic(center, amplitude, 0.4, phase, ramp)
+    step = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
     growth = [step.deriv(k) if k else step for k in range(4)]
     for t in (0.5, 2.0, 2.999, 3.0, 7.0):
         g = [growth[k](t / ramp) / ramp**k if t < ramp else float(k == 0) for k in range(4)]

@@ -15,6 +15,7 @@ from scipy.integrate import solve_ivp
 import rnc_pin as rnc
 import rnc_pin.extras
 from benchmarks.planned_models import car, mobile_manipulator, tractor
+from bodies import add_body
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.planning import WaySettings, find_way
 from rnc_pin.planning.exact_steering import ExactMotion
@@ -293,9 +294,7 @@ def test_what_is_not_possible_is_one_line():
 def floating_arm():
     """A satellite with three joints in the plane."""
     model = rnc.Robot.from_urdf("floating_arm.urdf", base="planar", gravity=(0, 0, 0)).model.copy()
-    place = pin.SE3(np.eye(3), np.array([0.8, 0.0, 0.0]))
-    hand = model.addJoint(model.getJointId("elbow"), pin.JointModelRZ(), place, "wrist")
-    model.appendBodyToJoint(hand, pin.Inertia(1.0, np.array([0.2, 0.0, 0.0]), 0.05 * np.eye(3)), pin.SE3.Identity())
+    add_body(model, "wrist", "RZ", 1.0, model.getJointId("elbow"), com=(0.2, 0, 0), moments=0.05, at=(0.8, 0, 0))
     return rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("root_joint")]).reduce()
 
 

@@ -7,20 +7,15 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from rnc_pin.plants.reduced.contact_modes import ContactImpacts
 from rnc_pin.plants.reduced.unilateral_contact import BoundContact
 from simple_controllers import Idle
 
 G, MASS, RADIUS = 9.81, 5.0, 0.1
 FEET = {
-    "left": (0, 0.2),
-    "right": (0, -0.2),
-    "fl": (0.2, 0.1),
-    "fr": (0.2, -0.1),
-    "bl": (-0.2, 0.1),
-    "br": (-0.2, -0.1),
-}
+    "left": (0, 0.2), "right": (0, -0.2), "fl": (0.2, 0.1), "fr": (0.2, -0.1), "bl": (-0.2, 0.1), "br": (-0.2, -0.1),
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +24,7 @@ def cart():
     model = pin.Model()
     joint = add_body(model, "root_joint", "FreeFlyer", MASS, moments=(0.5, 0.4, 0.2))
     for name, (x, y) in FEET.items():
-        model.addFrame(pin.Frame(name, joint, 0, pin.SE3(np.eye(3), np.array([x, y, -0.5])), pin.FrameType.OP_FRAME))
+        add_frame(model, name, joint, (x, y, -0.5))
     return rnc.NonholonomicSystem(rnc.Robot(model))
 
 

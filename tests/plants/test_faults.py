@@ -247,15 +247,12 @@ def test_a_joint_gets_stuck():
     assert np.abs(run.v[run.time > 0.505, column]).max() < 1e-9 < np.abs(run.v[run.time < 0.495, column]).max()
 
 
-@pytest.mark.parametrize(
-    ("faults", "line"),
-    [
-        ({"payload": {"frame": "hand", "mass": 1.0}}, r"faults: .*no frame 'hand'"),
-        ({"stuck": {"joint": "joint_9"}}, r"faults: no joint 'joint_9' in robot 'space_robot'; did you mean"),
-        ({"noise": 1.0}, r"faults: 'noise' is not known"),
-        ({"dropped": 3.0}, r"faults: fault dropped: expected a fraction of at most 1, found 3"),
-    ],
-)
+@pytest.mark.parametrize(("faults", "line"), [
+    ({"payload": {"frame": "hand", "mass": 1.0}}, r"faults: .*no frame 'hand'"),
+    ({"stuck": {"joint": "joint_9"}}, r"faults: no joint 'joint_9' in robot 'space_robot'; did you mean"),
+    ({"noise": 1.0}, r"faults: 'noise' is not known"),
+    ({"dropped": 3.0}, r"faults: fault dropped: expected a fraction of at most 1, found 3"),
+])  # fmt: skip
 def test_wrong_faults_are_one_line(call, faults, line):
     status, _, said = call("run", "space-robot", "--set", f"faults={json.dumps(faults)}")
     assert status == 2

@@ -15,7 +15,7 @@ from rnc_pin.model.numpy_evaluator import RunStarts
 from rnc_pin.plants import Faults, FaultyPlant, ReducedPlant
 from rnc_pin.plants.reduced.friction import INSTANT, _least_energy
 from simple_controllers import Inputs
-from systems import mobile_manipulator
+from systems import floating_robot, mobile_manipulator
 
 MASS = 2.0
 DAMPED, RUBBED = {"joint_damping": True}, {"joint_friction": True}
@@ -25,7 +25,6 @@ BOTH = {**DAMPED, **RUBBED}
 def slider(damping=0.0, friction=0.0):
     """A mass on a slide."""
     model = pin.Model()
-    model.name = "slider"
     add_body(model, "slide", "PX", MASS)
     model.damping, model.upperDryFrictionLimit = np.array([damping]), np.array([friction])
     return rnc.NonholonomicSystem(rnc.Robot(model), [], ["slide"]).reduce()
@@ -67,14 +66,9 @@ def errors_of(reduced, q0, steps, duration=0.5):
     errors = []
     for count in steps:
         run = rnc.simulate(
-            reduced,
-            Inputs(lambda t: PUSH),
-            q0,
-            duration,
-            duration / count,
-            v2_0=V2,
+            reduced, Inputs(lambda t: PUSH), q0, duration, duration / count, v2_0=V2,
             plant=ReducedPlant(reduced, **DAMPED),
-        )
+        )  # fmt: skip
         gap = pin.difference(reduced.robot.model, exact.q[-1], run.q[-1])
         errors.append(np.linalg.norm(np.r_[gap, run.v2[-1] - exact.v2[-1]]))
     return np.array(errors), run
@@ -185,8 +179,8 @@ def test_friction_agrees_with_a_steep_smooth_law_that_is_integrated_finely():
 
     def rate(t, y, T):
         q = pin.integrate(reduced.robot.model, q0, y[:5])
-        rates = apply_inputs(reduced, q, y[5:])
         state = reduced.at(q, y[5:])
+        rates = state.B.T @ state.v  # of the actuators
         slope = pin.dDifference(reduced.robot.model, q0, q, pin.ArgumentPosition.ARG1) @ state.v
         return np.concatenate([slope, state.v2_dot(T - limit * np.tanh(rates / width))])
 
@@ -199,17 +193,11 @@ def test_friction_agrees_with_a_steep_smooth_law_that_is_integrated_finely():
     assert plant.state.energy - plant.work == pytest.approx(balance, abs=1e-6)
 
 
-def apply_inputs(reduced, q, v2):
-    """Speeds of the actuators."""
-    return reduced.at(q).B.T @ reduced.at(q, v2).v
-
-
 @pytest.mark.parametrize(("effects", "name"), [(RUBBED, "friction"), (DAMPED, "damping")])
 def test_losses_of_a_conserved_momentum_are_refused(effects, name):
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    reduced = floating_robot().reduce()
+    robot = reduced.robot
     robot.model.upperDryFrictionLimit = robot.model.damping = np.ones(4)
-    joints = ["joint_1", "joint_2", "joint_3"]
-    reduced = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], joints).reduce()
     with pytest.raises(rnc.ConstraintError, match=f"joint {name} acts on momentum"):
         rnc.simulate(
             reduced, Inputs(lambda t: np.zeros(3)), robot.configuration(), 0.1, plant=ReducedPlant(reduced, **effects)

@@ -167,16 +167,13 @@ def test_a_single_plant_continues_from_a_run_of_a_batch():
     assert np.array_equal(taken.read()[1], batch.read()[1][1])
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda b: b.reset(np.zeros((3, 4)), np.zeros(3)), "q has shape"),
-        (lambda b: b.apply(np.zeros(2)), "T has shape"),
-        (lambda b: rnc.plants.ReducedPlantBatch(b.reduced, 2), "expected a ReducedPlant, found ReducedModel"),
-        (lambda b: rnc.plants.ReducedPlantBatch(rnc.ReducedPlant(b.reduced), 0), "size of a ReducedPlantBatch"),
-        (lambda b: rnc.plants.ReducedPlantBatch(rnc.ReducedPlant(b.reduced), 2).read(), "run 0 has not started"),
-    ],
-)
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda b: b.reset(np.zeros((3, 4)), np.zeros(3)), "q has shape"),
+    (lambda b: b.apply(np.zeros(2)), "T has shape"),
+    (lambda b: rnc.plants.ReducedPlantBatch(b.reduced, 2), "expected a ReducedPlant, found ReducedModel"),
+    (lambda b: rnc.plants.ReducedPlantBatch(rnc.ReducedPlant(b.reduced), 0), "size of a ReducedPlantBatch"),
+    (lambda b: rnc.plants.ReducedPlantBatch(rnc.ReducedPlant(b.reduced), 2).read(), "run 0 has not started"),
+])  # fmt: skip
 def test_wrong_shapes_are_refused(call, message):
     with pytest.raises(rnc.InputError, match=message):
         call(rnc.plants.ReducedPlantBatch(rnc.ReducedPlant(systems.sleigh()), 2))

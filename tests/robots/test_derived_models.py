@@ -42,15 +42,12 @@ def masses_of(path):
     return {name: mass for name, mass in masses.items() if mass > 0}
 
 
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [
-        ("space_robot.urdf", {}),
-        ("mobile_manipulator.urdf", {"base": "planar", "lock": {"joint_1": 0.4, "joint_2": -0.3}}),
-        ("panda", {"base": "free", "lock": {"panda_joint3": 0.5, "panda_joint7": 0.2, "panda_finger_joint1": 0.01}}),
-        ("tiago_no_hand", {"base": "planar", "lock": {"torso_lift_joint": 0.1, "arm_4_joint": 0.7}}),
-    ],
-)
+@pytest.mark.parametrize(("name", "options"), [
+    ("space_robot.urdf", {}),
+    ("mobile_manipulator.urdf", {"base": "planar", "lock": {"joint_1": 0.4, "joint_2": -0.3}}),
+    ("panda", {"base": "free", "lock": {"panda_joint3": 0.5, "panda_joint7": 0.2, "panda_finger_joint1": 0.01}}),
+    ("tiago_no_hand", {"base": "planar", "lock": {"torso_lift_joint": 0.1, "arm_4_joint": 0.7}}),
+])  # fmt: skip
 def test_it_is_the_robot_of_a_file_with_those_masses(name, options, tmp_path):
     """Each link in turn, and all together; links that are fixed to others and those behind locked joints among them."""
     path = find_urdf(name) if name.endswith(".urdf") else find_example(name)[0]
@@ -125,21 +122,18 @@ def test_a_study_of_masses_is_a_line(tmp_path):
     assert two.forward_dynamics(q, v2, []) == pytest.approx(one.forward_dynamics(q, v2, []), rel=1e-10)
 
 
-@pytest.mark.parametrize(
-    ("masses", "words"),
-    [
-        ({"link_4": 1.0}, "no link 'link_4' in robot 'space_robot'; did you mean 'link_"),
-        ({3: 1.0}, "no link '3' in robot 'space_robot'"),
-        ({"link_1": -1.0}, "mass of link 'link_1' has to be positive [kg], or a pinocchio.Inertia, found -1.0"),
-        ({"link_1": np.nan}, "has to be positive [kg]"),
-        ({"link_1": "heavy"}, "found 'heavy'"),
-        ({"link_1": True}, "found True"),
-        ({"tip": 1.0}, "link 'tip' of robot 'space_robot' has no mass of its own that could be scaled"),
-        ({"link_1": pin.Inertia(0.0, np.zeros(3), np.eye(3))}, "inertia for link 'link_1' has to have a positive mass"),
-        ({"link_1": 1e300}, "limit 1e+15"),
-        (["link_1"], "masses have to be a mapping of links to masses [kg], found list"),
-    ],
-)
+@pytest.mark.parametrize(("masses", "words"), [
+    ({"link_4": 1.0}, "no link 'link_4' in robot 'space_robot'; did you mean 'link_"),
+    ({3: 1.0}, "no link '3' in robot 'space_robot'"),
+    ({"link_1": -1.0}, "mass of link 'link_1' has to be positive [kg], or a pinocchio.Inertia, found -1.0"),
+    ({"link_1": np.nan}, "has to be positive [kg]"),
+    ({"link_1": "heavy"}, "found 'heavy'"),
+    ({"link_1": True}, "found True"),
+    ({"tip": 1.0}, "link 'tip' of robot 'space_robot' has no mass of its own that could be scaled"),
+    ({"link_1": pin.Inertia(0.0, np.zeros(3), np.eye(3))}, "inertia for link 'link_1' has to have a positive mass"),
+    ({"link_1": 1e300}, "limit 1e+15"),
+    (["link_1"], "masses have to be a mapping of links to masses [kg], found list"),
+])  # fmt: skip
 def test_masses_that_make_no_sense_are_refused(masses, words):
     with pytest.raises(rnc.ModelError, match=re.escape(words)):
         rnc.Robot.from_urdf("space_robot.urdf").with_masses(masses)

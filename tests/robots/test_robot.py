@@ -45,18 +45,15 @@ def test_a_massless_rotor_has_the_equations_of_the_reaction_wheel_pendulum(tmp_p
     assert found == pytest.approx(np.linalg.solve(matrix, [0, 0.7] - weight), rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("file", "base", "nq", "nv"),
-    [
-        ("space_robot.urdf", "fixed", 4, 4),
-        ("mobile_manipulator.urdf", "fixed", 2, 2),
-        ("mobile_manipulator.urdf", "planar", 6, 5),
-        ("mobile_manipulator.urdf", "free", 9, 8),
-        ("fire_truck.urdf", "fixed", 3, 3),
-        ("fire_truck.urdf", "planar", 7, 6),
-        ("fire_truck.urdf", "free", 10, 9),
-    ],
-)
+@pytest.mark.parametrize(("file", "base", "nq", "nv"), [
+    ("space_robot.urdf", "fixed", 4, 4),
+    ("mobile_manipulator.urdf", "fixed", 2, 2),
+    ("mobile_manipulator.urdf", "planar", 6, 5),
+    ("mobile_manipulator.urdf", "free", 9, 8),
+    ("fire_truck.urdf", "fixed", 3, 3),
+    ("fire_truck.urdf", "planar", 7, 6),
+    ("fire_truck.urdf", "free", 10, 9),
+])  # fmt: skip
 def test_sizes_on_each_base(file, base, nq, nv):
     robot = rnc.Robot.from_urdf(file, base=base)
     assert (robot.nq, robot.nv) == (nq, nv) == (robot.model.nq, robot.model.nv)
@@ -70,13 +67,10 @@ def inertia_behind(robot, joint):
     return inertia.mass, inertia.lever.tolist(), inertia.inertia
 
 
-@pytest.mark.parametrize(
-    ("file", "base", "body", "links"),
-    [
-        ("space_robot.urdf", "fixed", "platform", ["joint_1", "joint_2", "joint_3"]),
-        ("mobile_manipulator.urdf", "planar", "root_joint", ["joint_1", "joint_2"]),
-    ],
-)
+@pytest.mark.parametrize(("file", "base", "body", "links"), [
+    ("space_robot.urdf", "fixed", "platform", ["joint_1", "joint_2", "joint_3"]),
+    ("mobile_manipulator.urdf", "planar", "root_joint", ["joint_1", "joint_2"]),
+])  # fmt: skip
 def test_case_studies_have_the_inertia_of_the_paper(file, base, body, links):
     robot = rnc.Robot.from_urdf(file, base=base)
     mass, lever, tensor = inertia_behind(robot, body)
@@ -176,29 +170,21 @@ def test_a_locked_robot_is_drawn_whole():
 # ---------------------------------------------------------------------- configurations
 
 
-@pytest.mark.parametrize(
-    ("load", "values", "expected"),
-    [
-        (lambda: rnc.Robot.from_urdf("space_robot.urdf"), None, [0, 0, 0, 0]),
-        (lambda: rnc.Robot.from_urdf("space_robot.urdf"), {"joint_2": 7.0}, [0, 0, 7, 0]),
-        (
-            lambda: rnc.Robot.from_example("double_pendulum_continuous"),
-            {"joint2": 2.0},
-            [1, 0, np.cos(2.0), np.sin(2.0)],
-        ),
-        (
-            lambda: rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar"),
-            {"root_joint": [1, 2, 0.5], "joint_2": 0.3},
-            [1, 2, np.cos(0.5), np.sin(0.5), 0, 0.3],
-        ),
-        (
-            lambda: rnc.Robot.from_urdf("mobile_manipulator.urdf", base="free"),
-            {"root_joint": [1, 2, 3, 0, 0, 3, 4]},  # a quaternion of any length
-            [1, 2, 3, 0, 0, 0.6, 0.8, 0, 0],
-        ),
-    ],
-    ids=["neutral", "revolute", "continuous", "planar", "free"],
-)
+@pytest.mark.parametrize(("load", "values", "expected"), [
+    (lambda: rnc.Robot.from_urdf("space_robot.urdf"), None, [0, 0, 0, 0]),
+    (lambda: rnc.Robot.from_urdf("space_robot.urdf"), {"joint_2": 7.0}, [0, 0, 7, 0]),
+    (lambda: rnc.Robot.from_example("double_pendulum_continuous"), {"joint2": 2.0}, [1, 0, np.cos(2.0), np.sin(2.0)]),
+    (
+        lambda: rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar"),
+        {"root_joint": [1, 2, 0.5], "joint_2": 0.3},
+        [1, 2, np.cos(0.5), np.sin(0.5), 0, 0.3],
+    ),
+    (
+        lambda: rnc.Robot.from_urdf("mobile_manipulator.urdf", base="free"),
+        {"root_joint": [1, 2, 3, 0, 0, 3, 4]},  # a quaternion of any length
+        [1, 2, 3, 0, 0, 0.6, 0.8, 0, 0],
+    ),
+], ids=["neutral", "revolute", "continuous", "planar", "free"])  # fmt: skip
 def test_configuration(load, values, expected):
     np.testing.assert_allclose(load().configuration(values), expected, rtol=0, atol=ROUNDING)
 
@@ -260,12 +246,10 @@ BAD_FILES = {
     "negative inertia": (urdf(inertial(moment="-1")), ["inertia behind joint 'hinge' is not positive"]),
     "joint that moves no mass": (urdf(arm=""), ["joint 'hinge' moves no mass"]),
     "last joint moves no mass": (urdf(more=SECOND_HINGE), ["joint 'wrist' moves no mass"]),
-    "two joints move one mass": (
-        urdf(arm="", more=SECOND_HINGE.replace("/><joint", f">{BODY}</link><joint", 1)),
-        ["inertia matrix is singular", "can move without moving mass"],
-    ),
+    "two joints move one mass": (urdf(arm="", more=SECOND_HINGE.replace("/><joint", f">{BODY}</link><joint", 1)),
+        ["inertia matrix is singular", "can move without moving mass"]),
     "nothing moves": ('<robot name="tiny"><link name="ground"/></robot>', ["'tiny' has no moving joint"]),
-}
+}  # fmt: skip
 
 
 def refusal(call, capfd):

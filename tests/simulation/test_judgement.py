@@ -49,15 +49,12 @@ def test_a_run_within_everything_has_no_finding(tmp_path):
     assert (verdict.word, verdict.findings) == ("succeeded", ())
 
 
-@pytest.mark.parametrize(
-    ("limit", "kind", "amount", "time"),
-    [
-        ('lower="-9" upper="0.3" velocity="9" effort="9"', FindingKind.POSITION, 0.2, 1.0),  # x = 0.5 at 1 s
-        ('lower="0.2" upper="9" velocity="9" effort="9"', FindingKind.POSITION, 0.2, 0.0),  # x = 0 at the start
-        ('lower="-9" upper="9" velocity="0.6" effort="9"', FindingKind.VELOCITY, 0.4, 1.0),  # 1 m/s at 1 s
-        ('lower="-9" upper="9" velocity="9" effort="0.75"', FindingKind.EFFORT, 0.25, 0.0),
-    ],
-)
+@pytest.mark.parametrize(("limit", "kind", "amount", "time"), [
+    ('lower="-9" upper="0.3" velocity="9" effort="9"', FindingKind.POSITION, 0.2, 1.0),  # x = 0.5 at 1 s
+    ('lower="0.2" upper="9" velocity="9" effort="9"', FindingKind.POSITION, 0.2, 0.0),  # x = 0 at the start
+    ('lower="-9" upper="9" velocity="0.6" effort="9"', FindingKind.VELOCITY, 0.4, 1.0),  # 1 m/s at 1 s
+    ('lower="-9" upper="9" velocity="9" effort="0.75"', FindingKind.EFFORT, 0.25, 0.0),
+])  # fmt: skip
 def test_what_exceeds_a_limit_of_the_file_fails(tmp_path, limit, kind, amount, time):
     (found,) = pushed(sliders(tmp_path, limit, WIDE), [1.0, 1.0]).verdict.findings
     assert (found.kind, found.where, found.severity) == (kind, "a", Severity.FAILS)
@@ -95,10 +92,8 @@ def test_an_effort_of_zero_is_a_limit_where_the_file_states_others(tmp_path):
 @pytest.mark.parametrize(("limit", "word"), [(2.5, "succeeded"), (1.5, "failed")])
 def test_limits_of_forces_on_frames_are_judged(limit, word):
     """The sleigh's thruster is stated to give 1.5 N, and gives 2 N: no file has this limit."""
-    actuators = [rnc.FrameForce("sleigh", "x", limit=limit), rnc.FrameTorque("sleigh", "z")]
-    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators).reduce()
-    run = rnc.simulate(reduced, Inputs(lambda t: [2.0 * t, 0.3]), robot.configuration(), 1.0, 0.01)
+    reduced = systems.sleigh(limit)
+    run = rnc.simulate(reduced, Inputs(lambda t: [2.0 * t, 0.3]), reduced.robot.configuration(), 1.0, 0.01)
     assert run.verdict.word == word
     if word == "failed":
         (found,) = run.verdict.findings
@@ -140,10 +135,9 @@ class Blind:
         return self._plant.read()
 
 
-@pytest.mark.parametrize(
-    ("first", "last", "word", "samples"),
-    [(0, np.inf, "failed", 21), (19, np.inf, "failed", 3), (5, 7, "degraded", 2), (22, np.inf, "succeeded", 0)],
-)
+@pytest.mark.parametrize(("first", "last", "word", "samples"), [
+    (0, np.inf, "failed", 21), (19, np.inf, "failed", 3), (5, 7, "degraded", 2), (22, np.inf, "succeeded", 0),
+])  # fmt: skip
 def test_fallback_commands_fail_if_they_last_to_the_end_or_for_most_of_the_run(first, last, word, samples):
     """A run without one valid sample once was 'completed': the robot never got a command."""
     reduced = systems.space_robot()

@@ -166,11 +166,7 @@ def test_a_controller_for_each_run_and_states_that_go_on(sleigh, at_rest):
 
 
 def test_limits_of_the_actuators_and_the_windup_of_each_run(sleigh, at_rest):
-    limited = rnc.NonholonomicSystem(
-        sleigh.robot,
-        [rnc.NoSideSlip("sleigh")],
-        [rnc.FrameForce("sleigh", "x", limit=3.0), rnc.FrameTorque("sleigh", "z", limit=0.2)],
-    ).reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+    limited = systems.sleigh(3.0, 0.2)
     v2_0 = np.array([[0.0, 0.0], [0.95, 0.0], [4.0, 1.0]])
     tracker = VelocityTracker(ReducingOutputController(limited, Hold([1.0, 0.0]), 0.1))
     plant = rnc.ReducedPlant(limited, actuator_limits=True, substeps=2)
@@ -199,19 +195,16 @@ def test_an_error_of_a_controller_ends_only_its_run(sleigh, at_rest):
     assert isinstance(runs.errors[1].__cause__, ValueError)
 
 
-@pytest.mark.parametrize(
-    ("faults", "loop"),
-    [
-        ({"position_noise": 1e-3, "velocity_noise": 0.02, "counts": 4096, "delay": 2, "jitter": 0.3}, {}),
-        ({"velocity_bias": 0.01, "dropped": 0.3}, {"velocity": "filtered", "cutoff": 60.0}),
-        ({"effort": 3.0, "dead_zone": 0.5, "position_bias": 0.01}, {}),
-        ({"effort": 3.0}, {"limits": True}),
-        ({"garbage": 0.3}, {"fallback": "hold", "timeout": 0.02}),
-        ({"garbage": 0.3}, {"fallback": "raise"}),
-        ({"slip_time": 0.05, "slip_speed": 0.2, "slip_duration": 0.03, "position_noise": 1e-3}, {}),
-        ({"velocity_noise": 0.1}, {"max_speed": 0.45}),  # some measurements are too fast
-    ],
-)
+@pytest.mark.parametrize(("faults", "loop"), [
+    ({"position_noise": 1e-3, "velocity_noise": 0.02, "counts": 4096, "delay": 2, "jitter": 0.3}, {}),
+    ({"velocity_bias": 0.01, "dropped": 0.3}, {"velocity": "filtered", "cutoff": 60.0}),
+    ({"effort": 3.0, "dead_zone": 0.5, "position_bias": 0.01}, {}),
+    ({"effort": 3.0}, {"limits": True}),
+    ({"garbage": 0.3}, {"fallback": "hold", "timeout": 0.02}),
+    ({"garbage": 0.3}, {"fallback": "raise"}),
+    ({"slip_time": 0.05, "slip_speed": 0.2, "slip_duration": 0.03, "position_noise": 1e-3}, {}),
+    ({"velocity_noise": 0.1}, {"max_speed": 0.45}),  # some measurements are too fast
+])  # fmt: skip
 def test_faults_of_sensors_and_actuators_have_the_bits_of_runs_alone(sleigh, at_rest, faults, loop):
     """Runs with an invalid measurement, or with slip, go on alone."""
     plants = [
@@ -237,15 +230,12 @@ def true_plant(sleigh, change):
     return plant if isinstance(change, MassErrors) else rnc.plants.ChangingPlant(rnc.ReducedPlant(sleigh), plant, 0.05)
 
 
-@pytest.mark.parametrize(
-    ("change", "faults"),
-    [
-        (MassErrors(0.3, 1), {"position_noise": 1e-3}),
-        (Payload("sleigh", 2.0), {"garbage": 0.2, "dead_zone": 0.2}),
-        (None, {"friction": 0.3, "velocity_noise": 1e-3}),
-        (None, {"friction": 2.0, "dead_zone": 0.1}),  # most of the time at rest
-    ],
-)
+@pytest.mark.parametrize(("change", "faults"), [
+    (MassErrors(0.3, 1), {"position_noise": 1e-3}),
+    (Payload("sleigh", 2.0), {"garbage": 0.2, "dead_zone": 0.2}),
+    (None, {"friction": 0.3, "velocity_noise": 1e-3}),
+    (None, {"friction": 2.0, "dead_zone": 0.1}),  # most of the time at rest
+])  # fmt: skip
 @pytest.mark.parametrize("tracker", ["velocity", "position"])
 def test_changed_robots_and_friction_have_the_bits_of_runs_alone(sleigh, at_rest, change, faults, tracker):
     """Plants of other models take their own steps, with sensors and loops together; friction is in the batch."""

@@ -77,9 +77,8 @@ def test_lift_off_releases_or_stops(robot, free, rolling):
     assert exact <= run.info.phases[1].start <= exact + 0.001  # the input is held over a sample
     assert run.info.phases[0].end == "lift-off of ball"
     assert run.normal_forces.min() > -0.2
-    with pytest.raises(
-        rnc.LimitError, match=r"phase '1'.*contact 'ball' lifts off at t = 0\.197 s.* only push"
-    ) as caught:
+    words = r"phase '1'.*contact 'ball' lifts off at t = 0\.197 s.* only push"
+    with pytest.raises(rnc.LimitError, match=words) as caught:
         rnc.simulate_phases([rnc.Phase(rolling, 1.0, pull, on_lift_off="stop")], q0, dt=0.001)
     assert caught.value.trajectory.outcome is rnc.Outcome.LIMIT
     with pytest.raises(rnc.ConfigurationError, match="was released, but the next phase has it again"):
@@ -116,9 +115,8 @@ def test_phases_from_the_state_before_them(robot, free, rolling):
 
 def test_refusals(robot, free, rolling):
     q0 = at_height(robot, RADIUS + HEIGHT)
-    with pytest.raises(
-        rnc.SimulationError, match=r"phase '1', from t = 0.000 s: 'ball_z = 0.1' did not occur within 0.1 s"
-    ):
+    words = r"phase '1', from t = 0.000 s: 'ball_z = 0.1' did not occur within 0.1 s"
+    with pytest.raises(rnc.SimulationError, match=words):
         rnc.simulate_phases([rnc.Phase(free, 0.1, until=LANDS)], q0, dt=0.01)
     with pytest.raises(rnc.InputError, match=r"phase 'late', from t = 0.100 s: .*violates vertical") as caught:
         rnc.simulate_phases([rnc.Phase(free, 0.1), rnc.Phase(rolling, 0.1, name="late")], q0, dt=0.01)
@@ -176,10 +174,6 @@ def test_a_plain_run_stops_at_lift_off(rolling, robot):
     assert len(caught.value.trajectory.time) == 20
     with pytest.raises(rnc.LimitError, match=r"lifts off at t = 0\.000 s"):
         rnc.free_motion(
-            rolling,
-            at_height(robot, RADIUS),
-            np.zeros(3),
-            0.1,
-            inputs=[30.0],
+            rolling, at_height(robot, RADIUS), np.zeros(3), 0.1, inputs=[30.0],
             options=rnc.SimulationOptions(rnc.Stop(lift_off=True)),
-        )
+        )  # fmt: skip

@@ -21,17 +21,11 @@ from systems import space_robot
 
 SHORT = {"simulation.duration": 0.02, "comparisons": {}, "plots": {}}
 FULL = Provenance(
-    scenario="mine",
-    seed=3,
-    config={"robot": {"urdf": "mine.urdf"}, "constraints": [], "title": None},
-    folder="/home/me",
-    controller={"type": "Mine", "k": [1.0, 2.0]},
-    task=TaskNames(("tip_x",), ("joint_1",)),
-    path=PlannedPath("tractor", "trailer", ((0.0, 0.0, 0.1), (1.0, 0.0, 0.2))),
-    estimates={"mass": "kg"},
-    predicted={"rolling": "m/s"},
-    more={"note": ["anything", {"else": 1.5}]},
-)
+    scenario="mine", seed=3, config={"robot": {"urdf": "mine.urdf"}, "constraints": [], "title": None},
+    folder="/home/me", controller={"type": "Mine", "k": [1.0, 2.0]}, task=TaskNames(("tip_x",), ("joint_1",)),
+    path=PlannedPath("tractor", "trailer", ((0.0, 0.0, 0.1), (1.0, 0.0, 0.2))), estimates={"mass": "kg"},
+    predicted={"rolling": "m/s"}, more={"note": ["anything", {"else": 1.5}]},
+)  # fmt: skip
 
 
 def idle_run(v2_0=None, **options):
@@ -86,12 +80,9 @@ def test_what_one_run_says_can_be_given_to_another(run):
 def test_a_free_motion_knows_where_it_comes_from():
     reduced = space_robot()
     motion = rnc.free_motion(
-        reduced,
-        reduced.robot.configuration({"joint_2": 1.0, "joint_3": 1.0}),
-        np.full(3, 0.1),
-        0.1,
+        reduced, reduced.robot.configuration({"joint_2": 1.0, "joint_3": 1.0}), np.full(3, 0.1), 0.1,
         options=rnc.SimulationOptions(meta=FULL),
-    )
+    )  # fmt: skip
     assert motion.info.provenance == FULL
 
 
@@ -145,13 +136,10 @@ def test_a_file_that_says_something_else_is_refused(parts, words, run, tmp_path)
     assert len(str(caught.value).splitlines()) == 1
 
 
-@pytest.mark.parametrize(
-    ("meta", "error", "words"),
-    [
-        ({"task": "reach"}, rnc.ConfigurationError, "'meta' has 'reach' as 'task', expected a mapping"),
-        ({"note": {"q": [np.zeros(2)]}}, rnc.InputError, r"meta.note.q\[0\]: is of type ndarray, expected numbers"),
-    ],
-)
+@pytest.mark.parametrize(("meta", "error", "words"), [
+    ({"task": "reach"}, rnc.ConfigurationError, "'meta' has 'reach' as 'task', expected a mapping"),
+    ({"note": {"q": [np.zeros(2)]}}, rnc.InputError, r"meta.note.q\[0\]: is of type ndarray, expected numbers"),
+])  # fmt: skip
 def test_what_could_not_be_written_is_refused_before_the_run(meta, error, words):
     with pytest.raises(error, match=words):
         idle_run(meta=meta, observer=lambda sample: pytest.fail("it ran"))

@@ -110,12 +110,9 @@ def test_actuator_limits_clip_the_inputs():
     reduced = space_robot_in_joints()
     strong = Inputs(lambda t: np.array([1e3, -1e3, 1.0]))
     run = rnc.simulate(
-        reduced,
-        strong,
-        reduced.robot.configuration({"joint_2": 1.0}),
-        0.01,
+        reduced, strong, reduced.robot.configuration({"joint_2": 1.0}), 0.01,
         plant=rnc.ReducedPlant(reduced, actuator_limits=True),
-    )
+    )  # fmt: skip
     np.testing.assert_array_equal(run.T[0], [400.0, -400.0, 1.0])
     assert run.T.shape == (6, 3)
 
@@ -213,7 +210,6 @@ def test_a_step_without_bound_is_said_rather_than_taken(speed):
 def test_a_free_motion_knows_the_same_plant_and_the_same_end():
     """A slider pushed by 3 N of which its actuator gives 2: it leaves its range at 1 m."""
     model = pin.Model()
-    model.name = "slider"
     joint = model.addJoint(
         0, pin.JointModelPX(), pin.SE3.Identity(), "slide", np.array([2.0]), np.array([9.0]), *np.array([[-1.0], [1.0]])
     )
@@ -226,14 +222,9 @@ def test_a_free_motion_knows_the_same_plant_and_the_same_end():
     np.testing.assert_allclose(run.q[:, 0], run.time**2 / mass, atol=1e-9)
     with pytest.raises(rnc.LimitError, match=r"joint 'slide' left its range \[-1, 1\]") as end:
         rnc.free_motion(
-            plant,
-            np.zeros(1),
-            np.zeros(1),
-            9.0,
-            0.1,
-            push,
+            plant, np.zeros(1), np.zeros(1), 9.0, 0.1, push,
             options=rnc.SimulationOptions(rnc.Stop(position_limits=True)),
-        )
+        )  # fmt: skip
     assert end.value.trajectory.q.max() <= 1.0
     ended = end.value.trajectory  # it has all samples before the stop, and none of those computed with them
     assert len(ended.time) in (20, 21)  # at 2 s it is at the limit, to rounding

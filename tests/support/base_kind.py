@@ -75,12 +75,9 @@ def base_kind(draft: str, urdf: str) -> BaseKind:
     counted = re.search(r"(\d+) (?:\w+ )?wheels?\b", words)
     towed = re.search(r"with (\d+) trailer", words)
     return BaseKind(
-        content["robot"].get("base", "file"),
-        _family(words),
-        int(towed[1]) if towed else 0,
-        len(rolling) or (int(counted[1]) if counted else 0),
-        len(_of_base(content, urdf)),
-    )
+        content["robot"].get("base", "file"), _family(words), int(towed[1]) if towed else 0,
+        len(rolling) or (int(counted[1]) if counted else 0), len(_of_base(content, urdf)),
+    )  # fmt: skip
 
 
 def explanation(before: BaseKind, after: BaseKind, draft: str, concerned: Iterable[str]) -> str:

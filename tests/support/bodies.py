@@ -29,8 +29,14 @@ def add_body(model, name, kind, body, parent=0, *, com=(0, 0, 0), moments=1.0, a
     joint = model.addJoint(parent, kind, place, name)
     model.appendBodyToJoint(joint, body, here)
     if frame is not None:
-        model.addFrame(pin.Frame(frame, joint, 0, here, pin.FrameType.OP_FRAME))
+        add_frame(model, frame, joint)
     return joint
+
+
+def add_frame(model, name, joint=0, at=(0, 0, 0)):
+    """Add a frame to a joint, that of the world by default, at a placement or a place [m]; return its index."""
+    place = at if isinstance(at, pin.SE3) else pin.SE3(np.eye(3), np.array(at, float))
+    return model.addFrame(pin.Frame(name, joint, 0, place, pin.FrameType.OP_FRAME))
 
 
 def free_body(mass, moments, **frames):
@@ -38,5 +44,5 @@ def free_body(mass, moments, **frames):
     model = pin.Model()
     joint = add_body(model, "root_joint", "FreeFlyer", mass, moments=moments)
     for name, place in frames.items():
-        model.addFrame(pin.Frame(name, joint, 0, pin.SE3(np.eye(3), np.array(place, float)), pin.FrameType.OP_FRAME))
+        add_frame(model, name, joint, place)
     return rnc.Robot(model)

@@ -337,10 +337,8 @@ def programs_in_stages():
         upper[:-1], upper[-1, 0] = 0.3, end
         A, B = (scale * generator.normal(size=(N, nx, size)) for scale, size in ((0.5, nx), (1.0, nu)))
         g, g_end = generator.normal(size=(N, nx + nu)), generator.normal(size=nx)
-        H, lower = (
-            np.tile(np.eye(nx + nu), (N, 1, 1)),
-            np.where(np.isinf(upper), -np.inf, np.where(upper < 1, -0.3, end)),
-        )
+        H = np.tile(np.eye(nx + nu), (N, 1, 1))
+        lower = np.where(np.isinf(upper), -np.inf, np.where(upper < 1, -0.3, end))
         lower[-1, 0] = end
         problem = LinearQuadratic(A, B, np.zeros((N, nx)), H, g, np.eye(nx), g_end, C, D, lower, upper)
         direction = InteriorPointSolver().solve(problem, 1e-8, 1e3)

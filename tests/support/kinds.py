@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from bodies import add_frame
 from systems import (
     ackermann_car,
     balls_on_curved_ground,
@@ -58,7 +59,7 @@ OUTPUTS = {
 def two_wheeler(constraints=(), outputs=(), vertical=(), gravity=True):
     """The robot of the bicycle with a frame of the world, driven at a joint and at two frames; heavy by default."""
     model = bicycle().robot.model.copy()
-    model.addFrame(pin.Frame("box", 0, 0, pin.SE3(np.eye(3), np.array([0.3, 1.1, -0.4])), pin.FrameType.OP_FRAME))
+    add_frame(model, "box", at=(0.3, 1.1, -0.4))
     model.gravity.linear = np.array([0.0, 0.0, -9.81 * gravity])
     actuators = ["steer", rnc.FrameTorque("frame", "x"), rnc.FrameForce("front", "z")]
     system = rnc.NonholonomicSystem(rnc.Robot(model), constraints, actuators)
@@ -141,15 +142,10 @@ def outputs_of_all_kinds():
     ]
     actuators = [rnc.FrameForce("tip", "x"), rnc.FrameTorque("base", "z"), "arm", "hand", rnc.FrameForce("base", "y")]
     vertical = [
-        rnc.FrameOrientation("tip"),
-        rnc.FrameYaw("tip", "y"),
-        rnc.FrameTilt("tip", "x"),
-        rnc.Distance("base", "tip"),
-        rnc.FramePosition("tip", "zx"),
-        rnc.FrameAngularVelocity("base", "z"),
-        rnc.FrameSpeed("upper", "z"),
+        rnc.FrameOrientation("tip"), rnc.FrameYaw("tip", "y"), rnc.FrameTilt("tip", "x"), rnc.Distance("base", "tip"),
+        rnc.FramePosition("tip", "zx"), rnc.FrameAngularVelocity("base", "z"), rnc.FrameSpeed("upper", "z"),
         rnc.Output(None, turning, turning_rate, ["own"]),
-    ]
+    ]  # fmt: skip
     return rnc.NonholonomicSystem(robot, constraints, actuators).reduce(vertical=vertical)
 
 
@@ -165,18 +161,7 @@ def driven_arm():
     return rnc.NonholonomicSystem(robot, rows, [rnc.FrameForce("tip", "x"), rnc.FrameTorque("base", "z"), "hand"])
 
 
-ROBOTS = {
-    make.__name__: make
-    for make in (
-        bicycle,
-        drifting_manipulator,
-        fire_truck,
-        free_flying_panda,
-        mecanum,
-        mobile_manipulator,
-        outputs_of_all_kinds,
-        tiago,
-        tumbling_panda,
-    )
-}
-"""Whole robots, and rows of a user."""
+ROBOTS = {make.__name__: make for make in (
+    bicycle, drifting_manipulator, fire_truck, free_flying_panda, mecanum, mobile_manipulator, outputs_of_all_kinds,
+    tiago, tumbling_panda,
+)}  # fmt: skip

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 
 STEP = 1e-5  # of central differences
 
@@ -14,12 +14,9 @@ def tree():
     model, generator = pin.Model(), np.random.default_rng(4)
     flyer = 0
     for name, kind, parent in (
-        ("flyer", "FreeFlyer", None),
-        ("turn", "RX", "flyer"),
-        ("endless", "RUBZ", "turn"),
-        ("ball", "Spherical", "flyer"),
-        ("slide", "PZ", "ball"),
-    ):
+        ("flyer", "FreeFlyer", None), ("turn", "RX", "flyer"), ("endless", "RUBZ", "turn"),
+        ("ball", "Spherical", "flyer"), ("slide", "PZ", "ball"),
+    ):  # fmt: skip
         place = pin.SE3(pin.rpy.rpyToMatrix(*generator.uniform(-1, 1, 3)), generator.uniform(-1, 1, 3))
         parent_id = flyer if parent is None else model.getJointId(parent)
         joint = model.addJoint(parent_id, getattr(pin, f"JointModel{kind}")(), place, name)
@@ -27,8 +24,7 @@ def tree():
         model.appendBodyToJoint(joint, body, pin.SE3.Identity())
     for name in ("universe", "flyer", "endless", "ball", "slide"):
         place = pin.SE3(pin.rpy.rpyToMatrix(*generator.uniform(-1, 1, 3)), generator.uniform(-1, 1, 3))
-        joint = 0 if name == "universe" else model.getJointId(name)
-        model.addFrame(pin.Frame(f"on_{name}", joint, 0, place, pin.FrameType.OP_FRAME))
+        add_frame(model, f"on_{name}", 0 if name == "universe" else model.getJointId(name), place)
     return rnc.Robot(model)
 
 
@@ -38,8 +34,7 @@ def slider():
     joint = add_body(
         model, "turn", "RX", 2.0, com=(0.1, 0.2, 0.3), at=pin.SE3(pin.rpy.rpyToMatrix(0.2, 0.3, 0.4), np.ones(3))
     )
-    place = pin.SE3(pin.rpy.rpyToMatrix(0.5, -0.3, 0.7), np.array([0.3, -0.4, 0.6]))
-    model.addFrame(pin.Frame("on_turn", joint, 0, place, pin.FrameType.OP_FRAME))
+    add_frame(model, "on_turn", joint, pin.SE3(pin.rpy.rpyToMatrix(0.5, -0.3, 0.7), np.array([0.3, -0.4, 0.6])))
     return rnc.Robot(model)
 
 

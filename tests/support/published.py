@@ -85,10 +85,6 @@ class Finding:
         return list(self.statuses.values()) == [0, 0, 0]
 
 
-def _in(package: str, module: str, paths: dict[str, str]) -> dict[str, Published]:
-    return {name: Published(package, module, path) for name, path in paths.items()}
-
-
 def _examples() -> dict[str, Published]:
     """Of example-robot-data, some of what rolls, walks or flies; all of it is in the first table."""
     names = """
@@ -100,70 +96,44 @@ def _examples() -> dict[str, Published]:
     return {name: Published(_EXAMPLES, "", name) for name in names.split()}
 
 
-ROBOTS: dict[str, Published] = {
-    **_examples(),
-    **_in("upkie_description", "upkie_description", {"upkie": "urdf/upkie.urdf"}),
-    **_in(
-        "pybullet",
-        "pybullet_data",
-        {
-            "husky": "husky/husky.urdf",
-            "r2d2": "r2d2.urdf",
-            "racecar": "racecar/racecar.urdf",
-            "racecar_differential": "racecar/racecar_differential.urdf",
-            "bike": "bicycle/bike.urdf",
-            "minitaur": "quadruped/minitaur.urdf",
-            "minitaur_derpy": "quadruped/minitaur_derpy.urdf",
-            "microtaur": "quadruped/microtaur/microtaur.urdf",
-            "spirit40": "quadruped/spirit40.urdf",
-            "vision60": "quadruped/vision60.urdf",
-            "aliengo": "aliengo/aliengo.urdf",
-            "mini_cheetah": "mini_cheetah/mini_cheetah.urdf",
-            "cartpole": "cartpole.urdf",
-        },
-    ),
-    "humanoid": Published(
-        "pybullet",
-        "pybullet_data",
-        "humanoid/humanoid.urdf",
-        complaint="of type 'spherical'; expected one of: fixed, revolute",
-        remedy=('type="spherical"', 'type="fixed"'),
-    ),
-    "biped2d": Published(
-        "pybullet",
-        "pybullet_data",
-        "biped/biped2d_pybullet.urdf",
-        complaint="lower value (-1.57.) is not a valid float",
-        remedy=(r"1\.57\.", "1.57"),
-    ),
-    **_in(
-        "rtb-data",
-        "rtbdata",
-        {
-            "frankie": "xacro/qut_frankie_description/robots/frankie_arm_hand.urdf.xacro",
-            "frankie_omni": "xacro/qut_frankie_description/robots/frankieOmni_arm_hand.urdf.xacro",
-            "ridgeback": "xacro/clearpath_ridgeback_description/urdf/ridgeback.urdf.xacro",
-        },
-    ),
-    **_in("gym-ignition-models", "gym_ignition_models", {"icub_gazebo": "iCubGazeboV2_5/icub.urdf"}),
-    **_in("igibson", "igibson", {"turtlebot": "examples/ros/igibson-ros/turtlebot/turtlebot.urdf"}),
-    **_in(
-        "mani_skill",
-        "mani_skill",
-        {"fetch": "assets/robots/fetch/fetch.urdf", "mobile_panda": "assets/robots/panda/mobile_panda_single_arm.urdf"},
-    ),
-    **_in(
-        "genesis-world",
-        "genesis",
-        {
-            "cf2x": "assets/urdf/drones/cf2x.urdf",
-            "racer": "assets/urdf/drones/racer.urdf",
-            "wheel": "assets/urdf/wheel/wheel.urdf",
-            "fancy_wheel": "assets/urdf/wheel/fancy_wheel.urdf",
-            "iiwa_mobile": "assets/urdf/kuka_iiwa/model_mobile.urdf",
-        },
-    ),
-    **_in("scikit-robot", "skrobot", {"r8_6": "data/robot_descriptions/urdf/r8_6.urdf"}),
+_ELSEWHERE = """
+    upkie_description upkie_description upkie urdf/upkie.urdf
+    pybullet pybullet_data husky husky/husky.urdf
+    pybullet pybullet_data r2d2 r2d2.urdf
+    pybullet pybullet_data racecar racecar/racecar.urdf
+    pybullet pybullet_data racecar_differential racecar/racecar_differential.urdf
+    pybullet pybullet_data bike bicycle/bike.urdf
+    pybullet pybullet_data minitaur quadruped/minitaur.urdf
+    pybullet pybullet_data minitaur_derpy quadruped/minitaur_derpy.urdf
+    pybullet pybullet_data microtaur quadruped/microtaur/microtaur.urdf
+    pybullet pybullet_data spirit40 quadruped/spirit40.urdf
+    pybullet pybullet_data vision60 quadruped/vision60.urdf
+    pybullet pybullet_data aliengo aliengo/aliengo.urdf
+    pybullet pybullet_data mini_cheetah mini_cheetah/mini_cheetah.urdf
+    pybullet pybullet_data cartpole cartpole.urdf
+    pybullet pybullet_data humanoid humanoid/humanoid.urdf
+    pybullet pybullet_data biped2d biped/biped2d_pybullet.urdf
+    rtb-data rtbdata frankie xacro/qut_frankie_description/robots/frankie_arm_hand.urdf.xacro
+    rtb-data rtbdata frankie_omni xacro/qut_frankie_description/robots/frankieOmni_arm_hand.urdf.xacro
+    rtb-data rtbdata ridgeback xacro/clearpath_ridgeback_description/urdf/ridgeback.urdf.xacro
+    gym-ignition-models gym_ignition_models icub_gazebo iCubGazeboV2_5/icub.urdf
+    igibson igibson turtlebot examples/ros/igibson-ros/turtlebot/turtlebot.urdf
+    mani_skill mani_skill fetch assets/robots/fetch/fetch.urdf
+    mani_skill mani_skill mobile_panda assets/robots/panda/mobile_panda_single_arm.urdf
+    genesis-world genesis cf2x assets/urdf/drones/cf2x.urdf
+    genesis-world genesis racer assets/urdf/drones/racer.urdf
+    genesis-world genesis wheel assets/urdf/wheel/wheel.urdf
+    genesis-world genesis fancy_wheel assets/urdf/wheel/fancy_wheel.urdf
+    genesis-world genesis iiwa_mobile assets/urdf/kuka_iiwa/model_mobile.urdf
+    scikit-robot skrobot r8_6 data/robot_descriptions/urdf/r8_6.urdf
+"""  # package, module, name and path
+_REMEDIES = {  # what the package says of a file, and what to do to the file
+    "humanoid": ("of type 'spherical'; expected one of: fixed, revolute", ('type="spherical"', 'type="fixed"')),
+    "biped2d": ("lower value (-1.57.) is not a valid float", (r"1\.57\.", "1.57")),
+}
+ROBOTS: dict[str, Published] = _examples() | {
+    name: Published(package, module, path, *_REMEDIES.get(name, ()))
+    for package, module, name, path in map(str.split, _ELSEWHERE.strip().splitlines())
 }
 
 

@@ -10,33 +10,45 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 
 
 @cache
-def sleigh() -> rnc.ReducedModel:
-    """A Chaplygin sleigh with a thruster and a flywheel."""
-    actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+def sleigh(thrust: float = np.inf, torque: float = np.inf) -> rnc.ReducedModel:
+    """A Chaplygin sleigh with a thruster and a flywheel, and limits of both."""
+    actuators = [rnc.FrameForce("sleigh", "x", limit=thrust), rnc.FrameTorque("sleigh", "z", limit=torque)]
     robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
     return system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
 
 
-@cache
-def space_robot() -> rnc.ReducedModel:
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], ["joint_1", "joint_2", "joint_3"])
+JOINTS = ["joint_1", "joint_2", "joint_3"]  # of the space robot
+
+
+def floating_robot(momentum: float = 0.0, model: pin.Model | None = None) -> rnc.NonholonomicSystem:
+    """The space robot, or a model of it, with an angular momentum."""
+    robot = rnc.Robot.from_urdf("space_robot.urdf") if model is None else rnc.Robot(model)
+    return rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform", momentum)], JOINTS)
+
+
+def in_joints(system: rnc.NonholonomicSystem) -> rnc.ReducedModel:
+    return system.reduce([rnc.JointPosition(joint) for joint in JOINTS], [rnc.JointPosition("platform")])
+
+
+def in_tip_and_joint(system: rnc.NonholonomicSystem) -> rnc.ReducedModel:
     return system.reduce(
         [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")], [rnc.JointPosition("platform")]
     )
 
 
 @cache
+def space_robot() -> rnc.ReducedModel:
+    return in_tip_and_joint(floating_robot())
+
+
+@cache
 def space_robot_in_joints() -> rnc.ReducedModel:
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    joints = ["joint_1", "joint_2", "joint_3"]
-    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], joints)
-    return system.reduce([rnc.JointPosition(joint) for joint in joints], [rnc.JointPosition("platform")])
+    return in_joints(floating_robot())
 
 
 @cache
@@ -62,7 +74,8 @@ def differential_drive() -> rnc.ReducedModel:
 
 
 @cache
-def fire_truck(urdf: str | Path = "fire_truck.urdf") -> rnc.ReducedModel:
+def fire_truck(urdf: str | Path = "fire_truck.urdf", *more: rnc.FramePosition) -> rnc.ReducedModel:
+    """The truck of a file, with more vertical outputs."""
     robot = rnc.Robot.from_urdf(urdf, base="planar")
     system = rnc.NonholonomicSystem(
         robot,
@@ -71,19 +84,25 @@ def fire_truck(urdf: str | Path = "fire_truck.urdf") -> rnc.ReducedModel:
     )
     return system.reduce(
         [rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering"), rnc.JointPosition("rear_steering")],
-        [rnc.FramePosition("tractor", "xy"), rnc.FrameYaw("trailer"), rnc.FrameYaw("tractor")],
+        [rnc.FramePosition("tractor", "xy"), rnc.FrameYaw("trailer"), rnc.FrameYaw("tractor"), *more],
     )
+
+
+PANDA = [f"panda_joint{i}" for i in range(1, 8)]
+FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
+
+
+def floating_panda(momentum: tuple[float, ...] | float = 0.0) -> rnc.NonholonomicSystem:
+    """A free-flyer base with six momentum rows, gravity off."""
+    robot = rnc.Robot.from_example("panda", base="free", gravity=(0, 0, 0), lock=FINGERS)
+    return rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("root_joint", momentum)], PANDA)
 
 
 @cache
 def free_flying_panda() -> rnc.ReducedModel:
-    """A free-flyer base with six momentum rows, gravity off, hand and joint outputs."""
-    fingers = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
-    robot = rnc.Robot.from_example("panda", base="free", gravity=(0, 0, 0), lock=fingers)
-    joints = [f"panda_joint{i}" for i in range(1, 8)]
-    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("root_joint")], joints)
-    return system.reduce(
-        [rnc.FramePosition("panda_hand")] + [rnc.JointPosition(joints[i]) for i in (0, 2, 4, 6)],
+    """Hand and joints as outputs."""
+    return floating_panda().reduce(
+        [rnc.FramePosition("panda_hand")] + [rnc.JointPosition(PANDA[i]) for i in (0, 2, 4, 6)],
         [rnc.FramePosition("panda_link0"), rnc.FrameYaw("panda_link0")],
     )
 
@@ -120,12 +139,7 @@ def leaning_wheel() -> rnc.ReducedModel:
 @cache
 def spinning_space_robot() -> rnc.ReducedModel:
     """The space robot with an angular momentum that is not zero: an affine constraint."""
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    joints = ["joint_1", "joint_2", "joint_3"]
-    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform", 6.0)], joints)
-    return system.reduce(
-        [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")], [rnc.JointPosition("platform")]
-    )
+    return in_tip_and_joint(floating_robot(6.0))
 
 
 @cache
@@ -141,13 +155,9 @@ def drifting_manipulator() -> rnc.ReducedModel:
 @cache
 def tumbling_panda() -> rnc.ReducedModel:
     """A free-flyer base whose linear and angular momentum are constant in the world, not in its own axes."""
-    fingers = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
-    robot = rnc.Robot.from_example("panda", base="free", gravity=(0, 0, 0), lock=fingers)
-    joints = [f"panda_joint{i}" for i in range(1, 8)]
-    momentum = rnc.MomentumConservation("root_joint", (2.0, -1.0, 0.5, 0.3, 0.4, -0.6))
-    system = rnc.NonholonomicSystem(robot, [momentum], joints)
+    system = floating_panda((2.0, -1.0, 0.5, 0.3, 0.4, -0.6))
     return system.reduce(
-        [rnc.JointPosition(joint) for joint in joints], [rnc.FramePosition("panda_hand"), rnc.FrameYaw("panda_link0")]
+        [rnc.JointPosition(joint) for joint in PANDA], [rnc.FramePosition("panda_hand"), rnc.FrameYaw("panda_link0")]
     )
 
 
@@ -166,8 +176,7 @@ def four_bar_robot(knee: bool = False) -> rnc.Robot:
         across = mass * length**2 / 12
         joint = add_body(model, name, "RY", mass, parent, com=(length / 2, 0, 0), at=(x, 0, 0),
                          moments=[0.01, across, across + 0.001])  # fmt: skip
-        tip = pin.SE3(np.eye(3), np.array([length, 0.0, 0.0]))
-        model.addFrame(pin.Frame(f"{name}_tip", joint, 0, tip, pin.FrameType.OP_FRAME))
+        add_frame(model, f"{name}_tip", joint, (length, 0.0, 0.0))
         return joint
 
     crank = link(0, 0.0, "crank", CRANK, 1.0)
@@ -175,16 +184,15 @@ def four_bar_robot(knee: bool = False) -> rnc.Robot:
     rocker = link(0, GROUND, "rocker", ROCKER, 1.5)
     if knee:
         link(rocker, ROCKER, "knee", 0.1, 0.2)
-        model.addFrame(pin.Frame("knee_pin", 4, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+        add_frame(model, "knee_pin", 4)
     return rnc.Robot(model)
 
 
 @cache
 def four_bar() -> rnc.ReducedModel:
     """A planar loop closed at a point: three rows of rank two."""
-    system = rnc.NonholonomicSystem(
-        four_bar_robot(), [rnc.LoopClosure("coupler_tip", "rocker_tip", "point")], ["crank"]
-    )
+    loop = rnc.LoopClosure("coupler_tip", "rocker_tip", "point")
+    system = rnc.NonholonomicSystem(four_bar_robot(), [loop], ["crank"])
     return system.reduce([rnc.JointPosition("crank")], [rnc.JointPosition("rocker")])
 
 
@@ -271,8 +279,7 @@ def on_two_wheels(
     model, ground = pin.Model(), -radius
     com = (center, 0.0, height + ground)
     base = add_body(model, "root_joint", "Planar", 10.0, com=com, moments=(0.3, 0.3, 0.2), frame="base")
-    nose = pin.SE3(np.eye(3), np.array([ahead, 0.0, 0.0]))
-    model.addFrame(pin.Frame("nose", base, 0, nose, pin.FrameType.OP_FRAME))
+    add_frame(model, "nose", base, (ahead, 0.0, 0.0))
     for name, y in (("l", track / 2), ("r", -track / 2)):
         add_body(model, f"{name}_spin", "RUBY", 0.0, base, moments=1e-9, at=(0.0, y, 0.0), frame=name)
     rows = [rnc.RollingWheel("l", radius), rnc.RollingWheel("r", radius), rnc.Caster("nose", radius)]
@@ -322,26 +329,10 @@ def ackermann_car() -> rnc.ReducedModel:
     )
 
 
-ALL = {
-    function.__name__: function
-    for function in (
-        space_robot,
-        space_robot_in_joints,
-        mobile_manipulator,
-        fire_truck,
-        free_flying_panda,
-        tiago,
-        leaning_wheel,
-        spinning_space_robot,
-        drifting_manipulator,
-        tumbling_panda,
-        four_bar,
-        bicycle,
-        pendulum,
-        mecanum,
-        ackermann_car,
-    )
-}
+ALL = {function.__name__: function for function in (
+    space_robot, space_robot_in_joints, mobile_manipulator, fire_truck, free_flying_panda, tiago, leaning_wheel,
+    spinning_space_robot, drifting_manipulator, tumbling_panda, four_bar, bicycle, pendulum, mecanum, ackermann_car,
+)}  # fmt: skip
 
 
 def without_outputs(name: str, **options) -> rnc.ReducedModel:
@@ -379,7 +370,7 @@ def free_arm():
     hand = model.addJoint(arm, pin.JointModelPZ(), placement, "hand")
     for joint, name in ((base, "base"), (arm, "upper"), (hand, "tip")):
         model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.2), placement)
-        model.addFrame(pin.Frame(name, joint, 0, placement, pin.FrameType.OP_FRAME))
+        add_frame(model, name, joint, placement)
     return model
 
 

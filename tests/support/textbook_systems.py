@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from places import DATA
 from rnc_pin.analysis.linearization import Linearization
 from rnc_pin.model.rows import ConstantRows, Rows
@@ -32,11 +32,9 @@ def unicycle_with_trailers(count):
     model, parent = planar_model()
     frames = ["body"]
     for k in range(1, count + 1):
-        hitch = pin.SE3(np.eye(3), np.array([0.0 if k == 1 else -1.0, 0.0, 0.0]))
-        parent = model.addJoint(parent, pin.JointModelRZ(), hitch, f"hitch_{k}")
-        axle = pin.SE3(np.eye(3), np.array([-1.0, 0.0, 0.0]))
-        model.appendBodyToJoint(parent, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), axle)
-        model.addFrame(pin.Frame(f"axle_{k}", parent, 0, axle, pin.FrameType.OP_FRAME))
+        hitch = (0.0 if k == 1 else -1.0, 0.0, 0.0)
+        parent = add_body(model, f"hitch_{k}", "RZ", 1.0, parent, com=(-1.0, 0.0, 0.0), moments=0.1, at=hitch)
+        add_frame(model, f"axle_{k}", parent, (-1.0, 0.0, 0.0))
         frames.append(f"axle_{k}")
     edges = [rnc.NoSideSlip(frame) for frame in frames]
     system = rnc.NonholonomicSystem(rnc.Robot(model), edges, np.eye(model.nv)[:, [0, 2]])
@@ -88,21 +86,21 @@ def cart_robot(base="planar", gravity=-G):
     model.gravity.linear = np.array([0.0, 0.0, gravity])
     carrier = model.getJointId("root_joint")
     for name in ("nose", "tail"):
-        place = pin.SE3(np.eye(3), np.array([*PLACES[name], 0.0]))
-        model.addFrame(pin.Frame(name, carrier, 0, place, pin.FrameType.OP_FRAME))
+        add_frame(model, name, carrier, (*PLACES[name], 0.0))
     add_body(model, "mast", "RZ", 9.0, carrier, com=(0.4, 0.0, 0.2))
     return rnc.Robot(model)
 
 
 def hanging_chain(actuators, count=3):
-    """Links of 1 m and 1 kg that hang from the ceiling at zero."""
+    return rnc.NonholonomicSystem(hanging(f"hinge_{k}" for k in range(count)), [], actuators).reduce()
+
+
+def hanging(names):
+    """Links of 1 m and 1 kg on joints of these names, which hang from the ceiling at zero."""
     model = pin.Model()
-    model.name = "chain"
-    parent, place = 0, pin.SE3.Identity()
-    for k in range(count):
-        parent = add_body(model, f"hinge_{k}", "RY", 1.0, parent, com=(0, 0, -0.5), moments=0.1, at=place)
-        place = pin.SE3(np.eye(3), np.array([0, 0, -1.0]))
-    return rnc.NonholonomicSystem(rnc.Robot(model), [], actuators).reduce()
+    for k, name in enumerate(names):
+        add_body(model, name, "RY", 1.0, k, com=(0, 0, -0.5), moments=0.1, at=(0, 0, -1.0 if k else 0.0))
+    return rnc.Robot(model)
 
 
 WEAK, SPEED = 0.1, 0.7  # gravity [m/s^2], rate [rad/s]
@@ -124,13 +122,7 @@ def angle_of(acceleration):
 
 def acrobot(actuators=("elbow",)):
     """Two links under gravity, hanging at zero."""
-    model = pin.Model()
-    model.name = "acrobot"
-    parent, place = 0, pin.SE3.Identity()
-    for name in ("shoulder", "elbow"):
-        parent = add_body(model, name, "RY", 1.0, parent, com=(0, 0, -0.5), moments=0.1, at=place)
-        place = pin.SE3(np.eye(3), np.array([0, 0, -1.0]))
-    system = rnc.NonholonomicSystem(rnc.Robot(model), [], list(actuators))
+    system = rnc.NonholonomicSystem(hanging(["shoulder", "elbow"]), [], list(actuators))
     return system.reduce([rnc.JointPosition("shoulder"), rnc.JointPosition("elbow")])
 
 
@@ -242,7 +234,7 @@ def two_wheeled_cart(base=None, left=(0.1, 0.3, 0.2), right=(0.1, -0.3, 0.2), of
     body = add_body(model, "body", base or pin.JointModelPX(), 5.0)
     for name, place, aside in (("left", left, off), ("right", right, (0.0, 0.0, 0.0))):
         joint = add_body(model, f"{name}_joint", "RY", 1.0, body, moments=0.01, at=place)
-        model.addFrame(pin.Frame(name, joint, 0, pin.SE3(np.eye(3), np.array(aside)), pin.FrameType.OP_FRAME))
+        add_frame(model, name, joint, aside)
     return rnc.Robot(model)
 
 

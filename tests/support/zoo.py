@@ -23,19 +23,13 @@ WHEELS: dict[str, tuple[list[str], float, str]] = {
     "tiago": (["wheel_left_link", "wheel_right_link"], 0.0985, "planar"),
     "tiago_dual": (["wheel_left_link", "wheel_right_link"], 0.0985, "planar"),
     "tiago_no_hand": (["wheel_left_link", "wheel_right_link"], 0.0985, "planar"),
-    "pr2": (
-        [f"{end}{side}_caster_{wheel}_wheel_link" for end in "fb" for side in "lr" for wheel in "lr"],
-        0.075,
-        "planar",
-    ),
-    "tiago_pro": (
-        [f"wheel_{end}_{side}_link" for end in ("front", "rear") for side in ("left", "right")],
-        0.0762,
-        "planar",
-    ),
+    "pr2": ([f"{end}{side}_caster_{wheel}_wheel_link" for end in "fb" for side in "lr" for wheel in "lr"], 0.075,
+        "planar"),
+    "tiago_pro": ([f"wheel_{end}_{side}_link" for end in ("front", "rear") for side in ("left", "right")], 0.0762,
+        "planar"),
     # Wheels at the ends of legs: they lean, and lift the body with them.
     "centauro": ([f"wheel_{k}" for k in (1, 2, 3, 4)], 0.124, "free"),
-}
+}  # fmt: skip
 
 # Of Mecanum wheels, on which side of the wheel's heading the axes of the rollers point that touch the ground.
 MECANUM: dict[str, list[int]] = {"tiago_pro": [1, -1, -1, 1]}
@@ -145,10 +139,8 @@ def best_velocities(system: rnc.NonholonomicSystem) -> rnc.Output:
 
 
 KINDS: dict[str, Callable[[str], rnc.ReducedModel]] = {
-    "momentum": momentum,
-    "knife edge": knife_edge,
-    "rolling wheels": rolling_wheels,
-}
+    "momentum": momentum, "knife edge": knife_edge, "rolling wheels": rolling_wheels,
+}  # fmt: skip
 
 
 def entries() -> list[tuple[str, str]]:
@@ -211,15 +203,10 @@ def measured(reduced: rnc.ReducedModel, name: str, kind: str) -> Residuals:
         weight = np.sqrt(np.diag(full.H))
         worst = max(worst, float(np.abs(weight * (ours - theirs)).max() / np.abs(weight * theirs).max()))
     return Residuals(
-        robot=name,
-        constraint=kind,
+        robot=name, constraint=kind,
         base=WHEELS[name][2] if kind == "rolling wheels" else {"momentum": "free", "knife edge": "planar"}[kind],
-        n=reduced.n,
-        kept=reduced.m,
-        rows=reduced.m + len(reduced.dropped_rows),
-        r=reduced.r,
+        n=reduced.n, kept=reduced.m, rows=reduced.m + len(reduced.dropped_rows), r=reduced.r,
         constraint_residual=lemma["A R"],
-        lemma_1=max(lemma[each] for each in ("H - H^T", "Hdot - V - V^T", "V linear")),
-        kkt=worst,
+        lemma_1=max(lemma[each] for each in ("H - H^T", "Hdot - V - V^T", "V linear")), kkt=worst,
         smallest_eigenvalue=lemma["smallest eigenvalue of H"],
-    )
+    )  # fmt: skip

@@ -267,12 +267,8 @@ def boxes(page, *selectors):
 
 
 def test_a_phone_shows_overlay_and_player_in_the_picture(browser, space_robot, tmp_path):
-    recording = Recording(
-        space_robot[0].experiment.reduced,
-        space_robot[1].trajectory,
-        VIEW,
-        "A title that is wider than the page of a phone",
-    )
+    title = "A title that is wider than the page of a phone"
+    recording = Recording(space_robot[0].experiment.reduced, space_robot[1].trajectory, VIEW, title)
     page, problems = loaded(browser, recording, tmp_path / "page.html", begin=1.0)
     wide = page.evaluate("viewer.camera.position.distanceTo(viewer.controls.target)")
     page.set_viewport_size({"width": 390, "height": 844})

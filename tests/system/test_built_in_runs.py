@@ -95,13 +95,8 @@ def its_gains_are_recorded(prepared):
     for part in parts:
         assert set(part) >= GAINS[part["type"]], part
     trackers = [part["gains"] for part in parts if "gains" in part and part["type"] != "PlanFeedback"]
-    assert trackers or parts[0]["type"] in (
-        "ActuatorVelocityController",
-        "InverseDynamicsQP",
-        "PlanFeedback",
-        "SetPointController",
-        "StateFeedback",
-    )  # which need no tracker
+    alone = ("ActuatorVelocityController", "InverseDynamicsQP", "PlanFeedback", "SetPointController", "StateFeedback")
+    assert trackers or parts[0]["type"] in alone  # which need no tracker
     for gains in trackers:
         assert set(gains) in ({"k", "beta", "sigma"}, {"k1", "k2", "gamma", "beta", "sigma"})
         assert all(np.min(gain) > 0 for gain in gains.values())

@@ -255,19 +255,16 @@ def test_commands_are_found_in_blocks_and_sentences():
     ]
 
 
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("rnc-pin run nothing --sett a=1", "No such option"),
-        ("rnc-pin replya runs/a", "no command 'replya'"),
-        ("rnc-pin sweep space-robot", "Missing option"),
-        ("python -m benchmarks.fuzz --cont 3", "benchmarks.fuzz --cont 3"),
-        ("python -m benchmarks.nothing", "no file 'benchmarks/nothing'"),
-        ("pytest tests/nothing.py", "no file 'tests/nothing.py'"),
-        ("pip install '.[nothing]'", "pip install .[nothing]"),
-        ("ffmpeg -i a", "no test runs 'ffmpeg -i a'"),
-    ],
-)
+@pytest.mark.parametrize(("line", "words"), [
+    ("rnc-pin run nothing --sett a=1", "No such option"),
+    ("rnc-pin replya runs/a", "no command 'replya'"),
+    ("rnc-pin sweep space-robot", "Missing option"),
+    ("python -m benchmarks.fuzz --cont 3", "benchmarks.fuzz --cont 3"),
+    ("python -m benchmarks.nothing", "no file 'benchmarks/nothing'"),
+    ("pytest tests/nothing.py", "no file 'tests/nothing.py'"),
+    ("pip install '.[nothing]'", "pip install .[nothing]"),
+    ("ffmpeg -i a", "no test runs 'ffmpeg -i a'"),
+])  # fmt: skip
 def test_a_command_that_cannot_work_is_told(line, words):
     (command,) = commands_of_text(f"```sh\n{line}\n```\n", "page.md")
     with pytest.raises((AssertionError, pytest.fail.Exception), match=re.escape(words)):

@@ -8,19 +8,13 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from browsing import children, opened, place, shape_place, visit
+from browsing import children, place, shape_place, visit
 from patience import PATIENCE, eventually
 from rnc_pin.control import ReducingOutputController, VelocityGains, VelocityTracker
 from rnc_pin.planning import Hold
-from systems import space_robot
+from systems import space_robot, space_robot_in_joints
 
 DT = 0.02
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with opened() as launched:
-        yield launched
 
 
 class Loop(threading.Thread):
@@ -38,12 +32,6 @@ class Loop(threading.Thread):
             self.count += 1
 
 
-def joints():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    return rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:]).reduce(
-        [rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])  # fmt: skip
-
-
 def slide(page, name, value):
     page.evaluate(
         "([name, value]) => { const s = [...document.querySelectorAll('.slider')]"
@@ -54,7 +42,7 @@ def slide(page, name, value):
 
 
 def test_a_page_pauses_steps_and_tunes_a_loop(browser):
-    reduced = joints()
+    reduced = space_robot_in_joints()
     with rnc.show(reduced, gains={"rate": (-2.0, 2.0, 1.0)}, title="my loop", open_browser=False) as view:
         page, problems = visit(browser, view.url)
         loop = Loop(reduced, view)
@@ -168,7 +156,7 @@ def test_gains_that_a_controller_refuses_leave_the_last_one():
             raise rnc.ConfigurationError("k is too large")
         return k
 
-    with rnc.show(joints(), gains={"k": (0.0, 2.0, 0.5)}, controller=made, open_browser=False) as view:
+    with rnc.show(space_robot_in_joints(), gains={"k": (0.0, 2.0, 0.5)}, controller=made, open_browser=False) as view:
         view._receive({"kind": "gain", "name": "k", "value": 1.5})
         assert (view.controller, view.gains["k"]) == (0.5, 1.5)
         view._receive({"kind": "gain", "name": "k", "value": 0.75})
@@ -177,7 +165,7 @@ def test_gains_that_a_controller_refuses_leave_the_last_one():
 
 def test_a_loop_does_not_wait_for_ever_for_a_page_that_is_gone(monkeypatch):
     monkeypatch.setattr("rnc_pin.visualization.loop_view._ABSENCE", 0.2)
-    reduced = joints()
+    reduced = space_robot_in_joints()
     with rnc.show(reduced, open_browser=False) as view:
         view._receive({"kind": "pause", "value": True})
         assert view.paused
@@ -189,13 +177,13 @@ def test_a_loop_does_not_wait_for_ever_for_a_page_that_is_gone(monkeypatch):
     {"kind": "gain", "name": "k", "value": float("nan")}, {"kind": "gain", "name": ["k"], "value": 1.0}, {"kind": {}},
     {"kind": "gain", "name": "k", "value": True}])  # fmt: skip
 def test_other_messages_change_nothing(message):
-    with rnc.show(joints(), gains={"k": (0.0, 2.0, 0.5)}, open_browser=False) as view:
+    with rnc.show(space_robot_in_joints(), gains={"k": (0.0, 2.0, 0.5)}, open_browser=False) as view:
         view._receive(message)
         assert (view.paused, view.running, dict(view.gains)) == (False, True, {"k": 0.5})
 
 
 def test_what_a_view_refuses():
-    reduced = joints()
+    reduced = space_robot_in_joints()
     for values in ((1.0, 0.0, 0.5), (0.0, 1.0, 2.0), (0.0, np.inf, 1.0), (0.0, 1.0)):
         with pytest.raises(rnc.InputError, match="gain 'k'"):
             rnc.show(reduced, gains={"k": values}, open_browser=False)

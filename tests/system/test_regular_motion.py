@@ -14,7 +14,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from planar_cars import ACKERMANN, FOUR_STEERED, at, directions, integrated, yawing
 from tolerances import KKT, ROUNDING
 
@@ -36,10 +36,9 @@ EDGES = ("no_side_slip(rear.y)", "no_side_slip(front.y)")
 def racer():
     """Two bodies, an axle under each, and a pivot in between; nothing drives it."""
     model = pin.Model()
-    model.name = "roller racer"
     seat = add_body(model, "root_joint", "Planar", yawing(M1, I1, C1), frame="rear")
     handle = add_body(model, "pivot", "RZ", yawing(M2, I2, C2), seat, at=at(L1))
-    model.addFrame(pin.Frame("front", handle, 0, at(L2), pin.FrameType.OP_FRAME))
+    add_frame(model, "front", handle, at(L2))
     return rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("rear"), rnc.NoSideSlip("front")])
 
 
@@ -105,18 +104,10 @@ def bodies_from_racer(x, y, heading, pivot, v):
     (along, across), (front_along, front_across) = directions(heading), directions(heading + pivot)
     axle, axle_dot = np.array([x, y]), u * along + side * across
     front_w = w + pivot_rate
-    return np.concatenate(
-        [
-            axle + C1 * along,
-            [heading],
-            axle + L1 * along + C2 * front_along,
-            [heading + pivot],
-            axle_dot + C1 * w * across,
-            [w],
-            axle_dot + L1 * w * across + C2 * front_w * front_across,
-            [front_w],
-        ]
-    )
+    return np.concatenate([
+        axle + C1 * along, [heading], axle + L1 * along + C2 * front_along, [heading + pivot],
+        axle_dot + C1 * w * across, [w], axle_dot + L1 * w * across + C2 * front_w * front_across, [front_w],
+    ])  # fmt: skip
 
 
 def racer_from_bodies(z):

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from places import DIRT
 from simple_controllers import Idle
 from systems import ALL
@@ -95,8 +95,7 @@ def five_bar(angle):
         bent = pin.SE3(pin.rpy.rpyToMatrix(angle - np.pi / 2, 0, 0), np.array([0.2, 0, 0]))
         upper = add_body(model, f"{side}_hip", "RZ", 1.0, com=(0.1, 0, 0), moments=0.01, at=place)
         lower = add_body(model, f"{side}_knee", "RZ", 1.0, upper, com=(0.1, 0, 0), moments=0.01, at=bent)
-        tip = pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0]))
-        model.addFrame(pin.Frame(f"{side}_tip", lower, 0, tip, pin.FrameType.OP_FRAME))
+        add_frame(model, f"{side}_tip", lower, (0.3, 0.0, 0.0))
     return rnc.Robot(model)
 
 

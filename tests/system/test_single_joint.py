@@ -56,10 +56,6 @@ def slider(axis):
     return (link("bob") + joint("slide", "base", "bob", "prismatic", axis),)
 
 
-def vector(axis):
-    return np.array(axis.split(), float)
-
-
 def reduced_of(robot, vertical=(), reducing=None):
     (name,) = robot.joint_names
     return rnc.NonholonomicSystem(robot, [], [name]).reduce([reducing or rnc.JointPosition(name)], vertical)
@@ -77,7 +73,7 @@ class Swing(NamedTuple):
 @pytest.fixture(params=[(kind, axis) for kind in KINDS for axis in AXES], ids=lambda p: f"{p[0]} about {p[1]}")
 def swing(request, tmp_path):
     kind, axis = request.param
-    a = vector(axis)
+    a = np.array(axis.split(), float)
     square = 1 - a[2] ** 2  # of the part of the bob's lever, and of gravity, across the axis
     robot = rnc.Robot.from_urdf(write(tmp_path, *pendulum(kind, axis)))
     return Swing(robot, a, INERTIA + MASS * LENGTH**2 * square, MASS * GRAVITY * LENGTH * square)

@@ -10,16 +10,13 @@ from places import ROOT, docs_script
 from rnc_pin.applications.scenario.files import built_in_names
 
 
-@pytest.mark.parametrize(
-    ("page", "fault"),
-    [
-        ('<script src="https://cdn.example/x.js"></script>', "loads https://cdn.example/x.js"),
-        ('<link rel="stylesheet" href="//cdn.example/x.css"/>', "loads //cdn.example/x.css"),
-        ("<style>@font-face { src: url('https://cdn.example/f.woff') }</style>", "loads https://cdn.example/f.woff"),
-        ('<p style="background: url(http://cdn.example/p.png)">', "loads http://cdn.example/p.png"),
-        ('<iframe src="scenes/missing.html"></iframe>', "has no file scenes/missing.html"),
-    ],
-)
+@pytest.mark.parametrize(("page", "fault"), [
+    ('<script src="https://cdn.example/x.js"></script>', "loads https://cdn.example/x.js"),
+    ('<link rel="stylesheet" href="//cdn.example/x.css"/>', "loads //cdn.example/x.css"),
+    ("<style>@font-face { src: url('https://cdn.example/f.woff') }</style>", "loads https://cdn.example/f.woff"),
+    ('<p style="background: url(http://cdn.example/p.png)">', "loads http://cdn.example/p.png"),
+    ('<iframe src="scenes/missing.html"></iframe>', "has no file scenes/missing.html"),
+])  # fmt: skip
 def test_loads_from_other_hosts_and_missing_files_are_found(page, fault, tmp_path):
     assert list(docs_script("check_site").faults_of_page(page, tmp_path)) == [fault]
 

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -116,13 +116,11 @@ def test_the_estimated_model_is_the_other_robot(tmp_path):
 def cambered():
     """A free body on two wheels that lean outwards: track and radii enter every row."""
     model = pin.Model()
-    model.name = "cambered"
     base = add_body(model, "root_joint", "FreeFlyer", 5.0)
     for name, side in (("left", 1.0), ("right", -1.0)):
         placement = pin.SE3(pin.rpy.rpyToMatrix(side * 0.2, 0.1, 0.0), np.array([0.1, side * 0.3, 0.05]))
         joint = add_body(model, f"{name}_joint", "RUBY", 1.0, base, moments=0.01, at=placement)
-        along = pin.SE3(np.eye(3), np.array([0.0, side * 0.02, 0.0]))
-        model.addFrame(pin.Frame(name, joint, 0, along, pin.FrameType.OP_FRAME))
+        add_frame(model, name, joint, (0.0, side * 0.02, 0.0))
     return rnc.Robot(model)
 
 
@@ -180,18 +178,15 @@ def test_a_scenario_names_what_is_unknown(tmp_path):
     assert experiment.provenance.to_json()["predicted"] == {"rolling(left_wheel)": "m/s", "rolling(right_wheel)": "m/s"}
 
 
-@pytest.mark.parametrize(
-    ("unknown", "words"),
-    [
-        ({}, "controller.unknown.base: is missing"),
-        ({"radii": []}, "controller.unknown: name at least one radius or track"),
-        ({"radii": [{"wheels": ["left_wheel"]}]}, r"controller.unknown.radii\[0\].initial: is missing"),
-        ({"radii": [{"wheels": ["left_weel"], "initial": 0.1}]}, "controller.unknown: .*did you mean 'left_wheel'"),
-        ({"tracks": [{"wheels": ["left_wheel"], "initial": 0.1}]}, "unknown track: expected two wheels"),
-        ({"radii": [{"wheels": ["left_wheel"], "initial": 9}]}, "radius of left_wheel, 9, has to be within its bounds"),
-        ({"radii": [{"wheels": ["left_wheel"], "initial": 9}], "base": "x"}, "controller.unknown: 'base' is not known"),
-    ],
-)
+@pytest.mark.parametrize(("unknown", "words"), [
+    ({}, "controller.unknown.base: is missing"),
+    ({"radii": []}, "controller.unknown: name at least one radius or track"),
+    ({"radii": [{"wheels": ["left_wheel"]}]}, r"controller.unknown.radii\[0\].initial: is missing"),
+    ({"radii": [{"wheels": ["left_weel"], "initial": 0.1}]}, "controller.unknown: .*did you mean 'left_wheel'"),
+    ({"tracks": [{"wheels": ["left_wheel"], "initial": 0.1}]}, "unknown track: expected two wheels"),
+    ({"radii": [{"wheels": ["left_wheel"], "initial": 9}]}, "radius of left_wheel, 9, has to be within its bounds"),
+    ({"radii": [{"wheels": ["left_wheel"], "initial": 9}], "base": "x"}, "controller.unknown: 'base' is not known"),
+])  # fmt: skip
 def test_a_scenario_with_unknown_nonsense_is_refused(unknown, words, tmp_path):
     with pytest.raises(rnc.ConfigurationError, match=words):
         wheels_of(unknown, tmp_path)

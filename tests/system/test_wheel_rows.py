@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from kinds import BESIDE
 from places import DIRT
 from planar_cars import ACKERMANN
@@ -154,18 +154,16 @@ def test_a_caster_carries_its_share():
     """Two wheels and a caster on a free base: it stands at its height, and the moments about the axle balance."""
     robot = rnc.Robot.from_urdf("differential_drive.urdf", base="free")
     wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
-    system = rnc.NonholonomicSystem(
-        robot, [*wheels, rnc.Caster("nose", 0.06)], ["left_wheel_joint", "right_wheel_joint"]
-    )
+    motors = ["left_wheel_joint", "right_wheel_joint"]
+    system = rnc.NonholonomicSystem(robot, [*wheels, rnc.Caster("nose", 0.06)], motors)
     reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameAngularVelocity("base", "z")])
     assert "vertical(nose)" in reduced.constraints.names
     q = reduced.assembled(robot.configuration())
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
-    assert data.oMf[robot.frame_id("nose")].translation[2] == pytest.approx(0.06, abs=1e-12)
     com = pin.centerOfMass(robot.model, data, q)
-    axle = data.oMf[robot.frame_id("left_wheel")].translation
-    nose = data.oMf[robot.frame_id("nose")].translation
+    axle, nose = (data.oMf[robot.frame_id(name)].translation for name in ("left_wheel", "nose"))
+    assert nose[2] == pytest.approx(0.06, abs=1e-12)
     forces = dict(zip(system.rows.names, reduced.at(q, np.zeros(2)).contact_forces(np.zeros(2)), strict=True))
     weight = 9.81 * pin.computeTotalMass(robot.model)
     borne = weight * (com[0] - axle[0]) / (nose[0] - axle[0])
@@ -183,21 +181,18 @@ def with_frames(robot, frames):
     model = robot.model.copy()
     for name, (on, placement) in frames.items():
         carrier = model.frames[model.getFrameId(on)]
-        model.addFrame(pin.Frame(name, carrier.parentJoint, carrier.placement * placement, pin.FrameType.OP_FRAME))
+        add_frame(model, name, carrier.parentJoint, carrier.placement * placement)
     return rnc.Robot(model)
 
 
 def test_a_point_beside_a_frame_is_as_a_frame_there():
     turned = (0.3, -0.5, 1.1)
     back = pin.rpy.rpyToMatrix(np.array(turned)).T
-    robot = with_frames(
-        bicycle().robot,
-        {
-            "a": ("rear", pin.SE3(np.eye(3), np.array(BESIDE))),
-            "b": ("front", pin.SE3(np.eye(3), np.array([0.0, 0.1, -0.4]))),
-            "b_turned": ("front", pin.SE3(back, np.array([0.0, 0.1, -0.4]))),
-        },
-    )
+    frames = {"a": ("rear", pin.SE3(np.eye(3), np.array(BESIDE)))}
+    frames |= {
+        name: ("front", pin.SE3(R, np.array([0.0, 0.1, -0.4]))) for name, R in (("b", np.eye(3)), ("b_turned", back))
+    }
+    robot = with_frames(bicycle().robot, frames)
     offsets = {"offset_a": BESIDE, "offset_b": (0.0, 0.1, -0.4)}
     pairs = [
         (rnc.NoSideSlip("rear", "z", at=BESIDE), rnc.NoSideSlip("a", "z")),
@@ -342,9 +337,8 @@ def test_a_car_that_is_steered_behind_turns_its_rear_wheels_the_other_way():
     reduced = system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("left")])
     q = system.assembled(system.robot.configuration({"left": -0.4}), hold=["left"])
     v = reduced.at(q, [1.0, 0.0]).v
-    assert v[2] == pytest.approx(
-        1 / (1.1 / np.tan(0.4) + 0.3), rel=1e-9
-    )  # to the left, about a centre beyond the left wheel
+    # To the left, about a centre beyond the left wheel.
+    assert v[2] == pytest.approx(1 / (1.1 / np.tan(0.4) + 0.3), rel=1e-9)
 
 
 def test_steering_that_is_none_is_refused():

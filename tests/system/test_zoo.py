@@ -75,14 +75,11 @@ def test_every_robot_with_wheels_is_on_them_or_says_why_not():
     assert wheeled == {name for name, kind in zoo.entries() if kind == "rolling wheels"}
 
 
-@pytest.mark.parametrize(
-    ("name", "growth"),
-    [
-        ("tiago_pro", (22, 24)),
-        ("tiago_no_hand", (12, 13, 14)),
-        pytest.param("tiago_dual", (99, 100, 101), marks=pytest.mark.long),  # as tiago_no_hand, with two hands
-    ],
-)
+@pytest.mark.parametrize(("name", "growth"), [
+    ("tiago_pro", (22, 24)),
+    ("tiago_no_hand", (12, 13, 14)),
+    pytest.param("tiago_dual", (99, 100, 101), marks=pytest.mark.long),  # as tiago_no_hand, with two hands
+])  # fmt: skip
 def test_growth_vectors_of_wheeled_robots(name, growth):
     """Closed forms: the base can go sideways beyond its velocities, or to any place on the plane.
 
@@ -124,7 +121,6 @@ def test_joint_values_are_the_inverse_of_configuration(name, base):
 def ball_jointed():
     """A free body with another on a ball joint: no robot of the package has one."""
     model = pin.Model()
-    model.name = "ball"
     moments = (0.2, 0.3, 0.4)
     base = add_body(model, "root_joint", "FreeFlyer", 2.0, com=(0.1, 0, 0), moments=moments)
     add_body(model, "ball", "Spherical", 1.0, base, com=(0, 0.2, 0.1), moments=moments, at=(0, 0, 0.3))

@@ -350,10 +350,9 @@ def run_interrupted_at(module, interrupt, tmp_path):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("command", "name"),
-    [("run", "my robot.urdf"), ("inspect", "robot.urdf.xacro"), ("sweep", "robot.xml"), ("run", "talos_reduced")],
-)
+@pytest.mark.parametrize(("command", "name"), [
+    ("run", "my robot.urdf"), ("inspect", "robot.urdf.xacro"), ("sweep", "robot.xml"), ("run", "talos_reduced"),
+])  # fmt: skip
 def test_a_robot_is_no_scenario_but_can_become_one(command, name, call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     if "." in name:
@@ -375,17 +374,14 @@ def test_what_a_draft_says_to_do_next_can_be_pasted(call, tmp_path):
     assert [shlex.split(each)[-1] for each in tried] == [str(tmp_path / "my first.yaml")] * 2
 
 
-@pytest.mark.parametrize(
-    ("name", "valid", "meant"),
-    [
-        ("talos", ["tiago", "talos_reduced", "talos_full_v2_box"], "talos_reduced"),
-        ("wheel_l", ["wheel", "wheels", "front_wheel_left", "wheel_left_joint"], "wheel_left_joint"),
-        ("left", ["lift", "wheel_left_joint"], "wheel_left_joint"),
-        ("plotz", ["matplotlib", "plots"], "plots"),
-        ("pandaa", ["tiago", "panda", "panda_hand"], "panda"),
-        ("tpi", ["base", "tip"], "tip"),
-    ],
-)
+@pytest.mark.parametrize(("name", "valid", "meant"), [
+    ("talos", ["tiago", "talos_reduced", "talos_full_v2_box"], "talos_reduced"),
+    ("wheel_l", ["wheel", "wheels", "front_wheel_left", "wheel_left_joint"], "wheel_left_joint"),
+    ("left", ["lift", "wheel_left_joint"], "wheel_left_joint"),
+    ("plotz", ["matplotlib", "plots"], "plots"),
+    ("pandaa", ["tiago", "panda", "panda_hand"], "panda"),
+    ("tpi", ["base", "tip"], "tip"),
+])  # fmt: skip
 def test_the_nearest_name_begins_like_the_one_given(name, valid, meant):
     assert nearest(name, valid) == f"; did you mean '{meant}'?"
 
@@ -521,17 +517,14 @@ def test_the_live_page_keeps_a_robot_in_sight_that_drives_away(cart, browser):
         live.close()
 
 
-@pytest.mark.parametrize(
-    ("base", "gravity", "view", "floor"),
-    [
-        ("free", (0, 0, 0), View(), False),
-        ("free", (0, 0, 0), View(ground=0.0), True),
-        ("free", (0, 0, -9.81), View(), True),
-        ("planar", (0, 0, 0), View(), True),
-        ("fixed", (0, 0, 0), View(), True),
-        ("fixed", (0, 0, 0), View(ground=None), False),
-    ],
-)
+@pytest.mark.parametrize(("base", "gravity", "view", "floor"), [
+    ("free", (0, 0, 0), View(), False),
+    ("free", (0, 0, 0), View(ground=0.0), True),
+    ("free", (0, 0, -9.81), View(), True),
+    ("planar", (0, 0, 0), View(), True),
+    ("fixed", (0, 0, 0), View(), True),
+    ("fixed", (0, 0, 0), View(ground=None), False),
+])  # fmt: skip
 def test_there_is_no_floor_under_what_floats(base, gravity, view, floor, tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(MeshcatScene, "grid", lambda scene, height, center, half: drawn.append(height))

@@ -143,18 +143,13 @@ URDFS = {  # robot.urdf
     "joint without a child": (GOOD.replace('<child link="wheel_left"/>', ""), "wheel_left_joint"),
     "axis of no length": (urdf(LEFT, wheel("right", -0.2, axis="0 0 0")), "axis of joint 'wheel_right_joint' is zero"),
     "axis in words": (urdf(LEFT, wheel("right", -0.2, axis="y")), "wheel_right_joint"),
-    "negative mass on a fixed link": (
-        urdf(LEFT, RIGHT, wheel("spare", 0, inertial(-1), "fixed")),
-        "mass of link 'wheel_spare' is negative: -1 kg",
-    ),
+    "negative mass on a fixed link": (urdf(LEFT, RIGHT, wheel("spare", 0, inertial(-1), "fixed")),
+        "mass of link 'wheel_spare' is negative: -1 kg"),
     "infinite mass": (urdf(LEFT, wheel("right", -0.2, inertial("inf"))), "wheel_right"),
     "mass with a unit": (urdf(LEFT, wheel("right", -0.2, inertial("1kg"))), "1kg"),
-    "mimic in words": (
-        urdf(LEFT, wheel("right", -0.2, mimic='<mimic joint="wheel_left_joint" multiplier="twice"/>')),
-        "multiplier of joint 'wheel_right_joint'",
-        "'twice'",
-    ),
-}
+    "mimic in words": (urdf(LEFT, wheel("right", -0.2, mimic='<mimic joint="wheel_left_joint" multiplier="twice"/>')),
+        "multiplier of joint 'wheel_right_joint'", "'twice'"),
+}  # fmt: skip
 XACROS = {  # robot.urdf.xacro
     "xacro that is empty": ("",),
     "xacro that is no XML": ("<robot", "xacro", "line 1"),
@@ -166,50 +161,37 @@ XACROS = {  # robot.urdf.xacro
     "macro that calls itself": (xacro('<xacro:macro name="w"><xacro:w/></xacro:macro><xacro:w/>'), "recursive"),
     "xacro that includes itself": (xacro('<xacro:include filename="robot.urdf.xacro"/>'), "recursive"),
     "include of a missing file": (xacro('<xacro:include filename="wheels.xacro"/>'), "cannot read", "wheels.xacro"),
-    "find of a missing package": (
-        xacro('<xacro:include filename="$(find nopkg)/a.xacro"/>'),
-        "no package 'nopkg'",
-        "package_dirs",
-    ),
+    "find of a missing package": (xacro('<xacro:include filename="$(find nopkg)/a.xacro"/>'), "no package 'nopkg'",
+        "package_dirs"),
     "properties in a circle": (
         xacro('<xacro:property name="a" value="${b}"/><xacro:property name="b" value="${a}"/>', "${a}"),
         "circular",
     ),
     "division by zero": (xacro(radius="${1/0}"), "division"),
     "condition in words": (xacro('<xacro:if value="maybe"/>'), "maybe", "boolean"),
-    "xacro that runs a program": (
-        xacro(radius="${(lambda: ().__class__.__base__.__subclasses__())()}"),
-        "refuses to evaluate",
-    ),
+    "xacro that runs a program": (xacro(radius="${(lambda: ().__class__.__base__.__subclasses__())()}"),
+        "refuses to evaluate"),
     "xacro that evaluates a program": (xacro(radius="$(eval map.mro)"), "refuses to evaluate", "'mro'"),
     "xacro that would never end": (xacro(radius="${9**9**9**9}"), "refuses to evaluate"),
-}
+}  # fmt: skip
 MJCFS = {  # robot.xml
     "MJCF that is empty": ("", "not well-formed XML"),
     "MJCF that is a URDF": (GOOD, "<robot>", "expected <mujoco>"),
     "MJCF of nothing": ("<mujoco/>", "no <body>"),
-    "MJCF joint twice": (
-        mjcf('<body name="c"><joint name="wheel_left_joint"/><geom size=".1" mass="1"/></body>'),
-        "repeated name 'wheel_left_joint' in joint",
-    ),
+    "MJCF joint twice": (mjcf('<body name="c"><joint name="wheel_left_joint"/><geom size=".1" mass="1"/></body>'),
+        "repeated name 'wheel_left_joint' in joint"),
     "MJCF joint of an unknown type": (
         mjcf('<body name="c"><joint name="c" type="hingee"/><geom size=".1" mass="1"/></body>'),
         "hingee",
     ),
-    "MJCF mass in words": (
-        mjcf('<body name="c"><joint name="c"/><geom size=".1" mass="heavy"/></body>'),
-        "<geom>: mass",
-        "'heavy'",
-    ),
-    "MJCF position on a plane": (
-        mjcf('<body name="c" pos="1 2"><joint name="c"/><geom size=".1" mass="1"/></body>'),
-        '<body name="c">: pos takes 3',
-        "'1 2'",
-    ),
+    "MJCF mass in words": (mjcf('<body name="c"><joint name="c"/><geom size=".1" mass="heavy"/></body>'),
+        "<geom>: mass", "'heavy'"),
+    "MJCF position on a plane": (mjcf('<body name="c" pos="1 2"><joint name="c"/><geom size=".1" mass="1"/></body>'),
+        '<body name="c">: pos takes 3', "'1 2'"),
     "MJCF body of no mass": (mjcf('<body name="c"><joint name="c"/></body>'), "joint 'c' moves no mass"),
     "MJCF missing mesh": (mjcf(head='<asset><mesh name="m" file="no.stl"/></asset>'), "no mesh", "no.stl"),
     "MJCF gravity in words": (mjcf(head='<option gravity="down"/>'), "<option>: gravity", "'down'"),
-}
+}  # fmt: skip
 # name: (command and content of mine.yaml, other files, words of the message)
 FILES = {
     "inspect an empty scenario": (text("", "inspect"), {}, ["mine.yaml", "expected a mapping"]),
@@ -359,16 +341,13 @@ DRAFTS = {
     "unknown base": (["robot.urdf", "--base", "flying"], {"robot.urdf": GOOD}, ["'--base'", "'flying'"]),
     "out exists": (["robot.urdf", "--out", "a.yaml"], {"robot.urdf": GOOD, "a.yaml": "mine"}, ["a.yaml", "--force"]),
     "out is a folder": (["robot.urdf", "--out", "d"], {"robot.urdf": GOOD, "d/x": ""}, ["--out d", "is a folder"]),
-    "out in no folder": (
-        ["robot.urdf", "--out", "no/a.yaml"],
-        {"robot.urdf": GOOD},
-        ["--out no/a.yaml", "does not exist"],
-    ),
+    "out in no folder": (["robot.urdf", "--out", "no/a.yaml"], {"robot.urdf": GOOD},
+        ["--out no/a.yaml", "does not exist"]),
     "argument of a URDF": (["robot.urdf", "--arg", "a=1"], {"robot.urdf": GOOD}, ["whose name ends in .xacro"]),
     "argument of no value": (["robot.urdf", "--arg", "a"], {"robot.urdf": GOOD}, ["'a'", "expected key=value"]),
     "argument of an MJCF": (["robot.xml", "--arg", "a=1"], {"robot.xml": mjcf()}, ["'xacro_arguments' belongs to"]),
     "broken xacro": (["r.xacro"], {"r.xacro": "<robot"}, ["r.xacro"]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("arguments", "files", "words"), DRAFTS.values(), ids=DRAFTS)
@@ -415,14 +394,11 @@ def test_an_output_folder_below_a_file_is_refused(command, call, tmp_path, monke
     check_refusal(call, tmp_path, [command, "space-robot", "--out", "file/out", *more], ["--out file/out"])
 
 
-@pytest.mark.parametrize(
-    ("key", "words"),
-    [
-        ("simulation.nothing", ["sweep.simulation.nothing", "'nothing' is not known"]),
-        ("actuators.5", ["actuators.5", "not an index into a list of 3"]),
-        ("title", ["sweep.title", "string"]),
-    ],
-)
+@pytest.mark.parametrize(("key", "words"), [
+    ("simulation.nothing", ["sweep.simulation.nothing", "'nothing' is not known"]),
+    ("actuators.5", ["actuators.5", "not an index into a list of 3"]),
+    ("title", ["sweep.title", "string"]),
+])  # fmt: skip
 def test_a_sweep_over_what_is_not_there_is_refused(key, words, call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write(tmp_path, {"mine.yaml": scenario({"sweep": {key: [0, 1]}}, SPACE_ROBOT)[1]})
@@ -453,10 +429,8 @@ def small():
 
 WRONG_ARGUMENTS = {
     "no controller": ({"controller": None}, "expected a controller with initial_state and step"),
-    "a class": (
-        {"controller": rnc.control.VelocityTracker},
-        "the controller is the class VelocityTracker: pass an instance of it",
-    ),
+    "a class": ({"controller": rnc.control.VelocityTracker},
+        "the controller is the class VelocityTracker: pass an instance of it"),
     "no model": ({"reduced": None}, "expected a ReducedModel, found None"),
     "words for q0": ({"q0": "here"}, "q0 is not an array of numbers: 'here'"),
     "no q0": ({"q0": None}, r"q has shape \(\), expected"),
@@ -465,7 +439,7 @@ WRONG_ARGUMENTS = {
     "a plant": ({"plant": object()}, "plant: expected methods reset, read, apply, advance, found a object"),
     "meta": ({"options": rnc.SimulationOptions(meta=3)}, "meta: expected a Provenance or a mapping, found int"),
     "options": ({"options": {"meta": 3}}, "options: expected SimulationOptions, found a dict"),
-}
+}  # fmt: skip
 WRONG_OPTIONS = {
     "stop": ("now", "stop: expected a Stop, found a str"),
     "loop": (3, "loop: expected a mapping of options of ControlLoop, found a int"),
@@ -479,12 +453,8 @@ def test_arguments_of_simulate_are_refused_before_anything_runs(what):
     _, reduced, target = small()
     tracker = rnc.control.VelocityTracker(target)
     given = {
-        "reduced": reduced,
-        "controller": tracker,
-        "q0": reduced.robot.configuration(),
-        "duration": 0.1,
-        "dt": 0.01,
-    }
+        "reduced": reduced, "controller": tracker, "q0": reduced.robot.configuration(), "duration": 0.1, "dt": 0.01,
+    }  # fmt: skip
     with pytest.raises(rnc.RncError, match=words):
         rnc.simulate(**{**given, **changed})
 

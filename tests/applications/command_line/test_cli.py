@@ -259,13 +259,10 @@ def test_a_run_that_misses_a_goal_says_so(call, tmp_path, no_pictures):
     assert f"rnc-pin: warning: the goal of {first} is missed by " in error
 
 
-@pytest.mark.parametrize(
-    ("options", "outcome"),
-    [
-        (["simulation.position_limits=true", "initial.q.joint_1=69.8", "controller.preset=paper"], "limit"),
-        (["actuators=[]"], "failed"),
-    ],
-)
+@pytest.mark.parametrize(("options", "outcome"), [
+    (["simulation.position_limits=true", "initial.q.joint_1=69.8", "controller.preset=paper"], "limit"),
+    (["actuators=[]"], "failed"),
+])  # fmt: skip
 def test_a_run_that_fails_at_once_still_gives_json(options, outcome, call, tmp_path, no_pictures):
     settings = [word for option in options for word in ("--set", option)]
     status, out, error = call("run", "space-robot", *BARE, *settings, "--json", "--out", tmp_path)
@@ -585,14 +582,12 @@ USAGE = {
     "sweep on no process": (["sweep", "space-robot", "--runs", "2", "--jobs", "0", "--out", "x"], "--jobs 0"),
     "inspect without samples": (["inspect", "space-robot", "--samples", "0"], "'--samples'"),
     "key of two levels below": (SET_DURATION, "did you mean 'planner.duration' or 'simulation.duration'?"),
-    "key of a level below": (
-        ["run", "space-robot", "--set", "dt=0"],
-        "'dt' is not known; did you mean 'simulation.dt'?",
-    ),
+    "key of a level below": (["run", "space-robot", "--set", "dt=0"],
+        "'dt' is not known; did you mean 'simulation.dt'?"),
     "key of a part": (["run", "space-robot", "--set", "reducing=[]"], "did you mean 'outputs.reducing'?"),
     "no duration": (["run", "space-robot", "--set", "simulation.duration=-1"], "expected greater than 0, found -1"),
     "key of no part": (["run", "space-robot", "--set", "durations=1"], "'durations' is not known"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("arguments", "words"), USAGE.values(), ids=USAGE)

@@ -56,11 +56,9 @@ def test_an_answer_that_raises_the_next_question_is_asked_further(tmp_path, monk
 
     decisions = {
         (): [DraftDecision("One?", "a", 0.5, "a guess", (Alternative("b", ("--base", "free")),))],
-        ("free",): [
-            DraftDecision("One?", "b", 0.5, "a guess", (Alternative("a", ("--base", "planar")),)),
-            DraftDecision("Other?", "c", 0.5, "a guess", (Alternative("d", ("--driven", "d")),)),
-        ],
-    }
+        ("free", ): [DraftDecision("One?", "b", 0.5, "a guess", (Alternative("a", ("--base", "planar")),)),
+            DraftDecision("Other?", "c", 0.5, "a guess", (Alternative("d", ("--driven", "d")),))],
+    }  # fmt: skip
 
     def drafted(robot, folder, wishes):
         found = decisions[(wishes.base,) if wishes.base else ()]

@@ -77,13 +77,9 @@ def test_an_observer_that_raises_does_not_lose_the_run():
 
     with pytest.raises(rnc.SimulationError, match=r"the observer raised KeyError at t = 0\.110 s: 'figure'") as caught:
         rnc.simulate(
-            reduced,
-            pushing(fault, np.inf),
-            reduced.robot.configuration(),
-            1.0,
-            dt=0.01,
+            reduced, pushing(fault, np.inf), reduced.robot.configuration(), 1.0, dt=0.01,
             options=rnc.SimulationOptions(observer=look),
-        )
+        )  # fmt: skip
     assert isinstance(caught.value.__cause__, KeyError)
     assert len(caught.value.trajectory.time) == 12
 

@@ -30,10 +30,8 @@ CONTROLS = DriveControls(
     obstacles={"ball": (0.0, 0.0, 0.0)},
 )
 VALID = {
-    "frame_goal": (
-        {"frame": "tip", "position": [1, 2.5, -0.1], "orientation": [0, 0, 0, 1]},
-        FrameGoal("tip", (1.0, 2.5, -0.1), (0.0, 0.0, 0.0, 1.0)),
-    ),
+    "frame_goal": ({"frame": "tip", "position": [1, 2.5, -0.1], "orientation": [0, 0, 0, 1]},
+        FrameGoal("tip", (1.0, 2.5, -0.1), (0.0, 0.0, 0.0, 1.0))),
     "release_frame": ({"frame": "tip"}, ReleaseFrame("tip")),
     "joint_goal": ({"joint": "elbow", "position": 2}, JointGoal("elbow", 2.0)),
     "base_velocity": ({"forward": -1, "turn": 0.5}, BaseVelocity(-1.0, 0.5, 0.0)),
@@ -43,7 +41,7 @@ VALID = {
     "gain": ({"gain": "base speed", "value": 0.3}, GainSetting("base speed", 0.3)),
     "stop": ({}, StopMotion()),
     "end": ({}, EndRun()),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", KINDS)

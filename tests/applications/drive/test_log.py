@@ -94,10 +94,9 @@ def test_other_files_are_refused(tmp_path, case):
         read_drive(tmp_path / "c.json")
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "words"),
-    [("samples", "10", "samples"), ("samples", 1, "2 to"), ("frames", [1], "frames"), ("config", [], "config")],
-)
+@pytest.mark.parametrize(("key", "value", "words"), [
+    ("samples", "10", "samples"), ("samples", 1, "2 to"), ("frames", [1], "frames"), ("config", [], "config"),
+])  # fmt: skip
 def test_wrong_entries_are_refused(tmp_path, key, value, words):
     write_drive(record()[0], tmp_path / "c.json")
     content = json.loads((tmp_path / "c.json").read_text())
@@ -106,17 +105,14 @@ def test_wrong_entries_are_refused(tmp_path, key, value, words):
         read_drive(tmp_path / "c.json")
 
 
-@pytest.mark.parametrize(
-    ("entries", "words"),
-    [
-        ([{"kind": "stop"}], "sample"),
-        ([{"sample": True, "kind": "stop"}], "sample"),
-        ([{"sample": -1, "kind": "stop"}], "sample"),
-        ([{"sample": 1, **moved("j1", 3.0)}], "expected -1 to 1"),
-        (["stop"], "sample"),
-        ([{"sample": 5, "kind": "stop"}, {"sample": 4, "kind": "stop"}], "at least 5"),
-    ],
-)
+@pytest.mark.parametrize(("entries", "words"), [
+    ([{"kind": "stop"}], "sample"),
+    ([{"sample": True, "kind": "stop"}], "sample"),
+    ([{"sample": -1, "kind": "stop"}], "sample"),
+    ([{"sample": 1, **moved("j1", 3.0)}], "expected -1 to 1"),
+    (["stop"], "sample"),
+    ([{"sample": 5, "kind": "stop"}, {"sample": 4, "kind": "stop"}], "at least 5"),
+])  # fmt: skip
 def test_an_invalid_command_of_a_file_is_named_by_its_number(entries, words):
     broken, _ = record(commands=entries)
     with pytest.raises(rnc.ConfigurationError, match=rf"commands\[{len(entries) - 1}\]: .*{words}"):

@@ -153,16 +153,10 @@ def test_hold_base_keeps_the_base_and_the_unreachable_goal_is_reported():
 def test_limits_of_the_file_hold_and_are_named():
     """A slider asks for more than the velocity limit; the file's numbers are read by Pinocchio alone."""
     watcher = Watcher()
-    run = prepared(
-        "tiago",
-        [
-            (0, {"kind": "gain", "gain": "joint speed", "value": 3.0}),
-            (0, {"kind": "gain", "gain": "posture gain", "value": 5.0}),
-            (5, {"kind": "joint_goal", "joint": "torso_lift_joint", "position": 0.34}),
-            (5, {"kind": "joint_goal", "joint": "arm_1_joint", "position": 2.6}),
-        ],
-        simulation__dt=DT,
-    )
+    gains, goals = {"joint speed": 3.0, "posture gain": 5.0}, {"torso_lift_joint": 0.34, "arm_1_joint": 2.6}
+    commands = [(0, {"kind": "gain", "gain": name, "value": value}) for name, value in gains.items()]
+    commands += [(5, {"kind": "joint_goal", "joint": name, "position": place}) for name, place in goals.items()]
+    run = prepared("tiago", commands, simulation__dt=DT)
     trajectory = drive(run, samples=150, watcher=watcher).trajectory
     model = reduced_of(run).robot.model
     joint = model.joints[model.getJointId("torso_lift_joint")]
@@ -184,15 +178,6 @@ LINK = """<link name="link_{0}"><inertial><origin xyz="0.25 0 0"/><mass value="1
 <axis xyz="0 0 1"/><limit lower="-2.5" upper="2.5" effort="100" velocity="2"/></joint>"""
 
 
-@pytest.fixture
-def arm(tmp_path):
-    """Planar arm of three links with collision shapes, and a ball beside it."""
-    links = [LINK.format(k, "ground" if k == 1 else f"link_{k - 1}", 0.0 if k == 1 else 0.5) for k in (1, 2, 3)]
-    (tmp_path / "arm.urdf").write_text(ARM.format("".join(links)))
-    (tmp_path / "arm.yaml").write_text(SCENARIO)
-    return str(tmp_path / "arm.yaml")
-
-
 SCENARIO = """
 robot: {urdf: arm.urdf}
 obstacles: [{sphere: {name: ball, radius: 0.1, position: [0.9, 0.7, 0]}}]
@@ -203,14 +188,17 @@ simulation: {duration: 1, dt: 0.02}
 """
 
 
-def test_an_obstacle_that_moves_into_the_arm_is_avoided(arm):
-    """The distance is measured by coal on the recorded motion; an arm at rest would be hit."""
+def test_an_obstacle_that_moves_into_the_arm_is_avoided(tmp_path):
+    """The distance is measured by coal on the recorded motion; a planar arm of three links at rest would be hit."""
+    links = [LINK.format(k, "ground" if k == 1 else f"link_{k - 1}", 0.0 if k == 1 else 0.5) for k in (1, 2, 3)]
+    (tmp_path / "arm.urdf").write_text(ARM.format("".join(links)))
+    (tmp_path / "arm.yaml").write_text(SCENARIO)
     approach = [
         (0, {"kind": "gain", "gain": "obstacle speed", "value": 0.3}),
         (5, {"kind": "obstacle_goal", "obstacle": "ball", "position": [0.9, 0.05, 0.0]}),
     ]
     watcher = Watcher()
-    run = prepared(arm, approach, simulation__dt=DT)
+    run = prepared(str(tmp_path / "arm.yaml"), approach, simulation__dt=DT)
     trajectory = drive(run, samples=250, watcher=watcher).trajectory
     (obstacle,) = run.scenario.experiment.obstacles
     np.testing.assert_allclose(obstacle.placement(0.1).translation, [0.9, 0.7, 0.0])
@@ -311,11 +299,9 @@ def test_ctrl_c_keeps_the_record():
 
 REFUSED = {
     "mobile-manipulator": (["joint_1", "joint_2"], "move only 2 of them (none moves base_speed_x, base_yaw)"),
-    "snakeboard": (
-        ["rotor", "front_steering", "back_steering"],
-        "4 independent velocities, but its actuators move only 3",
-    ),
-}
+    "snakeboard": (["rotor", "front_steering", "back_steering"],
+        "4 independent velocities, but its actuators move only 3"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("source", REFUSED)

@@ -199,11 +199,9 @@ REFUSED = {
     "limits.speed: expected a number or 3": ("space-robot", {"limits": rnc.gym.EpisodeLimits(speed=[1.0, 2.0])}),
     "limits.input: expected positive": ("space-robot", {"limits": rnc.gym.EpisodeLimits(input=0.0)}),
     "nearly singular": ("space-robot", {"limits": replace(LIMITS, singular_value=0.9)}),
-    "none of 20 draws": (
-        "space-robot",
-        {"draws": {"initial.q.joint_3": [0, 1e-4]}, "limits": replace(LIMITS, singular_value=0.05)},
-    ),
-}
+    "none of 20 draws": ("space-robot",
+        {"draws": {"initial.q.joint_3": [0, 1e-4]}, "limits": replace(LIMITS, singular_value=0.05)}),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("message", REFUSED)
@@ -247,10 +245,8 @@ def test_states_that_the_kernel_does_not_measure_are_measured_alone():
 
 def test_an_episode_whose_state_overflows_fails_and_leaves_the_others_alone():
     limits = rnc.gym.EpisodeLimits(input=1e200, speed=1e250, output=3.0)
-    envs, single = (
-        rnc.gym.make_vec("mobile-manipulator", 2, limits=limits),
-        rnc.gym.make("mobile-manipulator", limits=limits),
-    )
+    envs = rnc.gym.make_vec("mobile-manipulator", 2, limits=limits)
+    single = rnc.gym.make("mobile-manipulator", limits=limits)
     assert single.action_space.high.tolist() == [1e200, 1e200, 400.0, 400.0]  # the joints have effort limits
     before, _ = envs.reset(seed=0)
     single.reset(seed=0)

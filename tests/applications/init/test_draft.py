@@ -63,18 +63,12 @@ def radii(content):
 # ---------------------------------------------------------------------- robots that others made
 
 BASES = {  # wheels and their radii, how many outputs, the base's
-    "tiago_no_hand": (
-        {"wheel_left_link": 0.0985, "wheel_right_link": 0.0985},
-        12,
-        ["base_link_speed_x", "base_link_yaw"],
-    ),
-    "tiago_pro": (
-        {f"wheel_{end}_{side}_link": 0.0762 for end in ("front", "rear") for side in ("left", "right")},
-        22,
-        ["base_link_x", "base_link_y", "base_link_yaw"],
-    ),
+    "tiago_no_hand": ({"wheel_left_link": 0.0985, "wheel_right_link": 0.0985}, 12,
+        ["base_link_speed_x", "base_link_yaw"]),
+    "tiago_pro": ({f"wheel_{end}_{side}_link": 0.0762 for end in ("front", "rear") for side in ("left", "right")}, 22,
+        ["base_link_x", "base_link_y", "base_link_yaw"]),
     "centauro": ({}, 18, ["pelvis_x", "pelvis_y", "pelvis_yaw"]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "expected"), BASES.items(), ids=BASES)

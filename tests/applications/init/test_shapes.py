@@ -69,10 +69,9 @@ def test_meshes_of_both_geometries_are_named(tmp_path):
     assert text.count("; missing: collision mesh tyre.stl, visual mesh tyre.stl\n") == 2
 
 
-@pytest.mark.parametrize(
-    ("shapes", "remark"),
-    [(HUB, "radius from the collision geometry"), (HUB + SKIN, "radius from the collision geometry"), ("", GUESS)],
-)
+@pytest.mark.parametrize(("shapes", "remark"), [
+    (HUB, "radius from the collision geometry"), (HUB + SKIN, "radius from the collision geometry"), ("", GUESS),
+])  # fmt: skip
 def test_a_wheel_that_lacks_no_mesh_for_its_radius_is_measured_as_it_is(shapes, remark, tmp_path):
     with pytest.warns(rnc.ModelWarning, match="not found"):  # that of the base
         text = draft(str(cart(tmp_path, shapes)), tmp_path)

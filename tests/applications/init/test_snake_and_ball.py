@@ -54,14 +54,11 @@ def test_the_wheels_of_a_snake_are_not_driven(tmp_path):
     assert summary["constraint_residual_max"] < 1e-9
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"yaw": "hitch_{}"}, "trailers"),  # towed
-        ({"effort": 0.0}, "car"),  # nothing drives the joints
-        ({"bodies": 3}, "car"),  # too few that they would be a snake without being called one
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    ({"yaw": "hitch_{}"}, "trailers"),  # towed
+    ({"effort": 0.0}, "car"),  # nothing drives the joints
+    ({"bodies": 3}, "car"),  # too few that they would be a snake without being called one
+])  # fmt: skip
 def test_other_rows_of_bodies_are_no_snakes(options, words, tmp_path):
     _, kind, _ = drafted(snake(**{"bodies": 4, **options}), tmp_path)
     assert "snake" not in kind
@@ -76,20 +73,17 @@ def test_what_the_file_drives_decides(tmp_path):
     assert "snake" not in drafted(snake(4, extra=driven), tmp_path)[1]
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ('<transmission><type/><joint name="a"><hardwareInterface/></joint></transmission>', {"a"}),
-        ('<ros2_control><joint name="a"><command_interface name="effort"/></joint></ros2_control>', {"a"}),
-        ('<ros2_control><joint name="a"><state_interface name="position"/></joint></ros2_control>', set()),
-        ('<gazebo><plugin filename="diff"><left_joint>a</left_joint><right_joint>b</right_joint></plugin></gazebo>',
-         {"a", "b"}),
-        ('<gazebo><plugin filename="x"><joint_name>a, b</joint_name><torque>a</torque></plugin></gazebo>', {"a", "b"}),
-        ('<gazebo><plugin filename="libgazebo_ros_joint_state_publisher.so"><jointName>a</jointName></plugin></gazebo>',
-         set()),
-        ('<transmission><joint name="stranger"/></transmission>', set()),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "expected"), [
+    ('<transmission><type/><joint name="a"><hardwareInterface/></joint></transmission>', {"a"}),
+    ('<ros2_control><joint name="a"><command_interface name="effort"/></joint></ros2_control>', {"a"}),
+    ('<ros2_control><joint name="a"><state_interface name="position"/></joint></ros2_control>', set()),
+    ('<gazebo><plugin filename="diff"><left_joint>a</left_joint><right_joint>b</right_joint></plugin></gazebo>',
+     {"a", "b"}),
+    ('<gazebo><plugin filename="x"><joint_name>a, b</joint_name><torque>a</torque></plugin></gazebo>', {"a", "b"}),
+    ('<gazebo><plugin filename="libgazebo_ros_joint_state_publisher.so"><jointName>a</jointName></plugin></gazebo>',
+     set()),
+    ('<transmission><joint name="stranger"/></transmission>', set()),
+])  # fmt: skip
 def test_joints_that_a_file_drives(text, expected):
     joints = '<joint name="a"/><joint name="b"/>'
     named, is_list = named_as_driven(ElementTree.fromstring(f"<robot>{joints}{text}</robot>"))
@@ -137,10 +131,9 @@ def test_a_shell_may_be_a_mesh(tmp_path):
     assert content["constraints"][0]["rolling_ball"]["radius"] == pytest.approx(0.3, abs=1e-4)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [ball('<box size="0.6 0.6 0.6"/>'), ball('<sphere radius="0.1"/>'), ball(effort=0.0).replace("shell", "core")],
-)
+@pytest.mark.parametrize("text", [
+    ball('<box size="0.6 0.6 0.6"/>'), ball('<sphere radius="0.1"/>'), ball(effort=0.0).replace("shell", "core"),
+])  # fmt: skip
 def test_other_bodies_are_no_balls(text, tmp_path):
     """A box, a ball that something sticks out of, and one in which nothing is driven."""
     assert "a ball that" not in drafted(text, tmp_path)[1]

@@ -39,10 +39,8 @@ def gap(robot, values):
 
 
 CLOSED = {
-    "zero, on limits": (
-        {"crank": 'range="0 0.8"', "coupler": 'range="-0.9 0"', "rocker": 'range="0 1"'},
-        {"crank": 0, "coupler": 0, "rocker": 0},
-    ),
+    "zero, on limits": ({"crank": 'range="0 0.8"', "coupler": 'range="-0.9 0"', "rocker": 'range="0 1"'},
+        {"crank": 0, "coupler": 0, "rocker": 0}),
     "as the file draws it": (  # zero is no longer upright, so that it closes nothing
         {"crank": 'range="0.4 0.8" ref="0.5"', "coupler": 'ref="0.1"', "rocker": 'range="-0.5 0.5" ref="-0.2"'},
         {"crank": 0.5, "coupler": 0.1, "rocker": -0.2},
@@ -55,7 +53,7 @@ CLOSED = {
         {"crank": 'range="0.2 1.8"', "coupler": 'range="-1.8 -0.2"', "rocker": 'range="0.1 0.3"'},
         {"crank": 0.3, "coupler": -0.3, "rocker": 0.3},
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", CLOSED)
@@ -89,10 +87,9 @@ def test_joints_outside_a_loop_start_as_before_and_a_loop_that_no_limit_admits_i
         draft(str(tmp_path / "finger.xml"), tmp_path, DraftOptions())
 
 
-@pytest.mark.parametrize(
-    ("limits", "expected"),
-    [((0.0, 0.5), 0.01), ((-0.5, 0.0), -0.01), ((-0.001, 0.499), 0.009), ((-0.3, 0.5), 0.0), ((0.1, 0.5), 0.3)],
-)
+@pytest.mark.parametrize(("limits", "expected"), [
+    ((0.0, 0.5), 0.01), ((-0.5, 0.0), -0.01), ((-0.001, 0.499), 0.009), ((-0.3, 0.5), 0.0), ((0.1, 0.5), 0.3),
+])  # fmt: skip
 def test_a_zero_at_an_edge_of_the_limits_is_moved_inside_by_the_least_and_told(limits, expected, tmp_path):
     """It was replaced by the middle of the limits."""
     lower, upper = limits

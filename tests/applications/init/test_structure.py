@@ -66,13 +66,10 @@ def truck(steered_effort=10.0, load_effort=10.0, extra="", names=("load_l", "loa
     """A reach truck: two wheels under the load, and one steered wheel behind."""
     left, right, behind = names
     return robot(
-        link("base", 50.0, BOX),
-        wheel(left, "base", (0.5, 0.3, 0), effort=load_effort),
-        wheel(right, "base", (0.5, -0.3, 0), effort=load_effort),
-        pivot("steer", "base", (-0.5, 0, 0)),
-        wheel(behind, "steer", (0, 0, 0), effort=steered_effort),
-        extra,
-    )
+        link("base", 50.0, BOX), wheel(left, "base", (0.5, 0.3, 0), effort=load_effort),
+        wheel(right, "base", (0.5, -0.3, 0), effort=load_effort), pivot("steer", "base", (-0.5, 0, 0)),
+        wheel(behind, "steer", (0, 0, 0), effort=steered_effort), extra,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(("given", "confidence"), [
@@ -233,13 +230,9 @@ def trailer_car(steered_trailer_first=True):
         wheel("tw_r", "axle_r", (0, 0, 0)),
     ]
     front = [
-        pivot("k_l", "base", (0.3, 0.2, 0)),
-        pivot("k_r", "base", (0.3, -0.2, 0)),
-        wheel("f_l", "k_l", (0, 0, 0)),
-        wheel("f_r", "k_r", (0, 0, 0)),
-        wheel("b_l", "base", (-0.3, 0.2, 0)),
-        wheel("b_r", "base", (-0.3, -0.2, 0)),
-    ]
+        pivot("k_l", "base", (0.3, 0.2, 0)), pivot("k_r", "base", (0.3, -0.2, 0)), wheel("f_l", "k_l", (0, 0, 0)),
+        wheel("f_r", "k_r", (0, 0, 0)), wheel("b_l", "base", (-0.3, 0.2, 0)), wheel("b_r", "base", (-0.3, -0.2, 0)),
+    ]  # fmt: skip
     return robot(link("base", 10.0, BOX), *(trailer + front if steered_trailer_first else front + trailer))
 
 

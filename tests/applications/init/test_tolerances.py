@@ -126,24 +126,20 @@ def scooter(turned="0 0 0", of="rear", higher=0.0):
     return f'<robot name="scooter">{"".join(parts)}</robot>'
 
 
-@pytest.mark.parametrize(
-    ("turned", "of"),
-    [("1.5708 0 0", "deck"), ("1.570796326 0 0", "rear"), ("1.57 0 0", "fork"), ("0 0 1.5708", "front")],
-)
+@pytest.mark.parametrize(("turned", "of"), [
+    ("1.5708 0 0", "deck"), ("1.570796326 0 0", "rear"), ("1.57 0 0", "fork"), ("0 0 1.5708", "front"),
+])  # fmt: skip
 def test_the_frame_of_an_inertia_may_be_rounded(turned, of, tmp_path):
     path = tmp_path / "scooter.urdf"
     path.write_text(scooter(turned, of))
     assert drafted(path, path, tmp_path)[0] == "# base free: 2 wheels in line: a bicycle, which leans"
 
 
-@pytest.mark.parametrize(
-    ("base", "kind", "higher"),
-    [
-        (None, "free: 2 wheels in line: a bicycle, which leans", -8e-6),
-        (None, "free: 2 wheels in line: a bicycle, which leans", 1e-4),
-        ("planar", "planar: 2 wheels, steered like a car", 8e-6),
-    ],
-)
+@pytest.mark.parametrize(("base", "kind", "higher"), [
+    (None, "free: 2 wheels in line: a bicycle, which leans", -8e-6),
+    (None, "free: 2 wheels in line: a bicycle, which leans", 1e-4),
+    ("planar", "planar: 2 wheels, steered like a car", 8e-6),
+])  # fmt: skip
 def test_a_wheel_may_be_off_the_ground_by_rounding(base, kind, higher, tmp_path):
     path = tmp_path / "scooter.urdf"
     path.write_text(scooter(higher=higher))

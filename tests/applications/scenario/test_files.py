@@ -141,27 +141,22 @@ def test_a_reference_that_nothing_follows_is_refused(changes, words, tmp_path):
 # ---------------------------------------------------------------------- options
 
 
-@pytest.mark.parametrize(
-    ("option", "expected"),
-    [
-        ("simulation.duration=5", ("simulation.duration", 5)),
-        ("a.b=[1, 2.5]", ("a.b", [1, 2.5])),
-        ("a={b: c}", ("a", {"b": "c"})),
-        ("a=true", ("a", True)),
-        ("a=", ("a", None)),
-        ("a=b=c", ("a", "b=c")),
-        (" a = b ", ("a", "b")),
-    ],
-)
+@pytest.mark.parametrize(("option", "expected"), [
+    ("simulation.duration=5", ("simulation.duration", 5)),
+    ("a.b=[1, 2.5]", ("a.b", [1, 2.5])),
+    ("a={b: c}", ("a", {"b": "c"})),
+    ("a=true", ("a", True)),
+    ("a=", ("a", None)),
+    ("a=b=c", ("a", "b=c")),
+    (" a = b ", ("a", "b")),
+])  # fmt: skip
 def test_an_option_is_a_key_and_a_yaml_value(option, expected):
     assert parse_option(option) == expected
 
 
-@pytest.mark.parametrize(
-    "option",
-    ["", "simulation.duration", "=5", "a={b", "a=2020-13-45", "a={b: 1, b: 2}", "a=" + 1000 * "["],
-    ids=["empty", "no value", "no key", "cut off", "no such day", "key twice", "deep"],
-)
+@pytest.mark.parametrize("option", [
+    "", "simulation.duration", "=5", "a={b", "a=2020-13-45", "a={b: 1, b: 2}", "a=" + 1000 * "[",
+], ids=["empty", "no value", "no key", "cut off", "no such day", "key twice", "deep"])  # fmt: skip
 def test_an_option_that_is_none_is_refused(option):
     assert "option '" in refusal(lambda: parse_option(option))
 
@@ -173,16 +168,13 @@ def test_options_replace_values_in_a_copy():
     assert raw == {"a": {"b": 1, "c": [1, {"d": 2}]}}
 
 
-@pytest.mark.parametrize(
-    ("key", "words"),
-    [
-        ("a.b.c", "'b' is 1, not a mapping"),
-        ("a.list.2", "'2' is not an index into a list of 2"),
-        ("a.list.-1", "'-1' is not an index"),
-        ("a.list.x", "'x' is not an index"),
-        ("a.list.²", "'²' is not an index"),
-    ],
-)
+@pytest.mark.parametrize(("key", "words"), [
+    ("a.b.c", "'b' is 1, not a mapping"),
+    ("a.list.2", "'2' is not an index into a list of 2"),
+    ("a.list.-1", "'-1' is not an index"),
+    ("a.list.x", "'x' is not an index"),
+    ("a.list.²", "'²' is not an index"),
+])  # fmt: skip
 def test_an_option_that_leads_nowhere_is_refused(key, words):
     assert words in refusal(lambda: with_options({"a": {"b": 1, "list": [1, 2]}}, {key: 3}))
 
@@ -320,17 +312,14 @@ def test_a_file_that_is_no_mapping_is_refused_with_its_line(text, words, tmp_pat
     assert all(word in message for word in ["mine.yaml", *words]), message
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("space-robt", "did you mean 'space-robot'?"),
-        ("nowhere/mine.yaml", "'nowhere/mine.yaml'"),
-        ("space-robot.yaml", "no scenario file 'space-robot.yaml'; did you mean 'space-robot'?"),
-        ("no\0where/mine.yaml", "no scenario file"),
-        ("", "neither built in nor a file"),
-        ("/", "neither built in nor a file"),
-    ],
-)
+@pytest.mark.parametrize(("name", "words"), [
+    ("space-robt", "did you mean 'space-robot'?"),
+    ("nowhere/mine.yaml", "'nowhere/mine.yaml'"),
+    ("space-robot.yaml", "no scenario file 'space-robot.yaml'; did you mean 'space-robot'?"),
+    ("no\0where/mine.yaml", "no scenario file"),
+    ("", "neither built in nor a file"),
+    ("/", "neither built in nor a file"),
+])  # fmt: skip
 def test_a_scenario_that_is_not_there_is_refused(name, words):
     assert words in refusal(lambda: find_scenario(name))
 

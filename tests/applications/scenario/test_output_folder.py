@@ -239,10 +239,9 @@ def test_a_forged_manifest_leads_nowhere(name, shape, tmp_path):
     assert (target / "link").is_symlink()
 
 
-@pytest.mark.parametrize(
-    "manifest",
-    [b"", b"rubbish", b"[]", b"3", b"\xff\xfe", b'{"files"', b"[" * 100_000, b'{"files": 3}', b'{"files": {"a": [1]}}'],
-)
+@pytest.mark.parametrize("manifest", [
+    b"", b"rubbish", b"[]", b"3", b"\xff\xfe", b'{"files"', b"[" * 100_000, b'{"files": 3}', b'{"files": {"a": [1]}}',
+])  # fmt: skip
 def test_an_invalid_manifest_removes_nothing(manifest, tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / MANIFEST).write_bytes(manifest)

@@ -46,16 +46,13 @@ def test_friction_of_a_contact_selects_its_plant():
     assert np.ptp(run.energy - run.work) < 1e-7
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"plant": "mujoco"}, "plant: 'mujoco' does not support 'contacts'"),
-        ({"faults": {"masses": 0.1}}, "faults: do not support 'contacts'"),
-        ({"simulation": {"duration": 1.0, "on_lift_off": "stop"}}, "on_lift_off: 'contacts' lift off by themselves"),
-        ({"contacts": [{"constraint": {"no_side_slip": {"frame": "ball"}}}]}, "NoSideSlip: .* found 0 height rows"),
-        ({"contacts": [{"constraint": {"rolling_ball": {"frame": "ball", "radius": 0.2}}, "restitution": 2}]}, "to 1"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"plant": "mujoco"}, "plant: 'mujoco' does not support 'contacts'"),
+    ({"faults": {"masses": 0.1}}, "faults: do not support 'contacts'"),
+    ({"simulation": {"duration": 1.0, "on_lift_off": "stop"}}, "on_lift_off: 'contacts' lift off by themselves"),
+    ({"contacts": [{"constraint": {"no_side_slip": {"frame": "ball"}}}]}, "NoSideSlip: .* found 0 height rows"),
+    ({"contacts": [{"constraint": {"rolling_ball": {"frame": "ball", "radius": 0.2}}, "restitution": 2}]}, "to 1"),
+])  # fmt: skip
 def test_refusals(changes, message):
     with pytest.raises(rnc.ConfigurationError, match=message):
         build_experiment(validate({**BALL, **changes}, "ball.yaml"), Path())

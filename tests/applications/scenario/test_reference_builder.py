@@ -88,18 +88,15 @@ def test_existing_trackers_follow_the_outputs_of_the_plan_and_equal_plans_are_sh
     np.testing.assert_allclose(run.comparisons["plan"].q[-1, :2], [1.0, 0.0], atol=1e-2)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"planner": {"goal": {"sleigh_z": 1.0}}}, "planner: goal: no output 'sleigh_z'; did you mean 'sleigh_[xy]'"),
-        ({"planner": {"bounds": {"input": {"T": [0, 1]}}}}, "planner: bound: no 'T'"),
-        ({"planner": {"goal": {"sleigh_x": 9.0}, "seeds": 0, "iterations": 20}}, "planner: no plan in 2 s"),
-        ({"planner": {"guess": {"path": {}, "reducing": {}}}}, "planner.guess.path"),
-        ({"planner": {"goal": {"sleigh_speed_x": 1.0}}}, "is a speed: it has no value"),
-        ({"controller": {"gains": "plan"}}, "controller.state_cost: belongs to gains 'tvlqr'"),
-        ({"planner": None}, "controller.type: 'plan_feedback' requires a plan: set 'planner'"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"planner": {"goal": {"sleigh_z": 1.0}}}, "planner: goal: no output 'sleigh_z'; did you mean 'sleigh_[xy]'"),
+    ({"planner": {"bounds": {"input": {"T": [0, 1]}}}}, "planner: bound: no 'T'"),
+    ({"planner": {"goal": {"sleigh_x": 9.0}, "seeds": 0, "iterations": 20}}, "planner: no plan in 2 s"),
+    ({"planner": {"guess": {"path": {}, "reducing": {}}}}, "planner.guess.path"),
+    ({"planner": {"goal": {"sleigh_speed_x": 1.0}}}, "is a speed: it has no value"),
+    ({"controller": {"gains": "plan"}}, "controller.state_cost: belongs to gains 'tvlqr'"),
+    ({"planner": None}, "controller.type: 'plan_feedback' requires a plan: set 'planner'"),
+])  # fmt: skip
 def test_mistakes_are_refused(tmp_path, changes, message):
     with pytest.raises(rnc.RncError, match=message):
         Scenario.load(written(tmp_path, **changes)).build()
@@ -136,15 +133,12 @@ def test_a_goal_beyond_a_limit_of_the_file_is_refused(warehouse, call):
     assert "limits: {position: null}" in error
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {"limits": None},
-        {"limits": {"position": None}},
-        {"bounds": {"output": {"lift_joint": [0, 3]}}},
-        {"bounds": {"output": {"lift_joint": [None, None]}}},
-    ],
-)
+@pytest.mark.parametrize("settings", [
+    {"limits": None},
+    {"limits": {"position": None}},
+    {"bounds": {"output": {"lift_joint": [0, 3]}}},
+    {"bounds": {"output": {"lift_joint": [None, None]}}},
+])  # fmt: skip
 def test_limits_of_the_file_are_removed_or_replaced(warehouse, settings):
     found = Scenario.load(written(warehouse, FORKLIFT, planner=settings)).experiment.plan
     assert found.q[-1, 4] == pytest.approx(2.6, abs=1e-4)

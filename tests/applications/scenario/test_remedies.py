@@ -137,13 +137,10 @@ def test_all_times_of_references_are_slowed():
     }
 
 
-@pytest.mark.parametrize(
-    ("near_singular", "expected"),
-    [
-        (True, "still refused at t = 1.20 s, smallest singular value 0.01 (rolling, wheel)"),
-        (False, "still refused, no velocity gains suit this region"),
-    ],
-)
+@pytest.mark.parametrize(("near_singular", "expected"), [
+    (True, "still refused at t = 1.20 s, smallest singular value 0.01 (rolling, wheel)"),
+    (False, "still refused, no velocity gains suit this region"),
+])  # fmt: skip
 def test_a_remedy_in_vain_blames_singular_outputs_only_where_they_are_nearly_singular(near_singular, expected):
     """The inertia of a heavy arm with light joints excludes gains at regular configurations too."""
     error = rnc.InfeasibleError("no velocity gains suit this region; sample faster")

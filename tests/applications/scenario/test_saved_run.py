@@ -23,15 +23,10 @@ def run(tmp_path_factory):
     return path
 
 
-@pytest.fixture
-def runs(call, tmp_path, no_pictures):
-    folders = {name: tmp_path / name for name in ("space-robot", "fire-truck")}
-    for name, folder in folders.items():
+def test_runs_are_compared_by_name(call, tmp_path, no_pictures):
+    runs = {name: tmp_path / name for name in ("space-robot", "fire-truck")}
+    for name, folder in runs.items():
         assert call("run", name, "--out", folder, *SHORT)[0] == 0
-    return folders
-
-
-def test_runs_are_compared_by_name(runs, call, tmp_path):
     other = runs["space-robot"] / "trajectory_platform_uncontrolled.npz"
     page, plot = tmp_path / "both.html", tmp_path / "both.png"
     status, out, error = call("replay", runs["space-robot"], other, "--html", page, "--plot", plot, "--aside")
@@ -44,16 +39,13 @@ def test_runs_are_compared_by_name(runs, call, tmp_path):
     assert "one scene shows one robot" in error
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--video", "run.avi"], "run.avi: expected a name that ends in .mp4 or .gif"),
-        (["--plot", "run.doc"], "run.doc: expected a name that ends in .png, .pdf or .svg"),
-        (["--frames", "."], "--frames .: exists and is not empty"),
-        (["--video", "nowhere/run.mp4"], "--video nowhere/run.mp4: folder"),
-        (["--plot", "."], "--plot .: is a folder, expected a file"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["--video", "run.avi"], "run.avi: expected a name that ends in .mp4 or .gif"),
+    (["--plot", "run.doc"], "run.doc: expected a name that ends in .png, .pdf or .svg"),
+    (["--frames", "."], "--frames .: exists and is not empty"),
+    (["--video", "nowhere/run.mp4"], "--video nowhere/run.mp4: folder"),
+    (["--plot", "."], "--plot .: is a folder, expected a file"),
+])  # fmt: skip
 def test_what_cannot_be_written_is_one_line(arguments, words, run, call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine").touch()

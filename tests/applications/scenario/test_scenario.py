@@ -56,9 +56,8 @@ def test_a_file_of_the_dynamics_alone_has_a_model(tmp_path):
     scenario = rnc.Scenario.load(written(tmp_path))
     assert scenario.reduced.r == 2
     assert scenario.reduced.reducing.names == scenario.system.reduce().reducing.names
-    with pytest.raises(
-        rnc.ConfigurationError, match=r"^mine.yaml: outputs: is missing, and so are controller and simulation"
-    ):
+    words = r"^mine.yaml: outputs: is missing, and so are controller and simulation"
+    with pytest.raises(rnc.ConfigurationError, match=words):
         scenario.run()
 
 

@@ -168,13 +168,11 @@ REFUSED = {
     "name of a result": ({"draws": [{"outcome": 1}]}, "'outcome' is the name of a result"),
     "no dict": ({"draws": [3]}, "run 0 has int, expected a dict"),
     "object": ({"draws": [{"speed": object()}]}, "is of type object"),
-    "kinds": (
-        {"draws": [{"speed": 1.0, "spin": 1.0}, {"speed": "fast", "spin": 1.0}]},
-        "run 1: 'speed' is of kind text",
-    ),
+    "kinds": ({"draws": [{"speed": 1.0, "spin": 1.0}, {"speed": "fast", "spin": 1.0}]},
+        "run 1: 'speed' is of kind text"),
     "no processes": ({"draws": [{}], "jobs": 0}, "--jobs 0"),
     "options": ({"draws": [{}], "options": {"a": 1}}, "options: those of a scenario"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("arguments", "words"), REFUSED.values(), ids=REFUSED)

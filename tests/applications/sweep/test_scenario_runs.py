@@ -43,11 +43,9 @@ def test_a_shared_model_does_not_change_a_run(scenario, tmp_path):
 
 TOGETHER = {
     "space-robot": ({"initial.q.joint_2": [1.6, 2.0], "reference.vertical.minimum_jerk.to.0": [0.1, 0.4]}, {}),
-    "mobile-manipulator": (
-        {"simulation.actuator_limits": {"choice": [True, False]}, "initial.q.joint_1": [0.3, 0.7]},
-        {"simulation.substeps": 2},
-    ),
-}
+    "mobile-manipulator": ({"simulation.actuator_limits": {"choice": [True, False]}, "initial.q.joint_1": [0.3, 0.7]},
+        {"simulation.substeps": 2}),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("scenario", TOGETHER)

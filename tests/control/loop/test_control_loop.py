@@ -14,7 +14,7 @@ from rnc_pin.control import Command
 from rnc_pin.control.loop.loop_state import VelocityEstimate, write_state
 from rnc_pin.control.loop.measurements import FilteredVelocity, VelocityObserver
 from rnc_pin.plants import FaultyPlant, ReducedPlant
-from simple_controllers import WithoutDeficit
+from simple_controllers import Memoryless, WithoutDeficit
 
 DT = 0.01
 GOAL = np.array([1.0, 0.5])
@@ -115,12 +115,7 @@ def test_a_state_of_another_controller_is_refused(tmp_path):
 
 def limited(effort=3.0):
     """The sleigh with actuators that have limits, under way in a loop."""
-    reduced, tracker = sleigh()
-    robot = reduced.robot
-    actuators = [rnc.FrameForce("sleigh", "x", limit=effort), rnc.FrameTorque("sleigh", "z", limit=effort)]
-    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
-    reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
-    return reduced, tracker
+    return systems.sleigh(effort, effort), sleigh()[1]
 
 
 def saved(loop, path, **changed):
@@ -425,24 +420,11 @@ def test_options_that_are_none_are_refused():
 # ---------------------------------------------------------------------- actuators that give too little
 
 
-class Asks:
-    """A controller that asks for the same inputs every time, and remembers the measurements that it was given."""
-
-    def __init__(self, T):
-        self.T, self.seen = np.array(T), []
-
-    def initial_state(self, measurement):
-        return None
-
-    def step(self, t, measurement, state):
-        self.seen.append(measurement)
-        return Command(T=self.T), state
-
-
 def test_inputs_that_the_loop_and_the_plant_take_away_are_missing_together():
     """Of 10 the loop lets 6 through and the plant gives 4: 6 are missing, and they are so in the reduced force."""
     reduced, _ = sleigh()
-    controller = Asks([10.0, -3.0])
+    seen, wanted = [], Command(T=np.array([10.0, -3.0]))
+    controller = Memoryless(lambda t, measurement: seen.append(measurement) or wanted)
     loop, q, v = rnc.ControlLoop(reduced, controller, DT, limits=np.array([6.0, 5.0])), np.zeros(4), np.zeros(3)
     q[2] = 1.0
     for given, deficit in (([4.0, -3.0], [6.0, 0.0]), ([6.0, -3.0], [4.0, 0.0]), ([6.0, -1.0], [4.0, -2.0])):
@@ -453,8 +435,8 @@ def test_inputs_that_the_loop_and_the_plant_take_away_are_missing_together():
         np.testing.assert_array_equal(loop.state.T, given)
         np.testing.assert_array_equal(loop.last.T, given)
         loop.step(loop.state.time + DT, q, v)
-        np.testing.assert_array_equal(controller.seen[-1].input_deficit, deficit)
-        np.testing.assert_allclose(controller.seen[-1].force_deficit, reduced.at(q).input_matrix @ deficit, atol=1e-15)
+        np.testing.assert_array_equal(seen[-1].input_deficit, deficit)
+        np.testing.assert_allclose(seen[-1].force_deficit, reduced.at(q).input_matrix @ deficit, atol=1e-15)
     loop.report_applied_input(np.array([10.0, -3.0]))  # more than the loop itself let through
     assert loop.state.input_deficit is None
     rnc.ControlLoop(reduced, controller, DT).report_applied_input(np.zeros(2))  # ignored before the first step
@@ -462,11 +444,8 @@ def test_inputs_that_the_loop_and_the_plant_take_away_are_missing_together():
 
 def swing(limits, anti_windup=True):
     """The space robot on its way with the tip and a steady platform; actuators clipped as asked."""
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    joints = ["joint_1", "joint_2", "joint_3"]
-    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], joints)
-    reduced = system.reduce([rnc.JointPosition(joint) for joint in joints], [rnc.JointPosition("platform")])
-    q0 = robot.configuration({"joint_1": 0.3, "joint_2": 0.6, "joint_3": 0.4})
+    reduced = systems.space_robot_in_joints()
+    q0 = reduced.robot.configuration({"joint_1": 0.3, "joint_2": 0.6, "joint_3": 0.4})
     way = rnc.planning.MinimumJerk(reduced.at(q0).outputs()[1], [1.3, -0.4, 0.9], duration=1.5)
     target = rnc.control.ReducingOutputController(reduced, way)
     tracker = rnc.tuned_tracker(reduced, target, q0, 1.5, dt=0.003, design=rnc.control.GainDesign(adaptation=5.0))

@@ -8,6 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from bodies import add_frame
 from simple_controllers import Memoryless
 
 DT = 0.02
@@ -89,7 +90,7 @@ def test_the_twist_of_another_frame_includes_its_lever():
     reduced, _ = differential_drive()
     wheel = reduced.robot.model.jointPlacements[2].translation
     model = reduced.robot.model
-    model.addFrame(pin.Frame("sensor", 1, pin.SE3(np.eye(3), np.array([0.4, 0.1, 0.3])), pin.FrameType.OP_FRAME))
+    add_frame(model, "sensor", 1, (0.4, 0.1, 0.3))
     loop = rnc.VelocityLoop(reduced, constant([0.5, 0.8]), DT, base="sensor", joints=["right_wheel_joint"])
     command = loop.step(0.0, reduced.robot.configuration({"root_joint": [1.0, 2.0, 0.4]}), np.zeros(5))
     assert command.twist == pytest.approx((0.5 - 0.8 * 0.1, 0.8 * 0.4, 0.8))
@@ -221,16 +222,10 @@ def test_a_program_on_tiago_keeps_the_limits_of_the_file():
     hand = robot.frame_id("arm_7_link")
     start = reduced.at(q).position.placement(hand).translation
     goal = np.add(start, [0.6, 0.3, 0.4])
-    program = rnc.control.VelocityQP(
-        reduced,
-        [rnc.control.tasks.OutputTask(rnc.FramePosition("arm_7_link"), rnc.planning.Hold(goal), gain=4.0)],
-        [
-            rnc.control.limits.JointPositionLimit(),
-            rnc.control.limits.JointVelocityLimit(),
-            rnc.control.limits.AccelerationLimit(1.0),
-        ],
-        dt=DT,
-    )
+    goals = [rnc.control.tasks.OutputTask(rnc.FramePosition("arm_7_link"), rnc.planning.Hold(goal), gain=4.0)]
+    of = rnc.control.limits
+    bounds = [of.JointPositionLimit(), of.JointVelocityLimit(), of.AccelerationLimit(1.0)]
+    program = rnc.control.VelocityQP(reduced, goals, bounds, dt=DT)
     loop = rnc.VelocityLoop(reduced, program, DT, velocity="commanded")
     limited = np.flatnonzero(model.upperVelocityLimit < 1e3)
     joints = [joint for joint in list(model.joints)[1:] if joint.nq == joint.nv]

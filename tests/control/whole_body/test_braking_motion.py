@@ -35,16 +35,10 @@ def reaching_run(reduced, seed, braking_time):
     position = rnc.FramePosition("hand").bind(robot)
     reference = MinimumJerk(position.value(reduced.at(q0).position), goal, 1.5)
     avoid = limits.CollisionAvoidance(clearance=CLEARANCE, influence=0.4, obstacles=people, q0=q0)
-    program = InverseDynamicsQP(
-        reduced,
-        [
-            tasks.OutputTask(rnc.FramePosition("hand"), reference, gain=6.0),
-            tasks.PostureTask({"wrist": 0.0}, priority=1),
-        ],
-        [limits.JointPositionLimit(), limits.JointVelocityLimit(), avoid],
-        dt=0.025,
-        braking_time=braking_time,
-    )
+    hand = tasks.OutputTask(rnc.FramePosition("hand"), reference, gain=6.0)
+    goals = [hand, tasks.PostureTask({"wrist": 0.0}, priority=1)]
+    bounds = [limits.JointPositionLimit(), limits.JointVelocityLimit(), avoid]
+    program = InverseDynamicsQP(reduced, goals, bounds, dt=0.025, braking_time=braking_time)
     run = rnc.simulate(reduced, program, q0, 1.6, dt=0.025)
     return run, replay_limits(robot, run, people, within=0.2)
 

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from rnc_pin.control import ControlSample, InverseDynamicsQP, limits, tasks
 from rnc_pin.control.whole_body import inverse_dynamics_qp
 from rnc_pin.control.whole_body.limit_stack import ContactCones
@@ -120,8 +120,7 @@ def high_cart():
     model = pin.Model()
     base = add_body(model, "root_joint", "Planar", 10.0, com=(0.0, 0.0, 1.0), moments=0.5)
     for name, x in (("base", 0.0), ("front", 0.5), ("rear", -0.5)):
-        place = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
-        model.addFrame(pin.Frame(name, base, 0, place, pin.FrameType.OP_FRAME))
+        add_frame(model, name, base, (x, 0.0, 0.0))
     edges = [rnc.NoSideSlip("front"), rnc.NoSideSlip("rear")]
     return rnc.NonholonomicSystem(rnc.Robot(model), edges, [rnc.FrameForce("base", "x")]).reduce(
         [rnc.FrameSpeed("base")]
@@ -225,10 +224,9 @@ def test_wheels_on_ice_do_not_slip_in_mujoco():
     assert slips[1] > 0.5
 
 
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [({"dt": 0.0}, "dt: expected a positive"), ({"dt": 0.01, "friction": -1.0}, "friction: expected a positive")],
-)
+@pytest.mark.parametrize(("settings", "words"), [
+    ({"dt": 0.0}, "dt: expected a positive"), ({"dt": 0.01, "friction": -1.0}, "friction: expected a positive"),
+])  # fmt: skip
 def test_settings_that_mean_nothing_are_refused(settings, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         InverseDynamicsQP(space_robot(), [], **settings)
@@ -271,10 +269,9 @@ def swinging_arm(folder, effort):
     return rnc.NonholonomicSystem(rnc.Robot.from_urdf(path), [], ["swing"]).reduce()
 
 
-@pytest.mark.parametrize(
-    ("effort", "deceleration", "kept"),
-    [(15.0, 5.0, {"velocity", "position"}), (15.0, None, {"velocity", "position"}), (5.0, 5.0, {"position"})],
-)
+@pytest.mark.parametrize(("effort", "deceleration", "kept"), [
+    (15.0, 5.0, {"velocity", "position"}), (15.0, None, {"velocity", "position"}), (5.0, 5.0, {"position"}),
+])  # fmt: skip
 def test_limits_of_motion_hold_while_the_efforts_can_hold_the_velocity(tmp_path, effort, deceleration, kept):
     """Load 9.81 sin(angle): an effort above it keeps any velocity; the rest of it, 5.19, has to brake in time."""
     reduced = swinging_arm(tmp_path, effort)

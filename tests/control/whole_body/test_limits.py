@@ -13,7 +13,7 @@ from rnc_pin.control import InverseDynamicsQP, VelocityQP, limits, tasks
 from rnc_pin.control.whole_body.limits.control_limit import PlannedBraking
 from rnc_pin.control.whole_body.limits.joint_limits import velocity_to_stop
 from rnc_pin.planning import Hold
-from systems import mecanum, mobile_manipulator, space_robot_in_joints, tiago
+from systems import floating_robot, in_joints, mecanum, mobile_manipulator, space_robot_in_joints, tiago
 
 RANGE = 1e-6  # of a limit's range
 DT = 0.01
@@ -28,17 +28,13 @@ def manipulator_in_joints():
     return system.reduce(x2)
 
 
-def arm_of(reduced):
-    return [name for name in reduced.robot.joint_names[1:] if "wheel" not in name]
-
-
 @pytest.mark.parametrize("seed", range(2))
 def test_random_goals_respect_the_limits_of_the_file(seed):
     """The file has limits for torso, arm, head and wheels. Goals change every half second, most are out of reach."""
     reduced = tiago()
     robot, generator = reduced.robot, np.random.default_rng(seed)
     model = robot.model
-    names = arm_of(reduced)
+    names = [name for name in robot.joint_names[1:] if "wheel" not in name]
     places = [model.joints[robot.joint_id(name)].idx_q for name in names]
     columns = [robot.velocity_indices(name).start for name in names]
     low, high = model.lowerPositionLimit[places], model.upperPositionLimit[places]
@@ -54,17 +50,14 @@ def test_random_goals_respect_the_limits_of_the_file(seed):
     deceleration = 6.0
     program = VelocityQP(
         reduced,
-        [
-            tasks.OutputTask(rnc.FramePosition("arm_7_link"), Jumping(), gain=4.0),
-            tasks.DampingTask(weight=1e-3),
-        ],
+        [tasks.OutputTask(rnc.FramePosition("arm_7_link"), Jumping(), gain=4.0), tasks.DampingTask(weight=1e-3)],
         [
             limits.JointPositionLimit(deceleration=deceleration, margin=0.0),
             limits.JointVelocityLimit(),
             limits.AccelerationLimit(deceleration),
         ],
         dt=DT,
-    )
+    )  # fmt: skip
     run = drive(reduced, program, q0, 3.0, DT)
     q, v = run.q[:, places], run.v
     assert (q >= low - RANGE * (high - low)).all()
@@ -86,19 +79,11 @@ def test_a_joint_that_runs_at_its_limit_stops_there_at_its_deceleration():
     model = robot.model.copy()
     places = [robot.model.joints[robot.joint_id(f"joint_{k}")].idx_q for k in (1, 2, 3)]
     model.lowerPositionLimit[places], model.upperPositionLimit[places] = -1.0, 1.0
-    joints = ["joint_1", "joint_2", "joint_3"]
-    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("platform")], joints)
-    reduced = system.reduce([rnc.JointPosition(name) for name in joints])
-    program = VelocityQP(
-        reduced,
-        [tasks.PostureTask({"joint_1": 3.0}, gain=50.0)],
-        [
-            limits.JointPositionLimit(joints=["joint_1"], deceleration=2.0, margin=0.0),
-            limits.JointVelocityLimit(joints=["joint_1"], limit=1.0, margin=0.0),
-            limits.AccelerationLimit(2.0),
-        ],
-        dt=DT,
-    )
+    reduced = in_joints(floating_robot(model=model))
+    only = {"joints": ["joint_1"], "margin": 0.0}
+    bounds = [limits.JointPositionLimit(deceleration=2.0, **only), limits.JointVelocityLimit(limit=1.0, **only)]
+    goals = [tasks.PostureTask({"joint_1": 3.0}, gain=50.0)]
+    program = VelocityQP(reduced, goals, [*bounds, limits.AccelerationLimit(2.0)], dt=DT)
     run = drive(reduced, program, robot.configuration(), 2.5, DT)
     q, v = run.q[:, places[0]], run.v2[:, 0]
     expected = np.clip(np.minimum(2.0 * run.time, 2.0 * (1.5 - run.time)), 0.0, 1.0)  # 0.5 s up, 0.5 s on, 0.5 s down
@@ -117,13 +102,11 @@ def test_a_joint_stops_before_its_margin_at_its_own_deceleration(fastest, decele
     low, high = sorted((-0.5 * way, 1.0 * way))
     model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q] = low, high
     model.upperVelocityLimit[joint.idx_v] = fastest
-    robot, joints = rnc.Robot(model), ["joint_1", "joint_2", "joint_3"]
-    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], joints)
-    reduced = system.reduce([rnc.JointPosition(name) for name in joints])
+    reduced = in_joints(floating_robot(model=model))
     to_limit = tasks.PostureTask({"joint_1": 3.0 * way}, gain=1.0)
     limit = limits.JointPositionLimit(joints=["joint_1"], margin=0.1)
     program = VelocityQP(reduced, [to_limit, tasks.DampingTask(weight=1e-6)], [limit], dt=DT)
-    run = drive(reduced, program, robot.configuration(), 2.0, DT)
+    run = drive(reduced, program, reduced.robot.configuration(), 2.0, DT)
     q, v = way * run.q[:, joint.idx_q], way * run.v2[:, 0]
     assert q.max() <= 0.85 + 1e-12
     assert q[-1] == pytest.approx(0.85, abs=1e-4)
@@ -196,12 +179,8 @@ def test_opposite_soft_limits_share_the_excess_evenly():
     found = program.report(drive(reduced, program, q0, 2 * DT, DT).states[0]).exceeded
     # 0.2 inside one wants -0.2 m/s, 0.4 inside the other 0.4 m/s: 0.1 m/s exceeds both by 0.3.
     np.testing.assert_allclose(list(found.values()), [0.3, 0.3], rtol=1e-5)
-    strong = VelocityQP(
-        reduced,
-        [tasks.DampingTask()],
-        [left, limits.RegionLimit("base", half_spaces=[(-1.0, 0.0, 0.0, -1.4)], gain=1.0, priority=1)],
-        dt=DT,
-    )
+    above = limits.RegionLimit("base", half_spaces=[(-1.0, 0.0, 0.0, -1.4)], gain=1.0, priority=1)
+    strong = VelocityQP(reduced, [tasks.DampingTask()], [left, above], dt=DT)
     found = strong.report(drive(reduced, strong, q0, 2 * DT, DT).states[0]).exceeded
     np.testing.assert_allclose(list(found.values()), [0.6], rtol=1e-5)
 
@@ -219,25 +198,18 @@ def test_hard_limits_that_a_drift_violates_are_reported_and_raise_nothing():
     assert program.report(run.states[-1]).exceeded
 
 
-@pytest.mark.parametrize(
-    ("region", "corner"),
-    [
-        ({"box": {"x": (-0.5, 0.6), "y": (-0.4, 0.5)}}, [0.6, 0.5]),
-        ({"polygon": [(-1.0, -1.0), (1.0, -1.0), (0.0, 1.0)]}, None),
-        ({"polygon": [(0.0, 1.0), (1.0, -1.0), (-1.0, -1.0)]}, None),
-        ({"half_spaces": [(3.0, 4.0, 0.0, 2.5)]}, None),
-    ],
-)
+@pytest.mark.parametrize(("region", "corner"), [
+    ({"box": {"x": (-0.5, 0.6), "y": (-0.4, 0.5)}}, [0.6, 0.5]),
+    ({"polygon": [(-1.0, -1.0), (1.0, -1.0), (0.0, 1.0)]}, None),
+    ({"polygon": [(0.0, 1.0), (1.0, -1.0), (-1.0, -1.0)]}, None),
+    ({"half_spaces": [(3.0, 4.0, 0.0, 2.5)]}, None),
+])  # fmt: skip
 def test_a_frame_stays_in_its_region(region, corner):
     """The tip is drawn to a point outside; it ends at the nearest point of the region."""
     reduced = manipulator_in_joints()
     goal = np.array([2.0, 1.5])
-    program = VelocityQP(
-        reduced,
-        [tasks.OutputTask(rnc.FramePosition("tip", "xy"), Hold(goal), gain=5.0), tasks.DampingTask(weight=1e-4)],
-        [limits.RegionLimit("tip", **region, gain=8.0)],
-        dt=DT,
-    )
+    goals = [tasks.OutputTask(rnc.FramePosition("tip", "xy"), Hold(goal), gain=5.0), tasks.DampingTask(weight=1e-4)]
+    program = VelocityQP(reduced, goals, [limits.RegionLimit("tip", **region, gain=8.0)], dt=DT)
     q0 = reduced.robot.configuration({"root_joint": [-1.4, -0.4, -0.2], "joint_1": 0.8, "joint_2": -1.0})
     run = drive(reduced, program, q0, 5.0, DT)
     frame = reduced.robot.frame_id("tip")
@@ -264,12 +236,8 @@ def test_wheels_turn_no_faster_than_their_speed():
         reduced = system()
         rolling = [place.block for place in reduced.all_constraints.places if hasattr(place.block, "wheel")]
         frame = next(f.name for f in reduced.robot.model.frames if f.parentJoint == 1)
-        program = VelocityQP(
-            reduced,
-            [tasks.BasePoseTask(frame, Hold(goal), gain=2.0), tasks.DampingTask(weight=1e-4)],
-            [limits.WheelSpeedLimit(0.4)],
-            dt=DT,
-        )
+        goals = [tasks.BasePoseTask(frame, Hold(goal), gain=2.0), tasks.DampingTask(weight=1e-4)]
+        program = VelocityQP(reduced, goals, [limits.WheelSpeedLimit(0.4)], dt=DT)
         run = drive(reduced, program, reduced.robot.configuration(), 1.0, DT)
         spins = []
         for wheel in rolling:
@@ -323,14 +291,10 @@ def test_bad_limits_are_refused():
         VelocityQP(reduced, [], [limit])
 
     for limit, words in [
-        (
-            lambda: limits.JointPositionLimit(deceleration=-1.0),
-            "deceleration of JointPositionLimit has to be above 0, found -1.0",
-        ),
-        (
-            lambda: limits.JointPositionLimit(margin=0.5),
-            "margin of JointPositionLimit has to be at least 0 and below 0.5, found 0.5",
-        ),
+        (lambda: limits.JointPositionLimit(deceleration=-1.0),
+            "deceleration of JointPositionLimit has to be above 0, found -1.0"),
+        (lambda: limits.JointPositionLimit(margin=0.5),
+            "margin of JointPositionLimit has to be at least 0 and below 0.5, found 0.5"),
         (lambda: limits.JointPositionLimit(joints=["wheel_left_joint"]), "no position limits"),
         (lambda: limits.JointVelocityLimit(margin=1.0), "at least 0 and below 1, found 1.0"),
         (lambda: limits.JointVelocityLimit(limit=0.0), "above 0, found 0.0"),
@@ -348,7 +312,7 @@ def test_bad_limits_are_refused():
         (lambda: limits.RegionLimit("base_link", polygon=[(0, 0), (1, 0), (1, 1), (0.9, 0.1)]), "convex polygon"),
         (lambda: limits.RegionLimit("base_link", polygon=[(0, 0, 0), (1, 0, 0), (0, 1, 0)]), "convex polygon"),
         (lambda: limits.RegionLimit("base_link", half_spaces=[(0, 0, 0, 1)]), "with a normal"),
-    ]:
+    ]:  # fmt: skip
         with pytest.raises(rnc.ConfigurationError, match=words):
             bound(limit())
     with pytest.raises(rnc.ConfigurationError, match="the system has none"):

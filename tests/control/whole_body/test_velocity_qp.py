@@ -15,14 +15,8 @@ LAW = 1e-9  # of the largest rate; the issue's bound
 
 def space_robot_tasks(**settings):
     turn = MinimumJerk([0.0], [0.3], 2.0)
-    return (
-        TIP,
-        turn,
-        [
-            tasks.OutputTask(rnc.FramePosition("tip", "xy"), TIP, gain=0.9, **settings),
-            tasks.OutputTask(rnc.JointPosition("platform"), turn, gain=1.7, **settings),
-        ],
-    )
+    tip = tasks.OutputTask(rnc.FramePosition("tip", "xy"), TIP, gain=0.9, **settings)
+    return TIP, turn, [tip, tasks.OutputTask(rnc.JointPosition("platform"), turn, gain=1.7, **settings)]
 
 
 @pytest.mark.parametrize("system", [space_robot, spinning_space_robot])
@@ -49,17 +43,11 @@ def test_lower_levels_are_the_secondary_freedom_of_law_12():
     distance = Hold([1.2])
     law = RedundancyController(chosen, TIP, distance, k3=2.0, k21=0.5, weights=weights)
     still = [rnc.FrameSpeed("base"), rnc.FrameYaw("base")]
-    program = VelocityQP(
-        reduced,
-        [
-            tasks.OutputTask(rnc.FramePosition("tip", "xy"), TIP, gain=0.5),
-            tasks.OutputTask(rnc.Distance("base", "tip"), distance, gain=2.0),
-            *(
-                tasks.OutputTask(kind, Hold([0.0]), gain=0.0, weight=weight, priority=1)
-                for kind, weight in zip(still, weights, strict=True)
-            ),
-        ],
-    )
+    tip = tasks.OutputTask(rnc.FramePosition("tip", "xy"), TIP, gain=0.5)
+    apart = tasks.OutputTask(rnc.Distance("base", "tip"), distance, gain=2.0)
+    rest = {"reference": Hold([0.0]), "gain": 0.0, "priority": 1}
+    below = [tasks.OutputTask(kind, weight=weight, **rest) for kind, weight in zip(still, weights, strict=True)]
+    program = VelocityQP(reduced, [tip, apart, *below])
     for q, v2 in random_states(reduced, 8, seed=4):
         sample = ControlSample(reduced, 0.5, q, v2, 0.01)
         expected = law.step(sample.time, sample.end.measure(), None)[0].v2
@@ -73,16 +61,11 @@ def test_law_12_moves_the_arm_of_tiago_as_the_program_does():
     chosen = rnc.Task.of(reduced, list(reduced.reducing.names[:2]), arm, list(reduced.vertical.names[:3]))
     drive, reach = MinimumJerk([0.0, 0.0], [1.0, 0.5], 2.0), MinimumJerk([0.6, 0.1, 0.8], [0.9, 0.4, 1.0], 2.0)
     law = RedundancyController(chosen, drive, reach, k3=1.3, k21=0.0)
-    program = VelocityQP(
-        reduced,
-        [
-            tasks.OutputTask(rnc.FrameSpeed("base_link"), MinimumJerk([0.0], [1.0], 2.0)),
-            tasks.OutputTask(rnc.FrameYaw("base_link"), MinimumJerk([0.0], [0.5], 2.0), gain=0.0),
-            tasks.OutputTask(rnc.FramePosition("arm_7_link"), reach, gain=1.3),
-            tasks.DampingTask(arm, priority=1),
-        ],
-        [limits.JointVelocityLimit(limit=1e6)],
-    )
+    ahead = tasks.OutputTask(rnc.FrameSpeed("base_link"), MinimumJerk([0.0], [1.0], 2.0))
+    turn = tasks.OutputTask(rnc.FrameYaw("base_link"), MinimumJerk([0.0], [0.5], 2.0), gain=0.0)
+    hand = tasks.OutputTask(rnc.FramePosition("arm_7_link"), reach, gain=1.3)
+    goals = [ahead, turn, hand, tasks.DampingTask(arm, priority=1)]
+    program = VelocityQP(reduced, goals, [limits.JointVelocityLimit(limit=1e6)])
     for q, v2 in random_states(reduced, 4, seed=2):
         sample = ControlSample(reduced, 0.7, q, v2, 0.01)
         measurement = sample.end.measure(np.zeros(reduced.r))

@@ -128,13 +128,9 @@ def write_bag(path, version):
             place = vector("Pose", vector("Point", X[k], 0.0, 0.0), turned(YAW[k]))
             twist = vector("Twist", vector("Vector3", 1.5, 0.0, 0.0), vector("Vector3", 0.0, 0.0, 1.0))
             write(
-                "/odom",
-                recorded,
-                header(stamp, "odom"),
-                "base_link",
-                vector("PoseWithCovariance", place, covariance),
+                "/odom", recorded, header(stamp, "odom"), "base_link", vector("PoseWithCovariance", place, covariance),
                 vector("TwistWithCovariance", twist, covariance),
-            )
+            )  # fmt: skip
             write("/pose", recorded, header(stamp), place)
             moved = vector("Transform", vector("Vector3", X[k], 0.0, 0.0), turned(YAW[k]))
             write("/tf", recorded, [vector("TransformStamped", header(stamp, "/map"), "/laser_link", moved)])
@@ -194,17 +190,14 @@ def test_bags_that_do_not_fit_are_refused(tmp_path):
         assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("cell", "keys", "message"),
-    [
-        ((7, 2, "1.2.3"), KEYS, "could not convert string ' 1.2.3' to float64 at data line 8, column 3"),
-        (None, {"joints": {"wheel": {"position": "tick"}}}, "no column 'tick'; did you mean 'ticks'?"),
-        (None, {"joints": {"wheel": {"position": 9}}}, "invalid column index 9 at data line 1 with 4 columns"),
-        (None, {"frames": {"laser": {"qw": "x"}}}, "frames.laser: lacks qx, qy, qz"),
-        (None, {}, "its mapping names no column of a joint or a frame"),
-        ((3, 0, "inf"), KEYS, "position(wheel): stamp 3 is inf, expected a finite time"),
-    ],
-)
+@pytest.mark.parametrize(("cell", "keys", "message"), [
+    ((7, 2, "1.2.3"), KEYS, "could not convert string ' 1.2.3' to float64 at data line 8, column 3"),
+    (None, {"joints": {"wheel": {"position": "tick"}}}, "no column 'tick'; did you mean 'ticks'?"),
+    (None, {"joints": {"wheel": {"position": 9}}}, "invalid column index 9 at data line 1 with 4 columns"),
+    (None, {"frames": {"laser": {"qw": "x"}}}, "frames.laser: lacks qx, qy, qz"),
+    (None, {}, "its mapping names no column of a joint or a frame"),
+    ((3, 0, "inf"), KEYS, "position(wheel): stamp 3 is inf, expected a finite time"),
+])  # fmt: skip
 def test_a_bad_table_is_one_line(tmp_path, cell, keys, message):
     path = write_table(tmp_path / "log.csv", cell=cell)
     with pytest.raises(rnc.ConfigurationError) as error:
@@ -212,16 +205,13 @@ def test_a_bad_table_is_one_line(tmp_path, cell, keys, message):
     assert str(error.value) == f"{path}: {message}"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("joint: {}", "'joint' is not known; did you mean 'joints'?"),
-        ("joints: {wheel: {position: {column: a, tick: 3}}}", "'tick' is not known; did you mean 'ticks'?"),
-        ("joints: {wheel: {position: {column: a, ticks: 0}}}", "expected greater than 0, found 0"),
-        ("- 1", "expected a mapping with keys such as joints, frames or topics"),
-        ("a: [", "not YAML"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("joint: {}", "'joint' is not known; did you mean 'joints'?"),
+    ("joints: {wheel: {position: {column: a, tick: 3}}}", "'tick' is not known; did you mean 'ticks'?"),
+    ("joints: {wheel: {position: {column: a, ticks: 0}}}", "expected greater than 0, found 0"),
+    ("- 1", "expected a mapping with keys such as joints, frames or topics"),
+    ("a: [", "not YAML"),
+])  # fmt: skip
 def test_a_bad_mapping_is_one_line(tmp_path, text, message):
     path = tmp_path / "log.yaml"
     path.write_text(text)

@@ -9,10 +9,10 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, add_frame
 from rnc_pin.extras import missing_extra
 from rnc_pin.plants import Plant
-from systems import differential_drive
+from systems import differential_drive, floating_robot
 
 mujoco = pytest.importorskip("mujoco", reason="comes with the extra mujoco")
 
@@ -31,15 +31,10 @@ def every_kind_of_joint():
     for inner in (pin.JointModelRX(), pin.JointModelPY(), pin.JointModelRUBZ()):
         stack.addJoint(inner, pin.SE3.Random())
     kinds = [
-        pin.JointModelPlanar(),
-        pin.JointModelRevoluteUnaligned(slanted),
-        pin.JointModelPrismaticUnaligned(slanted),
-        pin.JointModelSpherical(),
-        pin.JointModelRUBY(),
-        pin.JointModelTranslation(),
-        pin.JointModelSphericalZYX(),
+        pin.JointModelPlanar(), pin.JointModelRevoluteUnaligned(slanted), pin.JointModelPrismaticUnaligned(slanted),
+        pin.JointModelSpherical(), pin.JointModelRUBY(), pin.JointModelTranslation(), pin.JointModelSphericalZYX(),
         stack,
-    ]
+    ]  # fmt: skip
     joint = 0
     for number, kind in enumerate(kinds):
         joint = model.addJoint(joint, kind, pin.SE3.Random(), f"joint_{number}")
@@ -139,9 +134,8 @@ def driven(reduced, q0, v2_0, T, duration, **settings):
 
 
 def test_a_space_robot_keeps_its_momentum():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
-    q0 = robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
+    system = floating_robot()
+    q0 = system.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
     plant, q, v = driven(system.reduce(), q0, np.zeros(3), np.array([0.5, -0.3, 0.2]), 1.5)
     assert max(q, v) < 1e-10
     assert np.abs(plant.slip()).max() < 1e-10
@@ -266,12 +260,10 @@ def test_two_planes_are_refused():
 def test_what_stands_on_points_or_balls_stands_as_high_as_they_say(radius):
     """A table on three casters, points or balls, whose frames are turned in all directions."""
     model = pin.Model()
-    model.name = "table"
     root = add_body(model, "root_joint", "FreeFlyer", 3.0, com=(0.02, 0.01, 0.1), moments=0.1)
     corners = {"front": (0.4, 0.0, 0.0), "left": (-0.3, 0.3, np.pi), "right": (-0.3, -0.3, 0.5 * np.pi)}
     for name, (x, y, roll) in corners.items():
-        place = pin.SE3(pin.rpy.rpyToMatrix(roll, 0.0, 0.3), np.array([x, y, -0.5]))
-        model.addFrame(pin.Frame(name, root, 0, place, pin.FrameType.OP_FRAME))
+        add_frame(model, name, root, pin.SE3(pin.rpy.rpyToMatrix(roll, 0.0, 0.3), np.array([x, y, -0.5])))
     robot = rnc.Robot(model)
     reduced = rnc.NonholonomicSystem(robot, [rnc.Caster(name, radius) for name in corners]).reduce()
     q0 = robot.configuration({"root_joint": [0, 0, 0.5 + radius, 0, 0, 0, 1]})
@@ -458,9 +450,8 @@ def test_other_grounds_are_refused_by_name(kind):
     robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
     ground, sphere = GROUNDS[kind], rnc.Sphere(0.2)
     for rolls in (rnc.RollingBall("ball", 0.2, ground=ground), rnc.RollingBody("ball", sphere, ground=ground)):
-        with pytest.raises(
-            rnc.ConfigurationError, match=rf"rolling_x\(ball\) rolls on a {kind} that .* plant 'reduced'"
-        ):
+        words = rf"rolling_x\(ball\) rolls on a {kind} that .* plant 'reduced'"
+        with pytest.raises(rnc.ConfigurationError, match=words):
             contact_bodies(robot, [rolls.bind(robot)])
 
 
@@ -475,9 +466,7 @@ def test_a_gimbal_without_mass_moves_as_the_reduced_plant():
     """Its outer ring has neither mass nor moment of inertia, and a motor."""
     model = pin.Model()
     ring = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "ring")
-    body = model.addJoint(ring, pin.JointModelRY(), pin.SE3.Identity(), "body")
-    inertia = pin.Inertia(2.0, np.array([0.1, 0.05, -0.4]), np.diag([0.3, 0.2, 0.1]))
-    model.appendBodyToJoint(body, inertia, pin.SE3.Identity())
+    add_body(model, "body", "RY", 2.0, ring, com=(0.1, 0.05, -0.4), moments=(0.3, 0.2, 0.1))
     reduced, ends = rnc.NonholonomicSystem(rnc.Robot(model), [], ["ring"]).reduce(), []
     for plant in (rnc.ReducedPlant(reduced, substeps=2), MuJoCoPlant(reduced)):
         plant.reset(np.array([0.3, 0.5]), np.array([1.0, -0.4]))
@@ -487,19 +476,16 @@ def test_a_gimbal_without_mass_moves_as_the_reduced_plant():
     np.testing.assert_allclose(ends[1], ends[0], atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
-        ({"integrator": "RK5"}, "did you mean 'RK4'"),
-        ({"step": 0.0}, "step: expected a positive number, found 0.0"),
-        ({"friction": (1.0, -0.1, 0.0)}, "three numbers"),
-        ({"settling": float("nan")}, "settling: expected a number from 0, found nan"),
-        ({"contact_time": -1.0}, "expected a number from 0"),
-        ({"iterations": "many"}, "expected a number from 1, found 'many'"),
-        ({"friction": "ice"}, "three numbers"),
-        ({"stance": "standing"}, "stance 'standing' is not known"),
-    ],
-)
+@pytest.mark.parametrize(("wrong", "words"), [
+    ({"integrator": "RK5"}, "did you mean 'RK4'"),
+    ({"step": 0.0}, "step: expected a positive number, found 0.0"),
+    ({"friction": (1.0, -0.1, 0.0)}, "three numbers"),
+    ({"settling": float("nan")}, "settling: expected a number from 0, found nan"),
+    ({"contact_time": -1.0}, "expected a number from 0"),
+    ({"iterations": "many"}, "expected a number from 1, found 'many'"),
+    ({"friction": "ice"}, "three numbers"),
+    ({"stance": "standing"}, "stance 'standing' is not known"),
+])  # fmt: skip
 def test_settings_that_make_no_sense_are_refused(wrong, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         MuJoCoSettings(**wrong)
@@ -565,7 +551,7 @@ def wheeled(stations, caster=None):
     for name, place in stations.items():
         add_body(model, name, "RY", 1.0, base, moments=[0.005, 0.01, 0.005], at=place, frame=name + "_wheel")
     if caster is not None:
-        model.addFrame(pin.Frame("nose", base, 0, pin.SE3(np.eye(3), np.array(caster)), pin.FrameType.OP_FRAME))
+        add_frame(model, "nose", base, caster)
     contacts = [rnc.RollingWheel(name + "_wheel", 0.1, axis="y") for name in stations]
     return model, contacts + ([] if caster is None else [rnc.Caster("nose", 0.1)])
 

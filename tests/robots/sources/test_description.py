@@ -63,10 +63,9 @@ def test_gravity_of_an_mjcf_is_the_files(tmp_path):
     assert rnc.Robot.from_mjcf(path).model.gravity.linear.tolist() == [0, 0, -1.62]
 
 
-@pytest.mark.parametrize(
-    ("base", "first", "nv"),
-    [(None, "float", 8), ("fixed", "shoulder", 2), ("planar", "root_joint", 5), ("free", "root_joint", 8)],
-)
+@pytest.mark.parametrize(("base", "first", "nv"), [
+    (None, "float", 8), ("fixed", "shoulder", 2), ("planar", "root_joint", 5), ("free", "root_joint", 8),
+])  # fmt: skip
 def test_a_base_takes_the_place_of_the_free_joint(base, first, nv, tmp_path):
     text = (
         '<mujoco><worldbody><body name="b"><freejoint name="float"/>'

@@ -112,17 +112,14 @@ def test_a_package_beside_may_not_be_a_link_to_one_elsewhere(tmp_path):
         rnc.Robot.from_urdf(path)
 
 
-@pytest.mark.parametrize(
-    "inside",
-    [
-        "<a x=\"${{xacro.load_yaml('{place}.yaml')['password']}}\"/>",
-        "<a x=\"${{load_yaml('{place}.yaml')['password']}}\"/>",
-        '<xacro:include filename="{place}.xacro"/>',
-        '<xacro:include filename="{place}.xacro" optional="true"/>',
-        '<xacro:include filename="{place}.xacro" ns="n"/>',
-        '<xacro:include filename="{place}*.xacro"/>',
-    ],
-)
+@pytest.mark.parametrize("inside", [
+    "<a x=\"${{xacro.load_yaml('{place}.yaml')['password']}}\"/>",
+    "<a x=\"${{load_yaml('{place}.yaml')['password']}}\"/>",
+    '<xacro:include filename="{place}.xacro"/>',
+    '<xacro:include filename="{place}.xacro" optional="true"/>',
+    '<xacro:include filename="{place}.xacro" ns="n"/>',
+    '<xacro:include filename="{place}*.xacro"/>',
+])  # fmt: skip
 @pytest.mark.parametrize(
     "place", ["{tree}/private/secret", "../private/secret", "linked/secret", "$(find private)/secret"]
 )
@@ -171,23 +168,20 @@ MJCF = (
 )
 
 
-@pytest.mark.parametrize(
-    "head",
-    [
-        "<asset><mesh name='m' file='{tree}/private/secret.obj'/></asset>",
-        "<asset><mesh name='m' file='../private/secret.obj'/></asset>",
-        "<asset><mesh name='m' file='link.obj'/></asset>",
-        "<asset><mesh name='m' file='linked/secret.obj'/></asset>",
-        "<compiler meshdir='{tree}/private'/><asset><mesh name='m' file='secret.obj'/></asset>",
-        "<compiler assetdir='../private'/><asset><mesh name='m' file='secret.obj'/></asset>",
-        "<compiler meshdir='linked'/><asset><mesh name='m' file='secret.obj'/></asset>",
-        "<compiler meshdir='../private' strippath='true'/><asset><mesh name='m' file='robot/secret.obj'/></asset>",
-        "<asset><mesh name='m' file='own.obj'/><texture name='t' type='2d' file='../private/secret.obj'/></asset>",
-        "<asset><mesh name='m' file='own.obj'/><hfield name='h' size='1 1 1 1' file='../private/secret.obj'/></asset>",
-        "<compiler texturedir='../private'/><asset><mesh name='m' file='own.obj'/><texture name='t' type='2d' "
-        "file='secret.obj'/></asset>",
-    ],
-)
+@pytest.mark.parametrize("head", [
+    "<asset><mesh name='m' file='{tree}/private/secret.obj'/></asset>",
+    "<asset><mesh name='m' file='../private/secret.obj'/></asset>",
+    "<asset><mesh name='m' file='link.obj'/></asset>",
+    "<asset><mesh name='m' file='linked/secret.obj'/></asset>",
+    "<compiler meshdir='{tree}/private'/><asset><mesh name='m' file='secret.obj'/></asset>",
+    "<compiler assetdir='../private'/><asset><mesh name='m' file='secret.obj'/></asset>",
+    "<compiler meshdir='linked'/><asset><mesh name='m' file='secret.obj'/></asset>",
+    "<compiler meshdir='../private' strippath='true'/><asset><mesh name='m' file='robot/secret.obj'/></asset>",
+    "<asset><mesh name='m' file='own.obj'/><texture name='t' type='2d' file='../private/secret.obj'/></asset>",
+    "<asset><mesh name='m' file='own.obj'/><hfield name='h' size='1 1 1 1' file='../private/secret.obj'/></asset>",
+    "<compiler texturedir='../private'/><asset><mesh name='m' file='own.obj'/><texture name='t' type='2d' "
+    "file='secret.obj'/></asset>",
+])  # fmt: skip
 def test_an_mjcf_names_no_file_elsewhere(head, tree):
     path = write(tree / "robot/r.xml", MJCF.format(head=head.format(tree=tree)))
     with pytest.raises(rnc.ModelError, match=REFUSED):
@@ -202,16 +196,13 @@ def test_a_default_of_an_mjcf_names_no_file(tree):
         rnc.Robot.from_mjcf(write(tree / "robot/r.xml", MJCF.format(head=head)))
 
 
-@pytest.mark.parametrize(
-    "head",
-    [
-        "<asset><mesh name='m' file='own.obj'/></asset>",
-        "<asset><mesh name='m' file='{tree}/robot/own.obj'/></asset>",
-        "<compiler meshdir='{tree}/robot' strippath='true'/><asset><mesh name='m' file='any/own.obj'/></asset>",
-        "<compiler meshdir='../meshes' texturedir='.'/><asset><mesh name='m' file='m.obj'/></asset>",
-        "<asset><mesh name='m' file='own.obj'/><texture name='t' type='2d' file='/nowhere/t.png'/></asset>",
-    ],
-)
+@pytest.mark.parametrize("head", [
+    "<asset><mesh name='m' file='own.obj'/></asset>",
+    "<asset><mesh name='m' file='{tree}/robot/own.obj'/></asset>",
+    "<compiler meshdir='{tree}/robot' strippath='true'/><asset><mesh name='m' file='any/own.obj'/></asset>",
+    "<compiler meshdir='../meshes' texturedir='.'/><asset><mesh name='m' file='m.obj'/></asset>",
+    "<asset><mesh name='m' file='own.obj'/><texture name='t' type='2d' file='/nowhere/t.png'/></asset>",
+])  # fmt: skip
 def test_an_mjcf_names_its_own_files(head, tree):
     write(tree / "meshes/m.obj", TETRAHEDRON)
     path = write(tree / "robot/r.xml", MJCF.format(head=head.format(tree=tree)))

@@ -183,11 +183,9 @@ def test_broken_meshes_are_refused_soon_and_by_name(name, content, says, tmp_pat
     assert not robot.collision_model.ngeoms
 
 
-@pytest.mark.parametrize(
-    ("limit", "most", "content"),
-    [("_MAX_NODES", 13, collada(INNER, nodes(1))), ("_MAX_DEPTH", 9, collada(INNER, nodes(7, width=1)))],
-    ids=["visits", "depth"],
-)
+@pytest.mark.parametrize(("limit", "most", "content"), [
+    ("_MAX_NODES", 13, collada(INNER, nodes(1))), ("_MAX_DEPTH", 9, collada(INNER, nodes(7, width=1))),
+], ids=["visits", "depth"])  # fmt: skip
 def test_nodes_of_a_collada_file_are_counted_before_they_are_visited(limit, most, content, monkeypatch):
     """The outer node, the inner one, and each instance below it."""
     monkeypatch.setattr(scenes, limit, most)

@@ -84,17 +84,14 @@ def test_chains_couple_all(tmp_path):
     assert (found["a"], found["b"]) == pytest.approx((-0.2, -0.1), abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("lock", "multiplier", "held"),
-    [
-        ({"a": 0.3}, -2, {"b": -0.5}),  # the driver
-        ({"b": 0.5}, -2, {"a": -0.2}),  # the joint itself
-        ({}, 0, {"b": 0.1}),
-        ({"a": 0.3}, 0, {"b": 0.1}),
-        ({"b": 0.5}, 0, {}),
-        ({"a": 0.3, "b": -0.5}, -2, {}),
-    ],
-)
+@pytest.mark.parametrize(("lock", "multiplier", "held"), [
+    ({"a": 0.3}, -2, {"b": -0.5}),  # the driver
+    ({"b": 0.5}, -2, {"a": -0.2}),  # the joint itself
+    ({}, 0, {"b": 0.1}),
+    ({"a": 0.3}, 0, {"b": 0.1}),
+    ({"b": 0.5}, 0, {}),
+    ({"a": 0.3, "b": -0.5}, -2, {}),
+])  # fmt: skip
 @pytest.mark.parametrize("kind", ["revolute", "continuous"])
 def test_what_is_locked_holds_the_other(tmp_path, lock, multiplier, held, kind):
     robot = arm(tmp_path, b=mimic("a", multiplier, 0.1), kind=kind, lock=lock)
@@ -106,15 +103,12 @@ def test_what_is_locked_holds_the_other(tmp_path, lock, multiplier, held, kind):
         assert not system.reduce().at(robot.configuration()).R[robot.velocity_indices(joint)].any()
 
 
-@pytest.mark.parametrize(
-    "given",
-    [
-        rnc.JointCoupling("b", "a", -2.0, 0.1),
-        rnc.JointCoupling("b", "a", 3.0),  # the user knows better
-        rnc.JointCoupling("a", "b", -0.5, 0.05),
-        rnc.Pfaffian(lambda q: np.array([[4.0, 2.0, 0.0]]), lambda q, v: np.zeros((1, 3)), ["gear"]),
-    ],
-)
+@pytest.mark.parametrize("given", [
+    rnc.JointCoupling("b", "a", -2.0, 0.1),
+    rnc.JointCoupling("b", "a", 3.0),  # the user knows better
+    rnc.JointCoupling("a", "b", -0.5, 0.05),
+    rnc.Pfaffian(lambda q: np.array([[4.0, 2.0, 0.0]]), lambda q, v: np.zeros((1, 3)), ["gear"]),
+])  # fmt: skip
 def test_what_is_coupled_already_is_left_alone(tmp_path, given):
     robot = arm(tmp_path, b=mimic("a", -2, 0.1))
     with warnings.catch_warnings():

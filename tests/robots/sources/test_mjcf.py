@@ -187,45 +187,42 @@ def test_every_body_is_read(world, joints, tmp_path):
     assert len(robot.joint_names) == joints
 
 
-@pytest.mark.parametrize(
-    ("head", "body"),
-    [
-        ("", f'axisangle="1 2 3 40">{SWINGING}'),
-        ('<compiler angle="radian"/>', f'axisangle="1 2 3 0.7">{SWINGING}'),
-        *((f'<compiler eulerseq="{axes}"/>', f'euler="20 30 50">{SWINGING}') for axes in ("XYZ", "ZXZ", "xZy", "zyx")),
-        (CLASSES, '><joint class="inner" name="j"/><geom type="capsule"/>'),
-        (CLASSES, f'childclass="inner"><joint/><geom size="0.5"/><body pos="1 0 0"><joint class="outer"/>{HELD}</body>'),
-        (CLASSES, 'childclass="outer"><joint axis="0 0 1"/><geom quat="1 1 0 0"/><geom type="capsule" fromto="0 0 0 1 1 0"/>'),
-        (CLASSES, '><joint class="outer" armature="0"/><geom density="100" type="cylinder" size="0.1" zaxis="1 2 3"/>'),
-        ("", f'><joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>{SWINGING}'),
-        ("", f'pos="1 2 3" euler="10 20 30"><joint pos="0 0 1" axis="1 0 0" range="-30 40"/><joint type="ball"/>{HELD}<body>{SWINGING}</body>'),
-        ("", f'><joint ref="20" range="10 60" damping="0.2"/>{HELD}<body><joint type="slide" ref="0.3" range="0.1 0.9"/>{HELD}</body>'),
-        ("", f'><joint range="10 60" limited="false"/>{HELD}<body><joint type="slide" range="0 0"/>{HELD}</body>'),
-        (
-            '<compiler angle="radian" autolimits="false"/>',
-            f'><joint range="-1 1" limited="true"/>{HELD}<body><joint range="-1 1" limited="false"/>{HELD}</body>',
-        ),
-        ("", f'pos="1 2 3" euler="10 90 20"><body>{SWINGING}<site name="s"/></body>'),
-        ("", f'pos="1 2 3" euler="10 90 20"><freejoint/>{HELD}<site name="s" pos="1 0 0"/>'),
-        ("", f'pos="1 2 3"><joint type="free" damping="0.3" armature="0.1"/>{HELD}<site name="s" pos="1 0 0"/>'),
-        ('<compiler boundmass="3"/>', f'><joint type="free" damping="0.3" armature="0.1"/>{HELD}<site name="s"/>'),
-        ("", f'><joint type="ball" damping="0.3" armature="0.1"/>{HELD}'),
-        ('<option><flag gravity="disable"/></option>', f">{SWINGING}"),
-        ('<option gravity="1 2 3"><flag gravity="disable"/></option><compiler boundmass="9"/>', f">{SWINGING}"),
-        (
-            '<default><geom quat="1 1 1 0"/></default>',
-            '><joint/><geom type="capsule" size="0.1" pos="0 0 0" fromto="0 0 0 1 2 3"/>',
-        ),
-        ("", '><joint axis="1 2 3"/><geom type="box" size="0.1 0.2 0.3" shellinertia="true"/>'),
-        ('<compiler boundmass="3"/>', f'><joint ref="20"/>{HELD}<body>{SWINGING}</body>'),
-        ('<compiler boundinertia="3"/>', f">{SWINGING}"),
-        ('<compiler inertiagrouprange="0 2"/>', '><joint/><geom size="0.2" pos="1 0 0" group="4"/><geom size="0.3"/>'),
-        ('<compiler inertiafromgeom="true"/>', f"><joint/>{HELD}"),
-        ('<compiler inertiafromgeom="false"/>', f'><joint/>{HELD}<body pos="1 0 0">{SWINGING}{HELD}</body>'),
-        ('<compiler inertiafromgeom="false"/>', f'><joint/><joint type="slide"/>{HELD}'),
-        ('<compiler balanceinertia="true"/>', '><joint/><inertial mass="1" pos="0 0 1" diaginertia="1 1 3"/>'),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("head", "body"), [
+    ("", f'axisangle="1 2 3 40">{SWINGING}'),
+    ('<compiler angle="radian"/>', f'axisangle="1 2 3 0.7">{SWINGING}'),
+    *((f'<compiler eulerseq="{axes}"/>', f'euler="20 30 50">{SWINGING}') for axes in ("XYZ", "ZXZ", "xZy", "zyx")),
+    (CLASSES, '><joint class="inner" name="j"/><geom type="capsule"/>'),
+    (CLASSES, f'childclass="inner"><joint/><geom size="0.5"/><body pos="1 0 0"><joint class="outer"/>{HELD}</body>'),
+    (CLASSES, 'childclass="outer"><joint axis="0 0 1"/><geom quat="1 1 0 0"/><geom type="capsule" fromto="0 0 0 1 1 0"/>'),
+    (CLASSES, '><joint class="outer" armature="0"/><geom density="100" type="cylinder" size="0.1" zaxis="1 2 3"/>'),
+    ("", f'><joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>{SWINGING}'),
+    ("", f'pos="1 2 3" euler="10 20 30"><joint pos="0 0 1" axis="1 0 0" range="-30 40"/><joint type="ball"/>{HELD}<body>{SWINGING}</body>'),
+    ("", f'><joint ref="20" range="10 60" damping="0.2"/>{HELD}<body><joint type="slide" ref="0.3" range="0.1 0.9"/>{HELD}</body>'),
+    ("", f'><joint range="10 60" limited="false"/>{HELD}<body><joint type="slide" range="0 0"/>{HELD}</body>'),
+    (
+        '<compiler angle="radian" autolimits="false"/>',
+        f'><joint range="-1 1" limited="true"/>{HELD}<body><joint range="-1 1" limited="false"/>{HELD}</body>',
+    ),
+    ("", f'pos="1 2 3" euler="10 90 20"><body>{SWINGING}<site name="s"/></body>'),
+    ("", f'pos="1 2 3" euler="10 90 20"><freejoint/>{HELD}<site name="s" pos="1 0 0"/>'),
+    ("", f'pos="1 2 3"><joint type="free" damping="0.3" armature="0.1"/>{HELD}<site name="s" pos="1 0 0"/>'),
+    ('<compiler boundmass="3"/>', f'><joint type="free" damping="0.3" armature="0.1"/>{HELD}<site name="s"/>'),
+    ("", f'><joint type="ball" damping="0.3" armature="0.1"/>{HELD}'),
+    ('<option><flag gravity="disable"/></option>', f">{SWINGING}"),
+    ('<option gravity="1 2 3"><flag gravity="disable"/></option><compiler boundmass="9"/>', f">{SWINGING}"),
+    (
+        '<default><geom quat="1 1 1 0"/></default>',
+        '><joint/><geom type="capsule" size="0.1" pos="0 0 0" fromto="0 0 0 1 2 3"/>',
+    ),
+    ("", '><joint axis="1 2 3"/><geom type="box" size="0.1 0.2 0.3" shellinertia="true"/>'),
+    ('<compiler boundmass="3"/>', f'><joint ref="20"/>{HELD}<body>{SWINGING}</body>'),
+    ('<compiler boundinertia="3"/>', f">{SWINGING}"),
+    ('<compiler inertiagrouprange="0 2"/>', '><joint/><geom size="0.2" pos="1 0 0" group="4"/><geom size="0.3"/>'),
+    ('<compiler inertiafromgeom="true"/>', f"><joint/>{HELD}"),
+    ('<compiler inertiafromgeom="false"/>', f'><joint/>{HELD}<body pos="1 0 0">{SWINGING}{HELD}</body>'),
+    ('<compiler inertiafromgeom="false"/>', f'><joint/><joint type="slide"/>{HELD}'),
+    ('<compiler balanceinertia="true"/>', '><joint/><inertial mass="1" pos="0 0 1" diaginertia="1 1 3"/>'),
+])  # fmt: skip
 def test_what_is_left_to_be_understood_is_understood_as_mujoco_does(head, body, tmp_path):
     same_machine(written(tmp_path, f"<mujoco>{head}<worldbody><body {body}</body></worldbody></mujoco>"))
 
@@ -252,16 +249,13 @@ def test_sites_are_where_mujoco_has_them(turn, angle, tmp_path):
     assert model.existFrame("far")
 
 
-@pytest.mark.parametrize(
-    ("head", "body"),
-    [
-        ("", '<geom type="mesh" mesh="wedge" pos="1 0 0" euler="10 20 30"/>'),
-        ("", '<geom type="mesh" mesh="wedge" mass="2"/><geom size="0.1" pos="0 0 1"/>'),
-        ("", '<geom type="mesh" mesh="wedge" mass="0"/><geom size="0.1" pos="0 0 1"/>'),
-        ('<default><geom type="mesh" density="100"/><mesh scale="1 2 1"/></default>', '<geom mesh="wedge"/>'),
-        ("", '<geom type="box" mesh="wedge"/>'),
-    ],
-)
+@pytest.mark.parametrize(("head", "body"), [
+    ("", '<geom type="mesh" mesh="wedge" pos="1 0 0" euler="10 20 30"/>'),
+    ("", '<geom type="mesh" mesh="wedge" mass="2"/><geom size="0.1" pos="0 0 1"/>'),
+    ("", '<geom type="mesh" mesh="wedge" mass="0"/><geom size="0.1" pos="0 0 1"/>'),
+    ('<default><geom type="mesh" density="100"/><mesh scale="1 2 1"/></default>', '<geom mesh="wedge"/>'),
+    ("", '<geom type="box" mesh="wedge"/>'),
+])  # fmt: skip
 def test_what_meshes_weigh(head, body, folder):
     """To Pinocchio's parser each weighs a kilogram."""
     asset = '<compiler meshdir="parts"/><asset><mesh name="wedge" file="wedge.obj"/></asset>'

@@ -18,17 +18,14 @@ ARM = f"""<mujoco><worldbody><body><joint name="a" axis="0 1 0"/>{GEOM}
 
 
 @pytest.mark.filterwarnings("ignore:.*<tendon> is left out")
-@pytest.mark.parametrize(
-    ("actuators", "passive"),
-    [
-        ("", ""),
-        ('<motor joint="a"/>', "bc"),
-        ('<position joint="a"/><velocity jointinparent="c"/>', "b"),
-        ('<general tendon="t"/>', "a"),
-        ('<general tendon="s"/><motor joint="a"/>', ""),  # the joints of a path are not told
-        ('<motor site="thruster"/>', ""),
-    ],
-)
+@pytest.mark.parametrize(("actuators", "passive"), [
+    ("", ""),
+    ('<motor joint="a"/>', "bc"),
+    ('<position joint="a"/><velocity jointinparent="c"/>', "b"),
+    ('<general tendon="t"/>', "a"),
+    ('<general tendon="s"/><motor joint="a"/>', ""),  # the joints of a path are not told
+    ('<motor site="thruster"/>', ""),
+])  # fmt: skip
 def test_joints_without_an_actuator_have_no_effort(actuators, passive, tmp_path):
     robot = rnc.Robot.from_mjcf(write(tmp_path / "r.xml", ARM.format(actuators)))
     limits = dict(zip(robot.joint_names, robot.model.upperEffortLimit, strict=True))

@@ -67,15 +67,12 @@ def test_loops_that_are_not_active_or_moved_by_a_user_are_none(tmp_path):
     assert rnc.Robot.from_mjcf(write(tmp_path / "r.xml", TREE.format(head="", equality=equality))).closures == ()
 
 
-@pytest.mark.parametrize(
-    ("equality", "words"),
-    [
-        ('<connect body1="b" body2="d" anchor="0 0 0"/>', "unknown element 'd' in equality .*expected one of: a, "),
-        ('<weld site1="s" site2="r"/>', "unknown element 'r' in equality"),
-        ('<connect body1="b" anchor="0 0"/>', "<connect>: anchor takes 3 finite numbers"),
-        ('<weld body1="b" relpose="0 0 nan 1 0 0 0"/>', "relpose takes 7 finite numbers"),
-    ],
-)
+@pytest.mark.parametrize(("equality", "words"), [
+    ('<connect body1="b" body2="d" anchor="0 0 0"/>', "unknown element 'd' in equality .*expected one of: a, "),
+    ('<weld site1="s" site2="r"/>', "unknown element 'r' in equality"),
+    ('<connect body1="b" anchor="0 0"/>', "<connect>: anchor takes 3 finite numbers"),
+    ('<weld body1="b" relpose="0 0 nan 1 0 0 0"/>', "relpose takes 7 finite numbers"),
+])  # fmt: skip
 def test_a_loop_of_nothing_is_refused_by_name(equality, words, tmp_path):
     with pytest.raises(rnc.ModelError, match=words):
         rnc.Robot.from_mjcf(write(tmp_path / "r.xml", TREE.format(head="", equality=equality)))
@@ -110,12 +107,9 @@ def test_a_four_bar_linkage_is_drafted_closed_and_runs(call, tmp_path, monkeypat
     draft = read_yaml(tmp_path / "bars.yaml")
     (entry,) = draft["constraints"]
     assert entry["loop_closure"] == {
-        "frame_a": "coupler",
-        "frame_b": "rocker",
-        "kind": "point",
-        "offset_a": [1.0, 0.0, 0.0],
+        "frame_a": "coupler", "frame_b": "rocker", "kind": "point", "offset_a": [1.0, 0.0, 0.0],
         "offset_b": [0.0, 0.0, 0.3],
-    }
+    }  # fmt: skip
     assert draft["actuators"] == ["j1"]
     short = ["--set", "simulation.duration=1", "--set", "plots={}"]
     status, _, complaint = call("run", "bars.yaml", *short, "--out", "out")

@@ -54,17 +54,14 @@ def aliases(depth, width=9):
     return "\n".join(lines)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (merges(9), "expands to more than 100,000 values"),
-        (aliases(9), "expands to more than 100,000 values"),
-        ("a: &a [*a]", "contains itself"),
-        ("a: &a {<<: *a}", "contains itself"),
-        ("a: " + "[" * 5_000, "nested too deeply"),
-        ("a: 1\n" * 500_000, "longer than"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    (merges(9), "expands to more than 100,000 values"),
+    (aliases(9), "expands to more than 100,000 values"),
+    ("a: &a [*a]", "contains itself"),
+    ("a: &a {<<: *a}", "contains itself"),
+    ("a: " + "[" * 5_000, "nested too deeply"),
+    ("a: 1\n" * 500_000, "longer than"),
+])  # fmt: skip
 def test_a_scenario_that_would_not_end_is_refused(text, words, tmp_path):
     with ending_within(5), pytest.raises(rnc.ConfigurationError, match=words):
         read_yaml(write(tmp_path / "s.yaml", text))
@@ -90,11 +87,9 @@ def test_a_pipe_is_not_waited_for(tmp_path):
         os.mkfifo(tmp_path / name)
     with ending_within(5):
         for read, name in (
-            (rnc.Robot.from_urdf, "r.urdf"),
-            (rnc.Robot.from_urdf, "r.xacro"),
-            (rnc.Robot.from_mjcf, "r.xml"),
+            (rnc.Robot.from_urdf, "r.urdf"), (rnc.Robot.from_urdf, "r.xacro"), (rnc.Robot.from_mjcf, "r.xml"),
             (read_yaml, "s.yaml"),
-        ):
+        ):  # fmt: skip
             with pytest.raises(rnc.RncError):
                 read(tmp_path / name)
 
@@ -167,26 +162,21 @@ def arm(inside="", mass="1", moment="1", link="", limit=LIMIT):
     )
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (arm('<dynamics damping="-1"/>'), "damping of joint 'j' is negative"),
-        (arm('<dynamics friction="-1"/>'), "friction of joint 'j' is negative"),
-        (arm(mass="1e308"), "limit 1e.15"),
-        (arm(moment="1e300"), "limit 1e.15"),
-        (arm('<origin xyz="0 1e308 0"/>'), "placement of 'j' is 1e.308 m from its parent"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    (arm('<dynamics damping="-1"/>'), "damping of joint 'j' is negative"),
+    (arm('<dynamics friction="-1"/>'), "friction of joint 'j' is negative"),
+    (arm(mass="1e308"), "limit 1e.15"),
+    (arm(moment="1e300"), "limit 1e.15"),
+    (arm('<origin xyz="0 1e308 0"/>'), "placement of 'j' is 1e.308 m from its parent"),
+])  # fmt: skip
 def test_what_no_machine_is_is_refused(text, words, tmp_path):
     with pytest.raises(rnc.ModelError, match=words):
         rnc.Robot.from_urdf(write(tmp_path / "r.urdf", text))
 
 
-@pytest.mark.parametrize(
-    "head",
-    ['<!DOCTYPE r [<!ENTITY e SYSTEM "secret.txt">]>', '<!DOCTYPE r SYSTEM "r.dtd">', ""],
-    ids=["file", "DTD", "no"],
-)
+@pytest.mark.parametrize("head", [
+    '<!DOCTYPE r [<!ENTITY e SYSTEM "secret.txt">]>', '<!DOCTYPE r SYSTEM "r.dtd">', "",
+], ids=["file", "DTD", "no"])  # fmt: skip
 @pytest.mark.parametrize("name", ["r.urdf", "r.urdf.xacro"])
 def test_an_entity_of_another_file_is_refused_and_not_read_as_nothing(head, name, tmp_path):
     write(tmp_path / "secret.txt", "hush")
@@ -195,15 +185,12 @@ def test_an_entity_of_another_file_is_refused_and_not_read_as_nothing(head, name
         rnc.Robot.from_urdf(path)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (arm(link=INERTIAL.replace('"1"', '"7"')), "a second <inertial>, which is left out: link b"),
-        (arm('<axis xyz="1 0 0"/>'), "a second <axis>, which is left out: joint j"),
-        (arm('<origin xyz="1 0 0"/><origin xyz="2 0 0"/>'), "a second <origin>, which is left out: joint j"),
-        (arm(LIMIT), "a second <limit>, which is left out: joint j"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    (arm(link=INERTIAL.replace('"1"', '"7"')), "a second <inertial>, which is left out: link b"),
+    (arm('<axis xyz="1 0 0"/>'), "a second <axis>, which is left out: joint j"),
+    (arm('<origin xyz="1 0 0"/><origin xyz="2 0 0"/>'), "a second <origin>, which is left out: joint j"),
+    (arm(LIMIT), "a second <limit>, which is left out: joint j"),
+])  # fmt: skip
 def test_what_is_said_twice_is_warned_of(text, words, tmp_path):
     with pytest.warns(rnc.ModelWarning, match=words):
         robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", text))
@@ -285,18 +272,15 @@ def collada(image):
 PNG = b"\x89PNG\r\n\x1a\n" + b"pixels"
 
 
-@pytest.mark.parametrize(
-    ("image", "shown"),
-    [
-        ("robot/textures/skin.png", True),
-        ("robot/meshes/skin.png", True),
-        ("robot/meshes/secret.png", False),
-        ("elsewhere/secret.txt", False),
-        ("elsewhere/skin.png", False),
-        ("robot/meshes/link.png", False),
-        ("robot/meshes/missing.png", False),
-    ],
-)
+@pytest.mark.parametrize(("image", "shown"), [
+    ("robot/textures/skin.png", True),
+    ("robot/meshes/skin.png", True),
+    ("robot/meshes/secret.png", False),
+    ("elsewhere/secret.txt", False),
+    ("elsewhere/skin.png", False),
+    ("robot/meshes/link.png", False),
+    ("robot/meshes/missing.png", False),
+])  # fmt: skip
 def test_pages_take_along_images_of_the_robot_alone(image, shown, tmp_path):
     for folder in ("robot/meshes", "robot/textures", "elsewhere"):
         (tmp_path / folder).mkdir(parents=True)
@@ -338,15 +322,12 @@ def test_a_mesh_of_an_impossible_name_is_a_mesh_that_is_not_there(name, tmp_path
     assert rnc.Robot.from_urdf(light, masses={"b": 2.0}, package_dirs=[LONG]).model.inertias[1].mass == 2.0
 
 
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [
-        ("r.xml", mjcf(f'{HINGE}{GEOM}<geom type="mesh" mesh="m"/>', f'<asset><mesh name="m" file="{LONG}"/></asset>')),
-        ("r.xml", mjcf(HINGE + GEOM, f'<include file="{LONG}"/>')),
-        ("r.xacro", f'<robot name="r" xmlns:xacro="x"><xacro:include filename="{LONG}"/></robot>'),
-        ("r.xacro", f'<robot name="r" xmlns:xacro="x"><xacro:include filename="$(find {LONG})/a"/></robot>'),
-    ],
-)
+@pytest.mark.parametrize(("name", "text"), [
+    ("r.xml", mjcf(f'{HINGE}{GEOM}<geom type="mesh" mesh="m"/>', f'<asset><mesh name="m" file="{LONG}"/></asset>')),
+    ("r.xml", mjcf(HINGE + GEOM, f'<include file="{LONG}"/>')),
+    ("r.xacro", f'<robot name="r" xmlns:xacro="x"><xacro:include filename="{LONG}"/></robot>'),
+    ("r.xacro", f'<robot name="r" xmlns:xacro="x"><xacro:include filename="$(find {LONG})/a"/></robot>'),
+])  # fmt: skip
 def test_files_of_impossible_names_are_refused_in_one_line(name, text, tmp_path):
     read = rnc.Robot.from_mjcf if name == "r.xml" else rnc.Robot.from_urdf
     with pytest.raises(rnc.ModelError) as caught:
@@ -469,22 +450,19 @@ def test_a_large_run_loads_where_it_is_asked_for(run_file, tmp_path, monkeypatch
     assert rnc.Trajectory.load(run_file).outcome == "completed"
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda meta: {**meta, "names": None},
-        lambda meta: {**meta, "names": {"x1": 3}},
-        lambda meta: {**meta, "names": {**meta["names"], "x2": ["a\n\x1b[31m" * 1000]}},
-        lambda meta: {**meta, "dt": "fast"},
-        lambda meta: {**meta, "config": [1]},
-        lambda meta: {**meta, "outcome": "\x1b[2J"},
-        lambda meta: {**meta, "task": {"primary": 5}},
-        lambda meta: {**meta, "path": {"frame": "a", "poses": [[1]]}},
-        lambda meta: {**meta, "rotations": {"x1": ["a"]}},
-        lambda meta: [],
-        lambda meta: 10**400,
-    ],
-)
+@pytest.mark.parametrize("change", [
+    lambda meta: {**meta, "names": None},
+    lambda meta: {**meta, "names": {"x1": 3}},
+    lambda meta: {**meta, "names": {**meta["names"], "x2": ["a\n\x1b[31m" * 1000]}},
+    lambda meta: {**meta, "dt": "fast"},
+    lambda meta: {**meta, "config": [1]},
+    lambda meta: {**meta, "outcome": "\x1b[2J"},
+    lambda meta: {**meta, "task": {"primary": 5}},
+    lambda meta: {**meta, "path": {"frame": "a", "poses": [[1]]}},
+    lambda meta: {**meta, "rotations": {"x1": ["a"]}},
+    lambda meta: [],
+    lambda meta: 10**400,
+])  # fmt: skip
 def test_meta_that_is_crafted_is_refused_in_a_line(change, run_file, tmp_path):
     def crafted(arrays):
         return {**arrays, "meta": np.array(json.dumps(change(json.loads(str(arrays["meta"])))))}

@@ -48,15 +48,12 @@ def axis_of(robot, joint):
 # ---------------------------------------------------------------------- rounded pi
 
 
-@pytest.mark.parametrize(
-    ("text", "twelfths"),
-    [
-        *[("1.57", 6), ("1.5708", 6), ("1.5707", 6), ("-1.570796", -6), ("1.570", 6), ("1.570000", 6), ("4.71", 18)],
-        *[("3.14", 12), ("3.1416", 12), ("3.1415", 12), ("-3.14159265", -12), ("6.2832", 24), ("6.28", 24)],
-        *[("-0.785", -3), (".785", 3), ("0.79", 3), ("2.356", 9), ("2.0944", 8), ("1.047", 4), ("0.5236", 2)],
-        *[("3.67e-06", 0), ("-1e-16", 0), ("1.5707e0", 6), ("15.708e-1", 6), ("1.57088", 6)],
-    ],
-)
+@pytest.mark.parametrize(("text", "twelfths"), [
+    *[("1.57", 6), ("1.5708", 6), ("1.5707", 6), ("-1.570796", -6), ("1.570", 6), ("1.570000", 6), ("4.71", 18)],
+    *[("3.14", 12), ("3.1416", 12), ("3.1415", 12), ("-3.14159265", -12), ("6.2832", 24), ("6.28", 24)],
+    *[("-0.785", -3), (".785", 3), ("0.79", 3), ("2.356", 9), ("2.0944", 8), ("1.047", 4), ("0.5236", 2)],
+    *[("3.67e-06", 0), ("-1e-16", 0), ("1.5707e0", 6), ("15.708e-1", 6), ("1.57088", 6)],
+])  # fmt: skip
 def test_rounded_angles_are_multiples_of_pi(text, twelfths):
     assert snapped_angle(text) == pytest.approx(twelfths * math.pi / 12, rel=1e-15, abs=0)
 
@@ -74,26 +71,23 @@ def test_decimals_are_counted_as_written():
     assert is_rounding("0.70", math.sqrt(0.5)) is False  # one decimal, and a zero
 
 
-@pytest.mark.parametrize(
-    ("text", "exact"),
-    [
-        ("0.7071 0.7071 0", (0.5**0.5, 0.5**0.5, 0)),
-        ("0.707107 0 -0.707107", (0.5**0.5, 0, -(0.5**0.5))),
-        ("0.5 0.866 0", (0.5, 0.75**0.5, 0)),
-        ("-0.577 0.577 0.577", (-((1 / 3) ** 0.5), (1 / 3) ** 0.5, (1 / 3) ** 0.5)),
-        ("3.7e-6 0 1", (0, 0, 1)),
-        ("1 0 -3.6732e-06", (1, 0, 0)),
-        ("0 -0.99999 0.00009", (0, -1, 0)),
-        ("0.7071 -0.7071 0 0", (0.5**0.5, -(0.5**0.5), 0, 0)),
-        ("0.6 0 0.8", (0.6, 0, 0.8)),
-        ("0.71 0.7 0", (0.71, 0.7, 0)),
-        ("1 1 0", (1, 1, 0)),
-        ("0 0 2", (0, 0, 2)),
-        ("0.99 0.1 0", (0.99, 0.1, 0)),
-        ("1 0.001 0", (1, 0.001, 0)),
-        ("0 0 0", (0, 0, 0)),
-    ],
-)
+@pytest.mark.parametrize(("text", "exact"), [
+    ("0.7071 0.7071 0", (0.5**0.5, 0.5**0.5, 0)),
+    ("0.707107 0 -0.707107", (0.5**0.5, 0, -(0.5**0.5))),
+    ("0.5 0.866 0", (0.5, 0.75**0.5, 0)),
+    ("-0.577 0.577 0.577", (-((1 / 3) ** 0.5), (1 / 3) ** 0.5, (1 / 3) ** 0.5)),
+    ("3.7e-6 0 1", (0, 0, 1)),
+    ("1 0 -3.6732e-06", (1, 0, 0)),
+    ("0 -0.99999 0.00009", (0, -1, 0)),
+    ("0.7071 -0.7071 0 0", (0.5**0.5, -(0.5**0.5), 0, 0)),
+    ("0.6 0 0.8", (0.6, 0, 0.8)),
+    ("0.71 0.7 0", (0.71, 0.7, 0)),
+    ("1 1 0", (1, 1, 0)),
+    ("0 0 2", (0, 0, 2)),
+    ("0.99 0.1 0", (0.99, 0.1, 0)),
+    ("1 0.001 0", (1, 0.001, 0)),
+    ("0 0 0", (0, 0, 0)),
+])  # fmt: skip
 def test_rounded_directions_are_exact_and_others_kept(text, exact):
     assert snapped_direction(text.split()) == pytest.approx(exact, rel=1e-15, abs=0)
 
@@ -230,15 +224,12 @@ def test_a_mass_is_spread_over_the_box_around_the_geometry():
 
 
 SHAPES = {
-    "tilted cylinder": (
-        '<origin rpy="1.5707963267948966 0 0"/>',
-        '<cylinder radius="0.3" length="0.1"/>',
-        (0.6, 0.1, 0.6),
-    ),
+    "tilted cylinder": ('<origin rpy="1.5707963267948966 0 0"/>', '<cylinder radius="0.3" length="0.1"/>',
+        (0.6, 0.1, 0.6)),
     "sphere": ("", '<sphere radius="0.2"/>', (0.4, 0.4, 0.4)),
     "mesh": ("", '<mesh filename="package://shapes/t.obj" scale="2 1 1"/>', (2, 1, 1)),
     "missing mesh": ("", '<mesh filename="package://shapes/u.obj"/>', 3 * [0.05 * (12 / 5) ** 0.5]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -253,14 +244,11 @@ def test_a_mass_is_spread_over_every_kind_of_geometry(shape, tmp_path):
     np.testing.assert_allclose(np.diag(robot.model.inertias[robot.joint_id("steer")].inertia), moments, rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("masses", "words"),
-    [
-        ({"knuckel": 0.1}, "no link 'knuckel'; did you mean 'knuckle'"),
-        ({"knuckle": 0}, "mass of link 'knuckle' has to be positive [kg], found 0"),
-        ({"knuckle": "heavy"}, "has to be positive"),
-    ],
-)
+@pytest.mark.parametrize(("masses", "words"), [
+    ({"knuckel": 0.1}, "no link 'knuckel'; did you mean 'knuckle'"),
+    ({"knuckle": 0}, "mass of link 'knuckle' has to be positive [kg], found 0"),
+    ({"knuckle": "heavy"}, "has to be positive"),
+])  # fmt: skip
 def test_masses_that_are_none_are_refused(masses, words):
     assert words in refusal("massless_knuckle.urdf", masses=masses)
 
@@ -357,17 +345,14 @@ def test_an_expression_inside_a_urdf_is_expanded_and_a_namespace_alone_is_nothin
     assert "xacro arguments are for a file" in refusal("namespace_only.urdf", xacro_arguments={"track": 1})
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("missing_package.urdf.xacro", "no package 'gazebo_stuff': give its folder in package_dirs (--package-dir)"),
-        ("missing_include.urdf.xacro", "gazebo/nowhere.xacro': No such file"),
-        ("argument_without_default.urdf.xacro", "give it with xacro_arguments={'track': ...} (--arg track=...)"),
-        ("macros_only.urdf.xacro", "it only defines macros (cart): give the file that calls them"),
-        ("call_without_prefix.urdf.xacro", "element <cart>: a macro of this name exists; write <xacro:cart> (line 5)"),
-        ("nothing.urdf", "has no links"),
-    ],
-)
+@pytest.mark.parametrize(("name", "words"), [
+    ("missing_package.urdf.xacro", "no package 'gazebo_stuff': give its folder in package_dirs (--package-dir)"),
+    ("missing_include.urdf.xacro", "gazebo/nowhere.xacro': No such file"),
+    ("argument_without_default.urdf.xacro", "give it with xacro_arguments={'track': ...} (--arg track=...)"),
+    ("macros_only.urdf.xacro", "it only defines macros (cart): give the file that calls them"),
+    ("call_without_prefix.urdf.xacro", "element <cart>: a macro of this name exists; write <xacro:cart> (line 5)"),
+    ("nothing.urdf", "has no links"),
+])  # fmt: skip
 def test_xacro_that_cannot_be_expanded_is_refused_with_a_remedy(name, words):
     assert words in refusal(name)
 
@@ -444,15 +429,12 @@ def test_a_stated_range_of_no_width_is_kept(tmp_path):
 # ---------------------------------------------------------------------- namespaces
 
 
-@pytest.mark.parametrize(
-    "namespace",
-    [
-        'xmlns="http://drake.mit.edu"',
-        'xmlns="http://www.ros.org" xmlns:sim="http://simulators.org"',
-        'xmlns="http://simulators.org" xmlns:sim="http://simulators.org"',
-        "",  # urdfdom does not ask for a declaration
-    ],
-)
+@pytest.mark.parametrize("namespace", [
+    'xmlns="http://drake.mit.edu"',
+    'xmlns="http://www.ros.org" xmlns:sim="http://simulators.org"',
+    'xmlns="http://simulators.org" xmlns:sim="http://simulators.org"',
+    "",  # urdfdom does not ask for a declaration
+])  # fmt: skip
 def test_namespaces_are_read_as_by_urdfdom(namespace, tmp_path):
     """It knows none: a default namespace changes no name, and an element with a prefix has another name."""
     text = (DIRT / "no_limits.urdf").read_text()

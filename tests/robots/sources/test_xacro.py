@@ -210,16 +210,13 @@ def expanded(tmp_path, inside, arguments=None):
     return expand(path, arguments, Packages(tmp_path), CHILDREN)
 
 
-@pytest.mark.parametrize(
-    "inside",
-    [
-        """<xacro:property name="e" value="exec(&quot;import os;os.system('touch {mark}')&quot;,dict())"/><link name="$(eval ${e})"/>""",
-        """<link name="$(eval exec('import os;os.system(chr(116))'))"/>""",
-        """<xacro:property name="e" value="open('{mark}', 'w')"/><link name="$(eval ${e})"/>""",
-        """<link name="${exec('x')}"/>""",
-        """<link name="${__import__('os').system('touch {mark}')}"/>""",
-    ],
-)
+@pytest.mark.parametrize("inside", [
+    """<xacro:property name="e" value="exec(&quot;import os;os.system('touch {mark}')&quot;,dict())"/><link name="$(eval ${e})"/>""",
+    """<link name="$(eval exec('import os;os.system(chr(116))'))"/>""",
+    """<xacro:property name="e" value="open('{mark}', 'w')"/><link name="$(eval ${e})"/>""",
+    """<link name="${exec('x')}"/>""",
+    """<link name="${__import__('os').system('touch {mark}')}"/>""",
+])  # fmt: skip
 def test_no_file_runs_a_program(inside, tmp_path):
     mark = tmp_path / "mark"
     with pytest.raises(rnc.ModelError):
@@ -286,30 +283,27 @@ def test_the_environment_is_read_by_a_list(tmp_path, monkeypatch):
         expanded(tmp_path, '<a x="$(env SECRET)"/>')
 
 
-@pytest.mark.parametrize(
-    "inside",
-    [
-        "".join(f'<xacro:macro name="m{k}">{f"<xacro:m{k + 1}/>" * 9}</xacro:macro>' for k in range(20))
-        + '<xacro:macro name="m20"/><xacro:m0/>',
-        '<xacro:macro name="m"><xacro:m/></xacro:macro><xacro:m/>',
-        '<xacro:property name="a0" value="${[1,1]}"/>'
-        + "".join(f'<xacro:property name="a{k + 1}" value="${{[a{k},a{k}]}}"/>' for k in range(40))
-        + '<a x="${a40}"/>',
-        '<xacro:property name="a0" value="${2}"/>'
-        + "".join(f'<xacro:property name="a{k + 1}" value="${{a{k}*a{k}}}"/>' for k in range(60))
-        + '<a x="${a60}"/>',
-        '<xacro:property name="a0" value="xxxxxxxxxxxxxxxx"/>'
-        + "".join(f'<xacro:property name="a{k + 1}" value="${{a{k}}}${{a{k}}}"/>' for k in range(60))
-        + '<a x="${a60}"/>',
-        "<a>" * 10_000 + "</a>" * 10_000,
-        '<xacro:include filename="/dev/zero"/>',
-        '<xacro:include filename="pipe"/>',
-        "<a x=\"${xacro.load_yaml('/dev/zero')}\"/>",
-        "<a x=\"${xacro.load_yaml('pipe')}\"/>",
-        "<a x=\"${xacro.load_yaml('bomb.yaml')}\"/>",
-        '<xacro:include filename="/*/*/*/*.xacro"/>',
-    ],
-)
+@pytest.mark.parametrize("inside", [
+    "".join(f'<xacro:macro name="m{k}">{f"<xacro:m{k + 1}/>" * 9}</xacro:macro>' for k in range(20))
+    + '<xacro:macro name="m20"/><xacro:m0/>',
+    '<xacro:macro name="m"><xacro:m/></xacro:macro><xacro:m/>',
+    '<xacro:property name="a0" value="${[1,1]}"/>'
+    + "".join(f'<xacro:property name="a{k + 1}" value="${{[a{k},a{k}]}}"/>' for k in range(40))
+    + '<a x="${a40}"/>',
+    '<xacro:property name="a0" value="${2}"/>'
+    + "".join(f'<xacro:property name="a{k + 1}" value="${{a{k}*a{k}}}"/>' for k in range(60))
+    + '<a x="${a60}"/>',
+    '<xacro:property name="a0" value="xxxxxxxxxxxxxxxx"/>'
+    + "".join(f'<xacro:property name="a{k + 1}" value="${{a{k}}}${{a{k}}}"/>' for k in range(60))
+    + '<a x="${a60}"/>',
+    "<a>" * 10_000 + "</a>" * 10_000,
+    '<xacro:include filename="/dev/zero"/>',
+    '<xacro:include filename="pipe"/>',
+    "<a x=\"${xacro.load_yaml('/dev/zero')}\"/>",
+    "<a x=\"${xacro.load_yaml('pipe')}\"/>",
+    "<a x=\"${xacro.load_yaml('bomb.yaml')}\"/>",
+    '<xacro:include filename="/*/*/*/*.xacro"/>',
+])  # fmt: skip
 def test_a_file_that_would_not_end_is_refused(inside, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "bomb.yaml").write_text(
@@ -322,15 +316,12 @@ def test_a_file_that_would_not_end_is_refused(inside, tmp_path):
 BRACKET = '<xacro:macro name="bracket"><link name="b"/></xacro:macro>'
 
 
-@pytest.mark.parametrize(
-    ("inside", "words"),
-    [
-        (f"{BRACKET}\n<bracket/>", "element <bracket>: a macro of this name exists; write <xacro:bracket> (line 2)"),
-        (f'{BRACKET}<link name="a">\n<bracket/></link>', "write <xacro:bracket> (line 2)"),
-        (f'{BRACKET}<xacro:if value="1">\n<bracket/></xacro:if>', "write <xacro:bracket> (line 2)"),
-        ('<include filename="parts.xacro"/>', "xacro has an element of this name; write <xacro:include> (line 1)"),
-    ],
-)
+@pytest.mark.parametrize(("inside", "words"), [
+    (f"{BRACKET}\n<bracket/>", "element <bracket>: a macro of this name exists; write <xacro:bracket> (line 2)"),
+    (f'{BRACKET}<link name="a">\n<bracket/></link>', "write <xacro:bracket> (line 2)"),
+    (f'{BRACKET}<xacro:if value="1">\n<bracket/></xacro:if>', "write <xacro:bracket> (line 2)"),
+    ('<include filename="parts.xacro"/>', "xacro has an element of this name; write <xacro:include> (line 1)"),
+])  # fmt: skip
 def test_a_macro_without_its_prefix_is_refused(inside, words, tmp_path):
     with pytest.raises(rnc.ModelError) as raised:
         expanded(tmp_path, inside)
@@ -348,15 +339,12 @@ def test_elements_of_a_urdf_and_of_simulators_may_have_the_name_of_a_macro(tmp_p
     ]
 
 
-@pytest.mark.parametrize(
-    ("part", "call", "words"),
-    [
-        ("<a\n x='${nobody}'/>", "", "(in {parts}, line 2)"),
-        ("<xacro:macro name='m'>\n<a>\n<b x='${nobody}'/></a></xacro:macro>", "<xacro:m/>", "(in {parts}, line 4)"),
-        ("<xacro:macro name='m' params='x'>\n<a/></xacro:macro>", "\n<xacro:m y='1'/>", "(line 2)"),
-        ("<a>", "", "not well-formed XML: mismatched tag: line 2, column 5 (in {parts})"),
-    ],
-)
+@pytest.mark.parametrize(("part", "call", "words"), [
+    ("<a\n x='${nobody}'/>", "", "(in {parts}, line 2)"),
+    ("<xacro:macro name='m'>\n<a>\n<b x='${nobody}'/></a></xacro:macro>", "<xacro:m/>", "(in {parts}, line 4)"),
+    ("<xacro:macro name='m' params='x'>\n<a/></xacro:macro>", "\n<xacro:m y='1'/>", "(line 2)"),
+    ("<a>", "", "not well-formed XML: mismatched tag: line 2, column 5 (in {parts})"),
+])  # fmt: skip
 def test_an_error_names_the_file_and_the_line_that_it_is_in(part, call, words, tmp_path):
     parts = tmp_path / "parts.xacro"
     parts.write_text(f"<robot {XACRO}>\n{part}</robot>")

@@ -33,61 +33,20 @@ NEEDED = {
     "none": {},
 }
 VALUES = {  # of every setting that some type has
-    "preset": "scaled",
-    "end": "continue",
-    "gains": "plan",
-    "tracker": "computed_torque",
-    "gravity_compensation": False,
-    "adaptation": 3.0,
-    "bandwidth": 20.0,
-    "inertia_bound": 90.0,
-    "delay": 0.01,
-    "dead_zone": [0.1, 0.0, 0.2],
-    "secondary": {"posture": {}},
-    "coordinates": ["joint_1", {"joint": "joint_2"}],
-    "rates": ["joint_1"],
-    "input_cost": {"joint_1": 2.0},
-    "v2": {"joint_1": 0.1},
-    "hold": ["joint_1"],
-    "cyclic": ["joint_1"],
-    "limits": {
-        "joint_velocity": {"limit": 2.0},
-        "joint_position": None,
-        "regions": [{"frame": "tip", "box": {"x": [0, 1]}}],
-    },
-    "damping": 0.1,
-    "velocity_gain": 10.0,
-    "friction": 0.6,
-    "solver": "daqp",
-    "bounds": {"input": {"joint_1": [-1, 1]}},
-    "clearance": 0.1,
-    "links": True,
-    "acceleration": 1.0,
-    "speed": 0.5,
-    "slice_size": 20,
-    "seed": 3,
-    "motions": 500,
-    "improve": 100,
-    "velocities": True,
-    "equality": True,
-    "nodes": 10,
-    "seeds": 2,
-    "tube": 0.1,
-    "check": 0.5,
-    "braking": 2.0,
-    "tolerance": 0.01,
-    "form": "acceleration",
-    "period": 0.1,
-    "iterations": 2,
-    "budget": 0.02,
-    "weight": 2.0,
-    "velocity_weight": 2.0,
-    "precision": 0.01,
-    "effort": 0.1,
-    "braking_time": 1.0,
+    "preset": "scaled", "end": "continue", "gains": "plan", "tracker": "computed_torque", "gravity_compensation": False,
+    "adaptation": 3.0, "bandwidth": 20.0, "inertia_bound": 90.0, "delay": 0.01, "dead_zone": [0.1, 0.0, 0.2],
+    "secondary": {"posture": {}}, "coordinates": ["joint_1", {"joint": "joint_2"}], "rates": ["joint_1"],
+    "input_cost": {"joint_1": 2.0}, "v2": {"joint_1": 0.1}, "hold": ["joint_1"], "cyclic": ["joint_1"],
+    "limits": {"joint_velocity": {"limit": 2.0}, "joint_position": None,
+        "regions": [{"frame": "tip", "box": {"x": [0, 1]}}]},
+    "damping": 0.1, "velocity_gain": 10.0, "friction": 0.6, "solver": "daqp", "bounds": {"input": {"joint_1": [-1, 1]}},
+    "clearance": 0.1, "links": True, "acceleration": 1.0, "speed": 0.5, "slice_size": 20, "seed": 3, "motions": 500,
+    "improve": 100, "velocities": True, "equality": True, "nodes": 10, "seeds": 2, "tube": 0.1, "check": 0.5,
+    "braking": 2.0, "tolerance": 0.01, "form": "acceleration", "period": 0.1, "iterations": 2, "budget": 0.02,
+    "weight": 2.0, "velocity_weight": 2.0, "precision": 0.01, "effort": 0.1, "braking_time": 1.0,
     **{name: values[name] for values in NEEDED.values() for name in values},
     **dict.fromkeys(("k", "k1", "k2", "k3", "k4", "k21", "beta", "gamma", "sigma", "alpha"), 2.0),
-}
+}  # fmt: skip
 
 
 def scenario(controller):
@@ -170,13 +129,9 @@ def test_what_a_controller_is_built_from_cannot_be_changed():
     x1, x2 = reduced.at(q0).outputs()
     starts = {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
     context = ControllerContext(
-        reduced=reduced,
-        task=task,
-        **{name: Hold(start) for name, start in starts.items()},
-        given=("primary",),
-        q0=q0,
+        reduced=reduced, task=task, **{name: Hold(start) for name, start in starts.items()}, given=("primary",), q0=q0,
         simulation=given.simulation,
-    )
+    )  # fmt: skip
     with pytest.raises(dataclasses.FrozenInstanceError):
         context.given = ()
     first, second = given.controller.build(context), given.controller.build(context)

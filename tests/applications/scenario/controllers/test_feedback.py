@@ -60,12 +60,9 @@ def test_a_post_between_start_and_goal_keeps_its_clearance(tmp_path):
     post = {"cylinder": {"name": "post", "radius": 0.1, "length": 1.0, "position": [0.0, 0.9, 0.0]}}
     controller = {**PLANNED, "duration": 10.0, "clearance": 0.1}
     made = scenario(
-        tmp_path,
-        controller,
-        obstacles=[post],
-        initial={"q": {"root_joint": [0.0, 1.8, 0.0]}},
+        tmp_path, controller, obstacles=[post], initial={"q": {"root_joint": [0.0, 1.8, 0.0]}},
         simulation={"duration": 14.0, "dt": 0.05},
-    )
+    )  # fmt: skip
     run = made.run()
     assert np.hypot(*run.q[-1, :2]) < 0.01
     assert run.verdict.succeeded
@@ -73,17 +70,14 @@ def test_a_post_between_start_and_goal_keeps_its_clearance(tmp_path):
     assert min(distances.at(q, within=0.2).distance.min(initial=1.0) for q in run.q) > 0.09
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"goal": {}}, "goal"),
-        ({"goal": {"sleigh_z": 0.0}}, "no output 'sleigh_z'"),
-        ({"goal": {"sleigh_x": 0.0}}, "does not determine"),
-        ({"bounds": {"output": {"wheel": [0, 1]}}}, "no output 'wheel'"),
-        ({"velocities": True}, "expected the form 'acceleration'"),
-        ({"horizon": 2.0}, "does not belong to type 'set_point'"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"goal": {}}, "goal"),
+    ({"goal": {"sleigh_z": 0.0}}, "no output 'sleigh_z'"),
+    ({"goal": {"sleigh_x": 0.0}}, "does not determine"),
+    ({"bounds": {"output": {"wheel": [0, 1]}}}, "no output 'wheel'"),
+    ({"velocities": True}, "expected the form 'acceleration'"),
+    ({"horizon": 2.0}, "does not belong to type 'set_point'"),
+])  # fmt: skip
 def test_refusals_name_the_key(tmp_path, changes, message):
     with pytest.raises(rnc.RncError, match=message):
         _ = scenario(tmp_path, {**PLANNED, **changes}).experiment

@@ -80,13 +80,11 @@ def test_limits_of_joints_by_name_and_of_norms_hold_in_a_file(tmp_path):
 
 
 REACHING = {
-    "ur5_robot": (
-        "tool0",
-        {"shoulder_lift_joint": -1.2, "elbow_joint": 1.5, "wrist_1_joint": -0.5, "wrist_2_joint": 1},
-    ),
+    "ur5_robot": ("tool0",
+        {"shoulder_lift_joint": -1.2, "elbow_joint": 1.5, "wrist_1_joint": -0.5, "wrist_2_joint": 1}),
     "z1": ("link06", {"joint2": 1.2, "joint3": -1.2, "joint4": 0.3, "joint5": 0.4}),
     "panda": ("panda_hand", {"panda_joint2": 0.3, "panda_joint4": -1.8, "panda_joint6": 1.8}),
-}
+}  # fmt: skip
 """Arms of example-robot-data: the hand, and joints at the start."""
 
 
@@ -166,17 +164,14 @@ def test_every_task_and_limit_is_built(tmp_path):
     assert described["tasks"][1]["gain"] == [1, 1, 2]
 
 
-@pytest.mark.parametrize(
-    ("controller", "words"),
-    [
-        ({"tasks": []}, "controller.tasks"),
-        ({"tasks": [{"damping": {"joints": ["joint_9"]}}]}, r"controller.tasks.0: no joint 'joint_9'"),
-        ({"tasks": [{"posture": {"joints": {"joint_1": 0.1}, "gian": 2}}]}, "'gian' is not known; did you mean 'gain'"),
-        ({"limits": {"wheel_speed": {"limit": 1.0}}}, "controller.limits: a wheel speed limit needs RollingWheel"),
-        ({"limits": {"speed": {}}}, "'speed' is not known"),
-        ({"solver": "dapq"}, "no installed solver 'dapq'"),
-    ],
-)
+@pytest.mark.parametrize(("controller", "words"), [
+    ({"tasks": []}, "controller.tasks"),
+    ({"tasks": [{"damping": {"joints": ["joint_9"]}}]}, r"controller.tasks.0: no joint 'joint_9'"),
+    ({"tasks": [{"posture": {"joints": {"joint_1": 0.1}, "gian": 2}}]}, "'gian' is not known; did you mean 'gain'"),
+    ({"limits": {"wheel_speed": {"limit": 1.0}}}, "controller.limits: a wheel speed limit needs RollingWheel"),
+    ({"limits": {"speed": {}}}, "'speed' is not known"),
+    ({"solver": "dapq"}, "no installed solver 'dapq'"),
+])  # fmt: skip
 def test_mistakes_are_one_line_with_their_place(tmp_path, controller, words):
     with pytest.raises(rnc.RncError, match=words) as caught:
         Scenario.load(written(tmp_path, **controller)).build()

@@ -117,18 +117,15 @@ def test_a_new_dataclass_takes_one_line():
     assert texts["ends"] == "Where it stops [m]; null for nowhere."
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"stiffness": 0}, "greater than 0"),
-        ({"stiffness": True}, "'stiffness' takes no boolean"),
-        ({"kind": "wood"}, "'steel' or 'rubber'"),
-        ({"ends": [1]}, "at least 2 items"),
-        ({"limit": np.inf}, "finite"),
-        ({"stifness": 2}, "did you mean 'stiffness'?"),
-        ({"frame_b": "a"}, "spring from 'a' to itself"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"stiffness": 0}, "greater than 0"),
+    ({"stiffness": True}, "'stiffness' takes no boolean"),
+    ({"kind": "wood"}, "'steel' or 'rubber'"),
+    ({"ends": [1]}, "at least 2 items"),
+    ({"limit": np.inf}, "finite"),
+    ({"stifness": 2}, "did you mean 'stiffness'?"),
+    ({"frame_b": "a"}, "spring from 'a' to itself"),
+])  # fmt: skip
 def test_its_values_are_held_to_its_annotations(changes, words):
     with pytest.raises(ValidationError, match=words.replace("?", r"\?")):
         ITEM.validate_python({"spring": {**SPRING, **changes}})
