@@ -41,10 +41,9 @@ class LazyGeometry:
         self._models = {"visual": visual, "collision": collision}
 
     def get(self, kind: str) -> pin.GeometryModel | None:
-        """Geometry of a kind, or None. A file without any visual shape shows its collision shapes."""
+        """Geometry of a kind, or None."""
         if self._models[kind] is None and self._load is not None:
-            found = self._load(kind)
-            self._models[kind] = found if found.ngeoms or kind == "collision" else self.get("collision")
+            self._models[kind] = self._load(kind)
         return self._models[kind]
 
     def __getstate__(self) -> dict[str, object]:

@@ -345,7 +345,7 @@ class Robot(NamedModel, SummaryMixin):
 
     @property
     def visual_model(self) -> pin.GeometryModel | None:
-        """Visual geometry; meshes are read on first access. If the file has none, it is the collision geometry.
+        """Visual geometry; meshes are read on first access.
 
         Boxes replace meshes of a URDF that are missing or not readable; a ``ModelWarning`` lists them.
         """

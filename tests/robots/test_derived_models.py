@@ -10,8 +10,6 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.robots.robot_files import find_example, find_urdf
-from urdf_parts import BOX, robot, wheel
-from urdf_parts import link as body
 
 EXACT = 1e-14
 
@@ -143,13 +141,3 @@ def test_masses_for_gaps_replace_no_inertia_that_is_there():
     words = r"link 'panda_link1' has an inertia of its own .* robot\.with_masses\(\{'panda_link1': 3\.0\}\)"
     with pytest.raises(rnc.ModelError, match=words):
         rnc.Robot.from_example("panda", masses={"panda_link1": 3.0})
-
-
-def test_a_file_without_visual_shapes_shows_its_collision_shapes(tmp_path):
-    text = robot(body("base", 1.0, BOX), wheel("w", "base", (0, 0.2, 0)))
-    (tmp_path / "cart.urdf").write_text(text)
-    loaded = rnc.Robot.from_urdf(tmp_path / "cart.urdf", base="planar")
-    assert [shape.name for shape in loaded.visual_model.geometryObjects] == ["base_0", "w_0"]
-    (tmp_path / "cart.urdf").write_text(text.replace("collision>", "visual>", 2))  # that of the base
-    loaded = rnc.Robot.from_urdf(tmp_path / "cart.urdf", base="planar")
-    assert [shape.name for shape in loaded.visual_model.geometryObjects] == ["base_0"]
