@@ -98,8 +98,8 @@ class SteeringController(DescribedMixin):
 
     @property
     def accepts_batches(self) -> bool:
-        """True if the compiled kernel evaluates the model."""
-        return self._reduced.evaluator.compiled and not self._reduced.rheonomic
+        """True if the constraints do not depend on time."""
+        return not self._reduced.rheonomic
 
     def initial_state(self, measurement: Measurement) -> PathState | None:
         """Return the state of the vertical reference, if any; raise an error if redundant rates move x11."""
