@@ -15,6 +15,7 @@ from rnc_pin.collision import CollisionDistances
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError, short_text
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.parameter_types import is_count
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget, OutputTargets
 from rnc_pin.planning.bounded_descent import Descent, Residuals, TangentBounds, descend
@@ -113,7 +114,7 @@ class IkSearch:
     pause: Callable[[], None] | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.starts, int | np.integer) or isinstance(self.starts, bool) or self.starts < 1:
+        if not is_count(self.starts, 1):
             raise InputError(f"starts has to be a positive integer, found {self.starts!r}")
         _check_length("tolerance", self.tolerance, 1e-10)
 

@@ -17,7 +17,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, short_text
 from rnc_pin.extras import check_extra
-from rnc_pin.model.parameter_types import NotNegative, Positive, check_instances
+from rnc_pin.model.parameter_types import NotNegative, Positive, check_instances, is_count
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
 from rnc_pin.planning.action_models import KinematicFlow
@@ -78,7 +78,7 @@ class WaySettings:
             raise InputError(f"wait: expected a number of at least 0 s, found {self.wait!r}")
         counts = [("goals", self.goals, 1), ("shortcuts", self.shortcuts, 0), ("improve", self.improve, 0)]
         for name, value, least in counts + ([] if self.motions is None else [("motions", self.motions, 1)]):
-            if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
+            if not is_count(value, least):
                 raise InputError(f"{name}: expected an integer of at least {least}, found {value!r}")
 
 

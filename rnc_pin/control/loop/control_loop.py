@@ -111,6 +111,8 @@ class ControlLoop(ReprMixin):
         array([20.,  0.])
     """
 
+    _commanded = False  # True: commands replace velocities, which nobody measures
+
     def __init__(
         self,
         reduced: ReducedModel,
@@ -130,7 +132,6 @@ class ControlLoop(ReprMixin):
         self.state = LoopState()
         self.last: Decision | None = None
         self.active_component = "the model"
-        self._by_positions = False  # True: no velocity is measured
 
     def _settings(self) -> dict[str, object]:
         return {"reduced": self.reduced, "controller": self._controller or self._factory, "dt": self.dt}
@@ -253,7 +254,7 @@ class ControlLoop(ReprMixin):
         if before.time is None or before.integrals is None or before.v2 is None:
             return np.zeros(self.reduced.r)
         elapsed = t - before.time
-        if self._by_positions or elapsed > _TIME_TOLERANCE * self.timeout:
+        if self._commanded or elapsed > _TIME_TOLERANCE * self.timeout:
             moved = pin.difference(self.reduced.robot.model, before.q, state.q)
             integrals: np.ndarray = before.integrals + state.J2 @ moved
             return integrals

@@ -142,7 +142,6 @@ class VelocityLoop(VelocityInputLoop):
         measured = "measured" if velocity == "commanded" else velocity
         controller = _velocity_controller(reduced, target, limits)
         super().__init__(reduced, controller, dt, velocity=measured, limits=False, fallback=fallback, **options)
-        self._by_positions = self._commanded
         robot = reduced.robot
         self._base = None if base is None else robot.frame_id(base)
         self._base_entries = _BASES.get(robot.model.joints[1].shortname()) if robot.model.njoints > 1 else None

@@ -14,6 +14,7 @@ from rnc_pin.errors import InputError
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.numpy_evaluator import Dissipation, NumPyRuns, RunRecords, RunStarts
+from rnc_pin.model.parameter_types import is_count
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import MAX_GROWTH, VelocityChart, joint_rotations
 from rnc_pin.plants.reduced.friction import INSTANT
@@ -59,7 +60,7 @@ class ReducedPlantBatch:
     def __init__(self, plant: ReducedPlant, size: int) -> None:
         if not isinstance(plant, ReducedPlant):
             raise InputError(f"plant of a ReducedPlantBatch: expected a ReducedPlant, found {type(plant).__name__}")
-        if not isinstance(size, int | np.integer) or isinstance(size, bool) or size < 1:
+        if not is_count(size, 1):
             raise InputError(f"size of a ReducedPlantBatch has to be a positive integer, found {size!r}")
         self._single = plant.twin()
         self.reduced, self.size, self.tolerance = plant.reduced, int(size), plant.tolerance

@@ -13,6 +13,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.errors import InputError
+from rnc_pin.model.parameter_types import is_count
 
 MOST_SUBSTEPS = 1024
 """Largest number of substeps that a plant chooses."""
@@ -48,7 +49,7 @@ class Substeps(NamedTuple):
         Raises:
             InputError: the number is not a positive integer, or the tolerance not a positive number.
         """
-        if number is not None and (not isinstance(number, int | np.integer) or isinstance(number, bool) or number < 1):
+        if number is not None and not is_count(number, 1):
             raise InputError(f"substeps of a {plant} have to be a positive integer, found {number!r}")
         is_number = isinstance(tolerance, int | float | np.number) and not isinstance(tolerance, bool)
         if not is_number or not 0 < tolerance < np.inf:  # type: ignore[operator]

@@ -8,6 +8,7 @@ from rnc_pin.control.actuator_velocity import check_velocity_actuation, velocity
 from rnc_pin.errors import DivergenceError, InputError, SingularityError
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.integrators import LieRungeKutta4
+from rnc_pin.model.parameter_types import is_count
 from rnc_pin.model.reduced_model import ReducedModel
 
 _SETTLED = 20.0  # time after which velocities have settled, in time constants
@@ -51,7 +52,7 @@ class VelocityPlant:
         number = isinstance(servo_time, int | float) and not isinstance(servo_time, bool)
         if not number or not 0 < servo_time < np.inf:
             raise InputError(f"servo_time of a VelocityPlant has to be a positive number, found {servo_time!r}")
-        if not isinstance(substeps, int | np.integer) or isinstance(substeps, bool) or substeps < 1:
+        if not is_count(substeps, 1):
             raise InputError(f"substeps of a VelocityPlant have to be a positive integer, found {substeps!r}")
         check_velocity_actuation(reduced)
         self.reduced, self.servo_time, self.substeps = reduced, servo_time, substeps
