@@ -417,7 +417,7 @@ def outputs(names, directions, values):
 
 
 @pytest.fixture(scope="module")
-def system():
+def built():
     """Four rows that are combinations of two, three outputs of which the middle one is a quasi-velocity."""
     generator, robot = np.random.default_rng(5), arm()
     first, towards = generator.normal(size=(2, 2))
@@ -440,8 +440,14 @@ def system():
     return SimpleNamespace(
         robot=robot, parts=parts, evaluator=evaluator_for(parts), steady=NumPyEvaluator(steady),
         rows=rows, weights=weights, directions=directions, speeds=speeds,
-        vertical=vertical, ends=ends, W=W, generator=np.random.default_rng(8),
+        vertical=vertical, ends=ends, W=W,
     )  # fmt: skip
+
+
+@pytest.fixture
+def system(built):
+    """The same draws for each test, in whatever order they run."""
+    return SimpleNamespace(**vars(built), generator=np.random.default_rng(8))
 
 
 def states(generator, places):
