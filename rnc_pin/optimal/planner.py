@@ -103,25 +103,34 @@ def initial_node(model: ActionModel, q0: ArrayLike, v2_0: ArrayLike | None = Non
     return Nodes(np.array(state.q)[None], w)
 
 
-def check_start(problem: Transcription, accuracy: float) -> None:
-    """Refuse a start beyond a limit or too near to something: no motion from it is within the bounds.
+def check_ends(problem: Transcription, accuracy: float) -> None:
+    """Refuse a start beyond a limit, and a start or goal too near to something: no motion is within the bounds.
+
+    Distances at a goal are known if it is a configuration.
 
     Raises:
-        InfeasibleError: the start violates a bound by more than the accuracy.
+        InfeasibleError: the start or the goal violates a bound by more than the accuracy.
     """
-    model, start = problem.model, problem.start
+    model, start, goal = problem.model, problem.start, problem.goal
     nodes = NodeData(model, start, None, np.full(1, problem.begin))
     for bound in problem.bounds:
         if isinstance(bound, DistanceRows):
-            found = bound.distances.at(start.q[0], problem.begin, within=bound.clearance)
-            if found.distance.min(initial=np.inf) < bound.clearance - accuracy:
-                nearest = int(found.distance.argmin())
-                pair, distance = bound.distances.pairs[found.pairs[nearest]], float(found.distance[nearest])
-                text = f"start: the distance of {pair.names[0]} and {pair.names[1]} is {distance:.4g} m, below the"
-                raise InfeasibleError(f"{text} clearance of {bound.clearance:g} m; start elsewhere or ask for less")
+            _compare_distances("start", bound, start.q[0], problem.begin, accuracy)
+            if isinstance(goal, GoalRows) and goal.configuration is not None:
+                end = problem.begin + problem.duration[1]  # nothing moves if the duration is free
+                _compare_distances("goal", bound, goal.configuration, end, accuracy)
         elif bound.of_state and bound.quantity in ("output", "velocity"):
             values = bound.rows(nodes, False).value[0].tolist()
             _compare("start", bound, dict(zip(bound.names, values, strict=True)), accuracy)
+
+
+def _compare_distances(what: str, bound: DistanceRows, q: np.ndarray, t: float, accuracy: float) -> None:
+    found = bound.distances.at(q, t, within=bound.clearance)
+    if found.distance.min(initial=np.inf) < bound.clearance - accuracy:
+        nearest = int(found.distance.argmin())
+        pair, distance = bound.distances.pairs[found.pairs[nearest]], float(found.distance[nearest])
+        text = f"{what}: the distance of {pair.names[0]} and {pair.names[1]} is {distance:.4g} m, below the"
+        raise InfeasibleError(f"{text} clearance of {bound.clearance:g} m; choose another {what}, or ask for less")
 
 
 def _duration(given: float | tuple[float, float]) -> tuple[float, float]:
@@ -269,7 +278,7 @@ def plan_motion(
     def solved(guess: Guess, settings: SolverSettings, seeds: int) -> MotionPlan:
         problem = build_problem(model, start, end, duration, costs, bounds, settings.nodes, limits)
         problem.time_weight = time_weight
-        check_start(problem, settings.accuracy)
+        check_ends(problem, settings.accuracy)
         if limits is not None:
             problem = problem.with_reserve(limits.reserve)
         _warn_of_differences(problem)

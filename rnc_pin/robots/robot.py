@@ -363,6 +363,12 @@ class Robot(NamedModel, SummaryMixin):
         """Collision geometry without missing meshes; meshes are read on first access."""
         return self._geometry.get("collision")
 
+    @property
+    def drawn_geometry(self) -> pin.GeometryModel | None:
+        """Geometry of pictures and pages: the visual one; without visual shapes the collision geometry, if any."""
+        models = (self.visual_model, self.collision_model)
+        return next((model for model in models if model is not None and len(model.geometryObjects)), None)
+
     def missing_meshes(self, kind: Literal["visual", "collision"]) -> Mapping[str, tuple[str, ...]]:
         """Return names of the meshes of a URDF that are missing or not readable, by link; empty for a mounted robot.
 

@@ -126,10 +126,10 @@ class RunData(SummaryMixin):
 
         Runs of ``simulate`` and ``free_motion`` are judged by the limits of the robot's file, by distances between its
         links, by contacts and by the commands of the loop. Runs of scenarios are also judged by their goals and
-        obstacles. A file of ``save`` has the verdict if it was computed before.
+        obstacles. ``save`` writes it too.
 
         Raises:
-            ConfigurationError: the run is from a file, and was not judged before it was saved.
+            ConfigurationError: the run is from a file, and nothing could judge it before it was saved.
         """
         if self.info.verdict is None:
             if "_judge" not in vars(self):
@@ -172,8 +172,10 @@ class RunData(SummaryMixin):
         return self.info.outputs.of(kind).coordinates
 
     def save(self, path: str | Path) -> None:
-        """Write a compressed ``.npz`` file to a path, for ``load``. An error leaves no partial file."""
+        """Write a compressed ``.npz`` file with the verdict, for ``load``. An error leaves no partial file."""
         path = Path(path)
+        if "_judge" in vars(self):
+            self.verdict  # noqa: B018  # computed here, because a file cannot be judged without the robot
         arrays = {name: getattr(self, name) for name in _array_names()}
         with atomic_file(path) as partial, partial.open("wb") as file:
             np.savez_compressed(file, **arrays, meta=np.array(dump_json(self.meta)))

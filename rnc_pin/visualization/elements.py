@@ -217,8 +217,9 @@ class Ghost(Element):
     offset: np.ndarray = field(default_factory=partial(np.zeros, 3))
 
     def __post_init__(self) -> None:
-        assert self.robot.visual_model is not None
-        self._visual = self.robot.visual_model
+        drawn = self.robot.drawn_geometry
+        assert drawn is not None
+        self._visual = drawn
         self._data, self._shapes = self.robot.model.createData(), self._visual.createData()
 
     def build(self, scene: MeshcatScene) -> None:

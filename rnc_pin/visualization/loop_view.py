@@ -280,7 +280,7 @@ def show(
 
     Raises:
         InputError: the range of a gain is no range, or its start is outside.
-        ModelError: the robot has no visual geometry.
+        ModelError: the robot has no geometry.
 
     Example:
         >>> import pinocchio as pin

@@ -40,7 +40,7 @@ class Recording(SummaryMixin):
         aside: True places the compared runs beside the run, in their own colours.
 
     Raises:
-        ModelError: the robot has no visual geometry, or a frame of the view does not exist.
+        ModelError: the robot has no geometry, or a frame of the view does not exist.
         InputError: a run has fewer than two samples, or belongs to another robot.
     """
 

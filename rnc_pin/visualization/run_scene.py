@@ -72,7 +72,7 @@ class RunScene:
         first: first state.
 
     Raises:
-        ModelError: the robot has no visual geometry, or a frame of the view does not exist.
+        ModelError: the robot has no geometry, or a frame of the view does not exist.
     """
 
     def __init__(self, shown: ShownRun, view: View, scene: MeshcatScene, first: DrawnState) -> None:

@@ -39,14 +39,13 @@ _TARGA = (1, 2, 3, 9, 10, 11)  # image types in the third byte of a Targa file, 
 
 
 def check_drawable(robot: Robot) -> None:
-    """Check that a robot has visual geometry.
+    """Check that a robot has geometry to draw.
 
     Raises:
-        ModelError: the robot has no visual geometry.
+        ModelError: the robot has no geometry.
     """
-    visual = robot.visual_model
-    if visual is None or not len(visual.geometryObjects):
-        raise ModelError(f"robot '{robot.name}' has no visual geometry to draw")
+    if robot.drawn_geometry is None:
+        raise ModelError(f"robot '{robot.name}' has no visual or collision geometry to draw")
 
 
 def drawn_triangles(shape: pin.GeometryObject) -> np.ndarray:
@@ -152,7 +151,7 @@ class MeshcatRobot:
 
     def __init__(self, robot: Robot, scene: MeshcatScene) -> None:
         check_drawable(robot)
-        self.visualizer: BaseVisualizer = MeshVisualizer(robot.model, robot.visual_model, robot.folders)
+        self.visualizer: BaseVisualizer = MeshVisualizer(robot.model, robot.drawn_geometry, robot.folders)
         self.visualizer.initViewer(viewer=scene.root)
         self.visualizer.loadViewerModel(rootNodeName="robot")
         self.visualizer.viewer = _TransformSink(scene)
@@ -299,10 +298,10 @@ def carrier_placement(ground: GroundSurface, kinematics: SceneKinematics) -> Cal
 def is_drawn(ground: GroundSurface, robot: Robot) -> bool:
     """True if a page draws the surface itself: it is in the world, or the body that carries it has no shapes."""
     carrier = carrier_of(ground)
-    if carrier is None or robot.visual_model is None:
+    if carrier is None or robot.drawn_geometry is None:
         return True
     joint = robot.model.frames[robot.frame_id(carrier)].parentJoint
-    return all(shape.parentJoint != joint for shape in robot.visual_model.geometryObjects)
+    return all(shape.parentJoint != joint for shape in robot.drawn_geometry.geometryObjects)
 
 
 def ground_patch(ground: GroundSurface, places: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:

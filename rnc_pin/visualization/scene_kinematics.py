@@ -87,11 +87,10 @@ class SceneKinematics:
 
     def corners(self, q: np.ndarray) -> np.ndarray:
         """Corners (N, 3) of the bounding boxes of all shapes [m], without infinite shapes such as planes."""
-        visual = self.robot.visual_model
-        assert visual is not None
-        data = self._data_at(q)
-        found = [np.zeros((1, 3))] if not len(visual.geometryObjects) else []
-        for shape in visual.geometryObjects:
+        drawn = self.robot.drawn_geometry
+        assert drawn is not None
+        data, found = self._data_at(q), []
+        for shape in drawn.geometryObjects:
             corners = box_corners(shape.geometry)
             if np.abs(corners).max() < _MAX_CORNER:
                 placement = data.oMi[shape.parentJoint] * shape.placement
@@ -123,7 +122,7 @@ class SceneKinematics:
             if np.isnan(point).any() or abs(along[2]) > 0.5:
                 continue
             found = False
-            for shape in self.robot.visual_model.geometryObjects if self.robot.visual_model else ():
+            for shape in self.robot.drawn_geometry.geometryObjects if self.robot.drawn_geometry else ():
                 if not isinstance(shape.geometry, coal.Cylinder):
                     continue
                 placement = data.oMi[shape.parentJoint] * shape.placement

@@ -85,7 +85,7 @@ def test_corners_between_nodes_are_kept_by_larger_distances_at_the_nodes_next_to
     assert forklifts.smallest_distance(q, RACK, SIZE) > CLEARANCE - 5.1e-3
 
 
-def test_a_start_beyond_a_bound_is_refused_at_once(tmp_path):
+def test_a_start_or_goal_beyond_a_bound_is_refused_at_once(tmp_path):
     reduced = forklifts.forklift(tmp_path)
     rack = rnc.collision.Obstacle(coal.Box(*SIZE), position=RACK, name="rack")
     distances = rnc.collision.CollisionDistances(reduced.robot, [rack], rnc.collision.PairSelection(links=False))
@@ -93,6 +93,9 @@ def test_a_start_beyond_a_bound_is_refused_at_once(tmp_path):
     goal = forklifts.goal_of((0.0, -2.0, 0.0), 0.5)
     with pytest.raises(rnc.InfeasibleError, match=r"start: the distance of base and rack is 0\.05 m, below the clear"):
         rnc.optimal.plan(reduced, start, goal, 8.0, bounds=[DistanceBound(distances, CLEARANCE)])
+    away = reduced.robot.configuration({"root_joint": [0.0, -2.0, 0.0], "lift_joint": 0.5})
+    with pytest.raises(rnc.InfeasibleError, match=r"goal: the distance of base and rack is 0\.05 m, below the clear"):
+        rnc.optimal.plan(reduced, away, start, 8.0, bounds=[DistanceBound(distances, CLEARANCE)])
     with pytest.raises(rnc.InfeasibleError, match=r"start: value of base_y = -0\.8 is above the limit -1 of its bound"):
         rnc.optimal.plan(
             reduced, start, goal, 8.0, bounds=[OutputBound(rnc.FramePosition("base", "xy"), None, [9, -1])]

@@ -27,7 +27,9 @@ from rnc_pin.simulation import Sample
 from rnc_pin.visualization.browser.page import in_order, is_loopback
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.live import LiveView
+from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization.scene_bodies import MeshcatRobot
 from terminal import UNDRAWN
 
 SHORT = {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}}
@@ -274,9 +276,22 @@ def test_the_live_view_keeps_to_its_speed(robot):
 def test_a_robot_without_geometry_cannot_be_drawn(robot):
     before = listening()
     bare = rnc.Robot(robot.model)
-    with pytest.raises(rnc.ModelError, match="'space_robot' has no visual geometry to draw"):
+    with pytest.raises(rnc.ModelError, match="'space_robot' has no visual or collision geometry to draw"):
         LiveView(bare, open_browser=False)
     assert listening() == before
+
+
+def test_a_robot_with_collision_shapes_only_is_drawn_by_them(tmp_path):
+    hull = '<geometry><box size="1 1 1"/></geometry>'
+    for visual, count in (("", 2), (f"<visual>{hull}</visual>", 1)):
+        (tmp_path / "hull.urdf").write_text(
+            f'<robot name="hull"><link name="hull">{visual}{2 * f"<collision>{hull}</collision>"}</link></robot>'
+        )
+        window = SceneWindow()
+        MeshcatRobot(
+            rnc.Robot.from_urdf(tmp_path / "hull.urdf", base="planar", masses={"hull": 9.0}), MeshcatScene(window)
+        )
+        assert len([key for key in window.latest if "set_object" in key and "hull" in str(key)]) == count
 
 
 def test_the_latest_commands_stay_in_an_order_that_draws_the_scene():

@@ -28,7 +28,7 @@ _DISTANCE, _JOINT = " distance", (" position", " velocity")
 
 
 class HighlightedBodies(NamedTuple):
-    """Bodies of limits: names of visual shapes of the robot, and of obstacles."""
+    """Bodies of limits: names of shapes of the robot, and of obstacles."""
 
     shapes: frozenset[str]
     obstacles: frozenset[str]
@@ -38,16 +38,16 @@ class LimitBodies:
     """Map from the names of limits to bodies.
 
     Args:
-        robot: robot with its visual shapes.
+        robot: robot with its shapes.
         obstacles: names of the obstacles.
     """
 
     def __init__(self, robot: Robot, obstacles: Iterable[str]) -> None:
         self._obstacles = frozenset(obstacles)
-        model, visual = robot.model, robot.visual_model
+        model, drawn = robot.model, robot.drawn_geometry
         self._by_joint: dict[int, set[str]] = {}
         self._by_link: dict[str, set[str]] = {}
-        for shape in () if visual is None else visual.geometryObjects:
+        for shape in () if drawn is None else drawn.geometryObjects:
             self._by_joint.setdefault(int(shape.parentJoint), set()).add(str(shape.name))
             self._by_link.setdefault(str(model.frames[shape.parentFrame].name), set()).add(str(shape.name))
         names = robot.velocity_names

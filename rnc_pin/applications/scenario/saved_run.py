@@ -49,12 +49,13 @@ def _of_phases(scenario: ScenarioFile, robot: Robot, trajectory: Trajectory) -> 
 
 
 def write_animation(scenario: Scenario, result: Result, path: Path) -> bool:
-    """Write the page; False if the robot has nothing to draw."""
-    content, visual = scenario.content, scenario.robot.visual_model
-    if visual is None or not len(visual.geometryObjects):
-        return False
-    view = content.view
-    view = replace(view, hide=[*view.hide, "compared"])  # users can switch this layer on
+    """Write the page.
+
+    Raises:
+        ModelError: the robot has no geometry.
+    """
+    content = scenario.content
+    view = replace(content.view, hide=[*content.view.hide, "compared"])  # users can switch this layer on
     drawn = drawn_run(scenario.experiment.drawn_model, content, result.trajectory)
     Recording(drawn, result.trajectory, view, content.title or scenario.name, result.comparisons).save(path)
     return True

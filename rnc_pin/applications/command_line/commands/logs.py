@@ -124,7 +124,7 @@ def _write_comparison(
     scenario: Scenario, found: Comparison, content: dict[str, Json], out: Path, force: bool
 ) -> list[str]:
     """Write the report, the plots and the page; return their names."""
-    figures, visual = scenario.content.figures, scenario.robot.visual_model
+    figures = scenario.content.figures
     plots = [f"{_NAME}.{each}" for each in figures.formats]
     with OutputFolder(out, force, (f"{_NAME}.json", *plots, ANIMATION)) as folder:
         with folder.writing() as fresh:
@@ -133,7 +133,7 @@ def _write_comparison(
             for name in plots:
                 save(figure, fresh / name)
             names = [f"{_NAME}.json", *plots]
-            if visual is not None and len(visual.geometryObjects):
+            if scenario.robot.drawn_geometry is not None:
                 _record(scenario, found).save(fresh / ANIMATION)
                 names.append(ANIMATION)
         folder.keep()
