@@ -2,10 +2,27 @@
 
 import numpy as np
 import pytest
+from ompl import base
 
 from benchmarks.path_lengths import driven_length, forward_plan, turning_plan
 from benchmarks.planned_models import car
 from rnc_pin.planning.shortest_paths import driven_pose, dubins_length, reeds_shepp_length
+
+
+def test_lengths_are_those_of_ompl():
+    generator = np.random.default_rng(1)
+    for space, length in (
+        (base.ReedsSheppStateSpace(1.0), reeds_shepp_length),
+        (base.DubinsStateSpace(1.0), dubins_length),
+    ):
+        begin, end = space.allocState(), space.allocState()
+        begin.setXY(0.0, 0.0)
+        begin.setYaw(0.0)
+        for _ in range(300):
+            x, y, heading = generator.uniform([-4.0, -4.0, -np.pi], [4.0, 4.0, np.pi])
+            end.setXY(x, y)
+            end.setYaw(heading)
+            assert length(x, y, heading) == pytest.approx(space.distance(begin, end), abs=1e-6)
 
 
 def test_no_random_word_is_shorter_than_the_closed_forms():
