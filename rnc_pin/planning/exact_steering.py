@@ -245,7 +245,6 @@ class CarSteering(_AxleSteering):
                 f"to {ends.max():.3g} 1/m: a way needs turns to both sides"
             )
         largest = float(min(-ends.min(), ends.max()))
-        self.radius = 1.0 / largest
         self._angles = {}
         for side in (-1, 0, 1):
             wanted = np.clip(side * largest, ends.min(), ends.max())

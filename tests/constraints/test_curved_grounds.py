@@ -202,3 +202,8 @@ def test_a_wheel_is_a_torus_without_a_tube():
     flat = rnc.RollingWheel("body", 0.3, "y", ground=3.0)
     with pytest.raises(rnc.ConstraintError, match="ground of wheel 'body': expected a GroundPlane, SphericalGround"):
         flat.bind(robot)
+
+
+def test_a_cylinder_is_upright_unless_an_axis_is_given():
+    np.testing.assert_array_equal(rnc.CylindricalGround(1.0).along, [0.0, 0.0, 1.0])
+    np.testing.assert_array_equal(rnc.CylindricalGround(1.0, axis=(3.0, 0.0, 4.0)).along, [0.6, 0.0, 0.8])

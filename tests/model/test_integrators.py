@@ -8,7 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.model.integrators import ExponentialCoordinates
+from rnc_pin.model.integrators import ExponentialCoordinates, phi_functions
 from rnc_pin.plants.reduced import ConstrainedDynamics
 from simple_controllers import Inputs
 from systems import free_flying_panda, leaning_wheel, mobile_manipulator, space_robot, space_robot_in_joints
@@ -162,3 +162,17 @@ def test_rates_in_local_coordinates_are_those_of_the_exponential(make):
     found = dynamics.local_rate(q, x, T)
     np.testing.assert_allclose(found, np.concatenate(expected), rtol=1e-11, atol=1e-11)
     assert dynamics.local_rate(q, np.concatenate([np.full(robot.nv, 1e3), y]), T) is None  # outside the chart
+
+
+@pytest.mark.parametrize("x", [-1e-9, -1e-3, -0.999, -1.001, -30.0, -1e12])
+def test_phi_functions_are_the_integrals_that_define_them(x):
+    """``phi_k(x)`` is the integral of ``exp((1 - s) x) s^(k-1) / (k-1)!`` over s from 0 to 1; ``phi_0`` is exp."""
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    s, values = (nodes + 1) / 2, phi_functions(np.array([x]), 4)
+    assert values[0][0] == pytest.approx(np.exp(x), rel=1e-14)
+    for k in range(1, 5):
+        if x > -100:
+            expected = (weights / 2) @ (np.exp((1 - s) * x) * s ** (k - 1)) / factorial(k - 1)
+        else:
+            expected = -1.0 / (x * factorial(k - 1))
+        assert values[k][0] == pytest.approx(expected, rel=1e-11)

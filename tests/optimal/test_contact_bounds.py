@@ -16,11 +16,11 @@ from textbook_systems import G
 FRICTION = 0.7
 
 
-def three_supports(base="planar", aside=0.0, third=rnc.Caster("nose", WHEEL)):  # noqa: B008
+def three_supports(base="planar", aside=0.0, third=rnc.Caster("nose", WHEEL), further=()):  # noqa: B008
     """Two driven wheels and a caster."""
     robot = rnc.Robot(rolling_base({"l": (0.0, 0.2), "r": (0.0, -0.2), "nose": (0.4, aside)}, WHEEL, base))
     rows = [rnc.RollingWheel("l", WHEEL), rnc.RollingWheel("r", WHEEL), third]
-    system = rnc.NonholonomicSystem(robot, rows, ["l_spin", "r_spin", "nose_spin"])
+    system = rnc.NonholonomicSystem(robot, rows, ["l_spin", "r_spin", "nose_spin", *further])
     return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base"), rnc.JointPosition("nose_spin")])
 
 
@@ -37,6 +37,9 @@ SYSTEMS = {
     "rows of a user": lambda: three_supports(aside=0.1, third=OfAUser()),
     "three supports": three_supports,
     "three supports of a free base": lambda: three_supports("free"),
+    "thrusters and reaction wheels": lambda: three_supports(
+        further=[kind("base", axis) for kind in (rnc.FrameForce, rnc.FrameTorque) for axis in "xz"]
+    ),
     "four wheels": systems.on_four_wheels,
     "mecanum": systems.mecanum,
     "sleigh": systems.sleigh,

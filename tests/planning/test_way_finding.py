@@ -21,7 +21,8 @@ from rnc_pin.planning import WaySettings, find_way
 from rnc_pin.planning.exact_steering import ExactMotion
 from rnc_pin.planning.way import intervals_along, motion_along
 from rnc_pin.planning.way_finding import WayFinder
-from rnc_pin.planning.way_search import WaySearch
+from rnc_pin.planning.way_search import SearchBudget, WaySearch
+from rnc_pin.planning.way_space import WaySpace
 from systems import ROLLERS, WHEEL, four_bar, mecanum, mecanum_box, tiago, with_box
 
 Obstacle = rnc.collision.Obstacle
@@ -500,3 +501,38 @@ for seed in range(3):
 """
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=100)
     assert (ended.returncode, ended.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("base", ["planar", "free"])
+def test_states_of_the_search_are_configurations(base):
+    """Each kind of joint in its own subspace, and back."""
+    model = with_box(rnc.Robot.from_urdf("unicycle.urdf", base=base), "axle", 0.2, 0.2, 0.2).model.copy()
+    for name, kind in (("endless", "RUBZ"), ("ball", "Spherical"), ("arm", "RX"), ("slide", "PY")):
+        add_body(model, name, kind, 1.0, 1, com=(0.2, 0, 0), moments=0.05)
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model), []).reduce()
+    start, goal = (reduced.robot.random_configuration(np.random.default_rng(k)) for k in (0, 1))
+    finder = WayFinder(reduced, start, [], settings=WaySettings(area=[[-9, -9, -9], [9, 9, 9]]))
+    ways = WaySpace(finder.steering, np.array([start, goal]), np.array([[-9.0, -9, -9], [9, 9, 9]]))
+    state = ways.space.allocState()
+    ways.write(state, goal)
+    np.testing.assert_allclose(pin.difference(model, ways.read(state), goal), 0.0, atol=1e-12)
+
+
+def test_a_search_that_begins_anew_has_the_time_that_is_left():
+    assert SearchBudget(0.0).renewed().is_over
+    assert not SearchBudget(60.0).renewed().is_over
+
+
+@pytest.mark.parametrize("limit", [np.inf, 1e30, 0.0])
+def test_wheels_follow_however_a_file_says_that_they_have_no_limits(limit):
+    box = mecanum_box()
+    model = box.robot.model.copy()
+    spins = [model.joints[model.getJointId(f"{name}_spin")].idx_q for name in ROLLERS]
+    lower, upper = model.lowerPositionLimit, model.upperPositionLimit
+    lower[spins], upper[spins] = -limit, limit
+    model.lowerPositionLimit, model.upperPositionLimit = lower, upper
+    robot = rnc.Robot(model, collision_model=box.robot.collision_model)
+    rows = [rnc.RollingWheel(name, WHEEL, roller=roller) for name, roller in ROLLERS.items()]
+    reduced = rnc.NonholonomicSystem(robot, rows).reduce()
+    planned = WayFinder(reduced, reduced.robot.configuration(), []).planned
+    assert np.flatnonzero(planned).tolist() == [0, 1, 2]

@@ -10,7 +10,6 @@ from scipy.optimize import lsq_linear
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.model.integrators import phi_functions
 from rnc_pin.model.numpy_evaluator import RunStarts
 from rnc_pin.plants import Faults, FaultyPlant, ReducedPlant
 from rnc_pin.plants.reduced.friction import INSTANT, _least_energy
@@ -89,20 +88,6 @@ def test_stiff_damping_converges_too():
     assert errors[0] < 1e-2
     assert (errors[:-1] / errors[1:] > 2.0).all()
     np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=1e-2 * np.ptp(run.energy))
-
-
-@pytest.mark.parametrize("x", [-1e-9, -1e-3, -0.999, -1.001, -30.0, -1e12])
-def test_phi_functions_are_the_integrals_that_define_them(x):
-    """``phi_k(x)`` is the integral of ``exp((1 - s) x) s^(k-1) / (k-1)!`` over s from 0 to 1; ``phi_0`` is exp."""
-    nodes, weights = np.polynomial.legendre.leggauss(60)
-    s, values = (nodes + 1) / 2, phi_functions(np.array([x]), 4)
-    assert values[0][0] == pytest.approx(np.exp(x), rel=1e-14)
-    for k, factorial in ((1, 1.0), (2, 1.0), (3, 2.0), (4, 6.0)):
-        if x > -100:
-            expected = (weights / 2) @ (np.exp((1 - s) * x) * s ** (k - 1)) / factorial
-        else:
-            expected = -1.0 / (x * factorial)
-        assert values[k][0] == pytest.approx(expected, rel=1e-11)
 
 
 # ---------------------------------------------------------------------- dry friction
