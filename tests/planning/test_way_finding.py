@@ -16,6 +16,7 @@ import rnc_pin as rnc
 import rnc_pin.extras
 from benchmarks.planned_models import car, mobile_manipulator, tractor
 from bodies import add_body
+from places import ROOT
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.planning import WaySettings, find_way
 from rnc_pin.planning.exact_steering import ExactMotion
@@ -523,16 +524,13 @@ def test_a_search_that_begins_anew_has_the_time_that_is_left():
     assert not SearchBudget(60.0).renewed().is_over
 
 
-@pytest.mark.parametrize("limit", [np.inf, 1e30, 0.0])
-def test_wheels_follow_however_a_file_says_that_they_have_no_limits(limit):
-    box = mecanum_box()
-    model = box.robot.model.copy()
-    spins = [model.joints[model.getJointId(f"{name}_spin")].idx_q for name in ROLLERS]
-    lower, upper = model.lowerPositionLimit, model.upperPositionLimit
-    lower[spins], upper[spins] = -limit, limit
-    model.lowerPositionLimit, model.upperPositionLimit = lower, upper
-    robot = rnc.Robot(model, collision_model=box.robot.collision_model)
-    rows = [rnc.RollingWheel(name, WHEEL, roller=roller) for name, roller in ROLLERS.items()]
+@pytest.mark.parametrize(("limit", "planned"), [("1e30", 3), ("40", 5)])
+def test_wheels_follow_however_a_file_says_that_they_have_no_limits(limit, planned, tmp_path):
+    text = (ROOT / "urdf" / "differential_drive.urdf").read_text()
+    text = text.replace('type="continuous"', 'type="revolute"')
+    text = text.replace("<limit ", f'<limit lower="-{limit}" upper="{limit}" ')
+    (tmp_path / "drive.urdf").write_text(text)
+    robot = rnc.Robot.from_urdf(tmp_path / "drive.urdf", base="planar")
+    rows = [rnc.RollingWheel(f"{name}_wheel", 0.1) for name in ("left", "right")]
     reduced = rnc.NonholonomicSystem(robot, rows).reduce()
-    planned = WayFinder(reduced, reduced.robot.configuration(), []).planned
-    assert np.flatnonzero(planned).tolist() == [0, 1, 2]
+    assert WayFinder(reduced, robot.configuration(), []).planned.sum() == planned
