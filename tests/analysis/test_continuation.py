@@ -1,5 +1,7 @@
 """Relative equilibria, their symmetries, and branches of them: against closed forms and published speeds."""
 
+import re
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -239,8 +241,10 @@ def test_an_equilibrium_at_rest_has_its_stability_too():
 
 
 def test_a_branch_that_does_not_go_on_is_said():
-    with pytest.raises(rnc.ConstraintError, match=r"^no steady motion at 4\.\d+, next to 4\.?\d*: no steady"):
+    with pytest.raises(rnc.ConstraintError, match=r"^no steady motion at 4\.\d+, next to 4\.?\d*: no steady") as caught:
         rnc.continuation(hoop, np.array([0.0, np.arccos(G / (L * 16.0))]), [4.0, 5.0], hold=["bead"])
+    without, last = (float(each) for each in re.findall(r"4\.?\d*", str(caught.value))[:2])
+    assert without - last == pytest.approx(1.0 / 2**8, abs=1e-5)  # halved as often as documented
 
 
 @pytest.mark.parametrize(("call", "error", "words"), [
