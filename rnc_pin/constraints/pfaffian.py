@@ -256,6 +256,13 @@ class Pfaffian:
     rheonomic: bool = False
 
     def bind(self, robot: Robot) -> Rows:
+        for name in ("rows", "rows_dot", "rate", "rate_dot", "residual"):
+            given = getattr(self, name)
+            if not callable(given) and (given is not None or name == "rows"):
+                raise ConstraintError(
+                    f"'{name}' of a Pfaffian constraint has to be a function, such as lambda q: matrix, "
+                    f"found {type(given).__name__}"
+                )
         if self.rate is None and self.rate_dot is not None:
             raise ConstraintError("a Pfaffian constraint takes 'rate_dot' only together with 'rate'")
         if self.rate is not None and self.residual is not None and not self.rheonomic:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ConfigurationError, InfeasibleError
+from rnc_pin.errors import ConfigurationError, InfeasibleError, short_text
 from rnc_pin.identification.inertial_fit import InertialFit, MeasuredRow
 from rnc_pin.identification.inertial_problem import AskedParameters, InertialProblem, column_names
 from rnc_pin.identification.logs.log import Log
@@ -172,6 +172,9 @@ def identify(
         ...     print(str(error)[:30])
         the log does not determine the
     """
+    for name, given, kind in (("system", system, NonholonomicSystem), ("log", log, Log)):
+        if not isinstance(given, kind):
+            raise ConfigurationError(f"{name}: expected a {kind.__name__}, found {short_text(given)}")
     if prior is not None and not prior > 0:
         raise ConfigurationError(f"prior: expected a positive number, found {prior}")
     if not 0 <= held_out <= 0.9:

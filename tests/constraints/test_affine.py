@@ -150,6 +150,8 @@ def test_rows_that_demand_two_things_are_refused():
     (lambda r: rnc.MomentumConservation("platform", [1.0, 2.0]), "takes 1 finite number, found"),
     (lambda r: rnc.MomentumConservation("platform", np.nan), "takes 1 finite number, found nan"),
     (lambda r: rnc.Pfaffian(lambda q: np.eye(4)[:1], rate_dot=lambda q, v: v[:1]), "only together"),
+    (lambda r: rnc.Pfaffian(np.eye(4)[:1]), "'rows' of a Pfaffian constraint has to be a function.*found ndarray"),
+    (lambda r: rnc.Pfaffian(lambda q: np.eye(4)[:1], rate=np.ones(1)), "'rate' of a Pfaffian constraint has to be"),
     (lambda r: rnc.Pfaffian(lambda q: np.eye(4)[:1], rate=lambda q: q[:1], residual=lambda q: q[:1]),
         "'rate' or 'residual', not both"),
 ])  # fmt: skip

@@ -200,6 +200,13 @@ def test_mistakes_are_refused(unknown, change, words):
         rnc.identify(fixed_arm(), fixed_arm_log(), unknown, **change)
 
 
+def test_what_is_no_system_and_no_log_is_refused():
+    with pytest.raises(rnc.ConfigurationError, match="log: expected a Log, found 'a'"):
+        rnc.identify(fixed_arm(), "a")
+    with pytest.raises(rnc.ConfigurationError, match="system: expected a NonholonomicSystem, found"):
+        rnc.identify(fixed_arm().robot, fixed_arm_log())
+
+
 def test_a_log_without_efforts_is_refused():
     moved = rnc.Log(each for each in fixed_arm_log() if each.quantity != "effort")
     with pytest.raises(rnc.ConfigurationError, match="no effort of the actuators, and no momentum is conserved"):

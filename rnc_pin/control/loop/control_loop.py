@@ -123,7 +123,7 @@ class ControlLoop(ReprMixin):
         check_number("dt", dt)
         self.reduced, self.dt = admit_model(reduced), dt
         admit_controller(controller, of_measurement=True)
-        self.settings = LoopSettings(**options)
+        self.settings = LoopSettings.of_options(options)
         self._controller = controller if isinstance(controller, Controller) else None
         self._factory = None if isinstance(controller, Controller) else controller
         self.guard = Guard(reduced, self.settings.max_speed, self._estimator())

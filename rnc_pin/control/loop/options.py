@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import isfinite
 from typing import Literal, TypedDict, TypeVar
 
@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Controller, State, VelocityTarget
-from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
+from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, nearest
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -74,6 +74,19 @@ class LoopSettings:
     max_speed: Positive = 100.0
     min_singular_value: NotNegative = 0.0
     brake: Positive = 5.0
+
+    @classmethod
+    def of_options(cls, options: LoopOptions) -> LoopSettings:
+        """Return the settings of named options.
+
+        Raises:
+            ConfigurationError: an option has an unknown name, or an invalid value.
+        """
+        names = [each.name for each in fields(cls)]
+        for name in options:
+            if name not in names:
+                raise ConfigurationError(f"a loop has no option '{name}'{nearest(name, names)}")
+        return cls(**options)
 
     def __post_init__(self) -> None:
         check_choice("fallback", self.fallback, ("hold", "brake", "zero", "raise"))
