@@ -57,7 +57,7 @@ def test_a_run_tells_its_file_what_it_knows(run, tmp_path):
         written = json.loads(str(file["meta"]))
     assert list(written) == [
         "names", "units", "angular", "rotations", "quasi", "goals", "dt", "versions", "scenario", "seed", "config",
-        "folder", "controller", "task", "path", "estimates", "predicted", "note", "outcome", "integration",
+        "folder", "controller", "task", "path", "estimates", "predicted", "note", "outcome", "integration", "verdict",
     ]  # fmt: skip
     assert written["names"]["T"] == ["joint_1", "joint_2", "joint_3"]
     assert written["task"] == {"primary": ["tip_x"], "redundant": ["joint_1"]}
@@ -71,10 +71,12 @@ def test_a_mapping_of_ones_own_is_kept():
 
 
 def test_what_one_run_says_can_be_given_to_another(run):
-    """Its names and its outcome are its own; where it comes from is handed on."""
+    """Its names, its outcome and its verdict are its own; where it comes from is handed on."""
+    assert run.verdict.succeeded
     ended = replace(run, info=replace(run.info, outcome=rnc.Outcome.SINGULAR, message="too far", goals=("joint_9",)))
     again = idle_run(meta=ended.meta)
-    assert again.info == run.info
+    assert again.info.verdict is None
+    assert again.info == replace(run.info, verdict=None)
 
 
 def test_a_free_motion_knows_where_it_comes_from():
