@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from itertools import chain, zip_longest
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float, Int
-from rnc_pin.errors import ConfigurationError
+from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.io.json import Json, atomic_file, dump_json
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.model.coordinates import Coordinates
@@ -175,7 +176,8 @@ class RunData(SummaryMixin):
         """Write a compressed ``.npz`` file with the verdict, for ``load``. An error leaves no partial file."""
         path = Path(path)
         if "_judge" in vars(self):
-            self.verdict  # noqa: B018  # computed here, because a file cannot be judged without the robot
+            with suppress(RncError):  # samples that cannot be judged, because some are not finite, are kept too
+                self.verdict  # noqa: B018  # computed here, because a file cannot be judged without the robot
         arrays = {name: getattr(self, name) for name in _array_names()}
         with atomic_file(path) as partial, partial.open("wb") as file:
             np.savez_compressed(file, **arrays, meta=np.array(dump_json(self.meta)))

@@ -202,6 +202,10 @@ def test_a_verdict_stays_with_the_file_of_its_run(tmp_path):
     run.save(tmp_path / "run.npz")
     assert rnc.Trajectory.load(tmp_path / "run.npz").verdict == run.verdict
     assert not run.verdict.succeeded
+    unknown = replace(run, q=np.full_like(run.q, np.nan)).judged_later(vars(run)["_judge"])
+    unknown.save(tmp_path / "unknown.npz")
+    with np.load(tmp_path / "unknown.npz") as file:
+        assert np.isnan(file["q"]).all()
 
 
 def test_many_runs_are_judged_like_one(tmp_path):
