@@ -366,7 +366,7 @@ class Robot(NamedModel, SummaryMixin):
     @property
     def drawn_geometry(self) -> pin.GeometryModel | None:
         """Geometry of pictures and pages: the visual one; without visual shapes the collision geometry, if any."""
-        models = (self.visual_model, self.collision_model)
+        models = map(self._geometry.get, ("visual", "collision"))  # collision meshes are read only if they are drawn
         return next((model for model in models if model is not None and len(model.geometryObjects)), None)
 
     def missing_meshes(self, kind: Literal["visual", "collision"]) -> Mapping[str, tuple[str, ...]]:

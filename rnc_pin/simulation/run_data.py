@@ -175,9 +175,8 @@ class RunData(SummaryMixin):
     def save(self, path: str | Path) -> None:
         """Write a compressed ``.npz`` file with the verdict, for ``load``. An error leaves no partial file."""
         path = Path(path)
-        if "_judge" in vars(self):
-            with suppress(RncError):  # samples that cannot be judged, because some are not finite, are kept too
-                self.verdict  # noqa: B018  # computed here, because a file cannot be judged without the robot
+        with suppress(RncError):  # samples that nothing can judge are kept too
+            _ = self.verdict  # in the file, because it cannot be judged without the robot
         arrays = {name: getattr(self, name) for name in _array_names()}
         with atomic_file(path) as partial, partial.open("wb") as file:
             np.savez_compressed(file, **arrays, meta=np.array(dump_json(self.meta)))

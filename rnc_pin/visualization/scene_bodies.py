@@ -297,11 +297,11 @@ def carrier_placement(ground: GroundSurface, kinematics: SceneKinematics) -> Cal
 
 def is_drawn(ground: GroundSurface, robot: Robot) -> bool:
     """True if a page draws the surface itself: it is in the world, or the body that carries it has no shapes."""
-    carrier = carrier_of(ground)
-    if carrier is None or robot.drawn_geometry is None:
+    carrier, drawn = carrier_of(ground), robot.drawn_geometry
+    if carrier is None or drawn is None:
         return True
     joint = robot.model.frames[robot.frame_id(carrier)].parentJoint
-    return all(shape.parentJoint != joint for shape in robot.drawn_geometry.geometryObjects)
+    return all(shape.parentJoint != joint for shape in drawn.geometryObjects)
 
 
 def ground_patch(ground: GroundSurface, places: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:

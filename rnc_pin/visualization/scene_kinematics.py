@@ -117,12 +117,12 @@ class SceneKinematics:
         def where_row_acts(row: int) -> Point:
             return lambda state: np.r_[self.lines_of_action_at(state)[0][row][:2], ground]
 
-        data = self._data_at(state.q)
+        data, drawn = self._data_at(state.q), self.robot.drawn_geometry
         for row, (point, along) in enumerate(zip(points, directions, strict=True)):
             if np.isnan(point).any() or abs(along[2]) > 0.5:
                 continue
             found = False
-            for shape in self.robot.drawn_geometry.geometryObjects if self.robot.drawn_geometry else ():
+            for shape in () if drawn is None else drawn.geometryObjects:
                 if not isinstance(shape.geometry, coal.Cylinder):
                     continue
                 placement = data.oMi[shape.parentJoint] * shape.placement

@@ -13,10 +13,10 @@ from rnc_pin.planning.action_models import Nodes, action_model
 from systems import WHEEL, random_states, rolling_base
 from textbook_systems import G
 
-FRICTION = 0.7
+FRICTION, CASTER = 0.7, rnc.Caster("nose", WHEEL)
 
 
-def three_supports(base="planar", aside=0.0, third=rnc.Caster("nose", WHEEL), further=()):  # noqa: B008
+def three_supports(base="planar", aside=0.0, third=CASTER, further=()):
     """Two driven wheels and a caster."""
     robot = rnc.Robot(rolling_base({"l": (0.0, 0.2), "r": (0.0, -0.2), "nose": (0.4, aside)}, WHEEL, base))
     rows = [rnc.RollingWheel("l", WHEEL), rnc.RollingWheel("r", WHEEL), third]
@@ -28,7 +28,7 @@ class OfAUser:
     """A caster whose point has no derivative in closed form."""
 
     def bind(self, robot):
-        rows = rnc.Caster("nose", WHEEL).bind(robot)
+        rows = CASTER.bind(robot)
         rows.point_gradient = lambda at: None
         return rows
 

@@ -8,6 +8,7 @@ import socket
 import struct
 import subprocess
 import time
+import warnings
 
 import meshcat
 import meshcat.geometry as mg
@@ -292,6 +293,18 @@ def test_a_robot_with_collision_shapes_only_is_drawn_by_them(tmp_path):
             rnc.Robot.from_urdf(tmp_path / "hull.urdf", base="planar", masses={"hull": 9.0}), MeshcatScene(window)
         )
         assert len([key for key in window.latest if "set_object" in key and "hull" in str(key)]) == count
+
+
+def test_drawing_visual_shapes_reads_no_collision_meshes(tmp_path):
+    mesh = '<collision><geometry><mesh filename="missing.stl"/></geometry></collision>'
+    box = '<visual><geometry><box size="1 1 1"/></geometry></visual>'
+    (tmp_path / "hull.urdf").write_text(f'<robot name="hull"><link name="hull">{box}{mesh}</link></robot>')
+    robot = rnc.Robot.from_urdf(tmp_path / "hull.urdf", base="planar", masses={"hull": 9.0})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert robot.drawn_geometry is robot.visual_model
+    with pytest.warns(rnc.ModelWarning, match="1 mesh was not found"):
+        _ = robot.collision_model
 
 
 def test_the_latest_commands_stay_in_an_order_that_draws_the_scene():
