@@ -144,11 +144,11 @@ class SteeringController(DescribedMixin):
         self, m: Measurement, slopes: np.ndarray, v21d: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint
     ) -> np.ndarray:
         """Redundant rates (..., a); by the formulas if the kernel declines."""
-        found = np.empty((*m.v2.shape[:-1], len(self._redundant)))
-        point = [
-            np.ascontiguousarray(np.broadcast_to(each, (*m.v2.shape[:-1], len(self.task.vertical))))
-            for each in (x11d.position, x11d.velocity, x11d.acceleration)
-        ]
+        batch = m.v2.shape[:-1]
+        found, point = np.empty((*batch, len(self._redundant))), x11d[:3]
+        if batch:  # one point may be that of all runs
+            shape = *batch, len(self.task.vertical)
+            point = tuple(np.ascontiguousarray(np.broadcast_to(each, shape)) for each in point)
         arrays = m.A_star, m.A_star_dot, slopes, self._places, m.v2, v21d, v21d_dot, m.x1, *point, self._table
         settings = self.k4, self.damping, self.max_rate
         if _kernel.library.steer(*arrays, *settings, found):

@@ -336,7 +336,7 @@ class CompiledRuns(NumPyRuns):
 
     def __init__(self, evaluator: Evaluator, kernel: ReductionKernel) -> None:
         self._evaluator, self._kernel, self._calls = evaluator, kernel, kernel.calls
-        self.kinematics_size = kernel.kinematics.itemsize // 8
+        self.kinematics_size = kernel.measured_sizes[0]
 
     def velocities(
         self, charts: tuple[object, ...], q: Array, y: Array, limit: float, kinematics: Array, v: Array, status: Array
@@ -394,20 +394,20 @@ class CompiledRuns(NumPyRuns):
 
 def _run_records(kernel: ReductionKernel, batch: tuple[int, ...], kinematics: Array | None = None) -> RunRecords:
     """Records of measurements without values; kinematics: those of the states, if known."""
-    data = kernel.data
+    first, inverse, rates, values = kernel.measured_sizes
     return RunRecords(
-        np.empty((*batch, kernel.kinematics.itemsize // 8)) if kinematics is None else kinematics,
-        np.empty((*batch, kernel.inverse.itemsize // 8)),
-        np.empty((*batch, kernel.rates.itemsize // 8)),
-        np.empty((*batch, data.r + data.vertical.size)),
+        np.empty((*batch, first)) if kinematics is None else kinematics,
+        np.empty((*batch, inverse)),
+        np.empty((*batch, rates)),
+        np.empty((*batch, values)),
     )
 
 
 def _measured_state(
     evaluator: Evaluator, kernel: ReductionKernel, q: Array, v: Array, records: RunRecords, t: float | None = None
 ) -> StateEvaluation:
-    for array in records:
-        array.setflags(write=False)
+    records.rates.setflags(write=False)  # CompiledArraysAtQ protects those at q
+    records.values.setflags(write=False)
     batch, r = q.shape[:-1], kernel.data.r
     kinematics = np.ndarray(batch, kernel.kinematics, records.kinematics)
     inverse = np.ndarray(batch, kernel.inverse, records.inverse)

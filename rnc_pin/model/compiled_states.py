@@ -178,6 +178,7 @@ class CompiledArraysAtQ(ArraysAtQ):
             return None
         B = np.empty((*self.batch, self.kernel.data.n, self.kernel.data.p))
         self._calls.actuation(self.q, self.kinematics, B)
+        B.setflags(write=False)
         return B
 
     def allocated(self, at: Configurations, F: Array) -> Array | None:
@@ -279,6 +280,7 @@ class CompiledArraysAtV(ArraysAtV):
             return known["row_velocities"]
         velocities = np.empty(self._v.shape)
         self._calls.row_velocities(self.at_q.inverse, self._v, velocities)
+        velocities.setflags(write=False)
         return velocities
 
     @property
@@ -292,6 +294,7 @@ class CompiledArraysAtV(ArraysAtV):
             return None
         v1 = np.empty((*self.at_q.batch, self._kernel.data.vertical.size))
         self._calls.vertical_velocities(rows, self._v, v1)
+        v1.setflags(write=False)
         return v1
 
     @cached_property

@@ -138,7 +138,7 @@ class ArraysAtV:
 
 
 class Evaluator(Protocol):
-    """Source of the arrays of the evaluations in one reduction, ``data``."""
+    """Source of the arrays of the evaluations in one reduction, ``data``; what it has filled is read-only."""
 
     data: ReductionData
 
@@ -168,8 +168,8 @@ class _Filled(cached_property[_Value]):
         value = getattr(getattr(owner, self._arrays), self._name, None)
         if value is None:
             value = self._compute(owner)
-        if isinstance(value, Array):
-            value.setflags(write=False)
+            if isinstance(value, Array):
+                value.setflags(write=False)
         setattr(owner, self._name, value)
         return value
 

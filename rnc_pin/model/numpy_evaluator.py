@@ -131,7 +131,7 @@ class NumPyRuns:
         raise InputError("the compiled kernel cannot measure this model: measure one state at a time")
 
     def states(self, q: Array, v: Array, records: RunRecords) -> StateEvaluation:
-        """Evaluation at states (..., nq), (..., nv) from their records, which become read-only."""
+        """Evaluation at states (..., nq), (..., nv) from their records, which nobody may change afterwards."""
         raise InputError("the compiled kernel cannot measure this model: measure one state at a time")
 
 

@@ -267,6 +267,7 @@ class ReductionKernel:
         python_rows: True if there are some.
         python_values: blocks of reducing and of vertical outputs whose values Python evaluates.
         measures: True if one call evaluates all rows and values.
+        measured_sizes: numbers in the records of such a call: kinematics, inverse, rates and values.
         fused: True if the kernel knows all rows of E, all inputs and all forces.
         kinematics, inverse, rows, biases, rates, terms, derivatives: types of records.
     """
@@ -299,6 +300,7 @@ class ReductionKernel:
             blocks_valued_by_python(stack, data.robot.model) for stack in (data.reducing, data.vertical)
         )
         self.measures = not (self.python_rows or any(self.python_values))
+        self.measured_sizes = *(each.itemsize // 8 for each in (self.kinematics, self.inverse, self.rates)), r + k
 
     def refresh(self) -> None:
         """Read the numbers of the constraint rows again, after a parameter of one changed."""

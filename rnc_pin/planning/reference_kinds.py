@@ -82,7 +82,7 @@ class PiecewisePolynomial(ReferenceSummary):
 
     def _at(self, t: float) -> np.ndarray:
         """Value and three derivatives (4, k)."""
-        piece = min(max(bisect_right(self._breaks, t) - 1, 0), len(self._pieces) - 1)
+        piece = bisect_right(self._breaks, t, 1, len(self._pieces)) - 1
         terms, since = self._pieces[piece], t - self._breaks[piece]
         found = np.empty((4, self.size))
         if _kernel.library.polynomial(terms, since, found):

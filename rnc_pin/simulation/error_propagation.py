@@ -99,7 +99,7 @@ class ErrorHistory:
     """
 
     def __init__(self, plant: Plant, reduced: ReducedModel, controller: Controller, dt: float, samples: int) -> None:
-        self._plant, self._reduced, self._controller, self._dt = plant, reduced, controller, dt
+        self._plant, self._reduced, self._controller, self._dt = cast(ReducedPlant, plant), reduced, controller, dt
         self._marks: list[ErrorMark] = []
         self.steps: list[int] = []
         self.at_the_end: IntegrationErrors | None = None
@@ -118,10 +118,9 @@ class ErrorHistory:
     def mark(self, sample: int, memory: State, integrals: Array) -> None:
         """Keep the substeps before a sample, and a mark if it is due; arguments as of an ``ErrorMark``."""
         if self.propagates:
-            plant = cast(ReducedPlant, self._plant)
-            self.steps.append(plant.errors.used)
+            self.steps.append(self._plant.errors.used)
             if marked(sample):
-                self.keep(ErrorMark(sample, plant.chart, memory if self.sees(sample) else None, integrals))
+                self.keep(ErrorMark(sample, self._plant.chart, memory if self.sees(sample) else None, integrals))
 
     def keep(self, mark: ErrorMark) -> None:
         """Add a mark that somebody else made."""
@@ -147,7 +146,7 @@ class ErrorHistory:
 
     def _propagated(self, motion: RunSamples, errors: IntegrationErrors, seen: Sequence[ErrorMark]) -> Array:
         """Largest errors (2 nv,) of a run, as ``largest``, with the slopes at the marks ``seen``."""
-        samples, plant = len(motion.t) - 1, cast(ReducedPlant, self._plant)
+        samples, plant = len(motion.t) - 1, self._plant
         steps = np.array([*self.steps[1:], errors.used])[:samples]
         starts = _starts(steps if plant.substeps is None else np.maximum(steps, errors.enough))
         lengths = np.diff(starts, append=samples)
@@ -217,7 +216,7 @@ class ErrorHistory:
 
     def _system(self, states: StateEvaluation, motion: RunSamples, slopes: StateDerivatives) -> tuple[Array, Array]:
         """Matrices of ``e_dot = M e + G dT`` at N states, with the error e of the configuration and of v2."""
-        (nv, r), damping = slopes.v_v2.shape[1:], cast(ReducedPlant, self._plant).damping
+        (nv, r), damping = slopes.v_v2.shape[1:], self._plant.damping
         M = np.zeros((len(motion.q), nv + r, nv + r))
         M[:, :nv, :nv], M[:, :nv, nv:] = slopes.v_q + _turning(self._model.robot.model, motion), slopes.v_v2
         M[:, nv:, :nv], M[:, nv:, nv:] = slopes.v2_dot_q, slopes.v2_dot_v2
@@ -244,7 +243,7 @@ class ErrorHistory:
 
     @property
     def _model(self) -> ReducedModel:
-        return cast(ReducedPlant, self._plant).reduced
+        return self._plant.reduced
 
     def _states(self, motion: RunSamples) -> StateEvaluation:
         """Evaluations at samples."""
@@ -273,7 +272,7 @@ class ErrorHistory:
 
     def _inputs(self, t: float, q: Array, v2: Array, seen: ErrorMark) -> Array:
         """Inputs (N, p) of the controller at states, by a mark; all as the first if those of the second are."""
-        plant, controller, found = cast(ReducedPlant, self._plant), self._controller, list[Array]()
+        plant, controller, found = self._plant, self._controller, list[Array]()
         if accepts_batches(controller):
             integrals = np.tile(seen.integrals, (len(q), 1))
             with suppress(Exception):  # of one state, which is not known

@@ -59,6 +59,7 @@ class PlantAdapter:
     def __init__(self, plant: Plant, reduced: ReducedModel) -> None:
         self.plant, self._reduced = plant, reduced
         self._exact = plant if isinstance(plant, ReducedPlant) and plant.reduced is reduced else None
+        self._servos = takes_velocities(plant)
         self.measured: tuple[np.ndarray, np.ndarray] = (
             _EMPTY,
             _EMPTY,
@@ -76,7 +77,7 @@ class PlantAdapter:
     def loop_options(self) -> LoopOptions:
         """Default options of the control loop on this plant."""
         if self._exact is None:
-            return {"fallback": "zero" if takes_velocities(self.plant) else "hold", "limits": False}
+            return {"fallback": "zero" if self._servos else "hold", "limits": False}
         return {"fallback": "raise", "limits": self._exact.actuator_limits}
 
     def read_state(self, t: float) -> StateEvaluation:
@@ -108,7 +109,7 @@ class PlantAdapter:
     def apply(self, loop: ControlLoop, T: np.ndarray) -> np.ndarray:
         """Apply inputs to the plant, report the applied ones to the loop, and return them; of servos their efforts."""
         self.plant.apply(T)
-        if takes_velocities(self.plant):
+        if self._servos:
             effort: np.ndarray = self.plant.effort  # type: ignore[attr-defined]
             return effort
         applied: np.ndarray = getattr(self.plant, "applied", T)
@@ -258,7 +259,8 @@ class SampledRun:
     def count_fallback(self, t: float, reason: str | None) -> None:
         """Record that the command of this sample is a fallback; the reason is None if it is not."""
         if reason is None:
-            self._longest, self._stretch = max(self._longest, self._stretch), 0
+            if self._stretch:
+                self._longest, self._stretch = max(self._longest, self._stretch), 0
             return
         self._stretch += 1
         before = self.record.fallback

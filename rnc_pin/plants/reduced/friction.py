@@ -176,11 +176,6 @@ class DissipativeStep:
         self._explicit = LieRungeKutta4(dynamics.reduced.robot)
         self._integrator = ExponentialRungeKutta4(dynamics.reduced.robot)
 
-    @property
-    def needed(self) -> bool:
-        """True if damping or friction is active."""
-        return self._dynamics.damping is not None or len(self.friction.limits) > 0
-
     def of_runs(self, limits: np.ndarray) -> Dissipation:
         """Losses of B runs with limits of friction (B, k)."""
         return Dissipation(self._dynamics.damping, self.friction.entries, limits)

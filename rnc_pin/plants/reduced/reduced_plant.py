@@ -203,7 +203,7 @@ class ReducedPlant(ReprMixin):
     @property
     def dissipates(self) -> bool:
         """True if damping or friction is active."""
-        return self._dissipative.needed
+        return self._dynamics.damping is not None or self.rubs
 
     @property
     def external(self) -> np.ndarray | None:
