@@ -262,7 +262,7 @@ class CollisionDistances:
             joints, self._jacobian = known["placements"], known["J"]
         else:
             pin.computeJointJacobians(self._model, self._data, q)
-            joints, self._jacobian = self._joint_placements(), self._data.J.reshape(6, -1)
+            joints, self._jacobian = self._joint_placements(), np.ascontiguousarray(self._data.J).reshape(6, -1)
         self._at = ShapePoses.carried(joints, self._link_carriers, *self._own_poses(t), self._centers)
 
     def _joint_placements(self) -> np.ndarray:
