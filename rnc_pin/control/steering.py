@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from rnc_pin import _kernel
@@ -145,7 +147,8 @@ class SteeringController(DescribedMixin):
     ) -> np.ndarray:
         """Redundant rates (..., a); by the formulas if the kernel declines."""
         batch = m.v2.shape[:-1]
-        found, point = np.empty((*batch, len(self._redundant))), x11d[:3]
+        found = np.empty((*batch, len(self._redundant)))
+        point: Sequence[np.ndarray] = x11d[:3]
         if batch:  # one point may be that of all runs
             shape = *batch, len(self.task.vertical)
             point = tuple(np.ascontiguousarray(np.broadcast_to(each, shape)) for each in point)

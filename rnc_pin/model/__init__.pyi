@@ -16,6 +16,7 @@ from .input_validation import vector as vector
 from .kinematics import Kinematics as Kinematics
 from .parameter_types import NotNegative as NotNegative
 from .parameter_types import Positive as Positive
+from .parameter_types import is_number as is_number
 from .passive_forces import ForceKind as ForceKind
 from .reduced_kinematics import Measurement as Measurement
 from .reduced_model import ReducedModel as ReducedModel

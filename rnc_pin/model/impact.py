@@ -16,6 +16,7 @@ from rnc_pin.math.linear_algebra import apply, apply_transposed, solve_positive_
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.input_validation import ArrayInput, numbers_of
+from rnc_pin.model.parameter_types import is_number
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import best_entries
 from rnc_pin.model.row_stack import RowStack
@@ -215,7 +216,7 @@ def _coefficients(rows: RowStack, restitution: Restitution) -> Array:
     for name, value in named.items():
         if name not in rows.names:
             raise ConstraintError(f"restitution: no constraint row '{name}'{nearest(str(name), rows.names)}")
-        if not isinstance(value, int | float | np.number) or not 0.0 <= value <= 1.0:
+        if not (is_number(value) and 0.0 <= value <= 1.0):
             raise ConstraintError(f"restitution of row '{name}': expected a number from 0 to 1, found {value!r}")
     return np.array([float(named.get(name, 0.0)) for name in rows.names])
 

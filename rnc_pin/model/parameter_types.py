@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterable, Sequence
-from math import isfinite
 from numbers import Real
+from sys import float_info
 from typing import Annotated, Literal, TypeGuard, get_args, get_type_hints
 
 import numpy as np
@@ -27,10 +27,12 @@ _BOUNDS = {"gt": ("above", operator.gt), "ge": ("at least", operator.ge), "lt": 
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """True for a finite number. Text is none, even if it is the text of a number."""
+    """True for a finite number. Text is none, even if it is the text of a number, and True is none."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value.item()
-    return isinstance(value, Real) and isfinite(value)
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        return False
+    return bool(-float_info.max <= value <= float_info.max)  # Python's integers have no bound
 
 
 def is_count(value: object, least: int = 0) -> TypeGuard[int]:

@@ -15,7 +15,7 @@ from rnc_pin.collision import CollisionDistances
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError, short_text
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.parameter_types import is_count
+from rnc_pin.model.parameter_types import is_count, is_number
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget, OutputTargets
 from rnc_pin.planning.bounded_descent import Descent, Residuals, TangentBounds, descend
@@ -86,7 +86,7 @@ class IkResult(SummaryMixin):
 
 
 def _check_length(name: str, value: object, least: float) -> None:
-    if isinstance(value, bool) or not (isinstance(value, int | float | np.floating) and least <= value < np.inf):
+    if not (is_number(value) and value >= least):
         raise InputError(f"{name} has to be a number of at least {least:g}, found {value!r}")
 
 

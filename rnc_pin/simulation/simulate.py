@@ -8,6 +8,7 @@ import numpy as np
 
 from rnc_pin.control.controller import Controller
 from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.model.parameter_types import is_number
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants import Plant
 from rnc_pin.simulation.many_runs import TrajectoryBatch, is_batch, runs_of_batch, simulate_many
@@ -25,8 +26,7 @@ def sample_count(duration: float, dt: float) -> int:
     Raises:
         InputError: the duration or period is not positive, or there are too few or too many samples.
     """
-    numbers = all(isinstance(each, int | float | np.integer | np.floating) for each in (duration, dt))
-    if not numbers or not (dt > 0 and duration > 0 and np.isfinite(duration)):
+    if not (is_number(duration) and is_number(dt) and dt > 0 and duration > 0):
         raise InputError(f"duration {duration!r} and dt {dt!r} have to be positive numbers")
     samples = round(min(duration / dt, _MOST_SAMPLES + 1)) + 1
     if not 2 <= samples <= _MOST_SAMPLES:

@@ -19,6 +19,7 @@ from rnc_pin.control.controller import Command
 from rnc_pin.errors import InputError, RncError
 from rnc_pin.io.json import Json
 from rnc_pin.model.input_validation import vector
+from rnc_pin.model.parameter_types import is_number
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
@@ -232,7 +233,7 @@ class LoopView(SummaryMixin, Generic[Made]):
                 self._running = self._paused = False
             elif kind == "gain" and isinstance(name, str) and name in self._ranges:
                 lower, upper, _ = self._ranges[name]
-                if isinstance(value, int | float) and not isinstance(value, bool) and lower <= value <= upper:
+                if is_number(value) and lower <= value <= upper:
                     self._gains[name] = float(value)
             self._condition.notify_all()
         self._tell()

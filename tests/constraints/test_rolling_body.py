@@ -107,6 +107,8 @@ def test_what_does_not_roll_is_refused():
         ({"normal": (0, 0, 0)}, "normal of the ground has no length"),
         ({"velocity": (0, 0, 1)}, "velocity of the ground has to be along it, found 1 m/s along its normal"),
         ({"spin": np.nan}, "spin of the ground: expected a finite number"),
+        ({"spin": True}, "spin of the ground: expected a finite number, found True"),
+        ({"spin": 10**400}, "spin of the ground: expected a finite number"),
         ({"point": (0, 0)}, "point of the ground: expected three finite numbers"),
     ):
         with pytest.raises(rnc.ConfigurationError, match=words):

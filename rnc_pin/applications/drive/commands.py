@@ -15,8 +15,9 @@ from typing import Any, ClassVar, NamedTuple, TypeAlias, get_args, get_type_hint
 import numpy as np
 
 from rnc_pin.applications.drive.controls import FAR, DriveControls
-from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.errors import ConfigurationError, InputError, nearest, short_text
 from rnc_pin.io import Json, dump_json, read_bytes
+from rnc_pin.model import is_number
 
 _Point: TypeAlias = tuple[float, float, float]
 _Quaternion: TypeAlias = tuple[float, float, float, float]
@@ -182,15 +183,9 @@ def _value(where: str, kind: object, value: object) -> object:
 
 
 def _number(where: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"{where}: expected a number, found {type(value).__name__}")
-    try:
-        number = float(value)
-    except OverflowError:
-        number = np.inf
-    if not np.isfinite(number):
-        raise InputError(f"{where}: expected a finite number")
-    return number
+    if not is_number(value):
+        raise InputError(f"{where}: expected a finite number, found {short_text(value)}")
+    return float(value)
 
 
 def check_command(command: DriveCommand, controls: DriveControls) -> None:

@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Controller, State, VelocityTarget
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, nearest
-from rnc_pin.model.parameter_types import NotNegative, Positive
+from rnc_pin.model.parameter_types import NotNegative, Positive, is_number
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -150,8 +150,8 @@ def check_number(option: str, value: object, zero: bool = False) -> None:
     Raises:
         ConfigurationError: names the option.
     """
-    number = value if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool) else -1
-    if (number > 0 or (zero and number == 0)) and not (option == "dt" and number == np.inf):
+    endless = option != "dt" and isinstance(value, float | np.floating) and value == np.inf
+    if endless or (is_number(value) and (value > 0 or (zero and value == 0))):
         return
     wanted = "a number that is not negative" if zero else "positive"
     raise ConfigurationError(f"{option} of a loop has to be {wanted}, found {value!r}")

@@ -8,6 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.model.parameter_types import is_number
 
 Integrator = Literal["implicitfast", "implicit", "Euler", "RK4"]
 Solver = Literal["Newton", "CG", "PGS"]
@@ -100,11 +101,11 @@ class MuJoCoSettings:
                     f"MuJoCo: {name} '{value}' is not known{nearest(str(value), map(str, choices))}"
                 )
         servo_time = self.servo_time
-        if servo_time is not None and not (_is_number(servo_time) and servo_time > 0):
+        if servo_time is not None and not (is_number(servo_time) and servo_time > 0):
             raise ConfigurationError(f"MuJoCo: servo_time: expected a positive number or None, found {servo_time!r}")
         for name, least in _MINIMA.items():
             value = getattr(self, name)
-            if not _is_number(value) or value < least or (name in _POSITIVE and not value > 0):
+            if not is_number(value) or value < least or (name in _POSITIVE and not value > 0):
                 expected = "a positive number" if name in _POSITIVE else f"a number from {least:g}"
                 raise ConfigurationError(f"MuJoCo: {name}: expected {expected}, found {value!r}")
         try:
@@ -116,8 +117,3 @@ class MuJoCoSettings:
                 "MuJoCo: friction: expected three numbers of at least 0 (sliding, torsional, rolling), found "
                 f"{self.friction!r}"
             )
-
-
-def _is_number(value: object) -> bool:
-    """Return True if a value is a finite number."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))

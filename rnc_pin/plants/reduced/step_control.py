@@ -13,7 +13,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.errors import InputError
-from rnc_pin.model.parameter_types import is_count
+from rnc_pin.model.parameter_types import is_count, is_number
 
 MOST_SUBSTEPS = 1024
 """Largest number of substeps that a plant chooses."""
@@ -51,10 +51,9 @@ class Substeps(NamedTuple):
         """
         if number is not None and not is_count(number, 1):
             raise InputError(f"substeps of a {plant} have to be a positive integer, found {number!r}")
-        is_number = isinstance(tolerance, int | float | np.number) and not isinstance(tolerance, bool)
-        if not is_number or not 0 < tolerance < np.inf:  # type: ignore[operator]
+        if not (is_number(tolerance) and tolerance > 0):
             raise InputError(f"tolerance of a {plant} has to be a positive number, found {tolerance!r}")
-        return cls(None if number is None else int(number), float(tolerance))  # type: ignore[arg-type]
+        return cls(None if number is None else int(number), float(tolerance))
 
     @property
     def followed(self) -> float:

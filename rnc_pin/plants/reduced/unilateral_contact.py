@@ -12,7 +12,7 @@ from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.kernel_rows import KernelRow
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
-from rnc_pin.model.parameter_types import NotNegative
+from rnc_pin.model.parameter_types import NotNegative, is_number
 from rnc_pin.model.rows import ConstraintKind, Rows, carrier_of
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.robots.robot import Robot
@@ -63,8 +63,7 @@ class UnilateralContact:
             value, most = getattr(self, name), 1.0 if name == "restitution" else np.inf
             if name == "friction" and value is None:
                 continue
-            number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-            if not (number and 0.0 <= value <= most and np.isfinite(value)):
+            if not (is_number(value) and 0.0 <= value <= most):
                 limit = "a number from 0 to 1" if most == 1.0 else "a number that is not negative"
                 raise ConfigurationError(f"{name} of a contact: expected {limit}, found {value!r}")
 

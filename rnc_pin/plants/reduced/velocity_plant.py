@@ -8,7 +8,7 @@ from rnc_pin.control.actuator_velocity import check_velocity_actuation, velocity
 from rnc_pin.errors import DivergenceError, InputError, SingularityError
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.integrators import LieRungeKutta4
-from rnc_pin.model.parameter_types import is_count
+from rnc_pin.model.parameter_types import is_count, is_number
 from rnc_pin.model.reduced_model import ReducedModel
 
 _SETTLED = 20.0  # time after which velocities have settled, in time constants
@@ -49,8 +49,7 @@ class VelocityPlant:
     takes_velocities = True
 
     def __init__(self, reduced: ReducedModel, servo_time: float = 0.01, substeps: int = 1) -> None:
-        number = isinstance(servo_time, int | float) and not isinstance(servo_time, bool)
-        if not number or not 0 < servo_time < np.inf:
+        if not (is_number(servo_time) and servo_time > 0):
             raise InputError(f"servo_time of a VelocityPlant has to be a positive number, found {servo_time!r}")
         if not is_count(substeps, 1):
             raise InputError(f"substeps of a VelocityPlant have to be a positive integer, found {substeps!r}")

@@ -64,9 +64,9 @@ INVALID = {
     "NaN": ({"kind": "base_goal", "x": math.nan, "y": 0}, "finite"),
     "infinite": ({"kind": "base_goal", "x": 0, "y": -math.inf}, "finite"),
     "too large for a float": ({"kind": "base_goal", "x": 10**400, "y": 0}, "finite"),
-    "a truth value": ({"kind": "base_goal", "x": True, "y": 0}, "expected a number"),
+    "a truth value": ({"kind": "base_goal", "x": True, "y": 0}, "expected a finite number, found True"),
     "far away": ({"kind": "base_goal", "x": 101, "y": 0}, "within 100 m"),
-    "two headings": ({"kind": "base_goal", "x": 0, "y": 0, "heading": [0, 1]}, "heading: expected a number"),
+    "two headings": ({"kind": "base_goal", "x": 0, "y": 0, "heading": [0, 1]}, "heading: expected a finite number"),
     "many turns": ({"kind": "base_goal", "x": 0, "y": 0, "heading": 7}, "heading: expected an angle"),
     "zero quaternion": (
         {"kind": "frame_goal", "frame": "tip", "position": [0, 0, 0], "orientation": [0, 0, 0, 0]}, "unit quaternion",
