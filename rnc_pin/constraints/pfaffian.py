@@ -19,6 +19,10 @@ from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, Phrases, Ro
 from rnc_pin.model.user_functions import DerivedRate, Function, Rate, check_rate
 from rnc_pin.robots.robot import Robot
 
+_SPAN = 1.0  # [s] of a prescribed motion that is looked at
+_SHARES, _SHARE = np.linspace(0.09, 0.93, 8), 1e-4  # times in it, and half the step of differences
+_DIFFERENT, _STILL, _FEW = 0.01, 1e-6, 2  # of the largest rate; rate at rest; times in motion that decide nothing
+
 
 @dataclass(frozen=True)
 class FixedOutput:
@@ -136,7 +140,8 @@ class PrescribedMotion:
         start_time: time of the motion at the start of the run or phase [s], to continue a motion in a later phase.
 
     Raises:
-        ConstraintError: the motion has another size than the output.
+        ConstraintError: the motion has another size than the output, or its velocity is not the rate of its position,
+            or its acceleration not that of its velocity, at any of a few times.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -162,7 +167,30 @@ class PrescribedMotion:
             )
         if not np.isfinite(self.start_time):
             raise ConstraintError(f"start_time of a prescribed motion: expected a number, found {self.start_time!r}")
+        _check_rates(self.motion, self.start_time, rows.names)
         return _PrescribedRows(rows, self.motion, self.start_time)
+
+
+def _check_rates(motion: Motion, start: float, names: Sequence[str]) -> None:
+    """Refuse a motion whose rates are wrong at all times that are looked at; at single times they may jump."""
+    span = min(float(getattr(motion, "duration", _SPAN)) or _SPAN, _SPAN)
+    times, step = start + span * _SHARES, _SHARE * span
+    before, here, after = ([motion.at(float(t)) for t in times + by] for by in (-step, 0.0, step))
+    for rate, of in (("velocity", "position"), ("acceleration", "velocity")):
+        first, last, given = (
+            np.array([getattr(point, name) for point in points], dtype=float).reshape(len(times), -1)
+            for points, name in ((before, of), (after, of), (here, rate))
+        )
+        expected = (last - first) / (2.0 * step)
+        scale = max(np.abs(expected).max(initial=0.0), np.abs(given).max(initial=0.0))
+        moving = np.maximum(np.abs(expected), np.abs(given)) > max(_DIFFERENT * scale, _STILL)
+        wrong = (np.abs(given - expected) > _DIFFERENT * scale) & moving
+        for column in np.flatnonzero((wrong == moving).all(axis=0) & (moving.sum(axis=0) > _FEW)).tolist():
+            row = int(np.argmax(wrong[:, column]))
+            raise ConstraintError(
+                f"prescribed motion of {names[column]}: its {rate} is not the rate of its {of}: "
+                f"{given[row, column]:.6g} at t = {times[row]:.3g} s, differences give {expected[row, column]:.6g}"
+            )
 
 
 class _PrescribedRows(FixedRows):
@@ -237,7 +265,8 @@ class Pfaffian:
     Raises:
         InputError: a function returns an array of wrong shape.
         ConstraintError: ``names`` does not fit the rows, ``rate_dot`` is given without ``rate``, ``rate`` together with
-            ``residual`` without ``rheonomic``, or a given rate differs from differences at random states.
+            ``residual`` without ``rheonomic``, or a given rate differs from differences at random states, as does the
+            rate of ``residual``.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -289,6 +318,15 @@ class _PfaffianRows(Rows):
         if kind.rate is not None:
             admit_rows(kind.rate(*first), self._shape[:1], "rate(q) of a Pfaffian constraint")
             self._rate_dot = self._rate_of(kind.rate, kind.rate_dot, ("rate(q)", "rate_dot(q, v)"), robot)
+        if kind.residual is not None:
+            labels = "residual(q)", "rows(q) v of a Pfaffian constraint" + (", less rate(q)," if self.affine else "")
+            timed = self.rheonomic
+            check_rate(robot, kind.residual, self._residual_rate, labels, self.names, angular=True, timed=timed)
+
+    def _residual_rate(self, q: np.ndarray, v: np.ndarray, *t: float) -> np.ndarray:
+        """Rate (k,) that the residual has by the rows."""
+        found = np.array(self._kind.rows(q, *t), dtype=float) @ v
+        return found if self._kind.rate is None else found - np.asarray(self._kind.rate(q, *t), dtype=float)
 
     def _rate_of(self, function: Function, given: Rate | None, labels: tuple[str, str], robot: Robot) -> Rate:
         if given is None:

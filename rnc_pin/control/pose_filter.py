@@ -14,6 +14,7 @@ from rnc_pin.control.wheeled_base import WheelOdometry, composed
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.coordinates import arc_chord, wrapped
 from rnc_pin.model.input_validation import ArrayInput, vector
+from rnc_pin.model.parameter_types import is_number
 
 _SYMMETRIC = 1e-9  # accepted asymmetry of a covariance, relative to its size
 
@@ -146,12 +147,14 @@ class PoseFilter(DescribedMixin):
             turn_rate: mean of the gyroscope over the step [rad/s]; None if there is none.
 
         Raises:
-            InputError: time runs backwards, or an array has another shape or is not finite.
+            InputError: time runs backwards, an array has another shape, or a number is not finite.
             ConfigurationError: a turn rate, and no density of a gyroscope.
         """
         elapsed = elapsed_time(t, state.time)
         if turn_rate is not None and self.gyro is None:
             raise ConfigurationError("a turn rate was measured: give the density 'gyro' of the gyroscope")
+        if turn_rate is not None and not is_number(turn_rate):
+            raise InputError(f"turn_rate: expected a finite number, found {turn_rate!r}")
         step = self._odometry.increment(state.q, q)
         noise = self.encoder**2 * step.by_joints @ step.by_joints.T + self.slip**2 * step.by_rows @ step.by_rows.T
         spread = np.zeros((7, 7))  # of the error, of the bias, and of the motion

@@ -126,7 +126,7 @@ class Actuation:
 
     def _read_matrix(self, matrix: np.ndarray | MatrixFunction, robot: Robot) -> None:
         constant = matrix(robot.configuration()) if callable(matrix) else matrix
-        array = np.asarray(constant, dtype=float)
+        array = np.array(constant, dtype=float)  # the caller may change the matrix
         if array.ndim != 2 or array.shape[0] != robot.nv:
             raise ConstraintError(f"actuation matrix has shape {array.shape}, expected ({robot.nv}, p)")
         self._function = matrix if callable(matrix) else None

@@ -156,6 +156,7 @@ class CompiledArraysAtQ(ArraysAtQ):
 
     def velocity(self, at: Configurations, v2: Array) -> Array | None:
         """Full velocity (..., nv); None for velocities (..., r) with more axes."""
+        v2 = np.ascontiguousarray(v2, float)  # a controller may give integers, or a column of a matrix
         if v2.shape[:-1] != self.batch:
             return None
         data = self.kernel.data

@@ -409,7 +409,7 @@ def over_states(function: Callable[..., object], shape: tuple[int, ...], *arrays
     """Apply a function of single states over the leading axes of arrays (..., size); return (..., *shape)."""
     batch = arrays[0].shape[:-1]
     if not batch:
-        return np.asarray(function(*arrays), dtype=float)
+        return np.array(function(*arrays), dtype=float)  # the function may use its memory again
     out = np.empty((*batch, *shape))
     for i in np.ndindex(batch):
         out[i] = function(*(each[i] for each in arrays))

@@ -322,7 +322,7 @@ def check_defined(what: str, q: np.ndarray, sizes: Component, limit: float, name
 
 def admit_rows(rows: object, expected: tuple[int, ...], what: str) -> np.ndarray:
     """Convert the result of a user's function to an array; raise ``InputError`` if its shape is wrong."""
-    array = np.asarray(rows, dtype=float)
+    array = np.array(rows, dtype=float)  # the function may use its memory again
     if array.shape != expected:
         raise InputError(f"{what} returned shape {array.shape}, expected {expected}")
     return array

@@ -101,6 +101,8 @@ class NonholonomicSystem(SummaryMixin):
         may_stop: bool = False,
     ) -> None:
         self.robot = robot
+        if isinstance(actuators, list | np.ndarray):  # the caller may change it
+            actuators = actuators.copy()
         self.actuation = Actuation(actuators, robot)
         self.forces = PassiveForces(_kinds(forces, "forces"), robot)
         self._given = SystemParts(tuple(_kinds(constraints, "constraints")), actuators, mimic, tuple(forces))

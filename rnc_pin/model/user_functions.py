@@ -138,7 +138,7 @@ class DerivedRate:
         return np.asarray(self._function(q + _IMAGINARY * 1j * rate, *later)).imag / _IMAGINARY
 
     def _values(self, q: np.ndarray, *t: float) -> np.ndarray:
-        return np.asarray(self._function(q, *t), dtype=float)
+        return np.array(self._function(q, *t), dtype=float)  # the function may use its memory again
 
     def _complex_step(self, q: np.ndarray, v: np.ndarray, t: tuple[float, ...]) -> np.ndarray | None:
         """Rate by a complex step; None if the function refuses complex numbers."""
@@ -212,7 +212,7 @@ def _difference(
     model: pin.Model, function: Function, q: np.ndarray, v: np.ndarray, t: tuple[float, ...], angular: bool = False
 ) -> tuple[np.ndarray, float]:
     """Rate by differences, from the best pair of step lengths, and its error estimate."""
-    here = np.asarray(function(q, *t), dtype=float)
+    here = np.array(function(q, *t), dtype=float)
 
     def values(at: np.ndarray, *t: float) -> np.ndarray:
         change = np.asarray(function(at, *t), dtype=float) - here

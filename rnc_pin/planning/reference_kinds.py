@@ -44,6 +44,8 @@ class Hold(ReferenceSummary):
     def __init__(self, value: ArrayLike) -> None:
         position = _admit(value, "value of a constant reference")
         zero = np.zeros_like(position)
+        for each in (position, zero):
+            each.setflags(write=False)
         self.size = position.size
         self._point = ReferencePoint(position, zero, zero, zero)
 
@@ -404,7 +406,7 @@ def _sized(values: Sequence[float] | None, coordinates: Coordinates) -> np.ndarr
 
 def _admit(value: ArrayLike, what: str) -> np.ndarray:
     try:
-        array = np.atleast_1d(np.asarray(value, dtype=float))
+        array = np.atleast_1d(np.array(value, dtype=float))  # the caller may change the value
     except (TypeError, ValueError):
         raise InputError(f"{what}: expected numbers, found {short_text(value)}") from None
     if not np.isfinite(array).all():

@@ -188,8 +188,8 @@ def find_steering(
         room: part of the range of a car's steering joint that stays free at each end, e.g. for feedback.
 
     Raises:
-        ConfigurationError: no exact steering is known: trailers, momentum rows, or closed loops. Or a base that moves
-            in all directions has no reverse.
+        ConfigurationError: no exact steering is known: trailers, momentum rows, closed loops, or rows that prescribe a
+            motion. Or a base that moves in all directions has no reverse.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("car.urdf", base="planar")
@@ -198,6 +198,8 @@ def find_steering(
         >>> steering.kind
         'car'
     """
+    if reduced.affine:
+        _refuse(reduced, "its rows prescribe a motion")
     if reduced.assembly.size:
         _refuse(reduced, f"row '{reduced.assembly.names[0]}' couples joints")
     samples = _Samples(reduced, q0, seed)

@@ -85,7 +85,7 @@ def kinematic_rollout(
     times, path = [0.0], [q]
 
     def velocity(here: StateEvaluation, integrals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        desired = target.step(t, here.measure(integrals), state)[0].v2
+        desired = vector(target.step(t, here.measure(integrals), state)[0].v2, r, "v2")
         return here.velocity(desired), desired
 
     def rate(p: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -288,3 +288,35 @@ def test_a_holonomic_row_of_the_user_may_move(smooth):
     run = rnc.free_motion(reduced, robot.configuration(), np.zeros(3), 0.5, 0.1)
     np.testing.assert_allclose(run.q[:, 1], np.sin(2 * run.time), atol=1e-11)
     assert np.ptp(run.energy - run.work) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"), [("velocity", "rate of its position"), ("acceleration", "of its velocity")]
+)
+def test_a_motion_with_rates_that_are_not_its_own_is_refused(wrong, words):
+    swing = rnc.planning.Harmonic([0.0], amplitude=[0.3], frequency=0.5)
+
+    class Doubled:
+        size, duration = 1, np.inf
+
+        def at(self, t):
+            point = swing.at(t)
+            return point._replace(**{wrong: 2.0 * getattr(point, wrong)})
+
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    rnc.PrescribedMotion(rnc.JointPosition("joint_1"), swing).bind(robot)
+    with pytest.raises(rnc.ConstraintError, match=f"prescribed motion of joint_1: its {wrong} is not the .*{words}"):
+        rnc.PrescribedMotion(rnc.JointPosition("joint_1"), Doubled()).bind(robot)
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        rnc.planning.Hold([0.3]),
+        rnc.planning.InTurn(
+            [rnc.planning.MinimumJerk([0.0], [0.3], 0.4), rnc.planning.MinimumJerk([0.3], [0.0], 0.4, begin=0.4)]
+        ),
+    ],
+)
+def test_motions_at_rest_and_in_turn_are_their_own(motion):
+    rnc.PrescribedMotion(rnc.JointPosition("joint_1"), motion).bind(rnc.Robot.from_urdf("space_robot.urdf"))

@@ -142,6 +142,8 @@ def test_wrong_measurements_are_refused():
         filter.predict(2.0, angles(0, 0), estimate, 0.1)
     with pytest.raises(rnc.InputError, match="time runs backwards"):
         filter.predict(0.5, angles(0, 0), estimate)
+    with pytest.raises(rnc.InputError, match="turn_rate: expected a finite number, found nan"):
+        PoseFilter(odometry(), SLIP, gyro=0.01).predict(2.0, angles(0, 0), estimate, np.nan)
     with pytest.raises(rnc.InputError, match=r"fix: expected \(x, y\) or"):
         filter.correct([1.0], np.eye(1), estimate)
     with pytest.raises(rnc.InputError, match="without negative eigenvalues"):

@@ -225,3 +225,14 @@ def test_a_cylinder_lifts_a_boom_with_the_force_of_its_lever():
     energy = 0.5 * 10.1 * run.v2[:, 0] ** 2 - 10 * 9.81 * np.sin(run.q[:, 0])
     length = np.linalg.norm([0.5 * np.cos(run.q[:, 0]), 0.5 - 0.5 * np.sin(run.q[:, 0])], axis=0)
     np.testing.assert_allclose(np.diff(energy), (needed + 50.0) * np.diff(length), rtol=1e-7)
+
+
+def test_later_changes_of_given_actuators_change_no_system():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    names, matrix = ["joint_1", "joint_2"], np.eye(4)[:, 1:]
+    by_name, by_matrix = (rnc.NonholonomicSystem(robot, [], each) for each in (names, matrix))
+    names.append("nonsense")
+    matrix *= 2.0
+    assert by_name.with_constraints([]).actuation.names == ("joint_1", "joint_2")
+    np.testing.assert_array_equal(by_matrix.reduce().at(robot.configuration()).B, np.eye(4)[:, 1:])
+    matrix[:] = 0.0  # reading B has not made it read-only

@@ -84,6 +84,42 @@ def test_a_constraint_and_an_output_from_rows_alone_give_the_dynamics_of_the_bui
         np.testing.assert_allclose(found.V, expected.V, atol=1e-12)
 
 
+def test_functions_may_return_the_same_memory_each_time(rng):
+    robot, memory = rnc.Robot.from_urdf("space_robot.urdf"), np.zeros((1, 4))
+
+    def turning(q):
+        return np.array([[1.0, np.sin(float(q[1])), 0.0, float(q[3])]])
+
+    def in_place(q):
+        memory[:] = turning(q)
+        return memory
+
+    systems = [
+        rnc.NonholonomicSystem(
+            robot,
+            [rnc.Pfaffian(rows, names=["own"], rate=lambda q, rows=rows: 0.1 * rows(q)[0, 1:2])],
+            ["joint_1", "joint_2", "joint_3"],
+        ).reduce()
+        for rows in (turning, in_place)
+    ]
+    q, v2, T = robot.random_configuration(rng), rng.normal(size=3), rng.normal(size=3)
+    expected, found = (each.forward_dynamics(q, v2, T) for each in systems)
+    np.testing.assert_array_equal(found, expected)
+    assert np.abs(systems[1].at(q, v2).A_dot).max() > 0.1
+
+
+@pytest.mark.parametrize(("factor", "what"), [(1.0, None), (1.4, "is 1.4"), (-1.0, "differences give -1")])
+def test_a_residual_has_the_rate_of_its_rows(factor, what):
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    row = np.array([[0.0, 1.0, 0.0, 0.0]])
+    kept = rnc.Pfaffian(lambda q: abs(factor) * row, names=["kept"], residual=lambda q: np.sign(factor) * q[1:2] - 0.3)
+    if what is None:
+        assert rnc.NonholonomicSystem(robot, [kept], []).reduce().r == 3
+        return
+    with pytest.raises(rnc.ConstraintError, match=r"rows\(q\) v .* is not the rate of residual\(q\): row 'kept'"):
+        rnc.NonholonomicSystem(robot, [kept], [])
+
+
 def test_the_rate_of_a_moving_belt_is_derived(rng):
     robot = rnc.Robot.from_urdf("space_robot.urdf")
     row = np.array([[0.0, 1.0, 1.0, 1.0]])

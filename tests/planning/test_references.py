@@ -173,3 +173,13 @@ def test_references_that_are_joined_slowed_or_in_turn():
 def test_references_that_make_no_sense_are_refused_by_name(make, words):
     with pytest.raises(InputError, match=words):
         make()
+
+
+def test_later_changes_of_given_arrays_change_no_reference():
+    value = np.array([0.5, 1.0])
+    references = Hold(value), Harmonic(value, 0.1, 1.0)
+    value[:] = 9.0
+    for reference in references:
+        assert reference.at(0.0).position.tolist() == [0.5, 1.0]
+    with pytest.raises(ValueError, match="read-only"):
+        references[0].at(0.0).position[0] = 9.0

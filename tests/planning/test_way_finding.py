@@ -107,6 +107,16 @@ def test_a_way_is_exact_and_free_between_its_nodes_too(kind):
     assert pin.difference(reduced.robot.model, way.at(way.duration), way.q[-1]) == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.parametrize("moving", [{"velocity": (0.0, 0.3, 0.0)}, {"spin": 0.5}], ids=["conveyor", "turntable"])
+def test_ground_that_moves_is_refused(moving):
+    robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
+    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle", ground=rnc.GroundPlane(**moving))]).reduce()
+    with pytest.raises(rnc.ConfigurationError, match="its rows prescribe a motion"):
+        rnc.planning.find_steering(reduced, robot.configuration())
+    with pytest.raises(rnc.ConfigurationError, match="rows prescribe a motion"):
+        find_way(reduced, robot.configuration(), at_pose(reduced, 1.0, 1.0))
+
+
 def test_an_arm_moves_around_an_obstacle():
     robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
     reduced = rnc.NonholonomicSystem(robot, []).reduce()

@@ -39,6 +39,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import ReprMixin, printed
 
+_GAP = 5  # sampling periods without a measurement that count as a gap
 _TIME_TOLERANCE = 1 + 1e-9  # tolerance of a time that is a sum of steps, relative
 
 
@@ -140,8 +141,10 @@ class ControlLoop(ReprMixin):
         velocity, cutoff = self.settings.velocity, self.settings.cutoff
         if velocity == "measured":
             return None
-        kind = FilteredVelocity if velocity == "filtered" else VelocityObserver
-        return kind(self.reduced.robot.model, 0.3 / self.dt if cutoff is None else cutoff)
+        model, cutoff = self.reduced.robot.model, 0.3 / self.dt if cutoff is None else cutoff
+        if velocity == "filtered":
+            return FilteredVelocity(model, cutoff)
+        return VelocityObserver(model, cutoff, _TIME_TOLERANCE * max(self.timeout, _GAP * self.dt))
 
     # ------------------------------------------------------------------ a step
 
@@ -232,11 +235,13 @@ class ControlLoop(ReprMixin):
         Raises:
             InputError: T is not p finite numbers.
         """
-        if self.last is None or T is self.state.T:
+        if self.last is None:
             return
         T = vector(T, self.reduced.p, "T")
         if T.ndim > 1:
             raise InputError(f"T has shape {T.shape}, expected ({self.reduced.p},)")
+        if self.state.T is not None and (T == self.state.T).all():
+            return
         self.state = self.state._replace(T=T, input_deficit=_input_deficit(self.last.requested, T))
         self.last = self.last._replace(T=T)
 
@@ -308,7 +313,7 @@ class ControlLoop(ReprMixin):
     @property
     def timeout(self) -> float:
         """Time for which the last inputs are held while measurements are invalid [s]."""
-        return 5 * self.dt if self.settings.timeout is None else self.settings.timeout
+        return _GAP * self.dt if self.settings.timeout is None else self.settings.timeout
 
     def reset(self) -> None:
         """Clear the state: the next step is the first."""

@@ -60,9 +60,19 @@ class VelocityObserver(VelocityEstimator):
     The fading-memory filter of second order (Morrison, "Introduction to Sequential Smoothing and Prediction", 1969): a
     parabola fitted to the past by least squares, with weights that decay by ``theta = exp(-cutoff dt)`` per sample.
     The observer does not use the inertia. Controllers get the measured position, not the estimated one.
+
+    Args:
+        model, cutoff: as for ``VelocityEstimator``.
+        gap: time between measurements after which the last acceleration says nothing, and the mean velocity counts [s].
     """
 
+    def __init__(self, model: pin.Model, cutoff: float, gap: float = np.inf) -> None:
+        super().__init__(model, cutoff)
+        self._gap = gap
+
     def step(self, motion: VelocityEstimate, q: np.ndarray, elapsed: float) -> VelocityEstimate:
+        if elapsed > self._gap:
+            return VelocityEstimate(q, pin.difference(self._model, motion.q, q) / elapsed, np.zeros(self._model.nv))
         theta = np.exp(-self.cutoff * elapsed)
         ahead = motion.v * elapsed + motion.other * (0.5 * elapsed**2)
         expected = pin.integrate(self._model, motion.q, ahead)

@@ -136,7 +136,7 @@ def admit_limits(reduced: ReducedModel, limits: bool | Array) -> Array | None:
     if isinstance(limits, bool):
         return reduced.actuation.limits if limits and np.isfinite(reduced.actuation.limits).any() else None
     try:
-        given = np.asarray(limits, dtype=float)
+        given = np.array(limits, dtype=float)
     except (TypeError, ValueError):
         given = np.full(1, np.nan)
     if given.shape != (reduced.p,) or not (given >= 0).all():
@@ -195,8 +195,11 @@ def input_of(reduced: ReducedModel, state: StateEvaluation, command: Command) ->
     if (F is None) == (T is None):
         raise InputError(f"a command has to give either F or T, found {'neither' if F is None else 'both'}")
     if T is None:
-        return state.allocate(F)
-    T = np.asarray(T, dtype=float)
+        T = state.allocate(F)
+        if T.ndim > 1:
+            raise InputError(f"the F of a command has shape {np.asarray(F).shape}, expected ({reduced.r},)")
+        return T
+    T = np.array(T, dtype=float)  # the controller may use its memory again
     if T.shape != (reduced.p,):
         raise InputError(f"the T of a command has shape {T.shape}, expected ({reduced.p},)")
     if not (isfinite(sum(T.tolist())) or np.isfinite(T).all()):  # the sum of finite inputs may be too large

@@ -106,9 +106,15 @@ class ReducedPlantBatch:
             v: velocities (B, nv), or one (nv,) for all.
             runs: indices of the runs to restart, whose number then replaces B; all by default.
         """
-        which = np.arange(self.size) if runs is None else np.arange(self.size)[np.asarray(runs)]
+        which = np.arange(self.size)
+        if runs is not None:
+            try:
+                which = which[np.asarray(runs)]
+            except IndexError:
+                raise InputError(f"runs: expected indices of {self.size} runs, found {runs!r}") from None
         q = _rows(numbers_of(q, "q"), len(which), self.reduced.robot.nq, "q")
         v = _rows(numbers_of(v, "v"), len(which), self.reduced.n, "v")
+        _ = self.reduced.at(q, v=v)  # refuses what is not finite or not of unit length
         charts: dict[bytes, VelocityChart] = {}  # runs with the same start share a chart
         start = IntegrationErrors.initial(self.reduced.n, self._substeps)
         for run, q_0, v_0 in zip(which.tolist(), q, v, strict=True):

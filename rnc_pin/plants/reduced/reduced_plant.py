@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import isfinite
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy
 from numpy import ndarray as Array
 
-from rnc_pin.errors import DivergenceError
+from rnc_pin.errors import DivergenceError, InputError
+from rnc_pin.model.input_validation import vector
 from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -104,6 +105,13 @@ class ReducedPlant(ReprMixin):
         self._y: np.ndarray
         self._state: StateEvaluation | None = None
 
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> None:
+            if name in ("_q", "_y"):
+                raise InputError("the plant has no state yet: call reset(q, v)")
+            raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+
     def _settings(self) -> dict[str, object]:
         return {name: value for name, value in super()._settings().items() if name not in ("applied", "errors")}
 
@@ -120,8 +128,14 @@ class ReducedPlant(ReprMixin):
         Args:
             q, v: configuration and velocity.
             t: time of rheonomic constraints [s].
+
+        Raises:
+            InputError: q or v has another shape, or is not made of finite numbers.
         """
-        self._q, self._y = q, self._dynamics.initial(q, v, t=t)
+        start = self.reduced.at(q, v=v, t=t)
+        if start.v.ndim > 1:
+            raise InputError(f"reset of one plant: q has shape {np.shape(q)} and v {np.shape(v)}, expected one state")
+        self._q, self._y = start.q, self._dynamics.initial(start.q, start.v, t=t)
         self.applied, self._state = np.zeros(self.reduced.p), None
         self.errors = IntegrationErrors.initial(self.reduced.n, self._substeps)
 
@@ -164,8 +178,15 @@ class ReducedPlant(ReprMixin):
             self.set_actuator_friction(friction)
 
     def apply(self, T: np.ndarray) -> None:
-        """Hold the inputs T (p,), clipped to the actuator limits; ``applied`` has the result."""
-        self.applied = self.saturated(T)
+        """Hold the inputs T (p,), clipped to the actuator limits; ``applied`` has the result.
+
+        Raises:
+            InputError: T is not p finite numbers.
+        """
+        T = vector(T, self.reduced.p, "T")
+        if T.ndim > 1:
+            raise InputError(f"T has shape {T.shape}, expected ({self.reduced.p},)")
+        self.applied = self.saturated(T.copy())  # contiguous, and the caller may change T
 
     def saturated(self, T: np.ndarray) -> np.ndarray:
         """Return the inputs T (p,) clipped to the actuator limits."""
@@ -221,7 +242,10 @@ class ReducedPlant(ReprMixin):
 
         Raises:
             DivergenceError: velocities or accelerations are not finite.
+            InputError: dt is not positive.
         """
+        if not 0.0 < dt < np.inf:
+            raise InputError(f"dt has to be a positive number, found {dt!r}")
         _ = self.state  # in a chart that is regular here
         errors = self.errors
         step = self._step(dt, errors.steps)

@@ -374,6 +374,46 @@ def test_velocities_from_encoders(kind):
     assert np.abs(run.x2[-1] - GOAL).max() < 0.02
 
 
+@pytest.mark.parametrize("jump", [0.2, 60.0, 3600.0])
+def test_an_observer_survives_a_clock_that_jumps(jump):
+    """The robot goes on at 0.5 m/s, after it accelerated: the last acceleration says nothing about the time between."""
+    reduced, _ = sleigh()
+    loop = rnc.ControlLoop(reduced, Memoryless(lambda *_: rnc.control.Command(T=np.zeros(2))), DT, velocity="observer")
+    x, errors = 0.0, []
+    for sample in range(200):
+        speed = min(0.5, 0.5 * sample / 100)
+        x += speed * DT
+        t = sample * DT + (jump if sample >= 101 else 0.0)
+        loop.step(t, reduced.robot.configuration({"root_joint": [x, 0.0, 0.0]}))
+        errors.append(abs(loop.state.motion.v[0] - speed))
+    assert max(errors[101:]) < 0.51
+    assert max(errors[150:]) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (rnc.control.Command(F=np.ones((2, 2))), r"the F of a command has shape \(2, 2\), expected \(2,\)"),
+        (rnc.control.Command(T=np.ones((2, 2))), r"the T of a command has shape \(2, 2\), expected \(2,\)"),
+    ],
+)
+def test_a_command_for_several_states_is_none(command, words):
+    reduced, _ = sleigh()
+    loop = rnc.ControlLoop(reduced, Memoryless(lambda *_: command), DT, fallback="raise")
+    with pytest.raises(rnc.InputError, match=words):
+        loop.step(0.0, reduced.robot.configuration(), np.zeros(3))
+
+
+def test_the_memory_that_a_controller_uses_again_is_not_that_of_the_loop():
+    reduced, _ = sleigh()
+    memory, limits = np.array([1.0, 2.0]), np.array([50.0, 50.0])
+    loop = rnc.ControlLoop(reduced, Memoryless(lambda *_: rnc.control.Command(T=memory)), DT, limits=limits)
+    loop.step(0.0, reduced.robot.configuration(), np.zeros(3))
+    memory[:], limits[:] = 1000.0, 0.0
+    assert loop.state.T.tolist() == loop.last.requested.tolist() == [1.0, 2.0]
+    assert loop.limits.tolist() == [50.0, 50.0]
+
+
 def test_an_observer_is_the_parabola_that_fits_the_fading_past_best():
     """Independent: weighted least squares over all samples; weights fade by exp(-cutoff dt) from one to the next."""
     reduced, _ = sleigh()
