@@ -55,15 +55,11 @@ class ComplexRows:
             self._slices.append(slice(joint.idx_v, joint.idx_v + joint.nv))
             self._axes.append(np.asarray(calculated.S, dtype=float).reshape(6, joint.nv))
         rows: list[KernelRow] = []
-        constant = np.zeros((reduced.all_constraints.size, self.n))
         for place in reduced.all_constraints.places:
             found = place.block.kernel_rows(model)
             assert found is not None
             rows += found
-        for index, row in enumerate(rows):
-            if row.form == Form.CONSTANT:
-                constant[index] = state.all_rows[index] if row.constant is None else row.constant
-        self._rows, self._constant = [(k, rows[k]) for k in state.kept_rows.tolist()], constant
+        self._rows, self._constant = [(k, rows[k]) for k in state.kept_rows.tolist()], state.all_rows
         self.basis = basis
 
     def moved(self, configurations: np.ndarray, tangents: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from rnc_pin.control.controller import (
     KinematicController,
     State,
     VelocityTarget,
+    check_target,
     command_towards,
     describe,
 )
@@ -73,6 +74,7 @@ class ActuatorVelocityController(ReprMixin):
         self, reduced: ReducedModel, target: KinematicController, limits: bool | Float[Array, " nv"] = True
     ) -> None:
         check_velocity_actuation(reduced)
+        check_target(target)
         self._reduced, self.target = reduced, target
         self.limits = velocity_limits(reduced, limits)
 

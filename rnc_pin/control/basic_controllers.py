@@ -15,6 +15,7 @@ from rnc_pin.control.controller import (
     VelocityTarget,
     accepts_batches,
     check_size,
+    check_target,
     command_towards,
     goals_at,
     listed,
@@ -83,6 +84,7 @@ class ComputedTorque(DescribedMixin):
     described = ("k", "target")
 
     def __init__(self, reduced: ReducedModel, target: KinematicController, k: float | np.ndarray = 20.0) -> None:
+        check_target(target)
         self._reduced, self.target, self.k = reduced, target, k
 
     @property

@@ -203,6 +203,15 @@ def check_size(reference: Reference | _Sized, size: int, what: str) -> None:
         raise ConfigurationError(f"the {what} reference has {reference.size} values for {size} outputs")
 
 
+def check_target(target: object) -> None:
+    """Raise an error unless the target of a controller is a kinematic controller, and no class of these."""
+    if isinstance(target, type) or not isinstance(target, KinematicController):
+        raise ConfigurationError(
+            "target: expected a kinematic controller, such as "
+            f"rnc.control.ReducingOutputController(reduced, reference), found {short_text(target)}"
+        )
+
+
 def check_known(word: str, valid: Iterable[str], what: str) -> None:
     """Raise an error with the nearest name if a word is none of the valid ones."""
     choices = list(valid)

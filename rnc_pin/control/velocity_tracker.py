@@ -16,6 +16,7 @@ from rnc_pin.control.controller import (
     State,
     VelocityTarget,
     accepts_batches,
+    check_target,
     command_towards,
     elapsed_time,
 )
@@ -84,6 +85,7 @@ class VelocityTracker(DescribedMixin):
         gains: VelocityGains | None = None,
         gravity_compensation: np.ndarray | None = None,
     ) -> None:
+        check_target(target)
         self.target = target
         self.gains = VelocityGains.paper() if gains is None else gains
         if not isinstance(self.gains, VelocityGains):

@@ -322,29 +322,26 @@ class WaySearch:
                 break
             ends = np.cumsum(drive_times(motion.steps, self._speeds))
             first, last = np.sort(generator.uniform(0.0, ends[-1], 2))
-            begin, rest = self._cut(motion, ends, first)[0], self._cut(motion, ends, last)[1]
+            (start, begin, _), (end, _, rest) = self._cut(motion, ends, first), self._cut(motion, ends, last)
             now = last - first
-            for between in self._steering.motions(begin.q[-1], rest.q[0]):
+            for between in self._steering.motions(start, end):
                 self._budget.spend(_STEERED)
                 faster = drive_times(between.steps, self._speeds).sum() < (1.0 - SHORTER) * now
                 if faster and self.is_free(between):
-                    steps = np.concatenate([begin.steps, between.steps, rest.steps])
+                    steps = np.concatenate([begin, between.steps, rest])
                     motion = self._steering.along(motion.q[0], steps)
                     break
         return motion
 
-    def _cut(self, motion: ExactMotion, ends: Array, at: float) -> tuple[ExactMotion, ExactMotion]:
-        """Parts of a motion before and after a time [s]."""
+    def _cut(self, motion: ExactMotion, ends: Array, at: float) -> tuple[Array, Array, Array]:
+        """Configuration of a motion at a time [s], and the steps before and after it."""
         k = min(int(np.searchsorted(ends, at)), len(ends) - 1)
         start = ends[k - 1] if k else 0.0
         part = (at - start) / max(ends[k] - start, 1e-300)
         step = motion.steps[k]
         place = self._steering.manifold.integrate(motion.q[k : k + 1], part * step[None])
-        before = ExactMotion(np.concatenate([motion.q[: k + 1], place]), np.vstack([motion.steps[:k], part * step]))
-        rest = ExactMotion(
-            np.concatenate([place, motion.q[k + 1 :]]), np.vstack([(1.0 - part) * step, motion.steps[k + 1 :]])
-        )
-        return before, rest
+        rest = np.vstack([(1.0 - part) * step, motion.steps[k + 1 :]])
+        return place[0], np.vstack([motion.steps[:k], part * step]), rest
 
 
 def _release(information: ob.SpaceInformation) -> None:

@@ -148,7 +148,8 @@ def ball_with_rudder():
         model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
     for name, joint in (("hub", base), ("rudder", turn)):
         add_frame(model, name, joint, pin.SE3.Random())
-    kinds = [rnc.RollingBall("hub", 0.2), rnc.NoSideSlip("rudder", at=(0.1, 0.2, -0.3))]
+    locked = rnc.FixedOutput(rnc.JointPosition("slide"), 0.1)
+    kinds = [rnc.RollingBall("hub", 0.2), rnc.NoSideSlip("rudder", at=(0.1, 0.2, -0.3)), locked]
     return rnc.NonholonomicSystem(rnc.Robot(model), kinds).reduce()
 
 

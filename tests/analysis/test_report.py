@@ -1,5 +1,6 @@
 """Growth vectors, redundancy classes and the report."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -38,6 +39,16 @@ def test_lemma_1_is_denied_to_wrong_rates():
 
 
 # ---------------------------------------------------------------------- why, and where not
+
+
+def test_a_system_that_does_not_reach_everything_says_how_much():
+    """A joint that a row keeps is never reached; brackets of higher order count too."""
+    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+    kinds = [rnc.NoSideSlip("base"), rnc.FixedOutput(rnc.JointPosition("joint_2"), 0.3)]
+    report = rnc.analyze(rnc.NonholonomicSystem(robot, kinds).reduce(), samples=4)
+    assert report.growth_vector == (3, 4)
+    assert "at most 4 of 5" in str(report)
+    assert "at most 5 of 5" in str(dataclasses.replace(report, growth_vector=(3, 4, 5)))
 
 
 def mobile_manipulator_report(samples):

@@ -7,7 +7,7 @@ import pytest
 import rnc_pin as rnc
 from controlled_tasks import TASK
 from rnc_pin.control import SlitheringReference
-from systems import fire_truck, mobile_manipulator
+from systems import fire_truck, mobile_manipulator, sleigh
 
 
 def refusals():
@@ -104,3 +104,18 @@ def test_what_is_refused_is_said(call, words):
     with pytest.raises(rnc.RncError) as caught:
         call()
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda reduced, hold: rnc.control.VelocityTracker(hold),
+        lambda reduced, hold: rnc.control.ComputedTorque(reduced, hold),
+        lambda reduced, hold: rnc.control.ComputedTorque(hold, reduced),
+        lambda reduced, hold: rnc.control.VelocityTracker(rnc.control.ReducingOutputController),
+    ],
+    ids=["reference for the tracker", "reference for the model-based one", "model in its place", "a class"],
+)
+def test_what_is_no_target_is_refused_when_the_controller_is_made(make):
+    with pytest.raises(rnc.ConfigurationError, match="target: expected a kinematic controller, such as rnc.control"):
+        make(sleigh(), rnc.planning.Hold([1.0, 0.0]))

@@ -37,6 +37,13 @@ def test_the_rate_of_a_configuration_is_that_of_pinocchios_integral(robot, rng):
         np.testing.assert_allclose(configuration_rate(robot.model, q, v), expected, atol=1e-12)
 
 
+def test_the_rate_of_an_angle_without_limits_is_exact(rng):
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelRUBZ(), pin.SE3.Identity(), "wheel")
+    q, v = np.array([np.cos(0.7), np.sin(0.7)]), rng.normal(size=1)
+    np.testing.assert_array_equal(configuration_rate(model, q, v), v * [-q[1], q[0]])
+
+
 def sleigh(q):
     """Knife edge on a planar base, in the coordinates of a fixed frame, with tenths of a metre."""
     return np.array([[-np.sin(3 * q[0]) * np.exp(q[1]), np.cos(q[2]) / (2 + q[0] ** 2), 0.1 * q[1], q[3] ** 3]])

@@ -20,7 +20,7 @@ from places import ROOT
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.planning import WaySettings, find_way
 from rnc_pin.planning.exact_steering import ExactMotion
-from rnc_pin.planning.way import intervals_along, motion_along
+from rnc_pin.planning.way import _Grid, intervals_along, motion_along
 from rnc_pin.planning.way_finding import WayFinder
 from rnc_pin.planning.way_search import SearchBudget, WaySearch
 from rnc_pin.planning.way_space import WaySpace
@@ -417,6 +417,17 @@ def apart_in_time(way, obstacles):
     """Smallest distance at dense samples of the time."""
     distances = rnc.collision.CollisionDistances(way.reduced.robot, obstacles, rnc.collision.PairSelection(links=False))
     return min(distances.smallest(way.at(t), t, 1.0).min() for t in np.arange(0.0, way.duration, 0.01).tolist())
+
+
+def test_a_wait_is_as_early_as_the_obstacles_let_it_be():
+    """Without a delay two places are reached, with one step of it all but the first: it waits where it starts."""
+    grid = object.__new__(_Grid)
+    grid.places = np.arange(4.0)
+    reached = [np.array([True, True, False, False]), np.array([False, True, True, True])]
+    delays = grid._path(reached)
+    assert delays[0] == 0.0
+    assert (delays[1:] == delays[-1]).all()
+    assert delays[-1] > 0.0
 
 
 def test_a_way_waits_until_a_cart_has_passed():

@@ -185,6 +185,20 @@ def test_opposite_soft_limits_share_the_excess_evenly():
     np.testing.assert_allclose(list(found.values()), [0.6], rtol=1e-5)
 
 
+def test_a_region_is_exceeded_by_the_distance_beyond_its_sides():
+    reduced = manipulator_in_joints()
+    outside = reduced.at(reduced.robot.configuration({"root_joint": [0.8, 3.0, 0.0]}), np.zeros(reduced.r))
+    region = limits.RegionLimit("base", box={"x": (-1.0, 0.5)}).bind(reduced)
+    np.testing.assert_allclose(np.sort(region.exceeded_by(outside, 0.0)), [-1.8, 0.3], atol=1e-12)
+
+
+def test_the_description_of_a_program_has_the_settings_of_its_tasks_and_limits():
+    reduced = manipulator_in_joints()
+    region = limits.RegionLimit("base", box={"x": (-1.0, 0.5)}, gain=3.0)
+    found = VelocityQP(reduced, [tasks.DampingTask()], [region], dt=DT).describe()["limits"]
+    assert [(each["type"], each["frame"], each["gain"]) for each in found] == [("RegionLimit", "base", 3.0)]
+
+
 def test_hard_limits_that_a_drift_violates_are_reported_and_raise_nothing():
     """With angular momentum some joint has to move: a platform and joints that may not move exclude each other."""
     from systems import spinning_space_robot
