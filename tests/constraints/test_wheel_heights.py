@@ -162,6 +162,13 @@ def test_a_radius_is_compared_with_the_shape_of_the_link(tmp_path, shape, base):
     assert findings(tmp_path, radius=0.17, height=0.0, shape=shape, base=base) == ()
 
 
+@pytest.mark.parametrize("shape", ['<cylinder radius="0.1" length="0.04"/>', '<sphere radius="0.1"/>'])
+def test_a_round_shape_beside_the_axle_is_not_the_wheel(tmp_path, shape):
+    """Such as the housing of a hub, parallel to the axle."""
+    beside = '1.5707963267948966 0 0" xyz="0.05 0 0'
+    assert findings(tmp_path, radius=0.17, height=0.0, shape=shape, turn=beside) == ()
+
+
 def test_height_and_shape_are_one_finding(tmp_path):
     found = findings(tmp_path, radius=0.2, shape='<sphere radius="0.17"/>')
     assert summary(found) == both("degrades", 0.03)

@@ -3,9 +3,11 @@
 import re
 from itertools import pairwise, product
 from types import SimpleNamespace
+from typing import get_type_hints
 
 import numpy as np
 import pytest
+from annotated_types import Gt, Lt
 from scipy.integrate import quad
 
 import rnc_pin as rnc
@@ -448,3 +450,10 @@ def test_legs_cost_the_same_wherever_they_are_and_mirrored(forward_only):
             assert (speeds.min() >= 0) | (speeds.max() <= 0)
             assert not forward_only or speeds.min() >= 0
             assert leg.length <= cost
+
+
+def test_files_may_steer_as_far_as_the_constructor():
+    """A scenario is validated against the annotations."""
+    hints = get_type_hints(CarPath.__init__, include_extras=True)["max_steering"].__metadata__
+    assert hints == (Gt(0), Lt(np.pi / 2))
+    assert CarPath((0, 0, 0), (3, 1, 0), 5.0, 1.0, max_steering=1.5).legs
