@@ -63,9 +63,10 @@ class LimitUse(NamedTuple):
         return self.excess > self.rounding
 
     def __str__(self) -> str:
+        of = "its range" if self.limit or self.kind != "effort" else "the largest effort in the file"
         return (
             f"{self.kind} of {self.name}: {self.value:.4g} at t = {self.time:.3f} s, limit {self.limit:.4g} "
-            f"({100 * self.excess:+.2g} % of its range)"
+            f"({100 * self.excess:+.2g} % of {of})"
         )
 
 

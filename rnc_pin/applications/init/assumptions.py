@@ -20,7 +20,7 @@ from rnc_pin.applications.init.evidence import (
     DriveEvidence,
     effort_limit,
     is_revolute,
-    joint_range,
+    range_of_motion,
 )
 from rnc_pin.applications.init.robot_at_start import INDEPENDENT, SAME
 from rnc_pin.applications.init.wheel_detection import UPRIGHT, Wheel
@@ -52,6 +52,7 @@ class BaseAssumptions:
         lock: joints to lock, with their values.
         notes: assumptions and doubts, a line each.
         passive: joints without an actuator.
+        mimic_drivers: driver of each joint that moves with it by a mimic of the file; such joints are passive.
         ground: height of the ground [m], or None if unknown.
         weightless: True if the scenario has no gravity.
         feedback: settings of the controller that the base needs, or None.
@@ -80,6 +81,7 @@ class BaseAssumptions:
     lock: dict[str, float | list[float]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     passive: set[str] = field(default_factory=set)
+    mimic_drivers: dict[str, str] = field(default_factory=dict)
     ground: float | None = None
     weightless: bool = False
     feedback: Mapping[str, Json] | None = None
@@ -215,13 +217,13 @@ def _independent(rows: np.ndarray, added: np.ndarray) -> bool:
 
 def _step(robot: Robot, name: str, value: float) -> float:
     """Displacement of a joint's reference [rad or m]: small, toward the farther limit."""
-    low, high = joint_range(robot, name)
+    low, high = range_of_motion(robot, name)
     above, below = high - value, value - low  # both infinite without limits
     length = max(min(BENT if is_revolute(robot, name) else _SLID, 0.3 * max(above, below)), 0.0)
     return round(length if above >= (1 - SAME) * below else -length, 4)
 
 
-_UNPOWERED = "effort 0 in the file, driven without a limit: CHECK"
+_UNPOWERED = "effort 0 in the file: CHECK its limit"
 _PASSIVE = "driven, although it is usually passive: CHECK"
 _UNTOLD = "in place of actuators that the file does not describe: CHECK"
 
@@ -286,7 +288,7 @@ def actuator_candidates(
     ]
     named = {entry for entry, _ in driving if isinstance(entry, str)}
     conserved = {entry.get("momentum") for entry, _ in mobility.constraints if isinstance(entry, dict)}
-    followers = {mimic.joint for mimic in robot.mimics}
+    followers = set(mobility.mimic_drivers)
     weak = mobility.without_effort - conserved - followers
     sure = [name for name in joints if name not in named | mobility.passive | conserved]
     wheels = [name for name in joints if name in weak & named]
@@ -338,7 +340,8 @@ def assume_motors(
     powered = any(limit for name, limit in limits.items() if name not in mobility.passive)
     of_base = {entry for entry, _ in mobility.actuators if isinstance(entry, str)} | mobility.passive
     others = [name for name in start if name not in of_base]
-    undriven = drives.unlisted([*start] if drives.is_complete else others)
+    leading = [name for name in start if name not in mobility.mimic_drivers]
+    undriven = drives.unlisted(leading if drives.is_complete else others)
     idle = [name for name in others if name in undriven]
     if idle:
         mobility.decisions.append(_decision_on_others(idle, drives))

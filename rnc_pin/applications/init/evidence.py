@@ -144,11 +144,22 @@ def joint_range(robot: Robot, name: str, leaders: tuple[str, ...] = ()) -> tuple
     low, high = joint_limits(robot, name)
     leaders = (*leaders, name)
     for follower in robot.mimics:
-        if follower.of == name and follower.multiplier and follower.joint not in leaders:
+        is_new = follower.joint in robot.joint_names and follower.joint not in leaders
+        if follower.of == name and follower.multiplier and is_new:
             reach = joint_range(robot, follower.joint, leaders)
             ends = [(end - follower.offset) / follower.multiplier for end in reach]
             first, last = ends if follower.multiplier > 0 else reversed(ends)
             low, high = max(low, first), min(high, last)
+    return low, high
+
+
+def range_of_motion(robot: Robot, name: str) -> tuple[float, float]:
+    """Position limits of a joint at which those that it mimics and its mimic joints are within theirs [rad or m]."""
+    low, high = joint_range(robot, name)
+    for mimic in robot.mimics:
+        if mimic.joint == name and mimic.multiplier and mimic.of in robot.joint_names:
+            ends = sorted(mimic.multiplier * end + mimic.offset for end in joint_range(robot, mimic.of))
+            low, high = max(low, ends[0]), min(high, ends[1])
     return low, high
 
 
@@ -204,6 +215,10 @@ class DriveEvidence:
             return False
         return self.efforts.get(joint, 0.0) > 0 if said is None else said
 
+    def strength(self, joint: str) -> tuple[bool, bool]:
+        """Return a value that is larger the more speaks for a motor on this one of several coupled joints."""
+        return self.says(joint) is True, self.efforts.get(joint, 0.0) > 0
+
     def driven_of(self, joints: Collection[str], usual: Iterable[str]) -> DrivenJoints:
         """Return the driven ones of several joints of one kind, such as wheels.
 
@@ -258,6 +273,34 @@ class DrivenJoints:
     joints: tuple[str, ...]
     confidence: float
     evidence: str
+
+
+def mimic_drivers(robot: Robot, drives: DriveEvidence) -> dict[str, str]:
+    """Return the driver of each joint that moves with it by a mimic of the file.
+
+    The driver is the leader, or a follower if the file or an option gives the motor to it. A locked leader stays the
+    driver.
+    """
+    follows = {each.joint: each.of for each in robot.mimics if each.joint in robot.joint_names}
+    still = {each.joint for each in robot.mimics if not each.multiplier}
+    groups: dict[str, list[str]] = {}
+    for joint in follows:
+        groups.setdefault(_last_leader(joint, follows), []).append(joint)
+    drivers: dict[str, str] = {}
+    for leader, followers in groups.items():
+        able = [leader, *(each for each in followers if each not in still)] if leader in robot.joint_names else [leader]
+        driver = max(able, key=drives.strength)
+        drivers |= {joint: driver for joint in (leader, *followers) if joint != driver}
+    return drivers
+
+
+def _last_leader(joint: str, follows: Mapping[str, str]) -> str:
+    """Last leader in a joint's chain of mimics; the chain may be a circle."""
+    seen = {joint}
+    while joint in follows and follows[joint] not in seen:
+        joint = follows[joint]
+        seen.add(joint)
+    return joint
 
 
 def named_as_driven(robot: ElementTree.Element) -> tuple[dict[str, str], bool]:

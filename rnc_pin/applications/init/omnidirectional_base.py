@@ -60,7 +60,7 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     kind = f"{len(layout.wheels)} wheels, driven by a turret with {len(unit.wheels)} wheels"
     result = planar_on_wheels(layout, at_start, kind)
     _add_unit(result, unit, lateral=True)
-    add_wheel_motors(result, layout)
+    add_wheel_motors(result, layout, at_start)
     pivot = unit.pivot
     result.actuators.append((pivot.joint, "turns the turret"))
     frame = body_frame(at_start.robot, pivot.index)
@@ -92,7 +92,7 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
         _add_unit(result, each, lateral=each.wheels[0].joint in guides)
         upward = np.sign(turning_axis(at_start.robot.model, at_start.data, each.pivot.index)[2])
         result.outputs.append(({"joint": each.pivot.joint}, float(upward * BENT)))
-    add_wheel_motors(result, layout)
+    add_wheel_motors(result, layout, at_start)
     result.actuators += [(each.pivot.joint, "steering") for each in layout.steered]
     support_by_casters(result, layout, at_start)
     result.vertical += place_and_heading(result.frame)

@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init.evidence import DriveEvidence, body_frame, sliding_axis, turning_axis
+from rnc_pin.applications.init.evidence import DriveEvidence, body_frame, mimic_drivers, sliding_axis, turning_axis
 from rnc_pin.errors import ModelError
 from rnc_pin.robots import Robot
 
@@ -310,14 +310,14 @@ class RobotAtStart:
         values = self.robot.joint_values(self.q)[str(self.robot.model.names[index])]
         return values if isinstance(values, list) else [values]
 
-    def leader(self, joint: str) -> str:
-        """Return the last leader in a joint's chain of mimics, or the joint itself."""
-        follows = {each.joint: each.of for each in self.robot.mimics if each.of in self.robot.joint_names}
-        seen = {joint}
-        while joint in follows and follows[joint] not in seen:
-            joint = follows[joint]
-            seen.add(joint)
-        return joint
+    def driver(self, joint: str) -> str:
+        """Return the joint that drives a joint by a mimic of the file, or the joint itself."""
+        driver = self._mimic_drivers.get(joint, joint)
+        return driver if driver in self.robot.joint_names else joint
+
+    @cached_property
+    def _mimic_drivers(self) -> dict[str, str]:
+        return mimic_drivers(self.robot, self.drives)
 
     def are_in_loops(self, one: str, other: str) -> bool:
         """Return whether loop closures of the file couple two joints, through other loops too."""

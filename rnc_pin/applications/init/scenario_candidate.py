@@ -24,7 +24,7 @@ from rnc_pin.applications.init.assumptions import (
     output_candidates,
     select_outputs,
 )
-from rnc_pin.applications.init.evidence import DraftDecision
+from rnc_pin.applications.init.evidence import DraftDecision, mimic_drivers
 from rnc_pin.applications.init.robot_at_start import GEOMETRY, RobotAtStart
 from rnc_pin.applications.init.source import Source
 from rnc_pin.applications.init.start_values import (
@@ -91,7 +91,8 @@ class ScenarioCandidate:
         mobility.lock = {**self.source.held, **mobility.lock}
         self.start = {**self.at_start.start, **mobility.pose}
         self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
-        mobility.passive |= {mimic.joint for mimic in self.robot.mimics}
+        mobility.mimic_drivers = mimic_drivers(self.robot, self.at_start.drives)
+        mobility.passive |= set(mobility.mimic_drivers)
         for name in self.source.options.momentum:
             mobility.constraints.append(({"momentum": name}, "by an option"))
             mobility.passive.add(name)
@@ -247,13 +248,25 @@ class ScenarioCandidate:
     # ------------------------------------------------------------------ parts of the scenario
 
     def _hold_loose_joints(self) -> None:
-        """Lock joints without an actuator in the file that no constraint couples to others."""
-        mobility = self.mobility
-        loose = uncoupled_joints(self._undriven, mobility.constraints, self.robot, self.start)
+        """Lock joints without an actuator in the file that no constraint couples to others; mimic joints together."""
+        mobility, groups = self.mobility, self._coupled_by_mimics
+        free = uncoupled_joints(self.start, mobility.constraints, self.robot, self.start)
+        moved_together = (groups.get(name, {name}) for name in self._undriven)
+        idle = {name for group in moved_together if group <= {*free} for name in group}
+        loose = [name for name in self.start if name in idle]
         if loose:
             mobility.hold(loose, self.start, "locked, because neither an actuator nor a constraint moves them")
             self.robot = self.source.load(mobility.base, mobility.lock)
             self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
+
+    @property
+    def _coupled_by_mimics(self) -> dict[str, set[str]]:
+        """Joints that move together by mimics of the file, by the name of each."""
+        drivers = self.mobility.mimic_drivers
+        groups: dict[str, set[str]] = {}
+        for joint, driver in drivers.items():
+            groups.setdefault(driver, {driver}).add(joint)
+        return {name: group for group in groups.values() for name in group}
 
     def _bear_weight(self) -> None:
         """Move the start of joints whose weight needs more than the efforts of the file."""
@@ -261,9 +274,8 @@ class ScenarioCandidate:
         held = [name for name in self.start if name not in {*mobility.passive, *self._undriven, *mobility.pose}]
         if mobility.weightless or mobility.feedback is not None:
             return
-        coupled = {name for mimic in self.robot.mimics for name in (mimic.joint, mimic.of)}
         loose = uncoupled_joints(held, mobility.constraints, self.robot, self.start)
-        held = [name for name in loose if name not in coupled]
+        held = [name for name in loose if name not in self._coupled_by_mimics]
         self.start, moved = with_bearable_loads(self.robot, self.start, held)
         mobility.notes += moved
 
@@ -360,7 +372,7 @@ class ScenarioCandidate:
         weak = [each for each in self._against if each in without]
         said = {
             f"{why}, so that nothing drives them": idle,
-            f"{why}, but driven without a limit, because {others}": weak,
+            f"{why}, but driven, because {others}; runs fail by the limit 0 until the file has another": weak,
             f"driven although usually passive, because {others}": [each for each in self._against if each not in weak],
         }
         self.mobility.notes += [f"{words}: {', '.join(joints)}" for words, joints in said.items() if joints]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -138,6 +139,8 @@ class Source:
         is_rigid = False
         try:
             self._detected = self.load(None if self.is_mjcf else "fixed")
+            if self._lock_leaders(self._detected):
+                self._detected = self.load(None if self.is_mjcf else "fixed")
         except ModelError as error:
             if self.is_mjcf:
                 raise
@@ -236,6 +239,18 @@ class Source:
         if new:
             self.notes.append(f"locked, because the limits of the file leave no motion: {', '.join(new)}")
 
+    def _lock_leaders(self, robot: Robot) -> bool:
+        """Lock the joints that mimic joints locked by the user follow; return True if there are any."""
+        new: dict[str, float] = {}
+        chosen = dict(self.options.lock or {})
+        for mimic in [each for _ in robot.mimics for each in robot.mimics]:  # mimic joints can form chains
+            joint, of, multiplier, offset = mimic
+            if joint in chosen and of in robot.joint_names and of not in chosen and multiplier:
+                chosen[of] = new[of] = round((chosen[joint] - offset) / multiplier, 9) + 0.0
+                self.notes.append(f"locked together with {joint}, which mimics it: {of}")
+        self.held.update(new)
+        return bool(new)
+
     def mass_of_base(self) -> float:
         """Return the mass of the first link [kg]; 0 for a ground or world link."""
         try:
@@ -292,6 +307,8 @@ def _volume(robot: Robot) -> float:
 def _entry(source: str, folder: Path) -> dict[str, Json]:
     path = Path(source).expanduser()
     if os.path.isfile(path):
+        if path.suffix in (".yaml", ".yml"):
+            raise ModelError(f"{path}: that is a scenario, not a robot: run it with: rnc-pin run {shlex.quote(source)}")
         relative = os.path.relpath(path.resolve(), folder.resolve())
         if path.suffix == ".xacro" or parse_xml(path).tag != "mujoco":
             return {"urdf": relative}

@@ -9,6 +9,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
+from statistics import median
 from typing import NotRequired, TypedDict
 
 import numpy as np
@@ -31,6 +32,7 @@ LOST = 0.5
 MEANINGFUL = 1.0
 """Duration of the shortest run with a meaningful displacement [s]: a controller that learns starts late."""
 _LITTLE = 0.5  # motion assumed for an output with a constant reference, as a share of the largest motion
+_USUAL_RADII = 0.002, 5.0  # [m] of wheels; others are probably in other units
 _SETTLED = 0.1  # final share of a run whose errors count for a balancing controller
 
 
@@ -140,6 +142,13 @@ _OF_RUN = {
 """Kinds for which ``rnc-pin run`` would fail or complain, beside the errors, which are judged by the motion here."""
 
 
+def _radii(entry: Entry) -> list[float]:
+    """Radii in the settings of a constraint, such as that of ``rolling_wheel`` [m]."""
+    settings = entry.values() if isinstance(entry, Mapping) else []
+    given = [each.get("radius") for each in settings if isinstance(each, Mapping)]
+    return [float(each) for each in given if isinstance(each, int | float)]
+
+
 def model_findings(
     system: NonholonomicSystem, mobility: BaseAssumptions, chosen: Iterable[Entry], against: Collection[str]
 ) -> list[Finding]:
@@ -157,6 +166,11 @@ def model_findings(
         rows = few(system.nearly_dependent_rows)
         message = f"its rows are nearly dependent, so that the remaining motion may not be the intended one: {rows}"
         found.append(_model(rows, system.row_margin, severity, message))
+    radii = [radius for entry, _ in mobility.constraints for radius in _radii(entry)]
+    typical = median(radii) if radii else 1.0
+    if not _USUAL_RADII[0] < typical < _USUAL_RADII[1]:
+        message = f"its wheels have a radius of {typical:g} m: lengths in a robot's file are in metres"
+        found.append(_model(mobility.frame, typical, Severity.DEGRADES, message))
     given = [entry for entry, step in mobility.outputs if step and "joint" not in entry]
     if mobility.travel and given and not any(entry in given for entry in chosen):
         message = "its constraints lock the base: no speed of the base is among its motions"

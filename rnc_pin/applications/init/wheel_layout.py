@@ -154,7 +154,7 @@ class WheelLayout:
 
     Attributes:
         fixed: wheels on the base with a constant heading.
-        balls: spheres on the base, which slide where they do not roll.
+        balls: spheres on the base, which slide where they do not roll, and casters drawn as a joint across the others.
         casters: wheels on swivels that align themselves with the motion of the base.
         steered: wheels on pivots that need an actuator.
         trailers: wheels on towed pivots.
@@ -260,7 +260,7 @@ def classify_wheels(
     others = any(not wheel.is_ball for wheel in on_base)  # if all are spheres, the file draws its wheels as spheres
     for wheel in on_base:
         glides = wheel.is_ball and (others or has_word(_GLIDES, *wheel.names)) and drives.says(wheel.joint) is not True
-        (result.balls if glides else result.fixed).append(wheel)
+        (result.balls if glides or _is_caster_across(wheel, on_base, drives) else result.fixed).append(wheel)
     groups: dict[str, list[Wheel]] = {}
     for wheel in wheels:
         if wheel.pivots:
@@ -281,6 +281,15 @@ def classify_wheels(
     usual = [wheel for axle in result.axles for wheel in axle] or result.motorized
     result.driven = drives.driven_of([each.joint for each in result.motorized], [each.joint for each in usual])
     return result
+
+
+def _is_caster_across(wheel: Wheel, on_base: Iterable[Wheel], drives: DriveEvidence) -> bool:
+    """True if an undriven wheel stands across all others: a ball caster of which the file draws one axis."""
+    is_idle = wheel.joint in drives.passive or has_word(_CASTER, *wheel.names)
+    if drives.says(wheel.joint) or not is_idle:
+        return False
+    others = [each for each in on_base if each.joint != wheel.joint and not are_parallel(each, wheel)]
+    return len(others) > 1 and all(are_parallel(others[0], each) for each in others)
 
 
 def _straighten_towed(layout: WheelLayout) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from statistics import median
 
 import numpy as np
@@ -39,7 +40,7 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[
         _crawl(result, layout, sides, at_start)
     else:
         _roll(result, layout, at_start)
-        add_wheel_motors(result, layout)
+        add_wheel_motors(result, layout, at_start)
     along = at_start.along(layout.fixed[0].heading)
     result.outputs.append(({"frame_speed": {"frame": at_start.frame, "axis": along}}, DRIVEN))
     if layout.steered:
@@ -58,11 +59,15 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[
     return result
 
 
-def add_wheel_motors(result: BaseAssumptions, layout: WheelLayout) -> None:
-    """Add the driven wheels to the actuators; the others are passive."""
-    driven, wheels = layout.driven, [wheel.joint for wheel in layout.motorized]
-    idle = [joint for joint in wheels if joint not in driven.joints]
-    result.actuators += [(joint, "") for joint in wheels if joint in driven.joints]
+def add_wheel_motors(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
+    """Add the driven wheels to the actuators; the others are passive. Wheels that move together have one motor."""
+    wheels = [wheel.joint for wheel in layout.motorized]
+    drivers = {joint: at_start.driver(joint) for joint in wheels if at_start.driver(joint) in wheels}
+    own = [joint for joint in wheels if drivers.get(joint, joint) == joint]
+    motors = dict.fromkeys(drivers.get(joint, joint) for joint in layout.driven.joints)
+    driven = replace(layout.driven, joints=tuple(motors))
+    idle = [joint for joint in own if joint not in driven.joints]
+    result.actuators += [(joint, "") for joint in own if joint in driven.joints]
     result.passive |= set(idle)
     result.idle += idle
     instead = tuple(word for joint in idle for word in ("--driven", joint))
@@ -256,13 +261,13 @@ def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart)
     fixed = layout.guide
     steered = _steered_axles(layout, fixed[0])
     main = steered[0]
-    leader = at_start.leader(main[0].pivot.joint)
-    result.actuators.append((leader, "steering"))
-    result.outputs.append(({"joint": leader}, BENT))
+    driver = at_start.driver(main[0].pivot.joint)
+    result.actuators.append((driver, "steering"))
+    result.outputs.append(({"joint": driver}, BENT))
     for number, axle in enumerate(steered):
         for one in axle:
             pivot = one.pivot.joint
-            same = at_start.leader(pivot) == leader
+            same = at_start.driver(pivot) == driver
             linked = at_start.are_in_loops(main[0].pivot.joint, pivot)
             lateral = one is main[0]
             ackermann: dict[str, Json] | None = None
@@ -281,10 +286,10 @@ def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart)
             for line in in_line(one.wheels):
                 for wheel, more in one_lateral(line):
                     result.roll(wheel, f"steered by {pivot}", **(more if lateral else {"lateral": False}))
-            result.passive |= {pivot} - {leader}
+            result.passive |= {pivot} - {driver}
     others = tuple(Alternative(f"{axle[0].pivot.joint}", ("--passive", main[0].pivot.joint)) for axle in steered[1:2])
     evidence = "the farthest from the fixed axle" if others else "the only steered axle"
-    result.decisions.append(DraftDecision("Which axle steers?", leader, LIKELY, evidence, others))
+    result.decisions.append(DraftDecision("Which axle steers?", driver, LIKELY, evidence, others))
 
 
 def _steered_axles(layout: WheelLayout, axle: Wheel) -> list[list[WheelGroup]]:

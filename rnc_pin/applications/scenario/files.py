@@ -115,6 +115,8 @@ def read_yaml(path: Path) -> dict[str, Json]:
         raise ConfigurationError(f"{path}: not YAML: {str(error).splitlines()[0]}") from None
     if not isinstance(raw, dict):
         found = "the file is empty" if raw is None else f"found {short_text(raw)}"
+        if text.lstrip().startswith("<"):
+            found = f"found XML: if this is a URDF, Xacro or MJCF file, {_draft_it(str(path))}"
         raise ConfigurationError(f"{path}: expected a mapping with keys such as 'robot'; {found}")
     return raw
 

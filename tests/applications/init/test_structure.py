@@ -417,6 +417,27 @@ def test_a_camera_gives_no_wheel_rollers(drafted):
     assert drafted(four_wheels(name="OmniRover"), rollers=False)[0] == "planar: 4 wheels, skid-steered"
 
 
+@pytest.mark.parametrize(("name", "wishes", "drives"), [
+    ("caster", {}, True),
+    ("aux", {"passive": ["aux_joint"]}, True),
+    ("aux", {}, False),
+    ("caster", {"driven": ["caster_joint"]}, False),
+])  # fmt: skip
+def test_a_caster_drawn_as_a_joint_across_makes_no_omni_base(name, wishes, drives, drafted, tmp_path):
+    """A ball caster of which the file draws one axis."""
+    across = link(name, 0.1, '<cylinder radius="0.05" length="0.04"/>', turn="0 1.570796326794897 0")
+    turning = joint(f"{name}_joint", "base_footprint", name, (-0.25, 0, 0.05), "1 0 0")
+    kind, content, _ = drafted(two_wheels(across, turning), **wishes)
+    if drives:
+        assert kind == "planar: 3 wheels, differential drive"
+        assert content["robot"]["lock"] == {f"{name}_joint": 0.0}
+        assert content["actuators"] == ["l_joint", "r_joint"]
+        assert moved(tmp_path) > 0.05
+    else:
+        assert kind == "planar: 3 omni wheels"
+        assert set(content["actuators"]) == {"l_joint", "r_joint", f"{name}_joint"}
+
+
 def bicycle(front="front_hub", lean=0.3):
     """Two wheels in line; the fork leans back."""
     return robot(

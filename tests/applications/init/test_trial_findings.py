@@ -96,6 +96,14 @@ def test_a_passive_joint_that_is_driven_fails():
     assert model_findings(system, weak, [SPEED], driven) == []  # a note and a remark say it
 
 
+@pytest.mark.parametrize(("radius", "doubts"), [(0.2, 0), (200.0, 1), (0.0002, 1)])
+def test_a_file_in_other_units_than_metres_is_doubted(radius, doubts):
+    wheels = [({"rolling_wheel": {"frame": f"{side}_wheel", "radius": radius}}, "") for side in ("left", "right")]
+    found = model_findings(cart(), rolling(constraints=wheels), [SPEED], ())
+    assert len(found) == doubts
+    assert all(f"radius of {radius:g} m: lengths in a robot's file are in metres" in each.message for each in found)
+
+
 def test_the_base_has_to_move():
     system = cart()
     reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
@@ -181,9 +189,9 @@ def test_actuators_with_effort_0_are_not_driven_silently(tmp_path, brief):
     text, content, _ = drafted(car(rear=0), tmp_path)
     joined = text.replace("\n# ", " ")
     assert set(content["actuators"]) == {"rear_left_joint", "rear_right_joint", "steer_left_joint"}
-    assert "- rear_left_joint  # effort 0 in the file, driven without a limit: CHECK" in text
-    assert "effort 0 in the file, but driven without a limit, because the other actuators are not enough" in joined
-    assert "not enough: rear_left_joint, rear_right_joint" in joined
+    assert "- rear_left_joint  # effort 0 in the file: CHECK its limit" in text
+    assert "effort 0 in the file, but driven, because the other actuators are not enough; runs fail by" in joined
+    assert "limit 0 until the file has another: rear_left_joint, rear_right_joint" in joined
 
 
 def test_a_wheel_with_effort_0_is_left_idle_if_another_drives(tmp_path, brief):
@@ -228,3 +236,13 @@ def test_the_remedy_belongs_to_the_doubts(kinds, remedy):
     found = [Finding(kind, "x", 1.0, "m", None, Severity.FAILS, "x") for kind in kinds]
     note = Finding(FindingKind.GOAL, "x", 1.0, "m", None, Severity.NOTE, "x")
     assert Trial(6.0, findings=(*found, note)).remedy == remedy
+
+
+def test_a_scenario_is_no_robot_and_another_file_of_xml_no_scenario(tmp_path):
+    scenario, robot = tmp_path / "made.yaml", tmp_path / "model.sdf"
+    scenario.write_text("robot: {urdf: car.urdf}\n")
+    robot.write_text('<?xml version="1.0"?>\n<sdf version="1.7"/>\n')
+    with pytest.raises(rnc.ModelError, match=r"that is a scenario, not a robot: run it with: rnc-pin run .*made\.yaml"):
+        draft(str(scenario), tmp_path)
+    with pytest.raises(rnc.ConfigurationError, match=r"found XML: if this is a URDF, .* draft one with: rnc-pin init"):
+        read_yaml(robot)

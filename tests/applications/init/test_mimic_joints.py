@@ -1,0 +1,175 @@
+"""Mimic joints of a file in drafts: one motor moves all joints of a group, whichever of them has it."""
+
+import pytest
+import yaml
+
+from rnc_pin.applications.init import DraftOptions, draft
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
+from urdf_parts import BOX, joint, link, robot, transmissions, wheel
+
+pytestmark = pytest.mark.usefixtures("brief")
+
+
+def run_draft(text, folder, name="unit.urdf", **wishes):
+    """(content of a draft, its text); its run succeeds."""
+    (folder / name).write_text(text)
+    drafted = draft(str(folder / name), folder, DraftOptions(**wishes))
+    (folder / "unit.yaml").write_text(drafted)
+    brief = {"simulation.duration": 0.5, "simulation.dt": 0.01}
+    assert execute(Scenario.load(str(folder / "unit.yaml"), brief)).trajectory.verdict.succeeded
+    return yaml.safe_load(drafted), drafted
+
+
+def following(text, leader, multiplier=1):
+    return text.replace("</joint>", f'<mimic joint="{leader}" multiplier="{multiplier}"/></joint>')
+
+
+# ---------------------------------------------------------------------- URDF
+
+
+def gripper(*named, efforts=(5.0, 5.0), multiplier=-1):
+    """Two wheels and a gripper, whose joint mirror mimics the joint grip; named joints have transmissions."""
+    limits = (-0.02, 0.02) if multiplier else (-1, 1)
+    mirror = joint("mirror", "base", "right", (0.3, -0.1, 0.1), "0 1 0", "prismatic", efforts[1], limits)
+    return robot(
+        link("base", 10.0, BOX),
+        wheel("l", "base", (0, 0.2, 0)),
+        wheel("r", "base", (0, -0.2, 0)),
+        link("left", 0.1),
+        link("right", 0.1),
+        joint("grip", "base", "left", (0.3, 0.1, 0.1), "0 1 0", "prismatic", efforts[0], (0, 0.05)),
+        following(mirror, "grip", multiplier),
+        transmissions(*named),
+    )
+
+
+WHEELS = ["l_joint", "r_joint"]
+
+
+@pytest.mark.parametrize(("named", "efforts", "multiplier", "motor"), [
+    ([], (5.0, 5.0), -1, "grip"),
+    ([*WHEELS, "grip"], (5.0, 5.0), -1, "grip"),
+    ([*WHEELS, "grip", "mirror"], (5.0, 5.0), -1, "grip"),
+    ([*WHEELS, "mirror"], (5.0, 5.0), -1, "mirror"),
+    ([], (0.0, 5.0), -1, "mirror"),
+    ([*WHEELS, "mirror"], (5.0, 5.0), 0, None),
+    (WHEELS, (5.0, 5.0), -1, None),
+])  # fmt: skip
+def test_one_motor_moves_a_gripper(named, efforts, multiplier, motor, tmp_path):
+    content, _ = run_draft(gripper(*named, efforts=efforts, multiplier=multiplier), tmp_path)
+    assert content["actuators"] == [*WHEELS, *([motor] if motor else [])]
+    assert content["task"]["primary"] == ["base_speed_x", "base_yaw", *([motor] if motor else [])]
+    assert list(content["robot"].get("lock", {})) == ([] if motor else ["grip", "mirror"])
+
+
+def test_a_motion_of_a_follower_keeps_the_limits_of_its_leader(tmp_path):
+    content, _ = run_draft(gripper(*WHEELS, "mirror"), tmp_path)
+    start, (*_, step) = content["initial"]["q"], content["reference"]["primary"]["minimum_jerk"]["by"]
+    assert start["mirror"] == -start["grip"] < 0
+    assert step == pytest.approx(-0.3 * (0.02 - start["grip"]), abs=1e-4)  # 0.3 of the way to its own limit
+
+
+def test_a_lock_of_a_follower_locks_its_leader(tmp_path):
+    content, text = run_draft(gripper(), tmp_path, lock={"mirror": 0.01})
+    assert content["robot"]["lock"] == {"mirror": 0.01, "grip": -0.01}
+    assert content["actuators"] == WHEELS
+    assert "# Assumed: locked together with mirror, which mimics it: grip." in text
+
+
+def test_an_option_gives_the_motor_to_a_follower(tmp_path):
+    content, _ = run_draft(gripper(), tmp_path, driven=["mirror"])
+    assert content["actuators"] == [*WHEELS, "mirror"]
+
+
+def belt_rover(*named):
+    """Four wheels; a belt on each side couples the rear one to the front one."""
+    parts = [link("base", 10.0, BOX)]
+    for side, y in (("l", 0.2), ("r", -0.2)):
+        parts += [wheel(f"front_{side}", "base", (0.2, y, 0)), link(f"rear_{side}", 0.5, DISK, TURNED)]
+        parts.append(
+            following(joint(f"rear_{side}_joint", "base", f"rear_{side}", (-0.2, y, 0)), f"front_{side}_joint")
+        )
+    return robot(*parts, transmissions(*named))
+
+
+DISK, TURNED = '<cylinder radius="0.1" length="0.04"/>', "1.570796326794897 0 0"
+
+
+@pytest.mark.parametrize(("named", "end"), [((), "front"), (("rear_l_joint", "rear_r_joint"), "rear")])
+def test_wheels_on_a_belt_have_one_motor(named, end, tmp_path):
+    content, text = run_draft(belt_rover(*named), tmp_path)
+    motors = [f"{end}_l_joint", f"{end}_r_joint"]
+    assert content["actuators"] == motors
+    assert content["task"]["primary"] == ["base_speed_x", "base_yaw"]
+    assert f"Which wheels are driven? {', '.join(motors)} (" in text
+    assert "Otherwise" not in text.partition("title:")[0].partition("Which wheels are driven?")[2].partition("\n# D")[0]
+    assert "uncomment it" not in text
+
+
+# ---------------------------------------------------------------------- MJCF
+
+
+FINGERS = "".join(
+    f'<body name="{name}" pos="0.2 {y} 0.05"><joint name="{name}" type="slide" axis="0 {axis} 0" range="0 0.03"/>'
+    '<geom type="box" size="0.01 0.005 0.02" mass="0.03"/></body>'
+    for name, y, axis in (("one", 0.02, 1), ("other", -0.02, -1))
+)
+DRIVE = '<body name="{0}" pos="{1} {2} 0"><joint name="{0}" axis="0 1 0"/>{3}</body>'
+ROLL = '<geom type="cylinder" size="0.05 0.02" euler="90 0 0" mass="0.3"/>'
+KNUCKLE = (
+    '<body name="hub_{0}" pos="0.2 {1} 0"><joint name="steer_{0}" axis="0 0 1" range="-30 30"/>'
+    '<geom size="0.02" mass="0.2"/><body name="f{0}"><joint name="f{0}" axis="0 1 0"/>' + ROLL + "</body></body>"
+)
+FIXED = '<joint name="lift" type="slide" axis="0 0 1" range="-1 1"/>'
+
+
+def mjcf(parts, leader, follower, motors, base="<freejoint/>"):
+    driven = "".join(f'<position joint="{each}" kp="20" forcerange="-9 9"/>' for each in motors)
+    return (
+        f'<mujoco model="unit"><worldbody><body name="base" pos="0 0 0.05">{base}'
+        f'<geom type="box" size="0.2 0.1 0.03" pos="0 0 0.04" mass="4"/>{parts}</body></worldbody>'
+        f'<equality><joint joint1="{follower}" joint2="{leader}"/></equality><actuator>{driven}</actuator></mujoco>'
+    )
+
+
+PAIR = "".join(DRIVE.format(name, 0, y, ROLL) for name, y in (("rl", 0.15), ("rr", -0.15)))
+SKID = '<geom type="sphere" size="0.02" pos="-0.15 0 -0.03" mass="0.01"/>'
+ORDERS = pytest.mark.parametrize(("leader", "follower"), [("one", "other"), ("other", "one")])
+
+
+@ORDERS
+def test_one_motor_moves_a_gripper_on_a_fixed_arm_of_an_mjcf(leader, follower, tmp_path):
+    pytest.importorskip("mujoco")
+    content, _ = run_draft(mjcf(FINGERS, leader, follower, ["lift", "one"], FIXED), tmp_path, "unit.xml")
+    assert content["actuators"] == content["task"]["primary"] == ["lift", "one"]
+    assert "lock" not in content["robot"]
+
+
+@ORDERS
+def test_one_motor_moves_a_gripper_on_wheels_of_an_mjcf(leader, follower, tmp_path):
+    pytest.importorskip("mujoco")
+    content, _ = run_draft(mjcf(PAIR + SKID + FINGERS, leader, follower, ["rl", "rr", "one"]), tmp_path, "unit.xml")
+    assert content["actuators"] == ["rl", "rr", "one"]
+    assert content["task"]["primary"] == ["base_speed_x", "base_yaw", "one"]
+    assert "lock" not in content["robot"]
+
+
+@pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
+def test_a_gripper_without_a_motor_is_locked_whole(tmp_path):
+    pytest.importorskip("mujoco")
+    content, _ = run_draft(mjcf(PAIR + SKID + FINGERS, "one", "other", ["rl", "rr"]), tmp_path, "unit.xml")
+    assert content["actuators"] == ["rl", "rr"]
+    assert set(content["robot"]["lock"]) == {"one", "other"}
+
+
+@pytest.mark.parametrize(("leader", "follower"), [("steer_l", "steer_r"), ("steer_r", "steer_l")])
+def test_one_motor_steers_both_wheels_of_a_car(leader, follower, tmp_path):
+    pytest.importorskip("mujoco")
+    rear = "".join(DRIVE.format(name, -0.2, y, ROLL) for name, y in (("rl", 0.15), ("rr", -0.15)))
+    front = "".join(KNUCKLE.format(side, y) for side, y in (("l", 0.15), ("r", -0.15)))
+    content, text = run_draft(mjcf(rear + front, leader, follower, ["rl", "rr", "steer_l"]), tmp_path, "unit.xml")
+    assert "# base planar: 4 wheels, steered like a car" in text
+    assert content["actuators"] == ["rl", "rr", "steer_l"]
+    assert content["task"]["primary"] == ["base_speed_x", "steer_l"]
+    assert "lock" not in content["robot"]
