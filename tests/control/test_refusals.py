@@ -117,5 +117,5 @@ def test_what_is_refused_is_said(call, words):
     ids=["reference for the tracker", "reference for the model-based one", "model in its place", "a class"],
 )
 def test_what_is_no_target_is_refused_when_the_controller_is_made(make):
-    with pytest.raises(rnc.ConfigurationError, match="target: expected a kinematic controller, such as rnc.control"):
+    with pytest.raises(rnc.ConfigurationError, match=r"target: expected a kinematic controller, such as rnc\.control"):
         make(sleigh(), rnc.planning.Hold([1.0, 0.0]))
