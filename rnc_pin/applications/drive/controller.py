@@ -85,14 +85,15 @@ class _Base(BoundTask):
     def rows(self, sample: ControlSample) -> TaskRows:
         base, board, resting = self._base, self._board, self._resting
         goals = board.goals
-        rows = base.rates(base_rows(self._robot, base.frame, sample.end), self._robot)
+        moving = base_rows(self._robot, base.frame, sample.end)
+        rows = base.rates(moving, self._robot)
         wanted = None if resting else self._rates(sample)
         if wanted is not None:
             return TaskRows(rows, np.array([wanted.forward, wanted.turn, wanted.left]))
         if not resting and (board.v2 is not None or not goals.hold_base):
             return TaskRows(np.zeros_like(rows), np.zeros(3))
         if not base.turns:
-            rows[1] = 0.0  # the posture has the steering joint
+            rows[1] = 0.0 if resting or base.folding == 0 else moving[1]  # the posture has the steering joint
         return TaskRows((_BASE_AT_REST if resting else 1.0) * rows, np.zeros(3))
 
     def _rates(self, sample: ControlSample) -> BaseRates | None:

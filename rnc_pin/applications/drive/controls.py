@@ -21,6 +21,10 @@ _TURNED = 0.7  # [rad or m] by which a joint moves in the test of whether the mo
 _STEERED = 0.1  # [rad] by which a joint turns in the test of whether it steers
 _SLOWING = 1.5  # speed of the base over its distance from the goal [1/s]
 _TURNING = 2.5  # turn rate over the bearing of the goal [1/s]
+_WAITING = 0.8  # share of its speed that a base gives up while it has to steer first
+_BENT = 0.03  # angle of the curvature's error from which it waits most
+_FADING = 5.0  # steering rate and waiting, over the effect of steering that is left and that is lost; both up to 1
+_SMALLEST_REACH = 1e-6  # [m^2]
 ARRIVED = 0.02
 """Distance at which the base has reached its goal [m]."""
 
@@ -35,8 +39,10 @@ class DrivenBase:
         slides: True if it can move sideways.
         steering: joint that steers a base that cannot turn on the spot; None without one.
         steering_sign: sign of the curvature's change with that joint.
-        wheels: joints that cannot move without the base.
+        wheels: joints that move with the base, such as wheels; an articulation or a raked fork can rest meanwhile.
         shape: joints on whose positions the motion of the base depends, such as steering angles and hitches.
+        ahead: distance of the frame ahead of the axle that cannot move sideways [m]; zero without such an axle.
+        folding: yaw over change of curvature, while the steering joint turns and the base does not drive [m].
     """
 
     frame: str
@@ -46,6 +52,8 @@ class DrivenBase:
     steering_sign: float = 1.0
     wheels: tuple[str, ...] = ()
     shape: tuple[str, ...] = ()
+    ahead: float = 0.0
+    folding: float = 0.0
 
     def rates(self, rows: np.ndarray, robot: Robot) -> np.ndarray:
         """Return the rows (3, nv) of the rates that a user sets: zero for motions that the base does not have.
@@ -102,7 +110,8 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
         return None  # a base that floats moves by the reaction to its joints only
     here = reduced.at(q0)
     rows = base_rows(robot, frame, here)
-    wheels = tuple(name for name in joints if _drives(here, rows, robot, name))
+    shape = _shape(reduced, q0)
+    wheels = _wheels(here, rows, robot, joints, shape)
     rest = [robot.velocity_indices(name).start for name in joints if name not in wheels]
     resting = here.R[rest]
     forward, turn, left = (row @ here.R for row in rows)
@@ -110,14 +119,46 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
         return None
     turns = _independent(resting, forward, turn)
     slides = _independent(resting, forward, left)
-    steering, sign = (None, 1.0) if turns else _steering(reduced, q0, frame, [j for j in joints if j not in wheels])
-    return DrivenBase(frame, turns, slides, steering, sign, wheels, _shape(reduced, q0))
+    if turns:
+        return DrivenBase(frame, turns, slides, wheels=wheels, shape=shape)
+    steering, bending = _steering(reduced, q0, frame, [j for j in joints if j not in wheels])
+    folding = 0.0
+    if steering is not None:
+        folding = curvature(here, rows, rest, 1 + rest.index(robot.velocity_indices(steering).start)) / bending
+    sign = float(np.sign(bending)) or 1.0
+    ahead = _ahead(reduced, q0, frame, steering)
+    return DrivenBase(frame, turns, slides, steering, sign, wheels, shape, ahead, folding)
 
 
 def base_rows(robot: Robot, frame: str, at: ConfigurationEvaluation) -> np.ndarray:
     """Rows (3, nv) of the forward speed, the yaw rate and the speed to the left of a frame."""
     kinds = FrameSpeed(frame, "x"), FrameYaw(frame), FrameSpeed(frame, "y")
     return np.vstack([kind.bind(robot).jacobian(at.position) for kind in kinds])
+
+
+def _wheels(
+    here: ConfigurationEvaluation, rows: np.ndarray, robot: Robot, joints: Sequence[str], shape: Sequence[str]
+) -> tuple[str, ...]:
+    """Joints that move with the base; an articulation or a raked fork is none of them, because it bends the path.
+
+    A base with three independent rates needs no joint to bend its path. One that cannot drive while they rest has none.
+    """
+    coupled = tuple(name for name in joints if _drives(here, rows, robot, name))
+    if _independent(here.R[:0], *(rows @ here.R)):
+        return coupled
+    found = tuple(name for name in coupled if name not in shape or not _bends(here, robot, name))
+    rest = [robot.velocity_indices(name).start for name in joints if name not in found]
+    return found if _independent(here.R[rest], rows[0] @ here.R) else coupled
+
+
+def _bends(here: ConfigurationEvaluation, robot: Robot, joint: str) -> bool:
+    """True if actuators hold a joint at rest, and it is no wheel: those turn about axes nearer to the ground."""
+    place = robot.velocity_indices(joint).start
+    own = np.flatnonzero(np.count_nonzero(here.B, axis=0) == 1)
+    actuated = np.flatnonzero(np.any(here.B[:, own] != 0, axis=1))
+    axis = here.position.joint_jacobian(robot.joint_id(joint))[3:, place]
+    upright = abs(axis[2]) >= np.hypot(axis[0], axis[1])
+    return bool(upright) and any(not _independent(here.R[[k]], here.R[place], full=False) for k in actuated)
 
 
 def _drives(here: ConfigurationEvaluation, rows: np.ndarray, robot: Robot, joint: str) -> bool:
@@ -154,21 +195,35 @@ def _shape(reduced: ReducedModel, q0: np.ndarray) -> tuple[str, ...]:
     return tuple(found)
 
 
-def curvature(at: ConfigurationEvaluation, rows: np.ndarray, resting: Sequence[int]) -> float:
+def _ahead(reduced: ReducedModel, q0: np.ndarray, frame: str, steering: str | None) -> float:
+    """Distance of the frame ahead of the axle that cannot move sideways [m]; zero without such an axle."""
+    if steering is None:
+        return 0.0
+    change = np.zeros(reduced.robot.nv)
+    change[reduced.robot.velocity_indices(steering)] = _STEERED
+    there = reduced.at(pin.integrate(reduced.robot.model, q0, change))
+    _, turn, left = base_rows(reduced.robot, frame, there) @ there.R
+    distance = float(turn @ left) / max(float(turn @ turn), 1e-300)
+    return distance if np.abs(left - distance * turn).max() < _RANK * max(1.0, abs(distance)) else 0.0
+
+
+def curvature(at: ConfigurationEvaluation, rows: np.ndarray, resting: Sequence[int], moved: int = 0) -> float:
     """Curvature of the base's path [rad/m] while joints rest: yaw rate over forward speed.
 
     Args:
         at: the model at a configuration.
         rows: rows of ``base_rows``.
         resting: entries of v that are zero.
+        moved: which rate the yaw rate is divided by, while the others are zero; 0 is the forward speed, k the k-th
+            entry of ``resting``.
     """
     stack = np.vstack([rows[0] @ at.R, at.R[list(resting)]])
-    v2 = np.linalg.lstsq(stack, np.eye(len(stack))[0], rcond=None)[0]
+    v2 = np.linalg.lstsq(stack, np.eye(len(stack))[moved], rcond=None)[0]
     return float(rows[1] @ at.R @ v2)
 
 
 def _steering(reduced: ReducedModel, q0: np.ndarray, frame: str, joints: Sequence[str]) -> tuple[str | None, float]:
-    """Joint that changes the curvature most, and the sign of that change."""
+    """Joint that changes the curvature most, and the change over its own [1/m]."""
     robot = reduced.robot
     resting = [robot.velocity_indices(name).start for name in joints]
 
@@ -186,7 +241,7 @@ def _steering(reduced: ReducedModel, q0: np.ndarray, frame: str, joints: Sequenc
             continue
         if abs(effect) > max(abs(found[1]), 1e-6):
             found = name, effect
-    return found[0], float(np.sign(found[1])) or 1.0
+    return found[0], found[1] / (2.0 * _STEERED)
 
 
 def rates_to_goal(
@@ -200,7 +255,7 @@ def rates_to_goal(
     """Rates that bring a base to a point.
 
     A base that slides moves straight. One that turns on the spot turns to the point while it drives. A steered one
-    follows the circle through the point that is tangent to its heading.
+    follows the circle that leads its frame through the point, with the present heading of its axle.
 
     Args:
         base: the base.
@@ -220,9 +275,24 @@ def rates_to_goal(
         return BaseRates(ahead * np.cos(bearing), ahead * np.sin(bearing), 0.0)
     if base.turns:
         return BaseRates(ahead * max(np.cos(bearing), 0.0), 0.0, float(np.clip(_TURNING * bearing, -turn, turn)))
-    wanted = 2.0 * np.sin(bearing) / distance
-    rate = _TURNING * base.steering_sign * (np.arctan(wanted) - np.arctan(bend))
-    return BaseRates(ahead * (1.0 if np.cos(bearing) >= 0 else -1.0), 0.0, float(np.clip(rate, -turn, turn)))
+    return _steered(base, (distance * np.cos(bearing), distance * np.sin(bearing)), bend, ahead, turn)
+
+
+def _steered(base: DrivenBase, goal: tuple[float, float], bend: float, speed: float, turn: float) -> BaseRates:
+    """Rates of a steered base to a goal (x, y) in its frame [m].
+
+    A steering joint that also turns the base moves its frame aside. So the base waits for the joint, and the joint
+    rests where it would lead the base away from the goal.
+    """
+    x, y = goal
+    reach = x * x + y * y + 2.0 * base.ahead * x
+    reach = float(np.copysign(max(abs(reach), _SMALLEST_REACH), reach))
+    lost = float(np.clip(-2.0 * base.folding * (base.ahead + x) / reach, 0.0, 1.0))
+    share = min(_FADING * (1.0 - lost), 1.0)
+    error = float(np.arctan(2.0 * y / reach) - np.arctan(bend))
+    waiting = _WAITING * share * min(_FADING * lost, 1.0) * min(abs(error) / _BENT, 1.0)
+    rate = float(np.clip(share * _TURNING * base.steering_sign * error, -turn, turn))
+    return BaseRates(speed * (1.0 - waiting) * (1.0 if x >= 0 else -1.0), 0.0, rate)
 
 
 FAR = 100.0

@@ -7,12 +7,13 @@ import pytest
 
 import rnc_pin as rnc
 from drives import Watcher, point_of, pose_of, prepared, reduced_of
-from rnc_pin.applications.drive.controls import DriveControls, DrivenBase
+from rnc_pin.applications.drive.controls import DriveControls, DrivenBase, find_base
 from rnc_pin.applications.drive.goals import PlacedGoal, initial_goals
 from rnc_pin.applications.drive.run import CommandQueue, DriveStatus, ProgressMonitor, drive, record_of
 from rnc_pin.control.whole_body import LimitReport
 from rnc_pin.robots.robot_files import tractor_trailers_urdf
 from rnc_pin.simulation import Outcome
+from urdf_parts import BOX, joint, link, robot, wheel
 
 DT = 0.02
 BALL = {"sphere": {"name": "ball", "radius": 0.1, "position": [3.0, 2.0, 0.48]}}
@@ -68,6 +69,139 @@ def test_a_steered_car_drives_to_a_point_and_keeps_its_wheel_angle_within_its_ra
     assert low - 1e-6 <= angle.min()
     assert angle.max() <= high + 1e-6
     assert np.ptp(angle) > 0.1
+
+
+def tilting(rake, back=-1.2, front=1.2):
+    """Two bodies with an upright joint between them, or a fork that leans back by an angle [rad] and has one wheel."""
+    places = [("left", 0.5), ("right", -0.5)]
+    rear = [wheel(f"rear_{side}", "base", (back, y, 0), 0.2) for side, y in places]
+    at = (front - 0.05, 0, 0.2) if rake else (0, 0, 0)
+    turn = joint("bend", "base", "fore", at, "0 0 1", "revolute", 90.0, (-0.7, 0.7), rpy=f"0 {-rake} 0")
+    if rake:
+        fore = [wheel("front", "fore", (0.02, 0, -0.2 / np.cos(rake)), 0.2, effort=0.0)]
+    else:
+        fore = [wheel(f"front_{side}", "fore", (front, y, 0), 0.2, effort=0.0) for side, y in places]
+    return robot(link("base", 100.0, BOX), link("fore", 50.0), turn, *rear, *fore)
+
+
+BENDING = """
+robot: {{urdf: bending.urdf, base: planar}}
+constraints:
+  - rolling_wheel: {{frame: rear_left, radius: 0.2}}
+  - rolling_wheel: {{frame: rear_right, radius: 0.2, lateral: false}}
+  - rolling_wheel: {{frame: {front}, radius: 0.2, vertical: false}}
+actuators: [rear_left_joint, rear_right_joint, bend]
+outputs: {{reducing: [{{frame_speed: {{frame: base}}}}, {{joint: bend}}]}}
+controller: {{type: reducing_outputs}}
+simulation: {{duration: 1, dt: 0.02}}
+"""
+
+
+def bending(folder, rake=0.0, commands=()):
+    """Driven run of an articulated vehicle, or of one with a raked fork."""
+    urdf = tilting(rake)
+    (folder / "bending.urdf").write_text(urdf)
+    front = "front" if rake else "front_left"
+    text = BENDING.format(front=front)
+    if not rake:
+        text = text.replace(
+            "actuators", "  - rolling_wheel: {frame: front_right, radius: 0.2, lateral: false}\nactuators"
+        )
+    (folder / "bending.yaml").write_text(text)
+    return prepared(str(folder / "bending.yaml"), commands, simulation__dt=DT)
+
+
+def pressed(forward, turn, samples):
+    """A key held for some samples."""
+    return [(k, {"kind": "base_velocity", "forward": forward, "turn": turn}) for k in range(0, samples, 10)]
+
+
+@pytest.mark.parametrize("rake", [0.0, 0.3])
+def test_a_joint_that_bends_the_path_is_no_wheel(rake, tmp_path):
+    controls = bending(tmp_path, rake).controls
+    base = controls.base
+    assert (base.turns, base.slides, base.steering, base.wheels) == (False, False, "bend", ())
+    assert list(controls.joints) == ["bend"]
+
+
+@pytest.mark.parametrize("rake", [0.0, 0.3])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_left_and_right_bend_the_path_to_their_sides(rake, side, tmp_path):
+    run = bending(tmp_path, rake, pressed(1.0, side, 200))
+    trajectory = drive(run, samples=200).trajectory
+    headings = [pose_of(run, q)[2] for q in trajectory.q[100:]]
+    assert (side * np.diff(headings)).min() > 0
+    assert trajectory.v2[-1, 0] == pytest.approx(0.5, rel=0.05)  # the joint is at its limit
+
+
+def test_a_raked_fork_that_turns_does_not_drive_the_base(tmp_path):
+    run = bending(tmp_path, 0.3, pressed(0.0, 1.0, 100))
+    trajectory = drive(run, samples=100).trajectory
+    poses = np.array([pose_of(run, q) for q in trajectory.q])
+    assert np.abs(trajectory.v2[:, 0]).max() < 1e-4
+    assert np.abs(poses[-1, 2] - poses[0, 2]) < 0.1
+    assert abs(reduced_of(run).robot.joint_values(trajectory.q[-1])["bend"]) > 0.6
+
+
+@pytest.mark.parametrize("target", [(5.0, 3.0), (4.0, -0.5), (2.0, 0.0)])
+def test_an_articulated_vehicle_drives_to_a_point(target, tmp_path):
+    run = bending(tmp_path, 0.0, [(0, {"kind": "base_goal", "x": target[0], "y": target[1]})])
+    trajectory = drive(run, samples=900).trajectory
+    np.testing.assert_allclose(pose_of(run, trajectory.q[-1])[:2], target, atol=0.03)
+
+
+def test_an_articulated_vehicle_that_stays_does_not_fold(tmp_path):
+    commands = [(0, {"kind": "hold_base", "on": True}), (1, {"kind": "joint_goal", "joint": "bend", "position": 0.5})]
+    run = bending(tmp_path, 0.0, commands)
+    trajectory = drive(run, samples=100).trajectory
+    np.testing.assert_allclose(pose_of(run, trajectory.q[-1]), pose_of(run, trajectory.q[0]), atol=1e-3)
+
+
+def pair(*more):
+    """A base on two driven wheels, which turn off their centres, and what it tows."""
+    wheels = [
+        link(side, 0.5)
+        + joint(f"{side}_joint", "base", side, (0, y, 0.2))
+        + link(f"{side}_rim", 0.5)
+        + joint(f"{side}_mount", side, f"{side}_rim", (0.02, 0, 0), kind="fixed")
+        for side, y in SIDES.items()
+    ]
+    return robot(link("base", 20.0, BOX), *wheels, *more)
+
+
+SIDES = {"left": 0.3, "right": -0.3}
+TOWED = [link("trailer", 5.0), joint("hitch", "base", "trailer", (-0.1, 0, 0), "0 0 1", "revolute", 0, (-1.2, 1.2))]
+ROLLING = [
+    rnc.RollingWheel("left_rim", 0.2, vertical=False),
+    rnc.RollingWheel("right_rim", 0.2, lateral=False, vertical=False),
+]
+
+
+def base_of(folder, text, constraints, outputs):
+    """Base of a robot with motors at both of its wheels."""
+    (folder / "pair.urdf").write_text(text)
+    robot = rnc.Robot.from_urdf(folder / "pair.urdf", base="planar")
+    reduced = rnc.NonholonomicSystem(robot, constraints, [f"{side}_joint" for side in SIDES]).reduce(outputs)
+    joints = [name for name in reduced.reducing.names if name in robot.joint_names]
+    return find_base(reduced, robot.configuration(), joints)
+
+
+def test_wheels_on_whose_angles_the_motion_depends_stay_wheels(tmp_path):
+    names = [f"{side}_joint" for side in SIDES]
+    for outputs in (names, [names[0]]):
+        speeds = [] if len(outputs) == 2 else [rnc.FrameSpeed("base")]
+        base = base_of(tmp_path, pair(), ROLLING, [*speeds, *map(rnc.JointPosition, outputs)])
+        assert set(outputs) <= set(base.shape)
+        assert (base.turns, base.wheels) == (True, tuple(outputs))
+
+
+def test_a_hitch_without_a_motor_follows_the_base(tmp_path):
+    axle = joint("axle_mount", "trailer", "axle", (-1, 0, 0), kind="fixed")
+    text = pair(*TOWED, link("axle"), axle)
+    constraints = [*ROLLING, rnc.NoSideSlip("axle")]
+    base = base_of(tmp_path, text, constraints, [rnc.FrameSpeed("base"), rnc.JointPosition("hitch")])
+    assert "hitch" in base.shape
+    assert (base.turns, base.steering, base.wheels) == (True, None, ("hitch",))
 
 
 TRAILER = """
