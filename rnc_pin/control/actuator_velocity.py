@@ -24,6 +24,7 @@ from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import rheonomic_names
 from rnc_pin.printing import ReprMixin, printed
 from rnc_pin.robots.joint_values import known_velocity_limits
 
@@ -154,8 +155,11 @@ def check_velocity_actuation(reduced: ReducedModel) -> None:
     """Raise an error unless the actuators determine the motion, at sampled configurations.
 
     Raises:
-        ConfigurationError: the rank of ``B^T R`` is below r.
+        ConfigurationError: the rank of ``B^T R`` is below r, or the constraints depend on time.
     """
+    if reduced.rheonomic:
+        names = ", ".join(rheonomic_names(reduced.constraints))
+        raise ConfigurationError(f"velocity servos: constraints that depend on time are not supported: {names}")
     generator, best = np.random.default_rng(0), 0
     for _ in range(_SAMPLES):
         at = reduced.at(reduced.random_configuration(generator))

@@ -119,3 +119,14 @@ def test_what_is_refused_is_said(call, words):
 def test_what_is_no_target_is_refused_when_the_controller_is_made(make):
     with pytest.raises(rnc.ConfigurationError, match=r"target: expected a kinematic controller, such as rnc\.control"):
         make(sleigh(), rnc.planning.Hold([1.0, 0.0]))
+
+
+def test_servos_refuse_constraints_that_depend_on_time():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    swing = rnc.planning.Harmonic([0.0], amplitude=[0.3], frequency=0.5)
+    kinds = [rnc.MomentumConservation("platform"), rnc.PrescribedMotion(rnc.JointPosition("joint_1"), swing)]
+    reduced = rnc.NonholonomicSystem(robot, kinds, ["joint_2", "joint_3"]).reduce()
+    target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(np.zeros(reduced.r)))
+    for make in (lambda: rnc.VelocityLoop(reduced, target, 0.01), lambda: rnc.plants.VelocityPlant(reduced)):
+        with pytest.raises(rnc.ConfigurationError, match=r"depend on time are not supported: prescribed\(joint_1\)"):
+            make()

@@ -28,6 +28,7 @@ PLACEHOLDERS = {
 EXPRESSIONS = {
     "quoted": "my_robot.yaml",
     "shlex.quote(robot)": "my_robot.urdf",
+    "shlex.quote(source)": "my_robot.yaml",
     "shlex.quote(self.specification['scenario'])": "space-robot",
     "' '.join(words)": "--set seed=1",
     "extra": "mujoco",

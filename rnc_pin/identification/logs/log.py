@@ -101,7 +101,9 @@ class Log(SummaryMixin):
         Raises:
             ModelError: unknown joint or frame.
         """
-        time, q, model = np.asarray(time, dtype=float), np.asarray(q, dtype=float), robot.model
+        # Copies: the caller may change these arrays.
+        time, q, model = np.array(time, dtype=float), np.array(q, dtype=float), robot.model
+        v = None if v is None else np.array(v, dtype=float)
         channels = []
         for name in robot.joint_names:
             joint = model.joints[model.getJointId(name)]
@@ -113,7 +115,7 @@ class Log(SummaryMixin):
                     channels.append(Channel("velocity", name, time, v[:, joint.idx_v : joint.idx_v + 1]))
         for name, effort in (efforts or {}).items():
             robot.velocity_indices(name)  # an unknown joint is an error
-            channels.append(Channel("effort", name, time, np.asarray(effort, dtype=float)[:, None]))
+            channels.append(Channel("effort", name, time, np.array(effort, dtype=float)[:, None]))
         at = Kinematics(robot).position(q)
         for frame in frames:
             place = at.placement(robot.frame_id(frame))
