@@ -223,6 +223,9 @@ class Said:
     def __init__(self, v2, v2_dot):
         self.target = VelocityTarget(v2, v2_dot, np.zeros(0), np.zeros(2))
 
+    def initial_state(self, measurement):
+        return None
+
     def step(self, t, measurement, state):
         return self.target, state
 
