@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -16,11 +17,11 @@ from rnc_pin.model.coordinates import Coordinates, left_jacobian
 from rnc_pin.model.kernel_rows import KernelRow
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, Phrases, Rows, admit_rows
-from rnc_pin.model.user_functions import DerivedRate, Function, Rate, check_rate
+from rnc_pin.model.user_functions import DerivedRate, Function, Rate, central_difference, check_rate
 from rnc_pin.robots.robot import Robot
 
 _SPAN = 1.0  # [s] of a prescribed motion that is looked at
-_SHARES, _SHARE = np.linspace(0.09, 0.93, 8), 1e-4  # times in it, and half the step of differences
+_SHARES, _SHARE = np.linspace(0.09, 0.93, 8), 1e-4  # times in it, and the step of differences
 _DIFFERENT, _STILL, _FEW = 0.01, 1e-6, 2  # of the largest rate; rate at rest; times in motion that decide nothing
 
 
@@ -175,13 +176,13 @@ def _check_rates(motion: Motion, start: float, names: Sequence[str]) -> None:
     """Refuse a motion whose rates are wrong at all times that are looked at; at single times they may jump."""
     span = min(float(getattr(motion, "duration", _SPAN)) or _SPAN, _SPAN)
     times, step = start + span * _SHARES, _SHARE * span
-    before, here, after = ([motion.at(float(t)) for t in times + by] for by in (-step, 0.0, step))
+
+    def value(name: str, t: float, later: float = 0.0) -> np.ndarray:
+        return np.array(getattr(motion.at(t + later), name), dtype=float).ravel()
+
     for rate, of in (("velocity", "position"), ("acceleration", "velocity")):
-        first, last, given = (
-            np.array([getattr(point, name) for point in points], dtype=float).reshape(len(times), -1)
-            for points, name in ((before, of), (after, of), (here, rate))
-        )
-        expected = (last - first) / (2.0 * step)
+        given = np.array([value(rate, t) for t in times.tolist()])
+        expected = np.array([central_difference(partial(value, of, t), step) for t in times.tolist()])
         scale = max(np.abs(expected).max(initial=0.0), np.abs(given).max(initial=0.0))
         moving = np.maximum(np.abs(expected), np.abs(given)) > max(_DIFFERENT * scale, _STILL)
         wrong = (np.abs(given - expected) > _DIFFERENT * scale) & moving

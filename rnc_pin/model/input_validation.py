@@ -68,6 +68,14 @@ def vector(array: ArrayInput, size: int, name: str, entries: Sequence[str] = ())
     return array
 
 
+def own_vector(array: ArrayInput, size: int, name: str) -> np.ndarray:
+    """Convert an input of one state to a new float array (size,) of finite numbers; the caller may change its own."""
+    found = vector(array, size, name)
+    if found.ndim > 1:
+        raise InputError(f"{name} has shape {found.shape}, expected ({size},)")
+    return found.copy()
+
+
 def admit_times(t: ArrayInput, batch: tuple[int, ...]) -> Component:
     """Convert a time, or times of states (...), to a finite number or an array of them.
 

@@ -108,7 +108,7 @@ class PlantAdapter:
 
     def apply(self, loop: ControlLoop, T: np.ndarray) -> np.ndarray:
         """Apply inputs to the plant, report the applied ones to the loop, and return them; of servos their efforts."""
-        self.plant.apply(T)
+        (self.plant.apply if self._exact is None else self._exact.hold)(T)
         if self._servos:
             effort: np.ndarray = self.plant.effort  # type: ignore[attr-defined]
             return effort

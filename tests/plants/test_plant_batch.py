@@ -177,3 +177,19 @@ def test_a_single_plant_continues_from_a_run_of_a_batch():
 def test_wrong_shapes_are_refused(call, message):
     with pytest.raises(rnc.InputError, match=message):
         call(rnc.plants.ReducedPlantBatch(rnc.ReducedPlant(systems.sleigh()), 2))
+
+
+def test_runs_whose_constraints_depend_on_time_start_at_zero():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    swing = rnc.planning.Harmonic([0.0], amplitude=[0.3], frequency=0.5)
+    driven = rnc.PrescribedMotion(rnc.JointPosition("joint_1"), swing)
+    reduced = rnc.NonholonomicSystem(robot, [driven], ["joint_2", "joint_3"]).reduce()
+    q0, v0 = reduced.assembled(robot.configuration()), np.zeros(reduced.n)
+    batch, plants = rnc.plants.ReducedPlantBatch(rnc.ReducedPlant(reduced), 2), []
+    batch.reset(q0, v0)
+    for _ in range(2):
+        plants.append(rnc.ReducedPlant(reduced))
+        plants[-1].reset(q0, v0)
+    for _ in range(5):
+        step(batch, plants, np.array([[1.0, 0.5], [-2.0, 0.3]]))
+    compare(batch, plants)

@@ -33,7 +33,7 @@ from rnc_pin.control.loop.options import (
 )
 from rnc_pin.errors import ConstraintError, InputError, RncError, SingularityError, printable
 from rnc_pin.math.linear_algebra import apply, clipped
-from rnc_pin.model.input_validation import vector
+from rnc_pin.model.input_validation import own_vector
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -235,11 +235,9 @@ class ControlLoop(ReprMixin):
         Raises:
             InputError: T is not p finite numbers.
         """
-        if self.last is None:
+        if self.last is None or T is self.state.T:
             return
-        T = vector(T, self.reduced.p, "T")
-        if T.ndim > 1:
-            raise InputError(f"T has shape {T.shape}, expected ({self.reduced.p},)")
+        T = own_vector(T, self.reduced.p, "T")
         if self.state.T is not None and (T == self.state.T).all():
             return
         self.state = self.state._replace(T=T, input_deficit=_input_deficit(self.last.requested, T))

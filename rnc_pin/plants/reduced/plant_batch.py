@@ -114,7 +114,7 @@ class ReducedPlantBatch:
                 raise InputError(f"runs: expected indices of {self.size} runs, found {runs!r}") from None
         q = _rows(numbers_of(q, "q"), len(which), self.reduced.robot.nq, "q")
         v = _rows(numbers_of(v, "v"), len(which), self.reduced.n, "v")
-        _ = self.reduced.at(q, v=v)  # refuses what is not finite or not of unit length
+        _ = self.reduced.at(q, v=v, t=0.0)  # refuses what is not finite or not of unit length
         charts: dict[bytes, VelocityChart] = {}  # runs with the same start share a chart
         start = IntegrationErrors.initial(self.reduced.n, self._substeps)
         for run, q_0, v_0 in zip(which.tolist(), q, v, strict=True):

@@ -11,7 +11,7 @@ import scipy
 from numpy import ndarray as Array
 
 from rnc_pin.errors import DivergenceError, InputError
-from rnc_pin.model.input_validation import vector
+from rnc_pin.model.input_validation import own_vector
 from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -183,10 +183,11 @@ class ReducedPlant(ReprMixin):
         Raises:
             InputError: T is not p finite numbers.
         """
-        T = vector(T, self.reduced.p, "T")
-        if T.ndim > 1:
-            raise InputError(f"T has shape {T.shape}, expected ({self.reduced.p},)")
-        self.applied = self.saturated(T.copy())  # contiguous, and the caller may change T
+        self.hold(own_vector(T, self.reduced.p, "T"))
+
+    def hold(self, T: np.ndarray) -> None:
+        """As ``apply``, for finite inputs (p,), contiguous, that nobody changes afterwards."""
+        self.applied = self.saturated(T)
 
     def saturated(self, T: np.ndarray) -> np.ndarray:
         """Return the inputs T (p,) clipped to the actuator limits."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from rnc_pin.control.actuator_velocity import check_velocity_actuation, velocity_from_actuators
 from rnc_pin.errors import DivergenceError, InputError, SingularityError
-from rnc_pin.model.input_validation import vector
+from rnc_pin.model.input_validation import own_vector
 from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.model.parameter_types import is_count, is_number
 from rnc_pin.model.reduced_model import ReducedModel
@@ -71,10 +71,7 @@ class VelocityPlant:
 
     def apply(self, u: np.ndarray) -> None:
         """Hold the velocity commands u (p,) until the next call."""
-        u = vector(u, self.reduced.p, "u")
-        if u.ndim > 1:
-            raise InputError(f"u has shape {u.shape}, expected ({self.reduced.p},)")
-        self.applied = u.copy()
+        self.applied = own_vector(u, self.reduced.p, "u")
 
     @property
     def effort(self) -> np.ndarray:
