@@ -186,7 +186,11 @@ class ReducedPlant(ReprMixin):
         self.hold(own_vector(T, self.reduced.p, "T"))
 
     def hold(self, T: np.ndarray) -> None:
-        """As ``apply``, for finite inputs (p,), contiguous, that nobody changes afterwards."""
+        """As ``apply``, for inputs that are valid.
+
+        Args:
+            T: finite inputs (p,), contiguous, that nobody changes afterwards.
+        """
         self.applied = self.saturated(T)
 
     def saturated(self, T: np.ndarray) -> np.ndarray:
