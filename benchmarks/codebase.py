@@ -2,6 +2,7 @@
 
     python -m benchmarks.codebase              # this tree
     python -m benchmarks.codebase FOLDER       # another checkout
+    python -m benchmarks.codebase --check      # fails if this tree is larger than the table of CONTRIBUTING.md allows
 
 Lines without comments leave out blank lines, comments and docstrings. The core is what reduces, analyses and controls;
 the periphery reads files, draws, runs commands and talks to other programs.
@@ -14,6 +15,8 @@ import ast
 import io
 import re
 import statistics
+import subprocess
+import sys
 import tokenize
 from collections import Counter
 from collections.abc import Iterator
@@ -171,11 +174,61 @@ def measure(root: Path) -> dict[str, object]:
     }
 
 
+def sizes(root: Path) -> dict[str, int]:
+    """Sizes that the table of CONTRIBUTING.md bounds. Files that git ignores do not count."""
+    listed = subprocess.run(["git", "ls-files"], cwd=root, capture_output=True, text=True, check=False)
+    every = [root / name for name in listed.stdout.splitlines()] if listed.returncode == 0 else root.rglob("*")
+    texts = {
+        path: path.read_text(encoding="utf-8")
+        for path in every
+        if path.suffix in (".py", ".c", ".h", ".md") and path.is_file() and "site" not in path.parts
+    }
+
+    def inside(folder: str, *suffixes: str) -> list[str]:
+        return [text for path, text in texts.items() if path.is_relative_to(root / folder) and path.suffix in suffixes]
+
+    def lines(found: list[str]) -> int:
+        return sum(len(text.splitlines()) for text in found)
+
+    code = inside("rnc_pin", ".py")
+    return {
+        "lines of Python without comments": sum(map(code_lines, code)),
+        "modules": len(code),
+        "lines of C": lines(inside("rnc_pin/_kernel", ".c", ".h")),
+        "lines of tests": lines(inside("tests", ".py")),
+        "lines of benchmarks": lines(inside("benchmarks", ".py")),
+        "words of pages": sum(len(text.split()) for text in inside("", ".md")),
+    }
+
+
+def allowed(page: Path) -> dict[str, int]:
+    """Sizes that the table of CONTRIBUTING.md allows."""
+    rows = re.findall(r"^\| ([a-zA-Z ]+) \| ([\d,]+) \|$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {name: int(number.replace(",", "")) for name, number in rows}
+
+
+def check(root: Path) -> list[str]:
+    """One line for each size that is larger than the table allows, or that the table lacks."""
+    page = root / "CONTRIBUTING.md"
+    limits = allowed(page)
+    return [
+        f"{name}: {size:,}, and {page.name} allows {limits.get(name, 0):,}"
+        for name, size in sizes(root).items()
+        if size > limits.get(name, 0)
+    ]
+
+
 def main() -> None:
-    """Print the figures of one or more checkouts side by side."""
+    """Print the figures of one or more checkouts side by side, or compare one with its limits."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("roots", nargs="*", type=Path, default=[Path(__file__).resolve().parent.parent])
-    roots = parser.parse_args().roots
+    parser.add_argument("--check", action="store_true", help="compare with the table of CONTRIBUTING.md")
+    given = parser.parse_args()
+    roots = given.roots
+    if given.check:
+        for name, size in sizes(roots[0].resolve()).items():
+            print(f"{name}: {size:,}")
+        sys.exit("\n".join(check(roots[0].resolve())) or 0)
     table = Table(*("", *(root.resolve().name for root in roots)))
     measured = [measure(root) for root in roots]
     for name in measured[0]:

@@ -149,7 +149,7 @@ def _test(mutant: MutationSpec, tests: list[str], timeout: float) -> WorkResult:
         return WorkResult(
             test_outcome=TestOutcome.SURVIVED, diff="no test executes this line", worker_outcome=WorkerOutcome.NO_TEST
         )
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-p", "no:cov", *tests]
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "-p", "no:cacheprovider", "-p", "no:cov", *tests]
     return mutate_and_test([mutant], shlex.join(command), timeout)
 
 
@@ -165,7 +165,7 @@ def measure(tree: Path, tests: Iterable[str], jobs: int) -> None:
     os.environ.update({"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"})
     os.chdir(tree)
     options = "-q -x -p no:cacheprovider --cov=rnc_pin --cov-context=test --cov-report= --junitxml=tests.xml"
-    workers = ["-n", str(jobs)] if jobs > 1 else []
+    workers = ["-n", str(jobs if jobs > 1 else 0)]
     command = [sys.executable, "-m", "pytest", *options.split(), *workers, *tests]
     if subprocess.run(command, check=False).returncode:
         raise SystemExit("the tests fail without a mutant")

@@ -1,9 +1,10 @@
-"""Shapes in annotations are checked while tests run; the command line as a fixture."""
+"""Shapes in annotations are checked while tests run; slow tests are listed; the command line as a fixture."""
 
 import gc
 import os
 import signal
 import sys
+from collections import Counter
 from pathlib import Path
 
 # Threads of OpenBLAS spin while they wait for each other: beside other work, tests with large matrices take three times
@@ -28,6 +29,49 @@ install_import_hook(
     [f"rnc_pin.{module}" for module in ("model.reduced_model", "simulation.trajectory")],
     "shape_checker.check",
 )
+
+
+SLOW = Path(__file__).parent / "slow.txt"
+LONGEST = 0.2  # [s] of a quick test
+
+
+def pytest_addoption(parser):
+    parser.addoption("--write-slow", action="store_true", help="run all tests, and list those over 0.2 s in slow.txt")
+
+
+def pytest_configure(config):
+    if not config.option.markexpr:
+        # `pytest` alone runs the quick tests, `pytest FILE` all tests of a file.
+        named = config.args_source is pytest.Config.ArgsSource.ARGS
+        quick = "" if named or config.option.write_slow else " and not slow"
+        config.option.markexpr = f"not published and not long{quick}"
+    if config.option.write_slow and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Durations(config))
+
+
+@pytest.hookimpl(tryfirst=True)  # before -m chooses
+def pytest_collection_modifyitems(items):
+    slow = set(SLOW.read_text(encoding="utf-8").splitlines())
+    for item in items:
+        if item.nodeid in slow:
+            item.add_marker("slow")
+
+
+class Durations:
+    """Durations of tests, which decide who is listed in slow.txt. Tests that did not run keep their lines."""
+
+    def __init__(self, config):
+        self._whole = config.args_source is not pytest.Config.ArgsSource.ARGS
+        self._seconds = Counter()
+
+    def pytest_runtest_logreport(self, report):
+        self._seconds[report.nodeid] += report.duration
+
+    def pytest_sessionfinish(self):
+        listed = () if self._whole else SLOW.read_text(encoding="utf-8").splitlines()
+        slow = {name for name in listed if name not in self._seconds}
+        slow |= {name for name, seconds in self._seconds.items() if seconds > LONGEST}
+        SLOW.write_text("".join(f"{name}\n" for name in sorted(slow)), encoding="utf-8")
 
 
 gc.disable()  # until all tests are collected: hardly anything that collection creates is garbage

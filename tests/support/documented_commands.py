@@ -65,7 +65,7 @@ LONG = {
 _SUITE = "it is the suite that this test is part of"
 _NETWORK = "pip reads package indexes over a network; test_extras and the checks below compare extras and files"
 NOT_HERE = {
-    r"pytest( -n 2| -p randomly| -m long -s| -m published)?$": _SUITE,
+    r"pytest( -m slow| --write-slow| -m long -s| -m published)?$": _SUITE,
     r"bash \.ci/run": _SUITE,
     r"pip (install|download|wheel)": _NETWORK,
     r"(ruff|mypy|lint-imports|python -m sphinx|python docs/check_site)": "extras dev and docs; .ci/run calls it",

@@ -187,3 +187,15 @@ def test_torques_of_a_peer_count_only_if_the_hand_follows_within_limits(capsys):
     for efforts, followed in ((held, True), (np.zeros(robot.nv), False)):
         whole_body_peers._report("peer", 1e-5, np.tile(efforts, (100, 1)), reduced, [[hand]] * 100)
         assert ("does NOT do the task" in capsys.readouterr().out) is not followed
+
+
+def test_a_tree_that_grew_beyond_its_table_is_refused(tmp_path):
+    from benchmarks import codebase
+
+    (tmp_path / "rnc_pin").mkdir()
+    (tmp_path / "rnc_pin" / "one.py").write_text('"""Text."""\n\n# a comment\nONE = 1\nTWO = (\n    2\n)\n')
+    table = "".join(f"| {name} | {4 if 'without' in name else 99} |\n" for name in codebase.sizes(tmp_path))
+    (tmp_path / "CONTRIBUTING.md").write_text(table)
+    assert codebase.check(tmp_path) == []
+    (tmp_path / "rnc_pin" / "two.py").write_text("three = 3\n")
+    assert codebase.check(tmp_path) == ["lines of Python without comments: 5, and CONTRIBUTING.md allows 4"]
