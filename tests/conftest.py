@@ -83,6 +83,10 @@ def pytest_collection_finish():
     gc.enable()
 
 
+def pytest_unconfigure():
+    gc.unfreeze()  # else the types of OMPL outlive the interpreter, and its bindings print 40 lines of leaks
+
+
 def pytest_runtest_setup():
     shape_checker.start_again()
 
