@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
-from benchmarks.logs import MEASURED
+from measured_logs import MEASURED
 from rnc_pin.identification import (
     BodyInertia,
     CoulombFriction,

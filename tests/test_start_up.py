@@ -12,11 +12,22 @@ from pathlib import Path
 import pytest
 
 import rnc_pin as rnc
-from benchmarks.commands import COLD_START
 from patience import PATIENCE
 from places import ROOT
 from rnc_pin.applications.scenario.files import built_in_names
 
+COLD_START = """
+from pathlib import Path
+import numpy as np
+import rnc_pin as rnc
+from rnc_pin.robots.robot_files import find_urdf
+robot = rnc.Robot.from_urdf(find_urdf("space_robot.urdf", Path()))
+system = rnc.NonholonomicSystem(
+    robot, [rnc.MomentumConservation("platform")], actuators=["joint_1", "joint_2", "joint_3"]
+)
+reduced = system.reduce([rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")])
+reduced.forward_dynamics(np.array([0.0, -0.4, 1.8, -1.1]), np.zeros(3), np.zeros(3))
+"""
 COMMAND = Path(sysconfig.get_path("scripts")) / "rnc-pin"
 HEAVY = {"joblib", "matplotlib", "meshcat", "numpy", "pinocchio", "pydantic", "scipy", "xacro"}
 

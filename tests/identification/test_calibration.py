@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from benchmarks.logs import COLUMNS, DELAYS, MEASURED, UNKNOWN, tricycle_system
-from benchmarks.rolled_logs import CAR, DIFFERENTIAL, MECANUM, TRICYCLE, VEHICLES
+from measured_logs import COLUMNS, DELAYS, MEASURED, UNKNOWN, tricycle_system
 from rnc_pin.identification import (
     EncoderOffset,
     EncoderScale,
@@ -21,6 +20,7 @@ from rnc_pin.identification.calibration import calibrated
 from rnc_pin.identification.logs import Channel
 from rnc_pin.identification.rolling_motion import RollingMotion
 from rnc_pin.identification.urdf_copy import write_places
+from rolled_logs import CAR, DIFFERENTIAL, MECANUM, TRICYCLE, VEHICLES
 
 
 def values(numbers):

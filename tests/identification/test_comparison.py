@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from benchmarks.logs import COLUMNS, MEASURED, tricycle_system
-from benchmarks.rolled_logs import DIFFERENTIAL, TRAILER, TRICYCLE, signal
+from measured_logs import COLUMNS, MEASURED, tricycle_system
 from rnc_pin.identification.calibration import PoseProblem
 from rnc_pin.identification.logs import Channel
 from rnc_pin.identification.rolling_motion import RollingMotion
 from rnc_pin.visualization.recording import Recording
+from rolled_logs import DIFFERENTIAL, TRAILER, TRICYCLE, signal
 
 
 @pytest.mark.parametrize(("vehicle", "change", "name"), [

@@ -17,7 +17,7 @@ from benchmarks.identification import (
     parameters,
     tiago,
 )
-from benchmarks.logs import MEASURED
+from measured_logs import MEASURED
 from rnc_pin.identification import (
     BodyInertia,
     CoulombFriction,

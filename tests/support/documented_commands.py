@@ -57,7 +57,7 @@ LONG = {
     r"python docs/make_(gallery|moving|scenes|tutorial|zoo)": _MEASURES,
     r"python -m tools\.generate_rows": "it writes a file of the repository, which test_generated_rows compares",
     r"python -m tests\.derivations": "it derives equations for four minutes",
-    r"pytest tests/\S+$": "a part of this test suite, which runs anyway",
+    r"pytest tests/\S+( -n 0)?$": "a part of this test suite, which runs anyway",
     r"pytest tests/\S+ -m": "a part of this test suite, which runs anyway",
 }  # fmt: skip
 """Commands that run with ``-m long``, in a copy of the repository, and why."""

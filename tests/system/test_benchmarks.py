@@ -8,8 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from benchmarks import __main__ as entry
-from benchmarks import latency, plan_peers, recording, reduction, sweeps, whole_body_peers
-from rnc_pin.applications.scenario.scenario import Scenario
+from benchmarks import plan_peers, recording, reduction, whole_body_peers
 
 SYSTEM = "snakeboard"
 COST = {"us", "ratio", "limit", "within"}
@@ -21,11 +20,6 @@ def mutation():
     from benchmarks import mutation
 
     return mutation
-
-
-@pytest.fixture(scope="module")
-def experiment():
-    return Scenario.load(SYSTEM).experiment
 
 
 def test_a_mutant_meets_the_tests_of_its_line_those_of_its_module_first(mutation, tmp_path):
@@ -108,22 +102,10 @@ def test_json_has_what_is_documented(tmp_path, capsys):
     assert "rnc-pin --help" in shown
 
 
-def test_the_latency_of_each_tick_is_measured_and_the_loop_repeats_its_run(experiment):
-    """Three repetitions of nine ticks; ``latency`` itself raises an error if their inputs differ from the run's."""
-    run = latency.recorded(experiment, 10)
-    found = latency.latency(SYSTEM, experiment, run, 25)
-    assert found.wall.shape == found.processor.shape == (25,)
-    assert found.wall.min() > 0
-    assert len(found.first) == 3
-    assert len(found.cells()) == len(latency.COLUMNS) + 1
-    with pytest.raises(RuntimeError, match="differ from those of the run"):
-        latency.latency(SYSTEM, experiment, [tick._replace(T=tick.T + 1e-12) for tick in run], 2)
-
-
 def test_one_command_lists_and_runs_all_benchmarks(monkeypatch, capsys):
     listed = entry.benchmarks()
     assert {"reduction", "validation", "peers", "verdicts"} <= set(listed)
-    assert not {"states", "timing", "processes"} & set(listed)  # parts of others
+    assert not {"states", "timing"} & set(listed)  # parts of others
     assert all(listed.values())
     monkeypatch.setattr("sys.argv", ["benchmarks", "verdict"])
     with pytest.raises(SystemExit, match="no benchmark 'verdict'; did you mean 'verdicts'"):
@@ -131,13 +113,6 @@ def test_one_command_lists_and_runs_all_benchmarks(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["benchmarks"])
     entry.main()
     assert "reduction" in capsys.readouterr().out
-
-
-def test_parts_of_the_cost_of_a_run_are_less_than_the_whole(monkeypatch):
-    monkeypatch.setattr(sweeps, "BATCH", 2)
-    cost = sweeps.run_cost(1)
-    assert 0 < cost["prepare"] < cost["anew"]
-    assert 0 < cost["summary columns"] < cost["simulate"] < cost["anew"]
 
 
 def test_the_page_of_results_is_what_the_records_say():
@@ -149,20 +124,20 @@ def test_the_page_of_results_is_what_the_records_say():
 def test_a_record_states_command_date_machine_and_load(tmp_path, monkeypatch, capsys):
     """A benchmark that fails leaves the earlier record as it is."""
     monkeypatch.setattr(recording, "FOLDER", tmp_path)
-    recording.record("inverse_kinematics", ["--targets", "2", "ur5_robot"])
-    kept = (tmp_path / "inverse_kinematics.txt").read_text()
+    recording.record("codebase", [])
+    kept = (tmp_path / "codebase.txt").read_text()
     head, _, output = kept.partition("\n\n")
     facts = dict(line.split(": ", 1) for line in head.splitlines())
-    assert facts["command"] == "python -m benchmarks inverse_kinematics --targets 2 ur5_robot"
+    assert facts["command"] == "python -m benchmarks codebase"
     assert set(facts) == {"command", "date", "machine", "commit", "load", "duration"}
     assert output.strip()
-    shown = recording.page({"inverse_kinematics": "Success."})
-    assert "## inverse_kinematics\n\nSuccess." in shown
+    shown = recording.page({"codebase": "Size."})
+    assert "## codebase\n\nSize." in shown
     assert facts["machine"] in shown
     assert output in shown
     with pytest.raises(SystemExit, match="nothing is recorded"):
-        recording.record("inverse_kinematics", ["no_such_robot"])
-    assert (tmp_path / "inverse_kinematics.txt").read_text() == kept
+        recording.record("codebase", ["--nothing"])
+    assert (tmp_path / "codebase.txt").read_text() == kept
 
 
 def test_a_peer_that_computes_other_accelerations_is_not_timed(tmp_path, monkeypatch, capsys):

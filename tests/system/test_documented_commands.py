@@ -259,7 +259,7 @@ def test_commands_are_found_in_blocks_and_sentences():
     ("rnc-pin run nothing --sett a=1", "No such option"),
     ("rnc-pin replya runs/a", "no command 'replya'"),
     ("rnc-pin sweep space-robot", "Missing option"),
-    ("python -m benchmarks.fuzz --cont 3", "benchmarks.fuzz --cont 3"),
+    ("python -m benchmarks.mutation --sampel 3", "benchmarks.mutation --sampel 3"),
     ("python -m benchmarks.nothing", "no file 'benchmarks/nothing'"),
     ("pytest tests/nothing.py", "no file 'tests/nothing.py'"),
     ("pip install '.[nothing]'", "pip install .[nothing]"),

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from benchmarks.processes import alive, children
 from patience import PATIENCE, eventually
+from processes import alive, children
 from rnc_pin.control import Command
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.simulation import run_figure

@@ -8,9 +8,9 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
-from benchmarks.rolled_logs import CAR, DIFFERENTIAL, TRICYCLE
 from rnc_pin.identification import SensorPlace
 from rnc_pin.identification.logs import Correction
+from rolled_logs import CAR, DIFFERENTIAL, TRICYCLE
 
 ROBOT = (
     "robot: {urdf: vehicle.urdf, base: planar}\n"

@@ -9,8 +9,8 @@ import warnings
 
 import pytest
 
-from benchmarks.processes import alive, children
 from patience import eventually
+from processes import alive, children
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.pictures import Artists, draw_pictures, picture_names
 from rnc_pin.applications.scenario.scenario import Scenario

@@ -10,8 +10,8 @@ from contextlib import ExitStack, contextmanager
 import pytest
 
 import rnc_pin as rnc
-from benchmarks.processes import alive
 from patience import PATIENCE, eventually
+from processes import alive
 from terminal import results
 
 pytest.importorskip("distributed", reason="Dask is an extra: pip install '.[dask]'")

@@ -19,7 +19,7 @@ CLEARANCE = 0.05
 
 def telescopic_arm():
     """A boom that cannot carry itself far extended, on a turret and a lift."""
-    robot = rnc.Robot.from_urdf(ROOT / "benchmarks" / "scenes" / "telescopic_arm.urdf")
+    robot = rnc.Robot.from_urdf(ROOT / "tests" / "data" / "telescopic_arm.urdf")
     return rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
 
 

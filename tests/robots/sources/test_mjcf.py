@@ -160,7 +160,7 @@ HELD = '<inertial mass="2" pos="0 0 0.1" fullinertia="0.02 0.03 0.04 0.001 0 0"/
 
 def same_machine(path):
     """Check joints, limits, losses, moments, gravity and sites against MuJoCo's; the robot."""
-    from benchmarks.mjcf import difference
+    from mujoco_readings import difference
 
     robot = rnc.Robot.from_mjcf(path, snap=False)
     with unlogged(mujoco):

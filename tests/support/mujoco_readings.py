@@ -1,26 +1,12 @@
-"""Every MJCF below a folder beside what MuJoCo reads in it: joints, limits, losses, moments, gravity, sites.
-
-    python -m benchmarks.mjcf FOLDER
-
-The folder is trusted with what its files include. The exit status says whether any was read otherwise.
-"""
+"""A robot read from MJCF beside MuJoCo's own reading: joints, limits, losses, moments, gravity, sites."""
 
 from __future__ import annotations
-
-import argparse
-import sys
-import warnings
-from collections import Counter
-from pathlib import Path
 
 import mujoco
 import numpy as np
 import pinocchio as pin
-from rich.console import Console
-from rich.table import Table
 
 import rnc_pin as rnc
-from rnc_pin.robots.sources.description import unlogged
 
 _SCALAR_LAST = {1: [0], 4: [3, 0, 1, 2], 7: [0, 1, 2, 6, 3, 4, 5]}  # MuJoCo has the scalar of a quaternion first
 
@@ -76,45 +62,3 @@ def _order(robot: rnc.Robot, theirs: mujoco.MjModel) -> list[int]:
     names = [theirs.joint(k).name for k in range(theirs.njnt)]
     nameless = (k for k, name in enumerate(robot.model.names) if k and name not in names)
     return [robot.model.getJointId(name) if name else next(nameless) for name in names]
-
-
-def outcome(path: Path, folder: Path) -> tuple[str, str]:
-    """Result of a file: one word, and details."""
-    try:
-        theirs = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        return "no file for MuJoCo", str(error)
-    if theirs.nv == 0:
-        return "nothing moves", ""
-    try:
-        robot = rnc.Robot.from_mjcf(path, package_dirs=[folder], snap=False)
-    except rnc.RncError as error:
-        return "refused", str(error).removeprefix(f"{path}: ")
-    found = difference(robot, theirs)
-    return ("differs", found) if found else ("alike", "")
-
-
-def main() -> int:
-    """Print a table; the exit status says whether anything differs."""
-    parser = argparse.ArgumentParser(description="Every MJCF below a folder beside what MuJoCo reads in it.")
-    parser.add_argument("folder", type=Path)
-    folder = parser.parse_args().folder.resolve()
-    warnings.simplefilter("ignore")
-    counts: Counter[str] = Counter()
-    table = Table("file", "outcome", "what")
-    for path in sorted(folder.rglob("*.xml")):
-        if "<mujoco" in path.read_text(errors="replace"):
-            with unlogged(mujoco):
-                word, more = outcome(path, folder)
-            counts[word] += 1
-            if word in ("differs", "refused"):
-                table.add_row(str(path.relative_to(folder)), word, more)
-    console = Console(width=180)
-    if table.row_count:
-        console.print(table)
-    console.print(", ".join(f"{count} {word}" for word, count in sorted(counts.items())))
-    return 1 if counts["differs"] else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,16 +1,12 @@
 # ruff: noqa: E501
 """Broken files for every reader: whatever they say, the answer is a value or an ``RncError`` in one line, and soon.
 
-    python -m benchmarks.fuzz --count 20000
-    python -m benchmarks.fuzz --meshes --count 2500
-
-Inputs are files that are read (URDF, xacro, MJCF, scenarios, runs, meshes), changed at random: bits, pieces left out,
-doubled or swapped, numbers that leave no room, and words of the formats in wrong places. The seed of each is its number.
+Inputs are files that are read (URDF, xacro, MJCF, scenarios, runs), changed at random: bits, pieces left out, doubled
+or swapped, numbers that leave no room, and words of the formats in wrong places. The seed of each is its number.
 """
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import random
 import re
@@ -29,7 +25,6 @@ from pathlib import Path
 import numpy as np
 
 import rnc_pin as rnc
-from benchmarks.fuzz_meshes import MESHES, read_inline_meshes, read_mesh_file
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml
 from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.robots.robot_files import shipped_directory
@@ -76,12 +71,6 @@ _WORDS = [
 ]  # fmt: skip
 
 
-_EXTREMES = [
-    *(number.to_bytes(4, "little") for number in (0, 1, 5, 255, 2**16, 2**31 - 1, 2**31, 2**32 - 1)),
-    *(np.array(number, dtype="<f4").tobytes() for number in (np.nan, np.inf, -np.inf, 3e38, 1e-45)),
-]
-
-
 def mutated(content: bytes, dice: random.Random) -> bytes:
     """A file with one to three changes, most of which leave it well formed."""
     for _ in range(dice.randint(1, 3)):
@@ -98,20 +87,6 @@ def _mutated_member(content: bytes, dice: random.Random) -> bytes:
         for name in before.namelist():
             after.writestr(name, mutated(before.read(name), dice) if name == chosen else before.read(name))
     return packed.getvalue()
-
-
-def _mutated_bytes(content: bytes, dice: random.Random) -> bytes:
-    """A file with changes as of texts, or with numbers of four bytes in it that no size, index or place can be."""
-    how = dice.random()
-    if how < 0.5:
-        return mutated(content, dice)
-    if how < 0.75:
-        return _flip(content, dice)
-    changed = bytearray(content)
-    for _ in range(dice.randint(1, 3)):
-        start = dice.randrange(max(1, len(changed) - 3))
-        changed[start : start + 4] = dice.choice(_EXTREMES)
-    return bytes(changed)
 
 
 def _span(content: bytes, dice: random.Random, longest: int = 60) -> slice:
@@ -196,8 +171,6 @@ READERS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "MJCF": ("r.xml", _read_mjcf),
     "scenario": ("s.yaml", _read_scenario),
     "run": ("t.npz", _read_run),
-    **{kind: (name, read_mesh_file) for kind, (name, _) in MESHES.items() if not name.endswith(".xml")},
-    **{kind: (name, read_inline_meshes) for kind, (name, _) in MESHES.items() if name.endswith(".xml")},
 }
 
 
@@ -215,7 +188,6 @@ def sources(folder: Path) -> dict[str, list[bytes]]:
         "MJCF": [_MJCF.encode(), _SHORT_MJCF.encode()],
         "scenario": [find_scenario(name).read_bytes() for name in scenarios],
         "run": [(folder / "source.npz").read_bytes()],
-        **{kind: contents for kind, (_, contents) in MESHES.items()},
     }
 
 
@@ -223,7 +195,7 @@ def attack(kind: str, number: int, content: bytes, folder: Path) -> tuple[str, s
     """Read one broken file: how it ended, and what is wrong with that, or None."""
     name, read = READERS[kind]
     path = folder / name
-    change = _mutated_bytes if kind in MESHES else _mutated_member if kind == "run" and number % 2 else mutated
+    change = _mutated_member if kind == "run" and number % 2 else mutated
     path.write_bytes(change(content, random.Random(f"{kind} {number}")))
     start = time.process_time()  # a busy machine is nobody's fault
     fault = None
@@ -244,34 +216,17 @@ def attack(kind: str, number: int, content: bytes, folder: Path) -> tuple[str, s
     return ending, fault
 
 
-def run(
-    count: int,
-    first: int = 0,
-    kinds: tuple[str, ...] = tuple(READERS),
-    tell: Callable[[str], None] = lambda fault: None,
-) -> tuple[Counter[str], list[str]]:
-    """Attack every reader with so many files.
-
-    Args:
-        count: of files for each reader.
-        first: number of the first file.
-        kinds: of readers.
-        tell: called with each fault as it is found.
-
-    Returns:
-        How often each kind ended how, and what went wrong.
-    """
+def run(count: int, kind: str) -> tuple[Counter[str], list[str]]:
+    """Attack a reader with so many files: how often they ended how, and what went wrong."""
     endings: Counter[str] = Counter()
     faults = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         originals = sources(folder)
-        for kind in kinds:
-            for number, ending, fault in _attacked(kind, range(first, first + count), originals[kind], folder):
-                endings[f"{kind} {ending}"] += 1
-                if fault is not None:
-                    faults.append(f"{kind} {number}: {fault}")
-                    tell(faults[-1])
+        for number, ending, fault in _attacked(kind, range(count), originals[kind], folder):
+            endings[ending] += 1
+            if fault is not None:
+                faults.append(f"{kind} {number}: {fault}")
     return endings, faults
 
 
@@ -296,23 +251,3 @@ def _attacked(kind: str, numbers: range, originals: list[bytes], folder: Path) -
 def _attack_all(sender: Connection, kind: str, numbers: range, originals: list[bytes], folder: Path) -> None:
     for number in numbers:
         sender.send((number, *attack(kind, number, originals[number % len(originals)], folder)))
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=1000, help="files for each reader")
-    parser.add_argument("--first", type=int, default=0, help="number of the first")
-    parser.add_argument("--kind", choices=list(READERS), action="append", help="of readers; all by default")
-    parser.add_argument("--meshes", action="store_true", help="the readers of meshes alone")
-    options = parser.parse_args()
-    start = time.perf_counter()
-    kinds = tuple(options.kind or (MESHES if options.meshes else READERS))
-    endings, faults = run(options.count, options.first, kinds, lambda fault: print(fault.strip(), flush=True))
-    for ending, number in sorted(endings.items()):
-        print(f"{ending:20} {number:8,}")
-    print(f"{sum(endings.values()):,} files in {time.perf_counter() - start:.0f} s, {len(faults)} faults")
-    raise SystemExit(bool(faults))
-
-
-if __name__ == "__main__":
-    main()

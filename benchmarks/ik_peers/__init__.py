@@ -1,1 +1,0 @@
-"""Differential inverse kinematics on wheels beside pink and mink; see ``python -m benchmarks.ik_peers --help``."""
