@@ -21,7 +21,6 @@ SMOKE = ("rnc-pin run space-robot --set simulation.duration=0.5", "PAGE README.m
 BARE = (*SMOKE, "rnc-pin inspect space-robot", "rnc-pin replay runs/space-robot --html again.html")
 EXTRAS = {
     "dask": ("PAGE docs/sweeps.md",),
-    "gym": ("PAGE docs/learning.md",),
     "logs": ("PAGE docs/logs.md",),
     "mujoco": ("PAGE docs/mujoco.md", "rnc-pin run space-robot --plant mujoco --set simulation.duration=0.5"),
     "ompl": ("PAGE docs/ways.md",),
@@ -35,7 +34,6 @@ EXTRAS = {
 ELSEWHERE = {"test", "docs"}
 MISSING = {
     "dask": "rnc-pin sweep space-robot --runs 2 --out s --scheduler tcp://127.0.0.1:1",
-    "gym": """python -c 'import rnc_pin as rnc; rnc.gym.make("space-robot")'""",
     "logs": (
         "touch x.bag && python -c "
         """'import rnc_pin as rnc; rnc.Log.read("x.bag", {"topics": {"/j": {"joints": "all"}}})'"""

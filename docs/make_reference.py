@@ -18,7 +18,6 @@ from rnc_pin.applications.command_line.usage import cli
 
 PACKAGES = (
     "analysis",
-    "applications.gym",
     "applications.sweep",
     "collision",
     "constraints",

@@ -17,7 +17,6 @@ class _Package(NamedTuple):
 
 _PACKAGES = {
     "dask": _Package("Dask", "distributed"),
-    "gym": _Package("Gymnasium", "gymnasium"),
     "logs": _Package("rosbags", "rosbags"),
     "mujoco": _Package("MuJoCo", "mujoco"),
     "ompl": _Package("OMPL", "ompl"),

@@ -34,7 +34,7 @@ def test_every_extra_that_a_file_names_exists():
         for found in NAMED.finditer(text):
             for extra in (found[1] or found[2]).split(","):
                 named.setdefault(extra, name)
-    assert {"mujoco", "sweep", "test", "docs", "robots", "gym", "qp"} <= named.keys()
+    assert {"mujoco", "sweep", "test", "docs", "robots", "qp"} <= named.keys()
     named.pop("nothing", None)  # of the test of documented commands
     assert {extra: name for extra, name in named.items() if extra not in DECLARED} == {}
 
@@ -49,7 +49,7 @@ def test_a_message_names_an_extra_that_brings_the_package(extra):
 
 @pytest.mark.parametrize(
     ("larger", "smaller"),
-    [*(("test", extra) for extra in extras._PACKAGES), *(("docs", extra) for extra in ("gym", "mujoco", "sweep")),
+    [*(("test", extra) for extra in extras._PACKAGES), *(("docs", extra) for extra in ("mujoco", "sweep")),
      ("dask", "sweep")],
 )  # fmt: skip
 def test_an_extra_that_needs_another_has_all_of_it(larger, smaller):

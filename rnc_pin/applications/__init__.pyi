@@ -1,4 +1,3 @@
 """Exports of ``rnc_pin.applications``, which ``__init__.py`` imports at their first use."""
 
-from . import gym as gym
 from . import sweep as sweep

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.applications.scenario.schema import ScenarioFile
-from rnc_pin.applications.scenario.schema.motions import MotionProblem
 from rnc_pin.array_shapes import Float
 from rnc_pin.control import SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError
@@ -33,43 +32,6 @@ def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> FramePo
     rotation, place = Kinematics(robot).position(configurations).placement(robot.frame_id(frame))
     heading = np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0])
     return FramePoses(np.column_stack([place[:, :2], heading]), place[:, 2])
-
-
-class OutputReference(NamedTuple):
-    """Reference of some outputs of a model.
-
-    Attributes:
-        is_vertical: True for vertical outputs, False for reducing ones.
-        places: indices (j,) among these outputs.
-        reference: their desired motion.
-    """
-
-    is_vertical: bool
-    places: np.ndarray
-    reference: Reference
-
-
-def output_references(
-    scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray
-) -> tuple[OutputReference, ...]:
-    """References that a scenario itself gives, from an initial configuration (nq,); none of a planner.
-
-    The goal of a controller to a set point is the reference of its outputs.
-    """
-    references, given = task_references(scenario, reduced, task, q0, None)
-    found = [OutputReference(name == "vertical", getattr(task, name), references[name]) for name in given]
-    path = plan_path(scenario, reduced, task, q0)
-    if path.primary is not None:
-        found.append(OutputReference(False, task.primary, path.primary))
-    if path.monitored is not None:
-        found.append(OutputReference(True, *path.monitored))
-    goal = scenario.controller.goal if isinstance(scenario.controller, MotionProblem) else {}
-    for is_vertical, stack in ((True, reduced.vertical), (False, reduced.reducing)):
-        places = np.array([k for k, name in enumerate(stack.names) if name in goal], dtype=int)
-        if len(places):
-            held = Hold([goal[stack.names[k]] for k in places])
-            found.append(OutputReference(is_vertical, places, held))
-    return tuple(found)
 
 
 def task_starts(reduced: ReducedModel, task: Task, q0: np.ndarray) -> dict[str, np.ndarray]:
