@@ -18,9 +18,7 @@ from .analysis import Equilibrium as Equilibrium
 from .analysis import Grip as Grip
 from .analysis import Linearization as Linearization
 from .analysis import Report as Report
-from .analysis import SteadyMotion as SteadyMotion
 from .analysis import analyze as analyze
-from .analysis import continuation as continuation
 from .analysis import equilibrium as equilibrium
 from .analysis import linearize as linearize
 from .analysis import lqr as lqr

@@ -2,8 +2,6 @@
 
 from rnc_pin.constraints.wheel_heights import wheel_height_findings as wheel_height_findings
 
-from .continuation import SteadyMotion as SteadyMotion
-from .continuation import continuation as continuation
 from .derivatives import StateDerivatives as StateDerivatives
 from .derivatives import state_derivatives as state_derivatives
 from .equilibrium import Equilibrium as Equilibrium

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 import scipy
 
-from rnc_pin.analysis.lie_brackets import BracketJets, Jets
+from rnc_pin.analysis.lie_brackets import FLOW_TIMES, BracketJets, Jets
 from rnc_pin.errors import InfeasibleError, InputError, SingularityError
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.reduced_model import ReducedModel
@@ -238,7 +238,7 @@ def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float, r
     """Levels up to an order, from the first accurate flow time, or else from the most accurate one."""
     best: _Levels | None = None
     failure: SingularityError | None = None
-    for time in jets.times(order):
+    for time in FLOW_TIMES:
         generator = np.random.default_rng(0)
         try:
             drawn, fading = [jets.draw(order, time, generator)], _FADES * time

@@ -6,10 +6,8 @@ Follow the fields Y_1, Y_2, ... of span(R) in turn, each for a time t, and pull 
 
 So the Taylor coefficients of Z at t = 0 are brackets of each depth with W. W runs through the brackets of two columns
 of R, which are exact. Gauss-Legendre collocation of order 2 c integrates the flow and its derivative, with exact
-derivatives of R. No coefficient up to that order has an integration error. If the rows have complex values
-(``ComplexRows``), Cauchy's formula on a circle of complex times then gives the coefficients to nearly all digits.
-For other rows, a Chebyshev fit over a time of order one does, and loses about one digit per level; nested differences
-lose two or more.
+derivatives of R. No coefficient up to that order has an integration error. A Chebyshev fit over a time of order one
+gives the coefficients. It loses about one digit per level; nested differences lose two or more.
 """
 
 from __future__ import annotations
@@ -24,7 +22,6 @@ import pinocchio as pin
 import scipy
 from numpy.polynomial import chebyshev, legendre
 
-from rnc_pin.analysis.complex_rows import ComplexRows, has_complex_rows
 from rnc_pin.errors import ConstraintError
 from rnc_pin.model.configuration_manifold import PlacementChart
 from rnc_pin.model.reduced_model import ReducedModel
@@ -63,9 +60,7 @@ PIECES = 3
 """Number of fields that a flow follows in turn. With three fields, their brackets with brackets of generators span a
 free Lie algebra up to degree 8 and beyond (``tests/analysis/test_lie_brackets.py``). Two fields do not."""
 _SPARE, _MORE = 8, 12  # degrees of the fit above the requested order: for dimensions, and for coefficients
-_TIMES = (0.5, 0.2, 0.05, 0.0125)  # flow times, tried in turn while the error is large
-_FITTED = 3  # largest order of fits on the real line, if there is another way
-_PLACEMENTS = 4  # dimensions of an array of complex configurations
+FLOW_TIMES = (0.5, 0.2, 0.05, 0.0125)  # flow times, tried in turn while the error is large
 _SHORT = 1e-12  # functions that never exceed this value are rounding errors
 
 
@@ -99,24 +94,12 @@ class BracketJets:
         R = reduced.at(q).R
         self._scaling = np.linalg.inv(np.linalg.qr(R)[1])
         self.generators: np.ndarray = R @ self._scaling
-        self._rows = ComplexRows(reduced, q, self.generators) if has_complex_rows(reduced) else None
         self._pairs = np.triu_indices(reduced.r, 1)
 
     def pairs(self) -> np.ndarray:
         """Return the exact brackets (nv, pairs) of two generators at q."""
         fields, gradient = self._fields(self.q[None])
         return self._of_pairs(fields, gradient)[0]
-
-    def times(self, order: int) -> tuple[float, ...]:
-        """Flow times that suit an order, longest first.
-
-        Circles of complex times lose no digits, so they may be longer, and deep brackets are larger there.
-        """
-        return (1.0, *_TIMES) if self._on_circle(order) else _TIMES
-
-    def _on_circle(self, order: int) -> bool:
-        """True for deep brackets; a fit costs less, and is accurate enough for others."""
-        return self._rows is not None and order > _FITTED
 
     def draw(self, order: int, time: float, generator: np.random.Generator) -> Jets:
         """Return the Taylor coefficients of brackets pulled back along a random flow, each in units of its size.
@@ -131,7 +114,7 @@ class BracketJets:
             found = self._pulled_back(times, order, generator)
             return found / np.maximum(np.abs(found).max(axis=(0, 1)), _SHORT)
 
-        return _coefficients(values, order, time, self._on_circle(order), _SPARE)
+        return _coefficients(values, order, time, _SPARE)
 
     def follow(self, order: int, time: float, fields: np.ndarray) -> Jets:
         """Return the Taylor coefficients of the coordinates of a ``PlacementChart`` at q along flows.
@@ -144,22 +127,18 @@ class BracketJets:
         chart, count = PlacementChart(self._model, self.q), len(fields)
 
         def values(times: np.ndarray) -> np.ndarray:
-            is_complex = self._rows is not None and np.iscomplexobj(times)
-            start = self._rows.start if self._rows is not None and is_complex else self.q
-            q, each = np.repeat(start[None], len(times) * count, axis=0), np.repeat(times, count)
+            q, each = np.repeat(self.q[None], len(times) * count, axis=0), np.repeat(times, count)
             for piece in range(fields.shape[1]):
                 direction = np.tile(fields[:, piece], (len(times), 1))
                 q = self._moved(q, self._steps(q, each, direction, order, self._normal_generators)[2])
-            x = self._rows.coordinates(q) if self._rows is not None and is_complex else chart.coordinates(q)
-            return np.moveaxis(x.reshape(len(times), count, -1), 1, 2)
+            return np.moveaxis(chart.coordinates(q).reshape(len(times), count, -1), 1, 2)
 
-        return _coefficients(values, order, time, self._rows is not None, _MORE)
+        return _coefficients(values, order, time, _MORE)
 
     def _pulled_back(self, times: np.ndarray, order: int, generator: np.random.Generator) -> np.ndarray:
         """Brackets of generators at the end of each piece of a flow, pulled back to q, (times, nv, functions)."""
         n, found = self.reduced.n, []
-        start = self._rows.start if self._rows is not None and np.iscomplexobj(times) else self.q
-        q = np.repeat(start[None], len(times), axis=0)
+        q = np.repeat(self.q[None], len(times), axis=0)
         back = np.tile(np.eye(n), (len(times), 1, 1))
         for _ in range(PIECES):
             direction = generator.normal(size=self.reduced.r)
@@ -182,7 +161,7 @@ class BracketJets:
         weights, ends = _gauss_legendre(order // 2 + 1)
         c = len(ends)
         dt, along = times[:, None, None], np.repeat(direction, c, axis=0)
-        slopes = np.zeros((k, c, n), dtype=times.dtype)
+        slopes = np.zeros((k, c, n))
         for _ in range(order + 2):  # each sweep makes one more coefficient exact
             moved = dt * (weights @ slopes)
             points = self._moved(np.repeat(start, c, axis=0), moved.reshape(k * c, n))
@@ -211,8 +190,6 @@ class BracketJets:
         return self._moved(start, step), turned
 
     def _moved(self, q: np.ndarray, tangents: np.ndarray) -> np.ndarray:
-        if self._rows is not None and q.ndim == _PLACEMENTS:
-            return self._rows.moved(q, tangents)
         return np.stack([pin.integrate(self._model, *each) for each in zip(q, tangents, strict=True)])
 
     def _in_chart(self, xi: np.ndarray, v: np.ndarray, order: int) -> np.ndarray:
@@ -227,8 +204,6 @@ class BracketJets:
 
     def _generators(self, points: np.ndarray) -> np.ndarray:
         """Generators (k, nv, r)."""
-        if self._rows is not None and points.ndim == _PLACEMENTS:
-            return self._rows.generators(points)
         return self.reduced.at(points).R @ self._scaling
 
     def _normal_generators(self, points: np.ndarray) -> np.ndarray:
@@ -238,8 +213,6 @@ class BracketJets:
 
     def _fields(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Generators (k, nv, r) and their derivatives (k, nv, r, nv); the last index is the direction."""
-        if self._rows is not None and points.ndim == _PLACEMENTS:
-            return self._rows.fields(points)
         k, n = len(points), self.reduced.n
         states = self.reduced.at(np.repeat(points, n, axis=0), v=np.tile(np.eye(n), (k, 1)))
         gradient = np.moveaxis((states.R_dot @ self._scaling).reshape(k, n, n, -1), 1, -1)
@@ -253,25 +226,13 @@ class BracketJets:
         return along[..., j, i] - along[..., i, j] + np.moveaxis(self._bracket(first, second), -1, -2)
 
 
-def _coefficients(
-    values: Callable[[np.ndarray], np.ndarray], order: int, time: float, on_circle: bool, spare: int
-) -> Jets:
-    """Taylor coefficients of functions (times, ...) of the time, scaled by its powers.
-
-    On a circle of complex times of radius ``time``, by Cauchy's formula; or by fits from ``-time`` to ``time``.
-    """
-    if not on_circle:
-        degree = order + spare
-        count = ceil(1.25 * (degree + 1))
-        nodes = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
-        fitted = values(time * nodes)
-        return Jets(*(_fit(nodes, fitted, each)[: order + 1] for each in (degree, degree - 2)))
-    count = 4 * ceil((order + spare) / 2)
-    times = time * np.exp(2j * np.pi * np.arange(count // 2 + 1) / count)  # the others are conjugate
-    found = values(times)
-    # Values conjugate for conjugate times have real coefficients.
-    fine = np.fft.hfft(found, axis=0)[: order + 1] / count
-    return Jets(fine, np.fft.hfft(found[::2], axis=0)[: order + 1] / (count // 2))
+def _coefficients(values: Callable[[np.ndarray], np.ndarray], order: int, time: float, spare: int) -> Jets:
+    """Taylor coefficients of functions (times, ...) of the time, scaled by its powers, by fits of both signs of it."""
+    degree = order + spare
+    count = ceil(1.25 * (degree + 1))
+    nodes = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
+    fitted = values(time * nodes)
+    return Jets(*(_fit(nodes, fitted, each)[: order + 1] for each in (degree, degree - 2)))
 
 
 @cache

@@ -10,9 +10,8 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body, add_frame
 from rnc_pin.analysis import lie_brackets
-from rnc_pin.analysis.complex_rows import ComplexRows, has_complex_rows
 from rnc_pin.analysis.lie_brackets import PIECES, BracketJets
-from systems import ALL, random_states, rolling_base
+from systems import ALL, random_states
 from textbook_systems import sliders_with_rows, unicycle_with_trailers
 
 MOEBIUS = {1: 1, 2: -1, 3: -1, 4: 0, 5: -1, 6: 1, 7: -1, 8: 0}
@@ -94,9 +93,8 @@ def in_plain_coordinates(count):
     return system.reduce([rnc.FrameSpeed("body"), rnc.FrameYaw("body")])
 
 
-def test_axes_that_turn_along_make_no_difference(monkeypatch):
+def test_axes_that_turn_along_make_no_difference():
     """At zero yaw a planar joint's axes are those of x, y and yaw, and so are brackets of any depth."""
-    monkeypatch.setattr(lie_brackets, "has_complex_rows", lambda reduced: False)
     hitches = {"hitch_1": 0.5, "hitch_2": -0.3}
     found = []
     for reduced in (unicycle_with_trailers(2), in_plain_coordinates(2)):
@@ -104,20 +102,6 @@ def test_axes_that_turn_along_make_no_difference(monkeypatch):
         found.append(jets.draw(5, 0.5, np.random.default_rng(7)).coefficients)
         assert np.abs(found[-1][5]).max() > 1e-5
     np.testing.assert_allclose(found[0], found[1], atol=1e-10)
-
-
-def test_levels_from_complex_times_do_not_depend_on_axes():
-    """Fields differ away from q, but not the space of their first and second brackets, of dimension four of five."""
-    hitches = {"hitch_1": 0.5, "hitch_2": -0.3}
-    spaces = []
-    for reduced in (unicycle_with_trailers(2), in_plain_coordinates(2)):
-        jets = BracketJets(reduced, reduced.robot.configuration(hitches))
-        first, second = jets.draw(5, 1.0, np.random.default_rng(7)).coefficients[:2]
-        left, values, _ = np.linalg.svd(np.column_stack([jets.generators, first, second]))
-        assert values[3] > 1e-3
-        assert values[4] < 1e-13
-        spaces.append(left[:, :4] @ left[:, :4].T)
-    np.testing.assert_allclose(spaces[0], spaces[1], atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["fire_truck", "leaning_wheel", "free_flying_panda"])
@@ -135,64 +119,3 @@ def test_the_first_coefficient_is_the_bracket_of_generators(name):
         scale = np.sum(found * expected, axis=0) / np.sum(expected * expected, axis=0)
         np.testing.assert_allclose(found, scale * expected, atol=1e-9)
     assert np.abs(drawn.coefficients - drawn.coarser).max() < 1e-6
-
-
-def ball_with_rudder():
-    """A rolling ball whose hub carries a knife edge on a hinge, and a slider that is locked."""
-    model = rolling_base({}, 0.2, "free")
-    base = model.getJointId("root_joint")
-    hinge = model.addJoint(base, pin.JointModelRevoluteUnaligned(np.array([0.0, 0.6, 0.8])), pin.SE3.Random(), "hinge")
-    slide = model.addJoint(hinge, pin.JointModelPX(), pin.SE3.Random(), "slide")
-    turn = model.addJoint(slide, pin.JointModelRUBY(), pin.SE3.Random(), "turn")
-    for joint in (hinge, slide, turn):
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    for name, joint in (("hub", base), ("rudder", turn)):
-        add_frame(model, name, joint, pin.SE3.Random())
-    locked = rnc.FixedOutput(rnc.JointPosition("slide"), 0.1)
-    kinds = [rnc.RollingBall("hub", 0.2), rnc.NoSideSlip("rudder", at=(0.1, 0.2, -0.3)), locked]
-    return rnc.NonholonomicSystem(rnc.Robot(model), kinds).reduce()
-
-
-@pytest.fixture(scope="module")
-def rows():
-    pin.seed(3)
-    reduced = ball_with_rudder()
-    q = reduced.assembled(pin.integrate(reduced.robot.model, reduced.robot.configuration(), 0.3 * np.arange(9) - 1.0))
-    assert has_complex_rows(reduced)
-    return reduced, q, ComplexRows(reduced, q, np.linalg.qr(reduced.at(q).R)[0])
-
-
-def test_rows_and_fields_are_those_of_the_model(rows):
-    reduced, q, found = rows
-    step = np.linspace(-0.5, 0.7, reduced.n)
-    states = reduced.at(np.tile(pin.integrate(reduced.robot.model, q, step), (9, 1)), v=np.eye(9))
-    A, gradient = found._matrix(found.moved(found.start[None], step[None]))
-    np.testing.assert_allclose(A[0], states.A[0], atol=1e-13)
-    np.testing.assert_allclose(np.moveaxis(gradient[0], -1, 0), states.A_dot, atol=1e-13)
-    fields, _ = found.fields(found.moved(found.start[None], step[None]))
-    np.testing.assert_allclose(states.A[0] @ fields[0], 0.0, atol=1e-13)
-
-
-def test_derivatives_are_those_of_an_analytic_function(rows):
-    """A step of 1e-20 along the imaginary axis gives the derivative to all digits, if conjugation occurs nowhere."""
-    reduced, _, found = rows
-    at = found.moved(found.start[None], np.linspace(-0.4, 0.6, reduced.n)[None])
-    fields, gradient = found.fields(at)
-    for k, e in enumerate(np.eye(reduced.n)):
-        stepped = found.generators(found.moved(at, 1e-20j * e[None]))
-        np.testing.assert_allclose(stepped.imag / 1e-20, gradient[..., k], atol=1e-12)
-        np.testing.assert_allclose(stepped.real, fields, atol=1e-13)
-
-
-def test_other_rows_have_none():
-    robot = unicycle_with_trailers(1).robot
-    own = rnc.Pfaffian(lambda q: np.eye(4)[:1], lambda q, v: np.zeros((1, 4)), names=["own"])
-    assert not has_complex_rows(rnc.NonholonomicSystem(robot, [own]).reduce())
-
-
-def test_rows_relative_to_a_body_that_moves_have_none():
-    """They depend on two frames; the values at complex configurations are those of one."""
-    robot = rnc.Robot.from_urdf("ball_on_plate.urdf")
-    for frame, expected in (("plate", False), (None, True)):
-        rolls = rnc.RollingBall("ball", 0.05, ground=rnc.GroundPlane(frame=frame))
-        assert has_complex_rows(rnc.NonholonomicSystem(robot, [rolls], ["roll", "pitch"]).reduce()) is expected

@@ -74,11 +74,7 @@ def results(tmp_path_factory):
     plan = rnc.optimal.plan(sleigh, sled.configuration(), goal, 2.0, form="kinematic")
     ball = Obstacle(coal.Sphere(0.1), position=(2.0, 1.0, 0.0), name="ball")
     near = continuous_distances(CollisionDistances(robot, [ball], q0=q0), run.time, run.q, within=10.0)
-    pendulum = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
     wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
-    upright = rnc.NonholonomicSystem(pendulum, wheels, ["left_axle", "right_axle"]).reduce(
-        [rnc.FrameSpeed("base"), rnc.JointPosition("pitch"), rnc.FrameYaw("base")]
-    )
     turns = rnc.planning.Harmonic([0.0, 0.0], amplitude=[20.0, 25.0], frequency=[0.05, 0.08])
     rolling = rnc.NonholonomicSystem(rnc.Robot.from_urdf("differential_drive.urdf", base="planar"), wheels)
     turned = rolling.reduce([rnc.JointPosition(f"{side}_wheel_joint") for side in ("left", "right")])
@@ -87,7 +83,6 @@ def results(tmp_path_factory):
     log = rnc.Log.of_motion(rolling.robot, times, path, frames=["base"])
     larger = rolling.with_robot(rolling.robot, [rnc.RollingWheel(f"{side}_wheel", 0.12) for side in ("left", "right")])
     radius = [rnc.identification.WheelRadius(["left_wheel", "right_wheel"])]
-    steady, *_ = rnc.continuation(upright, pendulum.configuration(), [0.0, 1.0], parameter="base_speed_x")
     with rnc.show(robot, gains={"k": (0.0, 2.0, 1.0)}, open_browser=False) as view:
         view.update(q0)
     cart = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
@@ -105,7 +100,7 @@ def results(tmp_path_factory):
     sweep = rnc.sweep("unicycle", [{"simulation.duration": 0.1}, {"simulation.duration": 0.2}], out=folder / "runs")
     return [
         *(rnc.analyze(reduced, ["tip_x", "tip_y"], ["joint_1"], samples=8), rnc.linearize(reduced, q0)),
-        *(rnc.equilibrium(reduced, q0), steady),
+        rnc.equilibrium(reduced, q0),
         *(rnc.preflight(reduced, task, reference, q0), rnc.state_derivatives(reduced, q0, still, np.zeros(reduced.p))),
         *(boundedness(reduced, samples), classify(reduced, task, samples), integrability(reduced, samples)),
         *(run, curve, rnc.summarize(run), rnc.summarize(curve, 0.2), run.info, run.info.outputs, run.verdict),

@@ -1,6 +1,4 @@
-"""Relative equilibria, their symmetries, and branches of them: against closed forms and published speeds."""
-
-import re
+"""Relative equilibria and their symmetries: against closed forms and published speeds."""
 
 import numpy as np
 import pinocchio as pin
@@ -181,23 +179,7 @@ def test_how_symmetries_vary_is_exact(make):
     np.testing.assert_allclose(found.gradient(q, coefficients), expected, atol=1e-9)
 
 
-# ---------------------------------------------------------------------- branches
-
-
-def test_the_pitchfork_of_the_hoop():
-    """At ``w^2 = g / l`` the bottom becomes unstable, and two stable branches leave it."""
-    critical, q = np.sqrt(G / L), np.zeros(2)
-    rates = critical * np.array([0.3, 0.9, 0.999, 1.001, 1.1, 2.0])
-    for motion, rate in zip(rnc.continuation(hoop, q, rates), rates, strict=True):
-        assert motion.q[1] == pytest.approx(0.0, abs=1e-9)
-        assert motion.stable == (rate < critical)
-        root = np.sqrt(complex(rate**2 - G / L))
-        np.testing.assert_allclose(np.sort_complex(motion.eigenvalues), np.sort_complex([-root, root]), atol=1e-7)
-    for motion in rnc.continuation(hoop, np.array([0.0, 1.3]), rates[:2:-1]):
-        angle = np.arccos(G / (L * motion.value**2))
-        assert motion.q[1] == pytest.approx(angle, abs=1e-7)
-        assert motion.stable
-        np.testing.assert_allclose(np.abs(motion.eigenvalues.imag), motion.value * np.sin(angle), rtol=1e-5)
+# ---------------------------------------------------------------------- a bicycle
 
 
 def test_a_bicycle_leans_in_a_circle():
@@ -220,42 +202,10 @@ def test_a_bicycle_leans_in_a_circle():
         rnc.equilibrium(reduced, guess, ["steering"], [0.0, 0.0, 4.0 / REAR])
 
 
-def test_a_trailer_follows_forwards_and_folds_backwards(tmp_path):
-    """Straight ahead the hitch fades at the speed over 1 m, and so does the rate of a free steering."""
-    reduced = tractor_trailers(1, tmp_path)
-    branch = rnc.continuation(
-        reduced, reduced.robot.configuration(), [2.0, 1.0, -1.0], parameter="tractor_speed_x", hold=["front_steering"]
-    )
-    for motion, speed in zip(branch, (2.0, 1.0, -1.0), strict=True):
-        np.testing.assert_allclose(np.sort(motion.eigenvalues.real), np.sort([-speed, -speed, 0, 0]), atol=1e-6)
-        assert motion.stable == (speed > 0)
-        assert motion.value == speed
-
-
-def test_an_equilibrium_at_rest_has_its_stability_too():
-    """A pendulum on wheels falls at any weight of gravity, and hangs at rest."""
-    reduced = wheeled_pendulum()
-    for pitch, stable in ((0.0, False), (np.pi, True)):
-        (motion,) = rnc.continuation(lambda value: reduced, reduced.robot.configuration({"pitch": pitch}), [1.0])
-        assert motion.stable == stable
-
-
-def test_a_branch_that_does_not_go_on_is_said():
-    with pytest.raises(rnc.ConstraintError, match=r"^no steady motion at 4\.\d+, next to 4\.?\d*: no steady") as caught:
-        rnc.continuation(hoop, np.array([0.0, np.arccos(G / (L * 16.0))]), [4.0, 5.0], hold=["bead"])
-    without, last = (float(each) for each in re.findall(r"4\.?\d*", str(caught.value))[:2])
-    assert without - last == pytest.approx(1.0 / 2**8, abs=1e-5)  # halved as often as documented
-
-
 @pytest.mark.parametrize(("call", "error", "words"), [
     (lambda r, q: rnc.equilibrium(r, q, v2={"axel": 1.0}), rnc.ModelError, "v2: no reducing output 'axel'; did you"),
     (lambda r, q: rnc.equilibrium(r, q, v2={"axle": np.nan}), rnc.InputError, "v2"),
     (lambda r, q: rnc.equilibrium(r, q, v2=[1.0, 0.0], cyclic=["axel"]), rnc.ModelError, "axel"),
-    (lambda r, q: rnc.continuation(r, q, [1.0]), rnc.InputError, "the name of a reducing output as parameter"),
-    (lambda r, q: rnc.continuation(lambda p: r, q, [1.0], "axle"), rnc.InputError, "or a function without one"),
-    (lambda r, q: rnc.continuation(r, q, [1.0], "axel"), rnc.ModelError, "did you mean 'axle'"),
-    (lambda r, q: rnc.continuation(r, q, [np.nan], "axle"), rnc.InputError, "values"),
-    (lambda r, q: rnc.continuation(r, q[:-1], [1.0], "axle"), rnc.InputError, "q has shape"),
 ])  # fmt: skip
 def test_what_makes_no_sense_is_refused(call, error, words):
     reduced = vertical_disk()
