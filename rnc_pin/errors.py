@@ -158,8 +158,6 @@ class InfeasibleError(ConfigurationError):
         q, time: configuration (nq,) of a motion that is the cause, and its time on the reference [s]; else None.
         rows: names of the constraint and output rows that are nearest to dependent there.
         singular_value: smallest singular value of ``E = [A; J2]`` there, of scaled rows; else None.
-        near_singular: True if these rows are the cause; gains can be missing at regular configurations too.
-        of_motion: True if the motion of a controller is refused, so that another controller or reference may help.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -176,8 +174,6 @@ class InfeasibleError(ConfigurationError):
     time: float | None = None
     rows: tuple[str, ...] = ()
     singular_value: float | None = None
-    near_singular: bool = False
-    of_motion: bool = False
 
 
 class InputError(RncError, ValueError):

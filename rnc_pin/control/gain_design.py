@@ -205,13 +205,13 @@ class VelocityGains(TrackerGains):
         H = reduced.at(region).H
         H = H if outputs is None else H[:, outputs][:, :, outputs]
         fastest = fastest_rate(dt, delay)
-        inertia = single = inertia_of_outputs(H)
+        inertia = inertia_of_outputs(H)
         low, high = inertia.window(slowest, fastest)
         if low > high and combine:
             inertia = inertia_of_modes(H)
             low, high = inertia.window(slowest, fastest)
         if low > high:
-            raise no_gains(reduced, region, times, (single, inertia if combine else None), slowest, dt, delay)
+            raise no_gains(reduced, region, times, inertia, slowest, dt, delay)
         if bandwidth is not None and not low <= bandwidth <= high:
             raise ConfigurationError(f"bandwidth {bandwidth:g} rad/s is outside the window {low:.3g} to {high:.3g}")
         k = (high if bandwidth is None else bandwidth) * inertia.weights

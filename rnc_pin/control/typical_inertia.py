@@ -19,6 +19,8 @@ MAX_RATE_TIMES_DELAY = np.pi / 4
 """Largest product of a closed-loop rate and the age of the feedback signal: half of pi / 2."""
 NEARLY_SINGULAR = 0.05
 """Smallest singular value of E with scaled rows below which a refusal names the singular configuration as its cause."""
+AWAY_FROM_SINGULAR = "keep away from there: nearer goals, another start or path, or other outputs"
+_SHOWN = 8  # positions that a message shows; the error has all
 _SHORTEST_PERIOD = 1e-4  # [s]; control loops that sample faster are rare, so no message asks for it
 _LEVER = 1e-4  # gravity loads an output above this lever arm of the robot's weight [m]; for a slide, share of it
 _LOOKED_AT = 12  # number of configurations at which gravity is computed
@@ -115,50 +117,41 @@ def no_gains(
     reduced: ReducedModel,
     configurations: np.ndarray,
     times: np.ndarray | None,
-    tried: tuple[TypicalInertia, TypicalInertia | None],
+    inertia: TypicalInertia,
     slowest: float,
     dt: float,
     delay: float,
 ) -> InfeasibleError:
-    """Return the error that no velocity gains suit a region: the limits, where they come from, and what would help.
+    """Return the error that no velocity gains suit a region: where, which rows, and what would help.
 
     Args:
         reduced: the model.
         configurations, times: region (count, nq) and its times (count,) [s], if it is a motion.
-        tried: typical inertias of single outputs and of modes; None for modes if gains are given for single outputs.
+        inertia: typical inertia, of modes unless gains are given for single outputs.
         slowest: lowest accepted closed-loop rate [1/s].
         dt, delay: sampling period, and delay without sampling [s].
     """
-    outputs, modes = tried
-    low, high = outputs.window(slowest, fastest_rate(dt, delay))
-    words = [
-        f"no velocity gains suit this region: closed-loop rates of at least {slowest:g}/s need a bandwidth of "
-        f"{low:.3g} rad/s, sampling every {dt:g} s{f' with a delay of {delay:g} s' if delay else ''} allows {high:.3g}"
-    ]
-    if modes is not None:
-        low, high = modes.window(slowest, fastest_rate(dt, delay))
-        words.append(f"tried gains on combinations of outputs: they need {low:.3g}, sampling allows {high:.3g}")
-    best = outputs if modes is None else modes
-    period = _longest_period(best, slowest, delay)
     at = reduced.at(np.atleast_2d(configurations))
     values = np.atleast_1d(at.smallest_singular_value)
     singular = bool(values.min() < NEARLY_SINGULAR)
-    place = int(np.argmin(values) if singular else np.argmax(best.eigenvalues[:, -1]))
+    place = int(np.argmin(values) if singular else np.argmax(inertia.eigenvalues[:, -1]))
     time, rows = None if times is None else float(times[place]), at.dependent_rows(place)
-    where = _place(time, at.q[place])
+    where, period = _place(time, at.q[place]), _longest_period(inertia, slowest, delay)
     if singular:
-        words.append(
-            f"the outputs are nearly singular{where}: rows {few(rows, 6)} are almost dependent, smallest singular "
-            f"value of E = [A; J2] {values[place]:.2g}"
+        cause = (
+            f"the outputs are nearly singular{where}: rows {few(rows, 4)} are almost dependent, smallest singular "
+            f"value of E = [A; J2] {values[place]:.2g}; {AWAY_FROM_SINGULAR}"
         )
-        words.append("keep the motion away from there, or choose other outputs")
     else:
-        least, most = best.eigenvalues[place, 0], best.eigenvalues[place, -1]
-        words.append(f"the inertia is most uneven{where}, with {least:.3g} to {most:.3g} of its typical value")
-    words.append(_sampling(period))
-    error = InfeasibleError("; ".join(words))
-    error.of_motion, error.q, error.time, error.rows = True, at.q[place].copy(), time, rows
-    error.singular_value, error.near_singular = float(values[place]), singular
+        low, high = inertia.window(slowest, fastest_rate(dt, delay))
+        least, most = inertia.eigenvalues[place, 0], inertia.eigenvalues[place, -1]
+        cause = (
+            f"rates of at least {slowest:g}/s need a bandwidth of {low:.3g} rad/s, sampling every {dt:g} s"
+            f"{f' with a delay of {delay:g} s' if delay else ''} allows {high:.3g}; the inertia is most uneven{where}, "
+            f"with {least:.3g} to {most:.3g} of its typical value"
+        )
+    error = InfeasibleError(f"no velocity gains suit this region: {cause}{_sampling(period)}")
+    error.q, error.time, error.rows, error.singular_value = at.q[place].copy(), time, rows, float(values[place])
     return error
 
 
@@ -169,16 +162,15 @@ def _longest_period(inertia: TypicalInertia, slowest: float, delay: float) -> fl
 
 
 def _sampling(period: float) -> str:
-    """Words on the effect of a shorter sampling period."""
+    """Words on the effect of a shorter sampling period; none if no loop is that fast."""
     if period >= _SHORTEST_PERIOD:
-        return f"sample faster, at least every {period:.2g} s"
-    needed = f"it would have to be {period:.1g} s" if period else "the delay is too long for any"
-    return f"a shorter sampling period does not help: {needed}"
+        return f"; sample faster, at least every {period:.2g} s"
+    return "" if period else "; the delay is too long for any sampling"
 
 
 def _place(time: float | None, q: np.ndarray) -> str:
     when = "" if time is None else f" at t = {time:.2f} s"
-    return f"{when} at q = [{', '.join(f'{value:.3g}' for value in q)}]"
+    return f"{when} at q = [{', '.join(f'{value:.3g}' for value in q[:_SHOWN])}{', ...' if len(q) > _SHOWN else ''}]"
 
 
 def _symmetric(H: np.ndarray) -> np.ndarray:

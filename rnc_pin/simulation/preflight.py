@@ -12,6 +12,7 @@ import numpy as np
 
 from rnc_pin.analysis import Grip, LiftOff, NormalForces
 from rnc_pin.control import KinematicController
+from rnc_pin.control.typical_inertia import AWAY_FROM_SINGULAR
 from rnc_pin.errors import ConstraintError, DivergenceError, InfeasibleError, SimulationError, SingularityError, few
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
@@ -211,7 +212,7 @@ class Margins:
             return [f"the reference reaches a singular configuration: {self.singular}"]
         return [
             f"the reference comes close to a singular configuration: smallest singular value of {what} is "
-            f"{margin.value:.2g} at t = {margin.time:.2f} s ({few(margin.rows, 6)})"
+            f"{margin.value:.2g} at t = {margin.time:.2f} s ({few(margin.rows, 4)}); {AWAY_FROM_SINGULAR}"
             for margin, what in ((self.stack, "E = [A; J2]"), (self.A4, "A4"))
             if margin is not None and margin.value < threshold
         ] + (_complaint(self.lift_off) if self.grip is None else self.grip.complaints())

@@ -234,8 +234,8 @@ def test_refused_gains_tell_when_where_and_which_rows_are_nearly_singular():
     values = np.linalg.svd(reduced.at(region[index]).scaled_stack, compute_uv=False)
     assert error.singular_value == pytest.approx(values[-1])
     assert f"nearly singular at t = {error.time:.2f} s at q = [0.4, " in str(error)
-    assert "tried gains on combinations of outputs" in str(error)
-    assert "a shorter sampling period does not help" in str(error)
+    assert str(error).endswith("nearer goals, another start or path, or other outputs")
+    assert len(str(error)) < 400
     assert "sample faster" not in str(error)
 
 
@@ -248,5 +248,5 @@ def test_refused_gains_advise_a_sampling_period_only_if_it_has_gains():
     VelocityGains.scaled(reduced, region, 0.95 * period)
     with pytest.raises(rnc.InfeasibleError):
         VelocityGains.scaled(reduced, region, 1.1 * period)
-    with pytest.raises(rnc.InfeasibleError, match="does not help: the delay is too long for any"):
+    with pytest.raises(rnc.InfeasibleError, match="the delay is too long for any sampling"):
         VelocityGains.scaled(reduced, region, 0.002, GainDesign(delay=0.5))

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from os import PathLike
@@ -29,15 +28,13 @@ from rnc_pin.applications.scenario.from_objects import RunObjects, content_of, e
 from rnc_pin.applications.scenario.phase_builder import build_phased
 from rnc_pin.applications.scenario.plan_builder import Plans
 from rnc_pin.applications.scenario.plant_builder import collected_model_warnings
-from rnc_pin.applications.scenario.reference_builder import task_starts
-from rnc_pin.applications.scenario.remedies import Refused, try_remedies
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.scenario.schema.world import build_obstacles
 from rnc_pin.applications.scenario.simulated_run import Simulated, judged_summary, simulated
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller
-from rnc_pin.errors import ConfigurationError, InfeasibleError, ModelWarning, RncError
+from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
 from rnc_pin.io import Json
 from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
 from rnc_pin.planning import Reference
@@ -200,17 +197,13 @@ class Scenario(SummaryMixin):
         made.__dict__.update({name: value for name, value in given.items() if value is not None})
         return made
 
-    def build(self, *, remedies: bool = False) -> Scenario:
+    def build(self) -> Scenario:
         """Build all objects of the run and of its comparisons now, and return the scenario.
-
-        Args:
-            remedies: True to try remedies for a motion that is refused. The error then has their results.
 
         Raises:
             RncError: a part of the scenario does not fit the robot.
         """
-        with self._remedied() if remedies else nullcontext():
-            _ = self.experiment
+        _ = self.experiment
         _ = self.comparisons
         return self
 
@@ -355,34 +348,13 @@ class Scenario(SummaryMixin):
 
         Raises:
             RncError: the scenario cannot be built, or the run failed; ``trajectory`` of the error has what it reached.
-                The error of a motion that is refused has the remedies that were tried, with their results.
         """
-        with self._remedied():
-            _ = self.experiment
-        return self._run(observer)
-
-    def _run(self, observer: Observer | None) -> Trajectory:
         with np.errstate(over="ignore", invalid="ignore"):  # diverged values
             run = self.simulated(self.experiment, observer)
             judged_summary(self.experiment, run.trajectory, run.gave_way)
         if run.error is not None:
             raise run.error
         return run.trajectory
-
-    @contextmanager
-    def _remedied(self) -> Iterator[None]:
-        """Try remedies for a motion that is refused inside."""
-        try:
-            yield
-        except InfeasibleError as error:
-            controller = self.content.controller
-            if not error.of_motion or controller is None or self.content.phases:
-                raise
-            task, starts = self.task, task_starts(self.reduced, self.task, self.q0)
-            raise try_remedies(Refused(self.raw, controller, self.system, task, starts, error), self._trial) from None
-
-    def _trial(self, raw: Mapping[str, Json], observer: Observer) -> Trajectory:
-        return replace(self, raw=dict(raw), show_warnings=False)._run(observer)
 
     def simulated(self, experiment: Experiment, observer: Observer | None = None) -> Simulated:
         """Simulate the run or one of its comparisons. An error that ends it early is part of the result.

@@ -105,3 +105,18 @@ def test_a_gain_of_the_run_is_none_of_a_comparison_with_another_controller():
     assert compared.scenario.controller.type == "reducing_outputs"
     with pytest.raises(rnc.ConfigurationError, match=r"comparisons\.odd: controller: 'kk' is not known"):
         rnc.Scenario.load("space-robot", {"comparisons": {"odd": {"controller.kk": 1.0}}, "plots": {}}).build()
+
+
+@pytest.mark.parametrize("options", [
+    {"constraints": [{"momentum": {"joint": "platform", "momentum": 3.0}}]},  # turns until the arm has to stretch
+    {"preflight": "refuse", "reference.primary.minimum_jerk.to": [2.95, 0.4], "controller.tracker": "computed_torque"},
+], ids=["gains", "preflight"])  # fmt: skip
+def test_a_refused_motion_tells_where_which_rows_and_what_to_change(options):
+    with pytest.raises(rnc.InfeasibleError) as caught:
+        rnc.Scenario.load("space-robot", {**options, "comparisons": {}}).build()
+    error, said = caught.value, str(caught.value)
+    assert {"momentum(platform)", "tip_x"} <= set(error.rows)
+    assert error.singular_value < 0.01
+    assert f"at t = {error.time:.2f} s" in said
+    assert "nearer goals, another start or path, or other outputs" in said
+    assert len(said) < 400

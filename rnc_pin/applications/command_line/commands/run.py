@@ -45,7 +45,7 @@ def run_scenario(
     prepared = Scenario.load(scenario, chosen)
     if prepared.content.planner is not None:  # which takes most of the time before the run
         announce(f"{prepared.name}: planning the motion", as_json)
-    prepared = prepared.build(remedies=True)
+    prepared = prepared.build()
     if show and prepared.experiment.phases:
         raise ConfigurationError("--show: a live view does not support phases; omit it and open animation.html")
     for warning in prepared.experiment.warnings:

@@ -26,6 +26,8 @@ from rnc_pin.outputs import FramePosition, FrameYaw
 from rnc_pin.planning import Reference
 from rnc_pin.simulation import Margins, margins_along, obstacles_passed
 
+_LONGEST = 350  # letters of the reasons that one error names
+
 
 class GoalError(NamedTuple):
     """Distance of a configuration to the goal of one task."""
@@ -237,7 +239,9 @@ def refuse_or_warn(
     """
     warnings = (*complaints, *further)
     if complaints and preflight == "refuse":
-        raise InfeasibleError("; ".join(warnings))
+        shown = 1 if sum(map(len, warnings)) > _LONGEST else len(warnings)
+        more = f"; and {len(warnings) - shown} more: 'preflight: warn' shows all" if shown < len(warnings) else ""
+        raise InfeasibleError("; ".join(warnings[:shown]) + more)
     return warnings
 
 
@@ -298,10 +302,10 @@ def check_motion(
     try:
         return margins, refuse_or_warn(context.preflight, complaints, given_up), doubts
     except InfeasibleError as error:
-        error.of_motion, weakest = True, margins.stack
+        weakest = margins.stack
         if weakest.value < MIN_SINGULAR_VALUE:
             error.q, error.time, error.rows = weakest.q, weakest.time, weakest.rows
-            error.singular_value, error.near_singular = weakest.value, True
+            error.singular_value = weakest.value
         raise
 
 
