@@ -1,7 +1,7 @@
 """Benchmarks by name.
 
 ``python -m benchmarks`` lists them, ``python -m benchmarks NAME ...`` runs one, and ``--record NAME ...`` keeps its
-output in ``docs/results.md``.
+output in ``benchmarks/results``, which the site shows.
 """
 
 from __future__ import annotations
@@ -51,7 +51,6 @@ def main() -> None:
         sys.exit(f"no benchmark '{name}'{nearest(name, known)}")
     if recorded:
         recording.record(name, arguments)
-        recording.PAGE.write_text(recording.page(known), encoding="utf-8")
         return
     if {"-h", "--help"} & set(arguments) and not _parses(name):
         print(f"python -m benchmarks {name}: {known[name]}")

@@ -1,4 +1,4 @@
-"""Results of benchmarks with date, machine and command: one file each in ``benchmarks/results``, one page of all."""
+"""Results of benchmarks with date, machine and command: one file each in ``benchmarks/results``."""
 
 from __future__ import annotations
 
@@ -11,17 +11,7 @@ from datetime import date
 from pathlib import Path
 
 FOLDER = Path(__file__).parent / "results"
-PAGE = Path(__file__).parents[1] / "docs" / "results.md"
-_WIDTH = "132"  # columns of tables on the page
-_HEAD = """# Results
-
-This page has the results of `python -m benchmarks`, one section for each benchmark, with date, machine and command.
-`python -m benchmarks --record NAME ...` runs a benchmark again and replaces its section. Nothing here is typed by hand.
-
-*Load* is the number of busy processes of the machine, before and after. Times are processor times where a benchmark
-does not say otherwise. Compare ratios: times of one machine differ by tens of percent between days.
-[Performance](performance.md) says what the figures mean.
-"""
+_WIDTH = "132"  # columns of tables
 
 
 def machine() -> str:
@@ -67,21 +57,16 @@ def record(name: str, arguments: list[str]) -> None:
     (FOLDER / f"{section}.txt").write_text(f"{head}\n{output}\n", encoding="utf-8")
 
 
-def page(known: dict[str, str]) -> str:
-    """Text of the page with all recorded results.
-
-    Args:
-        known: first sentence of each benchmark, by name.
-    """
-    sections = [_section(path, known[path.stem.split("-")[0]]) for path in sorted(FOLDER.glob("*.txt"))]
-    return "\n".join([_HEAD, *sections])
+def sections() -> str:
+    """Text of ``docs/results.md`` below its head: a section for each recorded result."""
+    return "\n".join(_section(path) for path in sorted(FOLDER.glob("*.txt")))
 
 
-def _section(path: Path, said: str) -> str:
+def _section(path: Path) -> str:
     head, _, output = path.read_text(encoding="utf-8").partition("\n\n")
     facts = dict(line.split(": ", 1) for line in head.splitlines())
     measured = (
         f"{facts['date']}, {facts['machine']}, commit {facts['commit']}; load {facts['load']}; {facts['duration']}"
     )
     shown = output if "\n|---" in output else f"```text\n{output}```\n"
-    return f"## {path.stem}\n\n{said}\n\n`{facts['command']}`: {measured}.\n\n{shown}"
+    return f"## {path.stem}\n\n`{facts['command']}`: {measured}.\n\n{shown}"

@@ -27,10 +27,11 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
     "sphinx_design",
+    "generated",
     "site_pages",
     "site_scenes",
 ]
-exclude_patterns = ["_scenes", "gallery_parts"]
+exclude_patterns = ["_scenes"]
 
 html_theme = "furo"
 toc_object_entries = False  # a page of the reference has a table of its names; a thousand entries would double the time

@@ -1,105 +1,19 @@
-"""Make ``docs/zoo.md`` again: every robot of example-robot-data, reduced and checked, and what init makes of others.
+"""Measure the tables of the zoo again: every robot of example-robot-data, and what init makes of published robots.
 
-``python docs/make_zoo.py`` makes all of it, which takes about an hour; ``python docs/make_zoo.py systems`` the first
-table only, ``python docs/make_zoo.py husky bike`` the rows of these in the second.
+``python docs/make_zoo.py`` makes both tables of ``docs/data/zoo.json``, which takes about an hour;
+``python docs/make_zoo.py systems`` the first one only, ``python docs/make_zoo.py husky bike`` rows of the second.
 """
 
 import sys
 import tempfile
 from pathlib import Path
 
-HERE = Path(__file__).parent
-PAGE = HERE / "zoo.md"
-sys.path.insert(0, str(HERE.parent / "tests" / "support"))
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "support")]
 
 import published  # noqa: E402
 import zoo  # noqa: E402
-
-HEAD = """# The zoo
-
-This page reduces every robot of [example-robot-data](https://github.com/Gepetto/example-robot-data) under three sets of
-constraints.
-
-| constraint | base | reducing outputs |
-|---|---|---|
-| **momentum** | free, in space without gravity; six momentum rows | joints |
-| **knife edge** | planar, on a skate, under gravity | forward speed, heading and joints |
-| **rolling wheels** | on the robot's own wheels, if it has any | the velocities that parametrise its motion best |
-
-Residuals are the worst of {states} random states, relative to size.
-
-| column | residual |
-|---|---|
-| **A R** | `A R` with unit rows and columns |
-| **Lemma 1** | `H = H^T`; `Hdot = V + V^T` by finite differences; `V` linear in `v2`. H is always positive definite |
-| **KKT** | accelerations, weighted by the inertia that they move, against Pinocchio's own constrained dynamics |
-
-Pinocchio's function is `pin.forwardDynamics(model, data, q, v, tau, A, Adot v)`.
-
-The page omits no robot. Excused systems are at the end, with their reasons.
-`tests/system/test_zoo.py` runs all systems,
-excused ones too. `python docs/make_zoo.py` writes this page.
-
-{passed} systems of {robots} robots pass, {excused} are excused.
-
-| robot | constraint | base | dof | rows kept | r | A R | Lemma 1 | KKT | remarks |
-|---|---|---|---|---|---|---|---|---|---|
-"""
-EXCUSES = """
-## Not in the zoo
-
-| robot | constraint | reason |
-|---|---|---|
-"""
-PUBLISHED = """## Published robots, by init, inspect and run
-
-This table shows robot descriptions of other authors. Each gets `rnc-pin init`, `inspect --samples {samples}` and `run`
-for {duration:.0f} s, each in its own process. The descriptions are unchanged, but their meshes are hidden. Xacro files
-keep their meshes.
-
-{ran} of {all} work without a change. Kinds and doubts are quotations from the draft. The draft has all doubts, beside
-the lines that they concern.
-
-`pytest -m published` repeats this where the packages are installed: `pip install '.[robots]'`, others with
-`pip install --no-deps`.
-
-None of these packages contains a robot of the following two kinds.
-`tests/applications/init/test_snake_and_ball.py` makes them:
-
-* **snake**: four or more bodies in a row (three if the names say so). Each has wheels without actuators, and the
-  vertical joints between them have actuators. The first body follows one wave of a serpenoid. The joints follow by the
-  constraints;
-* **spherical robot**: a round shell that encloses everything else, with driven joints inside. The joints follow their
-  references, and the shell rolls accordingly.
-
-[Your own robot](own_robot.md#let-a-draft-be-written) states the evidence of each decision. Transmissions,
-`ros2_control` and simulator plugins name the driven joints. In files without these, efforts, words and habit do.
-
-| robot | package | base: kind drafted | doubts, and the first of them | rows kept | r | ran | time |
-|---|---|---|---|---|---|---|---|
-"""
-PERTURBED = """
-## The same robots, changed
-
-A change that means the same robot keeps the kind of its base, or the draft says why not.
-`python -m benchmarks.perturbations` drafts each robot again after each of these changes. Its kind is the base, the
-family, the trailers, the wheels and the inputs of the base; names do not count.
-
-One draw of 124 robots on 26 November 2026: the shipped ones, those of the tests, those of example-robot-data, and the
-published ones above whose draft is not refused.
-
-| change | kept, of tried | says why not | neither |
-|---|---|---|---|
-| noise of 1 mm and 0.1 degrees (normal) on all placements | 123 of 124 | 1 | 0 |
-| other names of links and joints | 122 of 124 | 2 | 0 |
-| another order of links and joints | 124 of 124 | 0 | 0 |
-| transmissions and plugins removed | 28 of 30 | 2 | 0 |
-| drives on another axle | 9 of 9 | 0 | 0 |
-| a tenth of the size | 124 of 124 | 0 | 0 |
-| ten times the size | 123 of 124 | 1 | 0 |
-| mirrored, left for right | 124 of 124 | 0 | 0 |
-| all | 777 of 783 (99.2 %) | 6 | 0 |
-"""
+from tools import tables  # noqa: E402
 
 
 def remarks(name: str, kind: str) -> str:
@@ -110,34 +24,32 @@ def remarks(name: str, kind: str) -> str:
     return "; ".join(words)
 
 
-def row(found: zoo.Residuals) -> str:
-    kept = f"{found.kept} of {found.rows}"
-    figures = [f"{value:.0e}" if value else "0" for value in (found.constraint_residual, found.lemma_1, found.kkt)]
-    cells = [
-        found.robot,
-        found.constraint,
-        found.base,
-        found.n,
-        kept,
-        found.r,
-        *figures,
-        remarks(found.robot, found.constraint),
-    ]
-    return f"| {' | '.join(map(str, cells))} |"
+def system_row(found: zoo.Residuals) -> tables.Row:
+    """One robot under one kind of constraint."""
+    figures = {"A R": found.constraint_residual, "Lemma 1": found.lemma_1, "KKT": found.kkt}
+    return {
+        "robot": found.robot,
+        "constraint": found.constraint,
+        "base": found.base,
+        "dof": str(found.n),
+        "rows kept": f"{found.kept} of {found.rows}",
+        "r": str(found.r),
+        **{name: f"{value:.0e}" if value else "0" for name, value in figures.items()},
+        "remarks": remarks(found.robot, found.constraint),
+    }
 
 
-def systems() -> str:
-    passing = [entry for entry in zoo.entries() if entry not in zoo.EXCUSED]
+def systems() -> dict[str, list[tables.Row]]:
+    """Systems that pass, and those that are excused."""
     excuses = [(name, kind, reason) for (name, kind), (_, reason) in zoo.EXCUSED.items()]
     excuses += [(name, "all", reason) for name, reason in zoo.WITHOUT_URDF.items()]
-    head = HEAD.format(
-        states=zoo.STATES, passed=len(passing), robots=len({name for name, _ in passing}), excused=len(excuses)
-    )
-    rows = "\n".join(row(zoo.residuals(*entry)) for entry in passing)
-    return head + rows + "\n" + EXCUSES + "".join(f"| {' | '.join(excuse)} |\n" for excuse in excuses)
+    return {
+        "systems": [system_row(zoo.residuals(*entry)) for entry in zoo.entries() if entry not in zoo.EXCUSED],
+        "excused": [dict(zip(("robot", "constraint", "reason"), each, strict=True)) for each in excuses],
+    }
 
 
-def published_row(name: str) -> str:
+def published_row(name: str) -> tables.Row:
     """One robot, by the three commands; of a refusal also what becomes of it when its remedy is followed."""
     robot = published.ROBOTS[name]
     with tempfile.TemporaryDirectory() as folder:
@@ -150,55 +62,35 @@ def published_row(name: str) -> str:
         ran = f"refused: {refusal}; `{new}` for `{old}`: {'yes' if after.ran else after.refusal}"
     else:
         ran = "yes" if found.ran else f"{list(found.statuses)[-1]}: {found.refusal}"
-    doubts = f"{found.doubts}: {published.shortened(found.doubt)}" if found.doubts else "0"
-    rows = f"{found.kept} of {found.rows}"
-    cells = [
-        name,
-        robot.package,
-        found.kind.removeprefix("base "),
-        doubts,
-        rows,
-        found.r,
-        ran,
-        f"{found.seconds:.0f} s",
-    ]
-    return f"| {' | '.join(str(each).replace('|', '/') for each in cells)} |"
-
-
-def published_section(rows: dict[str, str]) -> str:
-    """The second table, of rows by robot."""
-    kept = [rows[name] for name in published.ROBOTS if name in rows]
-    ran = sum("| yes |" in each for each in kept)
-    head = PUBLISHED.format(ran=ran, all=len(kept), samples=published.SAMPLES, duration=published.DURATION)
-    return head + "".join(f"{each}\n" for each in kept) + PERTURBED
-
-
-def published_rows(text: str) -> dict[str, str]:
-    """The rows of a page that was made before."""
-    lines = text.partition(PUBLISHED.splitlines()[0])[2].splitlines()
-    return {
-        line.split("|")[1].strip(): line
-        for line in lines
-        if line.split("|")[1:2] and line.split("|")[1].strip() in published.ROBOTS
+    row = {
+        "robot": name,
+        "package": robot.package,
+        "base: kind drafted": found.kind.removeprefix("base "),
+        "doubts, and the first of them": (
+            f"{found.doubts}: {published.shortened(found.doubt)}" if found.doubts else "0"
+        ),
+        "rows kept": f"{found.kept} of {found.rows}",
+        "r": str(found.r),
+        "ran": ran,
+        "time": f"{found.seconds:.0f} s",
     }
-
-
-def write(first: str, rows: dict[str, str]) -> None:
-    PAGE.write_text(first.rstrip("\n") + "\n\n" + published_section(rows))
+    return {key: cell.replace("|", "/") for key, cell in row.items()}
 
 
 def main(wanted: list[str]) -> None:
+    made = tables.read("zoo")
     if not wanted or wanted == ["systems"]:
-        made = systems()
-        write(made, published_rows(PAGE.read_text()))
+        made |= systems()
+        tables.write("zoo", made)
+    rows = {row["robot"]: row for row in made["published"]}
     for name in [] if wanted == ["systems"] else wanted or published.ROBOTS:
         if not published.ROBOTS[name].installed:
             print(f"{name}: {published.ROBOTS[name].package} is not installed; its row stays as it is")
             continue
-        made = published_row(name)
-        print(made, flush=True)
-        text = PAGE.read_text()
-        write(text.partition(PUBLISHED.splitlines()[0])[0], {**published_rows(text), name: made})
+        rows[name] = published_row(name)
+        print(*rows[name].values(), sep=" | ", flush=True)
+        made["published"] = [rows[each] for each in published.ROBOTS if each in rows]
+        tables.write("zoo", made)
 
 
 if __name__ == "__main__":

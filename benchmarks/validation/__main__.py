@@ -1,11 +1,10 @@
-"""Compare everything, print it, and write the tables and pictures of docs/validation.md again.
+"""Compare everything, print it, and write ``docs/data/validation.json`` and the pictures of its page.
 
 Run ``python -m benchmarks.validation``; ``--check`` writes nothing. Exit status 1 if a row leaves its tolerance.
 """
 
 from __future__ import annotations
 
-import re
 import sys
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from rich.table import Table
 
 from benchmarks.validation import PROBLEMS, pictures
 from benchmarks.validation.row import Row
+from tools import tables
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -54,17 +54,10 @@ def cells(row: Row) -> tuple[str, str, str, str, str, str]:
 HEADER = ("source", "quantity", "published", "rnc_pin", "difference", "tolerance")
 
 
-def markdown(rows: list[Row]) -> str:
-    """A table of rows."""
-    lines = ["| " + " | ".join(HEADER) + " |", "|---|---|--:|--:|--:|--:|"]
-    return "\n".join(lines + ["| " + " | ".join(cells(row)) + " |" for row in rows])
-
-
 def main(write: bool) -> int:
     """All problems in turn; how many rows leave their tolerance."""
     console, failures = Console(), 0
-    path = DOCS / "validation.md"
-    page = path.read_text()
+    written: dict[str, list[tables.Row]] = {}
     for name, rows_of in PROBLEMS.items():
         rows: list[Row] = rows_of()
         table = Table(title=name, title_justify="left")
@@ -74,19 +67,11 @@ def main(write: bool) -> int:
             table.add_row(*cells(row), style=None if row.holds else "bold red")
             failures += not row.holds
         console.print(table)
-        page = between(page, name, markdown(rows))
+        written[name] = [dict(zip(HEADER, cells(row), strict=True)) for row in rows]
     if write:
-        path.write_text(page)
+        tables.write("validation", written)
         pictures.make(DOCS / "images")
     return failures
-
-
-def between(page: str, name: str, content: str) -> str:
-    """The page with what stands between the marks of a table replaced."""
-    pattern = re.compile(rf"(<!-- table: {name} -->\n).*?(<!-- end -->)", flags=re.DOTALL)
-    if not pattern.search(page):
-        raise SystemExit(f"docs/validation.md has no marks for the table '{name}'")
-    return pattern.sub(lambda match: match[1] + content + "\n" + match[2], page)
 
 
 if __name__ == "__main__":

@@ -6,27 +6,24 @@ import re
 import rnc_pin as rnc
 from places import ROOT, docs_script
 
-make_errors = docs_script("make_errors")
+generated = docs_script("generated")
+error_messages = generated.error_messages
 TEXT = (ROOT / "docs" / "errors.md").read_text(encoding="utf-8")
 SECTIONS = dict(re.findall(r"^## ([^\n]+)\n(.*?)(?=^## |\Z)", TEXT, flags=re.DOTALL | re.MULTILINE))
 PUBLIC = [name for name in rnc.__all__ if isinstance(kind := getattr(rnc, name), type) and issubclass(kind, Exception)]
 
 
-def test_messages_are_current():
-    assert make_errors.page(TEXT) == TEXT, "run python docs/make_errors.py"
-
-
 def test_each_message_has_a_family_and_each_path_of_a_family_has_messages():
-    prefixes = make_errors.prefixes_of(TEXT)
+    prefixes = error_messages.prefixes()
     assert len(prefixes) == len(set(prefixes))
-    families = [make_errors.family_of(each, prefixes) for each in make_errors.messages()]
+    families = [error_messages.family_of(each, prefixes) for each in error_messages.messages()]
     assert None not in families
     assert set(families) == set(prefixes)
 
 
 def test_each_family_has_causes_and_what_to_do():
     for title, section in SECTIONS.items():
-        if "<!-- messages" in section:
+        if "<!-- generated: messages" in section:
             meaning, _, rest = section.strip().partition("\n")
             assert re.search("[a-z]", meaning), title
             rows = re.findall(r"^\| [^-|].* \| .+ \|$", rest, flags=re.MULTILINE)
@@ -43,7 +40,7 @@ RAISED = re.compile(r"\braise (\w+)\(\s*f?([\"'])(.*?)(?=\2|\{)", flags=re.DOTAL
 
 def test_no_raised_message_is_missing():
     """Beside the syntax trees that the page is made of: the text behind each ``raise SomeError(``."""
-    shown = " ".join(re.sub("[`…]", " ", TEXT).split())
+    shown = " ".join(re.sub("[`…]", " ", generated.filled(TEXT)).split())
     modules = [path.read_text(encoding="utf-8") for path in (ROOT / "rnc_pin").rglob("*.py")]
     raised = [each for text in modules for each in RAISED.findall(text) if re.search("[a-z]{4}", each[2])]
     found = [text for name, _, text in raised if issubclass(getattr(rnc, name, int), rnc.RncError)]
@@ -75,10 +72,10 @@ def test_messages_are_read_from_every_form_that_makes_them(tmp_path, monkeypatch
             raise OddError(str(error)) from None
         ''')
     )
-    monkeypatch.setattr(make_errors, "PACKAGE", tmp_path)
-    make_errors.error_classes.cache_clear()
+    monkeypatch.setattr(error_messages, "PACKAGE", tmp_path)
+    error_messages.error_classes.cache_clear()
     try:
-        texts = [each.text for each in make_errors.messages()]
+        texts = [each.text for each in error_messages.messages()]
     finally:
-        make_errors.error_classes.cache_clear()
+        error_messages.error_classes.cache_clear()
     assert texts == ["first part of …", "a text in two parts", "no joint '…'; did you mean '…'?"]

@@ -1,21 +1,14 @@
-"""Published robots by ``init``, ``inspect`` and ``run``, and the second table of docs/zoo.md, which tells of them."""
+"""Published robots by ``init``, ``inspect`` and ``run``, and their table in docs/data/zoo.json."""
 
 import importlib.util
 
 import pytest
 
 import published
-from places import ROOT
 from rnc_pin.robots.robot_files import example_urdfs
+from tools import tables
 
-PAGE = (ROOT / "docs" / "zoo.md").read_text().partition("## Published robots")[2].partition("\n## ")[0]
-TABLE = {
-    cells[0]: cells[1:]
-    for cells in (
-        [each.strip() for each in line.strip("|").split("|")] for line in PAGE.splitlines() if line[:2] == "| "
-    )
-    if cells[0] not in ("robot", "---")
-}
+TABLE = {row["robot"]: row for row in tables.read("zoo")["published"]}
 
 
 def installed(name):
@@ -35,16 +28,18 @@ def test_a_published_robot_goes_through_or_its_remedy_works(name, tmp_path):
         (tmp_path / "after").mkdir()
         found = published.measured(name, tmp_path / "after", remedied=True)
     assert found.ran, found.refusal
-    assert found.kind.removeprefix("base ") == TABLE[name][1], "docs/zoo.md is old: python docs/make_zoo.py"
-    assert str(found.r) == TABLE[name][4]
+    assert found.kind.removeprefix("base ") == TABLE[name]["base: kind drafted"], (
+        "the table is old: python docs/make_zoo.py"
+    )
+    assert str(found.r) == TABLE[name]["r"]
 
 
-def test_the_page_lists_every_published_robot_and_nothing_else():
+def test_the_table_lists_every_published_robot_and_nothing_else():
     assert list(TABLE) == list(published.ROBOTS)
 
 
 def test_nine_of_ten_published_robots_go_through_as_they_are():
-    through = [name for name, cells in TABLE.items() if cells[5] == "yes"]
+    through = [name for name, row in TABLE.items() if row["ran"] == "yes"]
     assert len(TABLE) >= 40
     assert len(through) >= 0.9 * len(TABLE)
 

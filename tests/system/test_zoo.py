@@ -1,4 +1,4 @@
-"""The zoo: every robot of example-robot-data, and docs/zoo.md, which tells of it."""
+"""The zoo: every robot of example-robot-data, and docs/data/zoo.json, which has its table."""
 
 import re
 
@@ -9,10 +9,10 @@ import pytest
 import rnc_pin as rnc
 import zoo
 from bodies import add_body
-from places import ROOT
 from rnc_pin.analysis import integrability
 from rnc_pin.robots.robot_files import example_urdfs
 from tolerances import CONSTRAINT, KKT, LEMMA_1
+from tools import tables
 
 # Each robot on its wheels, or under one constraint; -m long has it under the other one, too.
 SHORT = {(name, ("momentum", "knife edge")[k % 2]) for k, name in enumerate(sorted(example_urdfs()))}
@@ -21,14 +21,9 @@ PASSING = [
     for entry in zoo.entries()
     if entry not in zoo.EXCUSED
 ]
-PAGE = (ROOT / "docs" / "zoo.md").read_text().partition("## Published robots")[0]
-ROBOTS = "".join(PAGE.partition("| robot |")[1:])  # after the tables that explain
-TABLE = {
-    (cells[0], cells[1]): cells[2:]
-    for cells in (
-        [each.strip() for each in line.strip("|").split("|")] for line in ROBOTS.splitlines() if line[:2] == "| "
-    )
-}
+TABLES = tables.read("zoo")
+SYSTEMS = {(row["robot"], row["constraint"]): row for row in TABLES["systems"]}
+EXCUSED = {(row["robot"], row["constraint"]): row["reason"] for row in TABLES["excused"]}
 
 
 def label(entry):
@@ -42,10 +37,11 @@ def test_robot_of_the_zoo(entry):
     assert found.lemma_1 < LEMMA_1
     assert found.smallest_eigenvalue > 0
     assert found.kkt < KKT
-    base, dof, kept, r, *figures = TABLE[entry][:7]
-    assert (base, dof, kept, r) == (found.base, str(found.n), f"{found.kept} of {found.rows}", str(found.r))
-    for figure, tolerance in zip(figures, (CONSTRAINT, LEMMA_1, KKT), strict=True):
-        assert float(figure) < tolerance
+    row = SYSTEMS[entry]
+    assert (row["base"], row["dof"], row["r"]) == (found.base, str(found.n), str(found.r))
+    assert row["rows kept"] == f"{found.kept} of {found.rows}"
+    for figure, tolerance in (("A R", CONSTRAINT), ("Lemma 1", LEMMA_1), ("KKT", KKT)):
+        assert float(row[figure]) < tolerance
 
 
 @pytest.mark.parametrize("entry", zoo.EXCUSED, ids=label)
@@ -54,12 +50,11 @@ def test_an_excuse_is_true(entry):
     complaint, reason = zoo.EXCUSED[entry]
     with pytest.raises(rnc.RncError, match=re.escape(complaint)):
         zoo.KINDS[kind](name)
-    assert TABLE[entry] == [reason]
+    assert EXCUSED[entry] == reason
 
 
-def test_the_page_lists_every_robot_and_nothing_else():
-    expected = {*zoo.entries(), *((name, "all") for name in zoo.WITHOUT_URDF)}
-    assert set(TABLE) - {("robot", "constraint"), ("---", "---")} == expected
+def test_the_tables_list_every_robot_and_nothing_else():
+    assert SYSTEMS.keys() | EXCUSED.keys() == {*zoo.entries(), *((name, "all") for name in zoo.WITHOUT_URDF)}
 
 
 def test_no_robot_is_left_out():

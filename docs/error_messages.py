@@ -1,8 +1,8 @@
-"""Write the messages of all errors into ``docs/errors.md``, below the families that the page describes.
+"""Messages of all errors, for the families that ``docs/errors.md`` describes.
 
-Run it by ``python docs/make_errors.py``. A comment in the page names the modules of a family. Each message is read from
-the place that makes the error, with ``…`` for values. A module belongs to the longest path that begins its own.
-``model:InputError`` stands for the messages of one class only.
+A mark of the page names the modules of a family. Each message is read from the place that makes the error, with ``…``
+for values. A module belongs to the longest path that begins its own. ``model:InputError`` stands for the messages of
+one class only.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from typing import NamedTuple
 PAGE = Path(__file__).parent / "errors.md"
 PACKAGE = Path(__file__).parent.parent / "rnc_pin"
 _LONGEST = 130  # letters of a message that the page shows
-_START = re.compile(r"<!-- messages: (?P<paths>[\w/.: ]+) -->\n")
-_END = "<!-- end of messages -->\n"
+_MARK = re.compile(r"<!-- generated: messages (?P<paths>[\w/.: ]+) -->\n")
 _GAP = "…"
 _FORWARDED = {"ValueError", "wrong"}  # which scenario files turn into ConfigurationError
 
@@ -152,29 +151,27 @@ def family_of(message: Message, prefixes: list[str]) -> str | None:
     return max(fitting)[2] if fitting else None
 
 
-def prefixes_of(text: str) -> list[str]:
+@cache
+def prefixes() -> list[str]:
     """Paths of all families of the page."""
-    return [path for marker in _START.finditer(text) for path in marker["paths"].split()]
+    return [path for mark in _MARK.finditer(PAGE.read_text(encoding="utf-8")) for path in mark["paths"].split()]
 
 
-def page(text: str) -> str:
-    """The page with its messages made anew."""
-    prefixes, found = prefixes_of(text), messages()
+@cache
+def _by_family() -> dict[str | None, list[Message]]:
+    found: dict[str | None, list[Message]] = {}
+    for each in messages():
+        found.setdefault(family_of(each, prefixes()), []).append(each)
+    return found
 
-    def written(marker: re.Match[str]) -> str:
-        mine = set(marker["paths"].split())
-        lines = {f"* {_quoted(each.text)} ({each.kind})\n" for each in found if family_of(each, prefixes) in mine}
-        return marker[0] + "\n" + "".join(sorted(lines, key=lambda line: (line.strip("*`… '").lower(), line))) + "\n"
 
-    parts = re.split(re.escape(_END), text)
-    return _END.join(part if not (at := _START.search(part)) else part[: at.start()] + written(at) for part in parts)
+def family(*paths: str) -> str:
+    """List of the messages of a family, in alphabetical order."""
+    lines = {f"* {_quoted(each.text)} ({each.kind})\n" for path in paths for each in _by_family().get(path, [])}
+    return "".join(sorted(lines, key=lambda line: (line.strip("*`… '").lower(), line)))
 
 
 def _quoted(text: str) -> str:
     """Text as code of Markdown."""
     fence = "``" if "`" in text else "`"
     return f"{fence}{' ' * (len(fence) > 1)}{text}{' ' * (len(fence) > 1)}{fence}"
-
-
-if __name__ == "__main__":
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

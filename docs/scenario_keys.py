@@ -1,21 +1,15 @@
-"""Write the tables of scenario keys in ``docs/scenarios.md`` from the JSON Schema.
-
-Run it by ``python docs/make_scenario_keys.py``.
-"""
+"""Tables of the keys of scenario files, from the JSON Schema."""
 
 from __future__ import annotations
 
 import json
 import re
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from rnc_pin.applications.scenario.schema.scenario import schema
 
-PAGE = Path(__file__).parent / "scenarios.md"
 _LONGEST = 30  # letters of a default that the table shows
-START, END = "<!-- keys -->\n", "<!-- end of keys -->\n"
 
 
 def kind(entry: dict[str, Any], parts: dict[str, Any]) -> str:
@@ -62,13 +56,3 @@ def keys() -> str:
             lines.append(f"\n### {name.strip('_')}\n\n{part.get('description', '').replace('``', '`')}\n\n")
             lines.extend(table(part, parts))
     return re.sub(r"\n{3,}", "\n\n", "".join(lines))
-
-
-def page(text: str) -> str:
-    """The page with its tables made anew."""
-    before, _, rest = text.partition(START)
-    return before + START + keys() + "\n" + END + rest.partition(END)[2]
-
-
-if __name__ == "__main__":
-    PAGE.write_text(page(PAGE.read_text()))
