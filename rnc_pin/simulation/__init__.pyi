@@ -8,7 +8,6 @@ from rnc_pin.verdict import Verdict as Verdict
 
 from .export import export_run as export_run
 from .free_motion import free_motion as free_motion
-from .integration_accuracy import IntegrationAccuracy as IntegrationAccuracy
 from .judgement import PENETRATION as PENETRATION
 from .judgement import SHORTFALL as SHORTFALL
 from .judgement import distance_findings as distance_findings
@@ -48,6 +47,7 @@ from .run_figure import run_name as run_name
 from .run_info import BrakingUse as BrakingUse
 from .run_info import Columns as Columns
 from .run_info import FallbackUse as FallbackUse
+from .run_info import IntegrationAccuracy as IntegrationAccuracy
 from .run_info import MissedUpdates as MissedUpdates
 from .run_info import Outcome as Outcome
 from .run_info import OutputNames as OutputNames

@@ -21,7 +21,6 @@ from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import FaultyPlant, ReducedPlant, ReducedPlantBatch
 from rnc_pin.plants.faults import Reading, needs_own_steps
-from rnc_pin.simulation.error_propagation import ErrorMark, marked
 from rnc_pin.simulation.faulty_runs import FaultyRuns, SeparatePlants, with_rows
 from rnc_pin.simulation.many_controllers import ManyControllers
 from rnc_pin.simulation.sampled_run import SampledRun
@@ -65,8 +64,6 @@ class LockStep:
         states = [run.loop.state.controller for run in runs]
         self._controllers = ManyControllers([run.controller for run in runs], states)
         self._deficit: Array | None = None
-        self._marks: list[tuple[Array, ErrorMark]] = []
-        self._steps = np.ones((len(runs), samples), dtype=np.int32)
         self.places = np.arange(len(runs))
         self.leavers: list[Leaver] = []
 
@@ -97,8 +94,7 @@ class LockStep:
             if self._faults is None or not self._faults.apart[place]:
                 loop.state = loop.state._replace(controller=self._controllers.state(place))
             record.written(self.samples_done)
-            self._keep_marks(run, self.samples_done)
-            self._runs[run].errors.at_the_end = self._plants.errors_of(place)
+            self._runs[run].errors = self._plants.errors_of(place)
 
     # ------------------------------------------------------------------ a sample
 
@@ -142,13 +138,6 @@ class LockStep:
                 outputs = self._before_measurements(states, outputs)
             self._faults.keep_sample(sample, measurement, integrals, command, requested)
         self._deficit = None if np.array_equal(requested, applied) else requested - applied
-        history = self._runs[self.places[0]].errors
-        if history.propagates and isinstance(plants, ReducedPlantBatch):
-            self._steps[self.places, sample] = plants.steps
-            if marked(sample):
-                due = history.sees(sample)
-                memory = [self._controllers.state(place) if due else None for place in range(plants.size)]
-                self._marks.append((self.places, ErrorMark(sample, plants.charts, memory, integrals)))
         self._controllers.states = answer.states
         self._record(sample, states, (*outputs, applied, integrals), command)
         if apart.any():
@@ -294,13 +283,6 @@ class LockStep:
                 optional = command.estimates, command.prediction_error
                 record.add_optional(*(None if each is None else each[place] for each in optional))
 
-    def _keep_marks(self, run: int, samples: int) -> None:
-        """Give a run the history of its errors in a number of samples."""
-        history = self._runs[run].errors
-        history.steps = self._steps[run, :samples].tolist() if history.propagates else []
-        for places, mark in self._marks:
-            history.keep(mark.of_run(int(np.searchsorted(places, run))))
-
     # ------------------------------------------------------------------ runs that leave
 
     def _leave(self, leaving: Array, samples: int, sampled: bool = False) -> bool:
@@ -310,7 +292,6 @@ class LockStep:
             run = self._runs[number]
             run.continue_from(samples, self._plants.checkpoint(place), self._loop_state(place))
             run.record.written(samples)
-            self._keep_marks(number, samples)
             self.leavers.append(Leaver(number, sampled))
         staying = ~leaving
         self._plants.keep(staying)

@@ -14,10 +14,18 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.simulation.derived_quantities import columns_by_name
-from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.record import columns_of
-from rnc_pin.simulation.run_info import BrakingUse, FallbackUse, MissedUpdates, Outcome, OutputNames, PhaseInfo, RunInfo
+from rnc_pin.simulation.run_info import (
+    BrakingUse,
+    FallbackUse,
+    IntegrationAccuracy,
+    MissedUpdates,
+    Outcome,
+    OutputNames,
+    PhaseInfo,
+    RunInfo,
+)
 from rnc_pin.simulation.trajectory import Trajectory
 
 _EQUAL = ("time", "q", "v", "energy", "constraint_residual", "position_residual", "singular_value")

@@ -19,13 +19,13 @@ from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.simulation.derived_quantities import MATRICES, DerivedQuantities, RowNames, blocks
 from rnc_pin.simulation.ground_bodies import GroundBody, ground_bodies
-from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.run_info import (
     FORCE_UNITS,
     BrakingUse,
     Columns,
     FallbackUse,
+    IntegrationAccuracy,
     MissedUpdates,
     Outcome,
     OutputNames,
@@ -78,7 +78,7 @@ class Record:
         self.braking: BrakingUse | None = None
         """Braking motions of a program in inputs."""
         self.integration: IntegrationAccuracy | None = None
-        """Estimated error of the integration."""
+        """Estimated errors of the integration."""
         self.start = 0.0
         """Time of the first sample [s], at which the time of rheonomic constraints is zero."""
         self.own_force_units: dict[str, dict[str, str]] = {}

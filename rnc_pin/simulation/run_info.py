@@ -5,7 +5,7 @@ The keys of the JSON form are fixed, because other programs read the files too. 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from enum import StrEnum
 from functools import cache
@@ -15,7 +15,6 @@ from rnc_pin.errors import ConfigurationError, printable
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.printing import printed
-from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy
 from rnc_pin.verdict import Verdict
 
 _Record = TypeVar("_Record")
@@ -287,6 +286,55 @@ class BrakingUse:
 
 @printed()
 @dataclass(frozen=True)
+class IntegrationAccuracy:
+    """Estimated errors of the integration in the samples of a run.
+
+    The error of a sample is that of its worst entry of configuration and velocity [m, rad, m/s or rad/s]. What becomes
+    of it later is not estimated: an unstable motion lets it grow, and a tracker lets it fade.
+
+    Attributes:
+        tolerance: largest error per second that the plant allows.
+        rate: largest error of a sample per second.
+        total: sum of the errors of all samples.
+        substeps: largest number of integration steps in a sample.
+        enough: number that the tolerance asks for.
+    """
+
+    tolerance: float
+    rate: float
+    total: float
+    substeps: int
+    enough: int
+
+    @classmethod
+    def together(cls, parts: Sequence[IntegrationAccuracy | None]) -> IntegrationAccuracy | None:
+        """Return the accuracy of a run of several parts; None if one part has none."""
+        found = [each for each in parts if each is not None]
+        if not found or len(found) < len(parts):
+            return None
+        return cls(
+            max(each.tolerance for each in found),
+            max(each.rate for each in found),
+            sum(each.total for each in found),
+            max(each.substeps for each in found),
+            max(each.enough for each in found),
+        )
+
+    @property
+    def is_kept(self) -> bool:
+        """True if no sample exceeds the tolerance."""
+        return self.rate <= self.tolerance
+
+    @property
+    def remedy(self) -> str:
+        """Number of substeps that keeps the tolerance, in words."""
+        if self.enough == self.substeps:
+            return f"{self.substeps} substeps do not suffice: reduce the sampling period"
+        return f"substeps {self.substeps} is too small: remove it, or set {self.enough}"
+
+
+@printed()
+@dataclass(frozen=True)
 class RunInfo:
     """Metadata and outcome of a run.
 
@@ -302,7 +350,7 @@ class RunInfo:
         fallback: use of fallback commands; None if there was none.
         missed_updates: updates of a predictive controller that were not used; None if there were none.
         braking: braking motions of a program in inputs; None if it always went on and they were verified.
-        integration: estimated error of the integration; None if the plant does not estimate it.
+        integration: estimated errors of the integration; None if the plant does not estimate it.
         verdict: findings about the run, if it was judged.
     """
 

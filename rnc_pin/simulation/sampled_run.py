@@ -19,12 +19,18 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ContactEvent, FaultyPlant, Plant, ReducedPlant
 from rnc_pin.plants.plant import takes_velocities
 from rnc_pin.plants.reduced import Checkpoint, IntegrationErrors, integrated_outputs
-from rnc_pin.simulation.error_propagation import ErrorHistory, RunSamples
-from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy, blamed
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.phase_events import lift_off_monitor
 from rnc_pin.simulation.record import Record
-from rnc_pin.simulation.run_info import BrakingUse, FallbackUse, MissedUpdates, Outcome, PhaseInfo, provenance_of
+from rnc_pin.simulation.run_info import (
+    BrakingUse,
+    FallbackUse,
+    IntegrationAccuracy,
+    MissedUpdates,
+    Outcome,
+    PhaseInfo,
+    provenance_of,
+)
 from rnc_pin.simulation.simulation_options import RunArguments, Sample, SimulationOptions
 from rnc_pin.simulation.stop import MODEL, Progress, StopMonitor
 from rnc_pin.simulation.trajectory import Trajectory
@@ -32,6 +38,7 @@ from rnc_pin.simulation.trajectory import Trajectory
 _EMPTY = np.zeros(0)
 _ROUNDING = 1e-6  # of a time, in sampling periods
 _ASSEMBLED = 1e-4  # largest residual of holonomic rows that counts as rounding of an initial configuration
+_AT_FAULT = 0.01  # sum of the estimated errors, relative to the velocities, from which the integrator diverges
 _METHODS = ("reset", "read", "apply", "advance")
 
 
@@ -181,7 +188,7 @@ class SampledRun:
         record: recorder of the run.
         stop: monitor of the stop conditions.
         samples: number of samples so far.
-        errors: history of the errors of the integration.
+        errors: errors of the integration, if another plant than that of the run has them.
 
     Raises:
         RncError: as ``simulate``.
@@ -210,7 +217,7 @@ class SampledRun:
         self.record = Record(reduced, capacity or samples, integrated_outputs(reduced), adapter.friction_names)
         self.record.own_force_units = adapter.own_force_units
         self.record.start = start
-        self.errors = ErrorHistory(adapter.plant, reduced, controller, dt, samples)
+        self.errors: IntegrationErrors | None = None
 
     @property
     def plant(self) -> Plant:
@@ -234,8 +241,7 @@ class SampledRun:
         try:
             self.stop.check(t, state)
         except DivergenceError as error:
-            raise blamed(error, adapter.plant, state.v) from None
-        before = loop.state.controller
+            raise _blamed(error, adapter.plant, state.v) from None
         try:
             T = adapter.compute_input(loop, self.time)
         except Exception:
@@ -246,7 +252,6 @@ class SampledRun:
         if self._lift_off is not None:
             self._lift_off.check(t, state, T, adapter.external)
         integrals = loop.state.integrals if loop.state.integrals is not None else self._zeros
-        self.errors.mark(self.samples, before, integrals)
         measurement, command = self._add(t, state, T, integrals)
         self.samples += 1
         found = Sample(t, measurement, command, T, loop.state.controller)
@@ -320,15 +325,13 @@ class SampledRun:
         self._add(t, self._adapter.read_state(t), T, integrals)
 
     def integration(self) -> IntegrationAccuracy | None:
-        """Estimate the error of the integration since the start; None if the plant does not estimate it."""
-        errors: IntegrationErrors | None = self.errors.at_the_end or getattr(self.plant, "errors", None)
+        """Estimated errors of the integration since the start; None if the plant does not estimate them."""
+        errors: IntegrationErrors | None = self.errors or getattr(self.plant, "errors", None)
         if errors is None:
             return None
-        t, *arrays = (self.record.arrays[name][: self.record.count] for name in ("time", "q", "v", "T"))
-        largest = self.errors.largest(RunSamples(t - self._start, *arrays), errors)
         tolerance: float = self.plant.tolerance  # type: ignore[attr-defined]
-        units, reason = self._reduced.robot.velocity_units, self.errors.unknown
-        return IntegrationAccuracy.of_errors(errors, tolerance, units, largest, reason)
+        rate, total, most = float(errors.rate), float(errors.total), int(errors.most)
+        return IntegrationAccuracy(tolerance, rate, total, most, max(int(errors.enough), most))
 
     @property
     def failure(self) -> str | None:
@@ -348,6 +351,15 @@ class SampledRun:
         run = self.record.finish(self._dt, self._provenance, outcome, message, deferred)
         missed = missed_goals(self.controller, run.q[-1], run.v2[-1]) if len(run.time) else ()
         return judged_by(run, self._reduced, self._accelerations, missed)
+
+
+def _blamed(error: DivergenceError, plant: Plant, v: np.ndarray) -> DivergenceError:
+    """Return an error of a motion at velocity v (nv,) that says whether the integrator diverges, and not the robot."""
+    errors: IntegrationErrors | None = getattr(plant, "errors", None)
+    if errors is None or errors.enough <= errors.most or errors.total <= _AT_FAULT * np.abs(v).max(initial=0.0):
+        return error
+    what = f"the integrator, not the robot: {error.what}; substeps {errors.most} is too small, set {errors.enough}"
+    return DivergenceError(what, time=error.time)
 
 
 def _missed_updates(state: object) -> MissedUpdates | None:

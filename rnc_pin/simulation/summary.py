@@ -81,7 +81,7 @@ class Summary(Compared):
     position_residual_max: float
     energy_drift: float | None
     integration: NotRequired[dict[str, object]]
-    """Substeps, and the estimated error by unit, as of ``IntegrationAccuracy``."""
+    """Largest number of substeps, and the estimated errors of the samples, as of ``IntegrationAccuracy``."""
     min_singular_value: float | None
     lift_off: dict[str, object] | None
     """Contact with a negative normal force: its first negative value and its lowest [N]."""
@@ -164,13 +164,7 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
         summary["message"] = info.message
     if info.integration is not None:
         found = info.integration
-        summary["integration"] = {
-            "substeps": found.substeps,
-            "largest_of_a_sample": dict(found.local),
-            "accumulated": dict(found.accumulated),
-            "linearized": found.linearized,
-            **({"unknown": found.unknown} if found.unknown else {}),
-        }
+        summary["integration"] = {"substeps": found.substeps, "largest_per_second": found.rate, "sum": found.total}
     if info.phases:
         summary["phases"] = [{"name": each.name, "start": each.start, "end": each.end} for each in info.phases]
         summary["impacts"] = [

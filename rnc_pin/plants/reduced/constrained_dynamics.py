@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
@@ -10,7 +10,6 @@ import pinocchio as pin
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import clipped, null_space
 from rnc_pin.model.compiled import evaluator_for
-from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.model.factorization import constraint_rows
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.integrators import LieRungeKutta4, Rate
@@ -19,10 +18,10 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import ConstantRows, OutputRows
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.reduced.step_control import above_rounding, difference_errors
+from rnc_pin.plants.reduced.step_control import estimated_errors
 
 State = tuple[np.ndarray, np.ndarray]
-"""Configuration and y of the integrator, each with a leading axis for many states."""
+"""Configuration and y of the integrator."""
 MAX_GROWTH = 3.0
 """Growth of ``|R|^2`` at which a chart is replaced: some velocity is then 60 degrees off the basis."""
 
@@ -59,17 +58,6 @@ class VelocityChart:
         """Full velocity at (q, w), and True if this state needs a new chart."""
         v, size = self.evaluator.admissible_velocity(q, w, t)
         return v, not size < self.evaluator.data.r + MAX_GROWTH
-
-
-def in_charts(charts: Sequence[VelocityChart], v: np.ndarray, back: bool = False) -> np.ndarray:
-    """Velocities (N, r) in charts from full ones (N, nv) at their centres, or ``back`` to these."""
-    places: dict[VelocityChart, list[int]] = {}
-    for place, chart in enumerate(charts):
-        places.setdefault(chart, []).append(place)
-    found = np.empty((len(v), charts[0].W.shape[1 if back else 0]))
-    for chart, own in places.items():
-        found[own] = v[own] @ (chart.W if back else chart.W.T)
-    return found
 
 
 def integrated_outputs(reduced: ReducedModel) -> np.ndarray:
@@ -139,7 +127,6 @@ class ConstrainedDynamics:
         self.state_size = self._r + len(self._where) + reduced.rheonomic + 1
         self._no_integrals = np.zeros(self._r)
         self._no_integrals.setflags(write=False)
-        self._manifold = ConfigurationManifold(reduced.robot.model)
         self._integrator = LieRungeKutta4(reduced.robot)
         self.chart: VelocityChart
 
@@ -192,19 +179,11 @@ class ConstrainedDynamics:
         return self.reduced.evaluator.measured(q, v, t), y
 
     def errors(self, coarse: State, fine: State, smooth: bool) -> np.ndarray:
-        """Estimated errors (2 nv,) of a state (q, y) by another one from half the step, as ``difference_errors``."""
+        """Estimated errors (2 nv,) of a state (q, y) by another one from half the step, as ``estimated_errors``."""
         (q, y), (q_fine, y_fine), r = coarse, fine, self._r
         velocity = (y_fine[:r] - y[:r]) @ self.chart.W
         scale = max(np.abs(q_fine).max(initial=0.0), np.abs(y_fine[:r]).max(initial=0.0))
-        errors = difference_errors(pin.difference(self.reduced.robot.model, q, q_fine), velocity, smooth)
-        return above_rounding(errors, scale)
-
-    def errors_in(self, charts: Sequence[VelocityChart], coarse: State, fine: State) -> np.ndarray:
-        """As ``errors``, of states (N,) of smooth motions in given charts; many samples may add what rounds in one."""
-        (q, y), (q_fine, y_fine), r = coarse, fine, self._r
-        position = self._manifold.difference(q, q_fine)
-        velocity = in_charts(charts, y_fine[:, :r] - y[:, :r], back=True)
-        return difference_errors(position, velocity, True)
+        return estimated_errors(pin.difference(self.reduced.robot.model, q, q_fine), velocity, smooth, scale)
 
     def project(self, q: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Configuration near q that satisfies the holonomic rows at the time of y."""
@@ -265,22 +244,3 @@ class ConstrainedDynamics:
             return state_rates(projection(self.at(q, y)), T, self.damping, external)
 
         return rate
-
-
-def joint_rotations(model: pin.Model, q: np.ndarray) -> np.ndarray:
-    """Rotations (N, nv, nv) from the axes of the joints to those before them, at configurations (N, nq).
-
-    The tangent space of planar, spherical and free joints has axes that turn with the joint; others do not turn.
-    """
-    found = np.tile(np.eye(model.nv), (len(q), 1, 1))
-    for joint, at, first in zip(model.joints, model.idx_qs, model.idx_vs, strict=True):
-        name = joint.shortname()
-        if name.endswith(("FreeFlyer", "Spherical")):
-            last = at + joint.nq
-            turns = np.array([pin.Quaternion(each).matrix() for each in q[:, last - 4 : last]])
-            for place in range(first, first + joint.nv, 3):
-                found[:, place : place + 3, place : place + 3] = turns
-        elif name.endswith("Planar"):
-            c, s = q[:, at + 2], q[:, at + 3]
-            found[:, first : first + 2, first : first + 2] = np.array([[c, -s], [s, c]]).transpose(2, 0, 1)
-    return found

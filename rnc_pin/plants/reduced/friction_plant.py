@@ -124,7 +124,7 @@ class FrictionPlant:
                 "supported"
             )
         self._substeps, self.tolerance = Substeps.checked(substeps, tolerance, "FrictionPlant")
-        self.errors = IntegrationErrors.initial(self.reduced.n, Substeps(self._substeps, tolerance))
+        self.errors = IntegrationErrors.initial(Substeps(self._substeps, tolerance))
         self._dynamics = ConstrainedDynamics(self.reduced, joint_damping, actuator_limits)
         self._dry = DryFriction(self.reduced, joint_friction)
         self._rows = FrictionRows(self._contacts, self._dry)
@@ -183,7 +183,7 @@ class FrictionPlant:
         self._size = radius_of_gyration(self._model, self._q)
         self.work, self._time, self._step, self.contact_events = 0.0, 0.0, np.inf, ()
         self.applied, self.external, self._chart = np.zeros(self.reduced.p), None, None
-        self.errors = IntegrationErrors.initial(self.reduced.n, Substeps(self._substeps, self.tolerance))
+        self.errors = IntegrationErrors.initial(Substeps(self._substeps, self.tolerance))
         self._pushing, self._sliding, self._rates, self._slip = {}, frozenset(), np.zeros(0), np.zeros(0)
         gaps = self._gaps(state)
         check_depth(self._contacts, gaps, self._size)
@@ -235,8 +235,8 @@ class FrictionPlant:
             longer = 4.0 if h <= shortest else min(4.0, max(1.0, 0.8 * max(ratio, 1e-9) ** -0.25))
             self._step = max(h, shortest) * longer
         chosen = Substeps(self._substeps, self.tolerance)
-        axes = np.eye(len(errors) // 2)
-        self.errors = self.errors.compared(max(steps, 1), 0.0, (errors, axes), dt, chosen, max(steps, 1))
+        error = float(errors.max(initial=0.0))
+        self.errors = self.errors.compared(max(steps, 1), 0.0, error, dt, chosen, max(steps, 1))
 
     def _allowed(self, h: float) -> float:
         """Allowed error of a step of a time h [s]."""

@@ -16,7 +16,7 @@ from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.numpy_evaluator import Dissipation, NumPyRuns, RunRecords, RunStarts
 from rnc_pin.model.parameter_types import is_count
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.reduced.constrained_dynamics import MAX_GROWTH, VelocityChart, joint_rotations
+from rnc_pin.plants.reduced.constrained_dynamics import MAX_GROWTH, VelocityChart
 from rnc_pin.plants.reduced.friction import INSTANT
 from rnc_pin.plants.reduced.reduced_plant import Checkpoint, ReducedPlant
 from rnc_pin.plants.reduced.step_control import MOST_EVENT_SUBSTEPS, MOST_SUBSTEPS, IntegrationErrors, Substeps
@@ -72,7 +72,7 @@ class ReducedPlantBatch:
         self.applied = np.zeros((self.size, self.reduced.p))
         self._friction = np.full(self.size, plant.actuator_friction)
         self._substeps = Substeps(plant.substeps, plant.tolerance)
-        start = IntegrationErrors.initial(self.reduced.n, self._substeps)
+        start = IntegrationErrors.initial(self._substeps)
         self._errors = start.of_runs(self.size)
         self._charts: list[VelocityChart | None] = [None] * self.size
         self._v, self._kinematics = (np.empty((self.size, 0)) for _ in range(2))
@@ -116,7 +116,7 @@ class ReducedPlantBatch:
         v = _rows(numbers_of(v, "v"), len(which), self.reduced.n, "v")
         _ = self.reduced.at(q, v=v, t=0.0)  # refuses what is not finite or not of unit length
         charts: dict[bytes, VelocityChart] = {}  # runs with the same start share a chart
-        start = IntegrationErrors.initial(self.reduced.n, self._substeps)
+        start = IntegrationErrors.initial(self._substeps)
         for run, q_0, v_0 in zip(which.tolist(), q, v, strict=True):
             dynamics = self._single._dynamics
             y = dynamics.initial(q_0, v_0, charts.get(q_0.tobytes()))
@@ -178,11 +178,11 @@ class ReducedPlantBatch:
                 run = int(which[k])
                 dynamics.chart = self._chart(run)
                 found = dynamics.errors((q[k], y[k]), finer, bool(fine[3][place] < np.inf))
-                enough = bool(np.abs(found).max() <= limit)
+                error = float(np.abs(found).max(initial=0.0))
+                enough = error <= limit
                 if enough or (self._substeps.number is None and steps >= most):
-                    own, axes = errors.of_run(run), joint_rotations(self.reduced.robot.model, self._q[run][None])[0]
-                    compared = own.compared(steps, float(roughness[k]), (found, axes), dt, self._substeps, steps)
-                    errors.write(run, compared)
+                    own = errors.of_run(run)
+                    errors.write(run, own.compared(steps, float(roughness[k]), error, dt, self._substeps, steps))
                 elif self._substeps.number is None:
                     more[place] = True
                     (q[k], y[k]), roughness[k] = finer, fine[3][place]

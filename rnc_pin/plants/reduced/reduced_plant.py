@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from math import isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy
-from numpy import ndarray as Array
 
 from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.model.input_validation import own_vector
 from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, VelocityChart, in_charts, joint_rotations
+from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, VelocityChart
 from rnc_pin.plants.reduced.friction import DissipativeStep, DryFriction
 from rnc_pin.plants.reduced.step_control import MOST_EVENT_SUBSTEPS, MOST_SUBSTEPS, IntegrationErrors, Substeps
 from rnc_pin.printing import ReprMixin
 
-_COARSER = 64  # substeps of a sample over those by which its error is estimated again
 _PRECISION = 1e-12  # of the time of an event, relative to the end of its bracket
 
 
@@ -99,7 +97,7 @@ class ReducedPlant(ReprMixin):
         self._dynamics = ConstrainedDynamics(reduced, joint_damping, actuator_limits)
         self._dissipative = DissipativeStep(self._dynamics, DryFriction(reduced, joint_friction))
         self._actuator_friction = 0.0
-        self.errors = IntegrationErrors.initial(reduced.n, self._substeps)
+        self.errors = IntegrationErrors.initial(self._substeps)
         self.applied = np.zeros(reduced.p)
         self._q: np.ndarray
         self._y: np.ndarray
@@ -137,7 +135,7 @@ class ReducedPlant(ReprMixin):
             raise InputError(f"reset of one plant: q has shape {np.shape(q)} and v {np.shape(v)}, expected one state")
         self._q, self._y = start.q, self._dynamics.initial(start.q, start.v, t=t)
         self.applied, self._state = np.zeros(self.reduced.p), None
-        self.errors = IntegrationErrors.initial(self.reduced.n, self._substeps)
+        self.errors = IntegrationErrors.initial(self._substeps)
 
     @property
     def state(self) -> StateEvaluation:
@@ -300,78 +298,31 @@ class ReducedPlant(ReprMixin):
         errors, substeps, steps = self.errors, self._substeps, self.errors.steps
         limit, first, enough = substeps.tolerance * dt, step, steps
         finer = self._step(dt, 2 * steps)
-        found = first_found = self._difference(step, finer)
-        if substeps.number is None or not np.abs(found).max() <= max(limit, errors.rate * dt):
+        error = first_error = self._difference(step, finer)
+        if substeps.number is None or not error <= max(limit, errors.rate * dt):
             most = MOST_EVENT_SUBSTEPS if self.dissipates else MOST_SUBSTEPS
-            while not np.abs(found).max() <= limit and enough < most:
+            while not error <= limit and enough < most:
                 enough, step, finer = 2 * enough, finer, self._step(dt, 4 * enough)
-                found = self._difference(step, finer)
-        axes = joint_rotations(self.reduced.robot.model, self._q[None])[0]
+                error = self._difference(step, finer)
         if substeps.number is not None:
             if first.failure is not None and step.failure is None:
                 raise DivergenceError(
                     f"the integrator, not the robot: {first.failure.what}; substeps {steps} is too small, "
                     f"set {max(enough, errors.enough) if errors.enough == 1 else errors.enough}"
                 )
-            self.errors = errors.compared(steps, first.roughness, (first_found, axes), dt, substeps, enough)
+            self.errors = errors.compared(steps, first.roughness, first_error, dt, substeps, enough)
             return first
         if step.failure is None:
-            self.errors = errors.compared(enough, step.roughness, (found, axes), dt, substeps, enough)
+            self.errors = errors.compared(enough, step.roughness, error, dt, substeps, enough)
         return step
 
-    def _difference(self, step: _Step, finer: _Step) -> np.ndarray:
-        """Estimated errors (2 nv,) of a state by one from half the step; infinite if one of them is not finite."""
+    def _difference(self, step: _Step, finer: _Step) -> float:
+        """Estimated error of a state by one from half the step; infinite if one of them is not finite."""
         for each in (step, finer):
             if each.failure is not None or not (np.isfinite(each.q).all() and np.isfinite(each.y).all()):
-                return np.full(2 * self.reduced.n, np.inf)
-        return self._dynamics.errors(step[:2], finer[:2], finer.roughness < np.inf)
-
-    def local_errors(
-        self, motion: tuple[Array, Array, Array, Array], steps: Array, charts: Sequence[VelocityChart], dt: float
-    ) -> Array:
-        """Estimated errors (N, 2 nv) that the integration added in samples of a motion; not finite if it diverges.
-
-        A sample is integrated again, once with a fraction of its substeps and once with twice as many. The error falls
-        with the fourth power of the number of substeps. Entries are along the axes of the tangent space at the end,
-        and those of holonomic rows, which ``advance`` removes, are still in.
-
-        Args:
-            motion: times (N,), configurations (N, nq), velocities (N, nv) and inputs (N, p) of the samples.
-            steps: substeps (N,) of each sample.
-            charts: chart of each sample.
-            dt: duration of a sample [s].
-        """
-        t, q, v, T = motion
-        dynamics, before = self._dynamics, self.checkpoint()
-        y = np.zeros((len(q), dynamics.state_size))
-        y[:, : self.reduced.r] = in_charts(charts, v)
-        if self.reduced.rheonomic:
-            y[:, -2] = t
-        coarse, found = np.maximum(1, steps // _COARSER), np.empty((len(q), 2 * self.reduced.n))
-        for number in np.unique(coarse).tolist():
-            which = np.flatnonzero(coarse == number)
-            own = [charts[each] for each in which.tolist()]
-            (q_1, y_1), (q_2, y_2) = (
-                self._ends((q[which], y[which], T[which]), own, dt, count) for count in (number, 2 * number)
-            )
-            found[which] = dynamics.errors_in(own, (q_1, y_1), (q_2, y_2))
-        self.rollback(before)
-        return np.asarray(found * ((coarse / steps) ** 4)[:, None])
-
-    def _ends(
-        self, starts: tuple[Array, Array, Array], charts: Sequence[VelocityChart], dt: float, steps: int
-    ) -> tuple[Array, Array]:
-        """States (b, nq) and (b, s) after samples of equal steps from (q, y) with inputs T; NaN if they diverge."""
-        q, y, status = *starts[:2], np.zeros(len(starts[0]))
-        if not self.dissipates:
-            calls = tuple(each.evaluator.chart for each in charts)
-            q, y, status, _ = self.reduced.evaluator.runs.integrate(calls, *starts, dt / steps, steps, None)
-        for k in np.flatnonzero(status != 1.0).tolist():
-            self._q, self._y, self.applied = (each[k] for each in starts)
-            self._dynamics.chart = charts[k]
-            step = self._step(dt, steps)
-            q[k], y[k] = (np.nan, np.nan) if step.failure is not None else (step.q, step.y)
-        return q, y
+                return np.inf
+        errors = self._dynamics.errors(step[:2], finer[:2], finer.roughness < np.inf)
+        return float(np.abs(errors).max(initial=0.0))
 
 
 class EventStep:
