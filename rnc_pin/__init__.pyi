@@ -23,7 +23,6 @@ from .analysis import equilibrium as equilibrium
 from .analysis import linearize as linearize
 from .analysis import lqr as lqr
 from .analysis import state_derivatives as state_derivatives
-from .applications.scenario.from_objects import RunObjects as RunObjects
 from .applications.scenario.scenario import Scenario as Scenario
 from .applications.sweep import Draws as Draws
 from .applications.sweep import SweepResults as SweepResults

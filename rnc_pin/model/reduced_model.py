@@ -22,7 +22,7 @@ from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.passive_forces import PassiveForces
-from rnc_pin.model.reduction_data import ReductionData, SystemParts
+from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, items
@@ -68,11 +68,6 @@ class ReducedModel(SummaryMixin):
     def reduction_data(self) -> ReductionData:
         """Rows, outputs, actuators and workspace, to construct other models from."""
         return self._data
-
-    @property
-    def given(self) -> SystemParts:
-        """Constraints, actuators, forces and outputs as their user gave them, before they were bound to the robot."""
-        return self._data.given
 
     @property
     def evaluator(self) -> NumPyEvaluator:

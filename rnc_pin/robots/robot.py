@@ -13,13 +13,11 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, argument
-from rnc_pin.io.json import Json
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.derived_models import AttachedModel, LazyGeometry, LinkMass, LockedModel, with_link_masses
 from rnc_pin.robots.joint_values import JointValue, NamedModel, base_of
 from rnc_pin.robots.model_checks import Massless, UselessInertia, check_model, check_model_size, massless, remedy
-from rnc_pin.robots.robot_files import source_entry
 from rnc_pin.robots.sources.description import Closure, Description, Mimic, check_acceleration
 from rnc_pin.robots.sources.urdf import read_urdf
 from rnc_pin.robots.sources.urdf_links import STAND_IN
@@ -79,7 +77,6 @@ class Robot(NamedModel, SummaryMixin):
         self.packages: Mapping[str, Path] = {}
         self.far_packages: Mapping[str, Path] = {}
         self.folders: tuple[Path, ...] = ()
-        self.source: dict[str, Json] | None = None
         check_model(model)
 
     # ------------------------------------------------------------------ construction
@@ -127,21 +124,9 @@ class Robot(NamedModel, SummaryMixin):
         Raises:
             ModelError: the file is missing, is not a URDF, or describes an impossible robot.
         """
-        given, path = str(path), robot_files.find_urdf(path)
+        path = robot_files.find_urdf(path)
         read = read_urdf(path, base, package_dirs, xacro_arguments, snap=snap, masses=masses)
-        robot = cls._from_description(path, read, lock, gravity)
-        shipped = path == robot_files.shipped_directory() / given
-        robot.source = source_entry(
-            urdf=given if shipped else str(path),
-            base=base,
-            package_dirs=package_dirs,
-            xacro_arguments=xacro_arguments,
-            lock=lock,
-            masses=masses,
-            snap=snap,
-            gravity=gravity,
-        )
-        return robot
+        return cls._from_description(path, read, lock, gravity)
 
     @classmethod
     def massless_joints(
@@ -213,11 +198,7 @@ class Robot(NamedModel, SummaryMixin):
         from rnc_pin.robots.sources.mjcf import read_mjcf  # not for those who read a URDF
 
         read = read_mjcf(path, base, [Path(each) for each in package_dirs], snap=snap)
-        robot = cls._from_description(path, read, lock, gravity)
-        robot.source = source_entry(
-            mjcf=str(path), base=base, package_dirs=package_dirs, lock=lock, snap=snap, gravity=gravity
-        )
-        return robot
+        return cls._from_description(path, read, lock, gravity)
 
     @classmethod
     def _from_description(
@@ -276,9 +257,7 @@ class Robot(NamedModel, SummaryMixin):
             ModelError: there is no such example.
         """
         path, packages = robot_files.find_example(name)
-        robot = cls.from_urdf(path, base, [packages], lock, gravity, snap=snap, masses=masses)
-        robot.source = source_entry(example=name, base=base, lock=lock, masses=masses, snap=snap, gravity=gravity)
-        return robot
+        return cls.from_urdf(path, base, [packages], lock, gravity, snap=snap, masses=masses)
 
     def attach(self, other: Robot, frame: str, placement: pin.SE3 | None = None) -> Robot:
         """Return a new robot with another robot mounted on a frame of this one, e.g. an arm on a satellite.
@@ -338,7 +317,6 @@ class Robot(NamedModel, SummaryMixin):
         check_model(model)
         robot = copy(self)
         robot.model, robot.locked, robot._geometry = model, dict(self.locked), copy(self._geometry)
-        robot.source = None
         return robot
 
     # ------------------------------------------------------------------ geometry

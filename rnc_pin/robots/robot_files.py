@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import cast
 
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.io.json import Json
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -102,42 +99,6 @@ def find_example(name: str) -> tuple[Path, Path]:
         hint = f"; expected one of {', '.join(several)}" if several else nearest(name, urdfs)
         raise ModelError(f"no robot '{name}' in example-robot-data{hint}")
     return urdfs[name], _example_data().parent.parent
-
-
-def source_entry(
-    base: str | None,
-    package_dirs: Sequence[str | Path] = (),
-    snap: bool = True,
-    gravity: Sequence[float] | None = None,
-    **others: object,
-) -> dict[str, Json]:
-    """Return the entry ``robot`` of a scenario file for the arguments of a loader. Those at their defaults are missing.
-
-    Args:
-        base: base of the robot; None for that of the file.
-        package_dirs: further folders of packages.
-        snap: True to correct rounded angles.
-        gravity: acceleration of gravity (3,) [m/s^2].
-        others: the file and mappings, by key.
-    """
-    entry: dict[str, Json] = {key: _plain(value) for key, value in others.items() if value}
-    if base is not None:
-        entry["base"] = base
-    if package_dirs:
-        entry["package_dirs"] = [str(Path(each).expanduser().resolve()) for each in package_dirs]
-    if not snap:
-        entry["snap"] = False
-    if gravity is not None:
-        entry["gravity"] = [float(each) for each in gravity]
-    return entry
-
-
-def _plain(value: object) -> Json:
-    if isinstance(value, Mapping):
-        return {str(name): _plain(each) for name, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
-    return cast(Json, getattr(value, "tolist", lambda: value)())  # completing names needs no NumPy
 
 
 _COLORS = {

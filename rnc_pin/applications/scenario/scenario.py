@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import copy
-import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
@@ -20,11 +19,9 @@ from rnc_pin.applications.scenario.files import (
     apply_options,
     find_scenario,
     is_built_in,
-    mapping_of,
     read_yaml,
     with_options,
 )
-from rnc_pin.applications.scenario.from_objects import RunObjects, content_of, experiment_of
 from rnc_pin.applications.scenario.phase_builder import build_phased
 from rnc_pin.applications.scenario.plan_builder import Plans
 from rnc_pin.applications.scenario.plant_builder import collected_model_warnings
@@ -34,7 +31,7 @@ from rnc_pin.applications.scenario.schema.world import build_obstacles
 from rnc_pin.applications.scenario.simulated_run import Simulated, judged_summary, simulated
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller
-from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
+from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.io import Json
 from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
 from rnc_pin.planning import Reference
@@ -73,7 +70,6 @@ class Scenario(SummaryMixin):
         built_in: True for a scenario of the package; its record contains no folder of this computer.
         source: name of the scenario in errors.
         show_warnings: True to show warnings about the model, beside keeping them.
-        without_form: parts of a scenario from objects that have no form in a file, by key, and why.
     """
 
     name: str
@@ -82,60 +78,6 @@ class Scenario(SummaryMixin):
     built_in: bool = False
     source: str = ""
     show_warnings: bool = True
-    without_form: Mapping[str, str] = field(default_factory=dict)
-
-    @classmethod
-    def of(
-        cls,
-        objects: RunObjects,
-        duration: float,
-        dt: float = 0.002,
-        *,
-        settings: Mapping[str, Json] | None = None,
-        name: str = "scenario",
-    ) -> Scenario:
-        """Make a scenario from Python objects, which runs, and can be saved if every part has a form in a file.
-
-        Objects of this package have one, except controllers, references with an absolute start, and plants: give a
-        mapping in the form of a scenario file in their place. Functions of your own have none.
-
-        Args:
-            objects: model, controller, start, references and what else the run needs.
-            duration: simulated time [s].
-            dt: sampling period [s].
-            settings: other keys of a scenario file, such as ``{"goal_tolerance": 0.01}``.
-            name: name of the scenario.
-
-        Raises:
-            ConfigurationError: a mapping is not valid, a role is not known, or a controller in a mapping has references
-                or obstacles without a form in a file.
-
-        Example:
-            >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
-            >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
-            >>> reduced = system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])
-            >>> reach = {"primary": rnc.planning.RelativeMinimumJerk(to=[0.5, 0.4, -0.3], duration=1.0)}
-            >>> tracker = {"type": "reducing_outputs", "preset": "scaled"}
-            >>> objects = rnc.RunObjects(reduced, tracker, robot.configuration(), references=reach)
-            >>> scenario = rnc.Scenario.of(objects, 1.5)
-            >>> scenario.run().verdict.word, dict(scenario.without_form)
-            ('succeeded', {})
-        """
-        reduced, controller, plant = objects.reduced, objects.controller, objects.plant
-        more = dict(settings or {})
-        more["simulation"] = {**mapping_of(more.get("simulation")), "duration": duration, "dt": dt}
-        raw, content, without_form = content_of(objects, more, name)
-        made = cls(name, raw, Path.cwd(), source=name, without_form=without_form)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ModelWarning)  # the user has seen those of the system
-            system = NonholonomicSystem(reduced.robot, *reduced.given[:4])
-        made = made.built_with(content, BuiltModel(system, reduced, ()))
-        if not isinstance(controller, Mapping):
-            made.__dict__["obstacles"] = tuple(objects.obstacles)
-            return made.built_with(experiment=experiment_of(content, objects))
-        if plant is not None and not isinstance(plant, Mapping):
-            return made.built_with(experiment=replace(made.experiment, plant=plant))
-        return made
 
     @classmethod
     def load(cls, scenario: str | PathLike[str], options: Mapping[str, Json] | None = None) -> Scenario:
@@ -172,12 +114,7 @@ class Scenario(SummaryMixin):
 
         Args:
             options: dotted keys and values to replace.
-
-        Raises:
-            ConfigurationError: a part has no form in a file, so that no option can change the scenario.
         """
-        if options:
-            self._check_form("options need the form of a file")
         return replace(self, raw=apply_options(self.raw, options))
 
     def built_with(
@@ -376,7 +313,7 @@ class Scenario(SummaryMixin):
             experiment.provenance,
             scenario=self.name,
             seed=experiment.scenario.seed,
-            config=None if self.without_form else self.raw,
+            config=self.raw,
             folder=None if self.built_in else str(self.folder),
         )
         stop = experiment.simulation.stop
@@ -391,16 +328,9 @@ class Scenario(SummaryMixin):
             path: path of the file.
 
         Raises:
-            ConfigurationError: a part of a scenario from objects has no form in a file.
             OSError: the file cannot be written.
         """
-        self._check_form("it cannot be saved")
         Path(path).write_text(yaml.safe_dump(self._portable(), sort_keys=False), encoding="utf-8")
-
-    def _check_form(self, consequence: str) -> None:
-        if self.without_form:
-            parts = "; ".join(f"{key}: {why}" for key, why in self.without_form.items())
-            raise ConfigurationError(f"{self._label}: {consequence}: {parts}")
 
     def _portable(self) -> dict[str, Json]:
         source = self.raw.get("robot")
@@ -413,16 +343,13 @@ class Scenario(SummaryMixin):
 
     def _summary(self) -> ObjectSummary:
         content = self.content
-        made = "none" if "controller" not in self.without_form else type(self.controller).__name__
-        controller = made if content.controller is None else content.controller.type
+        controller = "none" if content.controller is None else content.controller.type
         settings = content.simulation
         time = "none" if settings is None else f"{settings.duration:g} s, dt {settings.dt:g} s"
         title = f"Scenario '{self.name}'" + (f": {content.title}" if content.title else "")
         said = content.robot.urdf or content.robot.mjcf or content.robot.example
         lines = [("robot", items([str(said)])), ("controller", items([controller])), ("simulation", items([time]))]
         lines.append(("keys", items(list(self.raw))))
-        if self.without_form:
-            lines.append(("without a form in a file", items(list(self.without_form))))
         return ObjectSummary(title, lines)
 
 
