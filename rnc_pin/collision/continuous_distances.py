@@ -10,7 +10,7 @@ a segment contains further samples, or where an obstacle moves.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -32,8 +32,7 @@ _MOST_PLACES = 2_500  # places beside the samples: those of a diverged run have 
 _FIRST = 16  # samples between those of the first look at a long motion; a shorter one is seen at as many places
 _SAME = 1e-7  # [m]; errors of coal: a sample that may be nearer by less is not measured
 _UNCHANGED = 1e-5  # [m]; range of distances of a pair that counts as constant
-_ROUND, _ENTRY = 15.0, 0.2  # effort of a round of the search, and of each measured pair
-_CHUNK = 5_000  # pairs at places that are measured at a time: bounds memory, and the time between pauses
+_CHUNK = 5_000  # pairs at places that are measured at a time: bounds memory
 
 
 @printed(smallest="m", within="m", tolerance="m")
@@ -167,13 +166,10 @@ def too_near(
     q: Float[Array, "N nq"],
     least: Float[Array, " k"],
     tolerance: float,
-    *,
-    at_samples: bool = True,
-    spend: Callable[[float], None] | None = None,
-) -> tuple[int, float] | None:
-    """First pair that is found to be nearer than allowed along a motion, and when [s].
+) -> int | None:
+    """First pair that is found to be nearer than allowed along a motion.
 
-    None if bounds show that no pair is nearer than its distance less the tolerance.
+    None if bounds show that no pair is nearer than its distance at samples, and less the tolerance between them.
 
     Args:
         distances: pairs of a robot and its obstacles.
@@ -181,17 +177,10 @@ def too_near(
         q: configurations (N, nq).
         least: smallest distance (k,) that each pair may have [m].
         tolerance: tolerance of the distances between samples [m].
-        at_samples: True if samples have no tolerance.
-        spend: called after each part with its effort, about 1 for 0.1 ms; a search in slices pauses there.
     """
     motion = SampledMotion(distances.robot.model, time, q, distances.obstacles)
-    exact = float(least.max(initial=0.0)) if at_samples else -np.inf
-    search = _Search(distances, motion, np.arange(len(q)), least, exact, max(tolerance, _FINEST))
-    return search.violation(spend or _ignored)
-
-
-def _ignored(effort: float) -> None:
-    """Count no effort."""
+    exact = float(least.max(initial=0.0))
+    return _Search(distances, motion, np.arange(len(q)), least, exact, max(tolerance, _FINEST)).violation()
 
 
 class _Search:
@@ -228,44 +217,37 @@ class _Search:
 
     def result(self, curves: DistanceCurves) -> ContinuousDistances:
         """Smallest distances, after a first look at every few samples."""
-        entries = self._refined(_ignored, below=-np.inf)
+        entries = self._refined(below=-np.inf)
         uncertain = np.zeros(len(self._best), dtype=bool)
         uncertain[entries.pair] = True
         kind = self._largest - self._best < _UNCHANGED, uncertain
         return ContinuousDistances(self._best, self._best_time, *kind, curves.within, self._tolerance, curves)
 
-    def violation(self, spend: Callable[[float], None]) -> tuple[int, float] | None:
+    def violation(self) -> int | None:
         """First pair that is found below its distance, or that stays uncertain; None for none."""
-        entries = self._refined(spend, self._within)
+        entries = self._refined(self._within)
         below = self._best - self._within
         if below.min(initial=0.0) < 0.0:
-            worst = int(np.argmin(below))
-        elif len(entries.pair):
-            worst = int(entries.pair[0])
-        else:
-            return None
-        return worst, float(self._best_time[worst])
+            return int(np.argmin(below))
+        return int(entries.pair[0]) if len(entries.pair) else None
 
-    def _refined(self, spend: Callable[[float], None], below: float | Float[Array, " k"]) -> PairEnds:
+    def _refined(self, below: float | Float[Array, " k"]) -> PairEnds:
         """Entries that stay uncertain, or that are left when a pair is found below a distance."""
-        entries, most = self._first_look(spend), len(self._samples) + _MOST_PLACES
+        entries, most = self._first_look(), len(self._samples) + _MOST_PLACES
         while len(entries.pair) and len(self._places) < most and not (self._best < below).any():
-            spend(_ROUND + _ENTRY * len(entries.pair))
             entries = self._halved(entries)
         return entries
 
-    def _first_look(self, spend: Callable[[float], None]) -> PairEnds:
+    def _first_look(self) -> PairEnds:
         """Distances at every few samples, and the pairs and segments between them that need a closer look."""
         every, places = np.arange(len(self._distances.pairs)), np.arange(len(self._places))
         bodies = self._bodies
         known = np.empty((len(places), len(every), 4))
-        spend(_ROUND + len(places))
         for part in _chunks(len(places), len(every)):
             known[part] = _near(self._distances, PlacedBodies(*(each[part] for each in bodies)), every, self._within)
             self._keep(
                 np.repeat(places[part], len(every)), np.tile(every, len(known[part])), known[part].reshape(-1, 4)
             )
-            spend(_ENTRY * float(np.isfinite(known[part][..., 1]).sum()))
         paths = self._motion.paths(np.column_stack([self._places[:-1], self._places[1:]]))
         means = 0.5 * (known[:-1, :, 0] + known[1:, :, 0])
         doubtful = means - self._bounds.coarse(paths, bodies) < self._target()

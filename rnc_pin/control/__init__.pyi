@@ -1,10 +1,5 @@
 """Exports of ``rnc_pin.control``, which ``__init__.py`` imports at their first use."""
 
-from rnc_pin.optimal.navigation import NavigationController as NavigationController  # it searches for ways
-from rnc_pin.optimal.set_point_controller import SetPointController as SetPointController  # it plans
-from rnc_pin.optimal.way_following import NavigationState as NavigationState
-from rnc_pin.optimal.way_following import WayFollowing as WayFollowing
-
 from . import loop as loop
 from .actuator_velocity import ActuatorVelocityController as ActuatorVelocityController
 from .actuator_velocity import FeasibleTwist as FeasibleTwist

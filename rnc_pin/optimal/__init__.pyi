@@ -26,7 +26,6 @@ from .motion_plan import MotionPlan as MotionPlan
 from .motion_plan import PlanInfo as PlanInfo
 from .motion_plan import PlannedOutputs as PlannedOutputs
 from .motion_plan import PlanVerification as PlanVerification
-from .navigation import NavigationController as NavigationController
 from .plan_feedback import PlanFeedback as PlanFeedback
 from .plan_feedback import tvlqr as tvlqr
 from .planner import RunFeedback as RunFeedback
@@ -39,5 +38,5 @@ from .set_point import SetPoint as SetPoint
 from .set_point import SetPointCost as SetPointCost
 from .set_point_controller import SetPointController as SetPointController
 from .set_point_controller import SetPointState as SetPointState
-from .way_following import NavigationState as NavigationState
-from .way_following import WayFollowing as WayFollowing
+from .way_following import WayFollower as WayFollower
+from .way_following import WayState as WayState

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,7 +98,6 @@ class IkSearch:
         tolerance: largest error of a reached target [m or rad].
         starts: largest number of descents.
         seed: random seed of the starts; equal seeds give equal results.
-        pause: called before each descent after the first one; a search in slices pauses there.
 
     Raises:
         InputError: an option is out of range.
@@ -111,7 +110,6 @@ class IkSearch:
     tolerance: float = 1e-6
     starts: int = 20
     seed: int = 0
-    pause: Callable[[], None] | None = None
 
     def __post_init__(self) -> None:
         if not is_count(self.starts, 1):
@@ -182,8 +180,6 @@ def solve_ik(
     best: Descent | None = None
     steps = count = 0
     for count in range(1, search.starts + 1):
-        if count > 1 and search.pause is not None:
-            search.pause()
         start = problem.bounds.clip(q0) if count == 1 else problem.random_start(q0, generator)
         try:
             found = problem.closed(descend(problem.evaluate, problem.bounds, start))

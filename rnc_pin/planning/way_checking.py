@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +17,6 @@ from rnc_pin.robots.robot import Robot
 
 _FINER = 0.1  # tolerance of the second check of wheels that follow, in tolerances of the first one
 _SPACING = 0.1  # [m or rad] between the samples that are looked at before the bounds
-_APART, _MOST_LOOKS = 0.5, 32  # [s] between the looks at obstacles that move before the bounds, and their number
-_LOOK = 2.0  # effort of a look at one configuration
 _HALVED = 1.0 - np.array([int(f"{k:04b}"[::-1], 2) for k in range(16)]) / 16.0
 """Fractions of a motion, in an order that finds collisions early: the end, the middle, the quarters, ..."""
 
@@ -49,13 +47,10 @@ class WayChecker:
     Args:
         distances: pairs of the robot and obstacles.
         clearance: smallest distance to obstacles [m].
-        spend: called with the effort of each part of a check.
     """
 
-    def __init__(
-        self, distances: CollisionDistances, clearance: float, spend: Callable[[float], None] | None = None
-    ) -> None:
-        self.distances, self.clearance, self._spend = distances, clearance, spend
+    def __init__(self, distances: CollisionDistances, clearance: float) -> None:
+        self.distances, self.clearance = distances, clearance
         self.tolerance = default_tolerance(distances)
         self._beside = distances.shape_pairs[1] >= distances.link_shapes
         self._least = np.where(self._beside, clearance + self.tolerance, 0.0)
@@ -63,13 +58,9 @@ class WayChecker:
         self.blocks = np.zeros(len(distances.pairs), dtype=int)
         self.checked = 0
 
-    def violation(self, q: Float[Array, " nq"], t: float = 0.0) -> tuple[str, float] | None:
-        """Pair that is too near at a configuration and time, and its distance [m]; None if all are far enough."""
-        if not self.distances.pairs:
-            return None
-        if self._spend is not None:
-            self._spend(_LOOK)
-        found = self.distances.smallest(q, t, self.clearance + self.tolerance)
+    def violation(self, q: Float[Array, " nq"]) -> tuple[str, float] | None:
+        """Pair that is too near at a configuration, and its distance [m]; None if all are far enough."""
+        found = self.distances.smallest(q, 0.0, self.clearance + self.tolerance)
         worst = int(np.argmin(found - self._least))
         if found[worst] > self._least[worst]:
             return None
@@ -82,44 +73,10 @@ class WayChecker:
         if any(self.violation(q) is not None for q in self._samples(motion)):
             return False
         time = np.arange(len(motion.q), dtype=float)
-        found = too_near(self.distances, time, motion.q, self._least, self.tolerance, spend=self._spend)
+        found = too_near(self.distances, time, motion.q, self._least, self.tolerance)
         if found is not None:
-            self.blocks[found[0]] += 1
+            self.blocks[found] += 1
         return found is None
-
-    def crossing(self, time: Float[Array, " n"], q: Float[Array, "n nq"]) -> tuple[str, float]:
-        """Obstacle that comes too near to a motion over time, and when [s]; "" if bounds show that all stay away.
-
-        Args:
-            time: times (n,) [s], for obstacles that move.
-            q: configurations (n, nq); joints move at constant rates between them.
-        """
-        for t, place in self._looks(time, q):
-            near = self.distances.smallest(place, t, self.clearance) < self._least - self.tolerance
-            if near.any():
-                return self.distances.pairs[int(np.argmax(near))].names[1], t
-        found = too_near(self.distances, time, q, self._least, self.tolerance, at_samples=False, spend=self._spend)
-        if found is None:
-            return "", float(time[-1])
-        return self.distances.pairs[found[0]].names[1], found[1]
-
-    def _looks(self, time: Float[Array, " n"], q: Float[Array, "n nq"]) -> Iterator[tuple[float, Float[Array, " nq"]]]:
-        """Some times and configurations of a motion."""
-        count = int(np.clip(np.ceil((time[-1] - time[0]) / _APART), 1, _MOST_LOOKS))
-        for t in np.linspace(time[0], time[-1], count + 1).tolist():
-            yield t, self.between(time, q, t)
-
-    def between(self, time: Float[Array, " n"], q: Float[Array, "n nq"], t: float) -> Float[Array, " nq"]:
-        """Configuration at a time of a motion whose joints move at constant rates between its nodes.
-
-        Args:
-            time: times (n,) of the nodes [s].
-            q: configurations (n, nq) there.
-            t: time [s].
-        """
-        k = int(np.clip(np.searchsorted(time, t, "right") - 1, 0, len(time) - 2))
-        part = (t - time[k]) / max(float(time[k + 1] - time[k]), 1e-300)
-        return self.manifold.interpolate(q[k : k + 1], q[k + 1 : k + 2], np.array([part]))[0]
 
     def holds_with(self, motion: ExactMotion, followers: Bool[Array, " nv"]) -> bool:
         """True if a motion that ``is_free`` has accepted stays free where joints that follow move too.
@@ -157,7 +114,9 @@ class WayChecker:
             return None
         nearest = int(np.argmin(beside))
         at = float(found.time[nearest])
-        place = self.between(time, q, at)
+        k = int(np.clip(np.searchsorted(time, at, "right") - 1, 0, len(time) - 2))
+        part = (at - time[k]) / max(float(time[k + 1] - time[k]), 1e-300)
+        place = self.manifold.interpolate(q[k : k + 1], q[k + 1 : k + 2], np.array([part]))[0]
         return NarrowPlace(float(beside[nearest]), self.distances.pairs[nearest].label, place, at)
 
 

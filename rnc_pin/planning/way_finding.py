@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from copy import copy
-from dataclasses import dataclass, replace
-from importlib import import_module
-from typing import Annotated
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from annotated_types import Ge
@@ -14,7 +12,7 @@ from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
+from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, short_text
 from rnc_pin.extras import check_extra
 from rnc_pin.model.parameter_types import NotNegative, Positive, check_instances, is_count
@@ -23,17 +21,16 @@ from rnc_pin.model.task import OutputTarget
 from rnc_pin.planning.action_models import KinematicFlow
 from rnc_pin.planning.exact_steering import ExactMotion, Steering, base_axes
 from rnc_pin.planning.steering_detection import find_steering, planned_velocities
-from rnc_pin.planning.way import TimedWay, Way, WayInfo, WayTiming, way_along
+from rnc_pin.planning.way import Way, WayInfo, way_along
 from rnc_pin.planning.way_checking import WayChecker, way_checker
 from rnc_pin.planning.way_goals import WayGoals, check_configuration, validated_configuration
 from rnc_pin.planning.way_propagation import DEVIATION, PropagatedSearch
-from rnc_pin.planning.way_search import SHORTER, SearchBudget, WaySearch, drive_times, in_slices, speed_limits
+from rnc_pin.planning.way_search import SHORTER, SearchBudget, WaySearch, drive_times, speed_limits
 from rnc_pin.planning.way_space import base_area
 
 _FIRST = 400  # motions of the first search, in which joints stay within the range of start and goals
 _ATTEMPT = 4000  # motions of each further search, before it starts again with other random numbers
 _ROOM = 0.02  # of the range of a steering joint, at each end: feedback along a way needs it
-_POSED = 4  # crossings that ways lead around
 
 
 @dataclass(frozen=True)
@@ -45,7 +42,6 @@ class WaySettings:
         goals: largest number of configurations that are tried for a goal of outputs.
         shortcuts: number of attempts to shorten each way.
         improve: number of motions that may be checked to find faster ways after the first one.
-        wait: longest time that a way waits in all for obstacles that move [s].
         motions: number of checked motions after which the search ends, whatever the time; None for any number. OMPL
             may finish an iteration, which checks a few more.
         hold: names of joints that keep their positions.
@@ -66,7 +62,6 @@ class WaySettings:
     shortcuts: Annotated[int, Ge(0)] = 100
     improve: Annotated[int, Ge(0)] = 0
     motions: Annotated[int, Ge(1)] | None = None
-    wait: NotNegative = 30.0
     hold: Sequence[str] = ()
     area: ArrayLike | None = None
     reverse: bool = True
@@ -74,8 +69,6 @@ class WaySettings:
     def __post_init__(self) -> None:
         if not 0.0 < self.seconds < np.inf:
             raise InputError(f"seconds: expected a positive number, found {self.seconds!r}")
-        if not 0.0 <= self.wait < np.inf:
-            raise InputError(f"wait: expected a number of at least 0 s, found {self.wait!r}")
         counts = [("goals", self.goals, 1), ("shortcuts", self.shortcuts, 0), ("improve", self.improve, 0)]
         for name, value, least in counts + ([] if self.motions is None else [("motions", self.motions, 1)]):
             if not is_count(value, least):
@@ -103,24 +96,20 @@ def find_way(
     method. A motion counts as free only if bounds of the distances show it, between samples too. Then the way becomes
     shorter, as far as this makes it faster. The same seed gives the same way, unless the time is up before.
 
-    Obstacles that move start at time zero, as the way does. A way waits where they cross it, as little as it has to, or
-    leads around the place where they do. Bounds show that nothing comes too near until the way ends. They do not tell
-    what comes to the goal later.
-
     The position limits of the robot's file hold. Wheels that follow end at any angle.
 
     Args:
         reduced: the model.
         q0: start (nq,).
         goal: values by output, as for ``solve_ik``, or a configuration (nq,).
-        obstacles: obstacles, at rest or with a motion.
+        obstacles: obstacles, all of which stand.
         selection: rules for pairs of links; by default all pairs that are not adjacent.
         clearance: smallest distance to obstacles [m]. The check has a tolerance of 1 mm, or 1 % of the largest link.
         settings: settings of the search.
         seed: seed of all random choices.
 
     Raises:
-        ConfigurationError: OMPL is not installed, or rows prescribe a motion.
+        ConfigurationError: OMPL is not installed, an obstacle moves, or rows prescribe a motion.
         InfeasibleError: the start or the goal is in collision or beyond a limit, or no way is found in the time. The
             message names the nearest place and the pair that blocks most motions; ``error.q`` is the nearest
             configuration that was reached.
@@ -136,217 +125,94 @@ def find_way(
         >>> way.at(way.duration)[:2].round(6), way.residual < 1e-9, way.narrowest.distance > 0.01
         (array([3., 0.]), True, True)
     """
-    finder = WayFinder(reduced, q0, obstacles, selection=selection, clearance=clearance, settings=settings)
-    return list(finder.ways(q0, goal, seed))[-1]
+    if not 0.0 <= clearance < np.inf:
+        raise InputError(f"clearance: expected a number of at least 0 m, found {clearance!r}")
+    if not isinstance(settings, WaySettings):
+        raise ConfigurationError(f"settings: expected WaySettings, found {short_text(settings)}")
+    _check_stands(obstacles)
+    start = validated_configuration(reduced, q0)
+    steering = _steering(reduced, start, settings)
+    planned = planned_velocities(reduced, start) if steering is None else steering.planned
+    apart = clearance if steering else clearance + DEVIATION
+    checker = way_checker(reduced.robot, start, obstacles, selection, apart)
+    budget = SearchBudget(settings.seconds, settings.motions)
+    check_configuration(reduced, checker, start, "start")
+    goals = WayGoals(reduced, steering, checker, budget, settings.goals, settings.hold)
+    ends = goals.of(goal, start, seed)
+    places = np.vstack([start, ends])
+    area = base_area(reduced, 0.0 if steering is None else steering.radius, places, obstacles, checker, settings.area)
+    speeds = speed_limits(reduced, planned)
+    search: WaySearch | PropagatedSearch
+    if steering is None:
+        search = PropagatedSearch(KinematicFlow(reduced), planned, checker, places, area, speeds, budget)
+    else:
+        search = WaySearch(steering, checker, places, area, budget)
+    found = _fastest(search, reduced, speeds, settings, budget, seed)
+    if found is None:
+        raise _failure(search, checker, reduced, ends, budget)
+    motion = found.motion
+    if steering is not None:
+        motion = steering.completed(motion, start)
+        follow = None if planned.all() else checker
+        if follow is not None and not follow.holds_with(steering.along(start, motion.steps), ~planned):
+            raise InfeasibleError("find_way: wheels that follow collide, because they are not round")
+    kind = "propagated" if steering is None else steering.kind
+    info = WayInfo(kind, budget.elapsed, budget.motions, len(ends), found.first_duration, found.history)
+    return way_along(reduced, planned, checker, motion, info)
 
 
-class WayFinder:
-    """Search for ways among obstacles, at once or in slices; ``find_way`` has its terms.
+def _check_stands(obstacles: Sequence[Obstacle]) -> None:
+    """Raise an error unless all obstacles stand."""
+    check_instances("obstacles", obstacles, Obstacle)
+    for each in obstacles:
+        if each.motion is not None:
+            raise ConfigurationError(
+                f"find_way: obstacle '{each.name}' moves, and a way is for a world that stands still; give it where it "
+                "is at a time t (obstacle.at_rest(t)), and find another way when it has moved"
+            )
 
-    Args:
-        reduced: the model.
-        q0: a configuration (nq,). Links that touch each other there are not checked against each other.
-        obstacles: obstacles, at rest or with a motion.
-        selection: rules for pairs of links.
-        clearance: smallest distance to obstacles [m].
-        settings: settings of the search.
 
-    Attributes:
-        steering: exact steering; None if motions are propagated.
-        planned: mask (nv,) of the velocities that are planned.
-        checker: check of motions beside obstacles that stand; None for a robot without geometry among none.
-    """
+class _Found(NamedTuple):
+    """Fastest motion, the duration [s] of the first one before it was shortened, and ``WayInfo.history``."""
 
-    def __init__(
-        self,
-        reduced: ReducedModel,
-        q0: ArrayLike,
-        obstacles: Sequence[Obstacle] = (),
-        *,
-        selection: PairSelection | None = None,
-        clearance: float = 0.01,
-        settings: WaySettings = _DEFAULT,
-    ) -> None:
-        if not 0.0 <= clearance < np.inf:
-            raise InputError(f"clearance: expected a number of at least 0 m, found {clearance!r}")
-        if not isinstance(settings, WaySettings):
-            raise ConfigurationError(f"settings: expected WaySettings, found {short_text(settings)}")
-        start = validated_configuration(reduced, q0)
-        self._reduced, self._settings, self._reference = reduced, settings, start
-        self.steering = _steering(reduced, start, settings)
-        self.planned = planned_velocities(reduced, start) if self.steering is None else self.steering.planned
-        self._speeds = speed_limits(reduced, self.planned)
-        self._selection, self._apart = selection, clearance if self.steering else clearance + DEVIATION
-        self._use(obstacles)
+    motion: ExactMotion
+    first_duration: float
+    history: tuple[tuple[int, float], ...]
 
-    def _use(self, obstacles: Sequence[Obstacle]) -> None:
-        check_instances("obstacles", obstacles, Obstacle)
-        self._obstacles = [each for each in obstacles if each.motion is None]
-        self._moving = [each for each in obstacles if each.motion is not None]
-        self.checker = way_checker(self._reduced.robot, self._reference, self._obstacles, self._selection, self._apart)
 
-    def among(self, obstacles: Sequence[Obstacle]) -> WayFinder:
-        """The same search among other obstacles."""
-        other = copy(self)
-        other._use(obstacles)
-        return other
-
-    def slices(
-        self,
-        q0: ArrayLike,
-        goal: Mapping[OutputTarget, ArrayLike] | ArrayLike,
-        seed: int = 0,
-        slice_size: float = 100.0,
-    ) -> Generator[Way | None, None, None]:
-        """Search step by step: None after each slice, and each way that is faster than those before.
-
-        Args:
-            q0: start (nq,).
-            goal: values by output, or a configuration (nq,).
-            seed: seed of all random choices.
-            slice_size: effort of a slice, about 1 for 0.1 ms. It is counted, so that slices do not depend on the
-                computer.
-
-        Raises:
-            InfeasibleError: as for ``find_way``.
-        """
-
-        def work(hand: Callable[[Way | None], None]) -> None:
-            for way in self.ways(q0, goal, seed, lambda: hand(None), slice_size):
-                hand(way)
-
-        return in_slices(work)
-
-    def ways(
-        self,
-        q0: ArrayLike,
-        goal: Mapping[OutputTarget, ArrayLike] | ArrayLike,
-        seed: int = 0,
-        pause: Callable[[], None] | None = None,
-        slice_size: float = np.inf,
-    ) -> Iterator[Way]:
-        """Yield each way that is faster than those before.
-
-        Args:
-            q0: start (nq,).
-            goal: values by output, or a configuration (nq,).
-            seed: seed of all random choices.
-            pause: called after each slice.
-            slice_size: effort of a slice.
-
-        Raises:
-            InfeasibleError: as for ``find_way``.
-        """
-        budget = SearchBudget(self._settings.seconds, self._settings.motions, pause, slice_size)
-        yield from self._timed(q0, goal, seed, budget) if self._moving else self._standing(q0, goal, seed, budget)
-
-    def _timed(
-        self, q0: ArrayLike, goal: Mapping[OutputTarget, ArrayLike] | ArrayLike, seed: int, budget: SearchBudget
-    ) -> Iterator[Way]:
-        """Ways among obstacles that move. One that crosses a way at any time stands there in the next search."""
-        links, every = PairSelection(links=False), [*self._obstacles, *self._moving]
-        moving, both = (CollisionDistances(self._reduced.robot, each, links) for each in (self._moving, every))
-        wait, names = self._settings.wait, list[str]()
-        timing = WayTiming(WayChecker(moving, self._apart, budget.spend), WayChecker(both, self._apart), wait)
-        posed: list[Obstacle] = []
-        best, timed = np.inf, TimedWay(None)
-        while len(posed) <= _POSED:
-            finder, again = self.among([*self._obstacles, *posed]), budget.renewed()
-            try:
-                for way in finder._standing(q0, goal, seed, again):
-                    if way.duration < best:
-                        timed = timing.timed(way)
-                    if timed.way is not None and timed.way.duration < best:
-                        best = timed.way.duration
-                        yield timed.way
-            except InfeasibleError as error:
-                if not posed:
-                    raise
-                reason: InfeasibleError | None = error
-                break
-            if best < np.inf:
-                return
-            assert timed.crossing is not None
-            names.append(timed.crossing.name)
-            posed.append(replace(timed.crossing.at_rest(timed.at), name=f"{timed.crossing.name} at {timed.at:.4g} s"))
-            reason = None
-        crossed = ", ".join(dict.fromkeys(names))
-        text = f"find_way: ways are crossed by {crossed}, and no wait of up to {wait:g} s helps"
-        raise InfeasibleError(text) from reason
-
-    def _standing(
-        self, q0: ArrayLike, goal: Mapping[OutputTarget, ArrayLike] | ArrayLike, seed: int, budget: SearchBudget
-    ) -> Iterator[Way]:
-        """Ways among the obstacles that stand."""
-        settings, reduced, checker = self._settings, self._reduced, self.checker
-        start = validated_configuration(reduced, q0)
-        if checker is not None:
-            checker = WayChecker(checker.distances, checker.clearance, budget.spend)
-        check_configuration(reduced, checker, start, "start")
-        goals = WayGoals(reduced, self.steering, checker, budget, settings.goals, settings.hold)
-        ends = goals.of(goal, start, seed)
-        search = self._search(np.vstack([start, ends]), checker, budget)
-        found, speeds, every = search.direct(), self._speeds, list(reduced.robot.model.names)[1:]
-        direct, tight, attempt = found is not None, base_axes(reduced.robot.model) > 0, 0
-        first, history = 0.0, list[tuple[int, float]]()
-        while True:
-            if found is None:
-                # At first the joints of a mobile robot stay within the range of start and goals.
-                held, most = (every, _FIRST) if tight else (settings.hold, _ATTEMPT)
-                found = search.run(held, most, seed + attempt)
-                attempt += 1
-            if found is not None:
-                first = first or float(drive_times(found.steps, speeds).sum())
-                found = search.shortened(found, settings.shortcuts, seed)
-                duration = float(drive_times(found.steps, speeds).sum())
-                if not history:
-                    budget.limit(settings.improve)
-                if not history or duration < (1.0 - SHORTER) * history[-1][1]:
-                    history.append((budget.motions, duration))
-                    info = WayInfo(self._kind, budget.elapsed, budget.motions, len(ends), first, tuple(history))
-                    yield self._way(found, start, checker, info)
-                found = None
-            tight = tight and bool(history)  # what led to a way may lead to a faster one
-            if direct or budget.is_over:
-                break
-        if not history:
-            raise _failure(search, checker, reduced, ends, budget)
-
-    @property
-    def _kind(self) -> str:
-        return "propagated" if self.steering is None else self.steering.kind
-
-    def _search(
-        self, places: Float[Array, "n nq"], checker: WayChecker | None, budget: SearchBudget
-    ) -> WaySearch | PropagatedSearch:
-        """Search between configurations: the start and the goals."""
-        radius = 0.0 if self.steering is None else self.steering.radius
-        area = base_area(self._reduced, radius, places, self._obstacles, checker, self._settings.area)
-        if self.steering is not None:
-            return WaySearch(self.steering, checker, places, area, budget)
-        flow = KinematicFlow(self._reduced)
-        return PropagatedSearch(flow, self.planned, checker, places, area, self._speeds, budget)
-
-    def along(self, motion: ExactMotion) -> Way:
-        """Way along an exact motion that is free.
-
-        Args:
-            motion: motion of the planned joints.
-
-        Raises:
-            InfeasibleError: wheels that follow collide.
-        """
-        return self._way(motion, motion.q[0], self.checker, WayInfo(self._kind, 0.0, 0, 1, 0.0))
-
-    def _way(self, motion: ExactMotion, start: Array, checker: WayChecker | None, info: WayInfo) -> Way:
-        """Way along a motion, with the joints that follow."""
-        steering = self.steering
-        if steering is not None:
-            motion = steering.completed(motion, start)
-            follow = None if self.planned.all() else checker
-            if follow is not None and not follow.holds_with(steering.along(start, motion.steps), ~self.planned):
-                raise InfeasibleError("find_way: wheels that follow collide, because they are not round")
-        return way_along(self._reduced, self.planned, checker, motion, info)
+def _fastest(
+    search: WaySearch | PropagatedSearch,
+    reduced: ReducedModel,
+    speeds: Float[Array, " nv"],
+    settings: WaySettings,
+    budget: SearchBudget,
+    seed: int,
+) -> _Found | None:
+    """Fastest motion that searches find until the budget is over; None for none."""
+    motion, every, attempt = search.direct(), list(reduced.robot.model.names)[1:], 0
+    direct, tight = motion is not None, base_axes(reduced.robot.model) > 0
+    best: ExactMotion | None = None
+    first, history = 0.0, list[tuple[int, float]]()
+    while True:
+        if motion is None:
+            # At first the joints of a mobile robot stay within the range of start and goals.
+            held, most = (every, _FIRST) if tight else (settings.hold, _ATTEMPT)
+            motion = search.run(held, most, seed + attempt)
+            attempt += 1
+        if motion is not None:
+            first = first or float(drive_times(motion.steps, speeds).sum())
+            motion = search.shortened(motion, settings.shortcuts, seed)
+            duration = float(drive_times(motion.steps, speeds).sum())
+            if best is None:
+                budget.limit(settings.improve)
+            if best is None or duration < (1.0 - SHORTER) * history[-1][1]:
+                best = motion
+                history.append((budget.motions, duration))
+            motion = None
+        tight = tight and best is not None  # what led to a way may lead to a faster one
+        if direct or budget.is_over:
+            break
+    return None if best is None else _Found(best, first, tuple(history))
 
 
 def _steering(reduced: ReducedModel, start: Array, settings: WaySettings) -> Steering | None:
@@ -364,8 +230,6 @@ def _steering(reduced: ReducedModel, start: Array, settings: WaySettings) -> Ste
             ) from None
         return None
     check_extra("ompl", "find_way")
-    for name in ("ompl.geometric", "numpy.ma"):  # here rather than in the first slice of a search, by np.unique
-        import_module(name)
     return steering
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from itertools import count
 
 import numpy as np
@@ -23,7 +22,6 @@ from rnc_pin.planning.inverse_kinematics import IkSearch, solve_ik
 from rnc_pin.planning.way_checking import WayChecker
 from rnc_pin.planning.way_search import SearchBudget
 
-_DESCENT = 60.0  # effort of a descent of inverse kinematics
 _DRAWN = 4  # random starts for each further goal configuration
 _ALIKE = 3  # random configurations at a goal with the same distance to the same obstacle: all others have it too
 
@@ -95,7 +93,6 @@ class WayGoals:
     ) -> None:
         self._reduced, self._steering, self._checker = reduced, steering, checker
         self._budget, self._most, self._hold = budget, most, hold
-        self._descended = partial(budget.spend, _DESCENT)
 
     def of(self, goal: Mapping[OutputTarget, ArrayLike] | ArrayLike, start: Array, seed: int) -> Float[Array, "n nq"]:
         """Configurations (n, nq) that reach a goal, without collisions."""
@@ -114,8 +111,6 @@ class WayGoals:
             enough = self._most if attempt < _DRAWN * self._most else 1
             if len(found) >= enough or (attempt and self._budget.elapsed > self._budget.seconds / 2):
                 break  # without a goal configuration, half of the time is for finding one
-            if attempt:
-                self._descended()
             begin = start if not attempt else self._drawn(start, generator)
             result = solve_ik(
                 self._reduced,
@@ -124,7 +119,7 @@ class WayGoals:
                 hold=self._hold,
                 collisions=beside,
                 clearance=0.0 if self._checker is None else self._checker.clearance + 2 * self._checker.tolerance,
-                search=IkSearch(starts=20 if not attempt else 1, seed=seed, pause=self._descended),
+                search=IkSearch(starts=20 if not attempt else 1, seed=seed),
             )
             if not result.converged:
                 if not attempt and (same := self._same_problem(goal, start, seed)):
@@ -145,8 +140,7 @@ class WayGoals:
         generator, problems = np.random.default_rng(seed), set()
         for _ in range(_ALIKE):
             begin = self._drawn(start, generator)
-            search = IkSearch(starts=20, seed=seed, pause=self._descended)
-            result = solve_ik(self._reduced, begin, goal, hold=self._hold, search=search)
+            result = solve_ik(self._reduced, begin, goal, hold=self._hold, search=IkSearch(starts=20, seed=seed))
             if not result.converged:
                 return ""
             problems.add(_problem_of(self._reduced, self._checker, _prepared(self._steering, result.q)))

@@ -218,7 +218,14 @@ class PropagatedSearch:
     def _exact(
         self, nodes: Float[Array, "n nq"], inputs: Float[Array, "k r"], shorter: float = 0.0
     ) -> ExactMotion | None:
-        """Free motion from the start to the goal near a path; None if Newton's method finds none.
+        """Free motion from the start to the goal near a path; None if Newton's method finds none."""
+        try:
+            return self._shot(nodes, inputs, shorter)
+        except np.linalg.LinAlgError:  # its equations are singular, as along a straight trailer
+            return None
+
+    def _shot(self, nodes: Float[Array, "n nq"], inputs: Float[Array, "k r"], shorter: float) -> ExactMotion | None:
+        """Free motion by multiple shooting; None if Newton's method does not converge.
 
         The nodes are unknowns too (multiple shooting): a change stays near its place, also where motions are unstable,
         as those of trailers that are pushed.

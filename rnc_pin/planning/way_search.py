@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import atexit
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
-from queue import SimpleQueue
-from threading import Thread
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
-from weakref import WeakSet
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -24,36 +20,25 @@ from rnc_pin.robots.joint_values import NO_LIMIT
 if TYPE_CHECKING:
     from ompl import base as ob
 
-_STEERED = 3.0  # effort of a motion beside its check
 _USUAL_SPEED = 1.0  # [m/s or rad/s] of a joint without a limit
-_Result = TypeVar("_Result")
 SHORTER = 1e-3
 """Relative decrease of the duration that is worth a change."""
 
 
 class SearchBudget:
-    """Time and motions that a search may take, and the size of its slices.
+    """Time and motions that a search may take.
 
     Args:
         seconds: [s].
         motions: number of motions that may be checked; None for any number.
-        pause: called after each slice.
-        slice_size: effort of a slice, about 1 for 0.1 ms. Efforts are counted, not measured.
 
     Attributes:
         motions: number of motions that were checked.
     """
 
-    def __init__(
-        self,
-        seconds: float,
-        motions: int | None = None,
-        pause: Callable[[], None] | None = None,
-        slice_size: float = np.inf,
-    ) -> None:
+    def __init__(self, seconds: float, motions: int | None = None) -> None:
         self._start, self.seconds = time.monotonic(), seconds
         self._most = np.inf if motions is None else motions
-        self._pause, self._slice, self._spent = pause, slice_size, 0.0
         self.motions = 0
 
     @property
@@ -66,86 +51,9 @@ class SearchBudget:
         """True if time or motions are used up."""
         return self.motions >= self._most or self.elapsed > self.seconds
 
-    def spend(self, effort: float) -> None:
-        """Count an effort, and pause if the slice is full."""
-        self._spent += effort
-        if self._pause is not None and self._spent >= self._slice:
-            self._spent = 0.0
-            self._pause()
-
-    def renewed(self) -> SearchBudget:
-        """Budget of another search in the time that is left."""
-        most = None if self._most == np.inf else int(self._most)
-        return SearchBudget(max(self.seconds - self.elapsed, 0.0), most, self._pause, self._slice)
-
     def limit(self, further: int) -> None:
         """Allow a number of further motions at most."""
         self._most = min(self._most, self.motions + further)
-
-
-_LIVE: WeakSet[Generator[object, None, None]] = WeakSet()
-
-
-@atexit.register
-def _close_searches() -> None:
-    """End the searches that stand still, with the objects of OMPL that they hold."""
-    for each in list(_LIVE):
-        each.close()
-
-
-class _Abandoned(BaseException):
-    """End of a search that nobody continues."""
-
-
-def in_slices(work: Callable[[Callable[[_Result | None], None]], None]) -> Generator[_Result | None, None, None]:
-    """Return a generator of what a function hands over, which stands still in between.
-
-    The function runs in a thread of its own, as OMPL's search cannot be left and entered again: only one of both
-    threads runs at a time. A generator that is closed, or forgotten, ends the thread.
-
-    Args:
-        work: function of a callback, which it calls with each result, and with None to pause.
-    """
-    found = _slices(work)
-    _LIVE.add(found)
-    return found
-
-
-def _slices(work: Callable[[Callable[[_Result | None], None]], None]) -> Generator[_Result | None, None, None]:
-    turns: SimpleQueue[bool] = SimpleQueue()
-    results: SimpleQueue[tuple[_Result | None, BaseException | None, bool]] = SimpleQueue()
-
-    def hand(result: _Result | None) -> None:
-        results.put((result, None, False))
-        if not turns.get():
-            raise _Abandoned
-
-    def run() -> None:
-        error: BaseException | None = None
-        try:
-            if turns.get():
-                work(hand)
-        except _Abandoned:
-            pass  # nobody takes it, and its frames refer to objects of OMPL
-        except BaseException as raised:  # the caller gets it
-            error = raised
-        results.put((None, error, True))
-
-    thread, over = Thread(target=run, daemon=True, name="search for a way"), False
-    thread.start()
-    try:
-        while True:
-            turns.put(True)
-            result, error, over = results.get()
-            if error is not None:
-                raise error
-            if over:
-                return
-            yield result
-    finally:
-        if not over:
-            turns.put(False)
-        thread.join()
 
 
 class Nearest(NamedTuple):
@@ -300,7 +208,6 @@ class WaySearch:
     def is_free(self, motion: ExactMotion) -> bool:
         """True if no distance of a motion is too small."""
         self._budget.motions += 1
-        self._budget.spend(_STEERED)
         return self._checker is None or self._checker.is_free(motion)
 
     def _is_valid(self, q: Array) -> bool:
@@ -325,7 +232,6 @@ class WaySearch:
             (start, begin, _), (end, _, rest) = self._cut(motion, ends, first), self._cut(motion, ends, last)
             now = last - first
             for between in self._steering.motions(start, end):
-                self._budget.spend(_STEERED)
                 faster = drive_times(between.steps, self._speeds).sum() < (1.0 - SHORTER) * now
                 if faster and self.is_free(between):
                     steps = np.concatenate([begin, between.steps, rest])

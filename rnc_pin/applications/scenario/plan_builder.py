@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rnc_pin.applications.scenario.controllers.feedback import (
+    WAY_SEARCH,
     PlanFeedbackSettings,
     bounds_of,
     check_output_names,
@@ -36,11 +37,10 @@ from rnc_pin.optimal import (
     goal_configuration,
     tvlqr,
 )
-from rnc_pin.planning import OutputTarget, Reference, Way, WaySettings, find_way
+from rnc_pin.planning import OutputTarget, Reference, Way, find_way
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import PlannedPath
 
-_SEARCH = WaySettings(seconds=150.0, motions=20_000)  # the motions end it on a usual computer, a busy one has time
 _SLOWER = 1.5  # default of the duration, in durations of the way: accelerations take time
 _POINTS = 400  # of a planned path
 
@@ -160,14 +160,11 @@ def _first_guess(
         assert goal is not None
         beside = () if settings.clearance is None else obstacles
         selection, clearance, seed = PairSelection(links=settings.links), settings.clearance or 0.0, scenario.seed
-        search = partial(find_way, selection=selection, clearance=clearance, settings=_SEARCH, seed=seed)
+        search = partial(find_way, selection=selection, clearance=clearance, settings=WAY_SEARCH, seed=seed)
         way = search(reduced, start.q, goal, beside)
         if duration is None:
             duration = _SLOWER * way.duration
-        if not any(each.motion is not None for each in beside):
-            return way, duration
-        until = max(way.duration, float(np.mean(duration)))  # the plan has to keep the times of the way
-        return way.at(np.linspace(0.0, until, _POINTS)), duration
+        return way, duration
     assert duration is not None
     return _guess(settings.guess, reduced, start, goal, float(np.mean(duration))), duration
 

@@ -156,8 +156,7 @@ def _check_servos(scenario: ScenarioFile, servo_time: float | None) -> None:
         raise ConfigurationError(f"controller.{said} requires velocity servos: set plant.servo_time")
     if servo_time is not None and not velocities:
         raise ConfigurationError(
-            "plant.servo_time: requires controller.tracker 'velocity', controller.velocities, or controller.type "
-            "'navigation'"
+            "plant.servo_time: requires controller.tracker 'velocity', controller.velocities, or controller.type 'way'"
         )
     unused = [name for name in ("joint_damping", "joint_friction", "actuator_limits") if getattr(settings, name)]
     if velocities and unused and scenario.plant is not None and scenario.plant.type == "reduced":

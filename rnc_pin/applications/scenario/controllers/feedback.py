@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Annotated, ClassVar, Literal, cast
 
 import numpy as np
@@ -28,9 +28,7 @@ from rnc_pin.control import (
     ActuatorVelocityController,
     Controller,
     KinematicController,
-    NavigationController,
     StateFeedback,
-    WayFollowing,
 )
 from rnc_pin.errors import ConfigurationError, RncError, nearest
 from rnc_pin.io import Numbers, wrong
@@ -49,10 +47,16 @@ from rnc_pin.optimal import (
     SetPointCost,
     UpdateSchedule,
     VelocityBound,
+    WayFollower,
     tvlqr,
 )
-from rnc_pin.planning import Joined, OutputTarget, Reference
+from rnc_pin.planning import Joined, OutputTarget, Reference, WaySettings, find_way
 from rnc_pin.simulation import obstacles_passed
+
+WAY_SEARCH = WaySettings(seconds=150.0, motions=20_000)
+"""Search of a way: the motions end it on a usual computer, a busy one has time."""
+
+_FURTHER = 100  # motions that are checked for a faster way to follow
 
 
 def goal_of(
@@ -225,8 +229,8 @@ class PlanFeedbackSettings(ControllerSettings, _TVLQR.model, _FEEDBACK.model):  
 _FORM = {"form": Literal["acceleration", "dynamic"]}
 _PLANS = "form", "nodes", "seeds", "tolerance", "tube", "check", "state_cost", "braking", "velocities"
 _POINT = part(SetPointController, *_PLANS, forms=_FORM)
-_NAVIGATION = part(NavigationController, "clearance", "seed")
-_FOLLOWING = part(WayFollowing, *(each.name for each in fields(WayFollowing)))
+_WAY = part(find_way, "clearance", "seed", defaults={"clearance": 0.05})
+_FOLLOWING = part(WayFollower, *WayFollower.described)
 _PREDICTIVE = part(PredictiveController, "horizon", "form", "nodes", "velocities", forms=_FORM)
 _COST = part(
     SetPointCost,
@@ -247,15 +251,13 @@ class _ToGoal(ControllerSettings):
     def _build(self, context: ControllerContext) -> BuiltController:
         with ConfigurationError.at("controller"):
             made = self._controller(context)
-            if isinstance(made, NavigationController) or made.velocities:
+            if isinstance(made, WayFollower) or made.velocities:
                 servos = ActuatorVelocityController(context.reduced, cast(KinematicController, made))
                 return BuiltController(servos, ())
         return BuiltController(cast(Controller, made), ())
 
     @abstractmethod
-    def _controller(
-        self, context: ControllerContext
-    ) -> SetPointController | PredictiveController | NavigationController: ...
+    def _controller(self, context: ControllerContext) -> SetPointController | PredictiveController | WayFollower: ...
 
 
 class _ToSetPoint(_ToGoal, MotionProblem):
@@ -309,34 +311,32 @@ class PredictiveSettings(_ToSetPoint, _PREDICTIVE.model, _COST.model, _SCHEDULE.
         )
 
 
-class NavigationSettings(_ToGoal, _NAVIGATION.model, _FOLLOWING.model):  # type: ignore[name-defined, misc]
-    """A way to a goal at rest around the obstacles, and another one where it is blocked."""
+class WayFollowerSettings(_ToGoal, _WAY.model, _FOLLOWING.model):  # type: ignore[name-defined, misc]
+    """A way to a goal at rest around the obstacles, found before the run and followed."""
 
     velocities: ClassVar[bool] = True
 
-    type: Literal["navigation"]
-    """A way to a goal around the obstacles, also those that move into it. It commands velocities."""
+    type: Literal["way"]
+    """A way to a goal around obstacles that stand, and a controller that follows it. It commands velocities."""
     goal: Annotated[dict[str, float], Field(min_length=1)]
     """Values at rest by names of outputs. An orientation needs all its rows."""
     links: bool = True
     """True to check links of the robot against each other too."""
-    motions: Annotated[int, Field(ge=1)] = NavigationController.search.motions or 1
-    """Number of checked motions after which a search ends without a way."""
-    improve: Annotated[int, Field(ge=0)] = NavigationController.search.improve
-    """Number of motions that a search checks for faster ways after the first one."""
 
-    def _controller(self, context: ControllerContext) -> NavigationController:
-        return _NAVIGATION.build(
+    def _controller(self, context: ControllerContext) -> WayFollower:
+        goal = goal_of(self.goal, context.outputs, context.reduced)
+        way = _WAY.build(
             self,
             reduced=context.reduced,
-            goal=goal_of(self.goal, context.outputs, context.reduced),
+            q0=context.q0,
+            goal=goal,
             obstacles=context.obstacles,
             selection=PairSelection(links=self.links),
-            settings=replace(NavigationController.search, motions=self.motions, improve=self.improve),
-            following=_FOLLOWING.build(self),
+            settings=replace(WAY_SEARCH, improve=_FURTHER),
         )
+        return _FOLLOWING.build(self, reduced=context.reduced, way=way)
 
 
 FeedbackTypes = (
-    StateFeedbackSettings | PlanFeedbackSettings | SetPointSettings | PredictiveSettings | NavigationSettings
+    StateFeedbackSettings | PlanFeedbackSettings | SetPointSettings | PredictiveSettings | WayFollowerSettings
 )

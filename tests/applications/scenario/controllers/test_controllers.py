@@ -29,7 +29,7 @@ NEEDED = {
     "inverse_dynamics": {"tasks": [{"damping": {"weight": 0.1}}]},
     "set_point": {"goal": {"joint_1": 0.5}, "duration": 4.0},
     "predictive": {"goal": {"joint_1": 0.5}, "horizon": 1.0},
-    "navigation": {"goal": {"joint_1": 0.5}},
+    "way": {"goal": {"joint_1": 0.5}},
     "none": {},
 }
 VALUES = {  # of every setting that some type has
@@ -40,8 +40,8 @@ VALUES = {  # of every setting that some type has
     "limits": {"joint_velocity": {"limit": 2.0}, "joint_position": None,
         "regions": [{"frame": "tip", "box": {"x": [0, 1]}}]},
     "damping": 0.1, "velocity_gain": 10.0, "friction": 0.6, "solver": "daqp", "bounds": {"input": {"joint_1": [-1, 1]}},
-    "clearance": 0.1, "links": True, "acceleration": 1.0, "speed": 0.5, "slice_size": 20, "seed": 3, "motions": 500,
-    "improve": 100, "velocities": True, "equality": True, "nodes": 10, "seeds": 2, "tube": 0.1, "check": 0.5,
+    "clearance": 0.1, "links": True, "acceleration": 1.0, "speed": 0.5, "seed": 3,
+    "velocities": True, "equality": True, "nodes": 10, "seeds": 2, "tube": 0.1, "check": 0.5,
     "braking": 2.0, "tolerance": 0.01, "form": "acceleration", "period": 0.1, "iterations": 2, "budget": 0.02,
     "weight": 2.0, "velocity_weight": 2.0, "precision": 0.01, "effort": 0.1, "braking_time": 1.0,
     **{name: values[name] for values in NEEDED.values() for name in values},
