@@ -42,7 +42,7 @@ def anchor(title: str) -> str:
 
 
 def facts() -> dict[str, dict]:
-    """What the last runs of the scenarios told, by name."""
+    """Titles, outcomes, errors and plots of the last runs, by scenario."""
     return json.loads(FACTS.read_text(encoding="utf-8"))
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,12 +39,24 @@ GENERATORS: dict[str, Callable[..., str]] = {
     "results": recording.sections,
     "table": table,
 }
-_MARK = re.compile(r"<!-- generated: (\w+)((?: [^ \n]+)*) -->")
+_MARK = re.compile(r"^<!-- generated: (\w+)((?: [^ \n]+)*) -->$", re.MULTILINE)
+
+
+@cache
+def part(name: str, *words: str) -> str:
+    """Return what stands at a mark."""
+    return GENERATORS[name](*words)
 
 
 def filled(text: str) -> str:
     """Return the text of a page with all that is generated."""
-    return _MARK.sub(lambda mark: f"{mark[0]}\n\n{GENERATORS[mark[1]](*mark[2].split())}", text)
+    return _MARK.sub(lambda mark: f"{mark[0]}\n\n{part(mark[1], *mark[2].split())}", text)
+
+
+def prepare(app: Sphinx) -> None:
+    """Make all parts before autodoc reads a page: it replaces default values of functions, which schemas show."""
+    for page in DOCS.glob("*.md"):
+        filled(page.read_text(encoding="utf-8"))
 
 
 def fill(app: Sphinx, name: str, source: list[str]) -> None:
@@ -58,6 +71,7 @@ def outdated(app: Sphinx, *_: object) -> list[str]:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
+    app.connect("builder-inited", prepare)
     app.connect("source-read", fill, priority=400)  # before the links of the page are made
     app.connect("env-get-outdated", outdated)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
