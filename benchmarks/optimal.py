@@ -1,7 +1,7 @@
 """Optimal control: processor time of an iteration, known optima, random problems, predictive control, and feedback.
 
 Run it by ``python -m benchmarks.optimal iteration|optima|predictive|peers|updates``, or with a number of problems by
-``python -m benchmarks.optimal parking|docking|dubins|reeds-shepp|turning|regions N``, or with numbers of problems and
+``python -m benchmarks.optimal parking|docking N``, or with numbers of problems and
 of guesses by ``python -m benchmarks.optimal restarts|restarts-parking|restarts-docking|restarts-satellite N M``. All
 run without a name.
 """
@@ -17,10 +17,8 @@ from typing import Any
 import numpy as np
 
 import rnc_pin as rnc
-from benchmarks.path_lengths import compare
 from benchmarks.plan_peers import peers, updates
 from benchmarks.planned_models import car, docking, knife_edge, mobile_manipulator
-from benchmarks.regions import regions
 from benchmarks.whole_body import model as tiago
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import InfeasibleError
@@ -228,21 +226,6 @@ def _count(usual: int) -> int:
     return int(sys.argv[2]) if len(sys.argv) > 2 else usual
 
 
-def dubins() -> None:
-    """Shortest paths of a car that drives forwards only."""
-    compare("dubins", _count(10))
-
-
-def reeds_shepp() -> None:
-    """Shortest paths of a car that drives in both directions."""
-    compare("reeds-shepp", _count(10))
-
-
-def turning() -> None:
-    """Shortest durations of a knife edge with bounded speed and turning rate, which are lengths of Reeds and Shepp."""
-    compare("turning", _count(10))
-
-
 def predictive() -> None:
     """Model-predictive control at 20 Hz in MuJoCo, whose wheels slip and whose contacts are soft."""
     cases: dict[str, tuple[rnc.ReducedModel, list[object], list[float]]] = {
@@ -289,13 +272,9 @@ PARTS: dict[str, Callable[[], None]] = {
     "restarts-parking": lambda: restarts("parking", *_parking()),
     "restarts-docking": lambda: restarts("docking, two trailers", *_docking(2)),
     "restarts-satellite": lambda: restarts("turns of a satellite", *_turning_satellite()),
-    "dubins": dubins,
-    "reeds-shepp": reeds_shepp,
-    "turning": turning,
     "predictive": predictive,
     "peers": peers,
     "updates": updates,
-    "regions": lambda: regions(_count(10)),
 }
 
 if __name__ == "__main__":

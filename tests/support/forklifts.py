@@ -5,8 +5,16 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
-from benchmarks.forklift_sweep import URDF
 
+URDF = """<robot name="forklift">
+<link name="base"><inertial><origin xyz="0 0 0.5"/><mass value="300"/>
+<inertia ixx="30" iyy="60" izz="60" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><origin xyz="0 0 0.5"/><geometry><box size="1.6 0.9 1.0"/></geometry></collision></link>
+<link name="load"><inertial><mass value="80"/>
+<inertia ixx="8" iyy="8" izz="8" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><geometry><box size="0.9 0.8 0.6"/></geometry></collision></link>
+<joint name="lift_joint" type="prismatic"><parent link="base"/><child link="load"/><origin xyz="1.3 0 0.35"/>
+<axis xyz="0 0 1"/><limit lower="0" upper="1.4" effort="{effort}" velocity="0.5"/></joint></robot>"""
 BASE, LOAD, OFFSET = (1.6, 0.9, 1.0), (0.9, 0.8, 0.6), (1.3, 0.0, 0.35)
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks import forklift_sweep, verdicts
+from benchmarks import verdicts
 
 
 def wrong(case):
@@ -24,12 +24,3 @@ def test_two_hundred_drawn_runs_and_all_built_in_scenarios(capsys, monkeypatch):
         if line.startswith("| ") and not line.startswith("| finding"):
             missed, invented = line.split("|")[3:5]
             assert (int(missed), int(invented)) == (0, 0), out
-
-
-@pytest.mark.long
-def test_runs_of_the_forklift_that_succeed_keep_clearance_and_goal(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("sys.argv", ["forklift_sweep", "--runs", "200", "--out", str(tmp_path)])
-    forklift_sweep.main()
-    out = capsys.readouterr().out
-    assert "kept in the replay" in out
-    assert "broken in the replay" not in out

@@ -1,6 +1,6 @@
-"""Ways in drawn worlds that have one by construction, and a gap that is one centimetre too narrow.
+"""Ways in drawn worlds that have one by construction.
 
-``python -m benchmarks.global_planning [N] [WORLD ...] [--seconds S] [--gaps M] [--beside K]``. A world begins with a
+``python -m benchmarks ways [N] [WORLD ...] [--seconds S] [--beside K]``. A world begins with a
 way through random configurations; obstacles are drawn around it and kept if the way stays free. TIAGo starts in one of
 three rooms with doors, and its hand reaches into a shelf in the last one; a way through both doors is known. The search
 does not know these ways. A success is a way within the seconds of processor time that a dense replay confirms:
@@ -339,52 +339,18 @@ def _written_for_cars(reduced: rnc.ReducedModel, task: Task, seed: int) -> bool:
     return bool(setup.haveExactSolutionPath())
 
 
-def gaps(count: int) -> None:
-    """Print how many ways lead through a gap that is one centimetre narrower than a box on a knife edge."""
-    geometry, plain = pin.GeometryModel(), rnc.Robot.from_urdf("unicycle.urdf", base="planar")
-    body = plain.model.getFrameId("axle")
-    geometry.addGeometryObject(pin.GeometryObject("body", 1, body, pin.SE3.Identity(), coal.Box(0.6, 0.6, 0.2)))
-    robot = rnc.Robot(plain.model, collision_model=geometry)
-    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
-    passed = 0
-    for seed in range(count):
-        generator = np.random.default_rng(seed)
-        thickness, x = generator.uniform(0.02, 0.4), 1.5
-        walls = [
-            Obstacle(coal.Box(thickness, 40.0, 1.0), position=(x, side * (20.0 + 0.59 / 2), 0.0), name=name)
-            for side, name in ((1.0, "left"), (-1.0, "right"))
-        ]
-        ends = []
-        for low, high in ((0.0, 0.8), (2.2, 3.0)):
-            q = np.array(robot.configuration())
-            yaw = generator.normal(0.0, 0.1)
-            q[:4] = generator.uniform(low, high), generator.normal(0.0, 0.05), *_angle(yaw)
-            ends.append(q)
-        area = [[-1.0, -1.0, 0.0], [4.0, 1.0, 1.0]]
-        settings = WaySettings(seconds=0.2, area=area)
-        try:
-            find_way(reduced, *ends, walls, clearance=0.0, settings=settings, seed=seed)
-        except InfeasibleError:
-            continue
-        passed += 1
-    print(f"gap 1 cm too narrow: {passed} ways in {count} tries", flush=True)
-
-
 def main() -> None:
     """Run the worlds that the command line names."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("count", nargs="?", type=int, default=20, help="worlds of each kind")
     parser.add_argument("worlds", nargs="*", help=f"of {', '.join(WORLDS)}; all by default")
     parser.add_argument("--seconds", type=float, default=30.0)
-    parser.add_argument("--gaps", type=int, default=1000)
     parser.add_argument("--beside", type=int, default=30, help="worlds of the comparison")
     given = parser.parse_args()
     for name in given.worlds or WORLDS:
         run(name, given.count, given.seconds)
     if given.beside:
         beside(given.beside)
-    if given.gaps:
-        gaps(given.gaps)
 
 
 if __name__ == "__main__":
