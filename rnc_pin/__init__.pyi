@@ -87,6 +87,5 @@ from .simulation import simulate as simulate
 from .simulation import simulate_phases as simulate_phases
 from .simulation import summarize as summarize
 from .simulation import tuned_tracker as tuned_tracker
-from .tracebacks import set_full_tracebacks as set_full_tracebacks
 from .version import __version__ as __version__
 from .visualization.loop_view import show as show

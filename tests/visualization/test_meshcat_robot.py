@@ -257,8 +257,6 @@ def test_what_fails_in_drawing_costs_the_drawing_alone(tmp_path, monkeypatch, ca
         printed.append((saved, capfd.readouterr().out))
         raise ValueError("found a\nleft-handed frame")
 
-    # With one processor, what is printed is read in one process.
-    monkeypatch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
     monkeypatch.setattr(plot_files, "_overview", fail)
     monkeypatch.setattr(saved_run, "Recording", fail)
     status, out, err = called(monkeypatch, capfd, *RUN, tmp_path / "out")
@@ -292,7 +290,6 @@ def test_a_robot_without_its_meshes_runs(tmp_path, monkeypatch, capfd):
     path.write_text(chain(base=INERTIAL + far, arm=INERTIAL + far, hand=INERTIAL + mesh("wedge.stl")))
     scenario = tmp_path / "arm.yaml"
     called(monkeypatch, capfd, "init", path, "--out", scenario)
-    monkeypatch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
     monkeypatch.setattr(plot_files, "write_plot", lambda *_: False)
     status, _, err = called(monkeypatch, capfd, "run", scenario, *SHORT, "--out", tmp_path / "out")
     assert status == 0

@@ -21,7 +21,7 @@ from rnc_pin.applications.command_line.messages import (
 )
 from rnc_pin.applications.scenario.execution import Result, write
 from rnc_pin.applications.scenario.output_folder import OutputFolder
-from rnc_pin.applications.scenario.pictures import Artists, Drawn, draw_pictures, picture_names
+from rnc_pin.applications.scenario.pictures import Drawn, draw_pictures, picture_names
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import RncError
 from rnc_pin.simulation import OutputNames, Summary
@@ -207,7 +207,6 @@ def keep_run(
     result: Result,
     target: OutputFolder,
     as_json: bool,
-    artists: Artists | None = None,
     more: Callable[[Path], str] | None = None,
 ) -> Drawn | None:
     """Write a run, print its summary, and draw its pictures last. None if they cannot be written, after the error.
@@ -217,7 +216,6 @@ def keep_run(
         result: the run.
         target: folder of the results.
         as_json: print nothing, because a program reads the results.
-        artists: processes that draw; by default this one.
         more: function that writes one more file into a folder and returns its name.
     """
     try:
@@ -230,7 +228,7 @@ def keep_run(
         names = picture_names(scenario)
         text = f"{scenario.name}: drawing {len(names)} pictures"
         with target.writing() as fresh, ProgressBar(Console(stderr=True), len(names), text, as_json) as bar:
-            drawn = draw_pictures(scenario, result, fresh, bar, artists)
+            drawn = draw_pictures(scenario, result, fresh, bar)
         target.keep()
     except RncError as error:  # the scenario is valid, but its results cannot be written
         complain(str(error))

@@ -1,19 +1,18 @@
-"""Execution of a scenario: the run beside its comparisons, and their result files."""
+"""Execution of a scenario: the run, its comparisons, and their result files."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
-from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
+from rnc_pin.applications.scenario.builder import Experiment
 from rnc_pin.applications.scenario.scenario import Scenario, slug
-from rnc_pin.applications.scenario.shared_tasks import Report, SharedTasks
-from rnc_pin.applications.scenario.simulated_run import Simulated, judged_summary, run_summary
+from rnc_pin.applications.scenario.simulated_run import judged_summary, run_summary
 from rnc_pin.errors import RncError
 from rnc_pin.io import dump_json
 from rnc_pin.simulation import Compared, LimitReplay, Observer, Outcome, Sample, Summary, Trajectory
@@ -43,94 +42,69 @@ def execute(
     scenario: Scenario,
     observer: Observer | None = None,
     progress: Callable[[float, str], None] | None = None,
-    *,
-    processes: int = 1,
 ) -> Result:
-    """Run a scenario.
+    """Run a scenario, and then its comparisons.
 
     Args:
-        plan: what to run.
+        scenario: what to run.
         observer: called with every ``Sample`` of the run itself.
         progress: called with the simulated time so far [s], of all runs together, and the name of the one under way.
-        processes: largest number of processes. With more than one, comparisons run beside the run; results are equal
-            to the bit.
 
     Returns:
-        The result; a run that failed keeps what it reached, with ``error`` set.
+        The result; a run that failed keeps what it reached, with ``error`` set, and has no comparisons. Those after an
+        interruption are missing.
     """
-    runs = _Runs(scenario, progress, processes)
-    with closing(runs), np.errstate(over="ignore", invalid="ignore"):  # diverged values
-        return _executed(scenario, runs, observer)
-
-
-class _Runs:
-    """The runs of a scenario and their progress. Its comparisons start at once if there are processors for them."""
-
-    def __init__(self, scenario: Scenario, progress: Callable[[float, str], None] | None, processes: int) -> None:
-        self._scenario, self._progress = scenario, progress
-        self._experiments = [scenario.experiment, *scenario.comparisons.values()]
-        self._names = [scenario.name, *(f"{scenario.name}: {label}" for label in scenario.comparisons)]
-        self._times = [0.0] * len(self._names)
-        self._others: SharedTasks[None, Simulated] = SharedTasks(
-            self._other, range(1, len(self._names)), processes - 1, ended_early=_interrupted
-        )
-        self._others.begin(None)
-
-    def main(self, observer: Observer | None) -> Simulated:
-        """The run itself."""
-        return self._simulated(0, observer, self._others.with_helpers(self._show))
-
-    def others(self) -> dict[str, Simulated]:
-        """The comparisons by label. Those after an interruption are missing."""
-        found = self._others.results(self._show)
-        return {label: found[k] for k, label in enumerate(self._scenario.comparisons, start=1) if k in found}
-
-    def _other(self, number: int, _: None, report: Report) -> Simulated:
-        return self._simulated(number, None, report)
-
-    def _simulated(self, number: int, observer: Observer | None, report: Report) -> Simulated:
-        experiment = self._experiments[number]
-        last = experiment.simulation.duration * (1.0 - 1e-9)
-        shown = 0.0
-
-        def watch(sample: Sample) -> None:
-            nonlocal shown
-            if sample.time >= min(shown, last):
-                shown = sample.time + last / _REPORTS
-                report(number, sample.time)
-            if observer is not None:
-                observer(sample)
-
-        return self._scenario.simulated(experiment, watch)
-
-    def _show(self, number: int, time: float) -> None:
-        self._times[number] = time
-        if self._progress is not None:
-            self._progress(sum(self._times), self._names[number])
-
-    def close(self) -> None:
-        """End the processes of the comparisons."""
-        self._others.close()
-
-
-def _interrupted(run: Simulated) -> bool:
-    return run.trajectory.outcome is Outcome.INTERRUPTED
-
-
-def _executed(scenario: Scenario, runs: _Runs, observer: Observer | None) -> Result:
-    # The wall time of the summary is that of the simulation, without building and drawing.
-    start = time.perf_counter()
-    trajectory, error, gave_way = runs.main(observer)
-    summary, limits = judged_summary(scenario.experiment, trajectory, gave_way, time.perf_counter() - start)
-    others: dict[str, Trajectory] = {}
-    if error is None and trajectory.outcome is Outcome.COMPLETED:
-        for label, (other, failure, _) in runs.others().items():
-            others[label] = other
-            compared = _compared(run_summary(scenario.comparisons[label], other))
-            if failure is not None:
-                compared["message"] = str(failure)
-            summary.setdefault("comparisons", {})[label] = compared
+    with np.errstate(over="ignore", invalid="ignore"):  # diverged values
+        # The wall time of the summary is that of the simulation, without building and drawing.
+        start = time.perf_counter()
+        own = _watched(scenario.experiment, observer, _shown(progress, 0.0, scenario.name))
+        trajectory, error, gave_way = scenario.simulated(scenario.experiment, own)
+        summary, limits = judged_summary(scenario.experiment, trajectory, gave_way, time.perf_counter() - start)
+        others: dict[str, Trajectory] = {}
+        if error is None and trajectory.outcome is Outcome.COMPLETED:
+            others = _comparisons(scenario, summary, progress)
     return Result(trajectory, summary, error, others, limits)
+
+
+def _comparisons(
+    scenario: Scenario, summary: Summary, progress: Callable[[float, str], None] | None
+) -> dict[str, Trajectory]:
+    """Run the comparisons by label, up to one that is interrupted, and add their part of the summary."""
+    found: dict[str, Trajectory] = {}
+    before = scenario.duration
+    for label, experiment in scenario.comparisons.items():
+        shown = _shown(progress, before, f"{scenario.name}: {label}")
+        run, failure, _ = scenario.simulated(experiment, _watched(experiment, None, shown))
+        before += experiment.simulation.duration
+        compared = _compared(run_summary(experiment, run))
+        if failure is not None:
+            compared["message"] = str(failure)
+        summary.setdefault("comparisons", {})[label] = compared
+        found[label] = run
+        if run.outcome is Outcome.INTERRUPTED:
+            break
+    return found
+
+
+def _shown(progress: Callable[[float, str], None] | None, before: float, name: str) -> Callable[[float], None]:
+    """Progress of one run, from the time of all runs before it [s]."""
+    return lambda time: None if progress is None else progress(before + time, name)
+
+
+def _watched(experiment: Experiment, observer: Observer | None, report: Callable[[float], None]) -> Observer:
+    """Observer of a run that reports its progress."""
+    last = experiment.simulation.duration * (1.0 - 1e-9)
+    due = 0.0
+
+    def watch(sample: Sample) -> None:
+        nonlocal due
+        if sample.time >= min(due, last):
+            due = sample.time + last / _REPORTS
+            report(sample.time)
+        if observer is not None:
+            observer(sample)
+
+    return watch
 
 
 def _compared(summary: Summary) -> Compared:

@@ -1,7 +1,6 @@
-"""Plots and animation of a run, drawn by one process or by several.
+"""Plots and animation of a run, one after the other.
 
-Matplotlib and Meshcat take a second to import. So a process imports ``plot_files`` or ``saved_run`` only to draw
-with them, if possible while the simulation runs.
+Matplotlib and Meshcat take a second to import: ``plot_files`` and ``saved_run`` are imported to draw with them.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ import numpy as np
 
 from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.applications.scenario.shared_tasks import Report, SharedTasks
 from rnc_pin.errors import RncError, few
 from rnc_pin.interruption import interruptible
 
@@ -57,35 +55,13 @@ _Picture = bool | str
 """Result of drawing a picture: True if it is written, False if there is nothing to draw; or the error."""
 
 
-class Artists(SharedTasks[tuple[Result, Path], _Picture]):
-    """Processes that draw the pictures of a run, as a context. All but this one get ready while the simulation runs.
-
-    Args:
-        scenario: the scenario of the run.
-        processes: largest number of processes.
-    """
-
-    def __init__(self, scenario: Scenario, processes: int = 1) -> None:
-        self.names = picture_names(scenario)
-        order = range(len(self.names))
-        # The animation takes longest. This process draws it: the others have imported Matplotlib.
-        numbers = order if processes == 1 else [order[-1], *order[:-1]]
-
-        def draw(number: int, common: tuple[Result, Path], report: Report) -> _Picture:
-            report(number, 0.0)
-            return _drawn(scenario, common[0], common[1] / self.names[number])
-
-        super().__init__(draw, numbers, min(processes - 1, _MOST_HELPERS), _import_writers)
-
-
 def draw_pictures(
     scenario: Scenario,
     result: Result,
     folder: Path,
     progress: Callable[[float, str], None] | None = None,
-    artists: Artists | None = None,
 ) -> Drawn:
-    """Write the pictures of a result; none if it has fewer than two samples.
+    """Write the pictures of a result; none if it was interrupted or has fewer than two samples.
 
     An error in one picture does not affect the other pictures or the data.
 
@@ -94,36 +70,23 @@ def draw_pictures(
         result: the result of the run.
         folder: folder for the pictures.
         progress: called with the number of finished pictures and the name of the next.
-        artists: processes that draw; by default this one.
     """
-    if len(result.trajectory.time) < 2:
-        return Drawn()
-    interrupted = False
-    with artists or Artists(scenario) as shared:
-        names = shared.names
-
-        def report(number: int, _: float) -> None:
-            if progress is not None:
-                progress(len(shared.found), names[number])
-
-        shared.begin((result, folder))
+    if result.interrupted or len(result.trajectory.time) < 2:
+        return Drawn()  # who interrupts a run does not wait for its pictures
+    written: list[str] = []
+    failures: dict[str, str] = {}
+    for number, name in enumerate(picture_names(scenario)):
+        if progress is not None:
+            progress(number, name)
         try:
-            found = shared.results(report)
+            found = _drawn(scenario, result, folder / name)
         except KeyboardInterrupt:
-            interrupted, found = True, dict(shared.found)
-    if interrupted:
-        for name in (name for number, name in enumerate(names) if number not in found):
-            (folder / name).unlink(missing_ok=True)
-    return Drawn(
-        [names[number] for number, each in sorted(found.items()) if each is True],
-        {names[number]: each for number, each in sorted(found.items()) if isinstance(each, str)},
-        interrupted,
-    )
-
-
-def _import_writers() -> None:
-    for name in (ANIMATION, ""):
-        _writer(name)
+            return Drawn(written, failures, interrupted=True)
+        if isinstance(found, str):
+            failures[name] = found
+        elif found:
+            written.append(name)
+    return Drawn(written, failures)
 
 
 def _writer(name: str) -> Callable[[Scenario, Result, Path], bool]:

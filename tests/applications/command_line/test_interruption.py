@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -193,7 +194,8 @@ def started(*arguments, **options):
 def test_a_run_that_is_asked_to_end_keeps_its_results(tmp_path):
     """By Ctrl-C, and by an impatient user; SIGTERM ends the sweep below by the same handler."""
     out = tmp_path / "out"
-    with started(*RUN, *LONG, "--out", out) as process:
+    command = [sys.executable, "-m", "rnc_pin", *RUN, *LONG, "--out", str(out)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert any("simulating" in line for line in process.stdout)
         begun = processor_time(process.pid)
         assert eventually(lambda: processor_time(process.pid) > begun + 0.3)
@@ -212,13 +214,11 @@ def test_a_run_that_is_asked_to_end_keeps_its_results(tmp_path):
     assert summary["outcome"] == "interrupted"
     assert 0 < summary["duration"] == run.time[-1] < 100
     assert summary["samples"] == len(run.time)
-    assert not [path for path in out.iterdir() if path.name.startswith(".rnc_pin_")]
+    assert {path.name for path in out.iterdir()} == {".rnc_pin", "trajectory.npz", "summary.json", "scenario.yaml"}
 
 
 def test_ctrl_c_while_pictures_are_drawn_costs_pictures_alone(tmp_path, call, monkeypatch):
     monkeypatch.setattr(run_figure, "plot_run", lambda *arguments: signal.raise_signal(signal.SIGINT))
-    # With one processor, so the overview is the first picture.
-    monkeypatch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
     arguments = [*RUN, "--set", "simulation.duration=0.02", "--out", tmp_path]
     for _ in range(2):  # the second time there is something to replace
         status, _, error = call(*arguments)

@@ -12,9 +12,8 @@ from rnc_pin.applications.command_line.report import ProgressBar, keep_run, repo
 from rnc_pin.applications.scenario.execution import Result, data_names, execute
 from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
 from rnc_pin.applications.scenario.output_folder import OutputFolder
-from rnc_pin.applications.scenario.pictures import Artists, picture_names
+from rnc_pin.applications.scenario.pictures import picture_names
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.applications.scenario.shared_tasks import processor_count
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.interruption import uninterrupted
 from rnc_pin.simulation import Observer
@@ -53,14 +52,9 @@ def run_scenario(
     name = prepared.name.strip(".") or "scenario"  # a file "...yaml" must not write into ".."
     planned = prepared.experiment.plan is not None
     names = [*data_names(prepared.comparisons, planned), *picture_names(prepared)]
-    processes = 1 if show else processor_count()  # a live view has threads, which forks do not have
-    with (
-        uninterrupted(),
-        OutputFolder(out or Path("runs") / name, force, names) as folder,
-        Artists(prepared, processes) as artists,
-    ):
-        result = _watched(prepared, watching, as_json) if show else _executed(prepared, None, as_json, processes)
-        drawn = keep_run(prepared, result, folder, as_json, artists)
+    with uninterrupted(), OutputFolder(out or Path("runs") / name, force, names) as folder:
+        result = _watched(prepared, watching, as_json) if show else _executed(prepared, None, as_json)
+        drawn = keep_run(prepared, result, folder, as_json)
     return FAILED if drawn is None else report_run(prepared, result, drawn, folder.path, as_json)
 
 
@@ -79,10 +73,10 @@ def _watched(prepared: Scenario, watching: Watching, quiet: bool) -> Result:
         close(live)
 
 
-def _executed(prepared: Scenario, live: Observer | None, quiet: bool, processes: int = 1) -> Result:
+def _executed(prepared: Scenario, live: Observer | None, quiet: bool) -> Result:
     """Execute the run with a progress bar."""
     count = len(prepared.comparisons)
     others = f" and {count} comparison{'s'[: count != 1]}" if count else ""
     text = f"{prepared.name}: simulating {prepared.duration:g} s{others}"
     with ProgressBar(Console(stderr=True), prepared.total_duration, text, quiet) as advance:
-        return execute(prepared, live, advance, processes=processes)
+        return execute(prepared, live, advance)
