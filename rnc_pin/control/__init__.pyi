@@ -39,9 +39,6 @@ from .momentum_regressor import UnknownMass as UnknownMass
 from .partial_controllers import JacobianTransposeController as JacobianTransposeController
 from .partial_controllers import SplitController as SplitController
 from .partial_controllers import effective_inertia as effective_inertia
-from .pose_filter import PoseEstimate as PoseEstimate
-from .pose_filter import PoseFilter as PoseFilter
-from .pose_filter import PoseFix as PoseFix
 from .position_tracker import PositionState as PositionState
 from .position_tracker import PositionTracker as PositionTracker
 from .redundancy import RedundancyController as RedundancyController

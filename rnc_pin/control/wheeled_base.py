@@ -268,6 +268,15 @@ class OdometryIncrement(NamedTuple):
     by_rows: Float[Array, "3 m"]
     """Derivatives by the slip of the rows [m]."""
 
+    def covariance(self, encoder: float, slip: float) -> Float[Array, "3 3"]:
+        """Covariance of the motion, for a filter of poses such as those of ``robot_localization`` and GTSAM.
+
+        Args:
+            encoder: standard deviation of the motion of each measured joint in this step [rad or m].
+            slip: standard deviation of the slip of each row in this step [m].
+        """
+        return np.asarray(encoder**2 * self.by_joints @ self.by_joints.T + slip**2 * self.by_rows @ self.by_rows.T)
+
 
 class WheelOdometry(ReprMixin):
     """Pose of a frame of the base from positions of joints alone.

@@ -39,6 +39,16 @@ def test_one_step_of_any_size_is_an_arc(turn):
     assert found.slip < 1e-12
 
 
+def test_the_covariance_of_a_step_is_that_of_its_wheels():
+    """Independent errors of two wheels at 0.2 m: the forward motion has their mean, the turn their difference / 0.4."""
+    reduced, encoder, slip = cart(), 0.03, 0.002
+    after = reduced.robot.configuration({"left_wheel_joint": 1.0, "right_wheel_joint": 1.5})
+    step = WheelOdometry(reduced, "base").increment(reduced.robot.configuration(), after)
+    wheel = (RADIUS * encoder) ** 2 + slip**2
+    expected = np.diag([wheel / 2, slip**2, 2 * wheel / 0.4**2])
+    np.testing.assert_allclose(step.covariance(encoder, slip), expected, atol=1e-15)
+
+
 def driven_errors(reduced, frame, dt):
     """Largest error of the pose by odometry after 1 s of a bent path with turning pivots, and the way [m]."""
     q = reduced.assembled(reduced.robot.configuration())
