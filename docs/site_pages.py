@@ -1,4 +1,4 @@
-"""Sphinx extension: pages of the root, the generated reference, and links that hold on GitHub and on the site.
+"""Sphinx extension: pages of the root, the reference, the search, and links that hold on GitHub and on the site.
 
 A page links to ``../README.md`` or to a source file as GitHub wants it. Here the link leads to the copy of the page in
 ``project/``, or offers the file.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import builtins
 import collections.abc
 import inspect
+import json
 import os
 import re
 import shutil
@@ -23,6 +24,7 @@ from sphinx.application import Sphinx
 
 DOCS = Path(__file__).parent.resolve()
 ROOT = DOCS.parent
+SCORER = "project/search_scorer.js"
 AT_THE_TOP = {
     "README.md": "project/readme.md",
     "CONTRIBUTING.md": "project/contributing.md",
@@ -31,15 +33,17 @@ AT_THE_TOP = {
     "LICENSE": "project/license.md",
 }
 SECTIONS = {
-    "Start": ["project/readme", "own_robot", "gallery"],
+    "Start": ["project/readme", "own_robot"],
     "Tutorials": ["tutorials/*"],
     "Topics": ["*"],
     "Explanation": ["explanation/*", "paper", "glossary", "comparison", "limits"],
-    "Reference": ["commands", "scenarios", "errors", "reference/*"],
-    "Evidence": ["validation", "reliability", "performance", "results", "random_tasks", "zoo"],
+    "Reference": ["commands", "scenarios", "errors", "gallery", "reference/*"],
+    "Evidence": ["validation", "reliability", "results", "random_tasks", "zoo"],
     "Project": ["maintainers", "project/contributing", "project/changelog", "project/security", "project/license"],
 }
 """Parts of the table of contents; a pattern stands for the pages that no part names."""
+RANKS = {"Evidence": -100, "Project": -5, "Reference": -2}
+"""What the search adds to the score of a page: guides come before pages to look things up, and records come last."""
 ELSEWHERE = {*dir(builtins), *typing.__all__, *collections.abc.__all__, "Array", "ndarray", "Float", "Path"}
 """Types in annotations that the site does not document."""
 _LINK = re.compile(r"(\]\()(?![a-z]+:|#|/)([^)\s#]+)(#[^)\s]*)?(\))")
@@ -95,9 +99,21 @@ def project_pages() -> dict[str, str]:
     return pages
 
 
+def search_scorer() -> str:
+    """Return the scores of Sphinx's search, those of ``searchtools.js`` with :data:`RANKS`."""
+    ranks = {page: rank for caption, rank in RANKS.items() for page in SECTIONS[caption]}
+    return f"""const ranks = {json.dumps(ranks)};
+var Scorer = {{
+  score: ([page, , , , score]) => score + (ranks[page] ?? ranks[page.replace(/[^/]*$/, "*")] ?? 0),
+  objNameMatch: 11, objPartialMatch: 6, objPrio: {{0: 15, 1: 5, 2: -5}}, objPrioDefault: 0,
+  title: 15, partialTitle: 7, term: 5, partialTerm: 2,
+}};
+"""
+
+
 def write_pages(app: Sphinx, config: Any) -> None:
     """Write all generated pages; an unchanged one keeps its time, so that Sphinx does not read it again."""
-    pages = {**project_pages(), **reference_pages()}
+    pages = {**project_pages(), **reference_pages(), SCORER: search_scorer()}
     for place, text in pages.items():
         path = DOCS / place
         path.parent.mkdir(exist_ok=True)
