@@ -1,6 +1,6 @@
 """Pictures and explanations of the built-in scenarios, for ``docs/gallery.md``.
 
-The facts are those of ``docs/data/gallery.json``, which ``docs/make_gallery.py`` writes.
+The facts are those of ``docs/data/gallery.json``, which ``docs/make_pictures.py`` writes.
 """
 
 import itertools

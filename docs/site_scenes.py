@@ -1,4 +1,4 @@
-"""Sphinx extension: recordings that ``docs/make_scenes.py`` wrote become interactive scenes behind their pictures.
+"""Sphinx extension: recordings that ``docs/make_pictures.py`` wrote become interactive scenes behind their pictures.
 
 A picture ``images/NAME.png`` has the scene ``_scenes/NAME.html``. The site loads a scene only at a click. A picture
 without a scene stays a picture.

@@ -21,7 +21,7 @@ PLACEHOLDERS = {
     "FILE": "my_robot.yaml", "FOLDER...": "runs", "FOLDER": "runs/space-robot",
     "MODULE...": "rnc_pin/control/feedback.py", "NAME": "space-robot", "[NAME...]": "systems",
     "[PAGE...]": "01_your_robot", "ROBOT": "my_robot.urdf", "--seed S": "--seed 0",
-    "SCENARIO": "my_robot.yaml", "[SCENARIO...]": "space-robot", "[--all]": "--all", " N": " 2", " ...": " space-robot",
+    "SCENARIO": "my_robot.yaml", "[SCENARIO...]": "space-robot", " N": " 2", " ...": " space-robot",
 }  # fmt: skip
 """Text of a page, and what a reader could type instead. Longer texts are replaced first."""
 
@@ -53,7 +53,7 @@ LONG = {
     r"rnc-pin drive tiago": "TIAGo takes a quarter of a minute to load and prepare",
     r"python -m benchmarks": _MEASURES,
     r"python docs/generated": "it prints a page; test_documents makes all of them",
-    r"python docs/make_(gallery|moving|scenes|tutorial|zoo)": _MEASURES,
+    r"python docs/make_(pictures|tutorial|zoo)": _MEASURES,
     r"python -m tools\.generate_rows": "it writes a file of the repository, which test_generated_rows compares",
     r"python -m tests\.derivations": "it derives equations for four minutes",
     r"pytest tests/\S+( -n 0)?$": "a part of this test suite, which runs anyway",

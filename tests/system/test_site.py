@@ -44,4 +44,4 @@ def test_the_maintainers_page_has_the_layers_and_paths_of_the_code():
 
 
 def test_the_gallery_has_every_scenario():
-    assert list(docs_script("gallery_page").facts()) == built_in_names(), "run python docs/make_gallery.py NAME"
+    assert list(docs_script("gallery_page").facts()) == built_in_names(), "docs/make_pictures.py gallery NAME"
