@@ -83,11 +83,6 @@ class PlanVerification:
         """Time of that violation [s]."""
         return self.decisive.at
 
-    @property
-    def deviation(self) -> float:
-        """Largest difference between the integrated and the planned states at the nodes."""
-        return self.decisive.deviation
-
 
 @printed()
 @dataclass(frozen=True)

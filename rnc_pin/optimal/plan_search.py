@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from dataclasses import replace
 from itertools import chain
 from typing import NamedTuple, TypeGuard
@@ -30,9 +29,6 @@ _SAME = 0.1  # of the accuracy, but not less than the tolerance: two solutions w
 
 Gains = Callable[[MotionPlan], ArrayLike]
 """Gains (K, nu, nx) of the feedback along a plan."""
-
-PlanProgress = Callable[[int, int], None]
-"""Called with the number of guesses that were solved, and of the solutions among them."""
 
 
 def output_nodes(
@@ -92,15 +88,11 @@ class SearchEffort(NamedTuple):
         solutions: number of solutions that are wanted.
         guesses: number of guesses after which one solution is enough.
         alone: True if there is only one guess, whose errors the search then raises.
-        jobs: number of processes; -1 for all cores.
-        progress: called after each guess with the number of guesses and of solutions so far.
     """
 
     solutions: int
     guesses: float
     alone: bool = False
-    jobs: int = 1
-    progress: PlanProgress | None = None
 
 
 class _Made(NamedTuple):
@@ -147,9 +139,8 @@ class PlanSearch:
             InfeasibleError: there is none.
         """
         self._given = first[1] if first[0] == GIVEN else None
-        starts = chain([first], further)
-        with closing(GuessSolver(self._problem, self._settings).solutions(starts, self._effort.jobs)) as found:
-            return self._cheapest(found)
+        solver = GuessSolver(self._problem, self._settings)
+        return self._cheapest(solver.solution(*start) for start in chain([first], further))
 
     def _cheapest(self, found: Iterator[Candidate | RncError]) -> MotionPlan:
         pool: list[Candidate] = []
@@ -164,8 +155,6 @@ class PlanSearch:
                     pool.append(candidate)
                 else:
                     pool += self._unimproved()
-                if effort.progress is not None:
-                    effort.progress(self._tried, self._solved)
             if not pool:
                 raise self._refusal()
             # Of solutions that cost the same, the first is taken: rounding does not decide.

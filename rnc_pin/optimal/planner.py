@@ -31,7 +31,7 @@ from rnc_pin.optimal.guesses import Guess, guesses
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.node_data import NodeData
 from rnc_pin.optimal.plan_feedback import tvlqr
-from rnc_pin.optimal.plan_search import Gains, PlanProgress, PlanSearch, SearchEffort
+from rnc_pin.optimal.plan_search import Gains, PlanSearch, SearchEffort
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.transcription import Iterate, Transcription
 from rnc_pin.planning.action_models import ActionModel, Form, Nodes, action_model
@@ -197,8 +197,6 @@ def plan_motion(
     at_rest: bool = True,
     time_weight: NotNegative = 0.0,
     feedback: RunFeedback = "tvlqr",
-    jobs: int = 1,
-    progress: PlanProgress | None = None,
 ) -> MotionPlan:
     """Return an optimal motion of a reduced system from a configuration to a goal.
 
@@ -238,8 +236,6 @@ def plan_motion(
         time_weight: cost of a free duration [1/s].
         feedback: feedback that the run will use: "tvlqr" for ``rnc.tvlqr(reduced, plan)``, "plan" for the gains of the
             plan, a function from a plan to gains, or None if it drives the inputs alone.
-        jobs: number of processes that solve guesses; -1 for all cores. The plan does not depend on it.
-        progress: called after each guess with the number of guesses and of solutions so far.
 
     Raises:
         InfeasibleError: no guess led to a verified motion; the message names the violated row and what was tried, and
@@ -272,8 +268,6 @@ def plan_motion(
             raise ConfigurationError(f"{name}: expected an integer of at least {least}, found {count!r}")
     if not (is_number(time_weight) and time_weight >= 0):
         raise ConfigurationError(f"time_weight: expected a number of at least 0, found {time_weight!r}")
-    if not is_count(jobs, -1) or jobs == 0:
-        raise ConfigurationError(f"jobs {jobs}: expected a number of processes, or -1 for all cores")
 
     def solved(guess: Guess, settings: SolverSettings, seeds: int) -> MotionPlan:
         problem = build_problem(model, start, end, duration, costs, bounds, settings.nodes, limits)
@@ -284,7 +278,7 @@ def plan_motion(
         _warn_of_differences(problem)
         starts = guesses(problem, goal, guess, seeds + wanted - 1, seed)
         first = next(starts)
-        effort = SearchEffort(wanted, np.inf, alone=not seeds and wanted == 1, jobs=jobs, progress=progress)
+        effort = SearchEffort(wanted, np.inf, alone=not seeds and wanted == 1)
         if solutions is None and seeds and guess is None:
             effort = effort._replace(solutions=_USUAL if _bends(problem, first[1]) else 1, guesses=_USUAL)
         return PlanSearch(problem, settings, _gains(reduced, feedback), effort).run(first, starts)

@@ -5,17 +5,11 @@ Every iteration linearises all nodes in one block and solves the subproblem. A l
 subproblem has the same elastic rows (Fletcher's Sl1QP; Nocedal and Wright, "Numerical Optimization" (2006), 18.5), so
 its solution descends. A step that fails is repeated with more damping. Steps that turn back show that the Gauss-Newton
 Hessian is too small along them; damping replaces what it lacks.
-
-Several guesses are solved one after the other, or in several processes.
 """
 
 from __future__ import annotations
 
-import pickle
-import warnings
-from collections.abc import Generator, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
@@ -309,7 +303,7 @@ class LimitSolver:
 
 
 class GuessSolver:
-    """Solver of a problem from guesses. Each solution depends on its guess alone, whichever process finds it.
+    """Solver of a problem from guesses; each solution depends on its guess alone.
 
     Args:
         problem: the problem.
@@ -317,57 +311,21 @@ class GuessSolver:
     """
 
     def __init__(self, problem: Transcription, settings: SolverSettings) -> None:
-        self._made_of = problem, settings
         self._solver, self._relaxed = LimitSolver(problem, settings), _without_distances(problem, settings)
 
-    def __reduce__(self) -> tuple[object, ...]:
-        return type(self), self._made_of
-
     def solution(self, name: str, start: Iterate) -> Candidate | RncError:
-        """Solution from a guess, or the error that ends its iterations."""
+        """Solution from a guess, or the error that ends its iterations.
+
+        Args:
+            name: name of the guess.
+            start: the guess.
+        """
         try:
             if self._relaxed is not None and name.startswith(_RELAXED):
                 start = self._relaxed.solve(start).iterate
             return Candidate(name, self._solver.solve(start))
         except RncError as error:
             return error
-
-    def solutions(
-        self, starts: Iterator[tuple[str, Iterate]], jobs: int
-    ) -> Generator[Candidate | RncError, None, None]:
-        """Solutions in the order of their guesses, which are made as they are needed.
-
-        Args:
-            starts: named guesses.
-            jobs: number of processes; -1 for all cores. With one, this process solves.
-        """
-        if jobs == 1:
-            for start in starts:
-                yield self.solution(*start)
-            return
-        from joblib import Parallel, delayed
-
-        pickled = pickle.dumps(self)
-        calls = (delayed(_solution)(pickled, *start) for start in starts)
-        found = Parallel(jobs, return_as="generator", pre_dispatch="n_jobs")(calls)
-        try:
-            for each in found:  # noqa: UP028  (it would close the generator outside of the lines below)
-                yield each
-        finally:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UserWarning)  # about guesses under way that nobody needs any more
-                found.close()
-
-
-@lru_cache(maxsize=1)
-def _unpickled(pickled: bytes) -> GuessSolver:
-    found: GuessSolver = pickle.loads(pickled)
-    return found
-
-
-def _solution(pickled: bytes, name: str, start: Iterate) -> Candidate | RncError:
-    """Solution in a worker, which unpickles a problem once."""
-    return _unpickled(pickled).solution(name, start)
 
 
 def _without_distances(problem: Transcription, settings: SolverSettings) -> SequentialQuadratic | None:

@@ -15,26 +15,16 @@ Word = list[tuple[int, float]]
 LEFT, STRAIGHT, RIGHT = 1, 0, -1
 
 
-def dubins_length(x: float, y: float, heading: float) -> float:
-    """Length of the shortest forward path from the origin to a pose, in turning radii."""
-    return _length(dubins_words(x, y, heading)[0])
-
-
 def dubins_words(x: float, y: float, heading: float) -> list[Word]:
     """Forward paths from the origin to a pose, in turning radii, the shortest first."""
     found = [word for word in _dubins_words(x, y, heading) if _ends_at(word, x, y, heading)]
-    return sorted(found, key=_length)
+    return sorted(found, key=word_length)
 
 
 def reeds_shepp_words(x: float, y: float, heading: float) -> list[Word]:
     """Paths with forward and backward segments from the origin to a pose, in turning radii, the shortest first."""
     found = [word for word in _reeds_shepp_words(x, y, heading) if _ends_at(word, x, y, heading)]
-    return sorted(found, key=_length)
-
-
-def reeds_shepp_length(x: float, y: float, heading: float) -> float:
-    """Length of the shortest path with forward and backward segments from the origin to a pose, in turning radii."""
-    return _length(reeds_shepp_words(x, y, heading)[0])
+    return sorted(found, key=word_length)
 
 
 def driven_pose(word: Word) -> tuple[float, float, float]:
@@ -51,7 +41,8 @@ def driven_pose(word: Word) -> tuple[float, float, float]:
     return x, y, heading
 
 
-def _length(word: Word) -> float:
+def word_length(word: Word) -> float:
+    """Length of a word, in turning radii."""
     return sum(abs(length) for _, length in word)
 
 

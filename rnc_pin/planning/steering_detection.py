@@ -173,7 +173,7 @@ _EXACT = 1e-9  # largest difference of unit vectors that counts as rounding
 
 
 def find_steering(
-    reduced: ReducedModel, q0: Float[Array, " nq"], seed: int = 0, *, reverse: bool = True, room: float = 0.0
+    reduced: ReducedModel, q0: Float[Array, " nq"], *, reverse: bool = True, room: float = 0.0
 ) -> Steering:
     """Find the exact steering that the constraint rows of a reduced system allow.
 
@@ -182,7 +182,6 @@ def find_steering(
     Args:
         reduced: the model.
         q0: a configuration (nq,).
-        seed: seed of the random configurations.
         reverse: False if a car or a differential drive does not drive backwards. Forwards is the direction of the
             base's x axis, or of its y axis if it cannot drive along x.
         room: part of the range of a car's steering joint that stays free at each end, e.g. for feedback.
@@ -202,7 +201,7 @@ def find_steering(
         _refuse(reduced, "its rows prescribe a motion")
     if reduced.assembly.size:
         _refuse(reduced, f"row '{reduced.assembly.names[0]}' couples joints")
-    samples = _Samples(reduced, q0, seed)
+    samples = _Samples(reduced, q0)
     planned = ~samples.followers()
     places = np.flatnonzero(planned)
     if reduced.r == len(places):
@@ -249,27 +248,26 @@ def _annihilators(R: Float[Array, "n r"]) -> Float[Array, "k n"]:
     return np.linalg.svd(R)[0][:, R.shape[1] :].T
 
 
-def planned_velocities(reduced: ReducedModel, q0: Float[Array, " nq"], seed: int = 0) -> Bool[Array, " nv"]:
+def planned_velocities(reduced: ReducedModel, q0: Float[Array, " nq"]) -> Bool[Array, " nv"]:
     """Mask of the velocities that are planned; wheels without limits, on which no row depends, follow.
 
     Args:
         reduced: the model.
         q0: a configuration (nq,).
-        seed: seed of the random configurations.
     """
-    return ~_Samples(reduced, q0, seed).followers()
+    return ~_Samples(reduced, q0).followers()
 
 
 class _Samples:
     """Random configurations within the limits, and bases R (nv, r) of the velocities that the rows allow there."""
 
-    def __init__(self, reduced: ReducedModel, q0: Array, seed: int) -> None:
+    def __init__(self, reduced: ReducedModel, q0: Array) -> None:
         self._reduced, self._model = reduced, reduced.robot.model
-        self._generator = np.random.default_rng(seed)
+        self._generator = np.random.default_rng(0)
         lower, upper = self._model.lowerPositionLimit.copy(), self._model.upperPositionLimit.copy()
         wide = ~((lower > -NO_LIMIT) & (upper < NO_LIMIT) & (lower < upper))
         lower[wide], upper[wide] = -1.0, 1.0
-        pin.seed(seed)
+        pin.seed(0)
         self._q, self.bases = [np.array(q0)], [np.array(reduced.at(q0).R)]
         for _ in range(20 * _SAMPLES):
             if len(self._q) == _SAMPLES:

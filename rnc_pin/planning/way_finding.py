@@ -22,8 +22,13 @@ from rnc_pin.planning.action_models import KinematicFlow
 from rnc_pin.planning.exact_steering import ExactMotion, Steering, base_axes
 from rnc_pin.planning.steering_detection import find_steering, planned_velocities
 from rnc_pin.planning.way import Way, WayInfo, way_along
-from rnc_pin.planning.way_checking import WayChecker, way_checker
-from rnc_pin.planning.way_goals import WayGoals, check_configuration, validated_configuration
+from rnc_pin.planning.way_checking import (
+    WayChecker,
+    WayGoals,
+    check_configuration,
+    validated_configuration,
+    way_checker,
+)
 from rnc_pin.planning.way_propagation import DEVIATION, PropagatedSearch
 from rnc_pin.planning.way_search import SHORTER, SearchBudget, WaySearch, drive_times, speed_limits
 from rnc_pin.planning.way_space import base_area
@@ -137,7 +142,7 @@ def find_way(
     checker = way_checker(reduced.robot, start, obstacles, selection, apart)
     budget = SearchBudget(settings.seconds, settings.motions)
     check_configuration(reduced, checker, start, "start")
-    goals = WayGoals(reduced, steering, checker, budget, settings.goals, settings.hold)
+    goals = WayGoals(reduced, steering, checker, settings.seconds / 2, settings.goals, settings.hold)
     ends = goals.of(goal, start, seed)
     places = np.vstack([start, ends])
     area = base_area(reduced, 0.0 if steering is None else steering.radius, places, obstacles, checker, settings.area)

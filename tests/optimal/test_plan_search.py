@@ -1,7 +1,6 @@
 """Plans that are returned keep goal and distances in a replay that does not use the package; others are refused."""
 
 import coal
-import joblib
 import numpy as np
 import pytest
 
@@ -131,17 +130,10 @@ def test_as_many_guesses_are_solved_as_solutions_are_asked_for():
     few = SolverSettings(nodes=10, iterations=40, accuracy=0.5)
     options = {"seeds": 2, "settings": few}
     plans = [rnc.optimal.plan(reduced, start, goal, 4.0, solutions=n, **options) for n in (1, 10)]
-    calls = []
-    with joblib.parallel_config(backend="sequential"):  # what a worker gets, without its start
-        options |= {"jobs": 2, "progress": lambda *counts: calls.append(counts)}
-        plans.append(rnc.optimal.plan(reduced, start, goal, 4.0, solutions=10, **options))
-    assert [tried for tried, _ in calls] == list(range(1, plans[2].info.guesses + 1))
-    assert calls[-1] == (plans[1].info.guesses, 10)
-    assert [plan.info.solutions for plan in plans] == [1, 10, 10]
+    assert [plan.info.solutions for plan in plans] == [1, 10]
     assert plans[0].info.guesses == 2
     assert plans[1].info.guesses >= 11
     assert plans[1].info.cost <= plans[0].info.cost
-    np.testing.assert_array_equal(plans[1].u, plans[2].u)
 
 
 def test_the_cheapest_of_a_few_guesses_is_the_usual_plan():

@@ -106,8 +106,6 @@ def test_a_plan_and_its_verdict_survive_a_file(tmp_path):
         ({"goal": {"sleigh_spede_x": 1.0}}, ConfigurationError, "no output 'sleigh_spede_x'"),
         ({"bounds": [rnc.optimal.InputBound(1.0, -1.0)]}, InputError, "above upper limit"),
         ({"costs": [1.0]}, ConfigurationError, "expected costs"),
-        ({"jobs": 0}, ConfigurationError, "jobs 0: expected a number of processes"),
-        ({"jobs": "2"}, ConfigurationError, "jobs 2: expected a number of processes"),
         (
             {"costs": EffortCost(1.0)},
             ConfigurationError,

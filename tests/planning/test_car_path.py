@@ -1,19 +1,16 @@
 """Paths of a car in one leg or several: whoever drives the planned speed and steering angle arrives; and its legs."""
 
-import re
-from itertools import pairwise, product
+from itertools import pairwise
 from types import SimpleNamespace
-from typing import get_type_hints
 
 import numpy as np
 import pytest
-from annotated_types import Gt, Lt
 from scipy.integrate import quad
 
 import rnc_pin as rnc
 from polynomials import in_axes, powers
-from rnc_pin.planning import CarPath, car_path
-from rnc_pin.planning.car_path import Leg, _moves, best_legs, continued_back, path_distances, plan_legs
+from rnc_pin.planning import CarPath
+from rnc_pin.planning.car_path import Leg, best_legs, continued_back, path_distances, plan_legs
 
 WHEELBASE, LIMIT = 1.3, 0.6
 MANOEUVRES = {
@@ -216,84 +213,6 @@ def test_distances_are_those_of_all_segments():
 # ---------------------------------------------------------------------- plans of several legs
 
 
-@pytest.mark.parametrize("forward_only", [False, True])
-def test_moves_are_those_of_a_lattice_that_a_leg_reaches_cheapest_first(forward_only):
-    moves, ways = _moves(forward_only), (1,) if forward_only else (1, -1)
-    lattice = []
-    degrees = product(range(-60, 61, 20), range(-120, 121, 30), ways)
-    for distance, (bearing, turn, way) in product((1.2, 2, 3, 4, 5, 6, 8, 11), degrees):
-        along = np.deg2rad(bearing)
-        lattice.append([way * distance * np.cos(along), distance * np.sin(along), np.deg2rad(turn)])
-    costs, _ = best_legs(np.zeros((len(lattice), 3)), np.array(lattice), 1.0, forward_only)
-    reached, _ = best_legs(np.zeros_like(moves), moves, 1.0, forward_only)
-    np.testing.assert_allclose(reached, np.sort(costs[np.isfinite(costs)]))
-    there = np.array(lattice)[np.isfinite(costs)]
-    ours, theirs = (np.unique(np.round(each, 9) + 0.0, axis=0) for each in (moves, there))
-    np.testing.assert_allclose(ours, theirs, atol=1e-8)
-
-
-def placed(pose):
-    """The matrix of a pose."""
-    c, n = np.cos(pose[2]), np.sin(pose[2])
-    return np.array([[c, -n, pose[0]], [n, c, pose[1]], [0.0, 0.0, 1.0]])
-
-
-def planned(start, goal, radius, forward_only):
-    """Stops of the cheapest plan, by loops: each pair of a first and a last move, and what joins them."""
-
-    def costs(first, last, samples=201):
-        ends = np.broadcast_arrays(np.asarray(first), np.asarray(last))
-        return best_legs(*(each.reshape(-1, 3) for each in ends), radius, forward_only, samples)[0]
-
-    moves = _moves(forward_only) * [radius, radius, 1.0]
-    after = [[*(placed(start) @ [x, y, 1.0])[:2], start[2] + turn] for x, y, turn in moves]
-    before = []
-    for move in moves:
-        there = placed(goal) @ np.linalg.inv(placed(move))
-        before.append([*there[:2, 2], goal[2] - move[2]])
-    once = sorted([*after, *before], key=lambda stop: (costs(start, stop, 25) + costs(stop, goal, 25))[0])[:40]
-    two = [(costs(start, stop) + costs(stop, goal))[0] for stop in once]
-    few = [k for turn in range(-120, 121, 30) for k in np.flatnonzero(np.rad2deg(moves[:, 2]).round() == turn)[:13]]
-    first, last = np.array(after)[few], np.array(before)[few]
-    out, home = costs(start, first, 25), costs(last, goal, 25)
-    pairs = np.array([out[k] + costs(stop, last, 25) + home for k, stop in enumerate(first)])
-    ways = [(first[k // len(few)], last[k % len(few)]) for k in np.argsort(pairs, axis=None)[:40]]
-    three = [(costs(start, a) + costs(a, b) + costs(b, goal))[0] for a, b in ways]
-    plans = [(np.min(two) + 6 * radius, [once[np.argmin(two)]]), (np.min(three) + 9 * radius, ways[np.argmin(three)])]
-    return min(plans, key=lambda plan: plan[0])[1]
-
-
-@pytest.mark.parametrize(("goal", "legs"), [((2.6, 1.9, -2.98), 2), ((-0.7, 0.4, 0.3), 3), ((0.2, 1.3, -2.0), 3)])
-def test_a_plan_goes_by_the_cheapest_stops_of_the_lattice(goal, legs):
-    start, goal = np.array([0.3, -0.2, 0.4]), np.array(goal)
-    found = plan_legs(start, goal, 0.45, True)
-    np.testing.assert_allclose([leg.goal for leg in found[:-1]], planned(start, goal, 0.45, True), atol=1e-9)
-    np.testing.assert_array_equal(found[-1].goal, goal)
-    assert len(found) == legs
-
-
-@pytest.mark.parametrize("saved", [2.9, 3.1])
-def test_one_more_stop_has_to_save_three_turning_radii(monkeypatch, saved):
-    radius, two, three = 0.4, [Leg(np.zeros(3), np.ones(3), 0.0)] * 2, [Leg(np.ones(3), np.zeros(3), 0.0)] * 3
-    offers = iter([None, (10.0, two), (10.0 - saved * radius, three)])
-    monkeypatch.setattr(car_path, "_joined", lambda *stops, radius, forward_only: next(offers))
-    assert plan_legs(np.zeros(3), np.array([0.0, 1.0, 0.0]), radius) is (two if saved < 3 else three)
-
-
-@pytest.mark.parametrize(("forward_only", "legs", "advice"), [
-    (True, "forward legs", "allow more steering or backing up"), (False, "legs", "allow more steering"),
-])  # fmt: skip
-def test_a_plan_that_is_not_found_says_what_was_asked_and_what_may_help(monkeypatch, forward_only, legs, advice):
-    monkeypatch.setattr(car_path, "_moves", lambda forward_only: np.array([[1.5, 0.0, 0.0]]))
-    words = (
-        f"no path of at most three {legs} is found from (1.23, -2, 40 deg) to (1.5, 0.346, 220 deg) with turns of "
-        f"at least 1.23 m: {advice}, or give poses to go by"
-    )
-    start, goal = np.array([1.2345, -2.0, np.deg2rad(40.2)]), np.array([1.5, 0.34567, np.deg2rad(219.7)])
-    with pytest.raises(rnc.InfeasibleError, match=f"^{re.escape(words)}$"):
-        plan_legs(start, goal, 1.23456, forward_only)
-
-
 @pytest.mark.parametrize(("goal", "forward_only"), [
     ((0.2, 1.1, 0.3), False), ((-0.4, 0.7, 2.8), False), ((0.1, -0.9, -1.2), True),
 ])  # fmt: skip
@@ -308,23 +227,6 @@ def test_a_plan_is_the_same_in_a_mirror_and_in_any_size(goal, forward_only):
     large = plan_legs(start, goal * [100, 100, 1], 50.0, forward_only)
     for leg, other in zip(legs, large, strict=True):
         np.testing.assert_allclose(other.goal, leg.goal * [100, 100, 1], rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize(("radius", "aside", "turn", "same"), [
-    *((1.0, 0.0, turn, True) for turn in (0.0, 2 * np.pi, -4 * np.pi, 1.5e-9)),
-    *((1.0, aside, turn, False) for aside, turn in ((0.0, np.pi), (0.5, 0.0), (0.0, 3e-9))),
-    *((0.5, 4e-7, 0.0, True), (500.0, 4e-4, 0.0, True), (0.5, 4e-6, 0.0, False)),
-])  # fmt: skip
-def test_a_pose_is_the_same_to_a_millionth_of_the_turning_radius_and_two_billionths_of_a_radian(
-    radius, aside, turn, same
-):
-    start = np.array([1.0, 2.0, 0.3])
-    goal = np.add(start, [0.0, aside, turn])
-    if same:
-        with pytest.raises(rnc.ConfigurationError, match="start and goal of the path are the same pose"):
-            plan_legs(start, goal, radius)
-    else:
-        assert len(plan_legs(start, goal, radius)) > 1
 
 
 def test_a_car_backs_up_unless_told_not_to():
@@ -346,51 +248,6 @@ def test_the_cost_of_a_leg_is_that_of_the_curve():
     assert cost > 1.05 * lengths.sum()
     middle = (0.5 * (steering[1:] + steering[:-1]))[bent]
     np.testing.assert_allclose(np.tan(middle), curvature, atol=1e-4)  # of a wheelbase of 1 m
-
-
-STEEPEST = np.tan(np.deg2rad(75.0))
-
-
-def cheapest_leg(start, goal, radius, forward_only, samples):
-    """Cost and axes, one pose, one chart and one condition at a time."""
-    turn = np.arctan2(np.sin(goal[2] - start[2]), np.cos(goal[2] - start[2]))
-    room, s, best = np.deg2rad(75.0) - abs(turn) / 2, np.linspace(0, 1, samples), (np.inf, 0.0)
-    for part in (0.0, -0.25, 0.25, -0.5, 0.5, -0.8, 0.8) if room > 0 else ():
-        chart = start[2] + turn / 2 + part * room
-        dx, quintic = in_axes(start, goal, chart)
-        slope, bend = powers(s, 1) @ quintic / dx, powers(s, 2) @ quintic / dx**2
-        curvature = bend / (1 + slope**2) ** 1.5
-        if (forward_only and dx < 0) or np.abs(slope).max() > STEEPEST or np.abs(radius * curvature).max() > 0.99:
-            continue
-        cost = abs(dx) * np.trapezoid(np.sqrt(1 + slope**2) * (1 + (radius * curvature) ** 2), s)
-        best = min(best, (cost, chart))
-    return best
-
-
-@pytest.mark.parametrize(("forward_only", "samples", "radius"), [(False, 201, 0.7), (True, 25, 0.7), (False, 25, 0.02)])
-def test_the_best_leg_is_the_cheapest_of_seven_charts(forward_only, samples, radius):
-    generator = np.random.default_rng(4)
-    starts = generator.uniform([-2, -2, -9], [2, 2, 9], (150, 3))
-    x, y, turn = (generator.uniform([0.5, -3, -1.8], [6, 3, 1.8], (150, 3)) * generator.choice([-1, 1], (150, 1))).T
-    c, n = np.cos(starts[:, 2]), np.sin(starts[:, 2])
-    goals = starts + np.column_stack([c * x - n * y, n * x + c * y, turn])
-    options = {} if samples == 201 else {"samples": samples}
-    costs, charts = best_legs(starts, goals, radius, forward_only, **options)
-    pairs = zip(starts, goals, strict=True)
-    expected = np.array([cheapest_leg(a, b, radius, forward_only, samples) for a, b in pairs])
-    found = np.isfinite(costs)
-    assert 20 < found.sum() < 149
-    parts = np.abs(charts - starts[:, 2] - (goals - starts)[:, 2] / 2)[found]
-    assert (parts > 0.1).sum() > 10  # more than the first of the charts is used
-    np.testing.assert_allclose(costs, expected[:, 0], rtol=1e-10)
-    np.testing.assert_allclose(charts, expected[:, 1], rtol=1e-10)
-
-
-@pytest.mark.parametrize("way", [1, -1])
-def test_a_leg_is_longer_than_a_millionth_of_the_turning_radius(way):
-    goals = np.array([[1.9e-6, 0.0, 0.0], [2.1e-6, 0.0, 0.0]]) * way
-    costs, _ = best_legs(np.zeros((2, 3)), goals, 2.0)
-    np.testing.assert_allclose(costs, [np.inf, 2.1e-6], rtol=1e-6)
 
 
 def test_a_leg_is_driven_as_its_quintic_says():
@@ -450,10 +307,3 @@ def test_legs_cost_the_same_wherever_they_are_and_mirrored(forward_only):
             assert (speeds.min() >= 0) | (speeds.max() <= 0)
             assert not forward_only or speeds.min() >= 0
             assert leg.length <= cost
-
-
-def test_files_may_steer_as_far_as_the_constructor():
-    """A scenario is validated against the annotations."""
-    hints = get_type_hints(CarPath.__init__, include_extras=True)["max_steering"].__metadata__
-    assert hints == (Gt(0), Lt(np.pi / 2))
-    assert CarPath((0, 0, 0), (3, 1, 0), 5.0, 1.0, max_steering=1.5).legs

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from ompl import base
 
-from rnc_pin.planning.shortest_paths import driven_pose, dubins_length, reeds_shepp_length
+from rnc_pin.planning.shortest_paths import driven_pose, dubins_words, reeds_shepp_words, word_length
+
+
+def dubins_length(*pose):
+    return word_length(dubins_words(*pose)[0])
+
+
+def reeds_shepp_length(*pose):
+    return word_length(reeds_shepp_words(*pose)[0])
 
 
 def test_lengths_are_those_of_ompl():

@@ -176,7 +176,7 @@ class MotionProblem(Strict):
 
 
 _SOLVER = part(SolverSettings, "nodes", "iterations", "refinements", "accuracy")
-_PLAN = part(plan, "form", "seeds", "solutions", "at_rest", "time_weight", "jobs")
+_PLAN = part(plan, "form", "seeds", "solutions", "at_rest", "time_weight")
 
 
 class OptimalPlanner(MotionProblem, _PLAN.model, _SOLVER.model):  # type: ignore[name-defined, misc]
