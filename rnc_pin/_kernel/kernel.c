@@ -1415,17 +1415,15 @@ FUSED(terms, "qr", terms_size(ev), terms_at)
 
 /* ------------------------------------------------------------------ arguments of functions */
 
-/* Arrays of a function, by the kinds of its arguments: "d" float64, "n" the same or None, "w" float64 that is written,
-   "i" 64-bit integers, "f" one number. Capitals are arrays of each run; all->count is the number of runs. sizes:
-   numbers in each array, or for one run. False for other arrays, which NumPy has to convert or refuse; -1: an error */
+/* Arrays of a function, by the kinds of its arguments: "d" float64, "w" float64 that is written, "i" 64-bit integers,
+   "f" one number. sizes: numbers in each array. False for other arrays, which NumPy has to convert or refuse; -1: an
+   error */
 static int arrays_of(Arrays *all, PyObject *const *args, const char *kinds, const Py_ssize_t *sizes, double **x)
 {
     for (int i = 0; kinds[i]; i++) {
-        int of_each = kinds[i] < 'a', kind = of_each ? kinds[i] - 'A' + 'a' : kinds[i];
         Py_buffer *view = all->views + all->open;
-        x[i] = NULL, all->sizes[i] = of_each ? sizes[i] : 0;
-        if (kind == 'n' && args[i] == Py_None) continue;
-        if (kind == 'f') {
+        x[i] = NULL;
+        if (kinds[i] == 'f') {
             all->numbers[i] = PyFloat_AsDouble(args[i]), x[i] = all->numbers + i;
             if (PyErr_Occurred()) return -1;
             continue;
@@ -1433,9 +1431,8 @@ static int arrays_of(Arrays *all, PyObject *const *args, const char *kinds, cons
         if (PyObject_GetBuffer(args[i], view, PyBUF_ND | PyBUF_FORMAT) < 0) return PyErr_Clear(), 0;
         all->open++, x[i] = view->buf;
         const char *format = view->format ? view->format : "";
-        int fits = kind == 'i' ? !strcmp(format, "l") || !strcmp(format, "q") : !strcmp(format, "d");
-        if (!fits || view->len != 8 * sizes[i] * (of_each ? all->count : 1) || (kind == 'w' && view->readonly))
-            return 0;
+        int fits = kinds[i] == 'i' ? !strcmp(format, "l") || !strcmp(format, "q") : !strcmp(format, "d");
+        if (!fits || view->len != 8 * sizes[i] || (kinds[i] == 'w' && view->readonly)) return 0;
     }
     return 1;
 }
@@ -1468,8 +1465,6 @@ static int all_within(const long *index, Py_ssize_t count, Py_ssize_t size)
         return expect(NULL, given, takes) ? result(&all, name##_by(&all, args)) : NULL;                                \
     }
 
-#include "laws.h"
-#include "driven_path.h"
 #include "derivatives.h"
 #include "dissipation.h"
 #include "batches.h"
@@ -1706,15 +1701,6 @@ static PyType_Spec spec = {
 };
 
 static PyMethodDef functions[] = {
-    {"pursue", (PyCFunction)(void (*)(void))pursue, METH_FASTCALL, NULL},
-    {"track_position", (PyCFunction)(void (*)(void))track_position, METH_FASTCALL, NULL},
-    {"polynomial", (PyCFunction)(void (*)(void))polynomial, METH_FASTCALL, NULL},
-    {"feedback", (PyCFunction)(void (*)(void))feedback, METH_FASTCALL, NULL},
-    {"track", (PyCFunction)(void (*)(void))track, METH_FASTCALL, NULL},
-    {"adapt", (PyCFunction)(void (*)(void))adapt, METH_FASTCALL, NULL},
-    {"slither", (PyCFunction)(void (*)(void))slither, METH_FASTCALL, NULL},
-    {"steer", (PyCFunction)(void (*)(void))steer, METH_FASTCALL, NULL},
-    {"harmonic", (PyCFunction)(void (*)(void))harmonic, METH_FASTCALL, NULL},
     {"riccati_factors", (PyCFunction)(void (*)(void))riccati_factors, METH_FASTCALL, NULL},
     {"riccati_solve", (PyCFunction)(void (*)(void))riccati_solve, METH_FASTCALL, NULL},
     {"variances", (PyCFunction)(void (*)(void))variances, METH_FASTCALL, NULL},
@@ -1724,7 +1710,6 @@ static PyMethodDef functions[] = {
     {"frame_kinematics", (PyCFunction)(void (*)(void))frame_kinematics, METH_FASTCALL, NULL},
     {"pair_rows", (PyCFunction)(void (*)(void))pair_rows, METH_FASTCALL, NULL},
     {"pair_bounds", (PyCFunction)(void (*)(void))pair_bounds, METH_FASTCALL, NULL},
-    {"stopping_velocities", (PyCFunction)(void (*)(void))stopping_velocities, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
 };
 

@@ -51,33 +51,6 @@ static int pair_bounds_by(Arrays *all, PyObject *const *args)
 }
 FUNCTION(pair_bounds, 7)
 
-/* Largest velocities from which joints stop in time; see joint_limits.py. q, v, places of the joints in both
-   (k), limits and decelerations (3, k), duration of the sample, record of lower and upper bounds (2, k). False if the
-   arrays need the other path. */
-static int stopping_velocities_by(Arrays *all, PyObject *const *args)
-{
-    double *x[7];
-    Py_ssize_t one = 0, nq = 0, nv = 0, k = 0;
-    if (!stacked(args[0], &one, &nq) || !stacked(args[1], &one, &nv) || !stacked(args[4], &one, &k)) return 0;
-    Py_ssize_t sizes[] = {nq, nv, k, k, 3 * k, 0, 2 * k};
-    int ok = arrays_of(all, args, "ddiidfw", sizes, x);
-    const long *in_q = (const long *)x[2], *in_v = (const long *)x[3];
-    if (ok <= 0 || !all_within(in_q, k, nq) || !all_within(in_v, k, nv)) return ok < 0 ? -1 : 0;
-    double *limits = x[4], dt = *x[5];
-    for (Py_ssize_t i = 0; i < k; i++) {
-        double ahead = 0.5 * dt * x[1][in_v[i]], at = x[0][in_q[i]], a = limits[2 * k + i], unit = 0.5 * a * (dt * dt);
-        double rooms[2] = {at + ahead - limits[i], limits[k + i] - at - ahead};
-        for (int side = 0; side < 2; side++) {
-            double room = rooms[side] < 0.0 ? 0.0 : rooms[side];
-            double whole = floor(0.5 * (sqrt(1.0 + 4.0 * room / unit) - 1.0));
-            double found = whole * a * dt + (room - unit * whole * (whole + 1.0)) / (dt * (whole + 1.0));
-            x[6][side * k + i] = side ? found : -found;
-        }
-    }
-    return 1;
-}
-FUNCTION(stopping_velocities, 7)
-
 /* Placement and Jacobian of a frame: joint Jacobians in the world (6, n), placement of its joint (12) and in it (12),
    support of the joint (n), record of the placement (12) and of the Jacobian in world axes at the frame's origin (6,
    n). Placements are the columns of a rotation, then a translation. False if the arrays need the other path. */

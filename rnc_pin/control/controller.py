@@ -232,7 +232,7 @@ def elapsed_time(t: float, last: float | None) -> float:
     return t - last
 
 
-def goals_at(values: np.ndarray, where: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def goals_at(values: np.ndarray, where: np.ndarray | slice, shape: tuple[int, ...]) -> np.ndarray:
     """Return an array of this shape with values at some indices, and NaN ("no goal") at the others."""
     whole = np.full(shape, np.nan)
     whole[..., where] = values

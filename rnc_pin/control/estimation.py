@@ -15,7 +15,6 @@ import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
 
-from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Description, elapsed_time, listed
 from rnc_pin.control.feedback import apply_dead_zone
@@ -217,9 +216,6 @@ def adapt(
     step = gain * elapsed
     has_zone = bool(dead_zone) if isinstance(dead_zone, float) else bool(np.any(dead_zone))
     beyond = apply_dead_zone(error, dead_zone) if has_zone else error
-    found = np.empty(p.shape)
-    if _kernel.library.adapt(p, W, beyond, low, high, step, found):
-        return found
     correction = solve(np.eye(len(error)) + step * W @ W.T, step * beyond).dot(W)
     return np.minimum(np.maximum(p + correction, low), high)
 
@@ -346,4 +342,4 @@ def _one_each(bound: Bound, size: int) -> np.ndarray:
     values = np.asarray(bound, dtype=float)
     if values.shape not in ((), (size,)):
         raise ConfigurationError(f"bounds of estimates: {values.size} values for {size} unknown parameters")
-    return np.array(np.broadcast_to(values, (size,)))  # in contiguous memory, for the kernel
+    return np.array(np.broadcast_to(values, (size,)))

@@ -35,10 +35,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin import _kernel
 from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import InputError
-from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.planning.references import ReferencePoint
 
@@ -99,21 +97,8 @@ class Feedback:
     def __init__(self, coordinates: Coordinates, gain: float | np.ndarray) -> None:
         self._coordinates, self._gain = coordinates, gain
 
-    @cached_property
-    def _table(self) -> np.ndarray:
-        """Gains and kinds (2, k) of the outputs for the kernel."""
-        kinds = self._coordinates.kinds
-        return np.stack([np.broadcast_to(self._gain, kinds.shape), kinds]).astype(float)
-
     def __call__(self, desired: ReferencePoint, actual: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return both sums (..., k) for outputs (..., k) and their rates (..., k)."""
-        if actual.ndim <= 2:
-            found = np.empty((2, *actual.shape))
-            if actual.ndim == 2:  # selected columns of many runs are stored by columns
-                actual, rate = np.ascontiguousarray(actual), np.ascontiguousarray(rate)
-            point = desired.position, desired.velocity, desired.acceleration
-            if _kernel.library.feedback(*point, actual, rate, self._table, found):
-                return found[0], found[1]
         seen = deviation(self._coordinates, desired, actual, rate)
         v2 = seen.velocity + fed_back(self._gain, seen.error, actual)
         return v2, seen.acceleration + self._gain * seen.error_rate

@@ -178,7 +178,7 @@ class SplitController(ReprMixin):
 def _part(measurement: Measurement, outputs: np.ndarray) -> Measurement:
     deficit = measurement.force_deficit
     return measurement._replace(
-        x2=measurement.x2.take(outputs, axis=-1),  # contiguous, for the kernel
+        x2=measurement.x2.take(outputs, axis=-1),
         v2=measurement.v2.take(outputs, axis=-1),
         force_deficit=None if deficit is None else deficit.take(outputs, axis=-1),
     )

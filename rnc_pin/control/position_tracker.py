@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import (
     Command,
@@ -20,7 +19,6 @@ from rnc_pin.control.feedback import fed_back, leak, saturation_mask
 from rnc_pin.control.gain_design import PositionGains
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.coordinates import Coordinates, angle_difference
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.planning.references import Reference, ReferencePoint
@@ -137,46 +135,6 @@ class PositionTracker(DescribedMixin):
         """
         elapsed = elapsed_time(t, state.time)
         desired = self.reference.at(t)
-        if measurement.x2.ndim > 2:
-            return self._adapted(t, elapsed, desired, measurement, state)
-        return self._compiled(t, elapsed, desired, measurement, state)
-
-    @cached_property
-    def _table(self) -> np.ndarray:
-        """Gains, compensation and mask of angles, (7, k)."""
-        g = self.gains
-        rows = g.k1, g.k2, g.gamma, g.beta, g.dead_zone, self.gravity_compensation, self.angular
-        return np.stack([np.broadcast_to(row, len(self.outputs)) for row in rows]).astype(float)
-
-    def _compiled(
-        self, t: float, elapsed: float, desired: ReferencePoint, measurement: Measurement, state: PositionState
-    ) -> tuple[Command, PositionState]:
-        """Sample from one call of the compiled kernel; from the formulas for arrays that it does not take."""
-        x2, deficit, sigma = measurement.x2, measurement.force_deficit, self.gains.sigma
-        batch, k = x2.shape[:-1], len(self.outputs)
-        frozen: tuple[np.ndarray | None, ...] = (None, None, None)
-        if deficit is not None or self._has_dead_zone:
-            before = desired if state.time is None else self.reference.at(state.time)
-            frozen = (np.zeros(x2.shape) if deficit is None else deficit), before.velocity, before.acceleration
-        decay, leak_time = leak(sigma, elapsed)
-        n = k * len(x2) if batch else k
-        square = n * k
-        found = np.empty(4 * n + 2 * square + 2 * x2.size)
-        point = desired.position, desired.velocity, desired.acceleration, desired.jerk
-        arrays = *point, x2, self.outputs, self._table, *state[1:], *frozen
-        if not _kernel.library.track_position(*arrays, decay, leak_time, sigma, elapsed, found):
-            return self._adapted(t, elapsed, desired, measurement, state)
-        F, z, f, e = (found[at : at + n] for at in (0, n, 2 * n, 3 * n + 2 * square))
-        A, B = (found[at : at + square].reshape(*batch, k, k) for at in (3 * n, 3 * n + square))
-        v2, x2d = found[-2 * x2.size : -x2.size], found[-x2.size :]
-        if batch:
-            F, z, f, e, v2, x2d = (part.reshape(*batch, -1) for part in (F, z, f, e, v2, x2d))
-        return Command(F, None, v2, None, x2d), PositionState(t, z, f, A, B, e)
-
-    def _adapted(
-        self, t: float, elapsed: float, desired: ReferencePoint, measurement: Measurement, state: PositionState
-    ) -> tuple[Command, PositionState]:
-        """Sample from the formulas."""
         g = self.gains
         xd, xdd, xddd = desired.velocity, desired.acceleration, desired.jerk
         e = self._error(t, measurement)

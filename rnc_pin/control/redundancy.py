@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from rnc_pin import _kernel
 from rnc_pin.control.controller import (
     DescribedMixin,
     Description,
@@ -18,7 +17,7 @@ from rnc_pin.control.feedback import Feedback
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.control.secondary import Secondary
 from rnc_pin.errors import ConfigurationError, SingularityError, short_text
-from rnc_pin.math.linear_algebra import apply, condition_number, solve
+from rnc_pin.math.linear_algebra import apply, as_slice, condition_number, solve
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference, ReferencePoint
@@ -109,10 +108,7 @@ class RedundancyController(DescribedMixin):
         if self._weights.shape != (len(task.redundant),) or not ((self._weights > 0) & (self._weights < np.inf)).all():
             raise ConfigurationError(f"weights have to be {len(task.redundant)} positive numbers")
         self._cheap = 1.0 / self._weights
-        self._places = np.concatenate([task.vertical, task.primary, task.redundant])
-        first, base = task.primary_coordinates, task.vertical_coordinates
-        gains = np.broadcast_to(k21, first.size), first.kinds, np.broadcast_to(k3, base.size), base.kinds, self._cheap
-        self._table = np.concatenate(gains, dtype=float)  # for the compiled kernel
+        self._x1, self._x21, self._x22 = map(as_slice, (task.vertical, task.primary, task.redundant))
         if secondary is not None:
             check_freedom(task)
         self.secondary = secondary
@@ -140,41 +136,20 @@ class RedundancyController(DescribedMixin):
     def _target(
         self, x21d: ReferencePoint, x1d: ReferencePoint, secondary: _Secondary, m: Measurement
     ) -> VelocityTarget:
-        """Target; by the formulas if the kernel declines."""
-        if m.x2.ndim > 1 + self.accepts_batches:
-            return self._pursued(x21d, x1d, secondary, m)
-        batch = m.x2.shape[:-1]
-        r, k = m.x2.size, m.x1.size  # of all runs
-        found = np.empty(3 * r + k)
-        actual = m.x2, m.v2, m.x1, m.v1, self._table, m.v1_offset, m.v1_offset_dot
-        first = x21d.position, x21d.velocity, x21d.acceleration
-        base = x1d.position, x1d.velocity, x1d.acceleration
-        arrays = m.A_star, m.A_star_dot, self._places, *first, *base, *actual, *secondary
-        if not _kernel.library.pursue(*arrays, found):
-            return self._pursued(x21d, x1d, secondary, m)
-        v2, v2_dot, x2, x1 = found[:r], found[r : 2 * r], found[2 * r : 3 * r], found[3 * r :]
-        if batch:
-            v2, v2_dot, x2, x1 = (each.reshape(*batch, -1) for each in (v2, v2_dot, x2, x1))
-        return VelocityTarget(v2, v2_dot, x1, x2)
-
-    def _pursued(
-        self, x21d: ReferencePoint, x1d: ReferencePoint, secondary: _Secondary, m: Measurement
-    ) -> VelocityTarget:
-        """Target by the formulas."""
         task = self.task
-        v21, v21_dot = self._follow_primary(x21d, m.x2[..., task.primary], m.v2[..., task.primary])
-        wanted, wanted_dot = self._follow_vertical(x1d, m.x1[..., task.vertical], m.v1[..., task.vertical])
+        v21, v21_dot = self._follow_primary(x21d, m.x2[..., self._x21], m.v2[..., self._x21])
+        wanted, wanted_dot = self._follow_vertical(x1d, m.x1[..., self._x1], m.v1[..., self._x1])
         if m.v1_offset is not None:  # rates of the vertical outputs at v2 = 0
-            wanted = wanted - m.v1_offset[..., task.vertical]
+            wanted = wanted - m.v1_offset[..., self._x1]
         if m.v1_offset_dot is not None:
-            wanted_dot = wanted_dot - m.v1_offset_dot[..., task.vertical]
+            wanted_dot = wanted_dot - m.v1_offset_dot[..., self._x1]
         v2, v2_dot = self._solved((v21, v21_dot), (wanted, wanted_dot), secondary, m)
         batch = v2.shape[:-1]
         return VelocityTarget(
             v2=v2,
             v2_dot=v2_dot,
-            x1=goals_at(x1d.position, task.vertical, (*batch, m.x1.shape[-1])),
-            x2=goals_at(x21d.position, task.primary, (*batch, task.r)),
+            x1=goals_at(x1d.position, self._x1, (*batch, m.x1.shape[-1])),
+            x2=goals_at(x21d.position, self._x21, (*batch, task.r)),
         )
 
     def _solved(
@@ -189,9 +164,9 @@ class RedundancyController(DescribedMixin):
         Those of the vertical outputs do not contain their rates at ``v2 = 0``.
         """
         task, (v21, v21_dot), (wanted, wanted_dot), (z, z_dot) = self.task, primary, vertical, secondary
-        A, A_dot = m.A_star[..., task.vertical, :], m.A_star_dot[..., task.vertical, :]
-        A3, A4 = A[..., task.primary], A[..., task.redundant]
-        A3_dot, A4_dot = A_dot[..., task.primary], A_dot[..., task.redundant]
+        A, A_dot = m.A_star[..., self._x1, :], m.A_star_dot[..., self._x1, :]
+        A3, A4 = A[..., self._x21], A[..., self._x22]
+        A3_dot, A4_dot = A_dot[..., self._x21], A_dot[..., self._x22]
         wanted = wanted - apply(A3, v21)
         wanted_dot = wanted_dot - apply(A3_dot, v21) - apply(A3, v21_dot)
         if len(task.redundant) == len(task.vertical):
@@ -205,7 +180,7 @@ class RedundancyController(DescribedMixin):
 
     def _merge(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
         whole = np.empty((*second.shape[:-1], self.task.r))
-        whole[..., self.task.primary], whole[..., self.task.redundant] = first, second
+        whole[..., self._x21], whole[..., self._x22] = first, second
         return whole
 
     def _spread_out(
@@ -232,7 +207,10 @@ class RedundancyController(DescribedMixin):
 
     def _solve(self, A4: np.ndarray, right: np.ndarray, measurement: Measurement) -> np.ndarray:
         solution = solve(A4, right)
-        fine = np.abs(solution).max(axis=-1) < _LIMIT * (1 + np.abs(right).max(axis=-1))
+        sizes = np.abs(solution)
+        if sizes.max() < _LIMIT:
+            return solution
+        fine = sizes.max(axis=-1) < _LIMIT * (1 + np.abs(right).max(axis=-1))
         if fine.all():
             return solution
         run = np.unravel_index(np.argmin(fine), fine.shape)  # the first of many runs

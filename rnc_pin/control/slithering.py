@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import atan2, cos, hypot, sin, sqrt
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
 
-from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Runs, RunStates, state_of_runs
 from rnc_pin.control.path_fit import PathPoint, chord_end_between, chord_end_fitted
 from rnc_pin.errors import ConfigurationError, SingularityError, place_of
 from rnc_pin.model.coordinates import wrapped
@@ -39,32 +36,6 @@ class DrivenPath(NamedTuple):
     heading: float
     """Desired heading at the last sample, for continuity [rad]."""
 
-    def together(self, states: Sequence[DrivenPath]) -> DrivenPaths:
-        """States of many runs as one."""
-        return DrivenPaths([each.path for each in states], np.array([each.heading for each in states]))
-
-
-class DrivenPaths(RunStates):
-    """State of the reference in B runs.
-
-    Args:
-        paths: recorded path of each run, see ``DrivenPath``.
-        headings: last heading of each run (B,) [rad].
-    """
-
-    def __init__(self, paths: Sequence[Array], headings: Array) -> None:
-        self.paths, self.headings = tuple(paths), headings
-
-    def of_runs(self, runs: Runs) -> DrivenPath | DrivenPaths:
-        if isinstance(runs, int | np.integer):
-            return DrivenPath(self.paths[runs], float(self.headings[runs]))
-        chosen = np.arange(len(self.paths))[runs]
-        return DrivenPaths([self.paths[run] for run in chosen], self.headings[chosen])
-
-
-PathState: TypeAlias = DrivenPath | DrivenPaths
-_FOLLOWED = 1.0  # outcome of the compiled kernel; other runs have a new place, or need NumPy
-
 
 class SlitheringReference(ReprMixin):
     """Heading of a trailer whose axle is on the tractor's driven path, one chord L behind the kingpin.
@@ -82,8 +53,7 @@ class SlitheringReference(ReprMixin):
     that backs up a little stays on the recorded path. If it backs up farther, the part of the path ahead of it is
     deleted. Before the start the path is straight.
 
-    Reads from the measurement: ``x1, v1, v2, A_star, A_star_dot``, and ``q`` for messages. ``step`` takes one state or
-    many, and ``initial_state`` one.
+    Reads from the measurement: ``x1, v1, v2, A_star, A_star_dot``, and ``q`` for messages.
 
     Args:
         reduced: model whose vertical outputs include the tractor's position and yaw and the trailer's yaw.
@@ -141,8 +111,6 @@ class SlitheringReference(ReprMixin):
         self.spacing = self.length / 50 if spacing is None else spacing
         self.window = _PLACES * self.spacing if window is None else window
         check_positive_settings(spacing=self.spacing, window=self.window)
-        self._places = np.concatenate([self._tractor, self._kingpin]).astype(np.int64)  # for the compiled kernel
-        self._table = np.array([self.length, self._offset, self.spacing, self.window, _ACROSS, _JUMP, _KEPT])
         self._names = (*task.vertical_names, names[self._tractor[2]])
 
     def initial_state(self, measurement: Measurement) -> DrivenPath:
@@ -155,8 +123,8 @@ class SlitheringReference(ReprMixin):
         return DrivenPath(np.array([behind, [x, y, heading, 0.0]]), straight)
 
     def step(
-        self, measurement: Measurement, v2_dot: Float[Array, "*batch r"], state: PathState
-    ) -> tuple[ReferencePoint, PathState]:
+        self, measurement: Measurement, v2_dot: Float[Array, " r"], state: DrivenPath
+    ) -> tuple[ReferencePoint, DrivenPath]:
         """Compute the reference and the new state, once per sample.
 
         Args:
@@ -167,40 +135,9 @@ class SlitheringReference(ReprMixin):
         Returns:
             The trailer's heading with two derivatives (its jerk is NaN: unknown), and the path with the present place.
         """
-        if isinstance(state, DrivenPaths):
-            return self._step_together(measurement, v2_dot, state)
         x, y, heading = (float(measurement.x1[i]) for i in self._tractor)
-        path = state.path
-        found = self._followed(measurement, v2_dot, (path,), np.array([state.heading]))
-        if found[0, 4] != _FOLLOWED:
-            path = self._recorded(path, x, y, heading)
-            found = self._followed(measurement, v2_dot, (path,), np.array([state.heading]))
-        if found[0, 4] != _FOLLOWED:
-            return self._reference(measurement, v2_dot, path, state.heading)
-        desired, rate, acceleration, first, _ = found[0].tolist()
-        point = ReferencePoint(np.array([desired]), np.array([rate]), np.array([acceleration]), _UNKNOWN)
-        return point, DrivenPath(path[int(first) :] if first else path, desired)
-
-    def _step_together(self, m: Measurement, v2_dot: Array, state: DrivenPaths) -> tuple[ReferencePoint, PathState]:
-        """As ``step`` for the measurements of B runs; runs with a new place, or an error, one after the other."""
-        paths, found = list(state.paths), self._followed(m, v2_dot, state.paths, state.headings)
-        for run in np.flatnonzero((found[:, 4] != _FOLLOWED) | (found[:, 3] > 0)).tolist():
-            if found[run, 4] == _FOLLOWED:
-                paths[run] = paths[run][int(found[run, 3]) :]
-                continue
-            alone = DrivenPath(paths[run], float(state.headings[run]))
-            (*numbers, _), new = self.step(state_of_runs(m, run), v2_dot[run], alone)
-            assert isinstance(new, DrivenPath)
-            found[run, :3], paths[run] = np.concatenate(numbers), new.path
-        desired, rate, acceleration = (found[:, column : column + 1].copy() for column in range(3))
-        point = ReferencePoint(desired, rate, acceleration, np.full(desired.shape, np.nan))
-        return point, DrivenPaths(paths, desired[:, 0].copy())
-
-    def _followed(self, m: Measurement, v2_dot: Array, paths: tuple[Array, ...], headings: Array) -> Array:
-        """Heading with its rate and acceleration, first place to keep, and outcome (B, 5), by the compiled kernel."""
-        found = np.zeros((len(paths), 5))
-        arrays = m.x1, m.v1, m.A_star, m.A_star_dot, m.v2, v2_dot, self._places, self._table
-        return found if _kernel.library.slither(paths, headings, *arrays, found) else np.zeros_like(found)
+        path = self._recorded(state.path, x, y, heading)
+        return self._reference(measurement, v2_dot, path, state.heading)
 
     def _reference(
         self, measurement: Measurement, v2_dot: Array, path: Array, last: float

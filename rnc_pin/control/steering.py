@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from rnc_pin import _kernel
 from rnc_pin.control.controller import DescribedMixin, VelocityTarget, check_size, goals_at
 from rnc_pin.control.feedback import Feedback
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS, OuterGains
-from rnc_pin.control.slithering import PathState, SlitheringReference
+from rnc_pin.control.slithering import DrivenPath, SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, clipped, solve
 from rnc_pin.model.reduced_kinematics import Measurement
@@ -93,17 +90,14 @@ class SteeringController(DescribedMixin):
         self._follow_primary = Feedback(task.primary_coordinates, gains.k21)
         self._follow_vertical = Feedback(task.vertical_coordinates, gains.k3)
         self._damped = damping**2 * np.eye(len(task.redundant))
-        self._places = np.concatenate([task.vertical, task.primary, task.redundant])
         self._redundant = np.array(task.redundant, dtype=np.int64)
-        table = np.broadcast_to(gains.k3, len(task.vertical)), task.vertical_coordinates.kinds
-        self._table = np.concatenate(table, dtype=float)  # for the compiled kernel
 
     @property
     def accepts_batches(self) -> bool:
-        """True if the constraints do not depend on time."""
-        return not self._reduced.rheonomic
+        """True if neither the constraints nor the path depend on the run."""
+        return not self._reduced.rheonomic and not isinstance(self.vertical, SlitheringReference)
 
-    def initial_state(self, measurement: Measurement) -> PathState | None:
+    def initial_state(self, measurement: Measurement) -> DrivenPath | None:
         """Return the state of the vertical reference, if any; raise an error if redundant rates move x11."""
         A4 = measurement.A_star[..., self.task.vertical, :][..., self.task.redundant]
         if np.abs(A4).max() > _A4_ZERO:
@@ -114,8 +108,8 @@ class SteeringController(DescribedMixin):
         return self.vertical.initial_state(measurement) if isinstance(self.vertical, SlitheringReference) else None
 
     def step(
-        self, t: float, measurement: Measurement, state: PathState | None = None
-    ) -> tuple[VelocityTarget, PathState | None]:
+        self, t: float, measurement: Measurement, state: DrivenPath | None = None
+    ) -> tuple[VelocityTarget, DrivenPath | None]:
         task, m = self.task, measurement
         slopes = self._reduced.evaluator.output_slopes(m.q, self._redundant)
         if state is None and isinstance(self.vertical, SlitheringReference):
@@ -131,7 +125,7 @@ class SteeringController(DescribedMixin):
             x11d = self.vertical.at(t)
         v2 = np.empty(m.v2.shape)
         v2[..., task.primary] = v21d
-        v2[..., task.redundant] = self._redundant_rates(m, slopes, v21d, v21d_dot, x11d)
+        v2[..., task.redundant] = self._redundant_rates(m, slopes, v21d_dot, x11d)
         x1 = goals_at(x11d.position, task.vertical, m.x1.shape)
         if self.monitored is not None:
             x1[..., self.monitored[0]] = self.monitored[1].at(t).position
@@ -143,23 +137,9 @@ class SteeringController(DescribedMixin):
         ), state
 
     def _redundant_rates(
-        self, m: Measurement, slopes: np.ndarray, v21d: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint
+        self, m: Measurement, slopes: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint
     ) -> np.ndarray:
-        """Redundant rates (..., a); by the formulas if the kernel declines."""
-        batch = m.v2.shape[:-1]
-        found = np.empty((*batch, len(self._redundant)))
-        point: Sequence[np.ndarray] = x11d[:3]
-        if batch:  # one point may be that of all runs
-            shape = *batch, len(self.task.vertical)
-            point = tuple(np.ascontiguousarray(np.broadcast_to(each, shape)) for each in point)
-        arrays = m.A_star, m.A_star_dot, slopes, self._places, m.v2, v21d, v21d_dot, m.x1, *point, self._table
-        settings = self.k4, self.damping, self.max_rate
-        if _kernel.library.steer(*arrays, *settings, found):
-            return found
-        return self._steered(m, slopes, v21d_dot, x11d)
-
-    def _steered(self, m: Measurement, slopes: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint) -> np.ndarray:
-        """Redundant rates (..., a) by the formulas."""
+        """Redundant rates (..., a)."""
         task = self.task
         v21, v22_now = m.v2[..., task.primary], m.v2[..., task.redundant]
         A3, A3_dot = (each[..., task.vertical, :][..., task.primary] for each in (m.A_star, m.A_star_dot))

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import (
     Command,
@@ -101,8 +100,6 @@ class VelocityTracker(DescribedMixin):
             self._dead_zone = np.abs(S.T) @ np.broadcast_to(self._dead_zone, r)  # bound on the noise of a mode
             self._offset = np.linalg.solve(S, np.broadcast_to(self._offset, r))
         self._has_dead_zone = bool(np.any(self._dead_zone))
-        rows = self.gains.k, self.gains.beta, self._dead_zone, self._offset
-        self._table = np.stack(np.broadcast_arrays(*map(np.atleast_1d, rows))).astype(float)
 
     @property
     def accepts_batches(self) -> bool:
@@ -132,25 +129,7 @@ class VelocityTracker(DescribedMixin):
         return command_towards(target, F), TrackerState(t, g, C, D, target_state)
 
     def _learnt(self, elapsed: float, measurement: Measurement, target: VelocityTarget, state: TrackerState) -> _Learnt:
-        """Force, and learnt g, C and D; by the formulas if the kernel declines."""
-        v2 = measurement.v2
-        if v2.ndim > 2:
-            return self._adapted(elapsed, measurement, target, state)
-        r, square = v2.shape[-1], (*v2.shape, v2.shape[-1])
-        decay, leak_time = leak(self.gains.sigma, elapsed)
-        out, n = np.empty(v2.size * (2 + r + r * r)), v2.size
-        arrays = v2, target.v2, target.v2_dot, measurement.force_deficit, state.g, state.C, state.D, self._table
-        if not _kernel.library.track(*arrays, self._has_dead_zone, decay, leak_time, out):
-            return self._adapted(elapsed, measurement, target, state)
-        F, g, C, D = out[:n], out[n : 2 * n], out[2 * n : n * (2 + r)], out[n * (2 + r) :]
-        if v2.ndim == 2:
-            F, g = F.reshape(v2.shape), g.reshape(v2.shape)
-        return F, g, C.reshape(square), D.reshape((*v2.shape, r * r))
-
-    def _adapted(
-        self, elapsed: float, measurement: Measurement, target: VelocityTarget, state: TrackerState
-    ) -> _Learnt:
-        """Force, and learnt g, C and D, by the formulas."""
+        """Force, and learnt g, C and D."""
         v2 = measurement.v2
         error = target.v2 - v2
         products = (v2[..., :, None] * target.v2[..., None, :]).reshape(*v2.shape[:-1], -1)  # [v2 v2d]

@@ -37,6 +37,12 @@ def apply_transposed(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return np.vecmat(vector.conj(), matrix)  # it conjugates the vector
 
 
+def as_slice(places: np.ndarray) -> np.ndarray | slice:
+    """Slice of places that follow each other, which selects without a copy; other places (k,) as they are."""
+    first = int(places[0]) if len(places) else 0
+    return slice(first, first + len(places)) if np.array_equal(places, first + np.arange(len(places))) else places
+
+
 def clipped(values: np.ndarray, limits: np.ndarray | float) -> np.ndarray:
     """Values (...) within -limits and limits; for few numbers this is faster than ``numpy.clip``."""
     return np.minimum(np.maximum(values, -limits), limits)

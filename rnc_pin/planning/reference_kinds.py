@@ -18,7 +18,6 @@ import scipy
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InputError, short_text
 from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
@@ -86,9 +85,6 @@ class PiecewisePolynomial(ReferenceSummary):
         """Value and three derivatives (4, k)."""
         piece = bisect_right(self._breaks, t, 1, len(self._pieces)) - 1
         terms, since = self._pieces[piece], t - self._breaks[piece]
-        found = np.empty((4, self.size))
-        if _kernel.library.polynomial(terms, since, found):
-            return found
         powers = [1.0]
         for _ in range(len(terms) - 1):
             powers.append(powers[-1] * since)
@@ -219,9 +215,6 @@ class Harmonic(ReferenceSummary):
             zero = np.zeros(self.size)
             return ReferencePoint(self._center, zero, zero, zero)
         growth = _GROWN if t >= self._ramp else np.concatenate(self._growth.at(t))
-        found = np.empty((4, self.size))
-        if _kernel.library.harmonic(self._center, self._amplitude, self._rate, self._phase, growth, t, found):
-            return ReferencePoint(*found)
         angle = self._rate * t + self._phase
         sine, cosine = self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)
         w, g = self._rate, growth.tolist()

@@ -7,31 +7,16 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
-from controlled_tasks import TASK, Cubic, task_at, truck_task
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.control import (
-    DrivenPath,
-    PositionGains,
-    PositionTracker,
-    RedundancyController,
-    SlitheringReference,
-    VelocityGains,
     VelocityQP,
-    VelocityTarget,
-    VelocityTracker,
     limits,
     tasks,
 )
-from rnc_pin.control.estimation import adapt
-from rnc_pin.control.feedback import Feedback
-from rnc_pin.control.velocity_tracker import TrackerState
 from rnc_pin.control.whole_body import ControlSample
-from rnc_pin.model.coordinates import Coordinates
-from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.optimal.interior_point import InteriorPointSolver, LinearQuadratic, RiccatiFactors
-from rnc_pin.planning import Harmonic, Hold, MinimumJerk, ViaPoints
-from rnc_pin.planning.references import ReferencePoint
-from systems import fire_truck, mecanum, mobile_manipulator, random_states, space_robot_in_joints, tiago
+from rnc_pin.planning import Harmonic, Hold
+from systems import mecanum, mobile_manipulator, random_states, space_robot_in_joints, tiago
 
 
 class Taken:
@@ -99,19 +84,6 @@ def rows_of(entry):
     return found
 
 
-def limited_arm():
-    """The mobile manipulator inside the limits of its joints, at their ends and beyond."""
-    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-    x2 = [rnc.FrameSpeed("base"), rnc.FrameYaw("base"), rnc.JointPosition("joint_1"), rnc.JointPosition("joint_2")]
-    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce(x2)
-    bound, found = limits.JointPositionLimit(deceleration=2.0).bind(reduced), []
-    for angle in (-9.0, -1.0, 0.3, 2.0, 9.0):
-        q = robot.configuration({"joint_1": angle, "joint_2": 0.5 * angle})
-        rows = bound.rows(ControlSample(reduced, 0.0, q, np.array([0.1, 0.2, -0.6, 0.9]), 0.01))
-        found += [rows.lower, rows.upper]
-    return found
-
-
 def programs():
     """Velocities and multipliers of a level that determines everything, alone and below another; limits are active."""
     reduced, found = fresh(tiago), []
@@ -166,152 +138,7 @@ def frames():
     return found
 
 
-# ---------------------------------------------------------------------- laws of controllers
-
-
-def feedbacks():
-    """Of places on lines and circles and of orientations; zero gains need no values."""
-    generator, found = np.random.default_rng(3), []
-    lines, turns = Coordinates([False, False, True]), Coordinates([0, 1, 0, 0, 0, 0], [2])
-    for gain in (2.0, np.array([1.5, 0.0, 0.7])):
-        desired = ReferencePoint(*generator.normal(size=(4, 3)))
-        for circles in (-3, -1, 0, 2):
-            x, rate = generator.normal(size=(2, 4, 3))
-            x[:, 2] += 2 * np.pi * circles
-            x[:, 1] = np.nan if np.ndim(gain) else x[:, 1]
-            law = Feedback(lines, gain)
-            found += [*law(desired, x[0], rate[0]), *law(desired, x, rate)]
-    law = Feedback(turns, generator.uniform(1.0, 3.0, 6))
-    for size in (1e-9, 1e-5, 1e-2, 0.3, 1.0, 2.0, 3.0):
-        for _ in range(20):
-            desired = ReferencePoint(*generator.normal(size=(4, 6)))
-            desired.position[2:5] *= size
-            actual, rate = generator.normal(size=(2, 6))
-            actual[2:5] = desired.position[2:5] + size * generator.normal(size=3)
-            found += law(desired, actual, rate)
-    return found
-
-
-def adaptations():
-    """Parameters inside their bounds and at them."""
-    generator = np.random.default_rng(2)
-    drawn = [(generator.normal(size=3), generator.normal(size=(2, 3)), generator.normal(size=2)) for _ in range(6)]
-    bounds = np.full(3, -1.0), np.full(3, 1.0)
-    return [adapt(*each, 5.0, 0.1, *bounds, zone) for each in drawn for zone in (0.0, np.array([0.5, 0.1]))]
-
-
-def position_trackers():
-    """Outputs chosen out of order, one of them an angle; with a dead zone and force that is cut off."""
-    generator, found, held = np.random.default_rng(5), [], np.array([0.4, -0.7])
-    points = ViaPoints([0.0, 1.0, 2.0], generator.uniform(-1, 1, (3, 2)))
-    for zone in (0.0, 0.3):
-        gains = PositionGains(k1=np.array([10.0, 6.0]), beta=np.array([8.0, 12.0]), dead_zone=zone)
-        tracker = PositionTracker(points, gains, [2, 0], [True, False], held)
-        for saturated in (False, True):
-            state = None
-            for t in np.linspace(0.0, 1.0, 60):
-                x2 = generator.uniform(-1, 1, 3) + np.array([0.0, 0.0, 2 * np.pi])
-                m = rnc.Measurement(x2=x2, force_deficit=generator.normal(size=3) if saturated else None)
-                command, state = tracker.step(t, m, state or tracker.initial_state(m))
-                found += [command.F, command.v2_desired, command.x2_desired, *state[1:]]
-    return found
-
-
-class Said:
-    """A velocity target that is written down."""
-
-    def __init__(self, v2, v2_dot):
-        self.target = VelocityTarget(v2, v2_dot, np.zeros(0), np.zeros(2))
-
-    def initial_state(self, measurement):
-        return None
-
-    def step(self, t, measurement, state):
-        return self.target, state
-
-
-def velocity_trackers():
-    """One state and six, leaking or not, with dead zones and force that is cut off."""
-    generator, found = np.random.default_rng(5), []
-    k, beta, held = np.array([3.0, 7.0]), np.array([11.0, 4.0]), [0.7, -1.3]
-    v2, v2d, v2d_dot, excess = generator.uniform(-1, 1, (4, 6, 2))
-    learnt = generator.normal(size=(6, 2)), generator.normal(size=(6, 2, 2)), generator.normal(size=(6, 2, 4))
-    for sigma in (0.0, 0.6):
-        for zone in (0.0, np.array([0.3, 0.05])):
-            for at in (0, slice(None)):
-                tracker = VelocityTracker(Said(v2d[at], v2d_dot[at]), VelocityGains(k, beta, sigma, zone), held)
-                for deficit in (None, excess[at]):
-                    m = Measurement(v2=v2[at], force_deficit=deficit)
-                    command, state = tracker.step(2.35, m, TrackerState(2.0, *(each[at] for each in learnt), None))
-                    found += [command.F, *state[1:4]]
-    return found
-
-
-def pursuits():
-    """As many redundant as vertical outputs and more, a secondary objective, rows that move by themselves."""
-    found, orders = [], np.random.default_rng(7).uniform(-1, 1, (2, 4, 2))
-    gains = np.array([1.7, 0.6]), np.array([0.9, 2.3])
-
-    def objective(t, m):
-        return 0.3 * t + m.x2[..., [1, 2, 4]], 0.3 + m.v2[..., [1, 2, 4]]
-
-    for redundant, secondary in (([2, 1], None), ([4, 1, 2], None), ([4, 1, 2], objective)):
-        r = 2 + len(redundant)
-        weights = np.array([0.5, 3.0, 1.3]) if r == 5 else None
-        chosen = task_at([3, 0], redundant, [2, 0])
-        law = RedundancyController(chosen, *(Cubic(*each) for each in orders), *gains, weights, secondary)
-        for batch in ((), (3,)) if secondary is None else ((),):
-            shapes = {"x1": (3,), "x2": (r,), "v1": (3,), "v2": (r,), "A_star": (3, r), "A_star_dot": (3, r)}
-            shapes |= {"v1_offset": (3,), "v1_offset_dot": (3,)}
-            generator = np.random.default_rng(4)
-            m = {name: generator.uniform(-1, 1, (*batch, *shape)) for name, shape in shapes.items()}
-            for absent in ({}, {"v1_offset": None, "v1_offset_dot": None}):
-                target = law.step(0.4, Measurement(**(m | absent)))[0]
-                found += [target.v2, target.v2_dot, target.x1, target.x2]
-    return found
-
-
-def steerings():
-    reduced, _, _, law, _ = truck_task()
-    found = []
-    for q, v2 in random_states(reduced, 6):
-        m = reduced.at(q, v2).measure(np.array([0.2, 0.0, 0.0]))
-        target, _ = law.step(0.6, m, law.initial_state(m))
-        found += [target.v2, target.v2_dot, target.x1, target.x2]
-    return found
-
-
-def slitherings():
-    """Heading behind a noisy path, and the places that are forgotten."""
-    task = rnc.Task.of(fire_truck(), *TASK)
-    law, generator = SlitheringReference(fire_truck(), task, "tractor", "rear_axle"), np.random.default_rng(8)
-    driven = np.arange(0.0, 4.0, law.spacing)
-    path = np.column_stack([2.0 * np.sin(driven / 2), 2.0 - 2.0 * np.cos(driven / 2), driven / 2, driven])
-    path[:, :3] += 1e-4 * generator.standard_normal((len(path), 3))
-    v2, v2_dot, A, A_dot = (generator.normal(size=size) for size in (3, 3, (4, 3), (4, 3)))
-    x1 = np.array([*(path[-1, :2] + [0.004, 0.003]), 0.3, path[-1, 2]])
-    v1 = np.array([0.7, 0.4, 3.0, -2.0])
-    m = Measurement(x1=x1, v1=v1, v2=v2, A_star=A, A_star_dot=A_dot)
-    point, after = law.step(m, v2_dot, DrivenPath(path, path[-1, 2] - 0.25))
-    assert len(after.path) < len(path)
-    np.testing.assert_array_equal(after.path, path[len(path) - len(after.path) :])
-    return [*point[:3], np.array([after.heading, len(after.path)])]
-
-
-# ---------------------------------------------------------------------- references and optimal control
-
-
-def along(reference):
-    return [np.array(reference.at(t)) for t in (-0.1, 0.0, 0.3, 0.7, 1.0, 1.9, 2.5)]
-
-
-def polynomials():
-    points = np.random.default_rng(5).uniform(-1, 1, (3, 2))
-    return [*along(MinimumJerk([1.0, -1.0], [0.5, 0.7], 2.0)), *along(ViaPoints([0.0, 1.0, 2.0], points))]
-
-
-def harmonics():
-    return along(Harmonic([0.1, 2.0], [0.3, -0.7], [0.5, 1.3], phase=[0.4, 0.0]))
+# ---------------------------------------------------------------------- optimal control
 
 
 def riccati():
@@ -364,21 +191,11 @@ def sizes_of_rows():
 
 
 CALLS = {
-    "feedback": (feedbacks, 1e-10),
-    "adapt": (adaptations, 1e-12),
-    "track_position": (position_trackers, 1e-12),
-    "track": (velocity_trackers, 1e-12),
-    "pursue": (pursuits, 1e-9),
-    "steer": (steerings, 1e-9),
-    "slither": (slitherings, 1e-9),
-    "polynomial": (polynomials, 1e-12),
-    "harmonic": (harmonics, 1e-13),
     "riccati_factors": (riccati, 1e-9),
     "riccati_solve": (riccati, 1e-9),
     "variances": (sizes_of_rows, 1e-12),
     "interior_point": (programs_in_stages, 1e-9),
     "least_squares": (programs, 1e-10),
-    "stopping_velocities": (limited_arm, 0.0),
     "frame_kinematics": (frames, 1e-13),
     "shape_poses": (distances, 1e-13),
     "pair_rows": (distances, 1e-13),

@@ -10,7 +10,6 @@ import numpy as np
 from annotated_types import Ge, Lt
 from numpy import ndarray as Array
 
-from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import LimitedAcceleration
 from rnc_pin.control.whole_body.limits.control_limit import (
@@ -188,7 +187,7 @@ class JointPositionLimit(ControlLimit):
 class _BoundPositions(BoundLimit):
     def __init__(self, limit: JointPositionLimit, reduced: ReducedModel) -> None:
         found = limited_positions(reduced.robot, limit.joints)
-        self._q, self._v = self._places = np.array(found.q, dtype=int), np.array(found.v, dtype=int)
+        self._q, self._v = np.array(found.q, dtype=int), np.array(found.v, dtype=int)
         room = limit.margin * (found.upper - found.lower)
         self._ends = found.lower, found.upper
         names = reduced.robot.velocity_names
@@ -204,12 +203,10 @@ class _BoundPositions(BoundLimit):
 
     def rows(self, sample: ControlSample) -> LimitRows:
         start = sample.start
-        limits, bounds = self._limits, np.empty((2, len(self._v)))
+        limits = self._limits
         if self._braking is not None:
             planned = self._braking.decelerations(self._sides, start).reshape(2, -1).min(axis=0)
             limits = np.array([*limits[:2], np.minimum(limits[2], planned)])
-        if _kernel.library.stopping_velocities(start.q, start.v, *self._places, limits, sample.dt, bounds):
-            return LimitRows(self._jacobian, bounds[0], bounds[1])
         q, ahead = start.q[self._q], 0.5 * sample.dt * start.v[self._v]
         room = np.array([limits[1] - q - ahead, q + ahead - limits[0]])
         upper, lower = velocity_to_stop(room, limits[2], sample.dt)
