@@ -22,6 +22,10 @@ BARE = (*SMOKE, "rnc-pin inspect space-robot", "rnc-pin replay runs/space-robot 
 EXTRAS = {
     "dask": ("PAGE docs/sweeps.md",),
     "logs": ("PAGE docs/logs.md",),
+    "meshes": (
+        """python -c 'import trimesh, rnc_pin as rnc; trimesh.creation.box().export("x.glb"); """
+        """rnc.collision.load_mesh_shape("x.glb")'""",
+    ),
     "mujoco": ("PAGE docs/mujoco.md", "rnc-pin run space-robot --plant mujoco --set simulation.duration=0.5"),
     "ompl": ("PAGE docs/ways.md",),
     "qp": ("PAGE docs/whole_body.md",),
@@ -38,6 +42,7 @@ MISSING = {
         "touch x.bag && python -c "
         """'import rnc_pin as rnc; rnc.Log.read("x.bag", {"topics": {"/j": {"joints": "all"}}})'"""
     ),
+    "meshes": """touch x.ply && python -c 'import rnc_pin as rnc; rnc.collision.load_mesh_shape("x.ply")'""",
     "mujoco": "rnc-pin run space-robot --plant mujoco",
     "ompl": (
         """python -c 'import rnc_pin as rnc; robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar"); """

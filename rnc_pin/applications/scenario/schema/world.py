@@ -197,7 +197,7 @@ class CellsObstacle(Strict):
     """Cubes around the points of a cloud, or around the surface of a mesh of any form, merged into boxes."""
 
     file: str
-    """Cloud (.pcd, .ply, .xyz) or mesh, relative to the scenario file."""
+    """Cloud (.pcd, .xyz; .ply with the extra ``meshes``) or mesh, relative to the scenario file."""
     side: Positive
     """Side of the cubes [m]."""
     scale: Positive = 1.0

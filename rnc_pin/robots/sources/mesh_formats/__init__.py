@@ -1,11 +1,10 @@
-"""Readers of mesh files in pure Python, and coal shapes of the meshes for Pinocchio, the viewers and the drafts.
+"""Checked readers of mesh files, and coal shapes of the meshes for Pinocchio, the viewers and the drafts.
 
 Pinocchio, coal, MuJoCo and the viewers receive only checked results.
 """
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -17,6 +16,7 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError
 from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.robots.sources.description import read_numbers
+from rnc_pin.robots.sources.mesh_formats.by_trimesh import read_glb, read_gltf, read_ply
 from rnc_pin.robots.sources.mesh_formats.mesh import (
     FARTHEST,
     Mesh,
@@ -25,8 +25,8 @@ from rnc_pin.robots.sources.mesh_formats.mesh import (
     checked_mesh,
     convex_hull,
 )
-from rnc_pin.robots.sources.mesh_formats.scenes import read_collada, read_glb, read_gltf
-from rnc_pin.robots.sources.mesh_formats.simple_formats import read_msh, read_obj, read_ply, read_stl
+from rnc_pin.robots.sources.mesh_formats.scenes import read_collada
+from rnc_pin.robots.sources.mesh_formats.simple_formats import read_obj, read_stl
 
 __all__ = ["FARTHEST", "FORMATS", "Mesh", "MeshError", "check_thickness", "checked_mesh", "convex_hull", "read_mesh"]
 
@@ -34,7 +34,6 @@ FORMATS: Mapping[str, Callable[[bytes], Mesh]] = {
     ".dae": read_collada,
     ".glb": read_glb,
     ".gltf": read_gltf,
-    ".msh": read_msh,
     ".obj": read_obj,
     ".ply": read_ply,
     ".stl": read_stl,
@@ -44,7 +43,7 @@ FORMATS: Mapping[str, Callable[[bytes], Mesh]] = {
 _LFS = b"version https://git-lfs"
 _BROKEN = (
     *(ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError),
-    *(SyntaxError, struct.error),  # errors of XML, and of missing bytes
+    SyntaxError,  # of XML
 )
 
 

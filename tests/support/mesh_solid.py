@@ -1,5 +1,5 @@
 # ruff: noqa: E501
-"""Meshes for ``benchmarks.fuzz``: one solid in every format that is read, and robots that are made of it."""
+"""One solid in every format of meshes that is read, and robots that are made of it."""
 
 from __future__ import annotations
 
@@ -98,11 +98,6 @@ def gltf(inside: bool = False) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
-def msh() -> bytes:
-    head = struct.pack("<4i", len(VERTICES), 0, 0, len(TRIANGLES))
-    return head + VERTICES.astype("<f4").tobytes() + TRIANGLES.astype("<i4").tobytes()
-
-
 def inline() -> bytes:
     numbers, indices = (" ".join(map(str, each.ravel())) for each in (VERTICES, TRIANGLES))
     return f"""<mujoco><default><mesh scale="1 1 1"/></default><asset><mesh name="m" vertex="{numbers}"/><mesh name="n" vertex="{numbers}" face="{indices}"/></asset>
@@ -121,7 +116,6 @@ MESHES = {
     "DAE": ("m.dae", [collada()]),
     "GLB": ("m.glb", [gltf()]),
     "glTF": ("m.gltf", [gltf(inside=True)]),
-    "MSH": ("m.msh", [msh()]),
     "inline mesh": ("m.xml", [inline(), *([weighed()] if find_spec("mujoco") else [])]),
 }
 """Kinds: the name of a file, and its content as it is."""
