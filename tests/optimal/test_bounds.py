@@ -81,8 +81,6 @@ def test_a_reserve_ends_where_the_start_or_the_goal_is(tmp_path):
     """The lift starts at its lower limit and ends at the upper one."""
     plan = lift_plan(forklifts.forklift(tmp_path), 1.4)
     assert plan.q[[0, -1], 4].tolist() == pytest.approx([0.0, 1.4], abs=1e-6)
-    with pytest.raises(rnc.ConfigurationError, match=r"reserve: expected a share from 0 to below 0\.5, found 0\.5"):
-        FileLimits(reserve=0.5)
 
 
 def test_a_run_along_the_steering_limit_of_the_file_keeps_it(tmp_path):

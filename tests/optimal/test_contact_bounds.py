@@ -143,16 +143,6 @@ def test_the_verification_finds_a_lift_off_between_nodes():
     assert {each.kind for each in findings} == {"lift_off"}
 
 
-def test_forms_without_forces_and_systems_without_contacts_are_refused():
-    reduced = systems.on_two_wheels()
-    with pytest.raises(rnc.ConfigurationError, match="contact forces need form 'dynamic' or 'acceleration'"):
-        rnc.optimal.GripBound(0.5).bind(action_model(reduced, "kinematic"))
-    with pytest.raises(rnc.ConfigurationError, match="friction has to be positive, found 0"):
-        rnc.optimal.GripBound(0.0).bind(action_model(reduced, "dynamic"))
-    with pytest.raises(rnc.ConfigurationError, match="no contact of this system carries"):
-        rnc.optimal.NormalForceBound().bind(action_model(systems.space_robot(), "dynamic"))
-
-
 def test_a_predictive_controller_keeps_its_wheels_on_the_ground():
     reduced = systems.on_two_wheels(height=0.6, ahead=0.5, center=0.2)
     goal = {rnc.FramePosition("base", "xy"): [0.5, 0.0], rnc.FrameYaw("base"): 0.0}

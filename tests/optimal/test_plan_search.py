@@ -119,8 +119,6 @@ def test_an_unstable_motion_is_judged_with_the_feedback_of_the_run():
     np.testing.assert_allclose(run.q[-1, :2], [0.0, 0.0], atol=2 * plan.info.accuracy)
     with pytest.raises(rnc.InfeasibleError, match="no verified plan in 16 s: after re-integration, goal"):
         rnc.optimal.plan(reduced, start, goal, 16.0, feedback=None, guess=plan, **problem)
-    with pytest.raises(rnc.ConfigurationError, match=r"feedback: gains of shape \(2, 2\), expected"):
-        rnc.optimal.plan(reduced, start, goal, 16.0, feedback=lambda _: np.zeros((2, 2)), **problem)
 
 
 def test_as_many_guesses_are_solved_as_solutions_are_asked_for():

@@ -178,10 +178,3 @@ def test_velocities_of_the_plant_with_servos_and_a_delay():
     run = rnc.simulate(reduced, servos, start, 12.0, 0.05, plant=rnc.plants.VelocityPlant(reduced))
     assert max(controller.set_point.errors(run.q[-1]).values()) < 0.01
     assert run.verdict.succeeded
-
-
-def test_velocities_need_the_form_with_rates():
-    with pytest.raises(rnc.ConfigurationError, match="expected the form 'acceleration', found 'dynamic'"):
-        controller_of(systems.sleigh(), velocities=True)
-    with pytest.raises(rnc.ConfigurationError, match="velocities=True"):
-        controller_of(systems.sleigh(), form="kinematic")

@@ -1,7 +1,5 @@
 """A way is followed within an acceleration; a robot that leaves its tube stops, and says so."""
 
-from dataclasses import replace
-
 import coal
 import numpy as np
 import pytest
@@ -108,18 +106,3 @@ def test_a_robot_that_is_there_stays():
     rows = driven(controller, 0.1)
     assert not any(v2.any() for _, _, v2, _ in rows)
     assert not controller.missed_goals(q, rows[-1][2])
-
-
-@pytest.mark.parametrize(
-    ("geodesic", "options", "words"),
-    [
-        (True, {"speed": 1.2}, "speed: expected a share of the velocity of the way up to 1"),
-        (True, {"tube": 0.0}, "tube: expected a positive number"),
-        (False, {}, "this way has propagated motions"),
-    ],
-)
-def test_what_it_refuses(geodesic, options, words):
-    reduced = unicycle()
-    way = find_way(reduced, at_pose(reduced, 0.0, 0.0), at_pose(reduced, 0.5, 0.0))
-    with pytest.raises(rnc.ConfigurationError, match=words):
-        WayFollower(reduced, replace(way, geodesic=geodesic), **options)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-import rnc_pin as rnc
 from polynomials import in_axes, powers
 from rnc_pin.planning import CarPath
 from rnc_pin.planning.car_path import Leg, best_legs, continued_back, path_distances, plan_legs
@@ -118,25 +117,6 @@ def test_a_path_goes_by_the_poses_that_it_is_given():
         assert (np.abs(stops - pose).max(axis=1) < 1e-12).any()
     driven = np.linalg.norm(np.diff(path.poses[:, :2], axis=0), axis=1).sum()
     np.testing.assert_allclose(driven, path.length, rtol=1e-3)
-
-
-@pytest.mark.parametrize(("goal", "options", "words"), [
-    ((0, 0, 0), {}, "the same pose"),
-    ((0, 0, 2 * np.pi), {}, "the same pose"),
-    ((1, 2), {}, "goal of a path: expected x, y and heading"),
-    ((1, np.nan, 0), {}, "goal of a path: expected x, y and heading"),
-    ((1, 0, 0), {"via": [(0, 1)]}, "via pose of a path"),
-    ((1, 0, 0), {"max_steering": 1.6}, "between 0 and pi/2, found 5, 1 and 1.6"),
-    ((1, 0, 0), {"max_steering": 0.0}, "largest steering angle"),
-    ((1, 0, 0), {"start": (0.0, 0.0)}, r"start of a path: expected x, y and heading, found \[0.0, 0.0\]"),
-    ((1, 0, 0), {"duration": 0.0}, "found 0, 1 and 0.785398"),
-    ((1, 0, 0), {"wheelbase": 0.0}, "found 5, 0 and 0.785398"),
-    ((1, 0, 0), {"max_steering": np.pi / 2}, "found 5, 1 and 1.5708"),
-    ((1, 0, 0), {"max_steering": -0.1}, "found 5, 1 and -0.1"),
-])  # fmt: skip
-def test_bad_arguments_are_refused(goal, options, words):
-    with pytest.raises(rnc.ConfigurationError, match=words):
-        CarPath(**{"start": (0, 0, 0), "goal": goal, "duration": 5.0, "wheelbase": 1.0, **options})
 
 
 def test_a_path_is_its_legs_driven_one_after_the_other():

@@ -267,29 +267,3 @@ def test_equal_seeds_give_equal_bits():
     assert np.array_equal(one.q, other.q)
     with pytest.raises(AttributeError):
         one.converged = False
-
-
-@pytest.mark.parametrize(("targets", "options", "kind", "words"), [
-    ({"tip_xx": 1.0}, {}, rnc.ConfigurationError, "no output 'tip_xx'; did you mean 'tip_x'"),
-    ({}, {}, rnc.ConfigurationError, "at least one output"),
-    ({"base_speed_x": 1.0}, {}, rnc.ConfigurationError, "a speed has no value"),
-    ({"tip_x": [1.0, 2.0]}, {}, rnc.InputError, r"target 'tip_x' has shape \(2,\), expected \(1,\)"),
-    ({"tip_x": np.nan}, {}, rnc.InputError, "target 'tip_x' is not finite"),
-    ({"tip_x": "far"}, {}, rnc.InputError, "expected 1 numbers"),
-    ({3: 1.0}, {}, rnc.ConfigurationError, "name of an output or an output object, found 3"),
-    ({rnc.FrameOrientation("tip"): 2 * np.eye(3)}, {}, rnc.InputError, "the matrix is not a rotation"),
-    ({"tip_x": 1.0, rnc.FramePosition("tip", "x"): 1.0}, {}, rnc.ConfigurationError, "two targets for output"),
-    ({"tip_x": 1.0}, {"search": {"starts": 0}}, rnc.InputError, "starts has to be a positive integer"),
-    ({"tip_x": 1.0}, {"search": {"tolerance": 0.0}}, rnc.InputError, "tolerance has to be a number of at least"),
-    ({"tip_x": 1.0}, {"collisions": "all"}, rnc.InputError, "collisions has to be a CollisionDistances"),
-    ({"tip_x": 1.0}, {"hold": ["jont_1"]}, rnc.ModelError, "did you mean 'joint_1'"),
-])  # fmt: skip
-def test_requests_without_meaning_are_refused(targets, options, kind, words):
-    reduced = systems.mobile_manipulator()
-
-    def solve(search=None, **others):
-        search = rnc.IkSearch(**(search or {}))
-        return rnc.solve_ik(reduced, reduced.robot.configuration(), targets, search=search, **others)
-
-    with pytest.raises(kind, match=words):
-        solve(**options)

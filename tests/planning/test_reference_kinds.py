@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.planning.reference_kinds import RelativeHarmonic, RelativeHold, RelativeMinimumJerk, RelativeViaPoints
 
@@ -24,9 +23,3 @@ def test_a_reference_ends_where_it_says(relative, end):
     np.testing.assert_allclose(reference.at(2.0).position, end, rtol=1e-12)
     first = getattr(relative, "center", None) or getattr(relative, "value", None) or START.tolist()
     np.testing.assert_allclose(reference.at(0.0).position, first, rtol=1e-12)
-
-
-def test_a_goal_is_stated_once():
-    for goals in ({}, {"to": [1.0], "by": [1.0]}):
-        with pytest.raises(ConfigurationError, match="expected one of 'to' and 'by'"):
-            RelativeMinimumJerk(duration=1.0, **goals)

@@ -158,11 +158,3 @@ def test_the_table_ends_where_the_curvature_no_longer_grows():
     assert steering.range[0] == pytest.approx(-steering.range[1])
     curvatures = np.linspace(-0.9, 0.9, 7) / WHEELBASE
     np.testing.assert_allclose(steering.outputs(curvatures)[0], np.arcsin(WHEELBASE * curvatures), atol=1e-4)
-
-
-def test_an_output_that_does_not_steer_is_refused():
-    sleigh = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    system = rnc.NonholonomicSystem(sleigh, [rnc.NoSideSlip("sleigh")])
-    reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
-    with pytest.raises(rnc.ConfigurationError, match="moves while 'sleigh_yaw' turns and the vehicle stands"):
-        SteeringGeometry(reduced, sleigh.configuration(), "sleigh", speed=0, steering=1, largest=1.0)

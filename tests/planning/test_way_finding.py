@@ -282,43 +282,6 @@ def test_the_joints_that_are_held_do_not_move():
     assert way.q[:, arm] == pytest.approx(np.tile(q0[arm], (len(way.q), 1)), abs=1e-8)
 
 
-FROM, TO = at_pose(unicycle(), 0.0, 0.0), at_pose(unicycle(), 3.0, 0.0)
-MOVES = Obstacle(coal.Box(0.6, 0.8, 1.0), name="cart", motion=rnc.planning.MinimumJerk([0.0] * 4, [1.0] * 4, 2.0))
-REFUSALS = [
-    (lambda: find_way(unicycle(), at_pose(unicycle(), 1.5, 3.0), TO, gap(0.5)), "the start is too near: .*/ left are"),
-    (lambda: find_way(unicycle(), FROM, at_pose(unicycle(), 1.5, 3.0), gap(0.5)), "the goal is too near: .*/ left"),
-    (
-        lambda: find_way(car(), at_pose(car(), 0.0, 0.0), at_pose(car(), 1.0, 0.0, front_steering=1.5)),
-        "beyond the position limit of joint 'front_steering' by 0.5",
-    ),
-    (lambda: WaySettings(seconds=0.0), "seconds: expected a positive"),
-    (lambda: WaySettings(goals=0), "goals: expected an"),
-    (lambda: find_way(unicycle(), FROM, TO, clearance=-0.1), "clearance: expected a number of at least 0"),
-    (lambda: find_way(unicycle(), FROM, TO, settings=WaySettings(area=[[0, 0], [1, 1]])), "area"),
-    (lambda: find_way(unicycle(), FROM, TO, [MOVES]), r"obstacle 'cart' moves, .* \(obstacle.at_rest\(t\)\)"),
-    (
-        lambda: find_way(tractor(1), *2 * [tractor(1).robot.configuration()], settings=WaySettings(hold=["hitch_1"])),
-        "hold needs an exact steering",
-    ),
-    (lambda: rnc.planning.find_steering(tractor(1), tractor(1).robot.configuration()), "no exact steering is known"),
-    (
-        lambda: find_way(mecanum_box(), *2 * [at_pose(mecanum_box(), 0, 0)], settings=WaySettings(reverse=False)),
-        "reverse: only cars and differential drives have a direction that is forwards",
-    ),
-    (
-        lambda: find_way(tractor(1), *2 * [at_pose(tractor(1), 0, 0)], settings=WaySettings(reverse=False)),
-        "no exact steering is known",
-    ),
-]
-
-
-@pytest.mark.parametrize(("call", "words"), REFUSALS)
-def test_what_is_not_possible_is_one_line(call, words):
-    with pytest.raises(rnc.RncError, match=words) as caught:
-        call()
-    assert "\n" not in str(caught.value)
-
-
 def floating_arm():
     """A satellite with three joints in the plane."""
     model = rnc.Robot.from_urdf("floating_arm.urdf", base="planar", gravity=(0, 0, 0)).model.copy()
