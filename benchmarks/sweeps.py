@@ -5,7 +5,7 @@ and size on disk. With ``--out`` the folder remains, and the same command contin
 
 ``--units`` adds the costs of which a sweep consists:
 
-* a run: processor time of one short run, with everything read and built anew, with what runs share, and in a batch;
+* a run: processor time of one short run, with everything read and built anew, and with what runs share;
 * a row: what the main process does for each run that a worker finished, its memory over the number of rows, and bytes
   on disk;
 * a projection from these unit costs: 1e8 runs on a cluster.
@@ -36,7 +36,6 @@ from rnc_pin.applications.sweep.sweep_folder import RunStore
 
 SCENARIO = "space-robot"
 OPTIONS = {"simulation.duration": 0.05}  # 26 samples of 2 ms
-BATCH = 64  # runs that a worker gets at a time
 _STEPS = 4  # memory is read after as many equal numbers of rows
 _SHOWN = 20  # progress reports of a sweep
 
@@ -57,7 +56,7 @@ def run_cost(runs: int) -> dict[str, float]:
     """Processor time of a short run [ms], all figures taken in turn."""
     shared = source()
     shared.row(0)
-    totals = dict.fromkeys(("anew", "shared", "prepare", "simulate", "summary columns", "in a batch"), 0.0)
+    totals = dict.fromkeys(("anew", "shared", "prepare", "simulate", "summary columns"), 0.0)
     for run in range(runs):
         totals["anew"] += spent(lambda run=run: source().row(run))
         totals["shared"] += spent(lambda run=run: shared.row(run))
@@ -66,9 +65,7 @@ def run_cost(runs: int) -> dict[str, float]:
         totals["prepare"] += spent(lambda options=options, made=made: made.append(shared._scenario(options)))
         totals["simulate"] += spent(lambda made=made: made.append(execute(made[0])))
         totals["summary columns"] += spent(lambda made=made: results_of(made[1].summary))
-    found = {name: 1e3 * total / runs for name, total in totals.items()}
-    numbers = [(run, None) for run in range(BATCH)]
-    return {**found, "in a batch": 1e3 * min(spent(lambda: shared.rows(numbers)) for _ in range(3)) / BATCH}
+    return {name: 1e3 * total / runs for name, total in totals.items()}
 
 
 def resident(pid: int | str = "self") -> float:
@@ -175,7 +172,7 @@ def row_cost(rows: int) -> dict[str, Any]:
 
 def projections(run: dict[str, float], row: dict[str, Any]) -> dict[str, float]:
     """Unit costs times numbers of runs."""
-    per_run = 1e-3 * run["in a batch"]
+    per_run = 1e-3 * run["shared"]
     return {
         "1e8 runs, workers [core hours]": 1e8 * per_run / 3600,
         "1e8 runs, main process [hours]": 1e8 * 1e-6 * row["us"] / 3600,

@@ -48,11 +48,6 @@ Numbered: TypeAlias = tuple[int, Draw | None]
 class Runs(Protocol):
     """Source of the rows of a sweep. It is pickled, and what it keeps between runs is not."""
 
-    @property
-    def advance_together(self) -> bool:
-        """True if runs of a batch advance together, and so cost less."""
-        ...
-
     def rows(self, batch: Sequence[Numbered]) -> list[Row]:
         """Simulate a batch of runs and return their rows, none of which depends on the others."""
         ...

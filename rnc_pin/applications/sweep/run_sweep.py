@@ -62,8 +62,6 @@ class FunctionRuns:
         trajectories: folder of the sweep, for trajectories; None writes none.
     """
 
-    advance_together = False
-
     def __init__(self, build: Build, draws: SeededDraws | None, trajectories: str | None = None) -> None:
         self._build, self._draws, self._trajectories = build, draws, trajectories
 

@@ -8,19 +8,18 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 
-from rnc_pin.applications.scenario.execution import Result, execute
+from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import apply_options, find_scenario, read_yaml
 from rnc_pin.applications.scenario.scenario import BuiltModel, Scenario
 from rnc_pin.applications.scenario.schema.run_settings import ChoiceDistribution, Distribution, Distributions
 from rnc_pin.applications.scenario.schema.scenario import admitted, validate
-from rnc_pin.applications.scenario.simulated_run import judged_summary
 from rnc_pin.applications.sweep.rows import (
     Draw,
     Numbered,
@@ -32,7 +31,6 @@ from rnc_pin.applications.sweep.rows import (
 )
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
 from rnc_pin.io import Json, to_json_mapping
-from rnc_pin.simulation import RunArguments, sample_count, simulate_many
 
 
 @dataclass(frozen=True)
@@ -124,7 +122,6 @@ def draws_of(scenario: str, options: Mapping[str, Json]) -> SeededDraws:
 MOST_DRAWS = 20
 """Largest number of draws for one run; then its outcome is "infeasible"."""
 _STRUCTURE = ("robot", "constraints", "ground", "mimic", "actuators", "forces", "outputs")
-_MOST_SAMPLES = 100_000  # of runs that advance together; they are in memory at the same time
 _MOST_MODELS = 8  # models that a process keeps
 
 
@@ -141,8 +138,6 @@ class ScenarioRuns:
         trajectories: folder of the sweep, for trajectories; None writes none.
     """
 
-    advance_together = True
-
     def __init__(
         self,
         scenario: str,
@@ -158,28 +153,17 @@ class ScenarioRuns:
     def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_models": {}}
 
+    def rows(self, batch: Sequence[Numbered]) -> list[Row]:
+        """Simulate the runs one after the other and return their rows."""
+        return [self.row(run, draw) for run, draw in batch]
+
     def row(self, run: int, draw: Draw | None = None) -> Row:
         """Simulate a run and return its row."""
-        return self.rows([(run, draw)])[0]
-
-    def rows(self, batch: Sequence[Numbered]) -> list[Row]:
-        """Simulate a batch of runs and return their rows. Runs that fit together advance in lock-step."""
-        rows: dict[int, Row] = {}
-        waiting: dict[Hashable, list[_Prepared]] = {}
-        for place, (run, draw) in enumerate(batch):
-            start = time.perf_counter()
-            found, scenario = self._prepared(run, draw)
-            row = {"run": run, **found}
-            if scenario is None:
-                rows[place] = {**row, "wall_time": time.perf_counter() - start}
-                continue
-            key = batch_key(scenario) or place
-            waiting.setdefault(key, []).append(_Prepared(place, row, scenario, time.perf_counter() - start))
-        for some in waiting.values():
-            size = max(1, _MOST_SAMPLES // _samples(some[0].scenario))
-            for begin in range(0, len(some), size):
-                rows |= self._finished(some[begin : begin + size])
-        return [rows[place] for place in range(len(batch))]
+        start = time.perf_counter()
+        found, scenario = self._prepared(run, draw)
+        if scenario is not None:
+            found |= self._results(run, scenario)
+        return {"run": run, **found, "wall_time": time.perf_counter() - start}
 
     def options_of(self, run: int, drawn: Draw) -> dict[str, Json]:
         """Options of a run with drawn values, which ``rnc-pin run`` takes too."""
@@ -214,27 +198,16 @@ class ScenarioRuns:
                 return {**row, **refused("refused", error)}, None
         return {**row, **refused("infeasible", failure)}, None
 
-    def _finished(self, some: Sequence[_Prepared]) -> dict[int, Row]:
-        """Rows of runs that fit together, by their places."""
-        start = time.perf_counter()
-        scenarios = [each.scenario for each in some]
-        found: list[Result | RncError]
+    def _results(self, run: int, scenario: Scenario) -> Row:
+        """Simulate a run and return its columns of results."""
         try:
-            found = [execute(scenarios[0])] if len(scenarios) == 1 else execute_together(scenarios)
+            result = execute(scenario)
         except RncError as error:
-            found = [error]
-        rows = {}
-        for each, result in zip(some, found, strict=True):
-            if isinstance(result, RncError):
-                results = refused("refused", result)
-            elif result.interrupted:
-                raise KeyboardInterrupt
-            else:
-                save_trajectory(result.trajectory, self._trajectories, each.row["run"])
-                results = results_of(result.summary)
-            rows[each.place] = {**each.row, **results}
-        share = (time.perf_counter() - start) / len(some)
-        return {each.place: {**rows[each.place], "wall_time": each.time + share} for each in some}
+            return refused("refused", error)
+        if result.interrupted:
+            raise KeyboardInterrupt
+        save_trajectory(result.trajectory, self._trajectories, run)
+        return results_of(result.summary)
 
     def _scenario(self, options: Mapping[str, Json]) -> Scenario:
         """Build the objects of a run. Runs of this process with the same system and outputs share their model."""
@@ -249,66 +222,3 @@ class ScenarioRuns:
                 self._models.pop(next(iter(self._models)))
             self._models[key] = scenario.model
         return self._models[key]
-
-
-class _Prepared(NamedTuple):
-    """Run that is ready to be simulated."""
-
-    place: int
-    """Index in its batch."""
-    row: Row
-    scenario: Scenario
-    time: float
-    """Time of the preparation [s]."""
-
-
-def _samples(scenario: Scenario) -> int:
-    settings = scenario.experiment.simulation
-    return max(1, round(settings.duration / settings.dt))
-
-
-# ------------------------------------------------------------------ runs in lock-step
-
-
-def batch_key(scenario: Scenario) -> Hashable | None:
-    """Key that scenarios have in common if ``execute_together`` takes them; None for one that has to be alone."""
-    experiment = scenario.experiment
-    if scenario.comparisons or experiment.phases or experiment.program is not None:
-        return None
-    return arguments_of(scenario).lock_step_key
-
-
-def execute_together(scenarios: Sequence[Scenario]) -> list[Result | RncError]:
-    """Run scenarios with the same ``batch_key`` in lock-step; return their results or errors.
-
-    Args:
-        scenarios: what to run; each on objects of its own, except for the model.
-    """
-    start = time.perf_counter()
-    with np.errstate(over="ignore", invalid="ignore"):  # diverged values
-        found: list[Result | RncError] = []
-        runs = simulate_many([arguments_of(each) for each in scenarios])
-        for scenario, run in zip(scenarios, runs, strict=True):
-            if run.started:
-                trajectory, wall_time = run.trajectory, (time.perf_counter() - start) / len(scenarios)
-                summary, limits = judged_summary(scenario.experiment, trajectory, {}, wall_time)
-                found.append(Result(trajectory, summary, cast("RncError | None", run.error), limits=limits))
-            else:
-                assert isinstance(run.error, RncError)
-                found.append(run.error)
-    return found
-
-
-def arguments_of(scenario: Scenario) -> RunArguments:
-    """Arguments of the run of a scenario without phases."""
-    experiment, settings = scenario.experiment, scenario.experiment.simulation
-    return RunArguments(
-        reduced=experiment.reduced,
-        controller=experiment.controller,
-        q0=experiment.q0,
-        samples=sample_count(settings.duration, settings.dt),
-        dt=settings.dt,
-        v2_0=experiment.v2_0,
-        plant=experiment.plant,
-        options=scenario.options(experiment),
-    )

@@ -32,7 +32,6 @@ from rnc_pin.interruption import interruptible
 from rnc_pin.version import __version__
 
 _BATCH_TIME, _LARGEST_BATCH = 0.2, 200  # time that a batch should take [s], and its largest number of runs
-_TIME_TOGETHER, _MOST_TOGETHER = 4.0, 64  # of runs that advance together; beyond, they gain little
 _AHEAD = 3  # batches per worker that are handed out at a time
 _MOST_ENDS = 4  # times that a batch may see its worker end
 _ANSWER = 10.0  # time in which a scheduler has to answer [s]
@@ -94,11 +93,9 @@ def finished_runs(runs: Runs, numbered: Iterator[Numbered], jobs: int | str) -> 
         SimulationError: workers that got the same runs ended again and again.
     """
     if jobs == 1 or (jobs == -1 and cpu_count() == 1):
-        size = 1
-        while batch := list(islice(numbered, size)):
+        for each in numbered:
             with interruptible():
-                rows = runs.rows(batch)
-            size = _next_size(size, rows, True) if runs.advance_together else 1
+                rows = runs.rows([each])
             yield rows
         return
     try:
@@ -108,12 +105,10 @@ def finished_runs(runs: Runs, numbered: Iterator[Numbered], jobs: int | str) -> 
     pool = _dask_pool(jobs) if isinstance(jobs, str) else _local_pool(cpu_count() if jobs == -1 else jobs)
     parent = None if isinstance(jobs, str) else os.getpid()
     with pool as ready:
-        yield from _dispatched(numbered, pickled, ready, parent, runs.advance_together)
+        yield from _dispatched(numbered, pickled, ready, parent)
 
 
-def _dispatched(
-    numbered: Iterator[Numbered], pickled: bytes, pool: _Pool, parent: int | None, together: bool
-) -> Iterator[list[Row]]:
+def _dispatched(numbered: Iterator[Numbered], pickled: bytes, pool: _Pool, parent: int | None) -> Iterator[list[Row]]:
     """Hand batches out to workers, and yield their rows as they come."""
     common = pickled, hashlib.sha256(pickled).hexdigest(), (__version__, kernel)
     pending: dict[Future[list[Row]], _Batch] = {}
@@ -145,15 +140,14 @@ def _dispatched(
                     raise
                 waiting.append(_once_more(batch._replace(ends=batch.ends + 1)))
             else:
-                size = _next_size(size, found, together)
+                size = _next_size(size, found)
                 yield found
 
 
-def _next_size(size: int, rows: Sequence[Row], together: bool) -> int:
+def _next_size(size: int, rows: Sequence[Row]) -> int:
     """Size of the next batches: it grows at most twofold at a time, until they take long enough."""
     mean = sum(float(row["wall_time"]) for row in rows) / len(rows)
-    time, most = (_TIME_TOGETHER, _MOST_TOGETHER) if together else (_BATCH_TIME, _LARGEST_BATCH)
-    return max(1, min(int(time / max(mean, 1e-6)), 2 * size, most))
+    return max(1, min(int(_BATCH_TIME / max(mean, 1e-6)), 2 * size, _LARGEST_BATCH))
 
 
 def _once_more(batch: _Batch) -> _Batch:

@@ -7,10 +7,7 @@ import pytest
 from scipy import stats
 
 import rnc_pin as rnc
-from rnc_pin.applications.sweep import scenario_runs
 from rnc_pin.applications.sweep.scenario_runs import ScenarioRuns, SeededDraws
-from rnc_pin.applications.sweep.scenario_runs import execute_together as together
-from same_runs import check_same
 
 QUICK = {"simulation.duration": 0.06, "simulation.dt": 0.01}
 CASES = {
@@ -39,37 +36,6 @@ def test_a_shared_model_does_not_change_a_run(scenario, tmp_path):
         )
         assert (first.q == second.q).all()
         assert (first.T == second.T).all()
-
-
-TOGETHER = {
-    "space-robot": ({"initial.q.joint_2": [1.6, 2.0], "reference.vertical.minimum_jerk.to.0": [0.1, 0.4]}, {}),
-    "mobile-manipulator": ({"simulation.actuator_limits": {"choice": [True, False]}, "initial.q.joint_1": [0.3, 0.7]},
-        {"simulation.substeps": 2}),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("scenario", TOGETHER)
-def test_runs_of_a_batch_have_the_bits_of_runs_alone(scenario, tmp_path, monkeypatch):
-    """One cannot be built."""
-    drawn, options = TOGETHER[scenario]
-    draws = [next(SeededDraws.of(drawn, seed=3).of_run(run)) for run in range(4)]
-    draws += [{**draws[0], "initial.q.nothing": 1.0}]
-    sources = {
-        kind: ScenarioRuns(scenario, {"preflight": "warn", **QUICK, **options}, None, 0, str(tmp_path / kind))
-        for kind in ("together", "alone")
-    }
-    count = []
-    monkeypatch.setattr(scenario_runs, "execute_together", lambda plans: count.append(len(plans)) or together(plans))
-    rows = sources["together"].rows(list(enumerate(draws)))
-    assert max(count) >= 2
-    for run, row in enumerate(rows):
-        alone = sources["alone"].row(run, draws[run])
-        assert {**row, "wall_time": 0} == {**alone, "wall_time": 0}
-        files = [tmp_path / kind / "trajectories" / f"run_{run:07d}.npz" for kind in sources]
-        assert files[0].exists() == files[1].exists()
-        if files[0].exists():
-            check_same(*map(rnc.Trajectory.load, files))
-    assert [row["outcome"] for row in rows] == ["completed"] * 4 + ["refused"]
 
 
 def test_a_drawn_part_of_the_system_has_a_model_of_its_own():

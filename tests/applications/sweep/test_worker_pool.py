@@ -14,8 +14,6 @@ from rnc_pin.version import __version__
 class Numbers:
     """Runs whose row is their number."""
 
-    advance_together = False
-
     def row(self, run, draw=None):
         return {"run": run, "wall_time": 0.01}
 
