@@ -68,7 +68,6 @@ from .planning import IkSearch as IkSearch
 from .planning import solve_ik as solve_ik
 from .plants import ContactPlant as ContactPlant
 from .plants import Faults as Faults
-from .plants import FrictionPlant as FrictionPlant
 from .plants import ReducedPlant as ReducedPlant
 from .plants import UnilateralContact as UnilateralContact
 from .robots.robot import Robot as Robot

@@ -5,7 +5,6 @@ from .faults import FaultyPlant as FaultyPlant
 from .plant import Plant as Plant
 from .reduced import ContactEvent as ContactEvent
 from .reduced import ContactPlant as ContactPlant
-from .reduced import FrictionPlant as FrictionPlant
 from .reduced import ReducedPlant as ReducedPlant
 from .reduced import ReducedPlantBatch as ReducedPlantBatch
 from .reduced import UnilateralContact as UnilateralContact

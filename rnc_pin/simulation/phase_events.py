@@ -14,11 +14,11 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import OutputKind
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.plants.reduced.events import Direction
 from rnc_pin.simulation.stop import Stop
 
 _ROUNDING = 1e-6  # share of all forces below which a force counts as zero
 
-Direction = Literal["falling", "rising", "either"]
 Value = Callable[[StateEvaluation, np.ndarray, np.ndarray | None], float]
 """Function of state, inputs (p,) and external generalized forces (nv,), if any."""
 
@@ -38,11 +38,6 @@ class BoundEvent:
     value: Value
     direction: Direction = "falling"
     from_start: bool = False
-
-    def crossed(self, before: float, after: float) -> bool:
-        """True if the value crosses zero between two times."""
-        falls, rises = before > 0 >= after, before < 0 <= after
-        return {"falling": falls, "rising": rises, "either": falls or rises}[self.direction]
 
 
 @runtime_checkable

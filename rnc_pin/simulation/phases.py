@@ -19,7 +19,7 @@ from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants import ReducedPlant
-from rnc_pin.plants.reduced.reduced_plant import EventStep
+from rnc_pin.plants.reduced.events import ReducedStep, Watched, first_event
 from rnc_pin.simulation.phase_events import BoundEvent, Event, LiftOffMonitor, PushingForces
 from rnc_pin.simulation.phase_record import PhasePart, joined
 from rnc_pin.simulation.run_info import Outcome, PhaseInfo
@@ -261,31 +261,28 @@ class _PhasedRun:
         monitor = None
         if phase.on_lift_off == "stop":
             monitor = LiftOffMonitor(PushingForces(phase.reduced, phase.pushing))
+        watched = [Watched(partial(_value, event, plant), event.direction) for event in events]
         values: list[float | None] = [np.inf if event.from_start else None for event in events]
         for sample in range(count):
             run.sample(progress)
             if monitor is not None:
                 monitor.check(self._time + sample * self._dt, plant.state, plant.applied, plant.external)
-            now = [_value(event, plant) for event in events]  # under new inputs
-            for event, before, after in zip(events, values, now, strict=True):
-                if before is not None and event.crossed(before, after):
+            for event, each, before in zip(events, watched, values, strict=True):  # under new inputs
+                if before is not None and each.crosses(before, each.value()):
                     self._end(phase, event, sample * self._dt)
                     return
             if sample + 1 == count:
                 break
-            step = EventStep(plant, self._dt)
-            values = [_value(event, plant) for event in events]
-            found = [
-                (step.crossing(partial(_value, event, plant)), number)
-                for number, (event, before, after) in enumerate(zip(events, now, values, strict=True))
-                if event.crossed(before, cast(float, after))
-            ]
-            if found:
-                elapsed, number = min(found)
+            step = ReducedStep(plant, self._dt)
+            found = first_event(step, watched)
+            if found is not None:
+                elapsed, number = found
                 step.move_to(elapsed)
                 run.record_between(elapsed, plant.integrals, plant.applied)
                 self._end(phase, events[number], sample * self._dt + elapsed)
                 return
+            step.move_to(self._dt)
+            values = [each.value() for each in watched]
         if phase.until is not None:
             raise SimulationError(f"'{events[0].name}' did not occur within {phase.duration:g} s")
         self._end(phase, None, (count - 1) * self._dt)

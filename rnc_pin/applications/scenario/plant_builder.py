@@ -18,7 +18,6 @@ from rnc_pin.plants import (
     ChangingPlant,
     ContactPlant,
     FaultyPlant,
-    FrictionPlant,
     MassErrors,
     Plant,
     ReducedPlant,
@@ -93,8 +92,7 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -
         _check_contacts(scenario)
         args = scenario.constraints, scenario.actuators, scenario.mimic, scenario.forces
         system = NonholonomicSystem(reduced.robot, *args)
-        with_friction = any(each.friction is not None for each in scenario.contacts)
-        return (FrictionPlant if with_friction else ContactPlant)(system, scenario.contacts, **settings.plant_options)
+        return ContactPlant(system, scenario.contacts, **settings.plant_options)
 
     def plant_of(model: ReducedModel) -> Plant:
         if in_mujoco:

@@ -2,32 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, SimulationError
-from rnc_pin.model.impact import Impact
+from rnc_pin.model.input_validation import own_vector
 from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.plants.reduced.contact_modes import NONE, Closed, ContactModes, consistent, force_margin
-from rnc_pin.plants.reduced.reduced_plant import EventStep, ReducedPlant
-from rnc_pin.plants.reduced.step_control import IntegrationErrors
+from rnc_pin.plants.reduced.contact_modes import NONE, Closed, ContactModes
+from rnc_pin.plants.reduced.events import ReducedStep, Watched, first_event
+from rnc_pin.plants.reduced.friction import DryFriction
+from rnc_pin.plants.reduced.friction_impulses import (
+    NO_SET,
+    FrictionImpulses,
+    FrictionLayout,
+    FrictionRows,
+    RigidImpulses,
+    responses,
+    subsets,
+)
+from rnc_pin.plants.reduced.reduced_plant import ReducedPlant
+from rnc_pin.plants.reduced.sliding_plant import SlidingPlant, SlidingStep
+from rnc_pin.plants.reduced.step_control import IntegrationErrors, Substeps
 from rnc_pin.plants.reduced.unilateral_contact import UnilateralContact, bound_contacts, check_depth, radius_of_gyration
 
 # Relative to the size of the robot, its radius of gyration:
-_TOUCHES = 1e-8  # gap of a contact that lands together with another one
+_TOUCHES = 1e-8  # gap of a contact that touches
 _ROUNDING = 1e-11  # gap that rounding explains
-_HALVINGS = 40
-_EVENTS = 100  # largest number of events in one step
+_STILL = 1e-12  # velocity of a gap that rounding explains, relative to the largest velocity, plus 1
+_LEAVES = 1e-8  # velocity from which a contact leaves the ground, relative to the largest velocity, plus 1
+_EVENTS = 100  # largest number of located events in one step
+_LEFT = 1e-12  # rest of a sample that rounding explains
 
 
 @dataclass(frozen=True)
 class ContactEvent:
-    """Contacts that opened or closed.
+    """Contacts that opened or closed, or began to slip or to grip.
 
     Attributes:
         time: time [s].
@@ -44,31 +59,21 @@ class ContactEvent:
     energy_loss: float = 0.0
 
 
-class _Signals:
-    """Gaps (c,) and their rates of all contacts, and normal forces of the closed ones, at the state of a plant."""
-
-    def __init__(self, modes: ContactModes, closed: Closed, plant: ReducedPlant) -> None:
-        state = plant.state
-        at = modes.position(state.q)
-        self.gaps = np.array([each.gap(at) for each in modes.contacts])
-        self.rates = np.array([each.gap_rate(at, state.v) for each in modes.contacts])
-        self.forces = np.zeros(0)
-        if closed:
-            self.forces = modes.forces(closed, plant)
-
-
 class ContactPlant:
     """Plant whose contacts with the ground open and close by themselves.
 
-    Each set of closed contacts has a model, which a ``ReducedPlant`` integrates. The plant finds the time of the next
-    event within a step, to rounding:
+    The plant finds the time of the next event within a step:
 
-    * A contact lands when its gap becomes zero. The impact is that of ``rnc.impact``, with the coefficient of the
-      contact for its height row and zero for the rows that prevent slip. If the contact does not rebound, it closes.
+    * A contact lands when its gap becomes zero. The impact has two phases: compression until no contact approaches,
+      and a rebound, which returns at most the share ``restitution^2`` of the work of the compression.
     * A contact lifts off when its normal force becomes zero. It can land again.
 
-    Contacts that close or open together are the largest set in which contacts only push and the others separate. If an
-    impact has no such set, no contact that touches slips (``ContactImpacts.sticking``).
+    Contacts have a coefficient of friction, or none of them has a limit of friction:
+
+    * Without a limit, closed contacts do not slip. Each set of closed contacts has a model, which a ``ReducedPlant``
+      integrates. Contacts that close or open together are the largest set in which contacts only push and the others
+      separate. Where there is none, as in Painleve's paradox, the run ends with an error that has the time.
+    * With coefficients, contacts stick and slide (``SlidingPlant``), and a ``ReducedPlant`` integrates flight.
 
     Args:
         system: system without the contacts, with the actuators.
@@ -77,20 +82,20 @@ class ContactPlant:
 
     Attributes:
         tolerance: allowed error of the integration per second.
-        closed: indices of the closed contacts.
         contact_events: events since the start.
 
     Raises:
-        ConfigurationError: no contacts, contacts of the same name, or a contact without a gap.
+        ConfigurationError: no contacts, contacts of the same name, a contact without a gap, coefficients of friction of
+            some contacts only, or with coefficients moving or momentum constraints in the system.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
         >>> system = rnc.NonholonomicSystem(robot)
-        >>> plant = rnc.ContactPlant(system, [rnc.UnilateralContact(rnc.RollingBall("ball", 0.2), restitution=0.5)])
-        >>> plant.reset(robot.configuration({"root_joint": [0, 0, 0.5, 0, 0, 0, 1]}), np.zeros(6))
-        >>> plant.advance(0.5)
-        >>> [(event.cause, round(event.time, 3)) for event in plant.contact_events]
-        [('start', 0.0), ('landing of ball', 0.247), ('landing of ball', 0.495)]
+        >>> plant = rnc.ContactPlant(system, [rnc.UnilateralContact(rnc.RollingBall("ball", 0.2), friction=0.3)])
+        >>> plant.reset(robot.configuration({"root_joint": [0, 0, 0.21, 0, 0, 0, 1]}), np.array([1.0, 0, 0, 0, 0, 0]))
+        >>> plant.advance(0.2)
+        >>> [(event.cause, round(event.time, 3)) for event in plant.contact_events[:3]]
+        [('start', 0.0), ('landing of ball', 0.045), ('slip of ball', 0.045)]
     """
 
     def __init__(
@@ -103,13 +108,8 @@ class ContactPlant:
         substeps: int | None = None,
         tolerance: float = DEFAULT_TOLERANCE,
     ) -> None:
-        bound = bound_contacts("ContactPlant", system, contacts)
-        for each in bound:
-            if each.has_friction:
-                raise ConfigurationError(
-                    f"contact '{each.name}': a ContactPlant has no limit of friction and no moments of friction; use a "
-                    "FrictionPlant"
-                )
+        self._contacts = bound_contacts(system, contacts)
+        self.tolerance = tolerance
         plant_of = partial(  # a lambda could not be pickled
             ReducedPlant,
             joint_damping=joint_damping,
@@ -118,18 +118,31 @@ class ContactPlant:
             substeps=substeps,
             tolerance=tolerance,
         )
-        self.tolerance = tolerance
-        self._modes = ContactModes(system, bound, plant_of)
-        self.closed, self._clinging = NONE, NONE
-        self._plant = self._modes.plant(self.closed)
+        self._modes = ContactModes(system, self._contacts, plant_of)
+        self._flight = self._modes.plant(NONE)
+        free = self._flight.reduced
+        dry = DryFriction(free, joint_friction)
+        self._rows = FrictionRows(self._contacts, dry)
+        self._sliding: SlidingPlant | None = None
+        if any(each.has_friction for each in self._contacts):
+            _check_at_rest(free)
+            options = joint_damping, actuator_limits, Substeps.checked(substeps, tolerance, "ContactPlant")
+            self._sliding = SlidingPlant(free, self._contacts, self._rows, dry, *options)
+        self._closed = NONE
+        self._plant: ReducedPlant | SlidingPlant = self._flight
         self.contact_events: tuple[ContactEvent, ...] = ()
         self._time, self._past_work, self._size = 0.0, 0.0, 0.0
 
     # ------------------------------------------------------------------ state
 
     @property
+    def closed(self) -> Closed:
+        """Indices of the closed contacts."""
+        return self._plant.touching if isinstance(self._plant, SlidingPlant) else self._closed
+
+    @property
     def reduced(self) -> ReducedModel:
-        """Model with the contacts that are closed."""
+        """Model with the closed contacts; with coefficients of friction without them."""
         return self._plant.reduced
 
     @property
@@ -139,7 +152,10 @@ class ContactPlant:
 
     @property
     def external(self) -> np.ndarray | None:
-        """Generalized forces (nv,) of damping and friction; None without them."""
+        """Generalized forces (nv,) of damping and friction; with coefficients of friction also of contacts.
+
+        They are means of the last step while contacts with coefficients touch.
+        """
         return self._plant.external
 
     @property
@@ -152,6 +168,40 @@ class ContactPlant:
         """Work since the start, minus the energy that damping, friction and impacts removed [J]."""
         return self._past_work + self._plant.work
 
+    @property
+    def normal_forces(self) -> dict[str, float]:
+        """With coefficients of friction, mean normal force of each contact in the last step [N], by name.
+
+        NaN before the first step of a contact. Empty without coefficients: forces are those of ``reduced``.
+        """
+        if self._sliding is None:
+            return {}
+        found = self._plant.normal_forces if isinstance(self._plant, SlidingPlant) else {}
+        return {each.name: found.get(number, 0.0) for number, each in enumerate(self._contacts)}
+
+    @property
+    def contact_forces(self) -> dict[str, float]:
+        """With coefficients of friction, mean forces of the rows of all contacts on the robot in the last step.
+
+        Rows of open contacts have no force. After contacts changed, those of the others are NaN until the next step.
+        """
+        found = self._plant.contact_forces if isinstance(self._plant, SlidingPlant) else {}
+        return dict.fromkeys(self.contact_force_units, 0.0) | found
+
+    @property
+    def contact_force_units(self) -> dict[str, str]:
+        """Units of ``contact_forces``, by name."""
+        if self._sliding is None:
+            return {}
+        layout = self._rows.layout(frozenset(range(len(self._contacts))), joints=False)
+        return dict(zip(layout.names, layout.units, strict=True))
+
+    @property
+    def sliding(self) -> tuple[str, ...]:
+        """Names of the contacts that slide."""
+        numbers = self._plant.sliding if isinstance(self._plant, SlidingPlant) else ()
+        return tuple(self._contacts[number].name for number in sorted(numbers))
+
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
         """Restart at time zero, at configuration q (nq,) and velocity v (nv,).
 
@@ -161,17 +211,14 @@ class ContactPlant:
             InputError: a contact is below the ground.
         """
         self._time, self._past_work, self.contact_events = 0.0, 0.0, ()
-        self.closed, self._clinging = NONE, NONE
-        self._plant = self._modes.plant(self.closed)
-        self._plant.reset(np.array(q, dtype=float), np.array(v, dtype=float))
-        self._size = radius_of_gyration(self._plant.reduced.robot.model, self._plant.read()[0])
-        start = _Signals(self._modes, self.closed, self._plant)
-        check_depth(self._modes.contacts, start.gaps, self._size)
-        touching = frozenset(np.flatnonzero((start.gaps <= _ROUNDING * self._size) & (start.rates <= 0.0)).tolist())
-        if touching:
-            self._land("start", touching)
-        else:
-            self._record("start")
+        self._closed, self._plant = NONE, self._flight
+        self._flight.reset(np.array(q, dtype=float), np.array(v, dtype=float))
+        self._size = radius_of_gyration(self.reduced.robot.model, self.read()[0])
+        if self._sliding is not None:
+            self._sliding.restart(self._size)
+        gaps = self._gaps(self._flight.state)
+        check_depth(self._contacts, gaps, self._size)
+        self._land("start")
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """Configuration (nq,) and velocity (nv,)."""
@@ -179,8 +226,11 @@ class ContactPlant:
 
     def apply(self, T: np.ndarray) -> None:
         """Hold the inputs T (p,), clipped to the actuator limits. A jump of the inputs can open contacts."""
-        self._plant.apply(T)
-        self._open_where_pulled()
+        self._plant.apply(own_vector(T, self.reduced.p, "T"))
+        before = self._closed
+        if before and self._least_force() < 0.0:
+            self._settle(before, before)
+            self._record("lift-off", before - self._closed)
 
     # ------------------------------------------------------------------ motion
 
@@ -191,151 +241,174 @@ class ContactPlant:
             DivergenceError: velocities or accelerations are not finite.
             SimulationError: contacts open and close without end, or no set of them is consistent.
         """
-        end = self._time + dt
-        for _ in range(_EVENTS):
+        end, events = self._time + dt, 0
+        while end - self._time > _LEFT * dt:
             left = end - self._time
-            before = _Signals(self._modes, self.closed, self._plant)
-            step = EventStep(self._plant, left)
-            event = self._first_event(step, before)
-            if event is None:
-                step.move_to(left)
-                self._time = end
-                return
-            elapsed, number = event
+            plant = self._plant
+            step = plant.step(left, dt) if isinstance(plant, SlidingPlant) else ReducedStep(plant, left)
+            open_contacts = [number for number in range(len(self._contacts)) if number not in self.closed]
+            watched = [self._watched_gap(number) for number in open_contacts]
+            if self._closed:
+                watched.append(Watched(self._least_force))
+            found = first_event(step, watched)
+            elapsed = step.dt if found is None else found[0]
             step.move_to(elapsed)
-            self._time = min(self._time + elapsed, end)
-            self._happen(number)
-        raise SimulationError(
-            f"contacts open and close {_EVENTS} times within {dt:g} s at t = {self._time:.4f} s: "
-            "increase the rest_speed of the contacts"
-        )
-
-    def _happen(self, number: int) -> None:
-        """Open or close a contact at the present state."""
-        name = self._modes.contacts[number].name
-        if number in self._clinging and self._gap_rate(number) > 0.0:  # it leaves the ground for good
-            mode = self.closed, self._clinging - {number}
-            self._take(mode, self._started(mode, *self._plant.read(), self._plant.applied))
-            return
-        if number in self.closed:
-            self._use(self.closed - {number}, self.closed)
-            self._record(f"lift-off of {name}")
-            return
-        now = _Signals(self._modes, frozenset(), self._plant)
-        with_it = np.flatnonzero((now.gaps <= _TOUCHES * self._size) & (now.rates < 0.0)).tolist()
-        self._land(f"landing of {name}", self.closed | {number, *with_it})
-
-    def _land(self, cause: str, touching: Closed) -> None:
-        """Apply an impact of the touching contacts."""
-        q, v = self._plant.read()
-        candidates, jump = self._modes.after_impact(touching, q, v, self._time)
-        T = self._plant.applied
-        self._past_work += self._plant.work - jump.loss
-        self.closed, self._clinging = NONE, NONE
-        self._plant = self._started((NONE, NONE), q, jump.v, T)
-        self._use(candidates, candidates)
-        self._record(cause, jump if jump.changes_velocity else None)
-
-    def _open_where_pulled(self) -> None:
-        """Open contacts whose normal force is negative, as after a jump of the inputs."""
-        before = self.closed
-        if before and not self._modes.holds(before, frozenset(), self._plant):
-            self._use(before, before)
-            self._record(f"lift-off of {self._modes.names(before - self.closed)}")
-
-    def _use(self, candidates: Closed, touching: Closed) -> None:
-        """Close those of the candidates that push while the others that touch separate."""
-        started = {(self.closed, self._clinging): self._plant}
-
-        def holds(closed: Closed, clinging: Closed = NONE) -> bool:
-            mode = closed, clinging
-            if mode not in started:
-                started[mode] = self._started(mode, *self._plant.read(), self._plant.applied)
-            return self._modes.holds(closed, touching - closed, started[mode])
-
-        found, clinging = consistent(candidates, holds), NONE
-        if found is None:
-            found = consistent(candidates, lambda closed: holds(closed, touching - closed))
+            self._time = end if elapsed == left else min(self._time + elapsed, end)
+            if isinstance(step, SlidingStep):
+                self._note(step.take())
             if found is None:
+                continue
+            events += 1
+            if events > _EVENTS:
                 raise SimulationError(
-                    f"contacts {self._modes.names(touching)} at t = {self._time:.4f} s: no set of them only pushes "
-                    "while the others separate without slip"
+                    f"contacts open and close {_EVENTS} times within {dt:g} s at t = {self._time:.4f} s: "
+                    "increase the rest_speed of the contacts"
                 )
-            clinging = touching - found
-        self._take((found, clinging), started[found, clinging])
+            if found[1] < len(open_contacts):
+                self._land("landing", open_contacts[found[1]])
+            else:
+                self._lift_off()
+        if isinstance(self._plant, SlidingPlant):
+            self._plant.end_sample()
 
-    def _take(self, mode: tuple[Closed, Closed], plant: ReducedPlant) -> None:
-        """Continue with the plant of a mode."""
-        if plant is not self._plant:
-            self._past_work += self._plant.work
-            (self.closed, self._clinging), self._plant = mode, plant
+    def _watched_gap(self, number: int) -> Watched:
+        contact = self._contacts[number]
 
-    def _started(self, mode: tuple[Closed, Closed], q: np.ndarray, v: np.ndarray, T: np.ndarray) -> ReducedPlant:
-        """Plant of closed and clinging contacts, at a state and under inputs T."""
-        plant, errors = self._modes.plant(*mode), self._plant.errors
+        def rate() -> float:
+            state = self._plant.state
+            return contact.gap_rate(state.position, state.v)
+
+        return Watched(lambda: contact.gap(self._plant.state.position), rate=rate, rounding=_ROUNDING * self._size)
+
+    def _least_force(self) -> float:
+        assert isinstance(self._plant, ReducedPlant)
+        return self._modes.least_force(self._closed, self._plant)
+
+    def _lift_off(self) -> None:
+        """Open the contact whose normal force has become zero."""
+        assert isinstance(self._plant, ReducedPlant)
+        forces = self._modes.forces(self._closed, self._plant)
+        lost = sorted(self._closed)[int(np.argmin(forces))]
+        self._settle(self._closed - {lost}, self._closed)
+        self._record("lift-off", [lost])
+
+    def _note(self, changes: list[tuple[str, Closed]]) -> None:
+        """Record what contacts with friction begin to do; in flight, another plant goes on."""
+        for cause, numbers in changes:
+            self._record(cause, numbers)
+        if isinstance(self._plant, SlidingPlant) and not self._plant.touching:
+            self._go_on(self._flight, *self._plant.read())
+
+    def _settle(self, candidates: Closed, touching: Closed) -> None:
+        """Close those of the candidates that push without slip while the others that touch separate."""
+        assert isinstance(self._plant, ReducedPlant)
+        q, v = self._plant.read()
+        for closed in subsets(candidates):
+            plant = self._plant
+            if closed != self._closed:
+                plant = self._modes.plant(closed)
+                self._start(plant, q, v)
+            if self._modes.holds(closed, touching - closed, plant):
+                self._past_work += self._plant.work if plant is not self._plant else 0.0
+                self._closed, self._plant = closed, plant
+                return
+        raise SimulationError(f"contacts {self._modes.names(touching)} at t = {self._time:.4f} s: {NO_SET}")
+
+    def _start(self, plant: ReducedPlant | SlidingPlant, q: np.ndarray, v: np.ndarray) -> None:
+        """Start another plant at a state, under the present inputs."""
+        if isinstance(self._plant, SlidingPlant):
+            self._plant.end_sample()
+        T, errors = self._plant.applied, self._plant.errors
         plant.reset(q, v, self._time)
         plant.apply(T)
         plant.keep_errors(errors)
-        return plant
 
-    def _record(self, cause: str, jump: Impact | None = None) -> None:
-        closed = tuple(self._modes.contacts[number].name for number in sorted(self.closed))
-        impulses = {} if jump is None else {name: each for name, each in jump.impulses.items() if each}
-        loss = 0.0 if jump is None else jump.loss
-        self.contact_events += (ContactEvent(self._time, cause, closed, impulses, loss),)
+    def _go_on(self, plant: ReducedPlant | SlidingPlant, q: np.ndarray, v: np.ndarray) -> None:
+        """Go on with a plant from a state."""
+        self._past_work += self._plant.work
+        self._start(plant, q, v)
+        self._closed, self._plant = NONE, plant
 
-    # ------------------------------------------------------------------ events
+    # ------------------------------------------------------------------ impacts
 
-    def _first_event(self, step: EventStep, before: _Signals) -> tuple[float, int] | None:
-        """Time after the start of a step [s] and contact of the first event within it; None without any."""
-        after = _Signals(self._modes, self.closed, self._plant)
-        found: list[tuple[float, int]] = []
-        margin = force_margin(after.forces)
-        for column, number in enumerate(sorted(self.closed)):
-            if after.forces[column] < -margin:
-                found.append((self._zero_of_force(step, before, column), number))
-        for number in range(len(self._modes.contacts)):
-            if number not in self.closed:
-                time = self._landing_time(step, before, after, number)
-                found += [] if time is None else [(time, number)]
-        for number in self._clinging:
-            if after.rates[number] > self._modes.contacts[number].contact.rest_speed:
-                found.append((step.crossing(partial(self._excess_rate, number)), number))
-        return min(found, default=None)
+    def _gaps(self, state: StateEvaluation) -> np.ndarray:
+        return np.array([each.gap(state.position) for each in self._contacts])
 
-    def _excess_rate(self, number: int) -> float:
-        return self._gap_rate(number) - self._modes.contacts[number].contact.rest_speed
+    def _land(self, cause: str, number: int | None = None) -> None:
+        """Apply the impact of the contacts that touch, and close those that stay."""
+        q, v = self._plant.read()
+        state = self._flight.reduced.frozen(self._time).at(q, v=v)
+        near = frozenset(np.flatnonzero(self._gaps(state) <= _TOUCHES * self._size).tolist())
+        numbers = frozenset[int]() if number is None else frozenset([number])
+        touching = self.closed | near | numbers
+        layout = self._rows.layout(touching, joints=False)
+        rows, ground = self._rows.at(state, layout)
+        impulses, after = self._impact(state, layout, rows, ground)
+        loss = float(0.5 * v @ state.M @ v - 0.5 * after @ state.M @ after)
+        leaves = rows[layout.normals] @ after > _LEAVES * (1.0 + float(np.abs(after).max()))
+        stay = frozenset(each for each, gone in zip(sorted(touching), leaves, strict=True) if not gone)
+        changes = self._touch(stay, q, after)
+        self._past_work -= loss
+        self._record(cause, numbers, dict(zip(layout.names, impulses.tolist(), strict=True)), loss)
+        for what, each in changes:
+            self._record(what, each)
 
-    def _gap_rate(self, number: int) -> float:
-        state = self._plant.state
-        return self._modes.contacts[number].gap_rate(self._modes.position(state.q), state.v)
+    def _impact(
+        self, state: StateEvaluation, layout: FrictionLayout, rows: np.ndarray, ground: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Impulses (k,) of an impact along rows (k, nv) on ground that moves (k,), and the velocity (nv,) after it.
 
-    def _zero_of_force(self, step: EventStep, before: _Signals, column: int) -> float:
-        if before.forces[column] <= 0.0:
-            return 0.0
-        return step.crossing(lambda: float(_Signals(self._modes, self.closed, self._plant).forces[column]))
+        Raises:
+            SimulationError: no set of contacts without slip only pushes.
+        """
+        v, kind = np.array(state.v), RigidImpulses if self._sliding is None else FrictionImpulses
+        slip, size = rows @ v - ground, 1.0 + float(np.abs(v).max())
+        rates = slip[layout.normals]
+        held = slip if self._sliding is None else rates  # without a limit of friction, an impact stops slip too
+        if not (rates < -_STILL * size).any() and not (np.abs(held) > _STILL * size).any():
+            return np.zeros(layout.size), v
+        contacts = [part.contact.contact for part in layout.parts]
+        W = responses(state, state.M, rows)
+        problem = kind(rows @ W, slip, layout.normals, layout.groups)
+        rest = np.array([each.rest_speed for each in contacts])
+        restitution = np.array([each.restitution for each in contacts])
+        try:
+            if problem.is_slow(rest):
+                impulses = problem.stop()
+            else:
+                impulses = problem.impact(np.where(-restitution * rates > rest, restitution, 0.0))
+        except SimulationError as error:
+            names = ", ".join(each.contact.name for each in layout.parts)
+            raise error.within(f"impact of {names} at t = {self._time:.4f} s") from None
+        return impulses, v + W @ impulses
 
-    def _landing_time(self, step: EventStep, before: _Signals, after: _Signals, number: int) -> float | None:
-        """Time at which the gap of a contact becomes zero; None if it stays open."""
-        contact, rounding = self._modes.contacts[number], _ROUNDING * self._size
+    def _touch(self, stay: Closed, q: np.ndarray, v: np.ndarray) -> list[tuple[str, Closed]]:
+        """Go on from a state with the contacts that stay on the ground, and return those that slide."""
+        sliding = self._sliding
+        if sliding is None or not stay:
+            self._go_on(self._flight, q, v)
+            self._settle(stay, stay)
+            return []
+        if sliding is self._plant:
+            sliding.jump(v)
+        else:
+            self._go_on(sliding, q, v)
+        return sliding.touch(stay)
 
-        def gap() -> float:
-            return contact.gap(self._modes.position(self._plant.state.q))
+    def _record(
+        self, cause: str, numbers: Collection[int] = (), impulses: Mapping[str, float] | None = None, loss: float = 0.0
+    ) -> None:
+        closed = tuple(self._contacts[number].name for number in sorted(self.closed))
+        cause += f" of {self._modes.names(numbers)}" if numbers else ""
+        named = {name: each for name, each in (impulses or {}).items() if each}
+        self.contact_events += (ContactEvent(self._time, cause, closed, named, loss),)
 
-        end, departs = step.dt, before.gaps[number] <= rounding
-        if after.gaps[number] >= (-rounding if departs else 0.0):
-            # It may touch the ground in between, such as the corner of a body that turns.
-            if not before.rates[number] < 0.0 < after.rates[number]:
-                return None
-            end = step.crossing(partial(self._gap_rate, number))
-            step.move_to(end)
-            if gap() >= -rounding:
-                return None
-        if not departs:
-            return step.crossing(gap, 0.0, end)
-        for halving in range(1, _HALVINGS):
-            start = end * 0.5**halving
-            step.move_to(start)
-            if gap() > 0.0:
-                return step.crossing(gap, start, end)
-        return 0.0
+
+def _check_at_rest(reduced: ReducedModel) -> None:
+    """Raise an error for constraints that do not support contacts with a coefficient of friction."""
+    conserved = any(block.conserved is not None for block, *_ in reduced.constraints.places)
+    if reduced.affine or reduced.rheonomic or conserved:
+        raise ConfigurationError(
+            "ContactPlant: with coefficients of friction, constraints of the system that move, depend on time or "
+            "conserve a momentum are not supported"
+        )

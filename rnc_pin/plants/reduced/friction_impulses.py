@@ -1,4 +1,4 @@
-"""Impulses of unilateral contacts with Coulomb friction: a nonlinear complementarity problem at velocity level.
+"""Impulses of contacts that push: a complementarity problem at velocity level, with Coulomb friction or without slip.
 
 The rows along which contacts push and friction acts follow from the set of contacts that touch.
 """
@@ -6,18 +6,24 @@ The rows along which contacts push and friction acts follow from the set of cont
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 
+from rnc_pin.errors import DivergenceError, SimulationError
+from rnc_pin.math.linear_algebra import nonnegative, null_space, solve_positive_definite_columns
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.friction import DryFriction
 from rnc_pin.plants.reduced.unilateral_contact import BoundContact
 
 _PRECISE = 1e-13  # residual of a solution, relative to the largest impulse
 _WORK = 8  # numbers for each row that LAPACK may use
+_ZERO = 1e-9  # impulse that counts as zero, relative to the sum of all, plus 1
+_RANK = 1e-12  # singular value that counts as zero, relative to the largest
+_STILL = 1e-8  # velocity that counts as zero, relative to the largest, plus 1
 _NEWTON, _ROUNDS, _SWEEPS, _CONVEX_SWEEPS = 25, 6, 40, 2000
 
 
@@ -27,7 +33,8 @@ class FrictionGroup(NamedTuple):
     Attributes:
         rows: the rows, which are neighbours.
         normal: row of the normal impulse; -1 without one, as of dry friction in a joint.
-        coefficient: coefficient of friction, or a length [m] for moments.
+        coefficient: coefficient of friction, or a length [m] for moments; infinite for no slip while the contact is
+            closed.
         constant: impulse [N s or N m s].
     """
 
@@ -83,32 +90,50 @@ class FrictionImpulses:
                 p = self._swept(p)
         return self._associated()
 
+    def _held(self, closed: Collection[int]) -> list[int]:
+        """Rows of friction without a limit, of contacts with some normal rows."""
+        groups = (each for each in self._groups if math.isinf(each.coefficient) and each.normal in closed)
+        return [row for each in groups for row in _indices(each)]
+
     def stop(self) -> np.ndarray:
-        """Return the normal impulses (k,) after which no contact moves along its normal: rocking and bouncing end."""
-        p, normals = np.zeros(len(self._b)), self._normals
-        p[normals] = np.linalg.lstsq(self._G[np.ix_(normals, normals)], -self._b[normals], rcond=1e-10)[0]
+        """Return the impulses (k,) after which no contact moves along its normal: rocking and bouncing end."""
+        return self._stopping([*self._normals, *self._held(self._normals)])
+
+    def is_slow(self, limits: np.ndarray) -> bool:
+        """True if no contact moves faster than its limit (c,); its slip counts without a limit of friction."""
+        found = zip(self._normals, limits, strict=True)
+        return all(np.abs(self._b[[row, *self._held([row])]]).max() <= limit for row, limit in found)
+
+    def _stopping(self, rows: list[int]) -> np.ndarray:
+        """Impulses (k,) of least norm along some rows that stop them."""
+        p = np.zeros(len(self._b))
+        p[rows] = np.linalg.lstsq(self._G[np.ix_(rows, rows)], -self._b[rows], rcond=1e-10)[0]
         return p
 
     def impact(self, restitution: np.ndarray) -> np.ndarray:
         """Return the impulses (k,) of an impact in two phases: compression, and a rebound.
 
         The rebound is a share of the one that Newton's coefficients ask for. It returns at most the largest coefficient
-        squared of the work of the compression, and never more energy than the compression removed.
+        squared of the work of the compression, and never more energy than the compression removed. Slip without a limit
+        of friction stops before the compression (Stronge 1990).
 
         Args:
             restitution: coefficient of each normal row (c,).
         """
-        G, y, normals = self._G, self._b, self._normals
-        p, rates = self.solve(), y[normals]
-        stopped = y + G @ p
+        G, normals = self._G, self._normals
+        p = self.solve()
+        held = self._held([row for row in normals if p[row] > 0.0])
+        first = self._stopping(held)
+        y = self._b + G @ first
+        rates, stopped = y[normals], self._b + G @ p
         coefficients = np.where(p[normals] > 0.0, restitution, 0.0)
         if not coefficients.any():
             return p
         wanted = stopped.copy()
         wanted[normals] += coefficients * rates  # rates are negative: the rows have to leave at -e rate
-        more = FrictionImpulses(G, wanted, normals, self._groups).solve()
+        more = type(self)(G, wanted, normals, self._groups).solve()
         compression = max(-0.5 * float(p[normals] @ rates), 0.0)
-        removed = max(-float(p @ (y + 0.5 * G @ p)), 0.0)
+        removed = max(-float((p - first) @ (y + 0.5 * G @ (p - first))), 0.0)
         allowed = min(float(coefficients.max()) ** 2 * compression, removed)
         linear, square = float(more @ stopped), float(more @ G @ more)
         share = 1.0
@@ -199,6 +224,59 @@ class FrictionImpulses:
                 yield rows, 1.0 / np.linalg.eigvalsh(self._G[np.ix_(rows, rows)])[-1], normal, groups
 
 
+class RigidImpulses(FrictionImpulses):
+    """Impulses of contacts that do not slip while they are closed: 0 <= p, 0 <= y of the normal rows and p y = 0.
+
+    An open contact, with y > 0, has no impulse along the ground; a closed one, with y = 0, does not slip.
+    """
+
+    def solve(self, guess: np.ndarray | None = None) -> np.ndarray:
+        """Return the impulses (k,) of the largest set of closed contacts that is a solution.
+
+        Raises:
+            SimulationError: no set is a solution. Friction without a limit does not exclude this.
+        """
+        still = _STILL * (1.0 + float(np.abs(self._b).max()))
+        for closed in subsets(range(len(self._normals))):
+            p = self._closing(closed)
+            y = self._b + self._G @ p
+            normal, rates = p[self._normals], y[self._normals]
+            pushes = (normal >= -_ZERO * (1.0 + np.abs(normal).sum())).all()
+            slips = [np.abs(y[each.rows]).max() for each in self._groups]
+            rest = [self._normals.index(each.normal) for each in self._groups]
+            sticks = all(slip <= still or rates[number] > still for slip, number in zip(slips, rest, strict=True))
+            if pushes and sticks and (rates >= -still).all():
+                return p
+        raise SimulationError(NO_SET)
+
+    def _closing(self, closed: frozenset[int]) -> np.ndarray:
+        """Impulses (k,) that stop a set of contacts; none of the normal ones is negative if they can share them so."""
+        normals = [self._normals[number] for number in sorted(closed)]
+        rows = sorted([*normals, *(row for each in self._groups if each.normal in normals for row in _indices(each))])
+        G = self._G[np.ix_(rows, rows)]
+        p, up = np.zeros(len(self._b)), [rows.index(row) for row in normals]
+        own = np.linalg.lstsq(G, -self._b[rows], rcond=_RANK)[0]
+        if (own[up] < 0.0).any():
+            null = scipy.linalg.null_space(G, rcond=_RANK)
+            shared = nonnegative(own[up], null[up])
+            own = own + null @ np.linalg.lstsq(null[up], shared - own[up], rcond=None)[0]
+        p[rows] = own
+        return p
+
+
+NO_SET = (
+    "no set of them only pushes while the others separate, without a limit of friction: give each contact a "
+    "coefficient 'friction'"
+)
+
+
+def subsets(numbers: Iterable[int]) -> Iterator[frozenset[int]]:
+    """All sets of numbers, the largest ones first."""
+    ordered = sorted(numbers)
+    for size in range(len(ordered), -1, -1):
+        yield from map(frozenset, combinations(ordered, size))
+
+
 def _indices(group: FrictionGroup) -> range:
     return range(group.rows.start, group.rows.stop)
 
@@ -267,7 +345,6 @@ class FrictionRows:
 
     def __init__(self, contacts: Sequence[BoundContact], dry: DryFriction) -> None:
         self._contacts, self._dry = contacts, dry
-        self._limits = [each.turning_limits for each in contacts]
         self._layouts: dict[tuple[frozenset[int], bool], FrictionLayout] = {}
 
     def layout(self, touching: frozenset[int], joints: bool = True) -> FrictionLayout:
@@ -286,8 +363,9 @@ class FrictionRows:
         k = 0
         for number in sorted(touching):
             each, first = self._contacts[number], k
-            slips = len(each.names) - 1 if each.contact.friction else 0
-            rolling, spin = self._limits[number]
+            friction = np.inf if each.contact.friction is None else float(each.contact.friction)
+            slips = len(each.names) - 1 if friction else 0
+            rolling, spin = each.turning_limits
             turning = slice(0 if rolling else 2, 3 if spin else 2)
             found.normals.append(first)
             turned = [f"{kind}({each.name})" for kind in _TURNING[turning]]
@@ -295,9 +373,9 @@ class FrictionRows:
             found.units.extend(("N",) * (1 + slips) + ("N m",) * len(turned))
             k += 1
             sizes = slips, 2 * bool(rolling), bool(spin)
-            for kind, (size, coefficient) in enumerate(zip(sizes, (each.contact.friction, rolling, spin), strict=True)):
+            for kind, (size, coefficient) in enumerate(zip(sizes, (friction, rolling, spin), strict=True)):
                 if size:
-                    found.groups.append(FrictionGroup(slice(k, k + size), first, float(coefficient or 0.0)))
+                    found.groups.append(FrictionGroup(slice(k, k + size), first, coefficient))
                     found.keys.append((number, kind))
                     k += size
             found.parts.append(_Part(each, slice(first, k), slice(0, 1 + slips), turning))
@@ -321,3 +399,22 @@ class FrictionRows:
         if end < layout.size:
             matrix[end:] = self._dry.rows(state)
         return matrix, ground
+
+
+def responses(state: StateEvaluation, M: np.ndarray, impulses: np.ndarray) -> np.ndarray:
+    """Velocities (nv, k) of generalized impulses (k, nv), within the constraints of the system.
+
+    Raises:
+        DivergenceError: the inertia is not positive definite.
+    """
+    A = state.all_rows
+    if not len(A):
+        found = solve_positive_definite_columns(M, impulses.T)
+    else:
+        lengths = np.linalg.norm(A, axis=1)
+        R = null_space(A[lengths > 0] / lengths[lengths > 0, None])
+        found = solve_positive_definite_columns(R.T @ M @ R, R.T @ impulses.T)
+        found = None if found is None else R @ found
+    if found is None:
+        raise DivergenceError("inertia is not positive definite")
+    return found

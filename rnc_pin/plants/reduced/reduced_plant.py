@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import scipy
 
 from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.model.input_validation import own_vector
@@ -18,8 +16,6 @@ from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, Vel
 from rnc_pin.plants.reduced.friction import DissipativeStep, DryFriction
 from rnc_pin.plants.reduced.step_control import MOST_EVENT_SUBSTEPS, MOST_SUBSTEPS, IntegrationErrors, Substeps
 from rnc_pin.printing import ReprMixin
-
-_PRECISION = 1e-12  # of the time of an event, relative to the end of its bracket
 
 
 class Checkpoint(NamedTuple):
@@ -323,45 +319,3 @@ class ReducedPlant(ReprMixin):
                 return np.inf
         errors = self._dynamics.errors(step[:2], finer[:2], finer.roughness < np.inf)
         return float(np.abs(errors).max(initial=0.0))
-
-
-class EventStep:
-    """Step of a plant under constant inputs, within which events are located.
-
-    Args:
-        plant: plant at the start of the step. It advances to the end.
-        dt: duration of the step [s].
-
-    Attributes:
-        dt: duration of the step [s].
-
-    Raises:
-        DivergenceError: as ``ReducedPlant.advance``.
-    """
-
-    def __init__(self, plant: ReducedPlant, dt: float) -> None:
-        self._plant, self.dt, self._start = plant, dt, plant.checkpoint()
-        plant.advance(dt)
-        self._end = plant.checkpoint()
-        self._steps = self._end.errors.used  # one number, so that the state depends continuously on the time
-
-    def move_to(self, elapsed: float) -> None:
-        """Move the plant to a time after the start of the step [s]."""
-        self._plant.rollback(self._end if elapsed == self.dt else self._start)
-        if 0.0 < elapsed < self.dt:
-            self._plant.advance_part(elapsed, self._steps)
-
-    def crossing(self, value: Callable[[], float], start: float = 0.0, end: float | None = None) -> float:
-        """Return the time after the start of the step at which a value of the plant's state crosses zero [s].
-
-        Args:
-            value: the value at the present state of the plant.
-            start, end: times with values of opposite signs [s]; by default those of the step.
-        """
-        end = self.dt if end is None else end
-
-        def at(elapsed: float) -> float:
-            self.move_to(elapsed)
-            return value()
-
-        return float(scipy.optimize.brentq(at, start, end, xtol=_PRECISION * end, rtol=1e-14))

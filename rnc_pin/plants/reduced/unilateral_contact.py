@@ -10,10 +10,9 @@ import pinocchio as pin
 
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import ConfigurationError, InputError
-from rnc_pin.model.kernel_rows import KernelRow
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
 from rnc_pin.model.parameter_types import NotNegative, is_number
-from rnc_pin.model.rows import ConstraintKind, Rows, carrier_of
+from rnc_pin.model.rows import ConstraintKind, carrier_of
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.robots.robot import Robot
 
@@ -27,18 +26,19 @@ class UnilateralContact:
     """Contact that only pushes: it closes when the body lands, and opens when its normal force becomes zero.
 
     Its constraint acts while the contact is closed. The height row of the constraint gives the gap, its other rows
-    prevent slip: without a limit in a ``ContactPlant``, by Coulomb friction in a ``FrictionPlant``. A ``Caster`` has
-    the height row only, so it is a contact without friction, of a ball or of a point (radius 0).
+    prevent slip: by Coulomb friction, or without a limit if ``friction`` is None. A ``Caster`` has the height row only,
+    so it is a contact without friction, of a ball or of a point (radius 0).
 
     Args:
         constraint: ``RollingWheel``, ``RollingBall``, ``RollingBody`` or ``Caster`` on a plane.
         restitution: coefficient of the height row, from 0 (no rebound) to 1 (elastic): Newton's of a contact without
             friction; with friction the energetic one, whose square is the share of the work that the rebound returns.
         rest_speed: speed [m/s] of a rebound below which the contact stays closed. Contacts that touch close together if
-            their gaps and slips are slower. So bouncing and rocking end after a finite time.
-        friction: coefficient of Coulomb friction, for a ``FrictionPlant``; None for no limit.
+            their gaps are slower, and without a limit of friction also their slips. So bouncing and rocking end after
+            a finite time.
+        friction: coefficient of Coulomb friction; None for no limit.
         rolling_friction: largest moment against rolling over the normal force [m]; the body's angular velocity along
-            the ground counts, for a ``FrictionPlant``.
+            the ground counts.
         spin_friction: the same for the angular velocity about the normal of the ground [m].
 
     Raises:
@@ -46,7 +46,7 @@ class UnilateralContact:
             a contact without rows that prevent slip.
 
     Example:
-        >>> contact = rnc.UnilateralContact(rnc.RollingBall("ball", radius=0.2), restitution=0.7)
+        >>> contact = rnc.UnilateralContact(rnc.RollingBall("ball", radius=0.2), restitution=0.7, friction=0.4)
         >>> contact.rest_speed
         0.01
     """
@@ -77,13 +77,13 @@ class BoundContact:
 
     Attributes:
         contact: the contact.
-        friction: constraint of the rows that prevent slip, without the height row.
         name: frame of the constraint, or its height row.
-        row: name of the height row.
         names: names of all rows, the height row first.
+        turning_limits: coefficients [m] of the moments against rolling and against spin.
 
     Raises:
-        ConfigurationError: the constraint has no height row, its ground is not a plane, or no joint changes the gap.
+        ConfigurationError: the constraint has no height row, its ground is not a plane, no joint changes the gap, or
+            friction has no rows or a ground that moves.
     """
 
     def __init__(self, contact: UnilateralContact, robot: Robot) -> None:
@@ -102,16 +102,19 @@ class BoundContact:
                 f"one height row, found {len(heights)} height rows"
             )
         self.contact, self._height = contact, heights[0]
-        self.friction = _Friction(rows, self._height)
-        self._order, self._still = [self._height, *self.friction.kept], np.zeros(len(rows.names))
-        self.row = rows.names[self._height]
-        self.names = (self.row, *self.friction.names)
-        self.name = str(getattr(kind, "frame", self.row))
+        self._order = [self._height, *(row for row in range(len(rows.names)) if row != self._height)]
+        self.names = tuple(rows.names[row] for row in self._order)
+        self.name = str(getattr(kind, "frame", self.names[0]))
         self._plane, self._frame = ground or GroundPlane(), robot.frame_id(str(getattr(kind, "frame", "")))
         if contact.friction and not self.slips:
             raise ConfigurationError(
                 f"contact '{self.name}': a {type(kind).__name__} has no rows along the ground for friction; a "
                 "RollingBall has them, also a small one for a corner or a foot"
+            )
+        self.turning_limits = float(contact.rolling_friction), float(contact.spin_friction)
+        if any(self.turning_limits) and (self._plane.moves or carrier_of(self._plane) is not None):
+            raise ConfigurationError(
+                f"contact '{self.name}': rolling_friction and spin_friction require ground at rest in the world"
             )
         kinematics, generator = Kinematics(robot), np.random.default_rng(0)
         moments = (kinematics.position(robot.random_configuration(generator)) for _ in range(_SAMPLES))
@@ -121,37 +124,15 @@ class BoundContact:
                 "base"
             )
 
-    def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        """Jacobian of the gap, (nv,)."""
-        return np.asarray(self._rows.jacobian(at)[self._height])
-
     @property
     def slips(self) -> bool:
         """True if the contact has rows that prevent slip."""
-        return len(self.friction.names) > 0
-
-    def slip(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray, list[str]]:
-        """Rows that prevent slip, (k, nv), with their velocities (k,) and names."""
-        return self.friction.jacobian(at), self.friction.rate(at), list(self.friction.names)
+        return len(self.names) > 1
 
     @property
     def has_friction(self) -> bool:
         """True if a coefficient limits friction, or a moment of friction acts."""
         return self.contact.friction is not None or any(self.turning_limits)
-
-    @property
-    def turning_limits(self) -> tuple[float, float]:
-        """Coefficients [m] of the moments against rolling and against spin.
-
-        Raises:
-            ConfigurationError: such a moment on ground that moves.
-        """
-        limits = float(self.contact.rolling_friction), float(self.contact.spin_friction)
-        if any(limits) and (self._plane.moves or carrier_of(self._plane) is not None):
-            raise ConfigurationError(
-                f"contact '{self.name}': rolling_friction and spin_friction require ground at rest in the world"
-            )
-        return limits
 
     def turning(self, at: PositionKinematics) -> np.ndarray:
         """Angular velocity of the body along the axes of the plane, the normal last, as rows (3, nv)."""
@@ -159,13 +140,12 @@ class BoundContact:
 
     def rows(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         """Rows (k, nv) with their velocities (k,): the gap first, then those that prevent slip."""
-        order = self._order
-        return self._rows.jacobian(at)[order], self._rows.rate(at)[order] if self._rows.affine else self._still
+        rates = self._rows.rate(at)[self._order] if self._rows.affine else np.zeros(len(self.names))
+        return self._rows.jacobian(at)[self._order], rates
 
-    def rebound(self, rate: float) -> float:
-        """Coefficient of restitution of an impact at a rate of the gap [m/s]; zero for slow ones."""
-        fast = -self.contact.restitution * rate > self.contact.rest_speed
-        return float(self.contact.restitution) if fast else 0.0
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
+        """Jacobian of the gap, (nv,)."""
+        return np.asarray(self._rows.jacobian(at)[self._height])
 
     def gap(self, at: PositionKinematics) -> float:
         """Distance from the ground [m], negative below it."""
@@ -175,74 +155,25 @@ class BoundContact:
         """Rate of the gap at velocity v (nv,) [m/s], negative if the contact closes."""
         return float(self.jacobian(at) @ v)
 
-    def at_rest(self, at: PositionKinematics, v: np.ndarray) -> bool:
-        """True if no row is faster than the rest speed, slip included."""
-        slip = self._rows.jacobian(at) @ v - self._rows.rate(at)
-        return bool(np.abs(slip).max() <= self.contact.rest_speed)
-
     def gap_acceleration(self, at: VelocityKinematics, v_dot: np.ndarray) -> float:
         """Second rate of the gap at acceleration v_dot (nv,) [m/s^2]."""
         return float(self.jacobian(at) @ v_dot + self._rows.bias_acceleration(at)[self._height])
 
 
-class _Friction(Rows):
-    """Rows of a contact besides its height row.
-
-    Args:
-        rows: all rows of the contact.
-        height: index of the height row.
-
-    Attributes:
-        kept: indices of these rows among all of the contact.
-    """
-
-    def __init__(self, rows: Rows, height: int) -> None:
-        self._rows, self.kept = rows, [row for row in range(len(rows.names)) if row != height]
-        self.names = tuple(rows.names[row] for row in self.kept)
-        self.units = tuple(rows.units[row] for row in self.kept)
-        self.affine, self.rheonomic, self.turning, self.ground = rows.affine, rows.rheonomic, rows.turning, rows.ground
-
-    def bind(self, robot: Robot) -> Rows:
-        return self
-
-    def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        return self._rows.jacobian(at)[..., self.kept, :]
-
-    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        return self._rows.jacobian_dot(at)[..., self.kept, :]
-
-    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        return self._rows.bias_acceleration(at)[..., self.kept]
-
-    def rate(self, at: PositionKinematics) -> np.ndarray:
-        return self._rows.rate(at)[..., self.kept]
-
-    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
-        return self._rows.rate_dot(at)[..., self.kept]
-
-    def rates_over_time(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        mu, mu_dot = self._rows.rates_over_time(t)
-        return mu[self.kept], mu_dot[self.kept]
-
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
-        found = self._rows.kernel_rows(model)
-        return None if found is None else [found[row] for row in self.kept]
-
-
-def bound_contacts(plant: str, system: object, contacts: Sequence[UnilateralContact]) -> list[BoundContact]:
+def bound_contacts(system: object, contacts: Sequence[UnilateralContact]) -> list[BoundContact]:
     """Return the contacts of a plant, bound to the robot of its system.
 
     Args:
-        plant: name of the class, for messages.
         system: system without the contacts.
         contacts: the contacts.
 
     Raises:
-        ConfigurationError: no system, no contacts, contacts of the same name, or a contact without a gap.
+        ConfigurationError: no system, no contacts, contacts of the same name, a contact without a gap, or friction with
+            a limit at some contacts only.
     """
     if not isinstance(system, NonholonomicSystem):
         raise ConfigurationError(
-            f"{plant}: expected a NonholonomicSystem without the contacts, found {type(system).__name__}"
+            f"ContactPlant: expected a NonholonomicSystem without the contacts, found {type(system).__name__}"
         )
     if not contacts or not all(isinstance(each, UnilateralContact) for each in contacts):
         raise ConfigurationError(f"contacts: expected a list of UnilateralContact, found {contacts!r}")
@@ -251,6 +182,12 @@ def bound_contacts(plant: str, system: object, contacts: Sequence[UnilateralCont
     for name in names:
         if names.count(name) > 1:
             raise ConfigurationError(f"contacts: '{name}' occurs twice")
+    for each in bound:
+        if any(other.has_friction for other in bound) and each.slips and each.contact.friction is None:
+            raise ConfigurationError(
+                f"contact '{each.name}': requires its coefficient of friction, because the friction of some contact "
+                "has a limit"
+            )
     return bound
 
 

@@ -533,7 +533,7 @@ def sliding_in_both(robot, constraints, friction, q0, v0, duration, **settings):
     contacts = [
         rnc.UnilateralContact(each, friction=0.0 if isinstance(each, rnc.Caster) else friction) for each in constraints
     ]
-    rigid = rnc.FrictionPlant(rnc.NonholonomicSystem(robot), contacts, tolerance=1e-5)
+    rigid = rnc.ContactPlant(rnc.NonholonomicSystem(robot), contacts, tolerance=1e-5)
     reduced = rnc.NonholonomicSystem(robot, constraints).reduce()
     options = MuJoCoSettings(friction=(friction, 0.0, 0.0), **settings)
     soft = MuJoCoPlant(reduced, options, q0)
