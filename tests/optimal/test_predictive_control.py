@@ -6,7 +6,6 @@ import pytest
 import rnc_pin as rnc
 import systems
 from rnc_pin.optimal import EffortCost, InputBound, OutputCost, PredictiveController, UpdateSchedule, VelocityCost
-from rnc_pin.optimal.interior_point import InteriorPointSolver
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*quadratic costs stall:rnc_pin.errors.ModelWarning")
 
@@ -26,32 +25,6 @@ def test_the_sleigh_reaches_its_goal_within_the_input_bounds():
     result = rnc.simulate(reduced, controller_of(reduced), reduced.robot.configuration(), 4.0, dt=0.05)
     np.testing.assert_allclose(result.q[-1, :2], [1.0, 0.0], atol=0.03)
     assert np.abs(result.T).max() <= 30.0 * (1 + 1e-2)
-
-
-def test_updates_start_from_the_multipliers_of_the_last_one(monkeypatch):
-    """Within active bounds, they take fewer iterations than from none, and lead to the same motion."""
-    reduced = systems.sleigh()
-    taken, motions = {}, {}
-    solve = InteriorPointSolver.solve
-
-    def noted(self, *arguments):
-        found = solve(self, *arguments)
-        taken[known].append(found.iterations)
-        return found
-
-    monkeypatch.setattr(InteriorPointSolver, "solve", noted)
-    for known in (True, False):
-        taken[known] = []
-        controller = controller_of(reduced, bounds=[InputBound(-3.0, 3.0)])
-        measurement = reduced.at(reduced.robot.configuration(), np.zeros(2)).measure(np.zeros(2))
-        state = controller.initial_state(measurement)
-        for k in range(6):
-            state = state if known else state._replace(multipliers=None)
-            _, state = controller.step(0.05 * k, measurement, state)
-        assert state.multipliers is not None
-        motions[known] = state
-    assert sum(taken[True][1:]) < 0.7 * sum(taken[False][1:])
-    np.testing.assert_allclose(motions[True].u, motions[False].u, atol=1e-4)
 
 
 def test_a_missed_budget_keeps_the_feedback_of_the_last_motion():

@@ -19,7 +19,6 @@ from rnc_pin.optimal import (
     SolverSettings,
     VelocityBound,
     action_model,
-    set_point,
 )
 from rnc_pin.optimal.guesses import along
 from rnc_pin.optimal.node_data import NodeData
@@ -249,42 +248,6 @@ def test_a_long_way_is_begun_by_a_longer_plan():
     assert found.duration == 6.0
     np.testing.assert_allclose(found.q[0], q, atol=1e-12)
     assert -3.5 < found.q[15, 0] < -1.0
-
-
-@pytest.fixture
-def searches(monkeypatch):
-    """Numbers of intervals and of guesses of the searches for a first motion."""
-    found, search = [], set_point.plan_motion
-
-    def recorded(*given, **options):
-        found.append((options["settings"].nodes, 1 + options["seeds"]))
-        return search(*given, **options)
-
-    monkeypatch.setattr(set_point, "plan_motion", recorded)
-    return found
-
-
-def test_a_motion_whose_coarse_steps_miss_the_goal_is_a_first_motion_without_longer_searches(searches):
-    """In a replay with its gains, it misses the goal by 9 cm, beside 1 m: more than the accuracy."""
-    reduced = systems.sleigh()
-    point = controller_of(reduced).set_point
-    q = reduced.robot.configuration({"root_joint": [0.0, 1.0, 0.5]})
-    model = action_model(reduced, "acceleration")
-    found = first_motion(model, point, standing(model, q, 3.0, 5), [], seed=0)
-    assert [nodes for nodes, _ in searches] == [5]
-    assert found is not None
-    assert point.distance(found.q[-1]) < 1e-3
-
-
-def test_searches_over_longer_horizons_take_about_as_long_as_the_first(searches):
-    reduced = systems.sleigh()
-    q = reduced.robot.configuration({"root_joint": [-40.0, 0.0, 0.0]})
-    slow = [rnc.optimal.VelocityBound(-1.0, 1.0)]
-    model = action_model(reduced, "acceleration")
-    assert first_motion(model, controller_of(reduced).set_point, standing(model, q, 3.0, 5), slow, seed=0) is None
-    assert [nodes for nodes, _ in searches] == [5, 10, 20]
-    effort = [nodes * guesses for nodes, guesses in searches]
-    assert max(effort) <= 2 * effort[0]
 
 
 def test_a_goal_at_the_end_of_the_horizon_holds():
