@@ -57,7 +57,7 @@ class SearchBudget:
 
 
 class Nearest(NamedTuple):
-    """Configuration that was reached from the start, and its distance from the nearest goal in OMPL's metric."""
+    """Configuration that was reached from the start, and its distance from the nearest goal."""
 
     distance: float
     q: Float[Array, " nq"]
@@ -90,7 +90,6 @@ class WaySearch:
         self._speeds = speed_limits(steering.reduced, steering.planned)
         self._known: dict[tuple[bytes, bytes], ExactMotion | None] = {}
         self._reached = {self._start.tobytes()}
-        self._measured: Callable[[Array], float] = lambda q: np.inf
         self.nearest = Nearest(np.inf, self._start)
 
     def direct(self) -> ExactMotion | None:
@@ -156,12 +155,8 @@ class WaySearch:
             start = _state(information, space, self._start)
             problem.addStartState(start)
             ends = ob.GoalStates(information)
-            self._ends = [_state(information, space, goal) for goal in self._goals]
-            self._measured = lambda q: min(
-                space.space.distance(_state(information, space, q), end) for end in self._ends
-            )
-            for end in self._ends:
-                ends.addState(end)
+            for goal in self._goals:
+                ends.addState(_state(information, space, goal))
             problem.setGoal(ends)
             self._reached.add(space.read(start).tobytes())
             planner = og.RRTConnect(information)
@@ -200,7 +195,8 @@ class WaySearch:
             )
         if self._known[key] is not None and key[0] in self._reached and key[1] not in self._reached:
             self._reached.add(key[1])
-            distance = self._measured(second)
+            away = self._steering.manifold.difference(np.repeat(second[None], len(self._goals), axis=0), self._goals)
+            distance = float(np.linalg.norm(away[:, self._steering.planned], axis=1).min())
             if distance <= self.nearest.distance:
                 self.nearest = Nearest(distance, second)
         return self._known[key]
