@@ -10,7 +10,7 @@ directions d that a frame carries, and of constant parameters. With a motion (V,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,6 +33,7 @@ PATH = Path(__file__).parent.parent / "rnc_pin" / "_kernel" / "rows_generated.h"
 _HEAD = """/* Written by python -m tools.generate_rows from the formulas in Python: change those. */
 /* clang-format off */
 """
+_WIDTH = 115  # characters of a line of C, without its indentation
 Vectors = Sequence[Sequence[Symbol]]
 
 
@@ -154,8 +155,19 @@ def _function(result: str, name: str, read: Sequence[str], written: Sequence[str
     lines = c_statements(outputs)
     arguments = [*(f"const double *{each}" for each in read), *(f"double *{each}" for each in written)]
     unused = [f"(void){each};" for each in (*read, *written) if not any(f"{each}[" in line for line in lines)]
-    body = "".join(f"    {line}\n" for line in (*unused, *lines))
+    body = "".join(f"    {line}\n" for line in _filled((*unused, *lines)))
     return f"static {result} {name}({', '.join(arguments)})\n{{\n{body}}}\n"
+
+
+def _filled(statements: Iterable[str]) -> list[str]:
+    """Lines of short statements one after the other; a file with one statement a line is three times as long."""
+    lines: list[str] = []
+    for statement in statements:
+        if lines and len(lines[-1]) + len(statement) < _WIDTH:
+            lines[-1] += f" {statement}"
+        else:
+            lines.append(statement)
+    return lines
 
 
 if __name__ == "__main__":

@@ -18,7 +18,6 @@ UNCHECKED = ("CHANGELOG.md",)  # commands of former versions, too
 
 PLACEHOLDERS = {
     "A.B=C": "simulation.dt=0.002", "CHECKOUT": ".", "COMMAND": "run", "DIR...": "runs/sweep", "DIR": "runs/sweep",
-    "FILE": "my_robot.yaml", "FOLDER...": "runs", "FOLDER": "runs/space-robot",
     "MODULE...": "rnc_pin/control/feedback.py", "NAME": "space-robot", "[NAME...]": "systems",
     "[PAGE...]": "01_your_robot", "ROBOT": "my_robot.urdf", "--seed S": "--seed 0",
     "SCENARIO": "my_robot.yaml", "[SCENARIO...]": "space-robot", " N": " 2", " ...": " space-robot",
