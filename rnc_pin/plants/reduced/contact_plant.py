@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from rnc_pin.errors import ConfigurationError, SimulationError
+from rnc_pin.errors import ConfigurationError, InputError, SimulationError
 from rnc_pin.model.input_validation import own_vector
 from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
@@ -28,10 +28,11 @@ from rnc_pin.plants.reduced.friction_impulses import (
 )
 from rnc_pin.plants.reduced.reduced_plant import ReducedPlant
 from rnc_pin.plants.reduced.sliding_plant import SlidingPlant, SlidingStep
-from rnc_pin.plants.reduced.step_control import IntegrationErrors, Substeps
-from rnc_pin.plants.reduced.unilateral_contact import UnilateralContact, bound_contacts, check_depth, radius_of_gyration
+from rnc_pin.plants.reduced.step_control import IntegrationErrors
+from rnc_pin.plants.reduced.unilateral_contact import UnilateralContact, bound_contacts, radius_of_gyration
 
 # Relative to the size of the robot, its radius of gyration:
+_INSIDE = 2e-4  # depth that the digits of an initial configuration explain
 _TOUCHES = 1e-8  # gap of a contact that touches
 _ROUNDING = 1e-11  # gap that rounding explains
 _STILL = 1e-12  # velocity of a gap that rounding explains, relative to the largest velocity, plus 1
@@ -120,14 +121,11 @@ class ContactPlant:
         )
         self._modes = ContactModes(system, self._contacts, plant_of)
         self._flight = self._modes.plant(NONE)
-        free = self._flight.reduced
-        dry = DryFriction(free, joint_friction)
-        self._rows = FrictionRows(self._contacts, dry)
+        self._rows = FrictionRows(self._contacts, DryFriction(self._flight.reduced, joint_friction))
         self._sliding: SlidingPlant | None = None
-        if any(each.has_friction for each in self._contacts):
-            _check_at_rest(free)
-            options = joint_damping, actuator_limits, Substeps.checked(substeps, tolerance, "ContactPlant")
-            self._sliding = SlidingPlant(free, self._contacts, self._rows, dry, *options)
+        if any(each.has_limit for each in self._contacts):
+            _check_at_rest(self._flight.reduced)
+            self._sliding = SlidingPlant(self._flight, self._contacts, self._rows)
         self._closed = NONE
         self._plant: ReducedPlant | SlidingPlant = self._flight
         self.contact_events: tuple[ContactEvent, ...] = ()
@@ -217,7 +215,9 @@ class ContactPlant:
         if self._sliding is not None:
             self._sliding.restart(self._size)
         gaps = self._gaps(self._flight.state)
-        check_depth(self._contacts, gaps, self._size)
+        for each, gap in zip(self._contacts, gaps, strict=True):
+            if gap < -_INSIDE * self._size:
+                raise InputError(f"contact '{each.name}' starts {-gap:.3g} m below the ground")
         self._land("start")
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
@@ -367,7 +367,7 @@ class ContactPlant:
         held = slip if self._sliding is None else rates  # without a limit of friction, an impact stops slip too
         if not (rates < -_STILL * size).any() and not (np.abs(held) > _STILL * size).any():
             return np.zeros(layout.size), v
-        contacts = [part.contact.contact for part in layout.parts]
+        contacts = [each.contact for each in layout.contacts]
         W = responses(state, state.M, rows)
         problem = kind(rows @ W, slip, layout.normals, layout.groups)
         rest = np.array([each.rest_speed for each in contacts])
@@ -378,7 +378,7 @@ class ContactPlant:
             else:
                 impulses = problem.impact(np.where(-restitution * rates > rest, restitution, 0.0))
         except SimulationError as error:
-            names = ", ".join(each.contact.name for each in layout.parts)
+            names = ", ".join(each.name for each in layout.contacts)
             raise error.within(f"impact of {names} at t = {self._time:.4f} s") from None
         return impulses, v + W @ impulses
 

@@ -24,7 +24,7 @@ _WORK = 8  # numbers for each row that LAPACK may use
 _ZERO = 1e-9  # impulse that counts as zero, relative to the sum of all, plus 1
 _RANK = 1e-12  # singular value that counts as zero, relative to the largest
 _STILL = 1e-8  # velocity that counts as zero, relative to the largest, plus 1
-_NEWTON, _ROUNDS, _SWEEPS, _CONVEX_SWEEPS = 25, 6, 40, 2000
+_NEWTON, _ROUNDS, _SWEEPS, _CONVEX_STEPS = 25, 6, 40, 2000
 
 
 class FrictionGroup(NamedTuple):
@@ -204,24 +204,16 @@ class FrictionImpulses:
     # ------------------------------------------------------------------ associated problem
 
     def _associated(self) -> np.ndarray:
-        """Impulses of least ``p^T (G p / 2 + b)`` in the cones of friction, by block coordinate descent from zero."""
-        p, blocks = np.zeros(len(self._b)), list(self._blocks())
-        for _ in range(_CONVEX_SWEEPS):
-            before = p.copy()
-            for rows, step, normal, groups in blocks:
-                p[rows] = p[rows] - step * (self._G[rows] @ p + self._b[rows])
-                _project(p, normal, groups)
+        """Impulses of least ``p^T (G p / 2 + b)`` in the cones of friction, by projected gradients from zero."""
+        p, step = np.zeros(len(self._b)), 1.0 / np.linalg.eigvalsh(self._G)[-1]
+        for _ in range(_CONVEX_STEPS):
+            before = p
+            p = p - step * (self._G @ p + self._b)
+            for normal in [*self._normals, -1]:
+                _project(p, normal, [each for each in self._groups if each.normal == normal])
             if np.abs(p - before).max() <= 1e-12 * np.abs(p).max():
                 break
         return p
-
-    def _blocks(self) -> Iterator[tuple[np.ndarray, float, int, list[FrictionGroup]]]:
-        """Rows that share a cone, the length of a descent step, the normal row and the groups."""
-        for normal in [*self._normals, -1]:
-            groups = [each for each in self._groups if each.normal == normal]
-            rows = np.array([normal] * (normal >= 0) + [row for each in groups for row in _indices(each)], dtype=int)
-            if len(rows):
-                yield rows, 1.0 / np.linalg.eigvalsh(self._G[np.ix_(rows, rows)])[-1], normal, groups
 
 
 class RigidImpulses(FrictionImpulses):
@@ -301,32 +293,20 @@ def _project(p: np.ndarray, normal: int, groups: list[FrictionGroup]) -> None:
             p[each.rows] *= limit / length
 
 
-_TURNING = ("turning_x", "turning_y", "turning_z")
-
-
-class _Part(NamedTuple):
-    """Rows of one contact: where they are, those of its own, and those of its angular velocity."""
-
-    contact: BoundContact
-    where: slice
-    own: slice
-    turning: slice
-
-
 class FrictionLayout(NamedTuple):
     """Order of the rows while some contacts touch: of each its normal row, then its friction, then joint friction.
 
     Attributes:
-        parts: the contacts.
+        contacts: the contacts.
         size: number of rows (k).
         normals: rows of the normal impulses.
         groups: friction; limits of joint friction are forces.
-        names: names of the rows.
-        units: units of the forces along them; those of joint friction are unknown.
+        names: names of the rows of contacts.
+        units: units of the forces along them.
         keys: of the groups, number of the contact, or -1, and kind of friction: 0 for slip.
     """
 
-    parts: list[_Part]
+    contacts: list[BoundContact]
     size: int
     normals: list[int]
     groups: list[FrictionGroup]
@@ -363,39 +343,28 @@ class FrictionRows:
         k = 0
         for number in sorted(touching):
             each, first = self._contacts[number], k
-            friction = np.inf if each.contact.friction is None else float(each.contact.friction)
-            slips = len(each.names) - 1 if friction else 0
-            rolling, spin = each.turning_limits
-            turning = slice(0 if rolling else 2, 3 if spin else 2)
+            found.contacts.append(each)
             found.normals.append(first)
-            turned = [f"{kind}({each.name})" for kind in _TURNING[turning]]
-            found.names.extend((*each.names[: 1 + slips], *turned))
-            found.units.extend(("N",) * (1 + slips) + ("N m",) * len(turned))
+            found.names.extend(each.names)
+            found.units.extend(each.units)
             k += 1
-            sizes = slips, 2 * bool(rolling), bool(spin)
-            for kind, (size, coefficient) in enumerate(zip(sizes, (friction, rolling, spin), strict=True)):
+            for kind, (size, coefficient) in enumerate(each.friction):
                 if size:
                     found.groups.append(FrictionGroup(slice(k, k + size), first, coefficient))
                     found.keys.append((number, kind))
                     k += size
-            found.parts.append(_Part(each, slice(first, k), slice(0, 1 + slips), turning))
-        for i, limit in enumerate(self._dry.limits if joints else ()):
-            found.groups.append(FrictionGroup(slice(k + i, k + i + 1), -1, 0.0, float(limit)))
-            found.keys.append((-1, i))
-            found.names.append(f"friction {i}")
-            found.units.append("")
-        return found._replace(size=k + (len(self._dry.limits) if joints else 0))
+        for joint, limit in enumerate(self._dry.limits if joints else ()):
+            found.groups.append(FrictionGroup(slice(k, k + 1), -1, 0.0, float(limit)))
+            found.keys.append((-1, joint))
+            k += 1
+        return found._replace(size=k)
 
     def at(self, state: StateEvaluation, layout: FrictionLayout) -> tuple[np.ndarray, np.ndarray]:
         """Rows (k, nv) in an order, and velocities of the ground along them (k,)."""
-        matrix, ground, at = np.empty((layout.size, len(state.v))), np.zeros(layout.size), state.position
-        end = 0
-        for each, where, own, turning in layout.parts:
-            rows, speeds = each.rows(at)
-            middle, end = where.start + own.stop, where.stop
-            matrix[where.start : middle], ground[where.start : middle] = rows[own], speeds[own]
-            if middle < end:
-                matrix[middle:end] = each.turning(at)[turning]
+        matrix, ground, end = np.empty((layout.size, len(state.v))), np.zeros(layout.size), 0
+        for each in layout.contacts:
+            start, end = end, end + len(each.names)
+            matrix[start:end], ground[start:end] = each.rows(state.position)
         if end < layout.size:
             matrix[end:] = self._dry.rows(state)
         return matrix, ground

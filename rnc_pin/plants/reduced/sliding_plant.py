@@ -9,11 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import DivergenceError
-from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics
-from rnc_pin.plants.reduced.friction import DryFriction
 from rnc_pin.plants.reduced.friction_impulses import FrictionImpulses, FrictionLayout, FrictionRows, responses
+from rnc_pin.plants.reduced.reduced_plant import ReducedPlant
 from rnc_pin.plants.reduced.step_control import IntegrationErrors, Substeps
 from rnc_pin.plants.reduced.unilateral_contact import BoundContact
 
@@ -58,12 +56,9 @@ class SlidingPlant:
     their error is within the tolerance, or reach 2^-12 of a sample and are not extrapolated.
 
     Args:
-        reduced: model without the contacts.
+        flight: plant without the contacts.
         contacts: all contacts.
         rows: their rows, with those of dry joint friction.
-        dry: dry joint friction.
-        joint_damping, actuator_limits: as for ``ReducedPlant``.
-        substeps: choice of the number of steps.
 
     Attributes:
         applied: applied inputs (p,), within the actuator limits.
@@ -72,20 +67,12 @@ class SlidingPlant:
         errors: estimated errors of the integration.
     """
 
-    def __init__(
-        self,
-        reduced: ReducedModel,
-        contacts: Sequence[BoundContact],
-        rows: FrictionRows,
-        dry: DryFriction,
-        joint_damping: bool,
-        actuator_limits: bool,
-        substeps: Substeps,
-    ) -> None:
-        self.reduced, self._contacts, self._rows, self._dry, self._substeps = reduced, contacts, rows, dry, substeps
-        self._dynamics = ConstrainedDynamics(reduced, joint_damping, actuator_limits)
+    def __init__(self, flight: ReducedPlant, contacts: Sequence[BoundContact], rows: FrictionRows) -> None:
+        self._flight, self._contacts, self._rows = flight, contacts, rows
+        self.reduced = reduced = flight.reduced
+        self._substeps = Substeps(flight.substeps, flight.tolerance)
         self._model: pin.Model = reduced.robot.model
-        self.errors = IntegrationErrors.initial(substeps)
+        self.errors = IntegrationErrors.initial(self._substeps)
         self.applied, self.touching = np.zeros(reduced.p), frozenset[int]()
         self._size, self.longest = 0.0, np.inf
         self._steps, self._sum, self._sample = 0, np.zeros(2 * reduced.n), 0.0
@@ -157,7 +144,7 @@ class SlidingPlant:
 
     def apply(self, T: np.ndarray) -> None:
         """Hold the inputs T (p,), clipped to the actuator limits."""
-        self.applied = self._dynamics.saturate(T)
+        self.applied = self._flight.saturated(T)
 
     def keep_errors(self, errors: IntegrationErrors) -> None:
         """Go on with the estimated errors of a motion that this one continues."""
@@ -242,7 +229,7 @@ class SlidingPlant:
         if not np.isfinite(q).all():
             raise DivergenceError("plant velocities are not finite")
         state = StateEvaluation.at(self.reduced.evaluator, q, v=start.v)
-        M, damping, forced = state.M, self._dynamics.damping, state.B @ self.applied
+        M, damping, forced = state.M, self._flight.damping, state.B @ self.applied
         matrix = M if damping is None else M + h * np.diag(damping)
         layout = self._rows.layout(self.touching)
         rows, ground = self._rows.at(state, layout)

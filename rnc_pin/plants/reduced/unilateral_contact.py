@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints import GroundPlane
-from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
 from rnc_pin.model.parameter_types import NotNegative, is_number
 from rnc_pin.model.rows import ConstraintKind, carrier_of
@@ -18,7 +18,7 @@ from rnc_pin.robots.robot import Robot
 
 _SMALL = 1e-9  # entry of a height row that counts as zero
 _SAMPLES = 3
-_INSIDE = 2e-4  # depth that the digits of an initial configuration explain, over the radius of gyration
+_TURNING = ("turning_x", "turning_y", "turning_z")
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,12 @@ class BoundContact:
     Attributes:
         contact: the contact.
         name: frame of the constraint, or its height row.
-        names: names of all rows, the height row first.
-        turning_limits: coefficients [m] of the moments against rolling and against spin.
+        names: names of the rows along which it acts: the height row, those that prevent slip, and angular velocities of
+            the body along the axes of the plane, the normal last, where moments act.
+        units: units of the forces along these rows.
+        friction: of slip, rolling and spin, the number of rows and the coefficient, infinite without a limit.
+        has_limit: True if a coefficient limits friction, or a moment of friction acts.
+        needs_coefficient: True if it prevents slip without a limit.
 
     Raises:
         ConfigurationError: the constraint has no height row, its ground is not a plane, no joint changes the gap, or
@@ -102,20 +106,29 @@ class BoundContact:
                 f"one height row, found {len(heights)} height rows"
             )
         self.contact, self._height = contact, heights[0]
-        self._order = [self._height, *(row for row in range(len(rows.names)) if row != self._height)]
-        self.names = tuple(rows.names[row] for row in self._order)
-        self.name = str(getattr(kind, "frame", self.names[0]))
-        self._plane, self._frame = ground or GroundPlane(), robot.frame_id(str(getattr(kind, "frame", "")))
-        if contact.friction and not self.slips:
+        slips = [row for row in range(len(rows.names)) if row != heights[0]]
+        self.name = str(getattr(kind, "frame", rows.names[heights[0]]))
+        if contact.friction and not slips:
             raise ConfigurationError(
                 f"contact '{self.name}': a {type(kind).__name__} has no rows along the ground for friction; a "
                 "RollingBall has them, also a small one for a corner or a foot"
             )
-        self.turning_limits = float(contact.rolling_friction), float(contact.spin_friction)
-        if any(self.turning_limits) and (self._plane.moves or carrier_of(self._plane) is not None):
+        plane, rolling, spin = ground or GroundPlane(), contact.rolling_friction, contact.spin_friction
+        if (rolling or spin) and (plane.moves or carrier_of(plane) is not None):
             raise ConfigurationError(
                 f"contact '{self.name}': rolling_friction and spin_friction require ground at rest in the world"
             )
+        self.has_limit = contact.friction is not None or rolling > 0.0 or spin > 0.0
+        self.needs_coefficient = bool(slips) and contact.friction is None
+        slips = [] if contact.friction == 0.0 else slips
+        self._order = [self._height, *slips]
+        self._frame = robot.frame_id(str(getattr(kind, "frame", "")))
+        self._turning = np.asarray(plane.axes)[0 if rolling else 2 : 3 if spin else 2]
+        turned = [f"{each}({self.name})" for each in _TURNING[0 if rolling else 2 : 3 if spin else 2]]
+        self.names = (*(rows.names[row] for row in self._order), *turned)
+        self.units = ("N",) * len(self._order) + ("N m",) * len(turned)
+        coefficient = np.inf if contact.friction is None else float(contact.friction)
+        self.friction = (len(slips), coefficient), (2 * (rolling > 0), float(rolling)), (int(spin > 0), float(spin))
         kinematics, generator = Kinematics(robot), np.random.default_rng(0)
         moments = (kinematics.position(robot.random_configuration(generator)) for _ in range(_SAMPLES))
         if max(float(np.abs(self.jacobian(at)).max()) for at in moments) < _SMALL:
@@ -124,24 +137,14 @@ class BoundContact:
                 "base"
             )
 
-    @property
-    def slips(self) -> bool:
-        """True if the contact has rows that prevent slip."""
-        return len(self.names) > 1
-
-    @property
-    def has_friction(self) -> bool:
-        """True if a coefficient limits friction, or a moment of friction acts."""
-        return self.contact.friction is not None or any(self.turning_limits)
-
-    def turning(self, at: PositionKinematics) -> np.ndarray:
-        """Angular velocity of the body along the axes of the plane, the normal last, as rows (3, nv)."""
-        return np.asarray(self._plane.axes @ at.jacobian(self._frame)[3:])
-
     def rows(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        """Rows (k, nv) with their velocities (k,): the gap first, then those that prevent slip."""
-        rates = self._rows.rate(at)[self._order] if self._rows.affine else np.zeros(len(self.names))
-        return self._rows.jacobian(at)[self._order], rates
+        """Rows ``names`` (k, nv) with their velocities (k,): the gap first."""
+        rows, rates = self._rows.jacobian(at)[self._order], np.zeros(len(self.names))
+        if self._rows.affine:
+            rates[: len(self._order)] = self._rows.rate(at)[self._order]
+        if len(self._turning):
+            rows = np.vstack([rows, self._turning @ at.jacobian(self._frame)[3:]])
+        return rows, rates
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         """Jacobian of the gap, (nv,)."""
@@ -183,28 +186,12 @@ def bound_contacts(system: object, contacts: Sequence[UnilateralContact]) -> lis
         if names.count(name) > 1:
             raise ConfigurationError(f"contacts: '{name}' occurs twice")
     for each in bound:
-        if any(other.has_friction for other in bound) and each.slips and each.contact.friction is None:
+        if each.needs_coefficient and any(other.has_limit for other in bound):
             raise ConfigurationError(
                 f"contact '{each.name}': requires its coefficient of friction, because the friction of some contact "
                 "has a limit"
             )
     return bound
-
-
-def check_depth(contacts: Sequence[BoundContact], gaps: np.ndarray, size: float) -> None:
-    """Raise an error if a contact starts below the ground.
-
-    Args:
-        contacts: the contacts.
-        gaps: their gaps (c,) [m].
-        size: radius of gyration of the robot [m].
-
-    Raises:
-        InputError: names the contact.
-    """
-    for each, gap in zip(contacts, gaps, strict=True):
-        if gap < -_INSIDE * size:
-            raise InputError(f"contact '{each.name}' starts {-gap:.3g} m below the ground")
 
 
 def radius_of_gyration(model: pin.Model, q: np.ndarray) -> float:
