@@ -113,7 +113,7 @@ def test_a_step_that_is_too_long_for_the_servos_is_refused():
         MuJoCoPlant(reduced, MuJoCoSettings(servo_time=0.0005))
     MuJoCoPlant(reduced, MuJoCoSettings(servo_time=0.0005, integrator="implicitfast"))
     for wrong in (0.0, True, np.nan, "fast"):
-        with pytest.raises(rnc.ConfigurationError, match="servo_time: expected a positive number or None"):
+        with pytest.raises(rnc.ConfigurationError, match="servo_time: expected a positive number, found"):
             MuJoCoSettings(servo_time=wrong)
 
 

@@ -137,19 +137,19 @@ class BodyTree:
 
     # ------------------------------------------------------------------ once it is compiled
 
-    def coordinates(self, model: mujoco.MjModel) -> list[JointCoordinates]:
-        """Return the conversions of all joints between Pinocchio and MuJoCo."""
-        joints = ((model.joint(first), make) for first, make in self._planned)
-        return [make(int(joint.qposadr[0]), int(joint.dofadr[0])) for joint, make in joints]
-
     def finish(self, model: mujoco.MjModel, data: mujoco.MjData, damping: bool) -> list[JointCoordinates]:
-        """Set what a specification lacks in a compiled model: zero masses, rotor inertias, damping per axis."""
+        """Set what a specification lacks in a compiled model: zero masses, rotor inertias, damping per axis.
+
+        Returns:
+            The conversions of all joints between Pinocchio and MuJoCo.
+        """
         own = self.robot.model
         for index in range(1, own.njoints):
             body = model.body(str(own.names[index])).id
             moments = np.linalg.eigvalsh(own.inertias[index].inertia)
             model.body_mass[body], model.body_inertia[body] = own.inertias[index].mass, np.maximum(moments, 0.0)
-        joints = self.coordinates(model)
+        places = ((model.joint(first), make) for first, make in self._planned)
+        joints = [make(int(place.qposadr[0]), int(place.dofadr[0])) for place, make in places]
         for joint in joints:
             here, there = slice(joint.v, joint.v + joint.nv), slice(joint.dof, joint.dof + joint.nv)
             if isinstance(joint, BaseCoordinates):

@@ -22,11 +22,11 @@ from rnc_pin.plants.mujoco.settings import MuJoCoSettings
 
 _GROUND = "ground"
 _FRICTIONLESS = 1e-5  # smallest friction coefficient in MuJoCo
-_HALF_WIDTHS = {"ellipsoid": 0.01, "cylinder": 0.1}  # half a wheel's width, in radii
+_HALF_WIDTH = 0.01  # half a wheel's width, in radii
 _CAPSULE_HALF_LENGTH = 1e-6  # half length of capsules with friction in one direction [m]; both ends touch the ground
 _BLADE_RADIUS = 0.005  # radius of the edge of a blade [m]
 _CASTER_SOFTNESS = 3.0  # time constant of frictionless supports over that of wheels; wheels carry most of the load
-_IMPEDANCE = {"elliptic": 0.02, "pyramidal": 0.999}  # a pyramidal cone has one impedance for both directions
+_IMPEDANCE = 0.02
 _TANGENTIAL_STIFFNESS = 1e5  # tangential over normal contact impedance
 _MIN_SLIP = 1e-6  # slip treated as zero [m/s]
 _UP = np.array([0.0, 0.0, 1.0])
@@ -44,7 +44,7 @@ def add_ground(
     place, turn = np.asarray(ground.point) + half * ground.axes[2], _turned_to(ground.axes[2])
     spec.worldbody.add_geom(name=_GROUND, type=plane, size=[0, 0, 1], pos=place, quat=turn, contype=0, conaffinity=0)
     for contact in contacts:
-        kind, size, axis = _shape(contact, contact.radius + half, settings)
+        kind, size, axis = _shape(contact, contact.radius + half)
         raised = contact.radius + half - _BLADE_RADIUS if contact.friction == "lateral" else 0.0
         tree.bodies[contact.joint].add_geom(
             name=contact.name,
@@ -61,12 +61,10 @@ def add_ground(
 
 def _penetration(settings: MuJoCoSettings, gravity: np.ndarray) -> float:
     """Penetration depth of wheels [m]. Forces act at half of it, so that they act one radius below the center."""
-    return float((1 - _IMPEDANCE[settings.cone]) * np.linalg.norm(gravity) * settings.contact_time_constant**2)
+    return float((1 - _IMPEDANCE) * np.linalg.norm(gravity) * settings.contact_time_constant**2)
 
 
-def _shape(
-    contact: ContactBody, radius: float, settings: MuJoCoSettings
-) -> tuple[mujoco.mjtGeom, list[float], np.ndarray]:
+def _shape(contact: ContactBody, radius: float) -> tuple[mujoco.mjtGeom, list[float], np.ndarray]:
     """Return type, size and axis of a geometry. In MuJoCo the first friction direction is along a capsule."""
     shape = mujoco.mjtGeom
     if contact.axle is None:
@@ -75,12 +73,7 @@ def _shape(
         return shape.mjGEOM_CAPSULE, [_BLADE_RADIUS, _CAPSULE_HALF_LENGTH, 0.0], np.cross(contact.axle, contact.up)
     if contact.friction == "longitudinal":
         return shape.mjGEOM_CAPSULE, [radius, _CAPSULE_HALF_LENGTH, 0.0], contact.axle
-    if settings.wheel_shape == "sphere":
-        return shape.mjGEOM_SPHERE, [radius, 0.0, 0.0], contact.axle
-    half = _HALF_WIDTHS[settings.wheel_shape] * radius
-    if settings.wheel_shape == "cylinder":
-        return shape.mjGEOM_CYLINDER, [radius, half, 0.0], contact.axle
-    return shape.mjGEOM_ELLIPSOID, [radius, radius, half], contact.axle
+    return shape.mjGEOM_ELLIPSOID, [radius, radius, _HALF_WIDTH * radius], contact.axle
 
 
 def _pair(spec: mujoco.MjSpec, contact: ContactBody, settings: MuJoCoSettings) -> None:
@@ -90,7 +83,7 @@ def _pair(spec: mujoco.MjSpec, contact: ContactBody, settings: MuJoCoSettings) -
         condim = 1
     elif contact.friction != "all":  # the capsule is along the axle if friction is longitudinal, else along the heading
         first = _FRICTIONLESS
-    impedance, slower = _IMPEDANCE[settings.cone], _CASTER_SOFTNESS if contact.friction == "none" else 1.0
+    slower = _CASTER_SOFTNESS if contact.friction == "none" else 1.0
     spec.add_pair(
         name=contact.name,
         geomname1=_GROUND,
@@ -98,7 +91,7 @@ def _pair(spec: mujoco.MjSpec, contact: ContactBody, settings: MuJoCoSettings) -
         condim=condim,
         friction=[max(each, _FRICTIONLESS) for each in (first, second, torsional, rolling, rolling)],
         solref=[slower * settings.contact_time_constant, 1.0],
-        solimp=[impedance, impedance, 0.001, 0.5, 2.0],
+        solimp=[_IMPEDANCE, _IMPEDANCE, 0.001, 0.5, 2.0],
     )
 
 
@@ -134,7 +127,6 @@ class Ground:
         self._with_friction = [each for each in contacts if each.friction != "none"]
         self.names = tuple(each.name for each in self._with_friction)
         self._friction = settings.friction[0]
-        self._adapts = settings.cone == "elliptic"
         self._geoms = np.array([model.geom(name).id for name in self.names], dtype=int)
         self._pairs = np.array([model.pair(name).id for name in self.names], dtype=int)
         self._softness = np.full((len(self.names), 2), -1.0)
@@ -184,11 +176,10 @@ class Ground:
             return
         model = self._model
         normal, tangential, slip = self._measured()
-        if self._adapts:
-            most = _MAX_DECELERATION * self._friction * normal * self._mobility
-            rate = np.clip(most / np.maximum(slip, _MIN_SLIP), 1.0, 1.0 / model.opt.timestep)
-            self._softness[:, 1] = -_IMPEDANCE["elliptic"] * rate
-            model.pair_solreffriction[self._pairs] = self._softness
+        most = _MAX_DECELERATION * self._friction * normal * self._mobility
+        rate = np.clip(most / np.maximum(slip, _MIN_SLIP), 1.0, 1.0 / model.opt.timestep)
+        self._softness[:, 1] = -_IMPEDANCE * rate
+        model.pair_solreffriction[self._pairs] = self._softness
         if not drive_forces.any() and not self._along.any():
             return
         self._drive(drive_forces, normal, tangential[:, 1])
@@ -218,10 +209,6 @@ class Ground:
         allowed = self._friction * normal
         return np.divide(force, allowed, out=np.zeros_like(normal), where=allowed > 0)
 
-    def loads(self) -> np.ndarray:
-        """Return the normal force of each wheel, (w,) [N]."""
-        return self._measured()[0]
-
     def _measured(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return loads (w,) [N], magnitudes of both friction forces (w, 2) [N], and slip speeds (w,) [m/s]."""
         data, size = self._data, len(self.names)
@@ -229,12 +216,7 @@ class Ground:
         touching = data.contact
         places, rows = self._place[touching.geom].max(axis=1, initial=-1), touching.efc_address
         numbers = np.flatnonzero((places >= 0) & (rows >= 0))
-        if not self._adapts:
-            force = np.zeros(6)
-            for number in numbers:
-                mujoco.mj_contactForce(self._model, data, number, force)
-                total[places[number]] += force[:3]
-        elif len(numbers):
+        if len(numbers):
             sums, entries = self._sums(places[numbers]), rows[numbers, None] + np.arange(3)
             total = sums @ data.efc_force[entries]
             moving = data.efc_vel[entries[:, 1:]]

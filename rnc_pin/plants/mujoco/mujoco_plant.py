@@ -19,6 +19,7 @@ from rnc_pin.plants.mujoco.velocity_servos import VelocityServos
 from rnc_pin.robots.sources.description import unlogged
 
 _FRICTION_SPEED = 1e-2  # speed scale of regularized friction on frames [rad/s or m/s]
+_ITERATIONS, _TOLERANCE = 50, 1e-12  # of the solver of contact forces
 _STEP_TOLERANCE = 1e-9  # tolerance of the number of steps
 
 
@@ -108,11 +109,9 @@ class MuJoCoPlant:
         self.applied = np.zeros(reduced.p)
 
     def _set_options(self, option: mujoco.MjOption) -> None:
-        chosen = self.settings
-        option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{chosen.integrator.upper()}")
-        option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{chosen.solver.upper()}")
-        option.cone = getattr(mujoco.mjtCone, f"mjCONE_{chosen.cone.upper()}")
-        option.iterations, option.tolerance, option.timestep = chosen.iterations, chosen.tolerance, chosen.step
+        option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{self.settings.integrator.upper()}")
+        option.solver, option.cone = mujoco.mjtSolver.mjSOL_NEWTON, mujoco.mjtCone.mjCONE_ELLIPTIC
+        option.iterations, option.tolerance, option.timestep = _ITERATIONS, _TOLERANCE, self.settings.step
         option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
     # ------------------------------------------------------------------ plant
@@ -241,7 +240,9 @@ class MuJoCoPlant:
             equality.set(self.model, self.data.qpos, fresh=False)
         mujoco.mj_step(self.model, self.data)
         if not np.isfinite(self.data.qvel).all():
-            raise DivergenceError("velocity in MuJoCo is not finite; reduce the step or the inputs", time=self.time)
+            raise DivergenceError(
+                "velocity in MuJoCo is not finite; reduce the step or the inputs", time=float(self.data.time)
+            )
 
     # ------------------------------------------------------------------ rest
 
@@ -261,11 +262,6 @@ class MuJoCoPlant:
             raise DivergenceError("the state in MuJoCo is not finite after settling on the ground; reduce the step")
 
     # ------------------------------------------------------------------ for the record
-
-    @property
-    def time(self) -> float:
-        """Simulation time [s]."""
-        return float(self.data.time)
 
     def slip(self) -> Float[Array, " m"]:
         """Return ``A v - mu`` at the current velocity, in the order of ``reduced.constraints.names``."""

@@ -11,21 +11,13 @@ from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model.parameter_types import is_number
 
 Integrator = Literal["implicitfast", "implicit", "Euler", "RK4"]
-Solver = Literal["Newton", "CG", "PGS"]
-Cone = Literal["elliptic", "pyramidal"]
-WheelShape = Literal["ellipsoid", "sphere", "cylinder"]
 Stance = Literal["auto", "free", "level"]
 
 _CHOICES: dict[str, tuple[object, ...]] = {
     "integrator": get_args(Integrator),
-    "solver": get_args(Solver),
-    "cone": get_args(Cone),
-    "wheel_shape": get_args(WheelShape),
     "stance": get_args(Stance),
     "casters": ("auto", True, False),
 }
-_MINIMA = {"step": 0.0, "iterations": 1, "tolerance": 0.0, "contact_time": 0.0, "settling": 0.0}
-_POSITIVE = ("step", "tolerance")
 
 
 @dataclass(frozen=True)
@@ -37,14 +29,8 @@ class MuJoCoSettings:
         integrator: "RK4" for motion without contacts, where it agrees with the reduced model to many digits;
             "implicitfast", "implicit" and "Euler" are of first order and cheaper.
         friction: friction coefficients of wheels and blades: sliding [1], torsional [m], rolling [m].
-        solver: solver of contact forces.
-        iterations: largest number of solver iterations.
-        tolerance: tolerance of the solver.
-        cone: type of friction cone.
         contact_time: time constant of contacts [s]; at least four steps, which is the default. The penetration under
             the weight is 10 m/s^2 times its square.
-        wheel_shape: shape of rotating wheels. "ellipsoid": a thin disk with one contact point. "sphere": equivalent for
-            upright wheels. "cylinder": width a tenth of the diameter; it scrubs when it turns on the spot.
         stance: support of a vehicle whose model is planar. "free": six degrees of freedom; it can lean and tip.
             "level": it moves vertically but cannot lean, so its wheels share the weight evenly. "auto": free if its
             wheels carry it, level if it would tip.
@@ -65,21 +51,16 @@ class MuJoCoSettings:
         >>> MuJoCoSettings(friction=(0.4, 0.0, 0.0)).friction[0]
         0.4
         >>> try:
-        ...     MuJoCoSettings(solver="newton")
+        ...     MuJoCoSettings(integrator="euler")
         ... except rnc.ConfigurationError as error:
         ...     print(error)
-        MuJoCo: solver 'newton' is not known; did you mean 'Newton'?
+        MuJoCo: integrator 'euler' is not known; did you mean 'Euler'?
     """
 
     step: float = 0.0005
     integrator: Integrator = "RK4"
     friction: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    solver: Solver = "Newton"
-    iterations: int = 50
-    tolerance: float = 1e-12
-    cone: Cone = "elliptic"
     contact_time: float = 0.0
-    wheel_shape: WheelShape = "ellipsoid"
     stance: Stance = "auto"
     casters: Literal["auto"] | bool = "auto"
     settling: float = 0.2
@@ -100,13 +81,12 @@ class MuJoCoSettings:
                 raise ConfigurationError(
                     f"MuJoCo: {name} '{value}' is not known{nearest(str(value), map(str, choices))}"
                 )
-        servo_time = self.servo_time
-        if servo_time is not None and not (is_number(servo_time) and servo_time > 0):
-            raise ConfigurationError(f"MuJoCo: servo_time: expected a positive number or None, found {servo_time!r}")
-        for name, least in _MINIMA.items():
-            value = getattr(self, name)
-            if not is_number(value) or value < least or (name in _POSITIVE and not value > 0):
-                expected = "a positive number" if name in _POSITIVE else f"a number from {least:g}"
+        for name in ("step", "contact_time", "settling", "servo_time"):
+            value, positive = getattr(self, name), name in ("step", "servo_time")
+            if name == "servo_time" and value is None:
+                continue
+            if not is_number(value) or value < 0 or (positive and value == 0):
+                expected = "a positive number" if positive else "a number from 0"
                 raise ConfigurationError(f"MuJoCo: {name}: expected {expected}, found {value!r}")
         try:
             friction = np.asarray(self.friction, dtype=float)

@@ -60,7 +60,7 @@ class VelocityServos:
     ) -> None:
         check_velocity_actuation(reduced)
         assert settings.servo_time is not None
-        self._reduced, self._settings, self._integral_time = reduced, settings, _INTEGRAL_RATIO * settings.servo_time
+        self._reduced, self._settings = reduced, settings
         at = reduced.at(q)
         matrix, frames = at.B, reduced.actuation.configured
         columns = [k for k in range(reduced.p) if k not in frames and np.count_nonzero(matrix[:, k]) == 1]
@@ -76,15 +76,15 @@ class VelocityServos:
         directions = np.hstack([np.eye(reduced.n)[:, self._dofs], matrix[:, self._force_columns]])
         names = [*self.joints, *(reduced.actuation.names[k] for k in self._force_columns)]
         gains = _inertias(at, directions, names) / settings.servo_time
-        self.gains, self._force_gains = gains[: len(self._dofs)], gains[len(self._dofs) :]
-        self._force_limits = np.full(len(self._force_columns), np.inf)
-        limits = np.full(len(self._dofs), np.inf)
-        if settings.effort_limits:
-            self._force_limits = reduced.actuation.limits[self._force_columns]
-            given = reduced.robot.model.upperEffortLimit[self._dofs]
-            limits = np.where(given > 0, given, np.inf)
-        self._limits = limits
-        for name, gain, limit in zip(self.joints, self.gains, limits, strict=True):
+        given = reduced.robot.model.upperEffortLimit[self._dofs]
+        limits = np.r_[np.where(given > 0, given, np.inf), reduced.actuation.limits[self._force_columns]]
+        if not settings.effort_limits:
+            limits[:] = np.inf
+        count = len(self._dofs)
+        self._joints = _Feedback(gains[:count], limits[:count], _INTEGRAL_RATIO * settings.servo_time)
+        self._frames = _Feedback(gains[count:], limits[count:], _INTEGRAL_RATIO * settings.servo_time)
+        self.gains = self._joints.gains
+        for name, gain, limit in zip(self.joints, self.gains, limits[:count], strict=True):
             _add_servo(spec, name, float(gain), float(limit))
 
     def compiled(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -122,9 +122,8 @@ class VelocityServos:
         weight = basis.T @ pin.computeGeneralizedGravity(model, model.createData(), q)
         holding = np.linalg.lstsq(basis.T @ at.B[:, chosen], weight, rcond=None)[0]
         count = len(self._joint_columns)
-        self._z, self._force_z = np.zeros(len(self._dofs)), np.zeros(len(self._force_columns))
-        self._z[:count] = self._integral_time * holding[:count] / self.gains[:count]
-        self._force_z[:] = self._integral_time * holding[count:] / self._force_gains
+        self._joints.hold(np.pad(holding[:count], (0, len(self._dofs) - count)))
+        self._frames.hold(holding[count:])
         self._targets, self._u = np.zeros(len(self._dofs)), np.zeros(self._reduced.p)
 
     def command(self, q: np.ndarray, u: np.ndarray) -> None:
@@ -142,9 +141,7 @@ class VelocityServos:
         T = np.zeros(self._reduced.p)
         if velocity is not None and len(self._force_columns):
             chosen = self._force_columns
-            wanted = self._u[chosen] + self._force_z / self._integral_time
-            force = self._force_gains * (wanted - velocity[chosen])
-            T[chosen] = np.clip(force, -self._force_limits, self._force_limits)
+            T[chosen] = self._frames.force(self._u[chosen] - velocity[chosen])
         return T
 
     def write(self, step: float, velocity: np.ndarray | None) -> None:
@@ -154,17 +151,10 @@ class VelocityServos:
             step: time step [s].
             velocity: as for ``forces``.
         """
-        moving = self._data.qvel[self._places]
-        error = self._targets - moving
-        self._data.ctrl[self._controls] = self._targets + self._z / self._integral_time
-        force = self.gains * (error + self._z / self._integral_time)
-        self._z += step * np.where((np.abs(force) > self._limits) & (force * error > 0), 0.0, error)
+        self._data.ctrl[self._controls] = self._targets + self._joints.integral
+        self._joints.integrate(step, self._targets - self._data.qvel[self._places])
         if velocity is not None and len(self._force_columns):
-            chosen = self._force_columns
-            error = self._u[chosen] - velocity[chosen]
-            force = self._force_gains * (error + self._force_z / self._integral_time)
-            saturated = (np.abs(force) > self._force_limits) & (force * error > 0)
-            self._force_z += step * np.where(saturated, 0.0, error)
+            self._frames.integrate(step, self._u[self._force_columns] - velocity[self._force_columns])
 
     @property
     def needs_velocity(self) -> bool:
@@ -174,17 +164,45 @@ class VelocityServos:
     def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the present efforts (p,) of the actuators; wheels that replace frames give the equivalent ones."""
         at = self._reduced.at(q)
-        force = self.gains * (self._targets + self._z / self._integral_time - v[self._dofs])
         generalized = np.zeros(self._reduced.n)
-        generalized[self._dofs] = np.clip(force, -self._limits, self._limits)
+        generalized[self._dofs] = self._joints.force(self._targets - v[self._dofs])
         T = self.forces(at.B.T @ v)
         rest = np.setdiff1d(np.arange(self._reduced.p), self._force_columns)
-        if not len(self._wheel_columns):
-            T[rest] = np.linalg.lstsq(at.B[:, rest], generalized, rcond=None)[0]
-            return T
-        basis = null_space(at.A)
+        basis = null_space(at.A) if len(self._wheel_columns) else np.eye(self._reduced.n)
         T[rest] = np.linalg.lstsq(basis.T @ at.B[:, rest], basis.T @ generalized, rcond=None)[0]
         return T
+
+
+class _Feedback:
+    """Proportional and integral action of servos on velocity errors (k,).
+
+    Args:
+        gains: gain of each servo.
+        limits: largest force of each servo.
+        time: integral time [s].
+    """
+
+    def __init__(self, gains: np.ndarray, limits: np.ndarray, time: float) -> None:
+        self.gains, self._limits, self._time = gains, limits, time
+        self._z = np.zeros(len(gains))
+
+    def hold(self, force: np.ndarray) -> None:
+        """Restart with a force (k,) of the integral action."""
+        self._z = self._time * force / self.gains
+
+    @property
+    def integral(self) -> np.ndarray:
+        """Integral action as a velocity (k,)."""
+        return self._z / self._time
+
+    def force(self, error: np.ndarray) -> np.ndarray:
+        """Force (k,) within its limits."""
+        return np.clip(self.gains * (error + self.integral), -self._limits, self._limits)
+
+    def integrate(self, step: float, error: np.ndarray) -> None:
+        """Integrate the errors over a time step [s], but not into the limits."""
+        force = self.gains * (error + self.integral)
+        self._z = self._z + step * np.where((np.abs(force) > self._limits) & (force * error > 0), 0.0, error)
 
 
 def _inertias(at: ConfigurationEvaluation, directions: np.ndarray, names: Sequence[str]) -> np.ndarray:
