@@ -91,7 +91,7 @@ def grasp_rows() -> list[Row]:
     away = pin.integrate(robot().model, q, -v)
     near = rnc.OutputCrossing(rnc.FramePosition("handle", "x"), handle_position(q)[0])
     run = rnc.simulate_phases(
-        [rnc.Phase(free, 3.0, until=near), lambda q, v: rnc.Phase(held_where_they_are(q), 2.0)],
+        [rnc.Phase(free, 3.0, until=near), lambda q, v, t: rnc.Phase(held_where_they_are(q), 2.0)],
         away, 0.02, v2_0=free.at(away, v=v).v2,
     )  # fmt: skip
     momenta = np.array([momentum(*state) for state in zip(run.q, run.v, strict=True)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -90,8 +89,8 @@ class Phase:
             raise ConfigurationError(f"on_lift_off: expected ignore, stop or release, found {self.on_lift_off!r}")
 
 
-PhaseStart: TypeAlias = Callable[[np.ndarray, np.ndarray], Phase] | Callable[[np.ndarray, np.ndarray, float], Phase]
-"""Function from configuration (nq,), velocity (nv,) and, if it takes it, time [s] before a phase to the phase."""
+PhaseStart: TypeAlias = Callable[[np.ndarray, np.ndarray, float], Phase]
+"""Function from configuration (nq,), velocity (nv,) and time [s] before a phase to the phase."""
 
 
 def simulate_phases(
@@ -115,8 +114,8 @@ def simulate_phases(
     negative work, so ``energy - work`` is constant.
 
     Args:
-        phases: phases, in order. A function ``(q, v) -> Phase`` or ``(q, v, t) -> Phase`` makes its phase from the
-            state before it, for example with a reference that starts there, or with rows that continue over time.
+        phases: phases, in order. A function ``(q, v, t) -> Phase`` makes its phase from the state before it, for
+            example with a reference that starts there, or with rows that continue over time.
         q0: initial configuration (nq,).
         dt: sampling period [s].
         v2_0: initial reduced velocity (r,) of the first phase; zero by default.
@@ -198,9 +197,7 @@ class _PhasedRun:
     def _phase(self, number: int) -> Phase:
         entry = self._phases[number]
         if not isinstance(entry, Phase):
-            assert self._v is not None or number == 0
-            state = self._q.copy(), np.zeros(0) if self._v is None else self._v.copy()
-            entry = _made(entry, *state, self._time)
+            entry = entry(self._q.copy(), np.zeros(0) if self._v is None else self._v.copy(), self._time)
         if not isinstance(entry, Phase):
             raise ConfigurationError(f"phases[{number}]: expected a Phase, found {type_name(entry)}")
         if entry.on_lift_off == "release" and number + 1 == len(self._phases):
@@ -316,13 +313,6 @@ class _PhasedRun:
         self._parts.append(PhasePart(self._reduced, trajectory, self._info, self._work))
         self._samples += len(trajectory.time)
         self._run = None
-
-
-def _made(start: PhaseStart, q: np.ndarray, v: np.ndarray, t: float) -> Phase:
-    """Phase of a function of the state, and of the time if it has a third parameter."""
-    made: Callable[..., Phase] = start
-    takes_time = len(inspect.signature(made).parameters) >= 3
-    return made(q, v, t) if takes_time else made(q, v)
 
 
 def _value(event: BoundEvent, plant: ReducedPlant) -> float:

@@ -104,7 +104,7 @@ def test_one_phase_is_the_plain_run_to_the_bit(rolling, robot, tmp_path):
 def test_phases_from_the_state_before_them(robot, free, rolling):
     found = []
 
-    def roll(q, v):
+    def roll(q, v, t):
         found.append((q[2], v[2]))
         return rnc.Phase(rolling, 0.02)
 

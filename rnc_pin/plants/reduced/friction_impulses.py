@@ -24,7 +24,7 @@ _WORK = 8  # numbers for each row that LAPACK may use
 _ZERO = 1e-9  # impulse that counts as zero, relative to the sum of all, plus 1
 _RANK = 1e-12  # singular value that counts as zero, relative to the largest
 _STILL = 1e-8  # velocity that counts as zero, relative to the largest, plus 1
-_NEWTON, _ROUNDS, _SWEEPS, _CONVEX_STEPS = 25, 6, 40, 2000
+_NEWTON, _ROUNDS, _SWEEPS, _LAST_SWEEPS = 25, 6, 40, 400
 
 
 class FrictionGroup(NamedTuple):
@@ -74,9 +74,9 @@ class FrictionImpulses:
     def solve(self, guess: np.ndarray | None = None) -> np.ndarray:
         """Return the impulses (k,).
 
-        Newton's method on the natural map of the conditions alternates with projected Gauss-Seidel sweeps. Where the
-        conditions have no solution nearby, as for Painleve's rod, the impulses of the associated convex problem act:
-        ``p^T (G p / 2 + b)`` is least in the cones of friction, so these impulses do not create energy either.
+        Newton's method on the natural map of the conditions alternates with projected Gauss-Seidel sweeps. Where it
+        does not converge, the impulses of more sweeps act. They are in the cones of friction, and a factor of at most 1
+        keeps them from creating energy.
 
         Args:
             guess: impulses (k,) near the solution, if they are known.
@@ -88,7 +88,10 @@ class FrictionImpulses:
                 return p
             for _ in range(_SWEEPS):
                 p = self._swept(p)
-        return self._associated()
+        for _ in range(_LAST_SWEEPS):
+            p = self._swept(p)
+        square = float(p @ self._G @ p)
+        return p * min(1.0, max(0.0, -float(p @ self._b) / square)) if square > 0.0 else p
 
     def _held(self, closed: Collection[int]) -> list[int]:
         """Rows of friction without a limit, of contacts with some normal rows."""
@@ -201,20 +204,6 @@ class FrictionImpulses:
             p[rows] = z if length <= limit else z * (limit / length)
         return p
 
-    # ------------------------------------------------------------------ associated problem
-
-    def _associated(self) -> np.ndarray:
-        """Impulses of least ``p^T (G p / 2 + b)`` in the cones of friction, by projected gradients from zero."""
-        p, step = np.zeros(len(self._b)), 1.0 / np.linalg.eigvalsh(self._G)[-1]
-        for _ in range(_CONVEX_STEPS):
-            before = p
-            p = p - step * (self._G @ p + self._b)
-            for normal in [*self._normals, -1]:
-                _project(p, normal, [each for each in self._groups if each.normal == normal])
-            if np.abs(p - before).max() <= 1e-12 * np.abs(p).max():
-                break
-        return p
-
 
 class RigidImpulses(FrictionImpulses):
     """Impulses of contacts that do not slip while they are closed: 0 <= p, 0 <= y of the normal rows and p y = 0.
@@ -271,26 +260,6 @@ def subsets(numbers: Iterable[int]) -> Iterator[frozenset[int]]:
 
 def _indices(group: FrictionGroup) -> range:
     return range(group.rows.start, group.rows.stop)
-
-
-def _project(p: np.ndarray, normal: int, groups: list[FrictionGroup]) -> None:
-    """Replace impulses by the nearest ones in the cone of a contact, or within constant limits."""
-    lengths = [float(np.linalg.norm(p[each.rows])) for each in groups]
-    if normal >= 0:
-        # The nearest normal impulse n solves n = p_n + sum of c (|p_g| - c n) over the groups beyond their limits.
-        order = sorted((a / c if c else np.inf, c, a) for a, each in zip(lengths, groups, strict=True)
-                       for c in [each.coefficient])[::-1]  # fmt: skip
-        n, weight, total = float(p[normal]), 1.0, float(p[normal])
-        for ratio, c, a in order:
-            if n >= ratio:
-                break
-            weight, total = weight + c * c, total + c * a
-            n = total / weight
-        p[normal] = max(n, 0.0)
-    for length, each in zip(lengths, groups, strict=True):
-        limit = each.limit(p)
-        if length > limit:
-            p[each.rows] *= limit / length
 
 
 class FrictionLayout(NamedTuple):
