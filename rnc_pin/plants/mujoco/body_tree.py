@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Literal, NamedTuple
 
@@ -24,7 +23,6 @@ from rnc_pin.plants.mujoco.joint_coordinates import (
     PlanarBase,
     scalar_first,
 )
-from rnc_pin.plants.mujoco.settings import MuJoCoSettings
 from rnc_pin.robots.robot import Robot
 
 Root = Literal["as it is", "free", "level"]
@@ -226,50 +224,55 @@ _SUPPORTED = (
 )
 
 
-@dataclass(frozen=True)
 class JointEquality:
     """Coupling of two joints; the polynomial of MuJoCo is updated at the current positions.
 
-    Attributes:
-        equality: index of the equality constraint.
-        joint, driver: indices in qpos of the joint that follows and of the one that leads, if any.
-        coupler: how the joint follows.
+    Args:
+        model: compiled model.
+        name: name of the equality constraint.
+        coupler: how the joint follows its driver.
     """
 
-    equality: int
-    joint: int
-    driver: int | None
-    coupler: JointCoupler
+    def __init__(self, model: mujoco.MjModel, name: str, coupler: JointCoupler) -> None:
+        self._equality, self._coupler = model.equality(name).id, coupler
+        self._joint = int(model.joint(coupler.joint).qposadr[0])
+        self._driver = None if coupler.driver is None else int(model.joint(coupler.driver).qposadr[0])
 
     def set(self, model: mujoco.MjModel, qpos: np.ndarray, fresh: bool) -> None:
         """Write the polynomial coefficients; ``fresh`` is True at the start of a run.
 
         The offset of a constant ratio includes the initial full turns of both joints.
         """
-        driver = 0.0 if self.driver is None else qpos[self.driver]
-        if self.coupler.function is not None:
-            position, slope = self.coupler.function(driver)
-            period = self.coupler.period
-            position += period * np.round((qpos[self.joint] - position) / period)
+        driver = 0.0 if self._driver is None else qpos[self._driver]
+        if self._coupler.function is not None:
+            position, slope = self._coupler.function(driver)
+            period = self._coupler.period
+            position += period * np.round((qpos[self._joint] - position) / period)
         elif fresh:
-            position, slope = qpos[self.joint], self.coupler.ratio
+            position, slope = qpos[self._joint], self._coupler.ratio
         else:
             return
-        model.eq_data[self.equality, :5] = position - slope * driver, slope, 0.0, 0.0, 0.0
+        model.eq_data[self._equality, :5] = position - slope * driver, slope, 0.0, 0.0, 0.0
 
 
 def add_equalities(
-    spec: mujoco.MjSpec, tree: BodyTree, blocks: Sequence[Rows], settings: MuJoCoSettings
+    spec: mujoco.MjSpec, tree: BodyTree, blocks: Sequence[Rows], step: float
 ) -> list[tuple[str, JointCoupler]]:
     """Add joint couplings and loop closures to a specification, which has the bodies of ``tree``.
 
+    Args:
+        spec: specification that receives them.
+        tree: bodies of the robot.
+        blocks: constraints.
+        step: time step of MuJoCo [s].
+
     Returns:
-        Names of the couplings with their laws, for ``joint_equalities``.
+        Names of the couplings with their laws, for ``JointEquality``.
 
     Raises:
         ConfigurationError: a constraint has no equivalent in MuJoCo.
     """
-    solver = {"solref": [2 * settings.step, 1.0], "solimp": [_IMPEDANCE, _IMPEDANCE, 0.001, 0.5, 2.0]}
+    solver = {"solref": [2 * step, 1.0], "solimp": [_IMPEDANCE, _IMPEDANCE, 0.001, 0.5, 2.0]}
     couplers: list[tuple[str, JointCoupler]] = []
     for block in blocks:
         mechanisms = block.mechanisms()
@@ -299,17 +302,3 @@ def _close(spec: mujoco.MjSpec, tree: BodyTree, anchor: FrameAnchor, name: str, 
     closed = spec.add_equality(name=name, type=kind, **on_sites, **solver)
     if not anchor.point:
         closed.data[10] = 1.0  # rotation and translation have equal weights
-
-
-def joint_equalities(model: mujoco.MjModel, couplers: Sequence[tuple[str, JointCoupler]]) -> list[JointEquality]:
-    """Return the joint couplings of a compiled model."""
-
-    def place(joint: str) -> int:
-        return int(model.joint(joint).qposadr[0])
-
-    return [
-        JointEquality(
-            model.equality(name).id, place(each.joint), None if each.driver is None else place(each.driver), each
-        )
-        for name, each in couplers
-    ]

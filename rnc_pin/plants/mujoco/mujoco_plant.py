@@ -9,7 +9,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.mujoco.actuator_mapping import ActuatorMapping
-from rnc_pin.plants.mujoco.body_tree import BodyTree, add_equalities, joint_equalities
+from rnc_pin.plants.mujoco.body_tree import BodyTree, JointEquality, add_equalities
 from rnc_pin.plants.mujoco.contact_bodies import choose_support, common_plane, contact_bodies, on_one_plane
 from rnc_pin.plants.mujoco.engine import mujoco
 from rnc_pin.plants.mujoco.ground import Ground, add_ground
@@ -85,7 +85,7 @@ class MuJoCoPlant:
         spec = mujoco.MjSpec()
         tree = BodyTree(spec, robot, support.root, self.settings.joint_limits)
         add_ground(spec, tree, [*contacts, *support.casters], self.settings, plane)
-        couplers = add_equalities(spec, tree, blocks, self.settings)
+        couplers = add_equalities(spec, tree, blocks, self.settings.step)
         self._set_options(spec.option)
         self._inputs = ActuatorMapping(reduced, contacts, q, plane.axes[2])
         self.servos = None
@@ -95,7 +95,7 @@ class MuJoCoPlant:
         self.data = mujoco.MjData(self.model)
         joints = tree.finish(self.model, self.data, self.settings.joint_damping)
         self._joints = RobotCoordinates(joints, robot.nq, robot.nv)
-        self._equalities = joint_equalities(self.model, couplers)
+        self._equalities = [JointEquality(self.model, name, coupler) for name, coupler in couplers]
         if self.servos is not None:
             self.servos.compiled(self.model, self.data)
         self._ground = Ground(self.model, self.data, [*contacts, *support.casters], self.settings, plane)

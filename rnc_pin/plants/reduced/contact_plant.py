@@ -361,15 +361,15 @@ class ContactPlant:
         Raises:
             SimulationError: no set of contacts without slip only pushes.
         """
-        v, kind = np.array(state.v), RigidImpulses if self._sliding is None else FrictionImpulses
-        slip, size = rows @ v - ground, 1.0 + float(np.abs(v).max())
+        v, rigid = np.array(state.v), self._sliding is None
+        slip, still = rows @ v - ground, _STILL * (1.0 + float(np.abs(v).max()))
         rates = slip[layout.normals]
-        held = slip if self._sliding is None else rates  # without a limit of friction, an impact stops slip too
-        if not (rates < -_STILL * size).any() and not (np.abs(held) > _STILL * size).any():
+        slips = rigid and (rates <= still).any() and (np.abs(slip) > still).any()  # without a limit, it stops at once
+        if not slips and not (rates < -still).any():
             return np.zeros(layout.size), v
         contacts = [each.contact for each in layout.contacts]
         W = responses(state, state.M, rows)
-        problem = kind(rows @ W, slip, layout.normals, layout.groups)
+        problem = (RigidImpulses if rigid else FrictionImpulses)(rows @ W, slip, layout.normals, layout.groups)
         rest = np.array([each.rest_speed for each in contacts])
         restitution = np.array([each.restitution for each in contacts])
         try:
