@@ -228,28 +228,6 @@ def test_wheels_that_share_the_load_stay_closed():
     np.testing.assert_allclose(plant.read()[1], [0.3, 0, 0, 0, 0, 0], atol=1e-9)
 
 
-def test_refusals(ball, free):
-    contact = rnc.UnilateralContact(rnc.RollingBall("ball", 0.1))
-    with pytest.raises(rnc.InputError, match=r"contact 'ball' starts 0\.05 m below the ground"):
-        rnc.simulate(free, Idle(1), at(ball, 0.05), 0.1, 0.01, plant=rnc.ContactPlant(ball, [contact]))
-    with pytest.raises(rnc.ConfigurationError, match="expected a NonholonomicSystem without the contacts"):
-        rnc.ContactPlant(free, [contact])
-    with pytest.raises(rnc.ConfigurationError, match="'ball' occurs twice"):
-        rnc.ContactPlant(ball, [contact, contact])
-    bowl = rnc.SphericalGround(2.0)
-    for kind, message in (
-        (rnc.NoSideSlip("ball"), "NoSideSlip: .*found 0 height rows"),
-        (rnc.RollingBall("ball", 0.1, ground=bowl), "expected a plane as ground, found SphericalGround"),
-    ):
-        with pytest.raises(rnc.ConfigurationError, match=message):
-            rnc.ContactPlant(ball, [rnc.UnilateralContact(kind)])
-    with pytest.raises(rnc.ConfigurationError, match="restitution of a contact: expected a number from 0 to 1"):
-        rnc.UnilateralContact(rnc.RollingBall("ball", 0.1), restitution=1.2)
-    planar = rnc.NonholonomicSystem(rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar"))
-    with pytest.raises(rnc.ConfigurationError, match="load the robot with a free base"):
-        rnc.ContactPlant(planar, [rnc.UnilateralContact(rnc.Caster("sleigh", 0.0))])
-
-
 def test_endless_bounces_are_refused(ball):
     """Without a rest speed, bounces accumulate."""
     plant = rnc.ContactPlant(ball, [rnc.UnilateralContact(rnc.RollingBall("ball", 0.1), 0.9, rest_speed=0.0)])

@@ -156,12 +156,6 @@ def test_energy_less_work_is_constant_whatever_is_wrong(kind):
         np.testing.assert_allclose(run.energy[own[kind]], expected[own[kind]], rtol=1e-12)
 
 
-@pytest.mark.parametrize("bad", [{"dropped": 2.0}, {"position_noise": -1.0}, {"counts": 0}, {"effort": np.nan}])
-def test_faults_that_are_none_are_refused(bad):
-    with pytest.raises(rnc.ConfigurationError, match=f"fault {next(iter(bad))}"):
-        rnc.Faults(**bad)
-
-
 def test_a_plant_that_changes_keeps_its_state():
     reduced = mobile_manipulator()
     plant = ChangingPlant(ReducedPlant(reduced), ReducedPlant(reduced), 0.5 * DT)

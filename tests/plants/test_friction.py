@@ -11,7 +11,7 @@ from scipy.optimize import lsq_linear
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.model.numpy_evaluator import RunStarts
-from rnc_pin.plants import Faults, FaultyPlant, ReducedPlant
+from rnc_pin.plants import FaultyPlant, ReducedPlant
 from rnc_pin.plants.reduced.friction import INSTANT, _least_energy
 from simple_controllers import Inputs
 from systems import floating_robot, mobile_manipulator
@@ -187,22 +187,6 @@ def test_losses_of_a_conserved_momentum_are_refused(effects, name):
         rnc.simulate(
             reduced, Inputs(lambda t: np.zeros(3)), robot.configuration(), 0.1, plant=ReducedPlant(reduced, **effects)
         )
-
-
-def test_an_adaptive_method_has_no_dry_friction():
-    reduced = slider(friction=1.0)
-    with pytest.raises(rnc.InputError, match="dry friction is not smooth"):
-        rnc.free_motion(ReducedPlant(reduced, **RUBBED), np.zeros(1), [1.0], 1.0)
-    with pytest.raises(rnc.InputError, match="requires a ReducedModel or a ReducedPlant"):
-        rnc.free_motion(FaultyPlant(ReducedPlant(reduced), Faults(), reduced, 0.1), np.zeros(1), [1.0], 1.0)
-
-
-def test_a_plant_that_cannot_rub_is_named():
-    class Elsewhere:
-        pass
-
-    with pytest.raises(rnc.ConfigurationError, match="Elsewhere has no method 'set_actuator_friction"):
-        FaultyPlant(Elsewhere(), rnc.Faults(friction=1.0), slider(), 0.01)
 
 
 # ---------------------------------------------------------------------- the record

@@ -6,7 +6,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.plants import FaultyPlant, ReducedPlant, VelocityPlant
+from rnc_pin.plants import FaultyPlant, VelocityPlant
 
 
 def reach(reduced, duration=3.0):
@@ -72,24 +72,6 @@ def test_a_simulation_follows_the_hand_and_records_efforts_that_move_it():
     power = np.vecdot(run.T, w)
     work = np.concatenate([[0.0], np.cumsum(0.5 * 0.01 * (power[1:] + power[:-1]))])
     assert np.ptp(run.energy - work) < 0.1 * np.ptp(run.energy)
-
-
-def test_velocities_and_forces_are_not_confused():
-    reduced = systems.mobile_manipulator()
-    target, q0 = reach(reduced)
-    velocities = rnc.control.ActuatorVelocityController(reduced, target)
-    with pytest.raises(rnc.ConfigurationError, match=r"gives velocities: expected a plant with velocity servos.*None"):
-        rnc.simulate(reduced, velocities, q0, 0.1)
-    with pytest.raises(rnc.ConfigurationError, match=r"gives velocities: .* found a ReducedPlant"):
-        rnc.simulate(reduced, velocities, q0, 0.1, plant=ReducedPlant(reduced))
-    forces = rnc.control.ComputedTorque(reduced, target)
-    with pytest.raises(rnc.ConfigurationError, match=r"takes velocities: .* found a ComputedTorque"):
-        rnc.simulate(reduced, forces, q0, 0.1, plant=VelocityPlant(reduced))
-    for wrong in (0.0, np.inf, "fast"):
-        with pytest.raises(rnc.InputError, match="servo_time of a VelocityPlant"):
-            VelocityPlant(reduced, servo_time=wrong)
-    with pytest.raises(rnc.InputError, match="substeps"):
-        VelocityPlant(reduced, substeps=0)
 
 
 def test_lost_measurements_stop_the_robot_but_not_the_run():
