@@ -215,7 +215,7 @@ class DissipativeStep:
         if not len(limits):
             state = self._dynamics.at(q, y)
             linear, _ = self._linear(state, T)
-            return self._smooth(q, y, T, None, None, linear, h)
+            return self._smooth(q, y, T, limits, limits > 0.0, linear, h)
         events, remaining, roughness = 2 * len(limits), h, 0.0
         while True:
             state = self._dynamics.at(q, y)
@@ -225,18 +225,18 @@ class DissipativeStep:
             if events and remaining <= first < np.inf:  # a row comes to rest at the end of the step
                 y = self._stopped(state, y, friction.resting)
                 sliding = self._sliding_forces(friction)
-                q, y, _ = self._sliding(q, y, T, sliding, friction.resting, linear, remaining)
+                q, y, _ = self._smooth(q, y, T, sliding, friction.resting, linear, remaining)
                 return q, self._stopped(self._dynamics.at(q, y), y, friction.sticking), np.inf
             if events == 0 or first >= remaining:
                 y = self._stopped(state, y, friction.sticking)
-                q, y, rough = self._sliding(q, y, T, friction.forces, friction.sticking, linear, remaining)
+                q, y, rough = self._smooth(q, y, T, friction.forces, friction.sticking, linear, remaining)
                 return q, y, roughness + rough
             events, roughness = events - 1, np.inf
             stopping = friction.stops <= (1.0 + _SHORT) * first
             if first < _SHORT * h:
                 y = self._stopped(state, y, friction.resting | stopping)
                 continue
-            q, y, _ = self._sliding(q, y, T, self._sliding_forces(friction), friction.resting, linear, first)
+            q, y, _ = self._smooth(q, y, T, self._sliding_forces(friction), friction.resting, linear, first)
             y = self._stopped(self._dynamics.at(q, y), y, friction.resting | stopping)
             remaining -= first
 
@@ -254,7 +254,7 @@ class DissipativeStep:
         y[-1] += after.kinetic_energy - state.kinetic_energy
         return y
 
-    def _sliding(
+    def _smooth(
         self,
         q: np.ndarray,
         y: np.ndarray,
@@ -264,35 +264,20 @@ class DissipativeStep:
         linear: LinearPart,
         h: float,
     ) -> tuple[np.ndarray, np.ndarray, float]:
-        friction = self.friction
-        inputs, external = T + friction.inputs(forces), friction.external(forces)
-        q, y, roughness = self._smooth(q, y, inputs, external, sticking, linear, h)
-        return q, self._stopped(self._dynamics.at(q, y), y, sticking), roughness
-
-    def _smooth(
-        self,
-        q: np.ndarray,
-        y: np.ndarray,
-        T: np.ndarray,
-        external: np.ndarray | None,
-        sticking: np.ndarray | None,
-        linear: LinearPart,
-        h: float,
-    ) -> tuple[np.ndarray, np.ndarray, float]:
-        """Integrate one step without events.
+        """Integrate one step without events, with constant friction forces (k,) and rows (k,) that stick.
 
         The integrator uses work minus the kinetic energy ``|a|^2 / 2`` of the frozen inertia. Damping cancels in that
         difference; otherwise the integral of work would contain decays faster than the step.
         """
         r, dynamics = len(linear.decay), self._dynamics
-        stopped = None
-        if sticking is not None and sticking.any():
-            stopped = partial(self.friction.stopped, which=sticking)
-        elif external is None and dynamics.damping is None:
-            return dynamics.advance(q, y, T, h, 1)
-        smooth = dynamics.derivative(T, external, stopped)
+        inputs, external = T + self.friction.inputs(forces), self.friction.external(forces)
+        stopped = partial(self.friction.stopped, which=sticking) if sticking.any() else None
+        if stopped is None and external is None and dynamics.damping is None:
+            return dynamics.advance(q, y, inputs, h, 1)
+        smooth = dynamics.derivative(inputs, external, stopped)
         if dynamics.damping is None:
-            return self._explicit.measured_step(smooth, q, y, h, r)
+            q, end, roughness = self._explicit.measured_step(smooth, q, y, h, r)
+            return q, self._stopped(dynamics.at(q, end), end, sticking), roughness
 
         def rate(p: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             v, y_dot = smooth(p, x)
@@ -303,7 +288,7 @@ class DissipativeStep:
         start[-1] -= _half_square(linear.inverse @ y[:r])
         q, end, roughness = self._integrator.step(rate, linear, q, start, h)
         end[-1] += _half_square(linear.inverse @ end[:r])
-        return q, end, roughness
+        return q, self._stopped(dynamics.at(q, end), end, sticking), roughness
 
     def _linear(self, state: StateEvaluation, T: np.ndarray) -> tuple[LinearPart, np.ndarray]:
         """Linear part of the motion at a state, and accelerations (r,) without dry friction."""
