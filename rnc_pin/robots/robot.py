@@ -17,7 +17,7 @@ from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.derived_models import AttachedModel, LazyGeometry, LinkMass, LockedModel, with_link_masses
 from rnc_pin.robots.joint_values import JointValue, NamedModel, base_of
-from rnc_pin.robots.model_checks import Massless, UselessInertia, check_model, check_model_size, massless, remedy
+from rnc_pin.robots.model_checks import UselessInertia, check_model, check_model_size, massless, remedy
 from rnc_pin.robots.sources.description import Closure, Description, Mimic, check_acceleration
 from rnc_pin.robots.sources.urdf import read_urdf
 from rnc_pin.robots.sources.urdf_links import STAND_IN
@@ -127,42 +127,6 @@ class Robot(NamedModel, SummaryMixin):
         path = robot_files.find_urdf(path)
         read = read_urdf(path, base, package_dirs, xacro_arguments, snap=snap, masses=masses)
         return cls._from_description(path, read, lock, gravity)
-
-    @classmethod
-    def massless_joints(
-        cls,
-        path: str | Path,
-        base: Base = "fixed",
-        package_dirs: Sequence[str | Path] = (),
-        lock: Mapping[str, JointValue] | None = None,
-        xacro_arguments: Mapping[str, object] | None = None,
-        *,
-        masses: Mapping[str, float] | None = None,
-    ) -> tuple[Massless, ...]:
-        """Return the inertia faults for which ``from_urdf`` refuses a file, with the links that could be given a mass.
-
-        Args:
-            path: the file. All arguments are as for ``from_urdf``.
-            base: joint between the root link and the world.
-            package_dirs: folders of packages, or packages themselves.
-            lock: joints to lock.
-            xacro_arguments: values for the arguments of a xacro file.
-            masses: link to mass [kg], as far as already chosen.
-
-        Raises:
-            ModelError: the file is missing, is not a URDF, or has inertias that are not finite.
-
-        Returns:
-            One entry for each faulty joint, with the links behind it; empty if there is no fault. ``from_urdf``
-            accepts the file with the masses of all entries together, or if the joints that move no mass are locked.
-        """
-        path = robot_files.find_urdf(path)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ModelWarning)
-            read = read_urdf(path, base, package_dirs, xacro_arguments, masses=masses)
-        check_model_size(read.model)
-        model = LockedModel(read.model, lock).model if lock else read.model
-        return massless(model, read.bodies)
 
     @classmethod
     def from_mjcf(

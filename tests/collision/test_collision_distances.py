@@ -254,16 +254,3 @@ def test_an_obstacle_ignores_the_links_that_it_names(tiago):
     wrong = Obstacle(ground_shape(), name="floor", ignored_links=["wheel_left_lnk"])
     with pytest.raises(rnc.ModelError, match=r"'floor': ignored_links: no link 'wheel_left_lnk'.*'wheel_left_link'"):
         CollisionDistances(tiago, [wrong])
-
-
-def test_unusable_requests_are_refused(tiago):
-    with pytest.raises(rnc.ModelError, match=r"no link 'arm_5_lnk'.*did you mean 'arm_5_link'"):
-        CollisionDistances(tiago, selection=PairSelection(pairs=[("arm_5_lnk", "base_link")]))
-    ball = Obstacle(coal.Sphere(0.1), name="ball")
-    with pytest.raises(rnc.ModelError, match="two obstacles are named 'ball'"):
-        CollisionDistances(tiago, [ball, ball])
-    with pytest.raises(rnc.InputError, match="q has shape"):
-        CollisionDistances(tiago).at([tiago.configuration()] * 2)
-    bare = rnc.Robot(tiago.model)
-    with pytest.raises(rnc.ModelError, match="no collision geometry"):
-        CollisionDistances(bare)

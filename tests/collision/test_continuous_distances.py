@@ -152,14 +152,3 @@ def test_tolerance_follows_the_size_of_the_robot():
     bead = CollisionDistances(rnc.Robot(model, geometry, geometry))
     assert default_tolerance(bead) == pytest.approx(0.01 * np.sqrt(3.0) * 0.01)
     assert default_tolerance(CollisionDistances(rnc.Robot.from_example("tiago_no_hand"))) == 1e-3
-
-
-@pytest.mark.parametrize(("time", "options", "words"), [
-    ([0.0, -1.0], {}, "must not decrease"),
-    ([0.0], {}, r"found shapes \(2, \d+\), \(1,\)"),
-    ([0.0, 1.0], {"tolerance": 0.0}, "has to be positive, found 0 m"),
-])  # fmt: skip
-def test_unusable_motions_are_refused(time, options, words):
-    robot, distances = unicycle_beside()
-    with pytest.raises(rnc.InputError, match=words):
-        continuous_distances(distances, np.array(time), driven(robot, np.zeros((2, 3))), **options)

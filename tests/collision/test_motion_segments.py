@@ -1,12 +1,9 @@
 """Rotations and translations of joints along steps, against Pinocchio's placements."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pinocchio as pin
 import pytest
 
-import rnc_pin as rnc
 from drawn_motions import random_joint, random_pose
 from rnc_pin.collision.motion_segments import JointSteps
 
@@ -38,10 +35,3 @@ def test_simple_joints_have_their_own_displacement():
     angular, linear = JointSteps(model, pin.neutral(model)[None]).of(step[None])
     np.testing.assert_allclose(angular, [[0.0, 0.3, 0.0, 0.2, 2.0]])
     np.testing.assert_allclose(linear, [[0.0, 0.0, 0.4, 0.5, 1.0]])
-
-
-def test_a_joint_of_an_unknown_kind_is_refused():
-    joint = SimpleNamespace(shortname=lambda: "JointModelMimic", idx_v=0, nv=0)
-    model = SimpleNamespace(njoints=2, joints=[None, joint])
-    with pytest.raises(rnc.ModelError, match="joint 1 is a JointModelMimic"):
-        JointSteps(model, np.zeros((1, 0)))

@@ -145,16 +145,6 @@ def test_bad_files_are_one_line(tmp_path, name, content, side, message):
     assert "\n" not in str(caught.value)
 
 
-def test_bad_arguments_are_one_line(tmp_path):
-    with pytest.raises(rnc.InputError, match=r"points have shape \(3,\), expected \(n, 3\)"):
-        cells_around([1.0, 2.0, 3.0], 0.1)
-    with pytest.raises(rnc.InputError, match="side: expected a positive number, found 0"):
-        cells_around([[1.0, 2.0, 3.0]], 0.0)
-    scattered = 10.0 * cloud(4000)
-    with pytest.raises(rnc.ModelError, match="boxes, expected at most 2000: give a larger 'side'"):
-        cells_around(scattered, 0.3).obstacles()
-
-
 def test_a_scenario_file_names_a_cloud(tmp_path):
     points = cloud()
     written(tmp_path / "scan.pcd", points)

@@ -5,7 +5,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-import rnc_pin as rnc
 from rnc_pin.collision.pair_bounds import support
 from rnc_pin.collision.shapes import hull_of
 from tolerances import ROUNDING
@@ -34,8 +33,3 @@ def test_a_half_space_is_bounded_along_its_normal_alone():
     normal = pin.rpy.rpyToMatrix(0.3, 0.2, 0.1)[:, 2]
     found = support(coal.Halfspace(normal, 0.4), np.array([normal, -normal, [1.0, 0.0, 0.0]]))
     np.testing.assert_allclose(found, [0.4, np.inf, np.inf])
-
-
-def test_a_shape_that_is_not_convex_is_refused():
-    with pytest.raises(rnc.ModelError, match="Plane has no support function"):
-        support(coal.Plane(np.array([0.0, 0.0, 1.0]), 0.0), np.eye(3))

@@ -113,33 +113,3 @@ def test_floor_is_a_half_space():
     assert floor.unbounded
     assert floor.ignored_links == ("wheel",)
     assert not Obstacle(coal.Sphere(1)).unbounded
-
-
-@pytest.mark.parametrize(("arguments", "words"), [
-    ({"shape": coal.Box(1, 0, 1)}, "sizes have to be positive"),
-    ({"shape": coal.Sphere(-1)}, "sizes have to be positive"),
-    ({"shape": coal.Sphere(np.inf)}, "sizes have to be positive and finite"),
-    ({"shape": coal.Sphere(1), "position": (0, 0)}, "three finite numbers"),
-    ({"shape": coal.Sphere(1), "position": (0, 0, np.nan)}, "three finite numbers"),
-    ({"shape": coal.Sphere(1), "yaw": "left"}, "have to be numbers"),
-    ({"shape": coal.Sphere(1), "motion": rnc.planning.Hold([0, 0, 0])}, "motion has 3 numbers"),
-    ({"shape": coal.Plane(np.array([0.0, 0.0, 1.0]), 0.0)}, "is a Plane"),
-    ({"shape": "box"}, "expected a coal shape"),
-    ({"shape": coal.Box(1, 1, 1), "ignored_links": "wheel"}, "takes names of links, found 'wheel'"),
-])  # fmt: skip
-def test_unusable_obstacles_are_refused(arguments, words):
-    with pytest.raises(rnc.RncError, match=words):
-        Obstacle(name="it", **arguments)
-
-
-def test_unusable_meshes_are_refused(tmp_path):
-    with pytest.raises(rnc.ModelError, match="rock"):
-        load_mesh_shape(tmp_path / "rock.obj")
-    bad = tmp_path / "bad.stl"
-    bad.write_bytes(b"\xff" * 90)
-    with pytest.raises(rnc.ModelError, match=r"bad\.stl"):
-        load_mesh_shape(bad)
-    good = tmp_path / "rock.obj"
-    good.write_text(TETRAHEDRON)
-    with pytest.raises(rnc.ModelError, match="scale"):
-        load_mesh_shape(good, 0.0)

@@ -15,6 +15,7 @@ import pytest
 import rnc_pin as rnc
 from places import DIRT, ROOT
 from rnc_pin.applications.scenario.schema.world import RobotSource
+from rnc_pin.robots import UselessInertia
 from rnc_pin.robots.sources.description_files import Packages
 from rnc_pin.robots.sources.urdf_repairs import decimals, is_rounding, snapped_angle, snapped_direction
 from tolerances import ROUNDING
@@ -198,18 +199,22 @@ def test_a_remedy_works_when_it_is_followed(name):
     lock = re.search(r"lock=({.*?})", words)
     if lock:
         assert not {*ast.literal_eval(lock[1])} & {*loaded(name, lock=ast.literal_eval(lock[1]))[0].joint_names}
-    found = rnc.Robot.massless_joints(DIRT / name, base) if name != "negative_mass.urdf" else ()
-    assert {link: mass for each in found for link, mass in each.masses.items()} in (masses, {})
 
 
-def test_massless_joints_are_found_before_they_are_refused():
-    caster, steer = rnc.Robot.massless_joints(DIRT / "massless_knuckle.urdf")
+def massless_joints(**settings):
+    """Joints that the refusal of a file names."""
+    with pytest.raises(UselessInertia) as caught:
+        loaded("massless_knuckle.urdf", **settings)
+    return caught.value.joints
+
+
+def test_a_refusal_has_the_joints_that_move_no_mass_and_their_links():
+    caster, steer = massless_joints()
     assert (caster.joint, caster.links, caster.shaped) == ("caster", ("fork",), ())
     assert (steer.joint, steer.links, steer.shaped) == ("steer", ("knuckle", "sensor"), ("knuckle",))
     assert steer.why == "moves no mass"
-    (left,) = rnc.Robot.massless_joints(DIRT / "massless_knuckle.urdf", lock={"steer": 0.1})
-    assert left.joint == "caster"
-    assert rnc.Robot.massless_joints(DIRT / "massless_knuckle.urdf", masses=steer.masses | caster.masses) == ()
+    assert [each.joint for each in massless_joints(lock={"steer": 0.1})] == ["caster"]
+    assert loaded("massless_knuckle.urdf", masses=steer.masses | caster.masses)[0].nv == 3
 
 
 def test_a_mass_is_spread_over_the_box_around_the_geometry():
