@@ -78,7 +78,6 @@ from .simulation import Phase as Phase
 from .simulation import SimulationOptions as SimulationOptions
 from .simulation import Stop as Stop
 from .simulation import Trajectory as Trajectory
-from .simulation import TrajectoryBatch as TrajectoryBatch
 from .simulation import free_motion as free_motion
 from .simulation import kinematic_rollout as kinematic_rollout
 from .simulation import preflight as preflight

@@ -13,7 +13,6 @@ from rnc_pin.control.controller import (
     Description,
     KinematicController,
     VelocityTarget,
-    accepts_batches,
     check_size,
     check_target,
     command_towards,
@@ -87,11 +86,6 @@ class ComputedTorque(DescribedMixin):
         check_target(target)
         self._reduced, self.target, self.k = reduced, target, k
 
-    @property
-    def accepts_batches(self) -> bool:
-        """True if the kinematic controller accepts batches."""
-        return accepts_batches(self.target)
-
     def initial_state(self, measurement: Measurement) -> object:
         """Return the initial state of the kinematic controller."""
         return self.target.initial_state(measurement)
@@ -99,10 +93,7 @@ class ComputedTorque(DescribedMixin):
     def step(self, t: float, measurement: Measurement, state: object) -> tuple[Command, object]:
         target, state = self.target.step(t, measurement, state)
         rate = target.v2_dot + self.k * (target.v2 - measurement.v2)
-        q, v2 = measurement.q, measurement.v2
-        evaluator = self._reduced.evaluator
-        of_runs = v2.ndim == 2
-        F = (evaluator.inverse_dynamics_of_runs if of_runs else evaluator.inverse_dynamics)(q, v2, rate, t)
+        F = self._reduced.evaluator.inverse_dynamics(measurement.q, measurement.v2, rate, t)
         return command_towards(target, F), state
 
 
@@ -230,9 +221,6 @@ class ReducingOutputController(DescribedMixin):
         self.monitored = monitored
         self.reference, self.k2 = reference, k2
         self._feedback = Feedback(reduced.reducing.coordinates, k2)
-
-    accepts_batches = True
-    """All runs have one reference."""
 
     def initial_state(self, measurement: Measurement) -> None:
         """Return None: the controller has no state."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rnc_pin.control.controller import Command, Controller, Description, State, accepts_batches, describe
+from rnc_pin.control.controller import Command, Controller, Description, State, describe
 from rnc_pin.control.position_tracker import PositionState, PositionTracker
 from rnc_pin.errors import ConfigurationError, place_of
 from rnc_pin.math.linear_algebra import apply_transposed
@@ -140,11 +140,6 @@ class SplitController(ReprMixin):
             raise ConfigurationError(
                 f"the parts command outputs {sorted(places.tolist())}, expected each of 0 to {r - 1} once"
             )
-
-    @property
-    def accepts_batches(self) -> bool:
-        """True if all parts accept batches."""
-        return all(accepts_batches(controller) for controller, _ in self._parts)
 
     def describe(self) -> Description:
         """Return the descriptions of the parts, and the indices of their outputs in x2."""

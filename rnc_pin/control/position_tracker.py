@@ -80,7 +80,6 @@ class PositionTracker(DescribedMixin):
         array([4., 0., 0.])
     """
 
-    accepts_batches = True
     described = ("gains", "gravity_compensation")
 
     def __init__(

@@ -113,11 +113,6 @@ class RedundancyController(DescribedMixin):
             check_freedom(task)
         self.secondary = secondary
 
-    @property
-    def accepts_batches(self) -> bool:
-        """True without a secondary objective."""
-        return self.secondary is None
-
     def describe(self) -> Description:
         """Return the gains; for a wide A4 also the weights and the secondary objective."""
         wide = len(self.task.redundant) > len(self.task.vertical)
@@ -213,7 +208,7 @@ class RedundancyController(DescribedMixin):
         fine = sizes.max(axis=-1) < _LIMIT * (1 + np.abs(right).max(axis=-1))
         if fine.all():
             return solution
-        run = np.unravel_index(np.argmin(fine), fine.shape)  # the first of many runs
+        run = np.unravel_index(np.argmin(fine), fine.shape)
         A4 = A4[run]
         raise SingularityError(
             "redundant outputs cannot move the vertical ones (A4 is singular)",

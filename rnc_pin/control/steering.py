@@ -92,11 +92,6 @@ class SteeringController(DescribedMixin):
         self._damped = damping**2 * np.eye(len(task.redundant))
         self._redundant = np.array(task.redundant, dtype=np.int64)
 
-    @property
-    def accepts_batches(self) -> bool:
-        """True if neither the constraints nor the path depend on the run."""
-        return not self._reduced.rheonomic and not isinstance(self.vertical, SlitheringReference)
-
     def initial_state(self, measurement: Measurement) -> DrivenPath | None:
         """Return the state of the vertical reference, if any; raise an error if redundant rates move x11."""
         A4 = measurement.A_star[..., self.task.vertical, :][..., self.task.redundant]
@@ -151,7 +146,7 @@ class SteeringController(DescribedMixin):
         v22 = solve(N.mT @ N + self._damped, apply_transposed(N, right))
         fine = np.isfinite(v22).all(axis=-1)
         if not fine.all():
-            run = np.unravel_index(np.argmin(fine), fine.shape)  # the first of many runs
+            run = np.unravel_index(np.argmin(fine), fine.shape)
             raise SingularityError(
                 f"{', '.join(task.redundant_names)} cannot steer {', '.join(task.vertical_names)}: N is singular",
                 q=np.array(m.q[run]),

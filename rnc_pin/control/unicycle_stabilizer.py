@@ -99,7 +99,6 @@ class UnicycleStabilizer(DescribedMixin):
         array([1., 0.])
     """
 
-    accepts_batches = True
     described = ("goal", "begin", "k", "rate", "tolerance", "ramp_time", "max_speed")
 
     def __init__(

@@ -14,7 +14,6 @@ from rnc_pin.control.controller import (
     KinematicController,
     State,
     VelocityTarget,
-    accepts_batches,
     check_target,
     command_towards,
     elapsed_time,
@@ -100,11 +99,6 @@ class VelocityTracker(DescribedMixin):
             self._dead_zone = np.abs(S.T) @ np.broadcast_to(self._dead_zone, r)  # bound on the noise of a mode
             self._offset = np.linalg.solve(S, np.broadcast_to(self._offset, r))
         self._has_dead_zone = bool(np.any(self._dead_zone))
-
-    @property
-    def accepts_batches(self) -> bool:
-        """True if the kinematic controller accepts batches."""
-        return accepts_batches(self.target)
 
     def initial_state(self, measurement: Measurement) -> TrackerState:
         """Return zero adaptive gains."""

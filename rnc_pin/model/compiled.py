@@ -111,10 +111,6 @@ class CompiledEvaluator(NumPyEvaluator):
                 return None
         return found
 
-    def inverse_dynamics_of_runs(self, q: Array, v2: Array, v2_dot: Array, t: float) -> Array:
-        found: Array | None = None if self.data.rheonomic else self._calls.inverse_dynamics(q, v2, v2_dot)
-        return super().inverse_dynamics_of_runs(q, v2, v2_dot, t) if found is None else found
-
     def terms(self, q: ArrayInput, v2: ArrayInput) -> ReducedTerms:
         return self._fused_terms(q, v2, None) or super().terms(q, v2)
 

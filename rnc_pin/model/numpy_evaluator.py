@@ -28,10 +28,6 @@ class RunRecords(NamedTuple):
     values: Array
     """Values of the reducing outputs, then of the vertical ones."""
 
-    def of(self, run: int) -> RunRecords:
-        """Copy of one run."""
-        return RunRecords(*(array[run].copy() for array in self))
-
 
 class RunStarts(NamedTuple):
     """States and inputs of B runs at the start of a step."""
@@ -227,10 +223,6 @@ class NumPyEvaluator:
     def inverse_dynamics(self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput, t: ArrayInput | None) -> Array:
         """Reduced forces (..., r) for accelerations v2_dot (..., r)."""
         return self.state(q, v2, t).inverse_dynamics(v2_dot)
-
-    def inverse_dynamics_of_runs(self, q: Array, v2: Array, v2_dot: Array, t: float) -> Array:
-        """Reduced forces (B, r) of B states, each with the bits that it has alone."""
-        return np.stack([self.inverse_dynamics(*each, t) for each in zip(q, v2, v2_dot, strict=True)])
 
     def terms(self, q: ArrayInput, v2: ArrayInput) -> ReducedTerms:
         """All matrices at states (..., nq), (..., r)."""

@@ -15,7 +15,6 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, listed
 from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
-from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -170,8 +169,6 @@ class PlanFeedback(ReprMixin):
         array([39.6,  0. ])
     """
 
-    accepts_batches = True
-
     def __init__(
         self,
         reduced: ReducedModel,
@@ -207,6 +204,22 @@ class PlanFeedback(ReprMixin):
     def initial_state(self, measurement: Measurement) -> None:
         """Return None: the controller has no state."""
 
+    def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[Command, None]:
+        q, v2, model = np.asarray(measurement.q), np.asarray(measurement.v2), self._model
+        planned, feedforward, K = self.planned(t)
+        moved = pin.difference(self._reduced.robot.model, planned.q[0], q)
+        u = feedforward + K @ (np.concatenate([moved, v2 - planned.w[0]]) if model.nw else moved)
+        v2_desired = model.velocity(planned, feedforward[None])[0]
+        x1, x2 = None, None
+        over = t - self.plan.duration > 0 and self._after.duration > 0  # the plan has no outputs after its end
+        if self._outputs is not None and not over:  # a plan for other outputs of the same inputs has none of these
+            x2, x1 = np.split(self._outputs.at(t).position, [model.r])
+        if model.form == "dynamic":
+            return Command(None, u, v2_desired, x1, x2), None
+        rate = u if model.form == "acceleration" else self.bandwidth * (u - v2)
+        F = self._reduced.evaluator.inverse_dynamics(q, v2, rate, t)
+        return Command(F, None, v2_desired, x1, x2), None
+
     def planned(self, t: float) -> tuple[Nodes, Array, Array]:
         """State (one node), input and gains of the plan at a time [s]."""
         plan = self.plan
@@ -215,33 +228,6 @@ class PlanFeedback(ReprMixin):
         k = min(max(int(np.searchsorted(plan.time, t, side="right")) - 1, 0), len(plan.u) - 1)
         at = self._model.after(Nodes(plan.q, plan.w), plan.u, k, max(0.0, t - plan.time[k]))
         return at, plan.u[k], self.K[k]
-
-    def input_at(self, t: float, q: Array, v2: Array) -> tuple[Array, Array]:
-        """Inputs (B, nu) of the form with feedback at B states, and the planned reduced velocity (r,)."""
-        state, u, K = self.planned(t)
-        model = self._reduced.robot.model
-        moved = np.array([pin.difference(model, state.q[0], each) for each in q])
-        w = v2 - state.w if self._model.nw else np.empty((len(q), 0))
-        return u + apply(K, np.concatenate([moved, w], axis=1)), self._model.velocity(state, u[None])[0]
-
-    def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[Command, None]:
-        q, v2 = np.asarray(measurement.q), np.asarray(measurement.v2)
-        if alone := v2.ndim == 1:
-            q, v2 = q[None], v2[None]
-        u, v2_desired = self.input_at(t, q, v2)
-        x1, x2 = None, None
-        over = t - self.plan.duration > 0 and self._after.duration > 0  # the plan has no outputs after its end
-        if self._outputs is not None and not over:  # a plan for other outputs of the same inputs has none of these
-            x2, x1 = np.split(self._outputs.at(t).position, [self._model.r])
-        F = None
-        if self._model.form != "dynamic":
-            rate = u if self._model.form == "acceleration" else self.bandwidth * (u - v2)
-            F = self._reduced.evaluator.inverse_dynamics_of_runs(q, v2, rate, t)
-        if alone:
-            F, T = (None, u[0]) if F is None else (F[0], None)
-            return Command(F, T, v2_desired, x1, x2), None
-        goals = [None if each is None else np.tile(each, (len(q), 1)) for each in (v2_desired, x1, x2)]
-        return Command(F, u if F is None else None, *goals), None
 
 
 def tvlqr(

@@ -6,7 +6,6 @@ from .plant import Plant as Plant
 from .reduced import ContactEvent as ContactEvent
 from .reduced import ContactPlant as ContactPlant
 from .reduced import ReducedPlant as ReducedPlant
-from .reduced import ReducedPlantBatch as ReducedPlantBatch
 from .reduced import UnilateralContact as UnilateralContact
 from .reduced import VelocityPlant as VelocityPlant
 from .robot_changes import ChangingPlant as ChangingPlant

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -12,11 +11,6 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.plant import OF_CONTACTS, OF_INTEGRATION, Plant, continue_plant, energy_minus_work
-from rnc_pin.plants.reduced import ReducedPlant
-from rnc_pin.plants.robot_changes import ChangingPlant
-
-Reading = tuple[np.ndarray, np.ndarray]
-"""Measured configuration (nq,) and velocity (nv,)."""
 
 
 @dataclass(frozen=True)
@@ -84,14 +78,6 @@ class Faults:
         return self.slip_speed != 0 and self.slip_time <= time < self.slip_time + self.slip_duration
 
 
-def transmitted(
-    T: np.ndarray, effort: np.ndarray | float, dead_zone: np.ndarray | float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Inputs (..., p) within the effort limit, which the loop knows, and those that pass the dead zone."""
-    known = np.clip(T, -effort, effort)
-    return known, np.where(np.abs(known) < dead_zone, 0.0, known)
-
-
 class FaultyPlant:
     """Plant with sensor and actuator faults.
 
@@ -117,9 +103,7 @@ class FaultyPlant:
 
     def __init__(self, plant: Plant, faults: Faults, reduced: ReducedModel, dt: float, seed: int = 0) -> None:
         self.plant, self.faults, self._reduced, self.dt, self._seed = plant, faults, reduced, dt, seed
-        self.model, jitter = reduced.robot.model, faults.jitter * dt
-        positions, velocities = (faults.position_noise, faults.position_bias), faults.velocity_noise
-        self.errors_of_sensors = *positions, jitter, velocities, faults.velocity_bias
+        self.model = reduced.robot.model
         if faults.friction:
             if not hasattr(plant, "set_actuator_friction"):
                 raise ConfigurationError(
@@ -133,13 +117,7 @@ class FaultyPlant:
         self._time, self._generator = 0.0, np.random.default_rng(self._seed)
         self._delayed: deque[tuple[np.ndarray, np.ndarray]] = deque()
         self._slip, self._slip_work = np.zeros(self.model.nv), 0.0
-        self._reading: Reading | None = None
         self.applied = self._transmitted = np.zeros(self._reduced.p)
-
-    def twin(self) -> FaultyPlant:
-        """Return another plant with the same faults and noise, on a twin of a plant that has one."""
-        assert isinstance(self.plant, ReducedPlant | ChangingPlant)
-        return FaultyPlant(self.plant.twin(), self.faults, self._reduced, self.dt, self._seed)
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
         """Restart with the same noise."""
@@ -174,39 +152,34 @@ class FaultyPlant:
         difference = getattr(self.plant, "applied", self._transmitted) - self.applied
         if not difference.any():
             return inner
-        lost = self.lost(self.plant.read()[0], difference)
+        lost: np.ndarray = self._reduced.at(self.plant.read()[0]).B @ difference
         return lost if inner is None else inner + lost
-
-    def lost(self, q: np.ndarray, difference: np.ndarray) -> np.ndarray:
-        """Generalized forces (nv,) at q of inputs (p,) that the dead zone passes, minus those that the loop knows."""
-        force: np.ndarray = self._reduced.at(q).B @ difference
-        return force
 
     # ------------------------------------------------------------------ sensors
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """Return measured q (nq,) and v (nv,). Each call is one sample."""
-        if self._reading is not None:
-            reading, self._reading = self._reading, None
-            return reading
         q, v = self.actual()
-        return sensed_together([self], q[None], v[None])[0]
-
-    def draw(self) -> tuple[np.ndarray, np.ndarray]:
-        """Noise (2, nv) and chances (3,) of a sample, which do not depend on the faults."""
-        return self._generator.normal(size=(2, self.model.nv)), self._generator.uniform(-1.0, 1.0, size=3)
-
-    def transmit(self, q: np.ndarray, v: np.ndarray, lost: bool) -> Reading:
-        """Return what arrives now if a sample is sent, with the delay; a lost sample repeats the one before."""
-        if lost and self._delayed:
+        faults, generator = self.faults, self._generator
+        # Drawn in every sample, so that one fault does not change the noise of another.
+        noise, chance = generator.normal(size=(2, self.model.nv)), generator.uniform(-1.0, 1.0, size=3)
+        error = faults.position_noise * noise[0] + faults.position_bias + faults.jitter * self.dt * chance[0] * v
+        v = v + faults.velocity_noise * noise[1] + faults.velocity_bias
+        if error.any():
+            q = pin.integrate(self.model, q, error)
+        if np.isfinite(faults.counts):
+            q = self._quantized(q)
+        if abs(chance[2]) < faults.garbage:
+            q, v = np.full(q.shape, np.nan), np.full(v.shape, np.nan)
+        if abs(chance[1]) < faults.dropped and self._delayed:
             q, v = self._delayed[-1]
         self._delayed.append((q, v))
-        while len(self._delayed) > self.faults.delay + 1:
+        while len(self._delayed) > faults.delay + 1:
             self._delayed.popleft()
         q, v = self._delayed[0]
         return q.copy(), v.copy()
 
-    def quantized(self, q: np.ndarray) -> np.ndarray:
+    def _quantized(self, q: np.ndarray) -> np.ndarray:
         """Round a configuration to encoder counts from neutral."""
         step = 2.0 * np.pi / self.faults.counts
         neutral = pin.neutral(self.model)
@@ -219,21 +192,11 @@ class FaultyPlant:
 
     def apply(self, T: np.ndarray) -> None:
         """Apply inputs (p,) with actuator faults; ``applied`` includes only those that the loop knows."""
-        self.applied, passed = transmitted(T, self.faults.effort, self.faults.dead_zone)
+        known = np.clip(T, -self.faults.effort, self.faults.effort)
+        passed = np.where(np.abs(known) < self.faults.dead_zone, 0.0, known)
         self.plant.apply(passed)
-        self.applied = self.applied + (getattr(self.plant, "applied", passed) - passed)  # plant limits are known
+        self.applied = known + (getattr(self.plant, "applied", passed) - passed)  # plant limits are known
         self._transmitted = passed
-
-    def resume(self, time: float, applied: np.ndarray, passed: np.ndarray, reading: Reading | None) -> None:
-        """Continue after samples that somebody else took with ``sensed``, whose plant is at the state of this one.
-
-        Args:
-            time: time since the start [s].
-            applied: last inputs (p,) that the loop knows.
-            passed: last inputs (p,) that passed the dead zone.
-            reading: measurement of the present sample; None if nobody took it.
-        """
-        self._time, self.applied, self._transmitted, self._reading = time, applied, passed, reading
 
     def advance(self, dt: float) -> None:
         """Advance the time by dt [s]; during slip the plant also moves against its constraints."""
@@ -250,36 +213,3 @@ class FaultyPlant:
             self._slip_work += energy_minus_work(self.plant) - balance
         else:
             self._slip = np.zeros(self.model.nv)
-
-
-def sensed_together(plants: Sequence[FaultyPlant], q: np.ndarray, v: np.ndarray) -> list[Reading]:
-    """Measurements of true states (B, nq) and (B, nv), one of each plant of one robot. Each call is one sample."""
-    drawn = [plant.draw() for plant in plants]
-    noise, chance = (np.array(each) for each in zip(*drawn, strict=True))
-    sizes = np.array([plant.errors_of_sensors for plant in plants])
-    garbage, dropped = np.array([(plant.faults.garbage, plant.faults.dropped) for plant in plants]).T
-    position_noise, position_bias, shift, velocity_noise, velocity_bias = sizes.T[:, :, None]
-    error = position_noise * noise[:, 0] + position_bias + shift * chance[:, :1] * v
-    q, v = q.copy(), v + velocity_noise * noise[:, 1] + velocity_bias
-    for run in np.flatnonzero(error.any(axis=1)).tolist():
-        q[run] = pin.integrate(plants[run].model, q[run], error[run])
-    for run, plant in enumerate(plants):
-        if np.isfinite(plant.faults.counts):
-            q[run] = plant.quantized(q[run])
-    wrong = np.abs(chance[:, 2]) < garbage
-    q[wrong], v[wrong] = np.nan, np.nan
-    lost = (np.abs(chance[:, 1]) < dropped).tolist()
-    return [plant.transmit(*each) for plant, *each in zip(plants, q, v, lost, strict=True)]
-
-
-def needs_own_steps(plant: object, reduced: ReducedModel) -> bool:
-    """True if a plant with faults takes its steps alone although sensors, loops and records of runs are together.
-
-    It slips, its robot changes, or its model is another one than that of the controller.
-    """
-    if type(plant) is not FaultyPlant:
-        return False
-    moving = plant.plant
-    if type(moving) is ReducedPlant:
-        return moving.reduced is not reduced or plant.faults.slip_speed != 0
-    return type(moving) is ChangingPlant and moving.has_twin

@@ -11,7 +11,6 @@ import pinocchio as pin
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.rows import ConstantRows, ConstraintKind, Phrases, Rows
 from rnc_pin.plants.plant import OF_CONTACTS, OF_INTEGRATION, Plant, continue_plant, energy_minus_work
-from rnc_pin.plants.reduced import ReducedPlant
 from rnc_pin.robots.robot import Robot
 
 
@@ -121,20 +120,6 @@ class ChangingPlant:
         self._before, self._after, self._switch_time = before, after, time
         self._current, self._time, self._switch_energy = before, 0.0, 0.0
         self._T: np.ndarray | None = None
-
-    def twin(self) -> ChangingPlant:
-        """Return another plant with the same change, on twins of two ``ReducedPlant``."""
-        assert isinstance(self._before, ReducedPlant | ChangingPlant)
-        assert isinstance(self._after, ReducedPlant)
-        return ChangingPlant(self._before.twin(), self._after.twin(), self._switch_time)
-
-    @property
-    def has_twin(self) -> bool:
-        """True if ``twin`` is possible."""
-        first = self._before
-        return isinstance(self._after, ReducedPlant) and (
-            first.has_twin if isinstance(first, ChangingPlant) else isinstance(first, ReducedPlant)
-        )
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
         """Restart with the first plant."""

@@ -19,8 +19,6 @@ from .limit_replay import LimitReplay as LimitReplay
 from .limit_replay import LimitUse as LimitUse
 from .limit_replay import obstacles_passed as obstacles_passed
 from .limit_replay import replay_limits as replay_limits
-from .many_runs import TrajectoryBatch as TrajectoryBatch
-from .many_runs import simulate_many as simulate_many
 from .phase_events import ContactLoss as ContactLoss
 from .phase_events import Event as Event
 from .phase_events import OutputCrossing as OutputCrossing

@@ -164,7 +164,7 @@ def free_motion(
         finally:
             add_all(progress, pending)  # an earlier stop replaces an error of the integration
 
-    return complete_run(advance, lambda outcome, message: record.finish(dt, provenance, outcome, message, True))
+    return complete_run(advance, lambda outcome, message: record.finish(dt, provenance, outcome, message))
 
 
 def _dynamics(plant: ReducedModel | ReducedPlant) -> ConstrainedDynamics:

@@ -63,7 +63,9 @@ class Record:
         }  # fmt: skip
         self._columns = columns
         # One row for each sample, so that a sample is written at once.
-        self.use(np.full((capacity, self.width), np.nan))
+        self.arrays = {name: np.zeros((capacity, 0)) for name in _OPTIONAL}
+        self._use_rows(np.full((capacity, self.width), np.nan))
+        self._integrals[:] = 0.0
         self._no_goals = tuple(np.full(size, np.nan) for size in (r, k, r))
         self._carries = carries
         self._models: list[tuple[int, ReducedModel | None]] = []  # first sample and plant model
@@ -89,18 +91,12 @@ class Record:
         """Numbers of a sample."""
         return sum(self._columns.values())
 
-    def use(self, rows: np.ndarray) -> None:
-        """Record into rows (N, ``width``) of an array of many runs; before the first sample."""
-        self.capacity = len(rows)
-        self.arrays = {name: np.zeros((self.capacity, 0)) for name in _OPTIONAL}
+    def take(self, rows: np.ndarray) -> None:
+        """Take the rows (N, ``width``) of samples that somebody else has recorded, of a plant with the same model."""
+        self.capacity = self.count = len(rows)
+        self.arrays = {name: np.zeros((len(rows), 0)) for name in _OPTIONAL}
+        self._models = [(0, self.reduced)]
         self._use_rows(rows)
-        self._integrals[:] = 0.0
-
-    def written(self, count: int) -> None:
-        """Set the number of samples that somebody else wrote into the rows."""
-        if not self._models and count:
-            self._models.append((0, self.reduced))
-        self.count = count
 
     def _use_rows(self, rows: np.ndarray) -> None:
         """Set the array of all samples; the arrays by name are views of it."""
@@ -193,7 +189,6 @@ class Record:
         provenance: Provenance,
         outcome: Outcome = Outcome.COMPLETED,
         message: str | None = None,
-        deferred: bool = False,
     ) -> Trajectory:
         """Return the trajectory.
 
@@ -202,7 +197,6 @@ class Record:
             provenance: origin of the run.
             outcome: outcome of the run.
             message: reason of an early end, if any.
-            deferred: True to compute forces, energy and residuals of a complete run at their first use.
         """
         reduced = self.reduced
         a = {name: np.ascontiguousarray(array[: self.count]) for name, array in self.arrays.items()}
@@ -254,14 +248,8 @@ class Record:
             self.braking,
             self.integration,
         )
-        if deferred and outcome is Outcome.COMPLETED:
-            q, v, T = (a[name].copy() for name in ("q", "v", "T"))  # the caller may change the others
-            t = a["time"].copy()
-            run = Trajectory.deferred(a, lambda: self._derived(t, q, v, T, bodies) | own_forces, info)
-        else:
-            derived = self._derived(a["time"], a["q"], a["v"], a["T"], bodies) | own_forces
-            run = Trajectory(**a, **derived, info=info)
-        return judged_by(run, reduced)
+        derived = self._derived(a["time"], a["q"], a["v"], a["T"], bodies) | own_forces
+        return judged_by(Trajectory(**a, **derived, info=info), reduced)
 
     def _derived(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, T: np.ndarray, bodies: Sequence[GroundBody]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from itertools import chain, zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 from numpy import ndarray as Array
@@ -87,30 +87,6 @@ class RunData(SummaryMixin):
     """Position x, y [m] and heading [rad] of each body that moves on the ground; no columns without such bodies."""
     info: RunInfo
     """Names, units, scenario, versions, seed, outcome."""
-
-    @classmethod
-    def deferred(
-        cls, arrays: Mapping[str, np.ndarray], derive: Callable[[], Mapping[str, np.ndarray]], info: RunInfo
-    ) -> Self:
-        """Return a run with arrays and info, whose other arrays one call of ``derive`` computes at their first use."""
-        run = object.__new__(cls)
-        vars(run).update(arrays, info=info, _derive=derive)
-        return run
-
-    if not TYPE_CHECKING:  # only for arrays that are not computed yet
-
-        def __getattr__(self, name: str) -> object:
-            if "_derive" in vars(self) and name in type(self).__dataclass_fields__:
-                vars(self).update(self._derive())
-                del vars(self)["_derive"]
-                return vars(self)[name]
-            raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
-
-    def __getstate__(self) -> dict[str, object]:
-        state = {each.name: getattr(self, each.name) for each in fields(self)}
-        if self.info.verdict is None and "_judge" in vars(self):
-            state["_judge"] = vars(self)["_judge"]  # a copy is judged like the run
-        return state
 
     def judged_later(self, judge: Callable[[Self], Verdict]) -> Self:
         """Return this run, whose verdict is computed at its first use.

@@ -16,9 +16,9 @@ from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants import ContactEvent, FaultyPlant, Plant, ReducedPlant
+from rnc_pin.plants import ContactEvent, Plant, ReducedPlant
 from rnc_pin.plants.plant import takes_velocities
-from rnc_pin.plants.reduced import Checkpoint, IntegrationErrors, integrated_outputs
+from rnc_pin.plants.reduced import IntegrationErrors, integrated_outputs
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.phase_events import lift_off_monitor
 from rnc_pin.simulation.record import Record
@@ -101,12 +101,6 @@ class PlantAdapter:
             raise DivergenceError("plant state is not finite")
         return self._reduced.at(q, v=v, t=t)
 
-    def restore(self, checkpoint: Checkpoint) -> None:
-        """Return a ``ReducedPlant`` of the controller's model, or one with faults, to the state of a checkpoint."""
-        plant = self.plant.plant if isinstance(self.plant, FaultyPlant) else self._exact
-        assert isinstance(plant, ReducedPlant)
-        plant.rollback(checkpoint)
-
     def compute_input(self, loop: ControlLoop, t: float) -> np.ndarray:
         """Return the inputs (p,) of a loop for the last measurement."""
         if self._exact is not None:
@@ -179,7 +173,6 @@ class SampledRun:
 
     Args:
         arguments: arguments of the run.
-        capacity: initial size of the record, which grows; the number of samples by default.
         start: time of the first sample in messages and in the record [s]; the time of the controller starts at zero.
 
     Attributes:
@@ -188,15 +181,14 @@ class SampledRun:
         record: recorder of the run.
         stop: monitor of the stop conditions.
         samples: number of samples so far.
-        errors: errors of the integration, if another plant than that of the run has them.
 
     Raises:
         RncError: as ``simulate``.
     """
 
-    def __init__(self, arguments: RunArguments, capacity: int | None = None, start: float = 0.0) -> None:
+    def __init__(self, arguments: RunArguments, start: float = 0.0) -> None:
+        check_arguments(arguments)
         reduced, controller, q0, dt, samples, v2_0, plant, options = arguments
-        _check_arguments(reduced, controller, plant, options)
         self.controller = controller
         self._provenance, self._observer = provenance_of(options.meta), options.observer
         self._adapter = adapter = PlantAdapter(ReducedPlant(reduced) if plant is None else plant, reduced)
@@ -214,10 +206,9 @@ class SampledRun:
         if state is None:
             state = controller.initial_state(adapter.read_state(0.0).measure(zeros))
         self.loop.resume(LoopState(begin=0.0, controller=state))
-        self.record = Record(reduced, capacity or samples, integrated_outputs(reduced), adapter.friction_names)
+        self.record = Record(reduced, samples, integrated_outputs(reduced), adapter.friction_names)
         self.record.own_force_units = adapter.own_force_units
         self.record.start = start
-        self.errors: IntegrationErrors | None = None
 
     @property
     def plant(self) -> Plant:
@@ -248,7 +239,7 @@ class SampledRun:
             progress.active_component = loop.active_component
             raise
         T = adapter.apply(loop, T)
-        self.count_fallback(t, loop.state.fault)
+        self._count_fallback(t, loop.state.fault)
         if self._lift_off is not None:
             self._lift_off.check(t, state, T, adapter.external)
         integrals = loop.state.integrals if loop.state.integrals is not None else self._zeros
@@ -261,7 +252,7 @@ class SampledRun:
             progress.active_component = MODEL
         return found
 
-    def count_fallback(self, t: float, reason: str | None) -> None:
+    def _count_fallback(self, t: float, reason: str | None) -> None:
         """Record that the command of this sample is a fallback; the reason is None if it is not."""
         if reason is None:
             if self._stretch:
@@ -283,18 +274,6 @@ class SampledRun:
         work = float(getattr(adapter.plant, "work", np.nan))
         self.record.add(t, state, integrals, command, T, work, outputs, adapter.sensed)
         return measurement, command
-
-    def continue_from(self, samples: int, checkpoint: Checkpoint | None, state: LoopState) -> None:
-        """Continue after samples that somebody else computed and recorded.
-
-        Args:
-            samples: number of samples before.
-            checkpoint: state of the plant, a ``ReducedPlant``; None if the plant of the run has moved itself.
-            state: state of the control loop.
-        """
-        self.samples, self.loop.state = samples, state
-        if checkpoint is not None:
-            self._adapter.restore(checkpoint)
 
     def advance(self) -> None:
         """Advance the plant to the next sample."""
@@ -326,7 +305,7 @@ class SampledRun:
 
     def integration(self) -> IntegrationAccuracy | None:
         """Estimated errors of the integration since the start; None if the plant does not estimate them."""
-        errors: IntegrationErrors | None = self.errors or getattr(self.plant, "errors", None)
+        errors: IntegrationErrors | None = getattr(self.plant, "errors", None)
         if errors is None:
             return None
         tolerance: float = self.plant.tolerance  # type: ignore[attr-defined]
@@ -339,8 +318,8 @@ class SampledRun:
         state = self.loop.state
         return f"the loop gave the safe command until the end: {state.fault}" if state.failed else None
 
-    def finish(self, outcome: Outcome, message: str | None = None, deferred: bool = False) -> Trajectory:
-        """Return the trajectory so far; ``deferred`` as for ``Record.finish``."""
+    def finish(self, outcome: Outcome, message: str | None = None) -> Trajectory:
+        """Return the trajectory so far."""
         self.record.phases = self._adapter.phases(self._start, self._dt)
         if self.record.fallback is not None:
             lasts = self._stretch * self._dt > self.loop.timeout or self._stretch > self._longest
@@ -348,7 +327,7 @@ class SampledRun:
         self.record.integration = self.integration()
         self.record.missed_updates = _missed_updates(self.loop.state.controller)
         self.record.braking = _braking(self.controller, self.loop.state.controller, self._start)
-        run = self.record.finish(self._dt, self._provenance, outcome, message, deferred)
+        run = self.record.finish(self._dt, self._provenance, outcome, message)
         missed = missed_goals(self.controller, run.q[-1], run.v2[-1]) if len(run.time) else ()
         return judged_by(run, self._reduced, self._accelerations, missed)
 
@@ -380,7 +359,9 @@ def _braking(controller: object, state: object, start: float) -> BrakingUse | No
     return BrakingUse(*count._replace(first=first, unverified_first=unverified), exceeded)
 
 
-def _check_arguments(reduced: object, controller: object, plant: object, options: object) -> None:
+def check_arguments(arguments: RunArguments) -> None:
+    """Raise an error if an argument of a run has the wrong type, or if plant and controller do not fit together."""
+    reduced, controller, *_, plant, options = arguments
     admit_model(reduced)
     admit_controller(controller)
     missing = [each for each in _METHODS if not callable(getattr(plant, each, None))]

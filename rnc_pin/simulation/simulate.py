@@ -7,11 +7,10 @@ from typing import cast
 import numpy as np
 
 from rnc_pin.control.controller import Controller
-from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.errors import InputError
 from rnc_pin.model.parameter_types import is_number
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants import Plant
-from rnc_pin.simulation.many_runs import TrajectoryBatch, is_batch, runs_of_batch, simulate_many
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, RunArguments, SimulationOptions
 from rnc_pin.simulation.stop import complete_run
@@ -54,10 +53,9 @@ def simulate(
     So only the outputs of the controller can be singular. At every sample a projection removes the drift of holonomic
     rows, such as wheel height and loop closure. The correction has zero momentum along the admissible velocities.
 
-    Many runs are described by q0 or v2_0 with a row for each run, or by a list of controllers, plants or controller
-    states. The result is then a ``TrajectoryBatch``. Each run has the bits of a run alone, and an error ends only its
-    run. On a ``ReducedPlant`` of the model without damping and friction, also below a ``FaultyPlant``, the runs
-    advance in lock-step.
+    With a row for each run in q0 or v2_0, the result is a list of runs. An error ends only its run, whose trajectory
+    has its outcome and message. On a ``ReducedPlant`` of the model, runs under trackers are computed together, and
+    differ from runs alone by rounding; other runs are computed one after the other.
 
     Args:
         reduced: reduced model.
@@ -72,7 +70,8 @@ def simulate(
         options: stop conditions, control loop, observer and origin of the run.
 
     Returns:
-        The run. Ctrl-C ends it early, with outcome "interrupted"; repeated Ctrl-C has the same effect.
+        The run, or a list of runs. Ctrl-C ends it early, with outcome "interrupted"; repeated Ctrl-C has the same
+        effect.
 
     Raises:
         RncError: the run ends early, with the run so far in ``error.trajectory``: a SingularityError, DivergenceError
@@ -96,9 +95,10 @@ def simulate(
         0.5
     """
     samples = sample_count(duration, dt)
-    if is_batch(controller, q0, v2_0, plant, options):
-        runs = runs_of_batch(reduced, controller, q0, dt, samples, v2_0, plant, options)
-        batch = TrajectoryBatch(simulate_many(runs, (InputError, ConfigurationError)))
-        return cast(Trajectory, batch)  # for type checkers, which cannot tell one row from many
-    run = SampledRun(RunArguments(reduced, controller, q0, dt, samples, v2_0, plant, options))
+    arguments = RunArguments(reduced, controller, q0, dt, samples, v2_0, plant, options)
+    if np.ndim(q0) > 1 or (v2_0 is not None and np.ndim(v2_0) > 1):
+        from rnc_pin.simulation.batch import simulate_batch  # a run alone starts without it
+
+        return cast(Trajectory, simulate_batch(arguments))  # for type checkers, which cannot tell one row from many
+    run = SampledRun(arguments)
     return complete_run(lambda progress: run.run_to(samples, progress), run.finish)

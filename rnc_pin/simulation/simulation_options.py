@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -15,9 +15,7 @@ from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.plants import FaultyPlant, Plant, ReducedPlant
-from rnc_pin.plants.faults import needs_own_steps
-from rnc_pin.plants.reduced import DEFAULT_TOLERANCE
+from rnc_pin.plants import Plant
 from rnc_pin.printing import printed
 from rnc_pin.simulation.run_info import Provenance
 from rnc_pin.simulation.stop import DEFAULT_STOP, Stop
@@ -107,34 +105,3 @@ class RunArguments(NamedTuple):
     v2_0: np.ndarray | None = None
     plant: Plant | None = None
     options: SimulationOptions = DEFAULT_OPTIONS
-
-    @property
-    def lock_step_key(self) -> Hashable | None:
-        """Key that runs have in common if they can advance together; None for a run that has to be alone."""
-        reduced, plant, options = self.reduced, self.plant, self.options
-        if not isinstance(reduced, ReducedModel) or not isinstance(options, SimulationOptions):
-            return None  # refused at its start
-        faulty = type(plant) is FaultyPlant
-        moving = plant.plant if isinstance(plant, FaultyPlant) else plant
-        integration: tuple[object, ...] = (None, DEFAULT_TOLERANCE, False, False, False)
-        if needs_own_steps(plant, reduced):
-            integration = ()
-        elif moving is not None:
-            if type(moving) is not ReducedPlant or moving.reduced is not reduced:
-                return None
-            losses = moving.joint_damping, moving.joint_friction
-            integration = moving.substeps, moving.tolerance, moving.actuator_limits, *losses
-        data = reduced.reduction_data
-        if options.observer is not None or options.stop.lift_off:
-            return None
-        limits = options.loop.get("limits")
-        if options.loop.get("min_singular_value", 0.0) or not (limits is None or isinstance(limits, bool)):
-            return None
-        if not reduced.evaluator.measures or data.rheonomic or data.affine:
-            return None
-        sampling = type(self.controller), self.samples, self.dt
-        return id(reduced), *sampling, faulty, integration, limits, options.stop
-
-    def on_own_plant(self) -> RunArguments:
-        """Return these arguments with a new ``ReducedPlant`` of equal options, for a run with a ``lock_step_key``."""
-        return self._replace(plant=self.plant.twin()) if isinstance(self.plant, ReducedPlant | FaultyPlant) else self

@@ -243,7 +243,7 @@ def test_the_kernel_takes_the_steps_of_numpy(effects):
     plant.set_actuator_friction(actuators)
     step, q0 = plant._dissipative, robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
     generator = np.random.default_rng(2)
-    losses, compared, stopped = step.of_runs(step.friction.limits[None]), 0, 0
+    losses, compared, stopped = step.losses, 0, 0
     for _ in range(20):
         v = reduced.at(q0, 10.0 ** generator.uniform(-3.0, 0.3) * generator.standard_normal(reduced.r)).v
         T = 10.0 ** generator.uniform(-2.0, 1.0) * generator.standard_normal(reduced.p)
@@ -259,7 +259,7 @@ def test_the_kernel_takes_the_steps_of_numpy(effects):
         np.testing.assert_allclose(roughness, by_numpy[2], rtol=1e-6, atol=1e-9)
         stopped += np.isinf(roughness)
         found, status = chart.runs.friction((chart.chart,), start, INSTANT, losses)
-        state = plant._dynamics.at(plant._q, plant._y)
+        state = plant.dynamics.at(plant._q, plant._y)
         linear, w_dot = step._linear(state, T)
         if len(step.friction.limits):
             forces = step.friction.forces_in_step(state, w_dot, linear, INSTANT).forces

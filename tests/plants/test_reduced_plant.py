@@ -67,11 +67,6 @@ def test_later_changes_of_given_arrays_have_no_effect():
         (lambda plant: plant.reset(np.tile([0.0, 0.0, 1.0, 0.0], (2, 1)), np.zeros((2, 3))), "expected one state"),
         (lambda plant: plant.advance(0.0), "dt has to be a positive number, found 0.0"),
         (lambda plant: rnc.ReducedPlant(plant.reduced).read(), r"no state yet: call reset\(q, v\)"),
-        (lambda plant: rnc.plants.ReducedPlantBatch(plant, 2).reset(*plant.read(), runs=[7]), "indices of 2 runs"),
-        (
-            lambda plant: rnc.plants.ReducedPlantBatch(plant, 2).reset([0.0, 0.0, 0.0, 0.0], np.zeros(3)),
-            "not of unit length",
-        ),
     ],
 )
 def test_what_does_not_fit_is_refused_in_one_line(call, words):

@@ -75,29 +75,6 @@ def test_a_motion_gives_the_same_bits_again_and_after_a_rollback(ball):
     assert np.array_equal(again.read()[0], pin.normalize(ball.robot.model, middle.q))
 
 
-def test_the_runs_of_a_batch_choose_as_alone(ball):
-    reduced, spins = ball.reduce(), (0.0, 5.0, 40.0, 200.0)
-    starts = [thrown(ball, spin) for spin in spins]
-    batch = rnc.plants.ReducedPlantBatch(rnc.ReducedPlant(reduced), len(spins))
-    batch.reset(*(np.array(each) for each in zip(*starts, strict=True)))
-    alone = [rnc.ReducedPlant(reduced) for _ in spins]
-    for plant, start in zip(alone, starts, strict=True):
-        plant.reset(*start)
-    for _ in range(200):
-        batch.advance(0.005)
-        for plant in alone:
-            plant.advance(0.005)
-    q, v = batch.read()
-    for run, plant in enumerate(alone):
-        assert np.array_equal(q[run], plant.read()[0])
-        assert np.array_equal(v[run], plant.read()[1])
-        mine, its = batch.errors_of(run), plant.errors
-        assert all(np.array_equal(*each) for each in zip(mine, its, strict=True))
-    most = [plant.errors.most for plant in alone]
-    assert most == sorted(most)
-    assert most[0] < most[-1]
-
-
 def test_a_robot_that_needs_one_step_takes_one():
     reduced = systems.space_robot()
     (q, v2), *_ = systems.random_states(reduced, 1, seed=2)

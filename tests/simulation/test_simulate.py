@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import pickle
 import tracemalloc
 
 import numpy as np
@@ -293,20 +292,3 @@ def test_a_target_may_give_its_velocity_by_numbers_of_any_type(velocity):
     np.testing.assert_allclose(path[-1][:2], [1.0, 0.0], atol=1e-12)
     command = rnc.VelocityLoop(reduced, target, 0.1).step(0.0, q0, np.zeros(3))
     np.testing.assert_allclose(command.v, [1.0, 0.0, 0.0], atol=1e-12)
-
-
-def test_forces_of_a_free_motion_are_computed_at_their_first_use():
-    """They are those of the recorded states, also in a copy, and after a change of the caller's arrays."""
-    reduced = space_robot()
-    q0, T = reduced.robot.configuration({"joint_2": 1.0}), np.array([3.0, -1.0, 2.0])
-    run = rnc.free_motion(reduced, q0, [0.2, -0.3, 0.4], 0.4, dt=0.1, inputs=T)
-    assert not {"energy", "multipliers", "F", "slip", "singular_value"} & vars(run).keys()
-    states, copied = reduced.at(run.q, v=run.v), pickle.loads(pickle.dumps(run))
-    run.q[:] = np.nan
-    for each in (run, copied):
-        np.testing.assert_allclose(each.energy, states.energy, rtol=1e-12)
-        np.testing.assert_allclose(each.multipliers, states.multipliers(run.T), rtol=1e-9, atol=1e-12)
-        np.testing.assert_allclose(each.F, [R.T @ B @ T for R, B in zip(states.R, states.B, strict=True)], rtol=1e-12)
-    assert dataclasses.replace(copied, work=copied.energy).energy is copied.energy
-    with pytest.raises(AttributeError, match="no attribute 'power'"):
-        run.power  # noqa: B018

@@ -143,32 +143,6 @@ class Guard:
             motion = self._estimator.step(before.motion, q, elapsed)
         return ValidMeasurement(q, motion.v, motion)
 
-    def check_runs(self, before: Array | None, elapsed: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Check measurements of B runs whose loops measure velocity, as ``check`` does.
-
-        Args:
-            before: last normalized configurations (B, nq); None at the first sample.
-            elapsed: time since then [s].
-            q, v: raw measurements (B, nq) and (B, nv).
-
-        Returns:
-            Normalized configurations (B, nq), and the mask (B,) of the runs with a valid measurement.
-        """
-        model, unit, moved = self._robot.model, q, np.zeros((len(q), 0))
-        finite = np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1)
-        if model.nq != model.nv:
-            unit = np.array([pin.normalize(model, each) for each in q])
-        if before is not None:
-            pairs = zip(before, unit, strict=True)
-            moved = (
-                unit - before if model.nq == model.nv else np.array([pin.difference(model, *each) for each in pairs])
-            )
-        with np.errstate(invalid="ignore"):
-            valid = finite & (np.abs(unit - q).max(axis=1, initial=0.0) < _UNIT_TOLERANCE)
-            valid &= np.abs(v).max(axis=1, initial=0.0) < self._max_speed
-            valid &= np.abs(moved).max(axis=1, initial=0.0) / (elapsed or 1.0) < self._max_speed
-        return unit, valid
-
     @property
     def measures_velocity(self) -> bool:
         """True if velocity is measured, not estimated."""

@@ -6,7 +6,6 @@ from .constrained_dynamics import ConstrainedDynamics as ConstrainedDynamics
 from .constrained_dynamics import integrated_outputs as integrated_outputs
 from .contact_plant import ContactEvent as ContactEvent
 from .contact_plant import ContactPlant as ContactPlant
-from .plant_batch import ReducedPlantBatch as ReducedPlantBatch
 from .reduced_plant import Checkpoint as Checkpoint
 from .reduced_plant import ReducedPlant as ReducedPlant
 from .step_control import IntegrationErrors as IntegrationErrors

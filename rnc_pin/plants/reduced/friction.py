@@ -76,12 +76,7 @@ class DryFriction:
     def set_actuators(self, limit: float) -> None:
         """Set the dry friction limit of every actuator [N or N m]."""
         self._actuators = limit > 0
-        self.limits = self.limits_of_runs(np.array([limit]))[0] if self._actuators else self._limits
-
-    def limits_of_runs(self, actuators: np.ndarray) -> np.ndarray:
-        """Limits (B, k) of runs with friction of their actuators (B,), or of runs without it."""
-        joints = np.tile(self._limits, (len(actuators), 1))
-        return np.hstack([joints, np.tile(actuators[:, None], self._p)]) if actuators.any() else joints
+        self.limits = np.concatenate([self._limits, np.full(self._p, limit)]) if self._actuators else self._limits
 
     def rows(self, state: StateEvaluation) -> np.ndarray:
         """Jacobian (k, nv) of the speeds."""
@@ -176,14 +171,15 @@ class DissipativeStep:
         self._explicit = LieRungeKutta4(dynamics.reduced.robot)
         self._integrator = ExponentialRungeKutta4(dynamics.reduced.robot)
 
-    def of_runs(self, limits: np.ndarray) -> Dissipation:
-        """Losses of B runs with limits of friction (B, k)."""
-        return Dissipation(self._dynamics.damping, self.friction.entries, limits)
+    @property
+    def losses(self) -> Dissipation:
+        """Damping and friction, of one run."""
+        return Dissipation(self._dynamics.damping, self.friction.entries, self.friction.limits[None])
 
     def friction_force(self, q: np.ndarray, y: np.ndarray, T: np.ndarray) -> np.ndarray:
         """Generalized forces (nv,) of dry friction at a state."""
         chart, start = self._dynamics.chart.evaluator, RunStarts(q[None], y[None], T[None])
-        found, status = chart.runs.friction((chart.chart,), start, INSTANT, self.of_runs(self.friction.limits[None]))
+        found, status = chart.runs.friction((chart.chart,), start, INSTANT, self.losses)
         if status[0] == 1.0:
             return found[0]
         state = self._dynamics.at(q, y)
@@ -200,7 +196,7 @@ class DissipativeStep:
             DivergenceError: velocities or accelerations are not finite.
         """
         chart, start = self._dynamics.chart.evaluator, RunStarts(q[None], y[None], T[None])
-        found = chart.runs.dissipate((chart.chart,), start, h, steps, self.of_runs(self.friction.limits[None]))
+        found = chart.runs.dissipate((chart.chart,), start, h, steps, self.losses)
         if found[2][0] == 1.0:
             return found[0][0], found[1][0], float(found[3][0])
         roughness = 0.0

@@ -17,6 +17,8 @@ from rnc_pin.plants.reduced.friction import DissipativeStep, DryFriction
 from rnc_pin.plants.reduced.step_control import MOST_EVENT_SUBSTEPS, MOST_SUBSTEPS, IntegrationErrors, Substeps
 from rnc_pin.printing import ReprMixin
 
+_OF_MOTION = ("applied", "errors", "dynamics", "followed")  # attributes that are no settings
+
 
 class Checkpoint(NamedTuple):
     """State of a ``ReducedPlant``."""
@@ -59,6 +61,8 @@ class ReducedPlant(ReprMixin):
 
     Attributes:
         errors: estimated errors of the integration since the start.
+        dynamics: equations of motion, with the present chart.
+        followed: error per second above which a sample is compared with one of twice as many substeps.
 
     Raises:
         ConstraintError: damping or friction acts on a momentum that the model declares conserved.
@@ -88,10 +92,10 @@ class ReducedPlant(ReprMixin):
     ) -> None:
         self._substeps = Substeps.checked(substeps, tolerance, "ReducedPlant")
         self.reduced, (self.substeps, self.tolerance) = reduced, self._substeps
-        self._followed = self._substeps.followed
+        self.followed = self._substeps.followed
         self.joint_damping, self.actuator_limits, self.joint_friction = joint_damping, actuator_limits, joint_friction
-        self._dynamics = ConstrainedDynamics(reduced, joint_damping, actuator_limits)
-        self._dissipative = DissipativeStep(self._dynamics, DryFriction(reduced, joint_friction))
+        self.dynamics = ConstrainedDynamics(reduced, joint_damping, actuator_limits)
+        self._dissipative = DissipativeStep(self.dynamics, DryFriction(reduced, joint_friction))
         self._actuator_friction = 0.0
         self.errors = IntegrationErrors.initial(self._substeps)
         self.applied = np.zeros(reduced.p)
@@ -107,7 +111,7 @@ class ReducedPlant(ReprMixin):
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
 
     def _settings(self) -> dict[str, object]:
-        return {name: value for name, value in super()._settings().items() if name not in ("applied", "errors")}
+        return {name: value for name, value in super()._settings().items() if name not in _OF_MOTION}
 
     def twin(self) -> ReducedPlant:
         """Return another plant with the same model and options."""
@@ -129,7 +133,7 @@ class ReducedPlant(ReprMixin):
         start = self.reduced.at(q, v=v, t=t)
         if start.v.ndim > 1:
             raise InputError(f"reset of one plant: q has shape {np.shape(q)} and v {np.shape(v)}, expected one state")
-        self._q, self._y = start.q, self._dynamics.initial(start.q, start.v, t=t)
+        self._q, self._y = start.q, self.dynamics.initial(start.q, start.v, t=t)
         self.applied, self._state = np.zeros(self.reduced.p), None
         self.errors = IntegrationErrors.initial(self._substeps)
 
@@ -143,13 +147,13 @@ class ReducedPlant(ReprMixin):
         if self._state is None:
             if not (isfinite(np.vdot(self._y, self._y)) or np.isfinite(self._y).all()):
                 raise DivergenceError("plant velocities are not finite")
-            self._state, self._y = self._dynamics.recentre(self._q, self._y)
+            self._state, self._y = self.dynamics.recentre(self._q, self._y)
         return self._state
 
     @property
     def integrals(self) -> np.ndarray:
         """Integrals of the reducing velocities since the start, (r,)."""
-        return self._dynamics.integrals(self._y)
+        return self.dynamics.integrals(self._y)
 
     @property
     def work(self) -> float:
@@ -162,12 +166,12 @@ class ReducedPlant(ReprMixin):
 
     def checkpoint(self) -> Checkpoint:
         """Return the present state for ``rollback``."""
-        chart = self._dynamics.chart
+        chart = self.dynamics.chart
         return Checkpoint(self._q, self._y, self._state, self.applied, chart, self.errors, self._actuator_friction)
 
     def rollback(self, checkpoint: Checkpoint) -> None:
         """Return to the state of a ``checkpoint``, to the bit."""
-        self._q, self._y, self._state, self.applied, self._dynamics.chart, self.errors, friction = checkpoint
+        self._q, self._y, self._state, self.applied, self.dynamics.chart, self.errors, friction = checkpoint
         if friction != self._actuator_friction:
             self.set_actuator_friction(friction)
 
@@ -189,17 +193,17 @@ class ReducedPlant(ReprMixin):
 
     def saturated(self, T: np.ndarray) -> np.ndarray:
         """Return the inputs T (p,) clipped to the actuator limits."""
-        return self._dynamics.saturate(T)
+        return self.dynamics.saturate(T)
 
     @property
     def damping(self) -> np.ndarray | None:
         """Coefficients (nv,) of viscous damping; None without damping."""
-        return self._dynamics.damping
+        return self.dynamics.damping
 
     @property
     def chart(self) -> VelocityChart:
         """Chart of the velocities at the present state."""
-        return self._dynamics.chart
+        return self.dynamics.chart
 
     def keep_errors(self, errors: IntegrationErrors) -> None:
         """Go on with the estimated errors of a motion that this plant continues."""
@@ -223,14 +227,14 @@ class ReducedPlant(ReprMixin):
     @property
     def dissipates(self) -> bool:
         """True if damping or friction is active."""
-        return self._dynamics.damping is not None or self.rubs
+        return self.dynamics.damping is not None or self.rubs
 
     @property
     def external(self) -> np.ndarray | None:
         """Current generalized forces (nv,) of damping and friction; None without them."""
         if not self.dissipates:
             return None
-        damped = self._dynamics.damping_force(self.state)
+        damped = self.dynamics.damping_force(self.state)
         force = np.zeros(self.reduced.n) if damped is None else damped
         if self.rubs:
             force += self._dissipative.friction_force(self._q, self._y, self.applied)
@@ -248,7 +252,7 @@ class ReducedPlant(ReprMixin):
         _ = self.state  # in a chart that is regular here
         errors = self.errors
         step = self._step(dt, errors.steps)
-        accepted, after = errors.after(step.roughness, dt, self._followed * dt)
+        accepted, after = errors.after(step.roughness, dt, self.followed * dt)
         if accepted:
             self._take(step)
             self.errors = after
@@ -277,14 +281,14 @@ class ReducedPlant(ReprMixin):
             raise step.failure
         q, y = step.q, step.y
         if self.reduced.assembly.size and np.isfinite(q).all():  # otherwise the next access to ``state`` raises
-            q = self._dynamics.project(q, y)
+            q = self.dynamics.project(q, y)
         self._q, self._y, self._state = q, y, None
 
     def _step(self, dt: float, steps: int) -> _Step:
         """State after equal steps from the present state."""
         q, y, h = self._q, self._y, dt / steps
         try:
-            mover = self._dissipative if self.dissipates else self._dynamics
+            mover = self._dissipative if self.dissipates else self.dynamics
             return _Step(*mover.advance(q, y, self.applied, h, steps))
         except DivergenceError as error:
             return _Step(q, y, np.inf, error)
@@ -317,5 +321,5 @@ class ReducedPlant(ReprMixin):
         for each in (step, finer):
             if each.failure is not None or not (np.isfinite(each.q).all() and np.isfinite(each.y).all()):
                 return np.inf
-        errors = self._dynamics.errors(step[:2], finer[:2], finer.roughness < np.inf)
+        errors = self.dynamics.errors(step[:2], finer[:2], finer.roughness < np.inf)
         return float(np.abs(errors).max(initial=0.0))

@@ -6,7 +6,7 @@ samples are compared. In between, the stages of the Runge-Kutta steps show by th
 
 from __future__ import annotations
 
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -115,28 +115,6 @@ class IntegrationErrors(NamedTuple):
         return accepted, IntegrationErrors(
             steps, steps, age + 1, reference, size, span, total + error, self.rate, self.most, self.enough
         )
-
-    @property
-    def arrays(self) -> tuple[Array, ...]:
-        """All quantities of B runs."""
-        return cast("tuple[Array, ...]", tuple(self))
-
-    def of_run(self, run: int) -> IntegrationErrors:
-        """Errors of one of B runs."""
-        return IntegrationErrors._make(each[run].item() for each in self.arrays)
-
-    def write(self, run: int, errors: IntegrationErrors) -> None:
-        """Set the errors of one of B runs."""
-        for all_runs, one in zip(self.arrays, errors, strict=True):
-            all_runs[run] = one
-
-    def selected(self, runs: Array) -> IntegrationErrors:
-        """Errors of some of B runs, by their indices or a mask."""
-        return IntegrationErrors._make(each[runs] for each in self.arrays)
-
-    def of_runs(self, size: int) -> IntegrationErrors:
-        """Errors of B runs that are all these."""
-        return IntegrationErrors._make(np.array([each] * size) for each in self)
 
     def interrupted(self) -> IntegrationErrors:
         """Return the errors at a jump of the velocity, after which a comparison is due."""
