@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.plants.reduced.friction_impulses import FrictionGroup, FrictionImpulses, RigidImpulses
+from rnc_pin.plants.reduced.friction_impulses import FrictionImpulses, RigidImpulses
+from rnc_pin.plants.reduced.unilateral_contact import FrictionGroup
 
 
 def problem(kind, friction, seed):

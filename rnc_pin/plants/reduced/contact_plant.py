@@ -17,25 +17,16 @@ from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants.reduced.contact_modes import NONE, Closed, ContactModes
 from rnc_pin.plants.reduced.events import ReducedStep, Watched, first_event
 from rnc_pin.plants.reduced.friction import DryFriction
-from rnc_pin.plants.reduced.friction_impulses import (
-    NO_SET,
-    FrictionImpulses,
-    FrictionLayout,
-    FrictionRows,
-    RigidImpulses,
-    responses,
-    subsets,
-)
+from rnc_pin.plants.reduced.friction_impulses import NO_SET, contact_impact, subsets
 from rnc_pin.plants.reduced.reduced_plant import ReducedPlant
 from rnc_pin.plants.reduced.sliding_plant import SlidingPlant, SlidingStep
 from rnc_pin.plants.reduced.step_control import IntegrationErrors
-from rnc_pin.plants.reduced.unilateral_contact import UnilateralContact, bound_contacts, radius_of_gyration
+from rnc_pin.plants.reduced.unilateral_contact import ContactRows, UnilateralContact, bound_contacts, radius_of_gyration
 
 # Relative to the size of the robot, its radius of gyration:
 _INSIDE = 2e-4  # depth that the digits of an initial configuration explain
 _TOUCHES = 1e-8  # gap of a contact that touches
 _ROUNDING = 1e-11  # gap that rounding explains
-_STILL = 1e-12  # velocity of a gap that rounding explains, relative to the largest velocity, plus 1
 _LEAVES = 1e-8  # velocity from which a contact leaves the ground, relative to the largest velocity, plus 1
 _EVENTS = 100  # largest number of located events in one step
 _LEFT = 1e-12  # rest of a sample that rounding explains
@@ -121,7 +112,7 @@ class ContactPlant:
         )
         self._modes = ContactModes(system, self._contacts, plant_of)
         self._flight = self._modes.plant(NONE)
-        self._rows = FrictionRows(self._contacts, DryFriction(self._flight.reduced, joint_friction))
+        self._rows = ContactRows(self._contacts, DryFriction(self._flight.reduced, joint_friction))
         self._sliding: SlidingPlant | None = None
         if any(each.has_limit for each in self._contacts):
             _check_at_rest(self._flight.reduced)
@@ -343,7 +334,10 @@ class ContactPlant:
         touching = self.closed | near | numbers
         layout = self._rows.layout(touching, joints=False)
         rows, ground = self._rows.at(state, layout)
-        impulses, after = self._impact(state, layout, rows, ground)
+        try:
+            impulses, after = contact_impact(state, layout, rows, ground)
+        except SimulationError as error:
+            raise error.within(f"impact of {self._modes.names(touching)} at t = {self._time:.4f} s") from None
         loss = float(0.5 * v @ state.M @ v - 0.5 * after @ state.M @ after)
         leaves = rows[layout.normals] @ after > _LEAVES * (1.0 + float(np.abs(after).max()))
         stay = frozenset(each for each, gone in zip(sorted(touching), leaves, strict=True) if not gone)
@@ -352,35 +346,6 @@ class ContactPlant:
         self._record(cause, numbers, dict(zip(layout.names, impulses.tolist(), strict=True)), loss)
         for what, each in changes:
             self._record(what, each)
-
-    def _impact(
-        self, state: StateEvaluation, layout: FrictionLayout, rows: np.ndarray, ground: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Impulses (k,) of an impact along rows (k, nv) on ground that moves (k,), and the velocity (nv,) after it.
-
-        Raises:
-            SimulationError: no set of contacts without slip only pushes.
-        """
-        v, rigid = np.array(state.v), self._sliding is None
-        slip, still = rows @ v - ground, _STILL * (1.0 + float(np.abs(v).max()))
-        rates = slip[layout.normals]
-        slips = rigid and (rates <= still).any() and (np.abs(slip) > still).any()  # without a limit, it stops at once
-        if not slips and not (rates < -still).any():
-            return np.zeros(layout.size), v
-        contacts = [each.contact for each in layout.contacts]
-        W = responses(state, state.M, rows)
-        problem = (RigidImpulses if rigid else FrictionImpulses)(rows @ W, slip, layout.normals, layout.groups)
-        rest = np.array([each.rest_speed for each in contacts])
-        restitution = np.array([each.restitution for each in contacts])
-        try:
-            if problem.is_slow(rest):
-                impulses = problem.stop()
-            else:
-                impulses = problem.impact(np.where(-restitution * rates > rest, restitution, 0.0))
-        except SimulationError as error:
-            names = ", ".join(each.name for each in layout.contacts)
-            raise error.within(f"impact of {names} at t = {self._time:.4f} s") from None
-        return impulses, v + W @ impulses
 
     def _touch(self, stay: Closed, q: np.ndarray, v: np.ndarray) -> list[tuple[str, Closed]]:
         """Go on from a state with the contacts that stay on the ground, and return those that slide."""

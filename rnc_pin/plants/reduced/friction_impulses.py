@@ -1,14 +1,10 @@
-"""Impulses of contacts that push: a complementarity problem at velocity level, with Coulomb friction or without slip.
-
-The rows along which contacts push and friction acts follow from the set of contacts that touch.
-"""
+"""Impulses of contacts that push, with Coulomb friction or without slip: complementarity problems of velocities."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -16,36 +12,15 @@ import scipy
 from rnc_pin.errors import DivergenceError, SimulationError
 from rnc_pin.math.linear_algebra import nonnegative, null_space, solve_positive_definite_columns
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.reduced.friction import DryFriction
-from rnc_pin.plants.reduced.unilateral_contact import BoundContact
+from rnc_pin.plants.reduced.unilateral_contact import FrictionGroup, RowLayout
 
 _PRECISE = 1e-13  # residual of a solution, relative to the largest impulse
 _WORK = 8  # numbers for each row that LAPACK may use
 _ZERO = 1e-9  # impulse that counts as zero, relative to the sum of all, plus 1
 _RANK = 1e-12  # singular value that counts as zero, relative to the largest
 _STILL = 1e-8  # velocity that counts as zero, relative to the largest, plus 1
+_ROUNDING = 1e-12  # velocity that rounding explains, relative to the largest velocity, plus 1
 _NEWTON, _ROUNDS, _SWEEPS, _LAST_SWEEPS = 25, 6, 40, 400
-
-
-class FrictionGroup(NamedTuple):
-    """Rows of one friction force: its norm is at most ``coefficient`` times the normal impulse, plus ``constant``.
-
-    Attributes:
-        rows: the rows, which are neighbours.
-        normal: row of the normal impulse; -1 without one, as of dry friction in a joint.
-        coefficient: coefficient of friction, or a length [m] for moments; infinite for no slip while the contact is
-            closed.
-        constant: impulse [N s or N m s].
-    """
-
-    rows: slice
-    normal: int
-    coefficient: float
-    constant: float = 0.0
-
-    def limit(self, p: np.ndarray) -> float:
-        """Largest norm of the impulse beside impulses p (k,)."""
-        return self.constant + (self.coefficient * max(float(p[self.normal]), 0.0) if self.normal >= 0 else 0.0)
 
 
 class FrictionImpulses:
@@ -262,83 +237,6 @@ def _indices(group: FrictionGroup) -> range:
     return range(group.rows.start, group.rows.stop)
 
 
-class FrictionLayout(NamedTuple):
-    """Order of the rows while some contacts touch: of each its normal row, then its friction, then joint friction.
-
-    Attributes:
-        contacts: the contacts.
-        size: number of rows (k).
-        normals: rows of the normal impulses.
-        groups: friction; limits of joint friction are forces.
-        names: names of the rows of contacts.
-        units: units of the forces along them.
-        keys: of the groups, number of the contact, or -1, and kind of friction: 0 for slip.
-    """
-
-    contacts: list[BoundContact]
-    size: int
-    normals: list[int]
-    groups: list[FrictionGroup]
-    names: list[str]
-    units: list[str]
-    keys: list[tuple[int, int]]
-
-
-class FrictionRows:
-    """Rows (k, nv) of the contacts that touch and of dry joint friction.
-
-    Args:
-        contacts: the contacts.
-        dry: dry joint friction.
-    """
-
-    def __init__(self, contacts: Sequence[BoundContact], dry: DryFriction) -> None:
-        self._contacts, self._dry = contacts, dry
-        self._layouts: dict[tuple[frozenset[int], bool], FrictionLayout] = {}
-
-    def layout(self, touching: frozenset[int], joints: bool = True) -> FrictionLayout:
-        """Order of the rows.
-
-        Args:
-            touching: numbers of the contacts that touch.
-            joints: False without the rows of joint friction, as in an impact.
-        """
-        if (touching, joints) not in self._layouts:
-            self._layouts[touching, joints] = self._layout(touching, joints)
-        return self._layouts[touching, joints]
-
-    def _layout(self, touching: frozenset[int], joints: bool) -> FrictionLayout:
-        found = FrictionLayout([], 0, [], [], [], [], [])
-        k = 0
-        for number in sorted(touching):
-            each, first = self._contacts[number], k
-            found.contacts.append(each)
-            found.normals.append(first)
-            found.names.extend(each.names)
-            found.units.extend(each.units)
-            k += 1
-            for kind, (size, coefficient) in enumerate(each.friction):
-                if size:
-                    found.groups.append(FrictionGroup(slice(k, k + size), first, coefficient))
-                    found.keys.append((number, kind))
-                    k += size
-        for joint, limit in enumerate(self._dry.limits if joints else ()):
-            found.groups.append(FrictionGroup(slice(k, k + 1), -1, 0.0, float(limit)))
-            found.keys.append((-1, joint))
-            k += 1
-        return found._replace(size=k)
-
-    def at(self, state: StateEvaluation, layout: FrictionLayout) -> tuple[np.ndarray, np.ndarray]:
-        """Rows (k, nv) in an order, and velocities of the ground along them (k,)."""
-        matrix, ground, end = np.empty((layout.size, len(state.v))), np.zeros(layout.size), 0
-        for each in layout.contacts:
-            start, end = end, end + len(each.names)
-            matrix[start:end], ground[start:end] = each.rows(state.position)
-        if end < layout.size:
-            matrix[end:] = self._dry.rows(state)
-        return matrix, ground
-
-
 def responses(state: StateEvaluation, M: np.ndarray, impulses: np.ndarray) -> np.ndarray:
     """Velocities (nv, k) of generalized impulses (k, nv), within the constraints of the system.
 
@@ -356,3 +254,35 @@ def responses(state: StateEvaluation, M: np.ndarray, impulses: np.ndarray) -> np
     if found is None:
         raise DivergenceError("inertia is not positive definite")
     return found
+
+
+def contact_impact(
+    state: StateEvaluation, layout: RowLayout, rows: np.ndarray, ground: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Impulses (k,) of an impact of contacts, and the velocity (nv,) after it.
+
+    Args:
+        state: state before the impact.
+        layout: order of the rows.
+        rows: the rows (k, nv).
+        ground: velocities of the ground along them (k,).
+
+    Raises:
+        SimulationError: no set of contacts without slip only pushes.
+    """
+    v, rigid = np.array(state.v), any(math.isinf(each.coefficient) for each in layout.groups)
+    slip, still = rows @ v - ground, _ROUNDING * (1.0 + float(np.abs(v).max()))
+    rates = slip[layout.normals]
+    slips = rigid and (rates <= still).any() and (np.abs(slip) > still).any()  # without a limit, it stops at once
+    if not slips and not (rates < -still).any():
+        return np.zeros(layout.size), v
+    contacts = [each.contact for each in layout.contacts]
+    rest = np.array([each.rest_speed for each in contacts])
+    restitution = np.array([each.restitution for each in contacts])
+    W = responses(state, state.M, rows)
+    problem = (RigidImpulses if rigid else FrictionImpulses)(rows @ W, slip, layout.normals, layout.groups)
+    if problem.is_slow(rest):
+        impulses = problem.stop()
+    else:
+        impulses = problem.impact(np.where(-restitution * rates > rest, restitution, 0.0))
+    return impulses, v + W @ impulses

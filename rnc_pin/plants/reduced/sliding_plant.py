@@ -10,10 +10,10 @@ import pinocchio as pin
 
 from rnc_pin.errors import DivergenceError
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.reduced.friction_impulses import FrictionImpulses, FrictionLayout, FrictionRows, responses
+from rnc_pin.plants.reduced.friction_impulses import FrictionImpulses, responses
 from rnc_pin.plants.reduced.reduced_plant import ReducedPlant
 from rnc_pin.plants.reduced.step_control import IntegrationErrors, Substeps
-from rnc_pin.plants.reduced.unilateral_contact import BoundContact
+from rnc_pin.plants.reduced.unilateral_contact import BoundContact, ContactRows, RowLayout
 
 _STEPS = (1, 2, 3, 4)  # Euler steps whose results are extrapolated: order 4, or 3 if that is precise enough
 _PLAIN = (2, 4)  # the same where the motion is not smooth; the difference is the error
@@ -67,7 +67,7 @@ class SlidingPlant:
         errors: estimated errors of the integration.
     """
 
-    def __init__(self, flight: ReducedPlant, contacts: Sequence[BoundContact], rows: FrictionRows) -> None:
+    def __init__(self, flight: ReducedPlant, contacts: Sequence[BoundContact], rows: ContactRows) -> None:
         self._flight, self._contacts, self._rows = flight, contacts, rows
         self.reduced = reduced = flight.reduced
         self._substeps = Substeps(flight.substeps, flight.tolerance)
@@ -259,7 +259,7 @@ class SlidingPlant:
         work = start.work + h * 0.5 * float((start.v + v) @ outside)
         return _Solved(q, v, work, force, pushing, sliding, p / h, slip, changes)
 
-    def _slides(self, layout: FrictionLayout, slip: np.ndarray) -> frozenset[tuple[int, int]]:
+    def _slides(self, layout: RowLayout, slip: np.ndarray) -> frozenset[tuple[int, int]]:
         """Keys of the friction groups that move at velocities (k,) of the rows."""
         limit = (_SLIDES * (1.0 + float(np.abs(self._now.v).max()))) ** 2
         moving = (slip[each.rows] @ slip[each.rows] > limit for each in layout.groups)

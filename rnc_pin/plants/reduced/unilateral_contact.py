@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +14,9 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
 from rnc_pin.model.parameter_types import NotNegative, is_number
 from rnc_pin.model.rows import ConstraintKind, carrier_of
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.plants.reduced.friction import DryFriction
 from rnc_pin.robots.robot import Robot
 
 _SMALL = 1e-9  # entry of a height row that counts as zero
@@ -161,6 +164,104 @@ class BoundContact:
     def gap_acceleration(self, at: VelocityKinematics, v_dot: np.ndarray) -> float:
         """Second rate of the gap at acceleration v_dot (nv,) [m/s^2]."""
         return float(self.jacobian(at) @ v_dot + self._rows.bias_acceleration(at)[self._height])
+
+
+class FrictionGroup(NamedTuple):
+    """Rows of one friction force: its norm is at most ``coefficient`` times the normal impulse, plus ``constant``.
+
+    Attributes:
+        rows: the rows, which are neighbours.
+        normal: row of the normal impulse; -1 without one, as of dry friction in a joint.
+        coefficient: coefficient of friction, or a length [m] for moments; infinite for no slip while the contact is
+            closed.
+        constant: impulse [N s or N m s].
+    """
+
+    rows: slice
+    normal: int
+    coefficient: float
+    constant: float = 0.0
+
+    def limit(self, p: np.ndarray) -> float:
+        """Largest norm of the impulse beside impulses p (k,)."""
+        return self.constant + (self.coefficient * max(float(p[self.normal]), 0.0) if self.normal >= 0 else 0.0)
+
+
+class RowLayout(NamedTuple):
+    """Order of the rows while some contacts touch: of each its normal row, then its friction, then joint friction.
+
+    Attributes:
+        contacts: the contacts.
+        size: number of rows (k).
+        normals: rows of the normal impulses.
+        groups: friction; limits of joint friction are forces.
+        names: names of the rows of contacts.
+        units: units of the forces along them.
+        keys: of the groups, number of the contact, or -1, and kind of friction: 0 for slip.
+    """
+
+    contacts: list[BoundContact]
+    size: int
+    normals: list[int]
+    groups: list[FrictionGroup]
+    names: list[str]
+    units: list[str]
+    keys: list[tuple[int, int]]
+
+
+class ContactRows:
+    """Rows (k, nv) of the contacts that touch and of dry joint friction.
+
+    Args:
+        contacts: the contacts.
+        dry: dry joint friction.
+    """
+
+    def __init__(self, contacts: Sequence[BoundContact], dry: DryFriction) -> None:
+        self._contacts, self._dry = contacts, dry
+        self._layouts: dict[tuple[frozenset[int], bool], RowLayout] = {}
+
+    def layout(self, touching: frozenset[int], joints: bool = True) -> RowLayout:
+        """Order of the rows.
+
+        Args:
+            touching: numbers of the contacts that touch.
+            joints: False without the rows of joint friction, as in an impact.
+        """
+        if (touching, joints) not in self._layouts:
+            self._layouts[touching, joints] = self._layout(touching, joints)
+        return self._layouts[touching, joints]
+
+    def _layout(self, touching: frozenset[int], joints: bool) -> RowLayout:
+        found = RowLayout([], 0, [], [], [], [], [])
+        k = 0
+        for number in sorted(touching):
+            each, first = self._contacts[number], k
+            found.contacts.append(each)
+            found.normals.append(first)
+            found.names.extend(each.names)
+            found.units.extend(each.units)
+            k += 1
+            for kind, (size, coefficient) in enumerate(each.friction):
+                if size:
+                    found.groups.append(FrictionGroup(slice(k, k + size), first, coefficient))
+                    found.keys.append((number, kind))
+                    k += size
+        for joint, limit in enumerate(self._dry.limits if joints else ()):
+            found.groups.append(FrictionGroup(slice(k, k + 1), -1, 0.0, float(limit)))
+            found.keys.append((-1, joint))
+            k += 1
+        return found._replace(size=k)
+
+    def at(self, state: StateEvaluation, layout: RowLayout) -> tuple[np.ndarray, np.ndarray]:
+        """Rows (k, nv) in an order, and velocities of the ground along them (k,)."""
+        matrix, ground, end = np.empty((layout.size, len(state.v))), np.zeros(layout.size), 0
+        for each in layout.contacts:
+            start, end = end, end + len(each.names)
+            matrix[start:end], ground[start:end] = each.rows(state.position)
+        if end < layout.size:
+            matrix[end:] = self._dry.rows(state)
+        return matrix, ground
 
 
 def bound_contacts(system: object, contacts: Sequence[UnilateralContact]) -> list[BoundContact]:
