@@ -248,7 +248,7 @@ def test_the_kernel_takes_the_steps_of_numpy(effects):
         v = reduced.at(q0, 10.0 ** generator.uniform(-3.0, 0.3) * generator.standard_normal(reduced.r)).v
         T = 10.0 ** generator.uniform(-2.0, 1.0) * generator.standard_normal(reduced.p)
         plant.reset(q0, v)
-        chart, start = plant.chart.evaluator, RunStarts(plant._q[None], plant._y[None], T[None])
+        chart, start = plant.dynamics.chart.evaluator, RunStarts(plant._q[None], plant._y[None], T[None])
         q, y, status, roughness = (each[0] for each in chart.runs.dissipate((chart.chart,), start, 0.02, 1, losses))
         if status != 1.0:
             continue

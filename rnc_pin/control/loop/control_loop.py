@@ -58,12 +58,6 @@ class Decision(NamedTuple):
     T: Float[Array, " p"]
 
 
-def trapezoid(integrals: Array, elapsed: float, before: Array, now: Array) -> Array:
-    """Integrals (..., r) of velocities after a time [s], by the trapezoidal rule."""
-    found: Array = integrals + 0.5 * elapsed * (before + now)
-    return found
-
-
 class ControlLoop(ReprMixin):
     """Run a controller from measured configurations and velocities.
 
@@ -261,7 +255,7 @@ class ControlLoop(ReprMixin):
             moved = pin.difference(self.reduced.robot.model, before.q, state.q)
             integrals: np.ndarray = before.integrals + state.J2 @ moved
             return integrals
-        return trapezoid(before.integrals, elapsed, before.v2, state.v2)
+        return np.asarray(before.integrals + 0.5 * elapsed * (before.v2 + state.v2))  # trapezoidal rule
 
     # ------------------------------------------------------------------ safe command
 

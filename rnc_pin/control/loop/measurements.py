@@ -143,11 +143,6 @@ class Guard:
             motion = self._estimator.step(before.motion, q, elapsed)
         return ValidMeasurement(q, motion.v, motion)
 
-    @property
-    def measures_velocity(self) -> bool:
-        """True if velocity is measured, not estimated."""
-        return self._estimator is None
-
     def _unit(self, q: Array) -> Array:
         unit: Array = pin.normalize(self._robot.model, q)
         if not np.abs(unit - q).max(initial=0.0) < _UNIT_TOLERANCE:

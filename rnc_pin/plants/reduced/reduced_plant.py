@@ -195,24 +195,9 @@ class ReducedPlant(ReprMixin):
         """Return the inputs T (p,) clipped to the actuator limits."""
         return self.dynamics.saturate(T)
 
-    @property
-    def damping(self) -> np.ndarray | None:
-        """Coefficients (nv,) of viscous damping; None without damping."""
-        return self.dynamics.damping
-
-    @property
-    def chart(self) -> VelocityChart:
-        """Chart of the velocities at the present state."""
-        return self.dynamics.chart
-
     def keep_errors(self, errors: IntegrationErrors) -> None:
         """Go on with the estimated errors of a motion that this plant continues."""
         self.errors = errors.interrupted()
-
-    @property
-    def actuator_friction(self) -> float:
-        """Dry friction limit of every actuator [N or N m]."""
-        return self._actuator_friction
 
     def set_actuator_friction(self, limit: float) -> None:
         """Set the dry friction limit of every actuator [N or N m]; ``applied`` does not include it."""
@@ -220,14 +205,9 @@ class ReducedPlant(ReprMixin):
         self._dissipative.friction.set_actuators(limit)
 
     @property
-    def rubs(self) -> bool:
-        """True if dry friction is active."""
-        return len(self._dissipative.friction.limits) > 0
-
-    @property
     def dissipates(self) -> bool:
         """True if damping or friction is active."""
-        return self.dynamics.damping is not None or self.rubs
+        return self.dynamics.damping is not None or len(self._dissipative.friction.limits) > 0
 
     @property
     def external(self) -> np.ndarray | None:
@@ -236,7 +216,7 @@ class ReducedPlant(ReprMixin):
             return None
         damped = self.dynamics.damping_force(self.state)
         force = np.zeros(self.reduced.n) if damped is None else damped
-        if self.rubs:
+        if len(self._dissipative.friction.limits):
             force += self._dissipative.friction_force(self._q, self._y, self.applied)
         return force
 

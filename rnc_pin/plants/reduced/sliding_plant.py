@@ -229,7 +229,7 @@ class SlidingPlant:
         if not np.isfinite(q).all():
             raise DivergenceError("plant velocities are not finite")
         state = StateEvaluation.at(self.reduced.evaluator, q, v=start.v)
-        M, damping, forced = state.M, self._flight.damping, state.B @ self.applied
+        M, damping, forced = state.M, self._flight.dynamics.damping, state.B @ self.applied
         matrix = M if damping is None else M + h * np.diag(damping)
         layout = self._rows.layout(self.touching)
         rows, ground = self._rows.at(state, layout)
