@@ -157,5 +157,5 @@ def test_an_integrator_that_diverges_is_not_the_robot(ball):
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, np.nan, np.inf, "1e-6", True])
 def test_a_tolerance_that_is_no_positive_number_is_refused(ball, tolerance):
-    with pytest.raises(rnc.InputError, match="tolerance of a ReducedPlant has to be a positive number"):
+    with pytest.raises(rnc.InputError, match="tolerance of a plant has to be a positive number"):
         rnc.ReducedPlant(ball.reduce(), tolerance=tolerance)

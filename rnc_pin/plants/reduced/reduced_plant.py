@@ -90,7 +90,7 @@ class ReducedPlant(ReprMixin):
         substeps: int | None = None,
         tolerance: float = DEFAULT_TOLERANCE,
     ) -> None:
-        self._substeps = Substeps.checked(substeps, tolerance, "ReducedPlant")
+        self._substeps = Substeps.checked(substeps, tolerance)
         self.reduced, (self.substeps, self.tolerance) = reduced, self._substeps
         self.followed = self._substeps.followed
         self.joint_damping, self.actuator_limits, self.joint_friction = joint_damping, actuator_limits, joint_friction

@@ -42,16 +42,16 @@ class Substeps(NamedTuple):
     tolerance: float
 
     @classmethod
-    def checked(cls, number: object, tolerance: object, plant: str) -> Substeps:
+    def checked(cls, number: object, tolerance: object) -> Substeps:
         """Return a valid choice.
 
         Raises:
             InputError: the number is not a positive integer, or the tolerance not a positive number.
         """
         if number is not None and not is_count(number, 1):
-            raise InputError(f"substeps of a {plant} have to be a positive integer, found {number!r}")
+            raise InputError(f"substeps of a plant have to be a positive integer, found {number!r}")
         if not (is_number(tolerance) and tolerance > 0):
-            raise InputError(f"tolerance of a {plant} has to be a positive number, found {tolerance!r}")
+            raise InputError(f"tolerance of a plant has to be a positive number, found {tolerance!r}")
         return cls(None if number is None else int(number), float(tolerance))
 
     @property

@@ -471,7 +471,7 @@ def test_an_unknown_option_of_the_loop_and_substeps_in_words_are_refused():
     with pytest.raises(rnc.ConfigurationError, match="loop: no option 'limit'; did you mean 'limits'"):
         rnc.SimulationOptions(loop={"limit": True})
     _, reduced, _ = small()
-    with pytest.raises(rnc.InputError, match="substeps of a ReducedPlant have to be a positive integer, found '2'"):
+    with pytest.raises(rnc.InputError, match="substeps of a plant have to be a positive integer, found '2'"):
         rnc.ReducedPlant(reduced, substeps="2")
 
 
