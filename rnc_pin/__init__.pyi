@@ -45,10 +45,9 @@ from .errors import SimulationError as SimulationError
 from .errors import SingularityError as SingularityError
 from .identification import Calibration as Calibration
 from .identification import Comparison as Comparison
+from .identification import base_parameters as base_parameters
 from .identification import calibrate as calibrate
 from .identification import compare as compare
-from .identification import excite as excite
-from .identification import identify as identify
 from .identification import logs as logs
 from .identification.logs import Log as Log
 from .model.actuation import FrameForce as FrameForce

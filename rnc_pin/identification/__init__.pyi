@@ -1,32 +1,21 @@
 """Exports of ``rnc_pin.identification``, which ``__init__.py`` imports at their first use."""
 
 from . import logs as logs
+from .base_parameters import BaseParameters as BaseParameters
+from .base_parameters import base_parameters as base_parameters
 from .calibration import Calibration as Calibration
 from .calibration import PathError as PathError
 from .calibration import calibrate as calibrate
 from .comparison import Comparison as Comparison
 from .comparison import Replay as Replay
 from .comparison import compare as compare
-from .energy_balance import EnergyBalance as EnergyBalance
-from .energy_balance import Suspect as Suspect
-from .energy_balance import named_numbers as named_numbers
-from .excitation import Excitation as Excitation
-from .excitation import excite as excite
-from .inertial import EffortError as EffortError
-from .inertial import Identification as Identification
-from .inertial import WeakCombination as WeakCombination
-from .inertial import identify as identify
-from .unknowns import BodyInertia as BodyInertia
-from .unknowns import CoulombFriction as CoulombFriction
-from .unknowns import EffortOffset as EffortOffset
-from .unknowns import EffortScale as EffortScale
+from .suspects import Suspect as Suspect
+from .suspects import named_numbers as named_numbers
 from .unknowns import EncoderOffset as EncoderOffset
 from .unknowns import EncoderScale as EncoderScale
 from .unknowns import JointShift as JointShift
 from .unknowns import JointTilt as JointTilt
-from .unknowns import MotorInertia as MotorInertia
 from .unknowns import SensorPlace as SensorPlace
 from .unknowns import TimeShift as TimeShift
-from .unknowns import ViscousFriction as ViscousFriction
 from .unknowns import WheelRadius as WheelRadius
 from .unknowns import unknown_of as unknown_of

@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ConfigurationError, InfeasibleError
+from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
 from rnc_pin.identification.logs.channel import Channel, Correction
 from rnc_pin.identification.logs.log import Log
-from rnc_pin.identification.reduced_regressor import Estimates, combination_name
 from rnc_pin.identification.rolling_motion import RollingMotion
 from rnc_pin.identification.unknowns import SensorPlace, Unknown, UnknownNumber, corrections_of, radii_of
 from rnc_pin.identification.urdf_copy import write_places
@@ -21,12 +20,13 @@ from rnc_pin.identification.window_fit import Fit, WindowFit, Windows, correlati
 from rnc_pin.model.coordinates import heading_of
 from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.printing import Item, ObjectSummary
+from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 
 _FEWEST = 4  # samples of a window
 _FIRST, _LAST = 1.0, 0.03  # precision of the first windows and of the last ones, in standard deviations
 _PRIOR = 0.1  # standard deviation of the parameters of the file in short windows, relative to their sizes
 _FAR = 5.0  # standard deviations of an outlier
+_NAMED, _MOST_NAMED = 0.1, 6  # smallest share of a parameter in the name of a combination, and their largest number
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class PathError:
 
 
 @dataclass(frozen=True, repr=False)
-class Calibration(Estimates):
+class Calibration(SummaryMixin):
     """Estimated parameters of a robot, with their covariance, and what the log says about them.
 
     Example:
@@ -71,6 +71,14 @@ class Calibration(Estimates):
         array([0.1])
     """
 
+    names: tuple[str, ...]
+    """Names of the parameters, (P,)."""
+    nominal: np.ndarray
+    """Their values in the robot's file, (P,)."""
+    values: np.ndarray
+    """Estimates (P,)."""
+    covariance: np.ndarray
+    """Covariance of the estimates (P, P), for errors as long correlated as the residuals are."""
     units: tuple[str, ...]
     """Units of the parameters, (P,)."""
     scales: np.ndarray
@@ -93,6 +101,24 @@ class Calibration(Estimates):
     """The robot and its constraints with the estimates."""
     corrections: Mapping[str, Correction]
     """Corrections of encoders and clocks by joint or frame, for ``Log.corrected`` and mapping files."""
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviations of the estimates (P,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def value(self, name: str) -> float:
+        """Return one estimate.
+
+        Args:
+            name: name of the parameter.
+
+        Raises:
+            ConfigurationError: there is no such parameter.
+        """
+        if name not in self.names:
+            raise ConfigurationError(f"no parameter '{name}' was estimated{nearest(name, self.names)}")
+        return float(self.values[self.names.index(name)])
 
     @property
     def has_new_places(self) -> bool:
@@ -118,7 +144,11 @@ class Calibration(Estimates):
         write_places(Path(source), Path(path), self.system.robot, self.sensor if self._moves_sensor else None)
 
     def _summary(self) -> ObjectSummary:
-        lines = self._estimates(self.units)
+        every = zip(self.names, self.units, self.values, self.std, self.nominal, strict=True)
+        lines = [
+            (name, [Item(f"{value:.6g} {unit}".strip(), f"std {std:.2g}, file {nominal:.6g}")])
+            for name, unit, value, std, nominal in every
+        ]
         lines += [(f"path, {name}", [Item(str(error))]) for name, error in self.errors.items()]
         words, deviation = self.combinations[0]
         lines += [("worst known", [Item(words, f"std {deviation:.2g}")])]
@@ -298,7 +328,7 @@ def _precision(
     rounding = len(scaled) * np.finfo(float).eps * max(values.max(initial=0.0), 1.0)
     deviations = np.sqrt(correlation) / np.maximum(values, 1e-300)
     names = [each.name for each in parameters]
-    words = [combination_name(vector, names) for vector in vectors]
+    words = [_combination_name(vector, names) for vector in vectors]
     found = sorted(zip(words, deviations.tolist(), strict=True), key=lambda each: -each[1])
     unseen = (deviations > resolution) | (values <= rounding)
     lost = [word for word, each in zip(words, unseen, strict=True) if each]
@@ -343,3 +373,13 @@ def _moved(place: pin.SE3, axis: str, value: float) -> pin.SE3:
     moved = place.translation.copy()
     moved["xy".index(axis)] = value
     return pin.SE3(place.rotation, moved)
+
+
+def _combination_name(vector: np.ndarray, names: Sequence[str]) -> str:
+    """Words of a combination of scaled parameters (P,), the largest first and positive."""
+    vector = vector / vector[np.argmax(np.abs(vector))]
+    large = [k for k in np.argsort(-np.abs(vector)).tolist() if abs(vector[k]) > _NAMED][:_MOST_NAMED]
+    if len(large) == 1:
+        return names[large[0]]
+    words = " ".join(f"{'-' if vector[k] < 0 else '+'} {abs(vector[k]):.2f} {names[k]}" for k in large)
+    return f"combination {words.removeprefix('+ ')}"

@@ -1,4 +1,4 @@
-"""A measured log beside the open-loop path of a model: errors, slip, power balance, and the assumption that fails."""
+"""A measured log beside the open-loop path of a model: errors, slip, and the assumption that fails."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.identification.calibration import PathError, PoseProblem
-from rnc_pin.identification.energy_balance import NO_TIMES, EnergyBalance, Pursuit, Suspect, energy_balance, pursued
 from rnc_pin.identification.logs.log import Log
 from rnc_pin.identification.rolling_motion import RollingMotion
+from rnc_pin.identification.suspects import NO_TIMES, Suspect, pursued
 from rnc_pin.identification.window_fit import rotated
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
@@ -81,24 +81,22 @@ class Comparison(SummaryMixin):
     """Rows that depend on joints which the log does not have."""
     replay: Replay = field(repr=False)
     """Measured and predicted motion."""
-    energy: EnergyBalance | None = None
-    """Power balance with the numbers that were found, if the log has efforts."""
 
     @property
     def first(self) -> Suspect | None:
-        """Suspect that fails first: of the path, or, if the path holds, of the power balance."""
-        return next(iter((*self.suspects, *(() if self.energy is None else self.energy.suspects))), None)
+        """Suspect that fails first; None if the error is noise."""
+        return next(iter(self.suspects), None)
 
     @property
     def conclusion(self) -> str:
         """Sentence about the assumption that fails first."""
-        balance = () if self.energy is None else self.energy.suspects
-        found = [_sentence(self.suspects, "the squared error of the path")] if self.suspects else []
-        found += [_sentence(balance, "the squared residual of the power balance")] if balance else []
-        return (
-            "; with it corrected, ".join(found)
-            or "no number of the model explains the error: it is noise of the sensor"
-        )
+        if not self.suspects:
+            return "no number of the model explains the error: it is noise of the sensor"
+        first, *others = self.suspects
+        text = f"the {first.name} fails first: {first.explained:.0%} of the squared error of the path"
+        if not others:
+            return text
+        return f"{text}, and {others[-1].explained:.0%} with {', '.join(each.name for each in others)}"
 
     def _summary(self) -> ObjectSummary:
         lines = [
@@ -109,10 +107,8 @@ class Comparison(SummaryMixin):
         lines += [
             ("suspect", [Item(f"{each.name}: {each.value:.6g} {each.unit}".strip(),
                               f"model {each.nominal:.6g}, explains {each.explained:.0%}")])
-            for each in (*self.suspects, *(() if self.energy is None else self.energy.suspects))
+            for each in self.suspects
         ]  # fmt: skip
-        if self.energy is not None:
-            lines.append(("power balance", [Item(f"residual {self.energy.imbalance:.2g} of the exchanged energy")]))
         lines += [("unused rows", [Item(name) for name in self.unused_rows])] if self.unused_rows else []
         return ObjectSummary(f"Comparison: {self.conclusion}", lines)
 
@@ -131,7 +127,7 @@ def compare(
     Numbers of the model are changed one after the other. Each time, the number is chosen that explains most of the
     remaining squared error, and all that were chosen before are fitted again with it. The order is that of evidence:
     numbers with the same effect, such as a radius and the scale of its encoder, cannot be told apart. Slip in a few
-    windows is a suspect too. If the log has efforts, the power balance with these numbers shows friction and masses.
+    windows is a suspect too.
 
     Args:
         system: the robot on a planar base, with its constraints.
@@ -168,25 +164,15 @@ def compare(
             errors[duration] = problem.error(problem.nominal, chosen)
     if not errors:
         raise ConfigurationError(f"the log has no poses of '{sensor}' while its joints are measured")
-    suspects, known = _suspects(system, log, sensor, heading)
     times, slips = _slip(plain, problem)
     sizes = {name: float(np.sqrt(np.mean(each**2))) for name, each in slips.items()}
-    fitted = RollingMotion(known.system, known.log, (), sensor)
     return Comparison(
         errors,
         {name: size for name, size in sizes.items() if not size < _ROUNDING},
-        suspects,
+        _suspects(system, log, sensor, heading),
         plain.unused,
         _replay(plain, problem, {name: (times, each) for name, each in slips.items()}),
-        energy_balance(fitted, known.system.robot, known.log),
     )
-
-
-def _sentence(suspects: Sequence[Suspect], of: str) -> str:
-    first, share = suspects[0], suspects[-1].explained
-    text = f"the {first.name} fails first: {first.explained:.0%} of {of}"
-    rest = f", and {share:.0%} with {', '.join(each.name for each in suspects[1:])}"
-    return text + (rest if len(suspects) > 1 else "")
 
 
 def _by_speeds(log: Log, motion: RollingMotion) -> Log:
@@ -195,8 +181,8 @@ def _by_speeds(log: Log, motion: RollingMotion) -> Log:
     return Log(each for each in log if not (each.quantity == "position" and each.of in rolling))
 
 
-def _suspects(system: NonholonomicSystem, log: Log, sensor: str, heading: bool) -> tuple[tuple[Suspect, ...], Pursuit]:
-    """Numbers and slip that explain the error of the path, and the model with these numbers.
+def _suspects(system: NonholonomicSystem, log: Log, sensor: str, heading: bool) -> tuple[Suspect, ...]:
+    """Numbers and slip that explain the error of the path.
 
     Slip is not constant: it shows as windows whose slip is far from that of most windows, with the best numbers. These
     windows are left out, and the numbers are looked for again.
@@ -207,20 +193,20 @@ def _suspects(system: NonholonomicSystem, log: Log, sensor: str, heading: bool) 
     if slipped is None and share < _MOST_KNOWN:
         slipped = _slipped(system, log, sensor, heading)
     if slipped is None or not numbers.before:
-        return numbers.suspects, numbers
+        return numbers.suspects
     name, speed, times = slipped
     rest = pursued(system, log, sensor, heading, times, numbers.deviations)
     explained = 1.0 - rest.before / numbers.before
     if explained <= 0:
-        return numbers.suspects, numbers
+        return numbers.suspects
     slip = Suspect(f"slip of {name}", "m/s", 0.0, speed, explained)
 
     if numbers.suspects and numbers.suspects[0].explained > explained:
         both = 1.0 - rest.after / numbers.before
-        return (*numbers.suspects, replace(slip, explained=max(both, share))), rest
+        return (*numbers.suspects, replace(slip, explained=max(both, share)))
     # The others explain a part of what the windows without slip leave.
     left = [replace(each, explained=1.0 - (1.0 - explained) * (1.0 - each.explained)) for each in rest.suspects]
-    return (slip, *left), rest
+    return (slip, *left)
 
 
 def _slipped(system: NonholonomicSystem, log: Log, sensor: str, heading: bool) -> tuple[str, float, np.ndarray] | None:
@@ -252,13 +238,12 @@ def _replay(motion: RollingMotion, problem: PoseProblem, slip: Mapping[str, tupl
     times = problem.times[chosen.samples]
     fit = problem.fit(chosen).at(problem.nominal)
     measured = problem.base_poses(times)
-    q, _ = motion.states(times, float(np.median(np.diff(motion.time))))
     # Sensor and base are one body: the predicted sensor is that of the fit.
     heading = measured[:, 2] + fit.residuals[:, 2]
     sensor = problem.measured[chosen.samples, :2] + fit.residuals[:, :2]
     arm = rotated(heading, np.broadcast_to(motion.mount[:2], (len(times), 2)))
     predicted = np.column_stack([sensor - arm, heading])
-    q = motion.with_base(q, predicted)
+    q = motion.with_base(motion.configurations(times), predicted)
     return Replay(times, measured, predicted, q, slip)
 
 

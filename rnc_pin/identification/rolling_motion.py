@@ -191,52 +191,26 @@ class RollingMotion:
         return tuple(name for name, column in self._geometry.columns.items() if column in acting)
 
     @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Measured joints that the rows use."""
-        return tuple(each.name for each in self._joints)
-
-    @property
-    def step_times(self) -> np.ndarray:
-        """Times (N,) in the middle of the steps [s]."""
-        return np.asarray((self.time[1:] + self.time[:-1]) / 2)
-
-    def joint_changes(self) -> dict[str, np.ndarray]:
-        """Changes (N,) of the measured joints during the steps, with parameters of the file [rad or m]."""
-        _, changes, _, _ = self._measured(self._nominal)
-        return {name: np.asarray(change) for name, change in zip(self.joint_names, changes, strict=True)}
-
-    @property
     def _nominal(self) -> np.ndarray:
         return np.array([each.nominal for each in self.parameters])
 
-    def states(self, times: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
-        """Configurations (T, nq) and velocities (T, nv) of the robot at times, with parameters of the file.
+    def configurations(self, times: np.ndarray) -> np.ndarray:
+        """Configurations (T, nq) of the robot at times (T,) [s], with parameters of the file.
 
         Unmeasured joints of rows start at zero, other joints stand still there.
-
-        Args:
-            times: times (T,) [s].
-            width: duration over which velocities are averaged [s].
         """
         whole, steps = self._whole(), len(self.time) - 1
         path = RolledPath(self.time, np.stack([np.broadcast_to(each, steps) for each in whole[:3]]), {}, 0)
-        before, here, after = (path.at(np.clip(times + at, self.time[0], self.time[-1])).values
-                               for at in (-width / 2, 0.0, width / 2))  # fmt: skip
-        q = np.tile(pin.neutral(self._model), (len(times), 1))
-        v = np.zeros((len(times), self._model.nv))
-        q, base = self.with_base(q, here), self._model.joints[1]
-        moved = after - before
-        v[:, base.idx_v : base.idx_v + 3] = np.column_stack([rotated(-here[:, 2], moved[:, :2]), moved[:, 2]]) / width
+        inside = np.clip(times, self.time[0], self.time[-1])
+        q = self.with_base(np.tile(pin.neutral(self._model), (len(times), 1)), path.at(inside).values)
         starts = dict.fromkeys(self._columns, 0.0) | {
             each.column: float(_held(each.channel, self.time[:1])[0]) for each in self._joints
         }
         joints = {joint.idx_v: SingleJoint.of(joint) for joint in self._model.joints if joint.nv == 1}
         for column, change in zip(self._columns[3:], whole[3:], strict=True):
             position = np.concatenate([[0.0], np.cumsum(np.broadcast_to(change, steps))]) + starts[column]
-            early, now, late = (np.interp(times + at, self.time, position) for at in (-width / 2, 0.0, width / 2))
-            v[:, column] = (late - early) / width
-            joints[column].put(q, now)
-        return q, v
+            joints[column].put(q, np.interp(times, self.time, position))
+        return q
 
     def with_base(self, q: np.ndarray, poses: np.ndarray) -> np.ndarray:
         """Configurations (T, nq) with other poses (T, 3) of the base."""
@@ -286,7 +260,7 @@ class RollingMotion:
         if others.shape[2]:
             inverse = np.linalg.pinv(others)
             slip = slip - _product(others, _product(inverse, np.nan_to_num(slip)))
-        return self.step_times, slip
+        return (self.time[1:] + self.time[:-1]) / 2, slip
 
     def _steps(self, p: np.ndarray) -> tuple[np.ndarray, dict[int, list[Component]]]:
         """Twists of the steps (3, N), and their derivatives (3 entries) by the parameters that change them."""

@@ -1,4 +1,4 @@
-"""Copies of a URDF with other places of joints, inertias, damping and friction."""
+"""Copies of a URDF with other places of joints."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.io.json import atomic_file
 from rnc_pin.io.safe_read import parse_tree, read_bytes
 from rnc_pin.robots.robot import Robot
-from rnc_pin.robots.sources.urdf_links import inertial_element
 
 _SAME = 1e-9  # difference of placements below which an origin is not written again
 
@@ -64,47 +63,6 @@ def _place(joint: Element, robot: Robot, place: pin.SE3) -> None:
         origin.set("xyz", " ".join(f"{each:.12g}" for each in here.translation))
     if np.abs(here.rotation - pin.rpy.rpyToMatrix(rpy)).max() > _SAME:
         origin.set("rpy", " ".join(f"{each:.12g}" for each in pin.rpy.matrixToRpy(here.rotation)))
-
-
-def write_inertias(source: Path, path: Path, robot: Robot, bodies: list[str], joints: list[str]) -> None:
-    """Write a URDF whose bodies have the inertias of a robot, and whose joints its damping and friction.
-
-    The link behind a joint gets the inertia of its whole body, and links that are fixed to it get none.
-
-    Args:
-        source: the URDF.
-        path: file to write.
-        robot: robot with the same joints.
-        bodies: joints whose bodies get new inertias.
-        joints: joints that get new damping and friction.
-
-    Raises:
-        ConfigurationError: the source cannot be read, or has other joints.
-    """
-    root, elements = _read(source)
-    model = robot.model
-    links = {str(each.get("name")): each for each in root.iter("link")}
-    children = {_link(each, "child") for each in elements.values()}
-    top = next((name for name in links if name not in children), "")
-    for name in bodies:
-        index = robot.joint_id(name)
-        if name != "root_joint" and name not in elements:
-            raise ConfigurationError(f"{source}: no joint '{name}'")
-        carrier = top if name == "root_joint" else _link(elements[name], "child")
-        for link in links:
-            if model.existFrame(link) and model.frames[robot.frame_id(link)].parentJoint == index:
-                for inertial in links[link].findall("inertial"):
-                    links[link].remove(inertial)
-        place = model.frames[robot.frame_id(carrier)].placement.inverse()
-        links[carrier].append(inertial_element(place.act(model.inertias[index])))
-    for name in joints:
-        entry = robot.velocity_indices(name).start
-        dynamics = elements[name].find("dynamics")
-        if dynamics is None:
-            dynamics = SubElement(elements[name], "dynamics")
-        dynamics.set("damping", f"{model.damping[entry]:.12g}")
-        dynamics.set("friction", f"{model.upperDryFrictionLimit[entry]:.12g}")
-    _write(root, path)
 
 
 def _read(source: Path) -> tuple[Element, dict[str, Element]]:

@@ -20,6 +20,7 @@ from .parameter_types import is_number as is_number
 from .passive_forces import ForceKind as ForceKind
 from .reduced_kinematics import Measurement as Measurement
 from .reduced_model import ReducedModel as ReducedModel
+from .regressor import ReducedRegressor as ReducedRegressor
 from .row_stack import OutputStack as OutputStack
 from .rows import ConstraintKind as ConstraintKind
 from .rows import OutputKind as OutputKind

@@ -23,6 +23,7 @@ from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.reduction_data import ReductionData
+from rnc_pin.model.regressor import ReducedRegressor, regressor_of
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, items
@@ -207,6 +208,16 @@ class ReducedModel(SummaryMixin):
     ) -> Float[Array, "*batch r"]:
         """Reduced forces ``F = H v2_dot + V v2 + G``; rheonomic constraints need the times t (...) [s]."""
         return self._evaluator.inverse_dynamics(q, v2, v2_dot, t)
+
+    def regressor(
+        self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput, *, t: ArrayInput | None = None
+    ) -> ReducedRegressor:
+        """Matrix of ``F = matrix @ parameters`` with named columns, the inertial parameters of all bodies.
+
+        Passive forces f of the system are not part of it: ``F + R^T f = matrix @ parameters`` then, with
+        ``f = reduced.at(q, v2).passive_force``. Rheonomic constraints need the times t (...) [s].
+        """
+        return regressor_of(self.at(q, v2, t=t), self.robot, v2_dot)
 
     def allocate(self, q: ArrayInput, F: ArrayInput) -> Float[Array, "*batch p"]:
         """Actuator inputs T with ``R^T B T = F``; those of least norm if they are not unique.

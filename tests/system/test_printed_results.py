@@ -88,14 +88,6 @@ def results(tmp_path_factory):
     cart = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
     cart_model = rnc.NonholonomicSystem(cart, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce()
     follower, stands = rnc.control.TwistController(cart_model, "base", 0.02), cart.configuration()
-    driven, joints = robot.joint_names[1:], [rnc.JointPosition(name) for name in robot.joint_names[1:]]
-    momentum = [rnc.MomentumConservation("platform")]
-    file = rnc.NonholonomicSystem(robot, momentum, driven)
-    heavy = file.with_robot(robot.with_masses({"link_3": 12.0}), momentum)
-    swings = ReducingOutputController(
-        heavy.reduce(joints), rnc.planning.Harmonic([0.0, 0.0, 1.0], [0.6, 0.7, 0.8], frequency=[0.3, 0.5, 0.7])
-    )
-    swung = rnc.Log.of_motion(robot, *rnc.kinematic_rollout(heavy.reduce(joints), swings, q0, 4.0))
     folder = tmp_path_factory.mktemp("sweep")
     sweep = rnc.sweep("unicycle", [{"simulation.duration": 0.1}, {"simulation.duration": 0.2}], out=folder / "runs")
     return [
@@ -122,7 +114,7 @@ def results(tmp_path_factory):
         follower.feasible(stands, [0.5, 0.1, 0.2]),
         follower.step(stands, [0.5, 0.1, 0.2], follower.initial_state())[0],
         *(view, log, rnc.calibrate(rolling, log, radius, "base"), rnc.compare(larger, log, "base")),
-        *(rnc.identify(file, swung, prior=0.3), rnc.excite(heavy.reduce(joints), 2.0, q0, rates=1.0, tries=2)),
+        *(rnc.base_parameters(turned), turned.regressor(start, np.ones(2), np.ones(2))),
         rnc.planning.find_way(sleigh, sled.configuration(), sled.configuration({"root_joint": [1.0, 0.5, 0.3]}), []),
         rnc.collision.OccupancyMap(np.eye(3, dtype=bool), np.zeros((3, 3), dtype=bool), 0.05, np.zeros(3)),
         rnc.collision.cells_around(rng.uniform(size=(20, 3)), 0.2),

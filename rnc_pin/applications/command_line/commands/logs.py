@@ -151,16 +151,9 @@ def _comparison_content(system: str, log: Path, found: Comparison) -> dict[str, 
         ],
         "slip": dict(found.slip),
         "assumption": found.first.assumption if found.first else None,
-        "suspects": [_suspect(each) for each in found.suspects],
+        "suspects": [{**asdict(each), "assumption": each.assumption} for each in found.suspects],
         "unused_rows": list(found.unused_rows),
-        "energy": None
-        if found.energy is None
-        else {"imbalance": found.energy.imbalance, "suspects": [_suspect(each) for each in found.energy.suspects]},
     }
-
-
-def _suspect(each: Suspect) -> dict[str, Json]:
-    return {**asdict(each), "assumption": each.assumption}
 
 
 def _print_comparison(system: str, log: Path, found: Comparison) -> None:
@@ -168,14 +161,11 @@ def _print_comparison(system: str, log: Path, found: Comparison) -> None:
     click.echo(f"{log} beside {system}: {found.conclusion}\n")
     named = {"whole log" if np.isinf(each) else f"{each:g} s": error for each, error in found.errors.items()}
     print_path_errors(console, "windows", named)
-    every = (*found.suspects, *(() if found.energy is None else found.energy.suspects))
-    if every:
-        rows = [(each.name, *_values(each), f"{each.explained:.0%}") for each in every]
+    if found.suspects:
+        rows = [(each.name, *_values(each), f"{each.explained:.0%}") for each in found.suspects]
         print_table(console, "numbers that explain the error", ("number", "model", "fit", "explained"), rows)
     slip = [(name, f"{size:.2g}") for name, size in found.slip.items()]
     print_table(console, "slip of rows at the measured motion", ("row", "over one second [m/s]"), slip)
-    if found.energy is not None:
-        click.echo(f"power balance: residual {found.energy.imbalance:.2g} of the exchanged energy")
     if found.unused_rows:
         click.echo(f"rows of joints that are not measured: {', '.join(found.unused_rows)}")
 
@@ -195,7 +185,7 @@ def print_path_errors(console: Console, column: str, errors: Mapping[str, PathEr
 
 
 def _plot(found: Comparison, size: Size | None, labels: Labels) -> Figure:
-    """Plot paths from above, their distance, slip of the rows, and the power balance."""
+    """Plot paths from above, their distance, and slip of the rows."""
     replay = found.replay
     paths = GroundPaths(
         [GroundPath("base", replay.predicted[:, :2])],
@@ -208,11 +198,6 @@ def _plot(found: Comparison, size: Size | None, labels: Labels) -> Figure:
     slip = [Series(name, values, time=time) for name, (time, values) in replay.slip.items() if name in found.slip]
     panels = [Panel("distance", "m", (Series("distance", replay.error),), bottom=0.0)]
     panels += [Panel("slip", "m/s", tuple(slip[k : k + MAX_LINES]), zero=True) for k in range(0, len(slip), MAX_LINES)]
-    if found.energy is not None:
-        energy = found.energy
-        parts = {"work": energy.work, "change of energy": energy.change, "residual": energy.residual}
-        series = tuple(Series(name, values, time=energy.time) for name, values in parts.items())
-        panels.append(Panel("energy in a second", "J", series, zero=True))
     view = PlaneView(draw, paths.aspect())
     return panel_figure(panels, replay.time, Sheet.of(size), title=found.conclusion, labels=labels, view=view)
 

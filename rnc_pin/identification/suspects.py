@@ -1,13 +1,12 @@
-"""Causes of errors of the path and of the energy of a measured motion."""
+"""Numbers of a model that explain the error of its open-loop path."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
-import pinocchio as pin
 
 from rnc_pin.identification.calibration import PoseProblem, calibrated
 from rnc_pin.identification.logs.log import Log
@@ -25,7 +24,6 @@ from rnc_pin.identification.unknowns import (
 )
 from rnc_pin.identification.window_fit import Fit
 from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.robots.robot import Robot
 
 _MOST = 4  # numbers that are changed one after the other
 _WORTH = 0.1  # share of the remaining squared error that a further number has to explain
@@ -35,11 +33,11 @@ _PRECISION = 1e-2  # of the fits, in standard deviations
 NO_TIMES = np.zeros((0, 2))
 """No interval."""
 
-Assumption: TypeAlias = Literal["radius", "place", "encoder", "delay", "sensor", "slip", "friction", "mass", "effort"]
+Assumption: TypeAlias = Literal["radius", "place", "encoder", "delay", "sensor", "slip"]
 """Kind of assumption of a model."""
 _ASSUMPTIONS: Mapping[str, Assumption] = {
     "radius": "radius", "place": "place", "tilt": "place", "scale": "encoder", "offset": "encoder", "delay": "delay",
-    "slip": "slip", "viscous": "friction", "dry": "friction", "mass": "mass", "effort": "effort",
+    "slip": "slip",
 }  # fmt: skip
 
 
@@ -61,7 +59,7 @@ class Suspect:
     value: float
     """Its value in the fit with all suspects so far."""
     explained: float
-    """Share of the squared error that is explained by it and those before it: of the path, or of the power balance."""
+    """Share of the squared error of the path that is explained by it and those before it."""
 
     @property
     def assumption(self) -> Assumption:
@@ -235,143 +233,3 @@ def _gains(columns: np.ndarray, residual: np.ndarray, whole: np.ndarray | float)
 def _squares(fit: Fit, deviations: np.ndarray) -> float:
     """Mean of the squared residuals of a sample, in standard deviations."""
     return float(np.mean(np.sum((fit.residuals / deviations[[0, 0, 1]]) ** 2, axis=1)))
-
-
-_WINDOW = 1.0  # duration of a balance [s]
-_WIDTH = 0.1  # duration over which velocities are averaged [s]
-_MOST_BODIES = 3
-_WORTH_OF_BODY = 0.1  # share of the remaining squares that a further number has to explain
-_RARE = 12.0  # share of noise that one of few numbers explains by chance, times the number of windows
-_BALANCED = 0.01  # residual relative to the exchanged energy below which the balance holds
-
-
-@dataclass(frozen=True)
-class EnergyBalance:
-    """Energy of the model and work of the measured efforts over windows of one second.
-
-    The balance assumes that wheels roll, and that all efforts which do work are measured. Joint damping and dry
-    friction of the robot's file count.
-
-    Example:
-        >>> rnc.identification.EnergyBalance(np.zeros(1), np.ones(1), np.ones(1), np.full(1, 0.2), ()).residual
-        array([-0.2])
-    """
-
-    time: np.ndarray
-    """Times in the middle of the windows (W,) [s]."""
-    change: np.ndarray
-    """Change of the model's kinetic and potential energy (W,) [J]."""
-    work: np.ndarray
-    """Work of the measured efforts (W,) [J]."""
-    loss: np.ndarray
-    """Loss by the damping and friction of the file (W,) [J]."""
-    suspects: tuple[Suspect, ...]
-    """Numbers that explain the residual, the most suspicious first: friction, masses, scales of efforts."""
-
-    @property
-    def residual(self) -> np.ndarray:
-        """Work minus loss minus change (W,) [J]: what an unknown friction takes, or a wrong mass hides."""
-        return self.work - self.loss - self.change
-
-    @property
-    def imbalance(self) -> float:
-        """Root mean square residual over that of the exchanged energy."""
-        return self._imbalance_of(self.residual)
-
-    def _imbalance_of(self, residual: np.ndarray) -> float:
-        exchanged = np.sqrt(np.mean((np.abs(self.work) + np.abs(self.change)) ** 2))
-        return float(np.sqrt(np.mean(residual**2)) / exchanged) if exchanged > 0 else 0.0
-
-
-def energy_balance(motion: RollingMotion, robot: Robot, log: Log) -> EnergyBalance | None:
-    """Return the power balance of a motion; None without measured efforts of its joints.
-
-    Args:
-        motion: the motion, without unknown parameters.
-        robot: its robot.
-        log: efforts of joints.
-    """
-    joints = [name for name in log.names("effort") if name in motion.joint_names]
-    edges = np.arange(motion.time[0] + _WIDTH, motion.time[-1] - _WIDTH, _WINDOW)
-    if not joints or len(edges) < 3:
-        return None
-    changes = np.diff(_energies(robot, *motion.states(edges, _WIDTH)), axis=0)
-    moved = motion.joint_changes()
-    number = np.searchsorted(edges, motion.step_times, side="right") - 1
-    inside = (number >= 0) & (number < len(edges) - 1)
-    efforts = {name: log.channel("effort", name).at(motion.step_times)[:, 0] for name in joints}
-    known = np.all([np.isfinite(each) for each in efforts.values()], axis=0)
-
-    def summed(values: np.ndarray) -> np.ndarray:
-        return np.bincount(number[inside], values[inside], minlength=len(edges) - 1)
-
-    broken = np.searchsorted(edges, motion.breaks, side="right") - 1
-    whole = summed((~known).astype(float)) == 0
-    whole[broken[(broken >= 0) & (broken < len(whole))]] = False
-    if whole.sum() < 3:
-        return None
-    works = {name: summed(np.where(known, efforts[name], 0.0) * moved[name]) for name in joints}
-    duration = np.diff(motion.time)
-    parts: list[tuple[str, str, float, np.ndarray]] = []
-    loss = np.zeros(len(edges) - 1)
-    for name, change in moved.items():
-        column = robot.velocity_indices(name).start
-        viscous, dry = summed(change**2 / duration), summed(np.abs(change))
-        damping, friction = float(robot.model.damping[column]), float(robot.model.friction[column])
-        loss += damping * viscous + friction * dry
-        unit = robot.velocity_units[column]
-        force = "N" if unit == "m/s" else "N m"
-        parts += [(f"viscous friction of {name}", f"{force} s/{unit.removesuffix('/s')}", damping, viscous)]
-        parts += [(f"dry friction of {name}", force, friction, dry)]
-    for index, inertia in enumerate(robot.model.inertias):
-        if index and inertia.mass > 0 and np.abs(changes[:, index]).max() > 0:
-            parts.append((f"mass of {robot.model.names[index]}", "kg", inertia.mass, changes[:, index] / inertia.mass))
-    parts += [(f"effort of {name}", "", 1.0, -work) for name, work in works.items()]
-    found = EnergyBalance(
-        (edges[1:] + edges[:-1])[whole] / 2,
-        changes.sum(axis=1)[whole],
-        sum(works.values(), np.zeros(len(whole)))[whole],
-        loss[whole],
-        (),
-    )
-    return replace(found, suspects=_suspects(found, [(*said, column[whole]) for *said, column in parts]))
-
-
-def _energies(robot: Robot, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Kinetic and potential energy (T, bodies) of each body [J]."""
-    model, data = robot.model, robot.model.createData()
-    energies = np.zeros((len(q), model.njoints))
-    for row, (position, velocity) in enumerate(zip(q, v, strict=True)):
-        pin.forwardKinematics(model, data, position, velocity)
-        for index in range(1, model.njoints):
-            inertia = model.inertias[index]
-            height = -inertia.mass * model.gravity.linear @ data.oMi[index].act(inertia.lever)
-            energies[row, index] = inertia.vtiv(data.v[index]) / 2 + height
-    return energies
-
-
-def _suspects(balance: EnergyBalance, parts: list[tuple[str, str, float, np.ndarray]]) -> tuple[Suspect, ...]:
-    """Numbers that explain the residual, chosen one after the other."""
-    residual, count = balance.residual, len(balance.time)
-    columns = np.stack([column for *_, column in parts], axis=1)
-    chosen: list[int] = []
-    values, shares = np.zeros(0), []
-    left, first = residual, float(residual @ residual)
-    while len(chosen) < _MOST_BODIES and balance._imbalance_of(left) >= _BALANCED:
-        rest = _unexplained(columns, chosen)
-        gains = _gains(rest, left, np.sum(columns**2, axis=0))
-        worthy = gains > max(_WORTH_OF_BODY, _RARE / count) * float(left @ left)
-        for index in (int(k) for k in np.argsort(-gains) if worthy[k]):
-            trial = np.linalg.lstsq(columns[:, [*chosen, index]], residual, rcond=None)[0]
-            name, _, nominal, _ = parts[index]
-            if name.startswith("effort") or nominal + trial[-1] >= 0:  # friction and masses are not negative
-                break
-        else:
-            break
-        chosen, values = [*chosen, index], trial
-        left = residual - columns[:, chosen] @ values
-        shares.append(1.0 - float(left @ left) / first)
-    return tuple(
-        Suspect(name, unit, nominal, nominal + float(value), share)
-        for (name, unit, nominal, _), value, share in zip([parts[k] for k in chosen], values, shares, strict=True)
-    )
