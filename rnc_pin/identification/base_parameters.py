@@ -74,6 +74,14 @@ def base_parameters(
 
     Raises:
         ConfigurationError: a number is out of range.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+        >>> reduced = rnc.NonholonomicSystem(robot, wheels).reduce()
+        >>> base = rnc.base_parameters(reduced)
+        >>> base.rank, base.matrix.shape
+        (16, (16, 30))
     """
     if samples < 1 or not 0 < tolerance < 1:
         raise ConfigurationError(

@@ -7,37 +7,21 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import EllipsisType
-from typing import NamedTuple
 
 import numpy as np
 
 from rnc_pin.errors import SingularityError
 from rnc_pin.math.linear_algebra import null_space, pivot_columns
-from rnc_pin.model.actuation import Actuation, Actuators
+from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.passive_forces import ForceKind, PassiveForces
+from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.row_stack import OutputStack, RowStack
-from rnc_pin.model.rows import ConstantRows, ConstraintKind, OutputKind, OutputRows
+from rnc_pin.model.rows import ConstantRows, OutputRows
 from rnc_pin.robots.robot import Robot
 
 _CHOOSE_AGAIN = 1e3  # dependence of a row above which other rows are selected, if there are any
 _TIE = 1e-6  # relative preference of an entry of v over the next one, to break ties
 _INDEPENDENT = 1e-3  # smallest singular value of entries that count as independent
-
-
-class SystemParts(NamedTuple):
-    """Parts of a reduced model as its user gave them, before they are bound to a robot."""
-
-    constraints: tuple[ConstraintKind, ...]
-    actuators: Actuators
-    mimic: bool
-    forces: tuple[ForceKind, ...]
-    reducing: tuple[OutputKind, ...] | None = None
-    """Reducing outputs; None if none was named."""
-    vertical: tuple[OutputKind, ...] = ()
-
-
-_NOTHING_GIVEN = SystemParts((), (), True, ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +47,6 @@ class ReductionData:
     forces: PassiveForces
     free: bool = False
     """True if other reducing velocities may be selected where they are dependent, because none was named."""
-    given: SystemParts = _NOTHING_GIVEN
-    """Parts as the user gave them."""
 
     @cached_property
     def constraints(self) -> RowStack:

@@ -26,7 +26,6 @@ from rnc_pin.model.passive_forces import ForceKind, PassiveForces
 from rnc_pin.model.reduced_model import ReducedModel, system_headline, system_lines
 from rnc_pin.model.reduction_data import (
     ReductionData,
-    SystemParts,
     VelocityRows,
     best_entries,
     completing_entries,
@@ -67,6 +66,7 @@ class NonholonomicSystem(SummaryMixin):
         n: number of degrees of freedom before the constraints (nv).
         m: number of independent constraint rows.
         p: number of actuators.
+        kinds: the given constraints.
         rows: all constraint rows; ``kept``: indices of the independent ones, (m,).
         constraints: the independent rows.
         dropped_rows: the other rows, with reasons.
@@ -105,8 +105,9 @@ class NonholonomicSystem(SummaryMixin):
             actuators = actuators.copy()
         self.actuation = Actuation(actuators, robot)
         self.forces = PassiveForces(_kinds(forces, "forces"), robot)
-        self._given = SystemParts(tuple(_kinds(constraints, "constraints")), actuators, mimic, tuple(forces))
-        constraints = parts_of(self._given.constraints)
+        self._given = actuators, mimic, tuple(forces)
+        self.kinds = tuple(_kinds(constraints, "constraints"))
+        constraints = parts_of(self.kinds)
         blocks = _numbered([kind.bind(robot) for kind in constraints])
         for kind, block in zip(constraints, blocks, strict=True):
             block.kind = kind
@@ -152,13 +153,7 @@ class NonholonomicSystem(SummaryMixin):
             constraints: constraints in addition to those of this system.
             may_stop: True if all of them together may leave no motion.
         """
-        given, actuators, mimic, forces, *_ = self._given
-        return NonholonomicSystem(self.robot, [*given, *constraints], actuators, mimic, forces, may_stop)
-
-    @property
-    def kinds(self) -> tuple[ConstraintKind, ...]:
-        """Given constraints."""
-        return self._given.constraints
+        return NonholonomicSystem(self.robot, [*self.kinds, *constraints], *self._given, may_stop)
 
     def with_robot(self, robot: Robot, constraints: Sequence[ConstraintKind]) -> NonholonomicSystem:
         """The same actuators and forces on another robot, e.g. one with calibrated numbers.
@@ -167,8 +162,7 @@ class NonholonomicSystem(SummaryMixin):
             robot: the robot, with the same names.
             constraints: its constraints.
         """
-        _, actuators, mimic, forces, *_ = self._given
-        return NonholonomicSystem(robot, constraints, actuators, mimic, forces)
+        return NonholonomicSystem(robot, constraints, *self._given)
 
     @property
     def r(self) -> int:
@@ -208,12 +202,10 @@ class NonholonomicSystem(SummaryMixin):
         Raises:
             ConstraintError: not n - m reducing outputs, a duplicate output, or outputs that are dependent everywhere.
         """
-        given = self._given._replace(vertical=tuple(_kinds(vertical, "vertical outputs")))
-        x1 = OutputStack([kind.bind(self.robot) for kind in given.vertical])
+        x1 = OutputStack([kind.bind(self.robot) for kind in _kinds(vertical, "vertical outputs")])
         if reducing is None:
-            return self._reduced(self._entries(), x1, singularity_limit, given)
-        given = given._replace(reducing=tuple(_kinds(reducing, "reducing outputs")))
-        x2 = OutputStack([kind.bind(self.robot) for kind in given.reducing or ()])
+            return self._reduced(self._entries(), x1, singularity_limit, free=True)
+        x2 = OutputStack([kind.bind(self.robot) for kind in _kinds(reducing, "reducing outputs")])
         if x2.size != self.r:
             _check_unique((*self.constraints.names, *x2.names, *x1.names), "output")
             raise ConstraintError(
@@ -221,7 +213,7 @@ class NonholonomicSystem(SummaryMixin):
                 f"{self.n} degrees of freedom less {self.m} of the constraints"
                 f"{_still(x2, self.robot, self._samples) or self._completion(x2)}"
             )
-        reduced = self._reduced(x2, x1, singularity_limit, given)
+        reduced = self._reduced(x2, x1, singularity_limit, free=False)
         self._check_regular(reduced)
         return reduced
 
@@ -230,12 +222,12 @@ class NonholonomicSystem(SummaryMixin):
         lines = system_lines(self.constraints, self.dropped_rows, self.actuation, self.forces)
         return ObjectSummary(title, lines)
 
-    def _reduced(self, x2: OutputStack, x1: OutputStack, limit: float, given: SystemParts) -> ReducedModel:
+    def _reduced(self, x2: OutputStack, x1: OutputStack, limit: float, free: bool) -> ReducedModel:
         _check_unique((*self.constraints.names, *x2.names, *x1.names), "output")
         lengths = row_scales(self.robot, self.rows, x2, self._samples)
-        workspace, kept, free = Kinematics(self.robot), tuple(self.kept), given.reducing is None
+        workspace, kept = Kinematics(self.robot), tuple(self.kept)
         parts = ReductionData(
-            self.robot, self.rows, kept, self.actuation, x2, x1, limit, lengths, workspace, self.forces, free, given
+            self.robot, self.rows, kept, self.actuation, x2, x1, limit, lengths, workspace, self.forces, free
         )
         return ReducedModel(parts, self.assembly, self.dropped_rows)
 
