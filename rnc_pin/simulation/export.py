@@ -1,4 +1,4 @@
-"""Runs as tables for other programs: CSV with a name and a unit in each header, and MAT files for MATLAB."""
+"""Runs as tables for other programs: CSV with a name and a unit in each header."""
 
 from __future__ import annotations
 
@@ -15,8 +15,6 @@ from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.io.json import atomic_file
 from rnc_pin.simulation.run_data import RunData
 from rnc_pin.simulation.run_info import FORCE_UNITS, OutputNames, RunInfo
-
-FORMATS = (".csv", ".mat")
 
 
 class Column(NamedTuple):
@@ -36,13 +34,13 @@ def export_run(run: RunData, path: str | Path, arrays: Sequence[str] | None = No
         replace: True replaces an existing file.
 
     Raises:
-        ConfigurationError: the name has another ending than .csv and .mat.
+        ConfigurationError: the name has another ending than .csv.
         InputError: unknown array.
         OSError: the file cannot be written.
     """
     path = Path(path)
-    if path.suffix not in FORMATS:
-        raise ConfigurationError(f"{path}: expected a name that ends in .csv or .mat")
+    if path.suffix != ".csv":
+        raise ConfigurationError(f"{path}: expected a name that ends in .csv")
     known = [each.name for each in fields(run) if each.name != "info"]
     chosen = known if arrays is None else ["time", *(name for name in arrays if name != "time")]
     for name in chosen:
@@ -50,10 +48,7 @@ def export_run(run: RunData, path: str | Path, arrays: Sequence[str] | None = No
             raise InputError(f"arrays: the run has no '{name}'{nearest(name, known)}")
     columns = {name: columns_of_array(run, name) for name in chosen}
     with atomic_file(path, replace) as partial:
-        if path.suffix == ".csv":
-            _write_table(partial, run, columns)
-        else:
-            _write_mat(partial, run, columns)
+        _write_table(partial, run, columns)
     return path
 
 
@@ -126,20 +121,3 @@ def _write_table(path: Path, run: RunData, columns: dict[str, list[Column]]) -> 
     with path.open("w", encoding="utf-8", newline="") as file:
         file.write(header.getvalue())
         np.savetxt(file, table, fmt="%.17g", delimiter=",")
-
-
-def _write_mat(path: Path, run: RunData, columns: dict[str, list[Column]]) -> None:
-    """Write the arrays under their names, and cell arrays of their columns under ``names`` and ``units``."""
-    from scipy.io import savemat  # half a second to import
-
-    def cells(values: Sequence[str]) -> np.ndarray:
-        found = np.empty(len(values), dtype=object)
-        found[:] = values
-        return found
-
-    content: dict[str, object] = {array: getattr(run, array) for array in columns}
-    content["names"] = {array: cells([each.name for each in found]) for array, found in columns.items()}
-    content["units"] = {array: cells([each.unit for each in found]) for array, found in columns.items()}
-    content["scenario"] = run.info.provenance.scenario or ""
-    with path.open("wb") as file:
-        savemat(file, content, oned_as="column", do_compression=True)

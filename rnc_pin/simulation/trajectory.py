@@ -103,13 +103,12 @@ class Trajectory(RunData):
         return figure
 
     def export(self, file: str | Path, arrays: Sequence[str] | None = None) -> None:
-        """Write the run for other programs. An existing file is replaced.
+        """Write the run as a table for other programs. An existing file is replaced.
 
-        A ``.csv`` file has one header per column, such as ``x2.tip_x [m]``: array, name and unit. A ``.mat`` file has
-        the arrays, and the names and units of their columns as cell arrays, such as ``names.x2`` and ``units.x2``.
+        There is one header per column, such as ``x2.tip_x [m]``: array, name and unit. ``save`` writes arrays.
 
         Args:
-            file: name that ends in .csv or .mat.
+            file: name that ends in .csv.
             arrays: names of the arrays, such as ``["x2", "T"]``; ``time`` is always written. All by default.
 
         Raises:

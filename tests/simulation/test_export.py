@@ -6,7 +6,6 @@ from dataclasses import fields, replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.io import loadmat
 
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.execution import execute
@@ -49,27 +48,13 @@ def test_a_table_has_a_name_and_a_unit_for_each_column(run, tmp_path):
         np.testing.assert_array_equal(values[:, header.index(name)], wanted, err_msg=name)
 
 
-def test_the_reader_of_another_program_finds_the_same(run, tmp_path):
-    """SciPy reads MAT files as MATLAB does: arrays, and cell arrays of names and units."""
-    run.export(tmp_path / "run.mat")
-    found = loadmat(tmp_path / "run.mat", simplify_cells=True)
-    stored = loadmat(tmp_path / "run.mat")
-    for name in arrays(run):
-        values = getattr(run, name)
-        np.testing.assert_array_equal(stored[name], values.reshape(len(values), -1) if values.size else values)
-    assert list(found["names"]["T"]) == list(run.info.outputs.T)
-    assert list(found["units"]["T"]) == ["N", "N m", "N m"]
-    assert list(found["units"]["q"]) == ["m", "m", "-", "-", "rad", "rad", "rad"]
-    assert found["scenario"] == "fire-truck"
-
-
 def test_chosen_arrays_are_written_after_the_time(run, tmp_path):
     run.export(tmp_path / "run.csv", ["T", "energy"])
     header = (tmp_path / "run.csv").read_text().splitlines()[0]
     assert header == "time [s],T.force(tractor.x) [N],T.front_steering [N m],T.rear_steering [N m],energy [J]"
     with pytest.raises(rnc.InputError, match="arrays: the run has no 'energi'; did you mean 'energy'"):
         run.export(tmp_path / "other.csv", ["energi"])
-    with pytest.raises(rnc.ConfigurationError, match=r"run.xls: expected a name that ends in .csv or .mat"):
+    with pytest.raises(rnc.ConfigurationError, match=r"run.xls: expected a name that ends in .csv"):
         run.export(tmp_path / "run.xls")
     assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
 

@@ -285,7 +285,7 @@ def replay(**given: Given) -> int:
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 @_debug
 def export(**given: Given) -> None:
-    """Write a run, a folder of ``run`` or its trajectory.npz, as a FILE.csv or FILE.mat with names and units."""
+    """Write a run, a folder of ``run`` or its trajectory.npz, as a FILE.csv with names and units."""
     _command("export_file")(**given)
 
 
