@@ -6,7 +6,6 @@ from .drawn_state import DrawnState as DrawnState
 from .drawn_state import View as View
 from .drawn_state import recorded_states as recorded_states
 from .live import LiveView as LiveView
-from .live import MeshcatViewer as MeshcatViewer
 from .loop_view import LoopView as LoopView
 from .loop_view import show as show
 from .plots import Histogram as Histogram

@@ -20,8 +20,7 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import OutputNames, Sample, Trajectory, output_names
 
 Layer = Literal[
-    "path", "reference", "goal", "plan", "tracks", "constraint directions", "constraint forces", "null motion",
-    "margin", "compared", "obstacles", "surface",
+    "path", "reference", "goal", "plan", "tracks", "constraint forces", "compared", "obstacles", "surface",
 ]  # fmt: skip
 LAYERS: tuple[Layer, ...] = get_args(Layer)
 Point = Annotated[Sequence[float], Len(3, 3)]
@@ -44,7 +43,7 @@ class View:
     camera: Point | None = None
     target: Point = (0.0, 0.0, 0.0)
     ground: float | Literal["auto"] | None = "auto"
-    hide: Sequence[Layer] = ("constraint directions", "null motion")
+    hide: Sequence[Layer] = ()
 
     def __post_init__(self) -> None:
         for layer in self.hide:
@@ -58,7 +57,7 @@ class DrawnModel:
 
     Attributes:
         robot: robot whose bodies are drawn.
-        reduced: reduced model with the constraints, outputs and null motion; None if only the robot is known.
+        reduced: reduced model with the constraints and outputs; None if only the robot is known.
         obstacles: bodies in the world.
         switching: constraints that act during a part of the run, whose forces are drawn.
     """

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass
 from typing import NamedTuple, TypedDict
 
 import numpy as np
@@ -47,12 +46,10 @@ class Element(ABC):
     Attributes:
         entry: its entry in the legend; elements of one layer share an entry.
         name: name of its node on the layer.
-        expensive: True if a live view may update it less often.
     """
 
     entry: LayerEntry
     name: str
-    expensive = False
 
     @property
     def node(self) -> str:
@@ -159,40 +156,6 @@ class Arrow(Element):
         )
 
 
-@dataclass(eq=False)
-class Rod(Element):
-    """Thin rod centred at a point along a unit vector: a direction in which the constraint prevents motion."""
-
-    line: Callable[[DrawnState], tuple[np.ndarray, np.ndarray]]
-    length: float
-    width: float
-
-    def build(self, scene: MeshcatScene) -> None:
-        scene.mesh(self.node, mg.Cylinder(1.0, 1.0), self.entry.color)
-
-    def update(self, scene: MeshcatScene, state: DrawnState) -> None:
-        point, along = self.line(state)
-        scene.place(self.node, _cylinder_transform(point, along, self.length, self.width / 2))
-
-
-@dataclass(eq=False)
-class ColoredSphere(Element):
-    """Sphere whose position and colour depend on the state."""
-
-    point: Callable[[DrawnState], np.ndarray]
-    color: Callable[[DrawnState], np.ndarray]
-    size: float
-
-    def build(self, scene: MeshcatScene) -> None:
-        scene.mesh(self.node, mg.Sphere(self.size), self.entry.color)
-
-    def update(self, scene: MeshcatScene, state: DrawnState) -> None:
-        placement = np.eye(4)
-        placement[:3, 3] = self.point(state)
-        scene.place(self.node, placement)
-        scene.paint(self.node, self.color(state))
-
-
 def drawn_scale(shape: pin.GeometryObject) -> np.ndarray:
     """Absolute scale factors (3,) in the placement of a shape."""
     return np.abs(np.asarray(shape.meshScale, dtype=float))
@@ -200,21 +163,17 @@ def drawn_scale(shape: pin.GeometryObject) -> np.ndarray:
 
 @dataclass(eq=False)
 class Ghost(Element):
-    """Copy of the robot at another configuration or place, pale or in its own colours.
+    """Pale copy of the robot at another configuration.
 
     Attributes:
         robot: robot to copy.
         configuration: configuration (nq,) at a state.
         source: group of the shapes to copy.
-        opacity: opacity of the copy; 1 keeps the robot's own colours.
-        offset: displacement in the world (3,) [m].
     """
 
     robot: Robot
     configuration: Callable[[DrawnState], np.ndarray]
     source: str
-    opacity: float = 0.35
-    offset: np.ndarray = field(default_factory=partial(np.zeros, 3))
 
     def __post_init__(self) -> None:
         drawn = self.robot.drawn_geometry
@@ -223,9 +182,8 @@ class Ghost(Element):
         self._data, self._shapes = self.robot.model.createData(), self._visual.createData()
 
     def build(self, scene: MeshcatScene) -> None:
-        color = None if self.opacity >= 1.0 else self.entry.color
         for shape in self._visual.geometryObjects:
-            scene.copy(f"{self.node}/{shape.name}", f"{self.source}/{shape.name}", color, self.opacity)
+            scene.copy(f"{self.node}/{shape.name}", f"{self.source}/{shape.name}", self.entry.color, 0.4)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         q = self.configuration(state)
@@ -233,7 +191,6 @@ class Ghost(Element):
         for shape, placement in zip(self._visual.geometryObjects, self._shapes.oMg, strict=True):
             matrix = placement.homogeneous.copy()
             matrix[:3, :3] *= drawn_scale(shape)
-            matrix[:3, 3] += self.offset
             scene.place(f"{self.node}/{shape.name}", matrix)
 
 

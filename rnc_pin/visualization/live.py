@@ -6,7 +6,7 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -24,70 +24,6 @@ from rnc_pin.visualization.run_scene import RunScene, ShownRun
 from rnc_pin.visualization.scene_bodies import check_drawable
 
 _VALUES_RATE = 10.0  # updates of the overlay per second
-
-
-class MeshcatViewer:
-    """Meshcat page served by this process.
-
-    Args:
-        drawn_model: robot to show, and its reduced model; only the drawing thread may use it.
-        view: view options.
-        info: information on the run.
-        host: address to serve on.
-        title: title of the page.
-        panel: panel of controls; see ``SceneServer``.
-    """
-
-    def __init__(
-        self,
-        drawn_model: DrawnModel,
-        view: View,
-        info: RunInfo,
-        host: str,
-        title: str,
-        panel: ControlPanel | None = None,
-    ) -> None:
-        self._model, self._view, self._info = drawn_model, view, info
-        self.window = SceneWindow(title)
-        self.scene = MeshcatScene(self.window)
-        self._run_scene: RunScene | None = None
-        self._next_values = 0.0
-        self.url = self.window.serve(host=host, panel=panel)
-
-    @property
-    def browsers(self) -> int:
-        """Number of connected browsers."""
-        return self.window.browsers
-
-    def open(self) -> None:
-        """Show the page in the user's browser."""
-        self.window.open()
-
-    def draw(self, state: DrawnState) -> None:
-        """Draw a state; the first state creates the scene."""
-        if self._run_scene is None:
-            # The first command shows which outputs have goals.
-            goals = self._info.goals or [
-                name
-                for kind, desired in (("x1", state.x1_desired), ("x2", state.x2_desired))
-                for name, value in zip(self._info.outputs.of(kind).names, desired, strict=False)
-                if np.isfinite(value)
-            ]
-            self._run_scene = RunScene(ShownRun(self._model, self._info, goals), self._view, self.scene, state)
-            title = self.window.title if self.window.title != "rnc_pin" else ""
-            self.scene.overlay(title, self._run_scene.overlay.labels(), self._run_scene.legend())
-        now = time.monotonic()
-        with self.window.batched():
-            self._run_scene.update(state)
-            if now >= self._next_values:
-                self._next_values = now + 1.0 / _VALUES_RATE
-                self.scene.overlay_values(*self._run_scene.overlay.values(state))
-
-    def close(self) -> None:
-        """Stop serving."""
-        self.window.close()
-
-
 RATE = 30.0  # frames per second
 
 
@@ -98,14 +34,19 @@ class LiveView:
     waits for that thread or the browser; samples that arrive before both are ready are not drawn.
 
     Args:
-        model: reduced model or robot; a reduced model also shows its constraints and null motion.
+        model: reduced model or robot; a reduced model also shows its constraints.
         view: view options.
         meta: provenance of the coming run, as for ``simulate``; or ``info`` or ``meta`` of a run to show again.
         speed: simulated time over real time; 0 does not wait.
         open_browser: open the page immediately.
         host: address to serve on.
         title: title of the page.
-        viewer: factory of the viewer; a page without controls by default.
+        panel: panel of controls; see ``SceneServer``.
+
+    Attributes:
+        window: window of the page.
+        url: address of the page.
+        problem: error of the last state that was not drawn, None if it was.
     """
 
     def __init__(
@@ -117,13 +58,17 @@ class LiveView:
         open_browser: bool = True,
         host: str = LOOPBACK,
         title: str = "rnc_pin",
-        viewer: Callable[..., MeshcatViewer] | None = None,
+        panel: ControlPanel | None = None,
     ) -> None:
         drawn_model = DrawnModel.of(model)
         check_drawable(drawn_model.robot)
         self._model, self._speed = drawn_model.with_own_model(), speed  # the loop uses the original
-        self._viewer = (viewer or MeshcatViewer)(self._model, view or View(), _info(drawn_model, meta), host, title)
-        self.url = self._viewer.url
+        self._view, self._info = view or View(), _info(drawn_model, meta)
+        self.window = SceneWindow(title)
+        self.scene = MeshcatScene(self.window)
+        self._run_scene: RunScene | None = None
+        self._next_values = 0.0
+        self.url = self.window.serve(host=host, panel=panel)
         self._started: float | None = None
         self._next = 0.0
         self._last: Sample | DrawnState | None = None
@@ -138,19 +83,14 @@ class LiveView:
     def wait_for_browser(self, timeout: float) -> bool:
         """Wait up to ``timeout`` [s] for a browser to connect. Return True if one is connected."""
         end = time.monotonic() + timeout
-        while not self._viewer.browsers and time.monotonic() < end:
+        while not self.watched and time.monotonic() < end:
             time.sleep(0.05)
         return self.watched
 
     @property
-    def window(self) -> SceneWindow:
-        """Window of the page."""
-        return self._viewer.window
-
-    @property
     def watched(self) -> bool:
         """True if a browser is connected."""
-        return bool(self._viewer.browsers)
+        return bool(self.window.browsers)
 
     @property
     def closed(self) -> bool:
@@ -159,7 +99,7 @@ class LiveView:
 
     def open(self) -> None:
         """Show the page in the user's browser."""
-        self._viewer.open()
+        self.window.open()
 
     def restart(self) -> None:
         """Show the next sample whatever its time is, and count real time from it."""
@@ -180,6 +120,26 @@ class LiveView:
         self._due.append(sample)
         self._wake.set()
 
+    def draw(self, state: DrawnState) -> None:
+        """Draw a state, in the drawing thread; the first state creates the scene."""
+        if self._run_scene is None:
+            # The first command shows which outputs have goals.
+            goals = self._info.goals or [
+                name
+                for kind, desired in (("x1", state.x1_desired), ("x2", state.x2_desired))
+                for name, value in zip(self._info.outputs.of(kind).names, desired, strict=False)
+                if np.isfinite(value)
+            ]
+            self._run_scene = RunScene(ShownRun(self._model, self._info, goals), self._view, self.scene, state)
+            title = self.window.title if self.window.title != "rnc_pin" else ""
+            self.scene.overlay(title, self._run_scene.overlay.labels(), self._run_scene.legend())
+        now = time.monotonic()
+        with self.window.batched():
+            self._run_scene.update(state)
+            if now >= self._next_values:
+                self._next_values = now + 1.0 / _VALUES_RATE
+                self.scene.overlay_values(*self._run_scene.overlay.values(state))
+
     def _draw(self) -> None:
         while not self._over.is_set():
             self._wake.wait()
@@ -194,7 +154,7 @@ class LiveView:
         """Draw the pending samples. Return False if drawing failed."""
         while self._due:
             try:
-                self._viewer.draw(self._state(self._due.popleft()))
+                self.draw(self._state(self._due.popleft()))
                 self.problem = None
             except RncError as error:  # for example a singular configuration; the next state may be drawn
                 self.problem = error
@@ -220,7 +180,7 @@ class LiveView:
         self._over.set()
         self._wake.set()
         self._thread.join(timeout=5)
-        self._viewer.close()
+        self.window.close()
 
 
 def _info(drawn_model: DrawnModel, meta: RunInfo | Provenance | Mapping[str, Json] | None) -> RunInfo:

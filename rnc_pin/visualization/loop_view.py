@@ -8,7 +8,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
-from functools import partial
 from types import MappingProxyType
 from typing import Generic, TypeVar
 
@@ -27,7 +26,7 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Sample
 from rnc_pin.visualization.browser.scene_server import ControlPanel
 from rnc_pin.visualization.drawn_state import DrawnModel, View
-from rnc_pin.visualization.live import LiveView, MeshcatViewer
+from rnc_pin.visualization.live import LiveView
 
 Made = TypeVar("Made")
 
@@ -35,11 +34,8 @@ _POLL = 0.1  # period at which a paused loop looks for a browser [s]
 _ABSENCE = 5.0  # time without a browser after which a paused loop continues [s]; a page may be loaded again
 
 
-class LoopView(SummaryMixin, Generic[Made]):
+class LoopView(SummaryMixin, LiveView, Generic[Made]):
     """Live view of a loop; ``rnc.show`` makes it.
-
-    Attributes:
-        url: address of the page.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -65,12 +61,9 @@ class LoopView(SummaryMixin, Generic[Made]):
         self._made_of = dict(self._gains)
         self._condition = threading.Condition()
         self._running, self._paused, self._steps, self._message = True, False, 0, ""
-        self._last, self._begin = -math.inf, time.monotonic()
-        drawn = DrawnModel.of(model)
-        self._robot, self._reduced = drawn.robot, drawn.reduced
-        viewer = partial(MeshcatViewer, panel=ControlPanel("loop", self._receive))
-        self._live = LiveView(drawn, view, speed=speed, open_browser=False, title=title, viewer=viewer)
-        self.url = self._live.url
+        self._last_time, self._begin = -math.inf, time.monotonic()
+        panel = ControlPanel("loop", self._receive)
+        super().__init__(model, view, speed=speed, open_browser=False, title=title, panel=panel)
         ranges: dict[str, Json] = {
             name: {"lower": lower, "upper": upper, "start": start}
             for name, (lower, upper, start) in self._ranges.items()
@@ -110,10 +103,10 @@ class LoopView(SummaryMixin, Generic[Made]):
                 model, or the view is closed.
         """
         sample = self._sample(q, v2, t, T, command)
-        if sample.time < self._last:
-            self._live.restart()
-        self._last = sample.time
-        self._live(sample)
+        if sample.time < self._last_time:
+            self.restart()
+        self._last_time = sample.time
+        self(sample)
         if self._paused:
             self._wait(sample)
 
@@ -155,49 +148,37 @@ class LoopView(SummaryMixin, Generic[Made]):
         """True while the page pauses the loop."""
         return self._paused
 
-    @property
-    def problem(self) -> Exception | None:
-        """Error of the last state that was not drawn, None if it was; the loop continues either way."""
-        return self._live.problem
-
-    def wait_for_browser(self, timeout: float) -> bool:
-        """Wait for a browser. Return True if one is connected.
-
-        Args:
-            timeout: longest time to wait [s].
-        """
-        return self._live.wait_for_browser(timeout)
-
     def open(self) -> None:
         """Show the page: in a notebook under the cell, otherwise in the user's browser."""
         if _in_notebook():
             importlib.import_module("IPython.display").display(self)
         else:
-            self._live.open()
+            super().open()
 
     def close(self) -> None:
         """Draw the last state, and stop serving."""
         with self._condition:
             self._running = self._paused = False
             self._condition.notify_all()
-        self._live.close()
+        super().close()
 
     # ------------------------------------------------------------------ inside
 
     def _sample(
         self, q: ArrayLike, v2: ArrayLike | None, t: float | None, T: ArrayLike | None, command: Command | None
     ) -> Sample:
-        if not self._running and self._live.closed:
+        if not self._running and self.closed:
             raise InputError("the view is closed")
-        configuration = vector(np.asarray(q), self._robot.nq, "q")
+        reduced = self._model.reduced
+        configuration = vector(np.asarray(q), self._model.robot.nq, "q")
         velocity, inputs = np.empty(0), np.empty(0)
-        if self._reduced is None:
+        if reduced is None:
             if v2 is not None or T is not None:
                 raise InputError("a robot without a reduced model has no v2 and no T: show(reduced) has them")
         else:
-            velocity = np.zeros(self._reduced.r) if v2 is None else vector(np.asarray(v2), self._reduced.r, "v2")
+            velocity = np.zeros(reduced.r) if v2 is None else vector(np.asarray(v2), reduced.r, "v2")
             known = T is not None and v2 is not None
-            inputs = vector(np.asarray(T), self._reduced.p, "T") if known else np.full(self._reduced.p, np.nan)
+            inputs = vector(np.asarray(T), reduced.p, "T") if known else np.full(reduced.p, np.nan)
         at = time.monotonic() - self._begin if t is None else float(t)
         if not math.isfinite(at):
             raise InputError(f"t has to be finite, found {t}")
@@ -205,19 +186,19 @@ class LoopView(SummaryMixin, Generic[Made]):
 
     def _wait(self, sample: Sample) -> None:
         """Show exactly this state, and wait until the page continues, takes a step, ends the loop, or is gone."""
-        self._live.restart()
-        self._live(sample)
+        self.restart()
+        self(sample)
         begin = seen = time.monotonic()
         with self._condition:
             while self._paused and not self._steps:
                 self._condition.wait(_POLL)
-                if self._live.watched:
+                if self.watched:
                     seen = time.monotonic()
                 elif time.monotonic() - seen > _ABSENCE:
                     self._paused = False
             self._steps = max(0, self._steps - 1)
         self._begin += time.monotonic() - begin
-        self._live.restart()
+        self.restart()
 
     def _receive(self, message: object) -> None:
         """Take a message of the page; anything that the page does not send is ignored."""
@@ -243,12 +224,12 @@ class LoopView(SummaryMixin, Generic[Made]):
         self._post("status", {**state, "gains": dict(self._gains)})
 
     def _post(self, kind: str, content: dict[str, Json]) -> None:
-        self._live.window.post({"type": f"loop_{kind}", "path": f"/loop/{kind}", "content": content})
+        self.window.post({"type": f"loop_{kind}", "path": f"/loop/{kind}", "content": content})
 
     def _summary(self) -> ObjectSummary:
         state = "paused" if self._paused else "running" if self._running else "ended"
         gains = [Item(name, f"{value:.4g}") for name, value in self.gains.items()]
-        title = f"LoopView of '{self._robot.name}': {state}, {self.url}"
+        title = f"LoopView of '{self._model.robot.name}': {state}, {self.url}"
         return ObjectSummary(title, [("gains", gains)] if gains else [])
 
     def _repr_html_(self) -> str:

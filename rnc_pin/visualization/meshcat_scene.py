@@ -108,18 +108,11 @@ class Keyframes:
         self._frames: dict[str, list[int]] = {}
         self._matrices: dict[str, list[np.ndarray]] = {}
         self._tracks: dict[str, list[bytes]] = {}
-        self._colors: dict[str, tuple[list[int], list[np.ndarray]]] = {}
 
     def place(self, path: str, frame: int, matrix: np.ndarray) -> None:
         """Set the transform (4, 4) of a node at a frame, which may include a scale."""
         self._frames.setdefault(path, []).append(frame)
         self._matrices.setdefault(path, []).append(matrix)
-
-    def paint(self, path: str, frame: int, color: np.ndarray) -> None:
-        """Set the colour of an object at a frame, (3,) in [0, 1]."""
-        frames, colors = self._colors.setdefault(path + "/<object>", ([], []))
-        frames.append(frame)
-        colors.append(color)
 
     def appear(self, path: str, frame: int) -> None:
         """Show a node from this frame on."""
@@ -135,9 +128,6 @@ class Keyframes:
         """
         for path, matrices in self._matrices.items():
             self._tracks.setdefault(path, []).extend(self._motion(self._frames[path], np.stack(matrices), single))
-        for path, (frames, colors) in self._colors.items():
-            track = _track(".material.color", "color", frames, np.stack(colors), single)
-            self._tracks.setdefault(path, []).append(track)
         rate = umsgpack.packb(self.rate, force_float_precision="single" if single else "double")
         clips = (
             _map(path=_text(path), clip=_map(fps=rate, name=_text("default"), tracks=_array(tracks)))
@@ -228,13 +218,6 @@ class MeshcatScene:
         if self.keyframes is not None:
             self.keyframes.place(path, self.frame, matrix)
 
-    def paint(self, name: str, color: np.ndarray) -> None:
-        """Set the colour of a node, (3,) in [0, 1]."""
-        if self.keyframes is None:
-            self.root[name].set_property("color", [*map(float, color), 1.0])
-        else:
-            self.keyframes.paint(f"/meshcat/{name}", self.frame, color)
-
     def appear(self, name: str) -> None:
         """Show a node from the current frame on; a live scene shows it anyway."""
         if self.keyframes is not None:
@@ -271,8 +254,8 @@ class MeshcatScene:
         """Hide a node; the viewer's controls show it again."""
         self.root[name].set_property("visible", False)
 
-    def copy(self, name: str, source: str, color: int | None = None, opacity: float = 1.0) -> None:
-        """Draw a copy of another node, without new geometry data; ``color=None`` keeps its colours."""
+    def copy(self, name: str, source: str, color: int, opacity: float) -> None:
+        """Draw a copy of another node in one colour, without new geometry data."""
         command = {"color": color, "opacity": opacity, "source": f"/meshcat/{source}"}
         self.window.post({"type": "copy", "path": f"/meshcat/{name}", **command})
 

@@ -31,13 +31,12 @@ class Recording(SummaryMixin):
     """Animation that needs only a browser. A notebook shows it if it is the last line of a cell.
 
     Args:
-        model: reduced model or robot; a reduced model also shows its constraints and null motion. A ``DrawnModel`` may
+        model: reduced model or robot; a reduced model also shows its constraints. A ``DrawnModel`` may
             have obstacles.
         trajectory: trajectory to play.
         view: view options.
         title: title of the page.
         comparisons: other runs of the same robot by label, shown as pale robots in the same place.
-        aside: True places the compared runs beside the run, in their own colours.
 
     Raises:
         ModelError: the robot has no geometry, or a frame of the view does not exist.
@@ -51,7 +50,6 @@ class Recording(SummaryMixin):
         view: View | None = None,
         title: str = "rnc_pin",
         comparisons: Mapping[str, Trajectory] | None = None,
-        aside: bool = False,
     ) -> None:
         others = dict(comparisons or {})
         drawn_model = DrawnModel.of(model)
@@ -62,7 +60,7 @@ class Recording(SummaryMixin):
             if len(each.time) < 2:
                 raise InputError(f"'{label}': too few samples to play: {len(each.time)}, expected at least 2")
         states = list(recorded_states(robot, trajectory, RATE, list(others.values())))
-        shown = ShownRun(drawn_model, trajectory.info, trajectory.info.goals, trajectory, others, aside)
+        shown = ShownRun(drawn_model, trajectory.info, trajectory.info.goals, trajectory, others)
         self.duration = float(trajectory.time[-1])
         self._scene = MeshcatScene(SceneWindow(title), RATE)
         run_scene = RunScene(shown, view or View(), self._scene, states[0])

@@ -10,10 +10,10 @@ from typing import TypedDict
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.simulation import PlannedPath, RunInfo, TaskNames, Trajectory
+from rnc_pin.simulation import PlannedPath, RunInfo, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, tracked_frames
-from rnc_pin.visualization.elements import Overlay, margin_color
+from rnc_pin.visualization.elements import Overlay
 from rnc_pin.visualization.meshcat_scene import (
     VIEW_DIRECTION,
     Follower,
@@ -23,12 +23,11 @@ from rnc_pin.visualization.meshcat_scene import (
     with_plan,
 )
 from rnc_pin.visualization.scene_bodies import MeshcatRobot, corners_over_time, ground_elements, obstacle_elements
-from rnc_pin.visualization.scene_kinematics import SceneKinematics, SwitchingForces, null_motion
+from rnc_pin.visualization.scene_kinematics import SceneKinematics, SwitchingForces
 
 _TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)
 _GHOSTS = (e.BLUE, e.PURPLE, e.GREEN, e.ORANGE)
 _MAX_MOTION = 4.0  # largest motion over the robot's size that the camera shows as a whole
-_EXPENSIVE_PERIOD = 6  # frames of a live view per update of costly elements
 
 
 @dataclass
@@ -41,7 +40,6 @@ class ShownRun:
         goals: outputs that have goals.
         trajectory: trajectory of a finished run; None for a live run.
         comparisons: compared runs by label.
-        aside: True places the compared runs beside the run instead of in the same place.
     """
 
     drawn_model: DrawnModel
@@ -49,7 +47,6 @@ class ShownRun:
     goals: Sequence[str]
     trajectory: Trajectory | None = None
     comparisons: Mapping[str, Trajectory] = field(default_factory=dict)
-    aside: bool = False
 
 
 class LegendLine(TypedDict):
@@ -84,8 +81,7 @@ class RunScene:
         run = shown.trajectory
         moments = first.q[None] if run is None else run.q[:: max(1, len(run.q) // 12)]
         self.size = float(np.clip(np.linalg.norm(np.ptp(self.kinematics.corners(first.q), axis=0)) / 2, 0.05, 20.0))
-        self._offset = np.zeros(3)
-        self._pictures, self._largest_force = 0, 1e-9  # the largest so far scales the arrows of a live view
+        self._largest_force = 1e-9  # the largest so far scales the arrows of a live view
         self.ground = shown.drawn_model.ground_height(view)
         self._follower: Follower | None = None
         times = (first.time,) if run is None else np.linspace(run.time[0], run.time[-1], 5).tolist()
@@ -105,10 +101,7 @@ class RunScene:
         self.meshcat_robot.display(state.q)
         if self._follower is not None:
             self.scene.follow(self._follower.follow(self.kinematics.center_of_mass(state.q)))
-        self._pictures += 1
         for element in self.elements:
-            if element.expensive and self.scene.keyframes is None and self._pictures % _EXPENSIVE_PERIOD != 1:
-                continue
             element.update(self.scene, state)
 
     def legend(self) -> list[LegendLine]:
@@ -136,24 +129,19 @@ class RunScene:
         view, whole = self.view, with_plan(points, self._path, self.ground or 0.0)
         given = None if view.camera is None else np.array(view.camera, dtype=float)
         forward = np.array(VIEW_DIRECTION) if given is None else np.array(view.target, dtype=float) - given
-        if self.shown.aside:
-            away = np.array([forward[0], forward[1], 0.0]) / max(float(np.hypot(*forward[:2])), 1e-9)
-            self._offset = away * 1.2 * float(np.ptp(whole @ away))
-            steps = range(len(self.shown.comparisons) + 1)
-            whole = np.concatenate([whole + k * self._offset for k in steps])
         radius = float(np.linalg.norm(np.ptp(whole, axis=0))) / 2
         # In a picture of a motion much longer than the robot, the robot would be only a dot.
         far = self._path is None and radius > _MAX_MOTION * self.size
         over = self.shown.trajectory is not None
-        if given is None or self.shown.aside:
-            shown = enlarged_box(self.kinematics.corners(first.q)) if far and not self.shown.aside else whole
+        if given is None:
+            shown = enlarged_box(self.kinematics.corners(first.q)) if far else whole
             camera, target = fitting_camera(shown, forward)
         else:
             camera, target = given, np.array(view.target, dtype=float)
         self.scene.set_camera(camera, target)
         if self.ground is not None:
             self.scene.grid(self.ground, target, max(10.0, 2.5 * radius))
-        if not self.shown.aside and (far or given is not None or not over):
+        if far or given is not None or not over:
             close = given is None and self._path is None
             self._follower = Follower(camera, target, self.kinematics.center_of_mass(first.q), close)
 
@@ -162,7 +150,7 @@ class RunScene:
     def _elements(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = []
         for part in (self._obstacles, self._grounds, self._plan, self._references, self._paths, self._tracks,
-                     self._constraints, self._switching, self._null_motion, self._margin, self._compared):  # fmt: skip
+                     self._constraints, self._switching, self._compared):  # fmt: skip
             found += part(first)
         return found
 
@@ -269,14 +257,9 @@ class RunScene:
         run = self.shown.trajectory
         if run is not None:
             self._largest_force = float(np.abs(run.multipliers[:, drawn]).max(initial=self._largest_force))
-        direction = e.LayerEntry("constraint direction", "constraint directions", e.SKY)
         force = _force_layer()
         found: list[e.Element] = []
         for row in drawn:
-
-            def line(state: DrawnState, row: int = int(row)) -> tuple[np.ndarray, np.ndarray]:
-                points, directions = self.kinematics.lines_of_action_at(state)
-                return points[row], directions[row]
 
             def vector(state: DrawnState, row: int = int(row)) -> tuple[np.ndarray, np.ndarray]:
                 points, directions = self.kinematics.lines_of_action_at(state)
@@ -285,7 +268,6 @@ class RunScene:
                 self._largest_force = max(self._largest_force, abs(value))
                 return points[row], directions[row] * value / self._largest_force * 0.7 * self.size
 
-            found.append(e.Rod(direction, str(row), line, 0.8 * self.size, 0.6 * self._width))
             found.append(e.Arrow(force, str(row), vector, 1.6 * self._width))
         return found
 
@@ -309,43 +291,18 @@ class RunScene:
 
         return [arrow(number) for number in np.flatnonzero(values.max(axis=0, initial=0.0)).tolist()]
 
-    def _null_motion(self, first: DrawnState) -> list[e.Element]:
-        task = self.shown.info.provenance.task or TaskNames()
-        free = task.redundant or [name for name in self.outputs.x2.names if name not in self.shown.goals]
-        if self.reduced is None or not free:
-            return []
-        entry = e.LayerEntry(f"null motion of {free[0].replace('_', ' ')}", "null motion", e.PURPLE)
-        motion = null_motion(self.reduced, free[0])
-        ghost = e.Ghost(entry, "ghost", self.robot, lambda state: motion(state.q), self.meshcat_robot.group, 0.3)
-        ghost.expensive = True
-        return [ghost]
-
-    def _margin(self, first: DrawnState) -> list[e.Element]:
-        frames = [*(self.view.trail or self.tracked)]
-        if self.reduced is None or not frames:
-            return []
-        entry = e.LayerEntry("singularity margin", "margin", e.BLUE, "dot")
-        origin, above = self.kinematics.point(frames[0]), np.array([0.0, 0.0, 0.14 * self.size])
-
-        def point(state: DrawnState) -> np.ndarray:
-            return origin(state) + above
-
-        return [e.ColoredSphere(entry, "lamp", point, lambda state: margin_color(state.margin), 0.035 * self.size)]
-
     def _compared(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = []
         others = self.shown.comparisons
         for k, (label, color) in enumerate(zip(others, cycle(_GHOSTS), strict=False)):
-            offset = self._offset * (k + 1)
             entry = e.LayerEntry(label, f"compared/{k}", color)
-            opacity = 1.0 if self.shown.aside else 0.4
 
             def configuration(state: DrawnState, k: int = k) -> np.ndarray:
                 return state.others[k]
 
-            found.append(e.Ghost(entry, "robot", self.robot, configuration, self.meshcat_robot.group, opacity, offset))
+            found.append(e.Ghost(entry, "robot", self.robot, configuration, self.meshcat_robot.group))
             for frame in self.view.trail or self.tracked:
-                path = self.kinematics.path(frame, others[label].q[:: max(1, len(others[label].q) // 400)]) + offset
+                path = self.kinematics.path(frame, others[label].q[:: max(1, len(others[label].q) // 400)])
                 found.append(e.FixedPath(entry, f"path of {frame}", path, 0.7 * self._width))
         return found
 

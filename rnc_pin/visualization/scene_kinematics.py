@@ -1,4 +1,4 @@
-"""Kinematics for drawings: frames, shapes and wheels at a state, forces of constraints, and null motion."""
+"""Kinematics for drawings: frames, shapes and wheels at a state, and forces of constraints."""
 
 from __future__ import annotations
 
@@ -8,10 +8,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import DivergenceError, SingularityError
-from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.model.rows import ConstraintKind, Rows, parts_of
 from rnc_pin.robots.robot import Robot
@@ -169,34 +166,3 @@ class SwitchingForces:
         row = self._places[number]
         # Multipliers are on the side of the inertia forces, so the constraint force has the opposite sign.
         return np.nan_to_num(points[row]), np.nan_to_num(-value * directions[row])
-
-
-_NULL_MOTION_STEPS = 5
-_NULL_MOTION_DISTANCE = 0.35  # change of the output [its unit]
-
-
-def null_motion(reduced: ReducedModel, output: str) -> Callable[[np.ndarray], np.ndarray]:
-    """Motion of one reducing output while all others are constant: ``v = R e_j``, integrated over a short distance.
-
-    Args:
-        reduced: reduced model.
-        output: name of the reducing output.
-
-    Returns:
-        Function from a configuration to that at the end of the motion, or the last one before a singularity.
-    """
-    column, nothing = list(reduced.reducing.names).index(output), np.zeros(0)
-    integrator = LieRungeKutta4(reduced.robot)
-
-    def rate(q: np.ndarray, nothing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return reduced.at(q).R[:, column], nothing
-
-    def end_of_motion(q: np.ndarray) -> np.ndarray:
-        for _ in range(_NULL_MOTION_STEPS):
-            try:
-                q, _ = integrator.step(rate, q, nothing, _NULL_MOTION_DISTANCE / _NULL_MOTION_STEPS)
-            except (SingularityError, DivergenceError):
-                break
-        return q
-
-    return end_of_motion

@@ -55,7 +55,7 @@ def in_real_time(run, queue, page):
     finally:
         queue.put({"kind": "end"})
         thread.join(timeout=PATIENCE)
-        page.live.close()
+        page.close()
 
 
 def reduced_of(drive):

@@ -110,8 +110,8 @@ def test_everything_is_drawn_and_can_be_switched(browser, fire_truck, tmp_path):
     recording = Recording(experiment.reduced, run, experiment.scenario.view, "Truck", result.comparisons)
     page, problems = loaded(browser, recording, tmp_path / "page.html", begin=4.0)
     # The viewer's own controls list what is there.
-    layers = {"robot", "ground", "plan", "goal", "path", "tracks", "constraint directions", "constraint forces"}
-    assert layers | {"null motion", "margin", "compared"} <= set(children(page))
+    layers = {"robot", "ground", "plan", "goal", "path", "tracks", "constraint forces"}
+    assert layers | {"compared"} <= set(children(page))
     assert len(children(page, "tracks")) == 6
     assert len(children(page, "constraint forces")) == 3
     assert page.evaluate("Object.keys(viewer.gui.__folders)") == ["Scene", "Save / Load / Capture", "Animations"]
@@ -133,10 +133,10 @@ def test_everything_is_drawn_and_can_be_switched(browser, fire_truck, tmp_path):
         np.testing.assert_allclose(np.cross(away, axle.rotation[:, 1]), 0.0, atol=1e-4)
         scales.append(float(away @ axle.rotation[:, 1]) * run.multipliers[i, k])
     assert max(scales) < 0.0  # against the multiplier, which stands with the inertia
-    # Switched on from the legend.
+    # Switched off from the legend.
     before = picture(page)
-    page.click("text=null motion")
-    assert page.evaluate("viewer.scene_tree.find(['meshcat', 'null motion']).object.visible") is True
+    page.click("text=wheel tracks")
+    assert page.evaluate("viewer.scene_tree.find(['meshcat', 'tracks']).object.visible") is False
     assert changed(before, picture(page)) > 30
     # Whose figures move as the animation does.
     page.evaluate("viewer.animator.seek(0.0)")
@@ -148,25 +148,19 @@ def test_everything_is_drawn_and_can_be_switched(browser, fire_truck, tmp_path):
 def test_runs_are_compared_in_one_scene(browser, space_robot, tmp_path):
     prepared, result = space_robot
     reduced, (label, other) = prepared.experiment.reduced, next(iter(result.comparisons.items()))
-    for aside in (False, True):
-        recording = Recording(reduced, result.trajectory, VIEW, "Both", {label: other}, aside)
-        page, problems = loaded(browser, recording, tmp_path / f"{aside}.html", begin=3.0)
-        ghost, robot = (
-            np.array(place(page, *path, "tip_0")) for path in (("compared", "0", "robot"), ("robot", "visuals"))
-        )
-        wanted = shape_place(reduced.robot, other.q[-1], "tip_0")
-        apart = np.linalg.norm(ghost - wanted)
-        assert apart > 1.0 if aside else apart < SINGLE_PRECISION
-        mine = shape_place(reduced.robot, result.trajectory.q[-1], "tip_0")
-        np.testing.assert_allclose(robot, mine, atol=SINGLE_PRECISION)
-        material = "viewer.scene_tree.find(['meshcat', 'compared', '0', 'robot', 'tip_0', '<object>']).object.material"
-        assert page.evaluate(f"{material}.opacity") == pytest.approx(1.0 if aside else 0.4)
-        shown = picture(page)
-        page.evaluate("viewer.scene_tree.find(['meshcat', 'compared']).set_property('visible', false)")
-        page.evaluate("viewer.set_dirty()")
-        assert changed(shown, picture(page)) > 1000
-        assert problems == []
-        page.context.close()
+    recording = Recording(reduced, result.trajectory, VIEW, "Both", {label: other})
+    page, problems = loaded(browser, recording, tmp_path / "page.html", begin=3.0)
+    for path, run in ((("compared", "0", "robot"), other), (("robot", "visuals"), result.trajectory)):
+        wanted = shape_place(reduced.robot, run.q[-1], "tip_0")
+        np.testing.assert_allclose(place(page, *path, "tip_0"), wanted, atol=SINGLE_PRECISION)
+    material = "viewer.scene_tree.find(['meshcat', 'compared', '0', 'robot', 'tip_0', '<object>']).object.material"
+    assert page.evaluate(f"{material}.opacity") == pytest.approx(0.4)
+    shown = picture(page)
+    page.evaluate("viewer.scene_tree.find(['meshcat', 'compared']).set_property('visible', false)")
+    page.evaluate("viewer.set_dirty()")
+    assert changed(shown, picture(page)) > 1000
+    assert problems == []
+    page.context.close()
 
 
 def test_the_live_page_follows_the_robot_and_may_be_closed(browser, robot):
@@ -225,7 +219,7 @@ def test_the_live_page_of_a_run_shows_goals_forces_and_figures(browser, fire_tru
         page, problems = visit(browser, live.url)
         assert live.wait_for_browser(PATIENCE)
         result = execute(short, live)
-        layers = {"plan", "goal", "path", "tracks", "constraint forces", "margin"}
+        layers = {"plan", "goal", "path", "tracks", "constraint forces"}
         assert eventually(lambda: layers <= set(children(page)))
         assert eventually(lambda: float(row(page, "time").split()[0]) > 5.5)
         assert float(row(page, "error of tractor").split()[0]) < 0.01

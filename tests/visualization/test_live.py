@@ -192,20 +192,12 @@ def test_the_loop_does_not_wait_for_a_browser_that_reads_no_more(prepared, run):
 def test_pictures_are_dropped_when_drawing_is_slow(robot):
     drawn = []
 
-    class Slow:
-        url, browsers = "nowhere", 0
-
-        def __init__(self, *arguments):
-            pass
-
+    class Slow(LiveView):
         def draw(self, state):
             drawn.append(state.time)
             time.sleep(0.1)
 
-        def close(self):
-            pass
-
-    live = LiveView(robot, speed=0.0, open_browser=False, viewer=Slow)
+    live = Slow(robot, speed=0.0, open_browser=False)
     for t in np.arange(0.0, 10.0, 0.01):
         live(sample(t, robot.configuration()))
     live.close()
@@ -214,19 +206,11 @@ def test_pictures_are_dropped_when_drawing_is_slow(robot):
 
 
 def test_a_picture_that_fails_does_not_take_the_run_along(robot):
-    class Broken:
-        url, browsers = "nowhere", 0
-
-        def __init__(self, *arguments):
-            pass
-
+    class Broken(LiveView):
         def draw(self, state):
             raise ValueError("no ink")
 
-        def close(self):
-            pass
-
-    live = LiveView(robot, speed=0.0, open_browser=False, viewer=Broken)
+    live = Broken(robot, speed=0.0, open_browser=False)
     live(sample(0.0, robot.configuration()))
     assert eventually(lambda: isinstance(live.problem, ValueError))
     live(sample(1.0, robot.configuration()))

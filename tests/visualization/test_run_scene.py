@@ -3,7 +3,6 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 import umsgpack
 from scipy.spatial.transform import Rotation
@@ -18,7 +17,7 @@ from rnc_pin.visualization.drawn_state import RATE, DrawnState, View, recorded_s
 from rnc_pin.visualization.elements import Overlay, _cylinder_transform, margin_color
 from rnc_pin.visualization.meshcat_scene import ASPECT, FIELD_OF_VIEW, VIEW_DIRECTION, Keyframes, fitting_camera
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.scene_kinematics import SceneKinematics, null_motion
+from rnc_pin.visualization.scene_kinematics import SceneKinematics
 
 
 @pytest.fixture(scope="module")
@@ -172,25 +171,7 @@ def test_an_arrow_goes_from_a_point_along_a_vector():
     assert np.linalg.det(matrix[:3, :3]) > 0
 
 
-# ---------------------------------------------------------------------- null motion, overlay, camera
-
-
-@pytest.mark.parametrize(("name", "output"), [("space_robot", "joint_1"), ("mobile_manipulator", "base_yaw")])
-def test_null_motion_moves_one_output_and_no_other(name, output):
-    reduced = getattr(systems, name)()
-    names = list(reduced.reducing.names)
-    q = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.6})
-    moved = null_motion(reduced, output)(q)
-    change = reduced.at(moved).outputs()[1] - reduced.at(q).outputs()[1]
-    expected = np.zeros(len(names))
-    expected[names.index(output)] = 0.35
-    np.testing.assert_allclose(change[~reduced.reducing.quasi], expected[~reduced.reducing.quasi], atol=1e-5)
-    # Along it the constraints hold: compare with small straight steps.
-    straight = q
-    for _ in range(2000):
-        v = reduced.at(straight).R[:, names.index(output)]
-        straight = pin.integrate(reduced.robot.model, straight, v * 0.35 / 2000)
-    np.testing.assert_allclose(moved, straight, atol=1e-3)  # of the straight steps
+# ---------------------------------------------------------------------- overlay, camera
 
 
 def test_the_board_names_errors_by_frame_and_compares_angles_as_angles():

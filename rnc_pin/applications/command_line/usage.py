@@ -268,7 +268,6 @@ def schema() -> None:
 @click.option("--plot", type=_PATH, help="Write plots: .png, .pdf or .svg.")
 @click.option("--output", "outputs", metavar="NAME", multiple=True, help="With --plot: an output or a quantity.")
 @click.option("--size", metavar="SIZE", help="With --plot: column, page or WIDTHxHEIGHT [inches].")
-@click.option("--aside", is_flag=True, help="Show the runs side by side, not overlaid.")
 @_accept
 @_force
 @_debug

@@ -1,125 +1,82 @@
-"""Page of a driven run: keys, clicks on the ground, sliders, the status of the run, and highlights of active limits."""
+"""Page of a driven run: keys, clicks on the ground, sliders, and the status of the run."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, replace
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.drive.controls import Range
+from rnc_pin.applications.drive.controls import DriveControls, Range
 from rnc_pin.applications.drive.goals import DriveGoals
 from rnc_pin.applications.drive.preparation import PreparedDrive
 from rnc_pin.applications.drive.run import CommandQueue, DriveStatus
 from rnc_pin.io import Json
-from rnc_pin.robots import Robot
 from rnc_pin.simulation import RunInfo, Sample
 from rnc_pin.verdict import Severity, Verdict, weight_of
-from rnc_pin.visualization import DrawnModel, DrawnState, LiveView, MeshcatViewer, View, mg
-from rnc_pin.visualization.browser import LOOPBACK, ControlPanel
+from rnc_pin.visualization import DrawnModel, DrawnState, LiveView, mg
+from rnc_pin.visualization.browser import ControlPanel
 
 _GOAL = 0xE69F00
 _GOAL_SIZE = 0.06  # radius of the mark of the base's goal [m]
 _HAND = [0.3, 0.03, 0.01]  # size of the mark of its heading [m]
 
-_DISTANCE, _JOINT = " distance", (" position", " velocity")
 
-
-class HighlightedBodies(NamedTuple):
-    """Bodies of limits: names of shapes of the robot, and of obstacles."""
-
-    shapes: frozenset[str]
-    obstacles: frozenset[str]
-
-
-class LimitBodies:
-    """Map from the names of limits to bodies.
+class DrivePage(LiveView):
+    """Page of a driven run on loopback, as a watcher of ``drive``.
 
     Args:
-        robot: robot with its shapes.
-        obstacles: names of the obstacles.
+        prepared: the run.
+        queue: queue for the commands of the page.
+        title: title of the page.
+        open_browser: True to open the page immediately.
     """
 
-    def __init__(self, robot: Robot, obstacles: Iterable[str]) -> None:
-        self._obstacles = frozenset(obstacles)
-        model, drawn = robot.model, robot.drawn_geometry
-        self._by_joint: dict[int, set[str]] = {}
-        self._by_link: dict[str, set[str]] = {}
-        for shape in () if drawn is None else drawn.geometryObjects:
-            self._by_joint.setdefault(int(shape.parentJoint), set()).add(str(shape.name))
-            self._by_link.setdefault(str(model.frames[shape.parentFrame].name), set()).add(str(shape.name))
-        names = robot.velocity_names
-        self._joints = {names[joint.idx_v + k]: i for i, joint in enumerate(model.joints) if i for k in range(joint.nv)}
-        self._frames = {str(frame.name): int(frame.parentJoint) for frame in model.frames}
-
-    def of(self, limits: Iterable[str]) -> HighlightedBodies:
-        """Return the bodies of limits by their names; accelerations concern none."""
-        joints: set[int] = set()
-        shapes: set[str] = set()
-        obstacles: set[str] = set()
-        for name in limits:
-            ending = next((each for each in _JOINT if name.endswith(each)), None)
-            if name.endswith(_DISTANCE):
-                for body in name.removesuffix(_DISTANCE).split(" / "):
-                    if body in self._obstacles:
-                        obstacles.add(body)
-                    else:
-                        shapes |= self._by_link.get(body, set())
-            elif ending is not None and name.removesuffix(ending) in self._joints:
-                joints.add(self._joints[name.removesuffix(ending)])
-            elif not name.endswith(" acceleration") and name.split(" ")[0] in self._frames:
-                joints.add(self._frames[name.split(" ")[0]])
-        shapes |= {shape for joint in joints for shape in self._by_joint.get(joint, ())}
-        return HighlightedBodies(frozenset(shapes), frozenset(obstacles))
-
-
-class DrivenViewer(MeshcatViewer):
-    """Meshcat viewer with the controls of a driven run.
-
-    Attributes:
-        status: latest status; the loop sets it, and the thread that draws reads it.
-    """
-
-    def __init__(
-        self,
-        prepared: PreparedDrive,
-        queue: CommandQueue,
-        drawn: DrawnModel,
-        view: View,
-        info: RunInfo,
-        host: str,
-        title: str,
-    ) -> None:
-        super().__init__(drawn, view, info, host, title, ControlPanel("drive", queue.put))
-        self.status: DriveStatus | None = None
-        self._shown: DriveStatus | None = None
-        self._prepared, self._drawn = prepared, drawn
-        self._ground = drawn.ground_height(view) or 0.0
-        self._bodies = LimitBodies(drawn.robot, prepared.controls.obstacles)
-        self._frames = {name: drawn.robot.frame_id(name) for name in prepared.controls.frames}
+    def __init__(self, prepared: PreparedDrive, queue: CommandQueue, title: str, open_browser: bool) -> None:
+        experiment, controls = prepared.scenario.experiment, prepared.controls
+        reduced = experiment.reduced
+        drawn = DrawnModel(reduced.robot, reduced, experiment.obstacles)
+        info = RunInfo(drawn.outputs, tuple(reduced.vertical.names), provenance=experiment.provenance)
+        view = experiment.scenario.view
+        view = replace(view, hide=[*view.hide, "reference", "constraint forces"])
+        self._controls, self._ground = controls, drawn.ground_height(view) or 0.0
+        self._status: DriveStatus | None = None  # the loop sets it, and the thread that draws takes it
         self._marked: set[str] = set()
-        controls = controls_entry(prepared, self._ground)
-        self.window.post({"type": "drive_controls", "path": "/drive", "controls": controls})
+        super().__init__(drawn, view, info, 0.0, open_browser, title=title, panel=ControlPanel("drive", queue.put))
+        self._post("controls", controls_entry(controls, self._ground))
+
+    def show(self, sample: Sample, status: DriveStatus | None) -> None:
+        """Show a sample and, if there is one, a status."""
+        if status is not None:
+            self._status = status
+        self(sample)
 
     def draw(self, state: DrawnState) -> None:
         """Draw a state, and the status if it is new."""
         super().draw(state)
-        status = self.status
-        if status is not None and status is not self._shown:
-            self._shown = status
+        status, self._status = self._status, None
+        if status is not None:
             self._mark(status.goals)
-            entry = self._status_entry(status, state.q)
-            self.window.post({"type": "drive_status", "path": "/drive", "status": entry})
+            self._post("status", self._status_entry(status, state.q))
+
+    def conclude(self, verdict: Verdict) -> None:
+        """Show the verdict of the run in place of its messages: the findings that count, those that fail first."""
+        found = [each for each in verdict.findings if each.severity is not Severity.NOTE]
+        weights = [weight_of(each.kind, each.severity, verdict.accepted) for each in found]
+        lines: list[Json] = [f"{weight}: {each}" for weight, each in zip(weights, found, strict=True)]
+        headline = f"The run has ended. Verdict: {verdict.word}"
+        self._post("verdict", {"word": verdict.word, "headline": headline, "findings": lines})
+
+    def _post(self, kind: str, content: dict[str, Json]) -> None:
+        self.window.post({"type": f"drive_{kind}", "path": "/drive", kind: content})
 
     def _status_entry(self, status: DriveStatus, q: np.ndarray) -> dict[str, Json]:
-        controls, goals = self._prepared.controls, status.goals
-        bodies = self._bodies.of((*status.report.active, *status.report.exceeded))
-        assert self._drawn.reduced is not None
-        position = self._drawn.reduced.at(q).position
+        controls, goals, robot = self._controls, status.goals, self._model.robot
+        assert self._model.reduced is not None
+        position = self._model.reduced.at(q).position
         places: dict[str, Json] = {
-            name: np.array(position.placement(frame).translation).tolist() for name, frame in self._frames.items()
+            name: np.array(position.placement(robot.frame_id(name)).translation).tolist() for name in controls.frames
         }
         aims: dict[str, Json] = {
             name: list(goal.position)
@@ -135,10 +92,6 @@ class DrivenViewer(MeshcatViewer):
             "posture": dict(zip(controls.joints, goals.posture, strict=True)),
             "places": places,
             "goals": aims,
-            "highlighted": [
-                *(f"/meshcat/robot/visuals/{name}" for name in sorted(bodies.shapes)),
-                *(f"/meshcat/obstacles/{name}" for name in sorted(bodies.obstacles)),
-            ],
         }
 
     def _mark(self, goals: DriveGoals) -> None:
@@ -164,53 +117,8 @@ class DrivenViewer(MeshcatViewer):
             self.scene.root[node].set_property("visible", placed is not None)
 
 
-class DrivePage:
-    """Page of a driven run on loopback, as a watcher of ``drive``.
-
-    Args:
-        prepared: the run.
-        queue: queue for the commands of the page.
-        title: title of the page.
-        open_browser: True to open the page immediately.
-
-    Attributes:
-        live: the view that serves the page.
-    """
-
-    def __init__(self, prepared: PreparedDrive, queue: CommandQueue, title: str, open_browser: bool) -> None:
-        experiment = prepared.scenario.experiment
-        reduced = experiment.reduced
-        drawn = DrawnModel(reduced.robot, reduced, experiment.obstacles)
-        info = RunInfo(drawn.outputs, tuple(reduced.vertical.names), provenance=experiment.provenance)
-        view = experiment.scenario.view
-        view = replace(view, hide=[*view.hide, "reference", "constraint forces"])
-        self._viewer: DrivenViewer
-
-        def viewer(drawn: DrawnModel, view: View, info: RunInfo, host: str, title: str) -> DrivenViewer:
-            self._viewer = DrivenViewer(prepared, queue, drawn, view, info, host, title)
-            return self._viewer
-
-        self.live = LiveView(drawn, view, info, 0.0, open_browser, LOOPBACK, title, viewer)
-
-    def show(self, sample: Sample, status: DriveStatus | None) -> None:
-        """Show a sample and, if there is one, a status."""
-        if status is not None:
-            self._viewer.status = status
-        self.live(sample)
-
-    def conclude(self, verdict: Verdict) -> None:
-        """Show the verdict of the run in place of its messages: the findings that count, those that fail first."""
-        found = [each for each in verdict.findings if each.severity is not Severity.NOTE]
-        weights = [weight_of(each.kind, each.severity, verdict.accepted) for each in found]
-        lines = [f"{weight}: {each}" for weight, each in zip(weights, found, strict=True)]
-        headline = f"The run has ended. Verdict: {verdict.word}"
-        entry = {"word": verdict.word, "headline": headline, "findings": lines}
-        self._viewer.window.post({"type": "drive_verdict", "path": "/drive", "verdict": entry})
-
-
-def controls_entry(prepared: PreparedDrive, ground: float) -> dict[str, Json]:
+def controls_entry(controls: DriveControls, ground: float) -> dict[str, Json]:
     """Controls of a run as ``drive.js`` reads them."""
-    controls = prepared.controls
 
     def ranges(given: Mapping[str, Range]) -> dict[str, Json]:
         return {name: asdict(each) for name, each in given.items()}

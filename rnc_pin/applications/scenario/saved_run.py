@@ -137,7 +137,7 @@ def run_names(runs: Sequence[Run]) -> list[str]:
     return [name.replace("_", " ") for name in shown]
 
 
-def animation_of(runs: Sequence[Run], aside: bool = False) -> Recording:
-    """Return the animation of a run, with other runs as pale robots in it or beside it."""
+def animation_of(runs: Sequence[Run]) -> Recording:
+    """Return the animation of a run, with other runs as pale robots in it."""
     run = runs[0]
-    return Recording(run.drawn_model, run.trajectory, run.scenario.view, run.title, compared(runs), aside)
+    return Recording(run.drawn_model, run.trajectory, run.scenario.view, run.title, compared(runs))

@@ -98,7 +98,6 @@
     lines(parts.limits, given.limits);
     show_messages();
     for (const joint in given.posture) parts.joints[joint](given.posture[joint]);
-    highlight(new Set(given.highlighted));
   }
 
   function show_messages() {
@@ -106,37 +105,6 @@
     if (verdict) return lines(parts.messages, [verdict.headline, ...verdict.findings], verdict.word);
     const ended = panel.offline ? ["the run has ended, or this page may only watch"] : [];
     lines(parts.messages, [...ended, ...(status ? status.messages : [])], "goal");
-  }
-
-  // ---- colours of limits
-
-  const painted = new Map();
-
-  function highlight(paths) {
-    for (const path of [...painted.keys()]) {
-      if (paths.has(path)) continue;
-      for (const [mesh, material] of painted.get(path)) mesh.material = material;
-      painted.delete(path);
-      viewer.set_dirty();
-    }
-    for (const path of paths) {
-      if (painted.has(path)) continue;
-      const before = [];
-      const red = (material) => {
-        const made = material.clone();
-        if (made.map) made.map = null;
-        if (made.color) made.color.setHex(0xd55e00);
-        if (made.emissive) made.emissive.setHex(0x5a1e00);
-        return made;
-      };
-      viewer.scene_tree.find(path.split("/").filter((part) => part)).object.traverse((mesh) => {
-        if (!mesh.material || !mesh.isMesh) return;
-        before.push([mesh, mesh.material]);
-        mesh.material = Array.isArray(mesh.material) ? mesh.material.map(red) : red(mesh.material);
-      });
-      painted.set(path, before);
-      viewer.set_dirty();
-    }
   }
 
   // ---- keys

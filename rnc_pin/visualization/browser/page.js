@@ -84,7 +84,7 @@ viewer.set_3d_pane_size = function (width, height) {
       return made;
     };
     const made = node(command.source + "/<object>").object.clone();
-    if (command.color !== null && made.material) {
+    if (made.material) {
       made.material = Array.isArray(made.material) ? made.material.map(pale) : pale(made.material);
     }
     made.castShadow = false;

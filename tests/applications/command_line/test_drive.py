@@ -89,11 +89,6 @@ def test_what_cannot_be_driven_is_refused_in_one_line(arguments, words, call, tm
     assert os.listdir(tmp_path) == []
 
 
-ORANGE = 0xD55E00
-BODY_COLOR = """(() => { let found = null;
-  viewer.scene_tree.find(['meshcat', 'robot', 'visuals', 'link_1_0']).object.traverse(
-    (mesh) => { if (mesh.isMesh && mesh.material.color) found = mesh.material.color.getHex(); });
-  return found; })()"""
 SLOW = {
     "type": "qp", "tracker": "computed_torque", "tasks": [{"damping": {}}],
     "limits": {"joint_velocity": {"joints": ["joint_1"], "limit": 0.2}},
@@ -101,13 +96,13 @@ SLOW = {
 
 
 def test_a_user_drives_from_a_real_browser(browser):
-    """Keys, a click on the ground, a slider, a limit in colour, and the end of the run."""
+    """Keys, a click on the ground, a slider, a limit, and the end of the run."""
     drive_ = prepared("mobile-manipulator", controller=SLOW, **DT)
     queue, before = CommandQueue(drive_.controls), listening()
     page_ = DrivePage(drive_, queue, "Drive", open_browser=False)
     with in_real_time(drive_, queue, page_) as results:
         assert {address for address, _ in listening() - before} == {"0100007F"}
-        page, problems = visit(browser, page_.live.url)
+        page, problems = visit(browser, page_.url)
         page.set_viewport_size({"width": 1000, "height": 640})
         page.wait_for_selector("#drive button.stop", timeout=1000 * PATIENCE)
         page.wait_for_function("viewer.scene_tree.find(['meshcat', 'robot', 'visuals']).object.children.length > 0")
@@ -129,8 +124,7 @@ def test_a_user_drives_from_a_real_browser(browser):
         assert wanted.heading is None
         page.keyboard.press("Space")
         assert eventually(lambda: kinds(drive_)[-1][0] == "stop")
-        # A slider asks for more than the velocity limit: the joint's body turns orange, and a list names the limit.
-        assert page.evaluate(BODY_COLOR) != ORANGE
+        # A slider asks for more than the velocity limit: a list names the limit.
         page.evaluate(
             "const s = document.querySelector('#drive > .slider input'); s.value = s.max;"
             "s.dispatchEvent(new Event('input'))"
@@ -140,12 +134,11 @@ def test_a_user_drives_from_a_real_browser(browser):
             "[...document.querySelectorAll('#limits li')].some(each => each.textContent === 'joint_1 velocity')",
             timeout=1000 * PATIENCE,
         )
-        assert eventually(lambda: page.evaluate(BODY_COLOR) == ORANGE)
         # Meshcat's own controls do not cover the button that stops the robot, open or not.
         page.click("#drive summary:has-text('Scene')")
         assert page.is_visible("#drive .dg.main li.title:has-text('Lights')")
         page.click("#drive button.stop", timeout=1000 * PATIENCE)
-        assert eventually(lambda: page.evaluate(BODY_COLOR) != ORANGE)
+        assert eventually(lambda: kinds(drive_)[-1][0] == "stop")
         # Whatever a page sends, the run checks: the refusal is shown, and nothing moves by it.
         count = len(drive_.log.commands)
         page.evaluate("drive_command({kind: 'base_goal', x: 1e9, y: 0})")
@@ -163,7 +156,7 @@ def test_a_user_drives_from_a_real_browser(browser):
         page.wait_for_function(words, arg=headline, timeout=1000 * PATIENCE)
         assert problems == []
         page.context.close()
-    assert page_.live.problem is None
+    assert page_.problem is None
     assert results[0].trajectory.outcome is rnc.Outcome.COMPLETED
     kinds_seen = {kind for kind, _ in kinds(drive_)}
     assert {"base_velocity", "base_goal", "stop", "joint_goal", "end"} <= kinds_seen
@@ -179,7 +172,7 @@ def test_a_user_parks_the_base_from_a_real_browser(browser):
     queue = CommandQueue(drive_.controls)
     page_ = DrivePage(drive_, queue, "Drive", open_browser=False)
     with in_real_time(drive_, queue, page_) as results:
-        page, problems = visit(browser, page_.live.url)
+        page, problems = visit(browser, page_.url)
         page.set_viewport_size({"width": 1000, "height": 640})
         page.wait_for_selector("#drive button.stop", timeout=1000 * PATIENCE)
         assert not page.is_visible("#heading input")
@@ -197,7 +190,7 @@ def test_a_user_parks_the_base_from_a_real_browser(browser):
         assert eventually(lambda: results)
         assert problems == []
         page.context.close()
-    assert page_.live.problem is None
+    assert page_.problem is None
     (result,) = results
     np.testing.assert_allclose(
         pose_of(drive_, result.trajectory.q[-1]), [wanted.x, wanted.y, wanted.heading], atol=0.01
@@ -218,14 +211,14 @@ def test_a_page_without_the_secret_may_watch_but_not_drive(browser):
     queue = CommandQueue(drive_.controls)
     page_ = DrivePage(drive_, queue, "Drive", open_browser=False)
     try:
-        page, _ = visit(browser, page_.live.url.partition("#")[0])
+        page, _ = visit(browser, page_.url.partition("#")[0])
         page.wait_for_selector("#messages li", state="attached", timeout=1000 * PATIENCE)
         assert "may only watch" in page.text_content("#messages")
         page.evaluate("drive_command({kind: 'stop'})")
         assert queue.take() == []
         page.context.close()
     finally:
-        page_.live.close()
+        page_.close()
 
 
 def test_a_phone_has_the_controls_below_the_picture(browser):
@@ -235,7 +228,7 @@ def test_a_phone_has_the_controls_below_the_picture(browser):
     title = "Mobile manipulator: hand tracked, reach kept (section 4.2)"  # it is wider than a phone
     page_ = DrivePage(drive_, queue, title, open_browser=False)
     with in_real_time(drive_, queue, page_):
-        page, problems = visit(browser, page_.live.url)
+        page, problems = visit(browser, page_.url)
         page.set_viewport_size({"width": 390, "height": 844})
         page.wait_for_selector("#drive button.stop", timeout=1000 * PATIENCE)
         page.wait_for_selector("#overlay td.value", timeout=1000 * PATIENCE)

@@ -29,7 +29,7 @@ def test_runs_are_compared_by_name(call, tmp_path, no_pictures):
         assert call("run", name, "--out", folder, *SHORT)[0] == 0
     other = runs["space-robot"] / "trajectory_platform_uncontrolled.npz"
     page, plot = tmp_path / "both.html", tmp_path / "both.png"
-    status, out, error = call("replay", runs["space-robot"], other, "--html", page, "--plot", plot, "--aside")
+    status, out, error = call("replay", runs["space-robot"], other, "--html", page, "--plot", plot)
     assert (status, error) == (0, "")
     assert out.splitlines() == [f"wrote {page} ({page.stat().st_size / 1e6:.1f} MB)", f"wrote {plot}"]
     assert plot.stat().st_size > 10_000

@@ -80,15 +80,15 @@ def _driven(prepared: PreparedDrive, duration: float | None, browser: bool) -> R
     title = prepared.scenario.experiment.scenario.title or prepared.scenario.name
     with ExitStack() as stack:
         page = DrivePage(prepared, queue, title, browser)
-        stack.callback(page.live.close)
-        click.echo(f"drive on {page.live.url} (Ctrl-C or 'End run' ends it)", err=True)
+        stack.callback(page.close)
+        click.echo(f"drive on {page.url} (Ctrl-C or 'End run' ends it)", err=True)
         if browser:
             with interruptible():
-                page.live.wait_for_browser(_WAIT)
+                page.wait_for_browser(_WAIT)
         result = drive(prepared, queue, samples, RealTimeClock(), page)
         page.conclude(result.trajectory.verdict)
-    if page.live.problem is not None:
-        warn(f"the page stopped: {type(page.live.problem).__name__}: {page.live.problem}")
+    if page.problem is not None:
+        warn(f"the page stopped: {type(page.problem).__name__}: {page.problem}")
     return result
 
 

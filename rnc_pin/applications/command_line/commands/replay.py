@@ -67,7 +67,6 @@ class ReplayFiles(TypedDict):
     plot: Path | None
     outputs: tuple[str, ...]
     size: str | None
-    aside: bool
     force: bool
 
 
@@ -112,7 +111,7 @@ def _write(runs: list[Run], others: Mapping[str, Trajectory], files: ReplayFiles
     plot, force = files["plot"], files["force"]
     with one_line_errors():
         if html is not None or frames is not None or video is not None:
-            recording = animation_of(runs, files["aside"])
+            recording = animation_of(runs)
         if html is not None:
             recording.save(html, force)
             click.echo(f"wrote {html} ({html.stat().st_size / 1e6:.1f} MB)")
