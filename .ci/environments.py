@@ -18,7 +18,13 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 SMOKE = ("rnc-pin run space-robot --set simulation.duration=0.5", "PAGE README.md")
 """Commands that hold in every environment; PAGE runs the Python blocks of a page."""
-BARE = (*SMOKE, "rnc-pin inspect space-robot", "rnc-pin replay runs/space-robot --html again.html")
+BARE = (
+    *SMOKE,
+    "PAGE docs/sweeps.md",
+    "rnc-pin inspect space-robot",
+    "rnc-pin replay runs/space-robot --html again.html",
+    "rnc-pin sweep space-robot --runs 4 --jobs 2 --out s --set simulation.duration=0.2",
+)
 EXTRAS = {
     "dask": ("PAGE docs/sweeps.md",),
     "logs": ("PAGE docs/logs.md",),
@@ -30,7 +36,6 @@ EXTRAS = {
     "ompl": ("PAGE docs/ways.md",),
     "qp": ("PAGE docs/whole_body.md",),
     "robots": ("python -c 'import rtbdata'",),
-    "sweep": ("PAGE docs/sweeps.md", "rnc-pin sweep space-robot --runs 2 --out s --set simulation.duration=0.2"),
     "video": ("rnc-pin run space-robot --set simulation.duration=0.2", "rnc-pin replay runs/space-robot --frames f"),
     "dev": ("ruff --version", "mypy --version", "lint-imports --help"),
 }
@@ -53,7 +58,6 @@ MISSING = {
         "python -c 'import rnc_pin as rnc; from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver; "
         """LeastDistanceSolver("piqp")'"""
     ),
-    "sweep": "rnc-pin sweep space-robot --runs 2 --out s",
     "video": "rnc-pin replay runs/space-robot --frames f",
 }
 """Commands that name the extra in their last line where it is not installed."""
@@ -145,10 +149,8 @@ def main(uv: str) -> None:
             for command in EXTRAS[extra]:
                 environment.run(command)
             done(f"extra {extra} alone")
-        lowest = Environment(
-            uv, wheel, Path(scratch) / "lowest", "sweep", sys.executable, "--resolution", "lowest-direct"
-        )
-        for command in (*SMOKE, *EXTRAS["sweep"]):
+        lowest = Environment(uv, wheel, Path(scratch) / "lowest", "", sys.executable, "--resolution", "lowest-direct")
+        for command in BARE:
             lowest.run(command)
         done("lowest versions")
         for version in PYTHONS:

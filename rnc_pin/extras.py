@@ -22,7 +22,6 @@ _PACKAGES = {
     "mujoco": _Package("MuJoCo", "mujoco"),
     "ompl": _Package("OMPL", "ompl"),
     "qp": _Package("qpsolvers", "qpsolvers"),
-    "sweep": _Package("PyArrow", "pyarrow"),
     "video": _Package("Playwright", "playwright"),
 }
 

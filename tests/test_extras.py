@@ -6,7 +6,6 @@ import tomllib
 
 import pytest
 
-import rnc_pin as rnc
 from places import ROOT
 from rnc_pin import extras
 
@@ -34,7 +33,7 @@ def test_every_extra_that_a_file_names_exists():
         for found in NAMED.finditer(text):
             for extra in (found[1] or found[2]).split(","):
                 named.setdefault(extra, name)
-    assert {"mujoco", "sweep", "test", "docs", "robots", "qp"} <= named.keys()
+    assert {"mujoco", "logs", "test", "docs", "robots", "qp"} <= named.keys()
     named.pop("nothing", None)  # of the test of documented commands
     assert {extra: name for extra, name in named.items() if extra not in DECLARED} == {}
 
@@ -49,25 +48,10 @@ def test_a_message_names_an_extra_that_brings_the_package(extra):
 
 @pytest.mark.parametrize(
     ("larger", "smaller"),
-    [*(("test", extra) for extra in extras._PACKAGES), *(("docs", extra) for extra in ("mujoco", "sweep")),
-     ("dask", "sweep")],
+    [*(("test", extra) for extra in extras._PACKAGES), ("docs", "mujoco")],
 )  # fmt: skip
 def test_an_extra_that_needs_another_has_all_of_it(larger, smaller):
     assert set(DECLARED[smaller]) <= set(DECLARED[larger])
-
-
-WITHOUT = "sweep: PyArrow is not installed: pip install '.[sweep]' in the folder of rnc_pin's source"
-
-
-def test_a_sweep_without_its_package_writes_nothing(call, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    status, _, error = call("sweep", "space-robot", "--runs", 2, "--out", "runs")
-    assert (status, error) == (2, f"rnc-pin: error: {WITHOUT}\n")
-    for begin in (lambda: rnc.sweep("space-robot", 2, out="runs"), lambda: rnc.load_sweep("runs")):
-        with pytest.raises(rnc.ConfigurationError, match=f"^{re.escape(WITHOUT)}$"):
-            begin()
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_sweep_on_a_cluster_without_dask_writes_nothing(call, tmp_path, monkeypatch):

@@ -5,6 +5,7 @@ from .json import Json as Json
 from .json import atomic_file as atomic_file
 from .json import dump_json as dump_json
 from .json import to_json_mapping as to_json_mapping
+from .safe_read import LARGEST as LARGEST
 from .safe_read import load_yaml as load_yaml
 from .safe_read import open_regular as open_regular
 from .safe_read import read_bytes as read_bytes

@@ -3,7 +3,7 @@
 import pytest
 
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.applications.sweep.scenario_runs import ScenarioRuns, draws_of
+from rnc_pin.applications.sweep.runs import ScenarioRuns, draws_of
 from rnc_pin.errors import InfeasibleError
 
 # A path next to the edge of the region counts as well as one through its middle: the largest error is what matters.
@@ -26,7 +26,7 @@ QUICK = {
 
 def rows_of(scenario, options, runs):
     draws = draws_of(scenario, options)
-    source = ScenarioRuns(scenario, options, draws, draws.seed)
+    source = ScenarioRuns(scenario, options, draws)
     return [source.row(run) for run in runs]
 
 

@@ -28,7 +28,7 @@ from rnc_pin.simulation import OutputNames, Summary
 from rnc_pin.verdict import Severity, Verdict, weight_of
 
 if TYPE_CHECKING:
-    from rnc_pin.applications.sweep.reports import SweepStatistics  # sweeps import joblib
+    from rnc_pin.applications.sweep.results import SweepStatistics  # sweeps import joblib
 
 
 Advance = Callable[[float, str], None]
@@ -180,7 +180,7 @@ def print_sweep_statistics(scenario: str, summary: SweepStatistics, folder: Path
     ]
     columns = ("output", "median final error", "95 % below", "largest final error")
     print_table(console, f"{scenario}: {outcomes}", columns, rows, numbers=True)
-    console.print(f"in {folder}: runs/*.parquet, distributions.png, sweep.json", highlight=False)
+    console.print(f"in {folder}: runs.jsonl, distributions.png, sweep.json", highlight=False)
 
 
 def report_findings(verdict: Verdict, ending: str, others: str = "", told: Collection[str] = ()) -> int:

@@ -3,4 +3,4 @@
 from .results import SweepResults as SweepResults
 from .results import load_sweep as load_sweep
 from .run_sweep import sweep as sweep
-from .scenario_runs import Draws as Draws
+from .runs import Draws as Draws

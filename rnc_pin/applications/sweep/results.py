@@ -1,69 +1,48 @@
-"""Results of a sweep: its rows in its folder, the data set that they are, and pictures of their distributions."""
+"""Results of a sweep: its rows by column, its reports, and pictures of their distributions."""
 
 from __future__ import annotations
 
+import csv
+import json
 import shlex
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
 from rnc_pin.applications.scenario.files import one_line_yaml
-from rnc_pin.applications.sweep.rows import (
+from rnc_pin.applications.sweep.runs import (
     LIMITS,
-    SUCCESSFUL,
     Row,
-    common_schema,
-    fitted,
+    drawn_values,
     is_result_column,
-    plain_rows,
-    read_part,
-    schema_of,
-    table_of,
     trajectory_file,
-    verdict_or_failure,
     with_options_of_sweeps,
 )
-from rnc_pin.applications.sweep.sweep_folder import (
-    BLOCK,
-    RUNS,
-    Specification,
-    block_rows,
-    blocks_of,
-    part_file,
-    read_specification,
-)
+from rnc_pin.applications.sweep.sweep_folder import Specification, read_rows, read_specification
 from rnc_pin.errors import ConfigurationError, InputError, nearest
-from rnc_pin.extras import check_extra
-from rnc_pin.io import atomic_file
+from rnc_pin.io import Json, atomic_file, dump_json
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted
 from rnc_pin.simulation import Trajectory
 
 if TYPE_CHECKING:
-    import pyarrow as pa
     from matplotlib.figure import Figure
 
     from rnc_pin.figures import Size
     from rnc_pin.visualization import Histogram
 
-
-class _Blocks(NamedTuple):
-    """Blocks of the data set: numbers of those in Parquet files, tables of open ones, and the schema of all."""
-
-    complete: list[int]
-    open: dict[int, pa.Table]
-    schema: pa.Schema
-    rows: int
+SUCCESSFUL = ("succeeded", "degraded")
+"""Verdicts of runs that did not fail."""
 
 
 class SweepResults(SummaryMixin):
-    """Results of a sweep, with one row a run. Rows are read from the folder when they are needed.
+    """Results of a sweep, with one row a run, in the order of the runs.
 
-    ``results["final_error.tip_x"]`` is a column as an array, with NaN for missing numbers. Rows have the order of the
-    runs. An unfinished sweep has the rows of its finished runs.
+    ``results["final_error.tip_x"]`` is a column as an array, with NaN for missing numbers. An unfinished sweep has the
+    rows of its finished runs.
 
     Args:
         path: folder of the sweep.
@@ -71,9 +50,10 @@ class SweepResults(SummaryMixin):
     Attributes:
         path: folder of the sweep.
         specification: all that decides the results, as JSON content.
+        columns: names of the columns: number of the run, drawn values, results.
 
     Raises:
-        ConfigurationError: the folder holds no sweep, or PyArrow is not installed.
+        ConfigurationError: the folder holds no sweep, or what is no run.
 
     Example:
         >>> import tempfile
@@ -88,30 +68,18 @@ class SweepResults(SummaryMixin):
     """
 
     def __init__(self, path: str | Path) -> None:
-        check_extra("sweep", "sweep")
         self.path = Path(path)
         found = read_specification(self.path)
         if found is None:
             raise ConfigurationError(f"{self.path}: holds no sweep")
         self.specification: Specification = found
-
-    @cached_property
-    def _blocks(self) -> _Blocks:
-        folder = self.path / RUNS
-        parts, journals = blocks_of(folder)
-        kinds = self.specification.get("kinds", {})
-        unfinished = {block: table_of(rows, kinds) for block in sorted(journals) if (rows := block_rows(folder, block))}
-        complete = sorted(parts - unfinished.keys())
-        described = [schema_of(part_file(folder, block)) for block in complete]
-        tables = unfinished.values()
-        count = sum(rows for _, rows in described) + sum(table.num_rows for table in tables)
-        if not count:
-            return _Blocks([], {}, table_of([], {}).schema, 0)
-        schemas = [*(schema for schema, _ in described), *(table.schema for table in tables)]
-        return _Blocks(complete, unfinished, common_schema(schemas), count)
+        rows = {row["run"]: row for row in read_rows(self.path, found)}
+        ordered = [rows[run] for run in sorted(rows)]
+        self.columns = list(dict.fromkeys(name for row in ordered for name in row))
+        self._values: dict[str, list[Any]] = {name: [row.get(name) for row in ordered] for name in self.columns}
 
     def __len__(self) -> int:
-        return self._blocks.rows
+        return len(self._values.get("run", ()))
 
     @property
     def complete(self) -> bool:
@@ -119,65 +87,32 @@ class SweepResults(SummaryMixin):
         return len(self) == self.specification["runs"]
 
     @property
-    def columns(self) -> list[str]:
-        """Names of the columns: number of the run, drawn values, results."""
-        return list(self._blocks.schema.names)
-
-    @property
-    def table_schema(self) -> pa.Schema:
-        """Arrow schema: names and types of the columns."""
-        return self._blocks.schema
+    def of(self) -> str:
+        """Scenario or function of the runs."""
+        return str(self.specification.get("scenario") or self.specification.get("build"))
 
     @property
     def drawn(self) -> list[str]:
         """Names of the drawn values."""
         return [name for name in self.columns if not is_result_column(name)]
 
-    def tables(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
-        """Yield Arrow tables with up to 5,000 runs each.
-
-        Args:
-            columns: names of columns; all by default.
-
-        Raises:
-            InputError: there is no such column.
-        """
-        import pyarrow as pa
-
-        for name in columns or ():
-            if name not in self.columns:
-                raise InputError(f"no column '{name}'{nearest(name, self.columns)}")
-        complete, unfinished, schema, _ = self._blocks
-        chosen = schema if columns is None else pa.schema([schema.field(name) for name in columns])
-        for block in sorted([*complete, *unfinished]):
-            if block in unfinished:
-                yield fitted(unfinished[block], chosen)
-            else:
-                yield fitted(read_part(part_file(self.path / RUNS, block), columns), chosen)
-
-    def table(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """Return an Arrow table, which has ``to_pandas``.
-
-        Args:
-            columns: names of columns; all by default.
-        """
-        import pyarrow as pa
-
-        found = list(self.tables(columns))
-        return pa.concat_tables(found) if found else self._blocks.schema.empty_table()
-
     def __getitem__(self, column: str) -> np.ndarray:
-        found = [np.asarray(table.column(0).to_numpy()) for table in self.tables([column])]
-        return np.concatenate(found) if found else np.zeros(0)
+        if column not in self._values:
+            raise InputError(f"no column '{column}'{nearest(column, self.columns)}")
+        values = self._values[column]
+        kinds = {type(value) for value in values}
+        if kinds in ({int}, {bool}):
+            return np.array(values)
+        if kinds - {type(None)} and kinds <= {int, float, type(None)}:
+            return np.array(values, dtype=float)
+        return np.fromiter(values, dtype=object, count=len(values))
 
-    def rows(self, columns: Sequence[str] | None = None) -> Iterator[Row]:
-        """Yield runs as mappings by column.
+    def rows(self) -> Iterator[Row]:
+        """Yield runs as mappings by column; missing values are None."""
+        return (self._row(place) for place in range(len(self)))
 
-        Args:
-            columns: names of columns; all by default.
-        """
-        for table in self.tables(columns):
-            yield from plain_rows(table)
+    def _row(self, place: int) -> Row:
+        return {name: values[place] for name, values in self._values.items()}
 
     def failures(self) -> Iterator[Row]:
         """Runs that did not succeed."""
@@ -186,21 +121,20 @@ class SweepResults(SummaryMixin):
     @property
     def outcomes(self) -> dict[str, int]:
         """Number of runs by outcome, such as "completed"."""
-        return dict(sorted(self._counts(lambda outcome: outcome, "outcome").items()))
+        return dict(sorted(Counter(self._values.get("outcome", ())).items()))
+
+    @cached_property
+    def labels(self) -> list[str]:
+        """Verdict of each run; the kind of the finding that failed it instead of "failed"."""
+        pairs = zip(self._values.get("verdict", ()), self._values.get("finding", ()), strict=True)
+        return [finding if verdict == "failed" else verdict for verdict, finding in pairs]
 
     @property
     def verdicts(self) -> dict[str, int]:
         """Number of runs by verdict: "succeeded", "degraded", and of the others by the kind of their first failure."""
-        found = self._counts(verdict_or_failure, "verdict", "finding")
+        found = Counter(self.labels)
         first = [name for name in SUCCESSFUL if name in found]
         return {name: found[name] for name in (*first, *sorted(set(found) - set(first)))}
-
-    def _counts(self, label: Callable[..., str], *columns: str) -> dict[str, int]:
-        """Number of runs by a label of the values in some columns."""
-        counts: Counter[str] = Counter()
-        for table in self.tables(columns) if len(self) else ():
-            counts.update(label(*values) for values in zip(*(each.to_pylist() for each in table.columns), strict=True))
-        return dict(counts)
 
     def row(self, run: int) -> Row:
         """Return a run as a mapping by column; columns without a value are missing.
@@ -211,18 +145,18 @@ class SweepResults(SummaryMixin):
         Raises:
             InputError: the run is not finished, or there is no such run.
         """
-        for row in block_rows(self.path / RUNS, run // BLOCK) if run >= 0 else ():
-            if row["run"] == run:
-                return {name: value for name, value in row.items() if value is not None}
-        raise InputError(f"no finished run {run} in {self.path}")
+        numbers = self._values.get("run", [])
+        if run not in numbers:
+            raise InputError(f"no finished run {run} in {self.path}")
+        return {name: value for name, value in self._row(numbers.index(run)).items() if value is not None}
 
-    def draw(self, run: int) -> dict[str, object]:
+    def draw(self, run: int) -> dict[str, Json]:
         """Return the drawn values of a run.
 
         Args:
             run: number of the run.
         """
-        return {name: value for name, value in self.row(run).items() if not is_result_column(name)}
+        return drawn_values(self.row(run))
 
     def command(self, run: int | Row) -> str:
         """Return the command that repeats a run of a scenario.
@@ -237,8 +171,7 @@ class SweepResults(SummaryMixin):
             raise InputError(f"{self.specification['build']} built the runs; call it with draw(run)")
         row = self.row(run) if isinstance(run, int) else run
         shared = {key: value for key, value in self.specification["options"].items() if key not in ("sweep", "seed")}
-        drawn = {name: value for name, value in row.items() if not is_result_column(name) and value is not None}
-        options = {**with_options_of_sweeps(shared), **drawn}
+        options = {**with_options_of_sweeps(shared), **drawn_values(row)}
         words = [f"--set {shlex.quote(f'{key}={one_line_yaml(value)}')}" for key, value in options.items()]
         return f"rnc-pin run {shlex.quote(self.specification['scenario'])} {' '.join(words)}"
 
@@ -256,21 +189,10 @@ class SweepResults(SummaryMixin):
         Args:
             path: the file.
         """
-        import pyarrow as pa
-        import pyarrow.csv
-
-        listed = {field.name for field in self._blocks.schema if pa.types.is_list(field.type)}
-        texts = [pa.field(each.name, pa.string()) if each.name in listed else each for each in self._blocks.schema]
-        schema = pa.schema([each.remove_metadata() for each in texts])
-        with atomic_file(Path(path)) as partial, pyarrow.csv.CSVWriter(partial, schema) as writer:
-            for table in self.tables():
-                columns = [
-                    pa.array([None if each is None else str(each) for each in column.to_pylist()], pa.string())
-                    if name in listed
-                    else column
-                    for name, column in zip(table.column_names, table.columns, strict=True)
-                ]
-                writer.write_table(pa.Table.from_arrays(columns, schema=schema))
+        with atomic_file(Path(path)) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(self.columns)
+            writer.writerows(zip(*self._values.values(), strict=True))
 
     def plot(self, *, size: Size | None = None, file: str | Path | None = None) -> Figure:
         """Plot the distributions of results, and the share of each finding over drawn values.
@@ -290,19 +212,18 @@ class SweepResults(SummaryMixin):
 
     def _summary(self) -> ObjectSummary:
         outcomes = [Item(name, str(count)) for name, count in self.outcomes.items()]
-        of = self.specification.get("scenario") or self.specification.get("build")
-        title = f"SweepResults: {counted(len(self), 'run')} of {of}"
+        title = f"SweepResults: {counted(len(self), 'run')} of {self.of}"
         return ObjectSummary(title, [("outcomes", outcomes), ("drawn", [Item(name) for name in self.drawn])])
 
 
 def load_sweep(path: str | Path) -> SweepResults:
-    """Read the results of a sweep, finished or not. The data set has one row a run.
+    """Read the results of a sweep, finished or not, with one row a run.
 
     Args:
         path: folder of the sweep.
 
     Raises:
-        ConfigurationError: the folder holds no sweep, or PyArrow is not installed.
+        ConfigurationError: the folder holds no sweep, or what is no run.
 
     Example:
         >>> try:
@@ -312,6 +233,73 @@ def load_sweep(path: str | Path) -> SweepResults:
         nowhere: holds no sweep
     """
     return SweepResults(path)
+
+
+# ------------------------------------------------------------------ reports
+
+
+ErrorStatistics = TypedDict("ErrorStatistics", {"median": float, "95 %": float, "max": float})
+"""Statistics of the final errors of one output."""
+
+
+class SweepStatistics(TypedDict):
+    """Outcomes and verdicts of a sweep, and final errors of the completed runs by output."""
+
+    runs: int
+    redrawn: int
+    outcomes: dict[str, int]
+    verdicts: dict[str, int]
+    final_error: dict[str, ErrorStatistics]
+
+
+def sweep_statistics(results: SweepResults) -> SweepStatistics:
+    """Return counts of outcomes, verdicts and redraws, and quantiles of the final errors of completed runs."""
+    errors: dict[str, ErrorStatistics] = {}
+    for name in results.columns:
+        if name.startswith("final_error."):
+            values = _numbers(results, name)[results["outcome"] == "completed"]
+            values = values[~np.isnan(values)]
+            if len(values):
+                median, high, largest = np.quantile(values, (0.5, 0.95, 1.0)).tolist()
+                errors[name.removeprefix("final_error.")] = {"median": median, "95 %": high, "max": largest}
+    return {
+        "runs": len(results),
+        "redrawn": int(np.nansum(_numbers(results, "redrawn"))) if "redrawn" in results.columns else 0,
+        "outcomes": results.outcomes,
+        "verdicts": results.verdicts,
+        "final_error": errors,
+    }
+
+
+def _numbers(results: SweepResults, column: str) -> np.ndarray:
+    """Column of results that are numbers; a column without any is NaN."""
+    return np.asarray(results[column], dtype=float)
+
+
+def failure_lines(results: SweepResults, row: Row) -> Iterator[str]:
+    """Two lines about a run that did not succeed: finding and message, and the command that repeats it."""
+    yield f"# run {row['run']}: {row['finding']}: {row['message']}"
+    if "scenario" in results.specification:
+        yield results.command(row)
+    else:
+        yield f"{results.of}({json.dumps(drawn_values(row))})"
+
+
+def write_reports(results: SweepResults) -> None:
+    """Write ``sweep.json``, ``failures.txt`` and ``distributions.png`` into the folder of a sweep."""
+    if not len(results):
+        return
+    with atomic_file(results.path / "sweep.json") as partial:
+        content = {"scenario": results.of, **sweep_statistics(results)}
+        partial.write_text(dump_json(content) + "\n", encoding="utf-8")
+    failures = results.path / "failures.txt"
+    lines = [f"{line}\n" for row in results.failures() for line in failure_lines(results, row)]
+    if lines:
+        with atomic_file(failures) as partial:
+            partial.write_text("".join(lines), encoding="utf-8")
+    else:
+        failures.unlink(missing_ok=True)
+    draw_distributions(results, None, results.path / "distributions.png")
 
 
 # ------------------------------------------------------------------ distributions
@@ -338,8 +326,7 @@ def draw_distributions(results: SweepResults, size: Size | None, file: str | Pat
     panels = [panel for name in names[:_MOST_PANELS] if (panel := _histogram(results, name)) is not None]
     if not panels:
         return None
-    of = str(results.specification.get("scenario") or results.specification.get("build"))
-    figure = plot_distributions(panels, f"{Path(of).stem}: {len(results)} runs" if size is None else "", size)
+    figure = plot_distributions(panels, f"{Path(results.of).stem}: {len(results)} runs" if size is None else "", size)
     if file is not None:
         save(figure, file)
     return figure
@@ -347,39 +334,25 @@ def draw_distributions(results: SweepResults, size: Size | None, file: str | Pat
 
 def _histogram(results: SweepResults, name: str) -> Histogram | None:
     """Histogram of a column of numbers by verdict; None if it has no two different numbers."""
-    import pyarrow as pa
-
     from rnc_pin.visualization import Histogram
 
-    kind = results.table_schema.field(name).type
-    if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
+    column = results[name]
+    if column.dtype.kind not in "if":
         return None
-
-    def chunks() -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        for table in results.tables([name, "verdict", "finding"]):
-            values = np.asarray(table.column(0).to_numpy(), dtype=float)
-            pairs = zip(table.column(1).to_pylist(), table.column(2).to_pylist(), strict=True)
-            labels = np.array([verdict_or_failure(*pair) for pair in pairs])
-            fine = np.isfinite(values)
-            yield values[fine], labels[fine]
-
-    low, high, positive = np.inf, -np.inf, np.inf
-    for values, _ in chunks():
-        if len(values):
-            low, high = min(low, values.min()), max(high, values.max())
-            positive = min(positive, values[values > 0].min(initial=np.inf))
-    if not low < high:
+    fine = np.isfinite(column)
+    values, labels = column[fine].astype(float), np.array(results.labels)[fine]
+    if not len(values) or values.min() == values.max():
         return None
-    logarithmic = low >= 0.0 and np.isfinite(positive) and high > 100.0 * positive
+    low, high, positive = values.min(), values.max(), values[values > 0].min(initial=np.inf)
+    logarithmic = bool(low >= 0.0 and high > 100.0 * positive)
     shares, runs = name in results.drawn, len(results)
     bins = int(np.clip(runs / _RUNS_IN_BIN, *_SHARES) if shares else np.clip(np.sqrt(runs), *_BINS))
     edges = np.geomspace(positive, high, bins + 1) if logarithmic else np.linspace(low, high, bins + 1)
-    counts = {label: np.zeros(bins, dtype=int) for label in results.verdicts}
-    for values, labels in chunks():
-        inside = np.clip(values, edges[0], edges[-1])  # zeros go into the first bin of a logarithmic axis
-        for label, count in counts.items():
-            count += np.histogram(inside[labels == label], edges)[0]
-    shown = {label if label in SUCCESSFUL else f"failed: {label}": count for label, count in counts.items()}
+    inside = np.clip(values, edges[0], edges[-1])  # zeros go into the first bin of a logarithmic axis
+    shown = {
+        label if label in SUCCESSFUL else f"failed: {label}": np.histogram(inside[labels == label], edges)[0]
+        for label in results.verdicts
+    }
     return Histogram(_title(name), edges, shown, logarithmic, shares)
 
 

@@ -1,152 +1,56 @@
-"""Sweep: many runs with drawn values."""
+"""Sweep: many runs with drawn values, in this process, in local processes, or on a Dask cluster."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
+import signal
+import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sized
+from concurrent.futures import BrokenExecutor
+from contextlib import ExitStack, closing, contextmanager
+from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, cast
 
-import numpy as np
+import cloudpickle
+from joblib import Parallel, cpu_count, delayed, parallel_config
 
 from rnc_pin._kernel import kernel
-from rnc_pin.applications.scenario.execution import execute
-from rnc_pin.applications.scenario.files import apply_options, find_scenario, read_yaml
-from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.applications.scenario.schema.scenario import validate
-from rnc_pin.applications.sweep.reports import write_reports
-from rnc_pin.applications.sweep.results import SweepResults
-from rnc_pin.applications.sweep.rows import (
+from rnc_pin.applications.sweep.results import SweepResults, write_reports
+from rnc_pin.applications.sweep.runs import (
+    Build,
     Draw,
-    Kinds,
+    Draws,
+    FunctionRuns,
     Numbered,
     Row,
     Runs,
-    common_kind,
-    is_result_column,
-    kind_of,
-    kind_of_all,
-    refused,
-    results_of,
-    save_trajectory,
+    ScenarioRuns,
+    SeededDraws,
+    check_names,
+    drawn_values,
+    draws_of,
+    json_values,
 )
-from rnc_pin.applications.sweep.scenario_runs import Draws, ScenarioRuns, SeededDraws, draws_of
 from rnc_pin.applications.sweep.sweep_folder import (
-    BLOCK,
-    RUNS,
-    RunStore,
-    block_rows,
+    append_row,
     describe_function,
     describe_scenario,
+    read_rows,
     sweep_folder,
 )
-from rnc_pin.applications.sweep.worker_pool import finished_runs
-from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.errors import ConfigurationError, InputError, SimulationError
 from rnc_pin.extras import check_extra
-from rnc_pin.interruption import uninterrupted
+from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.io import Json, to_json_mapping
-from rnc_pin.simulation import Outcome, Summary, Trajectory, add_verdict, simulate, summarize
 from rnc_pin.version import __version__
-
-Build: TypeAlias = Callable[[dict[str, Any]], "Mapping[str, object] | Trajectory | Scenario"]
-"""Function of drawn values that returns the arguments of ``simulate`` by name, or a finished run."""
-
-
-class FunctionRuns:
-    """Runs that a function builds from drawn values.
-
-    Args:
-        build: function of the drawn values.
-        draws: seeded draws; None if every run gets its values.
-        trajectories: folder of the sweep, for trajectories; None writes none.
-    """
-
-    def __init__(self, build: Build, draws: SeededDraws | None, trajectories: str | None = None) -> None:
-        self._build, self._draws, self._trajectories = build, draws, trajectories
-
-    def rows(self, batch: Sequence[Numbered]) -> list[Row]:
-        """Simulate the runs one after the other and return their rows."""
-        return [self._row(run, draw) for run, draw in batch]
-
-    def _row(self, run: int, draw: Draw | None) -> Row:
-        start = time.perf_counter()
-        if draw is None:
-            assert self._draws is not None
-            draw = next(self._draws.of_run(run))
-        check_names(draw)
-        with np.errstate(over="ignore", invalid="ignore"):  # diverged values
-            results = self._results(run, draw)
-        return {"run": run, **canonical(draw), **results, "wall_time": time.perf_counter() - start}
-
-    def _results(self, run: int, draw: Draw) -> Row:
-        try:
-            summary, trajectory = _simulated(self._build(dict(draw)))
-        except RncError as error:
-            if not isinstance(error.trajectory, Trajectory):
-                return refused("refused", error)
-            trajectory = error.trajectory
-            summary = _judged(trajectory)
-        if trajectory.outcome is Outcome.INTERRUPTED:
-            raise KeyboardInterrupt
-        save_trajectory(trajectory, self._trajectories, run)
-        return results_of(summary)
-
-
-def _simulated(built: object) -> tuple[Summary, Trajectory]:
-    if isinstance(built, Scenario):
-        result = execute(built)
-        return result.summary, result.trajectory
-    if isinstance(built, Mapping):
-        built = simulate(**built)
-    if not isinstance(built, Trajectory):
-        raise TypeError(
-            f"build returned {type(built).__name__}, expected the arguments of rnc.simulate by name, or a Trajectory"
-        )
-    return _judged(built), built
-
-
-def _judged(run: Trajectory) -> Summary:
-    """Summary of a run with its verdict."""
-    summary = summarize(run)
-    add_verdict(summary, run.verdict)
-    return summary
-
-
-def check_names(draw: Draw) -> None:
-    """Raise an error if a drawn value has the name of a result."""
-    for name in draw:
-        if not isinstance(name, str) or is_result_column(name):
-            raise ConfigurationError(f"draws: {name!r} is the name of a result; choose another one")
-
-
-def canonical(draw: Draw) -> dict[str, object]:
-    """Drawn values as JSON content: arrays become lists, and NumPy's numbers those of Python."""
-    return {name: _plain(value) for name, value in draw.items()}
-
-
-def _plain(value: object) -> object:
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
-    return value
-
 
 SweepProgress = Callable[[int, int | None], object]
 """Callback that takes the number of finished runs, and that of all runs if it is known."""
-
-
-class _Sweep(NamedTuple):
-    """Source of the runs of a sweep, its description, and its draws: seeded or given."""
-
-    runs: Runs
-    description: dict[str, Json]
-    seeded: SeededDraws | None
-    given: Iterable[Draw] | None
-    runs_known: int | None
 
 
 def sweep(
@@ -160,10 +64,10 @@ def sweep(
     progress: SweepProgress | None = None,
     force: bool = False,
 ) -> SweepResults:
-    """Simulate many runs with drawn values, and write a data set with one row a run.
+    """Simulate many runs with drawn values, and write a row for each.
 
-    Memory does not grow with the number of runs. If the process or a worker is killed, the same call continues: no
-    recorded run is lost or repeated. Rows are equal to the bit on any number of processes, except ``wall_time``.
+    If the process or a worker is killed, the same call continues: no recorded run is lost or repeated. Rows are equal
+    to the bit on any number of processes, except ``wall_time``.
 
     Args:
         build: function that takes the drawn values as a dict and returns the arguments of ``simulate`` by name, or a
@@ -182,9 +86,9 @@ def sweep(
         The results, like ``load_sweep``.
 
     Raises:
-        ConfigurationError: the folder holds a different sweep or other files, the draws are invalid, or a package of
-            the extra ``sweep`` or ``dask`` is not installed.
-        SimulationError: workers ended again and again while the same runs were under way.
+        ConfigurationError: the folder holds a different sweep or other files, the draws are invalid, or the package of
+            the extra ``dask`` is not installed.
+        SimulationError: a worker ended unexpectedly.
 
     Example:
         >>> import tempfile
@@ -198,128 +102,216 @@ def sweep(
         20 {'completed': 20} True
     """
     if isinstance(jobs, str):
-        check_extra("dask", f"--scheduler {jobs}")  # it contains the packages of the extra sweep
+        check_extra("dask", f"--scheduler {jobs}")
     elif jobs == 0 or jobs < -1:
         raise ConfigurationError(f"--jobs {jobs}: expected a number of processes, or -1 for all cores")
-    check_extra("sweep", "sweep")
-    path, draws = Path(out), Draws(draws) if isinstance(draws, int) else draws
-    folder = os.path.abspath(path) if trajectories else None
-    if isinstance(build, str | Path):
-        whole = _scenario_sweep(str(build), draws, options, folder)
-    else:
-        whole = _function_sweep(build, draws, options, folder)
-    kinds = _kinds(whole.seeded)
+    path = Path(out)
+    if isinstance(draws, int):
+        draws = Draws(draws)
+    seeded, count = (draws, draws.runs) if isinstance(draws, Draws) else (None, _length(draws))
+    runs, description = _source(build, seeded, options, path.absolute() if trajectories else None)
     specification: dict[str, Json] = {
         "rnc_pin": __version__,
         "kernel": kernel,
-        **whole.description,
-        "draws": {} if whole.seeded is None else whole.seeded.describe(),
+        **description,
+        "draws": {} if runs.draws is None else runs.draws.describe(),
         "trajectories": trajectories,
-        "runs": whole.runs_known,
-        "kinds": dict(kinds),
+        "runs": count,
     }
-    with uninterrupted(), sweep_folder(path, specification, force):
-        store = RunStore(path / RUNS, kinds)
-        if progress is not None:
-            progress(len(store), whole.runs_known)
-        for rows in finished_runs(whole.runs, _missing(whole, store, path / RUNS), jobs):
-            store.add(rows)
-            if progress is not None:
-                progress(len(store), whole.runs_known)
-        store.finish()
+    with uninterrupted(), sweep_folder(path, specification, force) as file:
+        finished = {row["run"]: drawn_values(row) for row in read_rows(path, specification)}
+        missing: Iterator[Numbered]
+        if isinstance(draws, Draws):
+            missing = ((run, None) for run in range(draws.runs) if run not in finished)
+        else:
+            missing = _missing(draws, finished, path, arrays=isinstance(runs, FunctionRuns))
+        with closing(_rows(runs, missing, jobs)) as rows:
+            done = len(finished)
+            while True:
+                if progress is not None:
+                    progress(done, count)
+                row = next(rows, None)
+                if row is None:
+                    break
+                append_row(file, row)
+                done += 1
         results = SweepResults(path)
         write_reports(results)
     return results
 
 
-def _scenario_sweep(
-    scenario: str, draws: Draws | Iterable[Draw], options: Mapping[str, object] | None, folder: str | None
-) -> _Sweep:
-    shared = to_json_mapping(options or {}, "options")
-    if not isinstance(draws, Draws):
-        path = find_scenario(scenario)
-        own = validate(apply_options(read_yaml(path), shared), path.name).seed
-        runs = ScenarioRuns(scenario, shared, None, own, folder)
-        return _Sweep(runs, describe_scenario(scenario, shared), None, draws, _length(draws))
+def _source(
+    build: Build | str | Path, draws: Draws | None, options: Mapping[str, object] | None, folder: Path | None
+) -> tuple[Runs, dict[str, Json]]:
+    """Source of the runs of a sweep, and its description."""
+    if not isinstance(build, str | Path):
+        if options:
+            raise ConfigurationError("options: those of a scenario; a function takes values from its draws")
+        return FunctionRuns(build, None if draws is None else _stated(draws), folder), describe_function(build)
+    scenario, shared = str(build), to_json_mapping(options or {}, "options")
+    if draws is None:
+        return ScenarioRuns(scenario, shared, None, folder), describe_scenario(scenario, shared)
     if draws.distributions is not None:
         shared["sweep"] = to_json_mapping(draws.distributions, "distributions")
     if draws.seed is not None:
         shared["seed"] = draws.seed
-    description, seeded = describe_scenario(scenario, shared), draws_of(scenario, shared)
-    return _Sweep(ScenarioRuns(scenario, shared, seeded, seeded.seed, folder), description, seeded, None, draws.runs)
+    return ScenarioRuns(scenario, shared, draws_of(scenario, shared), folder), describe_scenario(scenario, shared)
 
 
-def _function_sweep(
-    build: Build, draws: Draws | Iterable[Draw], options: Mapping[str, object] | None, folder: str | None
-) -> _Sweep:
-    if options:
-        raise ConfigurationError("options: those of a scenario; a function takes values from its draws")
-    description = describe_function(build)
-    if not isinstance(draws, Draws):
-        return _Sweep(FunctionRuns(build, None, folder), description, None, draws, _length(draws))
+def _stated(draws: Draws) -> SeededDraws:
+    """Draws of a function, which have to state their distributions."""
     if not draws.distributions:
         example = f"rnc.Draws({draws.runs}, {{'mass': [1, 2]}})"
         raise ConfigurationError(f"draws: {draws.runs} runs of a function need distributions, e.g. {example}")
-    seeded = SeededDraws.of(draws.distributions, draws.seed or 0)
-    check_names(seeded.distributions)
-    return _Sweep(FunctionRuns(build, seeded, folder), description, seeded, None, draws.runs)
+    check_names(draws.distributions)
+    return SeededDraws.of(draws.distributions, draws.seed or 0)
 
 
 def _length(draws: Iterable[Draw]) -> int | None:
-    try:
-        return len(draws)  # type: ignore[arg-type]
-    except TypeError:
-        return None
+    return len(draws) if isinstance(draws, Sized) else None
 
 
-def _kinds(seeded: SeededDraws | None) -> Kinds:
-    """Kinds of seeded values."""
-    found = {} if seeded is None else {name: kind_of_all(seeded.examples(name)) for name in seeded.distributions}
-    return {name: kind for name, kind in found.items() if kind is not None}
-
-
-def _missing(whole: _Sweep, store: RunStore, folder: Path) -> Iterator[Numbered]:
-    """Numbers of the runs that are not finished, with their given values."""
-    if whole.given is None:
-        assert whole.runs_known is not None
-        if store.last() >= whole.runs_known:
-            raise ConfigurationError(f"{folder}: holds run {store.last()}, more than {whole.runs_known} runs")
-        yield from ((run, None) for run in range(whole.runs_known) if run not in store)
-        return
-    recorded: dict[int, Row] = {}
+def _missing(draws: Iterable[Draw], finished: Mapping[int, Draw], folder: Path, arrays: bool) -> Iterator[Numbered]:
+    """Numbers of the runs that are not finished, with their given values: as they are, or without arrays."""
     run = -1
-    for run, draw in enumerate(whole.given):
+    for run, draw in enumerate(draws):
         if not isinstance(draw, Mapping):
             raise ConfigurationError(f"draws: run {run} has {type(draw).__name__}, expected a dict of values")
         check_names(draw)
-        values = to_json_mapping(canonical(draw), f"draws: run {run}")
-        _note_kinds(run, values, store.kinds)
-        if run % BLOCK == 0:
-            recorded = {row["run"]: row for row in block_rows(folder, run // BLOCK)}
-        if run in store:
-            _check_recorded(run, values, recorded[run], folder)
+        values = json_values(draw, f"draws: run {run}")
+        if run in finished:
+            _check_recorded(run, values, finished[run], folder)
         else:
-            yield run, values if "scenario" in whole.description else draw
-    if store.last() > run:
-        raise ConfigurationError(f"{folder}: holds run {store.last()}, and the draws end at run {run}")
+            yield run, draw if arrays else values
+    if max(finished, default=-1) > run:
+        raise ConfigurationError(f"{folder}: holds run {max(finished)}, and the draws end at run {run}")
 
 
-def _note_kinds(run: int, values: Mapping[str, Json], kinds: Kinds) -> None:
-    """Raise an error if a value is of another kind than in earlier runs."""
-    for name, value in values.items():
-        kind = kind_of(value)
-        common = common_kind(kinds.get(name), kind)
-        if common == "json" and "json" not in (kinds.get(name), kind):
-            raise ConfigurationError(f"draws: run {run}: '{name}' is of kind {kind}, in earlier runs {kinds[name]}")
-        if common is not None:
-            kinds[name] = common
-
-
-def _check_recorded(run: int, values: Mapping[str, Json], row: Row, folder: Path) -> None:
+def _check_recorded(run: int, values: Mapping[str, Json], recorded: Draw, folder: Path) -> None:
     """Raise an error if a finished run had other values."""
     for name, value in values.items():
-        if row.get(name) != value and repr(row.get(name)) != repr(value):
+        if json.dumps(recorded.get(name)) != json.dumps(value):
             raise ConfigurationError(
-                f"{folder}: holds another sweep: '{name}' of run {run} is {row.get(name)!r}, not {value!r}; choose "
-                "another folder or force"
+                f"{folder}: holds another sweep: '{name}' of run {run} is {recorded.get(name)!r}, not {value!r}; "
+                "choose another folder or force"
             )
+
+
+# ------------------------------------------------------------------ processes
+
+Rows: TypeAlias = Generator[Row, None, None]
+_ANSWER = 10.0  # time in which a scheduler has to answer, and a worker has to be there [s]
+
+
+def _rows(runs: Runs, numbered: Iterator[Numbered], jobs: int | str) -> Rows:
+    """Yield rows as runs finish, in any order. Ctrl-C counts while this waits for a row.
+
+    Raises:
+        ConfigurationError: the scheduler cannot be reached, or a worker has another release or kernel.
+        SimulationError: a worker ended unexpectedly.
+    """
+    alone = jobs == 1 or (jobs == -1 and cpu_count() == 1)
+    with ExitStack() as stack:
+        rows = (runs.row(*each) for each in numbered) if alone else _from_workers(runs, numbered, jobs, stack)
+        stack.callback(_close, rows)
+        while True:
+            try:
+                with interruptible():
+                    row = next(rows)
+            except StopIteration:
+                return
+            except Exception as error:
+                if not isinstance(error, BrokenExecutor) and type(error).__name__ != "KilledWorker":  # of Dask
+                    raise
+                raise SimulationError(
+                    "a worker process ended unexpectedly, perhaps for lack of memory; finished runs are kept, and the "
+                    "same command continues"
+                ) from error
+            yield row
+
+
+def _close(rows: Rows) -> None:
+    """End the workers of rows that nobody reads further."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # joblib warns that runs were under way
+        rows.close()
+
+
+def _from_workers(runs: Runs, numbered: Iterator[Numbered], jobs: int | str, stack: ExitStack) -> Rows:
+    """Rows from local processes, or from a Dask cluster until ``stack`` closes."""
+    try:
+        pickled = cloudpickle.dumps(runs)
+    except Exception as error:  # whatever the objects of a user raise
+        raise InputError(f"build cannot be pickled for other processes: {error}") from error
+    if isinstance(jobs, str):
+        stack.enter_context(_dask_cluster(jobs))
+        parent, count = None, -1
+    else:
+        stack.enter_context(parallel_config("loky", inner_max_num_threads=1))
+        parent, count = os.getpid(), jobs
+    work = _Work(pickled, hashlib.sha256(pickled).hexdigest(), (__version__, kernel), parent)
+    try:
+        found: Rows = Parallel(count, return_as="generator_unordered", max_nbytes=None)(
+            delayed(worker_row)(work, *each) for each in numbered
+        )
+    except TimeoutError:
+        raise ConfigurationError(f"--scheduler {jobs}: it has no workers") from None
+    return found
+
+
+@contextmanager
+def _dask_cluster(scheduler: str) -> Iterator[None]:
+    """Let joblib use a Dask cluster inside."""
+    from dask.distributed import Client
+
+    try:
+        client = cast("Any", Client)(scheduler, timeout=_ANSWER, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(f"--scheduler {scheduler}: cannot be reached: {error}") from None
+    with client, parallel_config("dask", client=client, wait_for_workers_timeout=_ANSWER, pure=False):
+        yield
+
+
+class _Work(NamedTuple):
+    """What all runs of a sweep have in common: pickled source, its digest, versions, and process of local workers."""
+
+    pickled: bytes
+    key: str
+    versions: tuple[str, str]
+    parent: int | None
+
+
+_local = threading.local()
+
+
+def worker_row(work: _Work, run: int, draw: Draw | None) -> Row:
+    """Row of a run in a worker. Each thread of it unpickles the source of a sweep's runs once.
+
+    Raises:
+        ConfigurationError: the worker has another release or kernel, whose results could differ.
+    """
+    if work.parent is not None:
+        _follow(work.parent)
+    if work.versions != (__version__, kernel):
+        raise ConfigurationError(
+            f"a worker has rnc_pin {__version__} with kernel '{kernel}', the sweep {work.versions[0]} with "
+            f"'{work.versions[1]}'"
+        )
+    if getattr(_local, "key", None) != work.key:
+        _local.key, _local.runs = work.key, cloudpickle.loads(work.pickled)
+    row: Row = _local.runs.row(run, draw)
+    return row
+
+
+@cache
+def _follow(parent: int) -> None:
+    """End this process when its parent ends for any reason, and ignore Ctrl-C, which a terminal sends to both."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(1)

@@ -1,10 +1,7 @@
-"""Folder of a sweep: its specification, and its finished runs, such that a kill loses none of them.
+"""Folder of a sweep: its specification, and a line of JSON for each finished run.
 
-The specification is all that decides the results. A folder continues only the sweep that it holds.
-
-Runs with consecutive numbers form a block. Each finished run adds a line to the journal of its block; when the block is
-complete, it is written as one Parquet file and its journal is deleted. Memory holds only the numbers of runs in open
-blocks.
+The specification is all that decides the results. A folder continues only the sweep that it holds. A kill can cut off
+the last line: it counts as no run.
 """
 
 from __future__ import annotations
@@ -13,153 +10,86 @@ import hashlib
 import inspect
 import json
 import os
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from itertools import groupby
+from functools import partial
+from io import BufferedRandom
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeGuard
 
 from rnc_pin.applications.scenario.files import find_scenario, is_built_in, read_yaml
 from rnc_pin.applications.scenario.output_folder import lock_folder, one_line_errors
-from rnc_pin.applications.sweep.rows import Row, plain_rows, read_part, schema_of, table_of, write_part
+from rnc_pin.applications.sweep.runs import TEXTS, TRAJECTORIES, Row, is_number_column
 from rnc_pin.errors import ConfigurationError, short_text
-from rnc_pin.io import TEMPORARY_PREFIX, Json, atomic_file, read_bytes
-
-BLOCK = 5000
-"""Runs of a block."""
-_PART, _JOURNAL = re.compile(r"part_(\d{7,})\.parquet"), re.compile(r"journal_(\d{7,})\.jsonl")
-
-
-def part_file(folder: Path, block: int) -> Path:
-    """Parquet file of a block."""
-    return folder / f"part_{block:07d}.parquet"
-
-
-def journal_file(folder: Path, block: int) -> Path:
-    """Journal of a block."""
-    return folder / f"journal_{block:07d}.jsonl"
-
-
-def blocks_of(folder: Path) -> tuple[set[int], set[int]]:
-    """Blocks with a Parquet file, and blocks with a journal."""
-    found: tuple[set[int], set[int]] = (set(), set())
-    for path in folder.iterdir() if folder.is_dir() else ():
-        for blocks, pattern in zip(found, (_PART, _JOURNAL), strict=True):
-            match = pattern.fullmatch(path.name)
-            if match is not None:
-                blocks.add(int(match[1]))
-    return found
-
-
-def journal_rows(folder: Path, block: int) -> list[Row]:
-    """Rows of a journal in order. A line that a kill cut off is left out.
-
-    Raises:
-        ConfigurationError: the journal cannot be read.
-    """
-    path = journal_file(folder, block)
-    try:
-        lines = path.read_bytes().split(b"\n")[:-1]  # what follows the last line break was cut off
-        rows = {row["run"]: row for row in map(json.loads, lines)}
-    except FileNotFoundError:
-        return []
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise ConfigurationError(f"{path}: cannot be read: {error}") from None
-    return [rows[run] for run in sorted(rows)]
-
-
-def block_rows(folder: Path, block: int) -> list[Row]:
-    """Rows of a block in order, from its Parquet file and its journal."""
-    path = part_file(folder, block)
-    rows = {row["run"]: row for row in plain_rows(read_part(path))} if path.exists() else {}
-    rows |= {row["run"]: row for row in journal_rows(folder, block)}
-    return [rows[run] for run in sorted(rows)]
-
-
-class RunStore:
-    """Finished runs of a sweep in a folder, which it may complete.
-
-    Args:
-        folder: folder of the Parquet files.
-        kinds: kinds of drawn values.
-    """
-
-    def __init__(self, folder: Path, kinds: Mapping[str, str]) -> None:
-        self._folder, self.kinds = folder, dict(kinds)
-        self._complete: set[int] = set()
-        self._open: dict[int, set[int]] = {}
-        self._unsealed: set[int] = set()  # open blocks with a journal
-        folder.mkdir(parents=True, exist_ok=True)
-        for leftover in folder.glob(f"{TEMPORARY_PREFIX}*"):
-            leftover.unlink()
-        parts, journals = blocks_of(folder)
-        for block in parts:
-            if schema_of(part_file(folder, block))[1] == BLOCK:
-                self._complete.add(block)
-                journal_file(folder, block).unlink(missing_ok=True)
-            else:
-                self._open[block] = set(read_part(part_file(folder, block), ["run"])["run"].to_pylist())
-        for block in journals - self._complete:
-            self._repair(block)
-            self._open.setdefault(block, set()).update(row["run"] for row in journal_rows(folder, block))
-            self._unsealed.add(block)
-            self._seal_if_complete(block)
-
-    def _repair(self, block: int) -> None:
-        """Cut off an incomplete line, so that the next one begins on a line of its own."""
-        with journal_file(self._folder, block).open("r+b") as file:
-            content = file.read()
-            file.truncate(content.rfind(b"\n") + 1)
-
-    def __len__(self) -> int:
-        return BLOCK * len(self._complete) + sum(map(len, self._open.values()))
-
-    def __contains__(self, run: int) -> bool:
-        return run // BLOCK in self._complete or run in self._open.get(run // BLOCK, ())
-
-    def last(self) -> int:
-        """Largest number of a finished run; -1 without any."""
-        ends = [BLOCK * (block + 1) - 1 for block in self._complete]
-        return max([*ends, *(run for runs in self._open.values() for run in runs)], default=-1)
-
-    def add(self, rows: Iterable[Row]) -> None:
-        """Record finished runs."""
-        for block, group in groupby(rows, key=lambda row: int(row["run"]) // BLOCK):
-            some = list(group)
-            text = "".join(f"{json.dumps(row)}\n" for row in some)
-            with journal_file(self._folder, block).open("a", encoding="utf-8") as file:
-                file.write(text)
-            self._open.setdefault(block, set()).update(row["run"] for row in some)
-            self._unsealed.add(block)
-            self._seal_if_complete(block)
-
-    def finish(self) -> None:
-        """Write the open blocks as Parquet files too: there are no further runs."""
-        for block in sorted(self._unsealed):
-            self._seal(block)
-
-    def _seal_if_complete(self, block: int) -> None:
-        if len(self._open[block]) == BLOCK:
-            self._seal(block)
-            self._complete.add(block)
-            del self._open[block]
-
-    def _seal(self, block: int) -> None:
-        write_part(table_of(block_rows(self._folder, block), self.kinds), part_file(self._folder, block))
-        journal_file(self._folder, block).unlink(missing_ok=True)
-        self._unsealed.discard(block)
-
-
-# ------------------------------------------------------------------ specification
+from rnc_pin.io import LARGEST, TEMPORARY_PREFIX, Json, atomic_file, open_regular, read_bytes
 
 SPECIFICATION = "specification.json"
 """File of the specification in the folder of a sweep."""
-RUNS = "runs"
-"""Folder of the data set in the folder of a sweep."""
+RUNS = "runs.jsonl"
+"""File of the finished runs, in the order in which they finished."""
 REPORTS = ("sweep.json", "failures.txt", "distributions.png")
 """Files that a sweep writes when it is complete."""
-_FREE = ("runs", "kinds")  # parts that may differ when a sweep continues
+_MOST = 2**63  # beyond, NumPy has no integers
+
+# ------------------------------------------------------------------ finished runs
+
+
+def read_rows(folder: Path, specification: Specification) -> Iterator[Row]:
+    """Yield the rows of the finished runs. A line that a kill cut off is left out.
+
+    Raises:
+        ConfigurationError: the file cannot be read, or a line is not the row of a run of this sweep.
+    """
+    path, runs = folder / RUNS, specification["runs"]
+    number = 0
+    try:
+        with open_regular(path) as file:
+            for line in iter(partial(file.readline, LARGEST), b""):
+                number += 1
+                if line.endswith(b"\n"):
+                    row = json.loads(line)
+                    _check_row(row, _MOST if runs is None else runs)
+                    yield row
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise ConfigurationError(f"{path}: cannot be read: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise ConfigurationError(f"{path}: line {number} is not the row of a run: {error}") from None
+
+
+def _check_row(row: object, runs: int) -> None:
+    """Raise ValueError unless JSON content is the row of one of so many runs."""
+    if not isinstance(row, dict):
+        raise ValueError(f"expected a mapping, found {short_text(row)}")
+    run = row.get("run")
+    if type(run) is not int or not 0 <= run < runs:
+        raise ValueError(f"run: expected a number from 0 to {runs - 1}, found {short_text(run)}")
+    for name in TEXTS:
+        if not isinstance(row.get(name), str):
+            raise ValueError(f"{name}: expected text, found {short_text(row.get(name))}")
+    for name, value in row.items():
+        if type(value) is int and abs(value) >= _MOST:
+            raise ValueError(f"{name}: {short_text(value)} is too large")
+        if is_number_column(name) and type(value) not in (int, float, type(None)):
+            raise ValueError(f"{name}: expected a number, found {short_text(value)}")
+
+
+def append_row(file: BufferedRandom, row: Row) -> None:
+    """Append the row of a finished run, which a kill of this process does not undo."""
+    file.write(json.dumps(row).encode() + b"\n")
+    file.flush()
+
+
+def _cut_off_torn_line(file: BufferedRandom) -> None:
+    """Cut off an incomplete last line, so that the next one begins on a line of its own."""
+    size = file.seek(0, os.SEEK_END)
+    start = file.seek(max(0, size - LARGEST))
+    file.truncate(start + file.read().rfind(b"\n") + 1)
+    file.seek(0, os.SEEK_END)
+
+
+# ------------------------------------------------------------------ specification
 
 
 def describe_scenario(scenario: str, options: Mapping[str, Json]) -> dict[str, Json]:
@@ -191,7 +121,7 @@ def _digest(content: bytes) -> str:
 
 
 Specification: TypeAlias = dict[str, Any]
-"""Specification of a sweep as JSON content: its runs, their source, distributions and kinds of values."""
+"""Specification of a sweep as JSON content: its runs, their source and distributions."""
 
 
 def read_specification(folder: Path) -> Specification | None:
@@ -207,14 +137,24 @@ def read_specification(folder: Path) -> Specification | None:
         content = json.loads(read_bytes(path))
     except (OSError, ValueError, RecursionError) as error:
         raise ConfigurationError(f"{path}: cannot be read: {error}") from None
-    if not isinstance(content, dict) or "runs" not in content:
+    if not _is_specification(content):
         raise ConfigurationError(f"{path}: is not the specification of a sweep")
     return content
 
 
+def _is_specification(content: object) -> TypeGuard[Specification]:
+    if not isinstance(content, dict) or type(content.get("runs", "")) not in (int, type(None)):
+        return False
+    of_scenario = isinstance(content.get("scenario"), str) and isinstance(content.get("options"), dict)
+    return of_scenario or isinstance(content.get("build"), str)
+
+
+# ------------------------------------------------------------------ folder
+
+
 @contextmanager
-def sweep_folder(path: Path, specification: Mapping[str, Json], force: bool) -> Iterator[bool]:
-    """Lock the folder of a sweep and write the specification into it. Yield True if it continues an earlier sweep.
+def sweep_folder(path: Path, specification: Specification, force: bool) -> Iterator[BufferedRandom]:
+    """Lock the folder of a sweep, write the specification into it, and yield the file of its finished runs.
 
     Args:
         path: the folder, created with its parents.
@@ -230,24 +170,25 @@ def sweep_folder(path: Path, specification: Mapping[str, Json], force: bool) -> 
             raise ConfigurationError(f"--out {path}: is a file, expected a folder")
         path.mkdir(parents=True, exist_ok=True)
         stack.callback(os.close, lock_folder(path))
-        content = json.dumps(specification, indent=2)
         earlier = None if force else read_specification(path)
         if earlier is None and not force and any(path.iterdir()):
             raise ConfigurationError(f"--out {path}: exists and holds no sweep; choose another folder or add --force")
+        content = json.dumps(specification, indent=2)
         if earlier is not None:
             _check_same(path, earlier, json.loads(content))
-        if (path / RUNS).is_symlink():
-            raise ConfigurationError(f"--out {path}: '{RUNS}' is a link; choose another folder")
         _clean(path, everything=earlier is None)
         with atomic_file(path / SPECIFICATION) as partial:
             partial.write_text(content + "\n", encoding="utf-8")
-        yield earlier is not None
+        (path / RUNS).touch()
+        file = stack.enter_context((path / RUNS).open("r+b"))
+        _cut_off_torn_line(file)
+        yield file
 
 
 def _check_same(path: Path, earlier: Specification, now: Specification) -> None:
     """Raise an error unless a folder holds the same sweep, with at most as many runs."""
     for key in dict.fromkeys([*now, *earlier]):
-        if key not in _FREE and earlier.get(key) != now.get(key):
+        if key != "runs" and earlier.get(key) != now.get(key):
             place, old, new = _difference(key, earlier.get(key), now.get(key))
             raise ConfigurationError(
                 f"--out {path}: holds another sweep: its {place} is {short_text(old)}, not {short_text(new)}; choose "
@@ -271,18 +212,13 @@ def _difference(place: str, old: object, new: object) -> tuple[str, object, obje
 
 def _clean(path: Path, everything: bool) -> None:
     """Delete files of killed sweeps, and with ``everything`` those of an earlier sweep."""
-    for folder in (path, path / "trajectories"):  # the run store cleans its own
-        for leftover in folder.glob(f"{TEMPORARY_PREFIX}*"):
-            if leftover.is_file() or leftover.is_symlink():
-                leftover.unlink()
-    if not everything:
-        return
-    parts, journals = blocks_of(path / RUNS)
-    for block in parts:
-        part_file(path / RUNS, block).unlink()
-    for block in journals:
-        journal_file(path / RUNS, block).unlink()
-    for trajectory in (path / "trajectories").glob("run_" + "[0-9]" * 7 + "*.npz"):
-        trajectory.unlink()
-    for name in REPORTS:
-        (path / name).unlink(missing_ok=True)
+    runs, trajectories = path / RUNS, path / TRAJECTORIES
+    for each in (runs, trajectories):
+        if each.is_symlink() or (each.exists() and each.is_file() != (each is runs)):
+            raise ConfigurationError(f"--out {path}: '{each.name}' is not a sweep's own; choose another folder")
+    old = [*path.glob(f"{TEMPORARY_PREFIX}*"), *trajectories.glob(f"{TEMPORARY_PREFIX}*")]
+    if everything:
+        old += [runs, *(path / name for name in REPORTS), *trajectories.glob("run_" + "[0-9]" * 7 + "*.npz")]
+    for each in old:
+        if each.is_file() or each.is_symlink():
+            each.unlink()

@@ -256,4 +256,4 @@ def test_a_sweep_that_is_ended_keeps_its_runs_and_its_workers_end(end, tmp_path)
     if end == signal.SIGTERM:
         assert process.returncode == 1
         assert error.splitlines()[-1].startswith(f"rnc-pin: error: interrupted after {len(table)} of 2000 runs")
-        assert {path.name for path in out.iterdir()} == {"specification.json", "runs"}
+        assert {path.name for path in out.iterdir()} == {"specification.json", "runs.jsonl"}

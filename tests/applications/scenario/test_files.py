@@ -12,7 +12,7 @@ from places import DIRT
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario, parse_option, read_yaml, with_options
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema.scenario import validate
-from rnc_pin.applications.sweep.scenario_runs import draws_of
+from rnc_pin.applications.sweep.runs import draws_of
 
 # Comparisons would build everything twice; a roll-out of one second is enough for gains.
 SPACE_ROBOT = with_options(

@@ -79,10 +79,10 @@ def test_a_cluster_has_the_rows_of_one_process_although_a_worker_is_killed(clust
     options = ["--set", "simulation.duration=0.1", "--runs", RUNS + 2, "--scheduler", address]
     status, out, error = call("sweep", "space-robot", *options, "--trajectories", "--out", tmp_path / "there")
     assert (status, error) == (0, "")  # the command adds two runs to the sweep
-    assert f"{RUNS + 2} completed" in results(out)
+    assert f"{RUNS + 2} succeeded" in results(out)
 
 
 def test_a_scheduler_that_does_not_answer_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("rnc_pin.applications.sweep.worker_pool._ANSWER", 0.2)
+    monkeypatch.setattr("rnc_pin.applications.sweep.run_sweep._ANSWER", 0.2)
     with pytest.raises(rnc.ConfigurationError, match="cannot be reached"):
         rnc.sweep("space-robot", 2, jobs="tcp://127.0.0.1:9", out=tmp_path / "out")

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 
 import joblib
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 
 import rnc_pin as rnc
 from patience import PATIENCE, eventually
-from rnc_pin.applications.sweep import sweep_folder
+from rnc_pin.applications.sweep import run_sweep
 from systems import sleigh
 
 LAWS = {"speed": [0.5, 1.5], "spin": {"normal": {"mean": 0.5, "std": 0.1}}, "kind": {"choice": ["a", "b"]}}
@@ -74,16 +75,11 @@ def test_an_interrupted_sweep_continues_where_it_was(whole, tmp_path):
     assert len(again) == 7  # nothing is left to do
 
 
-def test_small_blocks_and_a_line_that_was_cut_off(whole, tmp_path, monkeypatch):
-    monkeypatch.setattr(sweep_folder, "BLOCK", 5)
-    monkeypatch.setattr("rnc_pin.applications.sweep.run_sweep.BLOCK", 5)
-    monkeypatch.setattr("rnc_pin.applications.sweep.results.BLOCK", 5)
+def test_a_line_that_was_cut_off_is_repeated_and_more_runs_are_added(whole, tmp_path):
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
         rnc.sweep(Sleighs([], ends_at=9), rnc.Draws(12, LAWS, 4), out=out)
-    names = {path.name for path in (out / "runs").iterdir()}
-    assert names == {"part_0000000.parquet", "journal_0000001.jsonl"}
-    with (out / "runs" / "journal_0000001.jsonl").open("a") as file:
+    with (out / "runs.jsonl").open("a") as file:
         file.write('{"run": 8, "spe')
     calls = []
     results = rnc.sweep(Sleighs(calls), rnc.Draws(12, LAWS, 4), out=out)
@@ -110,13 +106,28 @@ class Deadly(Sleighs):
         return super().__call__(draw)
 
 
-@pytest.mark.long  # workers take seconds to start; test_worker_pool.py has the same with one that only seems to break
-def test_two_processes_have_the_rows_of_one_even_if_one_is_killed(whole, tmp_path):
-    results = rnc.sweep(Deadly(tmp_path / "killed"), rnc.Draws(12, LAWS, 4), jobs=2, out=tmp_path / "out")
-    assert (tmp_path / "killed").exists()
+def test_a_killed_worker_ends_the_sweep_in_one_error_and_the_same_call_continues(whole, tmp_path):
+    arguments = Deadly(tmp_path / "killed"), rnc.Draws(12, LAWS, 4)
+    with pytest.raises(rnc.SimulationError, match=r"^a worker process ended unexpectedly.*the same command continues$"):
+        rnc.sweep(*arguments, jobs=2, out=tmp_path / "out")
+    part = rnc.load_sweep(tmp_path / "out")
+    assert rows_of(part) == [rows_of(whole)[run] for run in part["run"]] if len(part) else True
+    results = rnc.sweep(*arguments, jobs=2, out=tmp_path / "out")
     assert rows_of(results) == rows_of(whole)
     beside = joblib.Parallel(2)(map(joblib.delayed(abs), (-1, 2)))  # processes of the user
     assert beside == [1, 2]
+
+
+def test_a_worker_of_another_release_is_refused():
+    work = run_sweep._Work(b"", "", ("0.0", "numpy"), None)
+    with pytest.raises(rnc.ConfigurationError, match=r"the sweep 0\.0 with 'numpy'"):
+        run_sweep.worker_row(work, 0, None)
+
+
+def test_what_cannot_be_pickled_is_refused(tmp_path):
+    lock = threading.Lock()
+    with pytest.raises(rnc.InputError, match="build cannot be pickled"):
+        rnc.sweep(lambda draw: lock, [{}], jobs=2, out=tmp_path / "out")
 
 
 def test_given_draws_are_read_as_they_are_needed_and_checked_when_it_continues(tmp_path):
@@ -168,8 +179,6 @@ REFUSED = {
     "name of a result": ({"draws": [{"outcome": 1}]}, "'outcome' is the name of a result"),
     "no dict": ({"draws": [3]}, "run 0 has int, expected a dict"),
     "object": ({"draws": [{"speed": object()}]}, "is of type object"),
-    "kinds": ({"draws": [{"speed": 1.0, "spin": 1.0}, {"speed": "fast", "spin": 1.0}]},
-        "run 1: 'speed' is of kind text"),
     "no processes": ({"draws": [{}], "jobs": 0}, "--jobs 0"),
     "options": ({"draws": [{}], "options": {"a": 1}}, "options: those of a scenario"),
 }  # fmt: skip

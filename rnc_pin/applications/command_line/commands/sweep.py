@@ -13,8 +13,7 @@ from rnc_pin.applications.command_line.messages import DONE, FAILED, complain, p
 from rnc_pin.applications.command_line.report import ProgressBar, print_sweep_statistics
 from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
 from rnc_pin.applications.sweep import SweepResults, sweep
-from rnc_pin.applications.sweep.reports import SweepStatistics, failure_lines, sweep_statistics
-from rnc_pin.applications.sweep.rows import SUCCESSFUL
+from rnc_pin.applications.sweep.results import SUCCESSFUL, SweepStatistics, failure_lines, sweep_statistics
 from rnc_pin.errors import SimulationError
 
 _SHOWN = 5  # failures on the terminal

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 import rnc_pin as rnc
-from rnc_pin.applications.sweep.scenario_runs import ScenarioRuns, SeededDraws
+from rnc_pin.applications.sweep.runs import ScenarioRuns, SeededDraws
 
 QUICK = {"simulation.duration": 0.06, "simulation.dt": 0.01}
 CASES = {
@@ -20,7 +20,7 @@ CASES = {
 def runs(scenario, folder=None, **options):
     draws = SeededDraws.of(CASES[scenario], seed=2)
     shared = {"preflight": "warn", **QUICK, **options}
-    return ScenarioRuns(scenario, shared, draws, 2, None if folder is None else str(folder))
+    return ScenarioRuns(scenario, {**shared, "seed": 2}, draws, folder)
 
 
 @pytest.mark.parametrize("scenario", CASES)
@@ -41,16 +41,16 @@ def test_a_shared_model_does_not_change_a_run(scenario, tmp_path):
 def test_a_drawn_part_of_the_system_has_a_model_of_its_own():
     """Gains follow the inertia, so errors differ; the same runs in the other order agree."""
     draws = [{"robot.masses": {"link_2": mass}} for mass in (5.0, 20.0)]
-    source = ScenarioRuns("space-robot", {**QUICK, "preflight": "warn"}, None, 0)
+    source = ScenarioRuns("space-robot", {**QUICK, "preflight": "warn"})
     forward = [source.row(run, draw)["rms_error.tip_x"] for run, draw in enumerate(draws)]
-    other = ScenarioRuns("space-robot", {**QUICK, "preflight": "warn"}, None, 0)
+    other = ScenarioRuns("space-robot", {**QUICK, "preflight": "warn"})
     backward = [other.row(run, draws[run])["rms_error.tip_x"] for run in (1, 0)]
     assert forward == backward[::-1]
     assert forward[0] != forward[1]
 
 
 def test_seeds_of_runs_with_faults_differ_and_others_have_that_of_the_scenario():
-    with_faults, without = runs("space-robot"), ScenarioRuns("space-robot", {}, None, 5)
+    with_faults, without = runs("space-robot"), ScenarioRuns("space-robot", {"seed": 5})
     seeds = [with_faults.options_of(run, {"faults.masses": 0.1})["seed"] for run in range(50)]
     assert len(set(seeds)) == 50
     assert with_faults.options_of(3, {"faults.masses": 0.1})["seed"] == seeds[3]

@@ -1,0 +1,378 @@
+"""Runs of a sweep: their draws, their simulation, and the columns of their rows.
+
+Values of a run are independent of the other runs and of where it is computed. What draws do not change is built once in
+each process.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import Any, TypeAlias, cast
+
+import numpy as np
+
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.files import apply_options, find_scenario, read_yaml
+from rnc_pin.applications.scenario.scenario import BuiltModel, Scenario
+from rnc_pin.applications.scenario.schema.run_settings import Distribution, Distributions
+from rnc_pin.applications.scenario.schema.scenario import admitted, validate
+from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
+from rnc_pin.io import Json, to_json_mapping
+from rnc_pin.simulation import Outcome, Summary, Trajectory, add_verdict, simulate, summarize
+
+Draw: TypeAlias = Mapping[str, object]
+"""Values of a run by name; in sweeps of a scenario, options by dotted key."""
+
+Row: TypeAlias = dict[str, Any]
+"""One run of a sweep: number, drawn values and results by column."""
+
+Numbered: TypeAlias = tuple[int, Draw | None]
+"""Number of a run, and its given values; None draws them by the number of the run."""
+
+# ------------------------------------------------------------------ columns of results
+
+ERRORS = ("final_error", "max_error", "rms_error")
+"""Results by output; a column has the name of the output behind a point."""
+LIMITS = "limit_excess"
+"""Largest excess over joint limits, as a share of their range; a column has the kind of the limit behind a point."""
+TEXTS = ("outcome", "verdict", "finding", "message")
+"""Results that are texts, in the row of every run."""
+_MEASURED = (
+    "min_singular_value", "constraint_residual_max", "position_residual_max", "energy_drift", "off_tracking_max",
+)  # fmt: skip
+_NUMBERS = (
+    "run", "redrawn", "duration", *_MEASURED, "goals_missed", "lowest_normal_force", "smallest_distance",
+    "smallest_own_distance", "wall_time",
+)  # fmt: skip
+
+
+def is_number_column(column: str) -> bool:
+    """True for columns of results that are numbers."""
+    return column in _NUMBERS or column.partition(".")[0] in (*ERRORS, LIMITS)
+
+
+def is_result_column(column: str) -> bool:
+    """True for columns of results; False for drawn values."""
+    return column in TEXTS or column == "warnings" or is_number_column(column)
+
+
+def drawn_values(row: Row) -> dict[str, Json]:
+    """Drawn values of a row."""
+    return {name: value for name, value in row.items() if value is not None and not is_result_column(name)}
+
+
+def results_of(summary: Summary) -> Row:
+    """Columns of results from the summary of a run."""
+    found, lift_off, nearest = cast("Row", summary), summary["lift_off"], summary.get("smallest_distance")
+    between_links = summary.get("smallest_own_distance")
+    first = summary.get("first_finding", {"kind": "", "message": ""})
+    return {
+        "outcome": summary["outcome"],
+        "verdict": summary["verdict"],
+        "finding": first["kind"],
+        "message": first["message"],
+        "duration": summary["duration"],
+        **{f"{kind}.{name}": value for kind in ERRORS for name, value in found[kind].items()},
+        **{name: found[name] for name in _MEASURED if name in found},
+        "goals_missed": len(summary.get("goals_missed", ())),
+        "lowest_normal_force": None if lift_off is None else lift_off["lowest"],
+        "smallest_distance": None if nearest is None else nearest["distance"],
+        "smallest_own_distance": None if between_links is None else between_links["distance"],
+        **{f"{LIMITS}.{kind}": worst["excess"] for kind, worst in summary.get("joint_limits", {}).items()},
+    }
+
+
+def refused(outcome: str, error: RncError) -> Row:
+    """Columns of results of a run that could not start."""
+    return {"outcome": outcome, "verdict": "failed", "finding": outcome, "message": str(error)}
+
+
+TRAJECTORIES = "trajectories"
+"""Folder of the trajectories in the folder of a sweep."""
+
+
+def trajectory_file(folder: Path, run: int) -> Path:
+    """File of the trajectory of a run, in the folder of its sweep."""
+    return folder / TRAJECTORIES / f"run_{run:07d}.npz"
+
+
+# ------------------------------------------------------------------ draws
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Seeded draws that ``sweep`` is asked for.
+
+    Attributes:
+        runs: number of runs.
+        distributions: distribution by name, in the form of ``sweep`` in scenario files, such as ``[minimum, maximum]``
+            or ``{"normal": {"mean": 0.0, "std": 0.1}}``. A scenario has its own by default.
+        seed: seed of the draws; by default 0, or that of the scenario.
+
+    Example:
+        >>> rnc.Draws(20, {"speed": [0.5, 1.5]}, seed=1).runs
+        20
+    """
+
+    runs: int
+    distributions: Mapping[str, object] | None = None
+    seed: int | None = None
+
+
+@dataclass(frozen=True)
+class SeededDraws:
+    """Draws from distributions. Each run has its own random stream.
+
+    Attributes:
+        distributions: distributions by name; their order is part of the specification.
+        seed: seed of all streams.
+    """
+
+    distributions: Mapping[str, Distribution]
+    seed: int = 0
+
+    @classmethod
+    def of(cls, distributions: Mapping[str, object], seed: int = 0) -> SeededDraws:
+        """Read distributions in the form of scenario files, such as ``{"mass": [1, 2]}``.
+
+        Raises:
+            ConfigurationError: a distribution is invalid.
+        """
+        return cls(admitted(Distributions, to_json_mapping(distributions, "distributions"), "distributions").root, seed)
+
+    def of_run(self, run: int) -> Iterator[dict[str, Json]]:
+        """Yield the values of a run, then replacements for them."""
+        generator = np.random.default_rng([self.seed, run])
+        while True:
+            yield {key: each.draw(generator) for key, each in self.distributions.items()}
+
+    def describe(self) -> dict[str, Json]:
+        """Seed and distributions as JSON content."""
+        return {
+            "seed": self.seed,
+            "distributions": {key: each.model_dump(exclude_none=True) for key, each in self.distributions.items()},
+        }
+
+
+def draws_of(scenario: str, options: Mapping[str, Json]) -> SeededDraws:
+    """Draws that the ``sweep`` and the ``seed`` of a scenario specify.
+
+    Args:
+        scenario: a built-in name or a file.
+        options: dotted keys and values that all runs share.
+
+    Raises:
+        ConfigurationError: the scenario has no ``sweep``, or does not take the values that it may draw.
+    """
+    path = find_scenario(scenario)
+    raw = read_yaml(path)
+    checked = validate(apply_options(raw, options), path.name)
+    if not checked.sweep:
+        raise ConfigurationError(
+            f"{path.name}: sweep: is missing; give dotted keys and ranges, e.g. initial.q.joint: [0, 1]"
+        )
+    for key, distribution in checked.sweep.items():
+        for value in distribution.examples():
+            validate(apply_options(raw, {**options, key: value}), f"{path.name}: sweep.{key}")
+    return SeededDraws(checked.sweep, checked.seed)
+
+
+def check_names(draw: Draw) -> None:
+    """Raise an error if a drawn value has the name of a result."""
+    for name in draw:
+        if not isinstance(name, str) or is_result_column(name):
+            raise ConfigurationError(f"draws: {name!r} is the name of a result; choose another one")
+
+
+def json_values(draw: Draw, what: str) -> dict[str, Json]:
+    """Drawn values as JSON content: arrays become lists, and NumPy's numbers those of Python.
+
+    Raises:
+        InputError: a value has no JSON representation.
+    """
+    return to_json_mapping({name: _without_arrays(value) for name, value in draw.items()}, what)
+
+
+def _without_arrays(value: object) -> object:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {name: _without_arrays(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_arrays(each) for each in value]
+    return value
+
+
+# ------------------------------------------------------------------ runs
+
+
+class Runs(ABC):
+    """Source of the rows of a sweep. It is pickled for other processes.
+
+    Args:
+        draws: seeded draws; None if every run gets its values.
+        trajectories: folder of the sweep, for trajectories; None writes none.
+    """
+
+    def __init__(self, draws: SeededDraws | None, trajectories: Path | None) -> None:
+        self.draws, self._trajectories = draws, trajectories
+
+    def row(self, run: int, draw: Draw | None = None) -> Row:
+        """Simulate a run and return its row.
+
+        Args:
+            run: number of the run.
+            draw: its given values; None draws them by the number of the run.
+        """
+        start = time.perf_counter()
+        with np.errstate(over="ignore", invalid="ignore"):  # diverged values
+            row = self._row(run, [draw] if draw is not None else self._drawn(run))
+        return {"run": run, **row, "wall_time": time.perf_counter() - start}
+
+    @abstractmethod
+    def _row(self, run: int, draws: Iterable[Draw]) -> Row:
+        """Drawn values and results of a run, whose draws are tried one after the other."""
+
+    def _drawn(self, run: int) -> Iterator[Draw]:
+        assert self.draws is not None
+        return self.draws.of_run(run)
+
+    def _judged(self, run: int, trajectory: Trajectory, summary: Summary) -> Row:
+        """Columns of results of a simulated run, whose trajectory is written if it is wanted."""
+        if trajectory.outcome is Outcome.INTERRUPTED:
+            raise KeyboardInterrupt
+        if self._trajectories is not None:
+            path = trajectory_file(self._trajectories, run)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            trajectory.save(path)
+        return results_of(summary)
+
+
+Build: TypeAlias = Callable[[dict[str, Any]], "Mapping[str, object] | Trajectory"]
+"""Function of drawn values that returns the arguments of ``simulate`` by name, or a finished run."""
+
+
+class FunctionRuns(Runs):
+    """Runs that a function builds from drawn values.
+
+    Args:
+        build: function of the drawn values.
+        draws: as for ``Runs``.
+        trajectories: as for ``Runs``.
+    """
+
+    def __init__(self, build: Build, draws: SeededDraws | None, trajectories: Path | None = None) -> None:
+        super().__init__(draws, trajectories)
+        self._build = build
+
+    def _row(self, run: int, draws: Iterable[Draw]) -> Row:
+        draw = next(iter(draws))
+        row = json_values(draw, f"draws: run {run}")
+        try:
+            trajectory = _simulated(self._build(dict(draw)))
+        except RncError as error:
+            if not isinstance(error.trajectory, Trajectory):
+                return {**row, **refused("refused", error)}
+            trajectory = error.trajectory
+        summary = summarize(trajectory)
+        add_verdict(summary, trajectory.verdict)
+        return {**row, **self._judged(run, trajectory, summary)}
+
+
+def _simulated(built: object) -> Trajectory:
+    if isinstance(built, Mapping):
+        built = simulate(**built)
+    if not isinstance(built, Trajectory):
+        raise TypeError(
+            f"build returned {type(built).__name__}, expected the arguments of rnc.simulate by name, or a Trajectory"
+        )
+    return built
+
+
+def with_options_of_sweeps(options: Mapping[str, Json]) -> dict[str, Json]:
+    """Options of every run of a sweep: no comparisons and plots, and preflight refuses instead of warning."""
+    return {"preflight": "refuse", **options, "comparisons": {}, "plots": {}}
+
+
+MOST_DRAWS = 20
+"""Largest number of draws for one run; then its outcome is "infeasible"."""
+_STRUCTURE = ("robot", "constraints", "ground", "mimic", "actuators", "forces", "outputs")
+_MOST_MODELS = 8  # models that a process keeps
+
+
+class ScenarioRuns(Runs):
+    """Runs of a scenario with drawn options.
+
+    A draw is repeated if preflight refuses it, no gains fit, or it has no plan; ``redrawn`` counts. A run with faults
+    has its own seed, which follows from that of the scenario and its number.
+
+    Args:
+        scenario: a built-in name or a file.
+        options: dotted keys and values that all runs share.
+        draws: as for ``Runs``.
+        trajectories: as for ``Runs``.
+    """
+
+    def __init__(
+        self,
+        scenario: str,
+        options: Mapping[str, Json],
+        draws: SeededDraws | None = None,
+        trajectories: Path | None = None,
+    ) -> None:
+        super().__init__(draws, trajectories)
+        self._file = replace(Scenario.read(scenario), show_warnings=False)
+        self._options = dict(options)
+        self._seed = self._file.with_options(self._options).content.seed
+        self._models: dict[str, BuiltModel] = {}
+
+    def __getstate__(self) -> dict[str, object]:
+        return {**self.__dict__, "_models": {}}
+
+    def options_of(self, run: int, drawn: Draw) -> dict[str, Json]:
+        """Options of a run with drawn values, which ``rnc-pin run`` takes too."""
+        values = cast("Mapping[str, Json]", drawn)
+        options: dict[str, Json] = {**with_options_of_sweeps(self._options), "seed": self._seed, **values}
+        parts = {*self._file.raw, *(key.partition(".")[0] for key in options)}
+        if "seed" not in drawn and "faults" in parts:
+            options["seed"] = int(np.random.SeedSequence([self._seed, run]).generate_state(1)[0])
+        return options
+
+    def _row(self, run: int, draws: Iterable[Draw]) -> Row:
+        for redrawn, drawn in enumerate(islice(draws, MOST_DRAWS)):
+            options = self.options_of(run, drawn)
+            row = {**drawn, "seed": options["seed"], "redrawn": redrawn}
+            try:
+                scenario = self._scenario(options)
+            except (InfeasibleError, SingularityError) as error:
+                failure: RncError = error
+                continue
+            except RncError as error:
+                return {**row, **refused("refused", error)}
+            told = (*scenario.experiment.model_warnings, *scenario.experiment.warnings)
+            try:
+                result = execute(scenario)
+            except RncError as error:
+                return {**row, "warnings": "; ".join(told), **refused("refused", error)}
+            return {**row, "warnings": "; ".join(told), **self._judged(run, result.trajectory, result.summary)}
+        return {**row, **refused("infeasible", failure)}
+
+    def _scenario(self, options: Mapping[str, Json]) -> Scenario:
+        """Build the objects of a run. Runs of this process with the same system and outputs share their model."""
+        made = self._file.with_options(options)
+        model = None if made.content.phases else self._model(made)
+        return made.built_with(model=model, comparisons={}).build()
+
+    def _model(self, scenario: Scenario) -> BuiltModel:
+        key = json.dumps([scenario.raw.get(each) for each in _STRUCTURE], default=repr)
+        if key not in self._models:
+            if len(self._models) >= _MOST_MODELS:
+                self._models.pop(next(iter(self._models)))
+            self._models[key] = scenario.model
+        return self._models[key]
