@@ -22,14 +22,14 @@ from rnc_pin.identification.unknowns import (
     radii_of,
 )
 from rnc_pin.identification.window_fit import Poses, RolledPath, rotated, sideways
-from rnc_pin.math.components import Component, NormalEquations, Row, against, combined, minus, plus, times
 from rnc_pin.model.coordinates import heading_of
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.robots.joint_values import SingleJoint
 
 _BREAK = 5.0  # intervals longer than so many usual ones end a window
+_SINGULAR = 1e-14  # pivot of the normal equations relative to their diagonal
 _REGULAR = 1e-6  # smallest singular value of the unit rows of the base, relative to the largest
-_Slopes = dict[int, tuple[int, Component]]
+_Slopes = dict[int, tuple[int, np.ndarray]]
 """Derivatives by parameter: the number of a column or joint, with numbers."""
 
 
@@ -106,9 +106,8 @@ class RollingMotion:
             raise ConfigurationError(f"the log has no joint of the rows {few(self.unused)}")
         self.used = geometry.names
         every = range(geometry.size)
-        sample = geometry.matrices(
-            dict(enumerate(np.random.default_rng(1).uniform(-0.5, 0.5, (geometry.size, 4)))), every, 4
-        )
+        drawn = np.random.default_rng(1).uniform(-0.5, 0.5, (geometry.size, 4))
+        sample = geometry.evaluate(dict(enumerate(drawn)), {}, every).matrix
         acting = np.abs(sample).max(axis=(0, 1)) > 1e-12
         self._joints = [each for column, each in measured.items() if acting[column] or column in geometry.shape]
         others = [column for column in columns.values() if acting[column] and column not in measured]
@@ -199,16 +198,17 @@ class RollingMotion:
 
         Unmeasured joints of rows start at zero, other joints stand still there.
         """
-        whole, steps = self._whole(), len(self.time) - 1
-        path = RolledPath(self.time, np.stack([np.broadcast_to(each, steps) for each in whole[:3]]), {}, 0)
+        positions, changes, _, _ = self._measured(self._nominal)
+        whole = _Solution(self._geometry.evaluate(positions, {}, self._columns).matrix, changes).whole
+        path = RolledPath(self.time, whole[:, :3].T, {}, 0)
         inside = np.clip(times, self.time[0], self.time[-1])
         q = self.with_base(np.tile(pin.neutral(self._model), (len(times), 1)), path.at(inside).values)
         starts = dict.fromkeys(self._columns, 0.0) | {
             each.column: float(_held(each.channel, self.time[:1])[0]) for each in self._joints
         }
         joints = {joint.idx_v: SingleJoint.of(joint) for joint in self._model.joints if joint.nv == 1}
-        for column, change in zip(self._columns[3:], whole[3:], strict=True):
-            position = np.concatenate([[0.0], np.cumsum(np.broadcast_to(change, steps))]) + starts[column]
+        for column, change in zip(self._columns[3:], whole[:, 3:].T, strict=True):
+            position = np.concatenate([[0.0], np.cumsum(change)]) + starts[column]
             joints[column].put(q, np.interp(times, self.time, position))
         return q
 
@@ -220,25 +220,6 @@ class RollingMotion:
         found[:, first + 2], found[:, first + 3] = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         return found
 
-    def _whole(self) -> list[Component]:
-        """Motion of all columns during the steps, with parameters of the file."""
-        positions, moved, _, _ = self._measured(self._nominal)
-        rows, _ = self._geometry.evaluate(positions, {}, self._columns)
-        return self._solved(rows, moved)[2]
-
-    def _solved(self, rows: list[Row], moved: list[Component]) -> tuple[list[Row], NormalEquations, list[Component]]:
-        """Rows of the unknown columns, their normal equations, and the motion of all columns for measured joints."""
-        size = len(self._unknown_columns)
-        left = [{column: entry for column, entry in row.items() if column < size} for row in rows]
-        try:
-            normal = NormalEquations(left, size)
-        except np.linalg.LinAlgError:
-            raise InfeasibleError(
-                "the rows do not determine the motion of the base at each measured position"
-            ) from None
-        driven = {number: combined(row, [0.0] * size + moved) for number, row in enumerate(rows)}
-        return left, normal, [*normal.solve(against(left, driven, size)), *moved]
-
     def slip(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Slip of the rows at a given motion of the base, with parameters of the file.
 
@@ -249,8 +230,8 @@ class RollingMotion:
             Times (N,) in the middle of the steps [s], and slip (N, k) during each step [m]. Joints that are not
             measured move such that its square is smallest.
         """
-        positions, changes, _, _ = self._measured(self._nominal)
-        A, moved = self._geometry.matrices(positions, self._columns, len(self.time) - 1), np.stack(changes, axis=1)
+        positions, moved, _, _ = self._measured(self._nominal)
+        A = self._geometry.evaluate(positions, {}, self._columns).matrix
         change = np.diff(poses, axis=0)
         turn = change[:, 2]
         half = rotated(-(poses[:-1, 2] + turn / 2), change[:, :2]) / np.sinc(turn / (2 * np.pi))[:, None]
@@ -262,61 +243,44 @@ class RollingMotion:
             slip = slip - _product(others, _product(inverse, np.nan_to_num(slip)))
         return (self.time[1:] + self.time[:-1]) / 2, slip
 
-    def _steps(self, p: np.ndarray) -> tuple[np.ndarray, dict[int, list[Component]]]:
-        """Twists of the steps (3, N), and their derivatives (3 entries) by the parameters that change them."""
+    def _steps(self, p: np.ndarray) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+        """Twists of the steps (3, N), and their derivatives (3, N) by the parameters that change them."""
         geometry = self._geometry
         shifts: dict[Virtual, float] = {}
         for value, parameter in zip(p, self.parameters, strict=True):
             for virtual, share in parameter.displaced.items():
                 shifts[virtual] = shifts.get(virtual, 0.0) + share * (value - parameter.nominal)
         geometry.set_radii(radii_of(self.parameters, p))
-        positions, moved, d_middle, d_moved = self._measured(p)
-        directions: dict[int | Virtual | str, int] = {}  # columns, displacements and wheels
-        for parameter in self.parameters:
-            for each in parameter.shares:
-                directions.setdefault(each, len(directions))
-        for column, _ in d_middle.values():
-            directions.setdefault(column, len(directions))
-        rows, slopes = geometry.evaluate(positions, shifts, self._columns, list(directions))
-        size = len(self._unknown_columns)
-        left, normal, whole = self._solved(rows, moved)
-        residuals = [combined(row, whole) for row in rows] if len(rows) > size else []
-        effects = []  # of each direction, on the right side
-        for changed in slopes:
-            effect = against(left, {row: combined(slope, whole) for row, slope in changed.items()}, size)
-            for row, slope in changed.items() if residuals else ():
-                for column, entry in slope.items():
-                    if column < size:
-                        effect[column] = minus(effect[column], times(entry, residuals[row]))
-            effects.append(effect)
+        positions, changes, d_middle, d_changes = self._measured(p)
+        rows = geometry.evaluate(positions, shifts, self._columns)
+        solution = _Solution(rows.matrix, changes)
+        effects: dict[int | Virtual | str, np.ndarray] = {}  # of columns, displacements and wheels
+
+        def effect(direction: int | Virtual | str) -> np.ndarray:
+            if direction not in effects:
+                effects[direction] = solution.effect_of_rows(rows.along(direction))
+            return effects[direction]
+
         found = {}
         for k, parameter in enumerate(self.parameters):
-            parts: list[tuple[Component, list[Component]]] = [
-                (share, effects[directions[each]]) for each, share in parameter.shares.items()
-            ]
+            parts = [share * effect(direction) for direction, share in parameter.shares.items()]
             if k in d_middle:
                 column, by = d_middle[k]
-                parts.append((by, effects[directions[column]]))
-            if k in d_moved:
-                index, by = d_moved[k]
-                acting = {row: entries[size + index] for row, entries in enumerate(rows) if size + index in entries}
-                parts.append((1.0, against(left, {row: times(entry, by) for row, entry in acting.items()}, size)))
-            side: list[Component] = [0.0] * size
-            for by, effect in parts:
-                side = [plus(total, times(by, each)) for total, each in zip(side, effect, strict=True)]
+                parts.append(by[:, None] * effect(column))
+            if k in d_changes:
+                parts.append(solution.effect_of_change(*d_changes[k]))
             if parts:
-                found[k] = normal.solve(side)[:3]
-        steps = np.stack([np.broadcast_to(each, len(self.time) - 1) for each in whole[:3]])
-        return steps, found
+                found[k] = sum(parts, np.zeros(1))[:, :3].T
+        return solution.whole[:, :3].T, found
 
-    def _measured(self, p: np.ndarray) -> tuple[dict[int, np.ndarray], list[Component], _Slopes, _Slopes]:
-        """Positions in the middle of steps by column, and changes of joints, with derivatives by parameter.
+    def _measured(self, p: np.ndarray) -> tuple[dict[int, np.ndarray], np.ndarray, _Slopes, _Slopes]:
+        """Positions in the middle of steps by column, and changes (N, j) of joints, with derivatives by parameter.
 
         A derivative of a position is a column of v with numbers, one of a change the number of a joint with numbers.
         Only joints that the rows depend on have positions.
         """
         positions: dict[int, np.ndarray] = {}
-        moved: list[Component] = []
+        moved: list[np.ndarray] = []
         d_middle: _Slopes = {}
         d_moved: _Slopes = {}
         for index, joint in enumerate(self._joints):
@@ -329,9 +293,9 @@ class RollingMotion:
             raw = _held(joint.channel, self.time + late)
             middle, change = (raw[1:] + raw[:-1]) / 2, np.diff(raw)
             moved.append(scale * change)
-            slopes: dict[type, tuple[Component, Component]] = {
+            slopes: dict[type, tuple[np.ndarray, np.ndarray]] = {
                 EncoderScale: (middle, change),
-                EncoderOffset: (1.0, 0.0),
+                EncoderOffset: (np.ones_like(middle), np.zeros_like(change)),
             }
             if TimeShift in own:
                 rate = scale * _slope(joint.channel, self.time + late)
@@ -342,7 +306,44 @@ class RollingMotion:
                     d_middle[k] = joint.column, slopes[kind][0]
             if joint.column in self._geometry.shape:
                 positions[joint.column] = scale * middle + offset
-        return positions, moved, d_middle, d_moved
+        return positions, np.stack(moved, axis=1), d_middle, d_moved
+
+
+class _Solution:
+    """Motion (N, c) of all columns of rows (N or 1, k, c) that fits measured changes (N, j) of the last ones best.
+
+    Raises:
+        InfeasibleError: the other columns are dependent at a sample.
+    """
+
+    def __init__(self, A: np.ndarray, changes: np.ndarray) -> None:
+        size = A.shape[2] - changes.shape[1]
+        self._left, self._driven = A[:, :, :size], A[:, :, size:]
+        normal = self._left.mT @ self._left
+        try:
+            pivots = np.linalg.cholesky(normal).diagonal(axis1=1, axis2=2) ** 2
+        except np.linalg.LinAlgError:
+            pivots = np.zeros(1)
+        if (pivots <= _SINGULAR * normal.diagonal(axis1=1, axis2=2)).any():
+            raise InfeasibleError("the rows do not determine the motion of the base at each measured position")
+        self._inverse = np.linalg.inv(normal)
+        free = self._solved(_product(self._driven, changes))
+        self.whole = np.concatenate([free, changes], axis=1)
+        self._residual = _product(A, self.whole)
+
+    def _solved(self, driven: np.ndarray) -> np.ndarray:
+        """Motion (N, s) of the first columns that cancels rows (N, k) best."""
+        return -_product(self._inverse, _product(self._left.mT, driven))
+
+    def effect_of_rows(self, slope: np.ndarray) -> np.ndarray:
+        """Derivative (N, s) of the motion for a derivative (N or 1, k, c) of the rows."""
+        size = self._left.shape[2]
+        by_residual = _product(self._inverse, _product(slope[:, :, :size].mT, self._residual))
+        return self._solved(_product(slope, self.whole)) - by_residual
+
+    def effect_of_change(self, joint: int, rate: np.ndarray) -> np.ndarray:
+        """Derivative (N, s) of the motion for a derivative (N,) of the changes of one measured joint."""
+        return self._solved(self._driven[:, :, joint] * rate[:, None])
 
 
 def _product(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:

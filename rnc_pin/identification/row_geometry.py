@@ -14,25 +14,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.polynomial import chebyshev
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.math.components import Row
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.joint_values import NamedModel, SingleJoint
 from rnc_pin.robots.robot import Robot
 
 _NODES = 40  # of an interpolation over one angle
-_PHASES = np.pi * (np.arange(_NODES) + 0.5) / _NODES
-_TO_COEFFICIENTS = (
-    np.cos(np.outer(np.arange(_NODES), _PHASES)) * np.append(1.0, np.full(_NODES - 1, 2.0))[:, None] / _NODES
-)
+_AT_NODES = chebyshev.chebpts1(_NODES)
+_TO_COEFFICIENTS = np.linalg.inv(chebyshev.chebvander(_AT_NODES, _NODES - 1))
 """Chebyshev coefficients from values at the nodes.
 
 Rows are analytic in the angle of a joint. They have poles only where a wheel lies flat, far from real angles, so that
 the error over a turn is that of rounding.
 """
-_BLOCK = 2048  # samples of an interpolation at a time
 _ROUNDING = 1e-15  # coefficients that are left out
 _MANY = 4 * _NODES  # states above which it pays
 _WIDEST = 2.0 * np.pi  # range of an interpolation [rad]
@@ -192,66 +189,34 @@ class RowGeometry:
                     block.rows = block.kind.bind(self._robot)
 
     def evaluate(
-        self,
-        positions: Mapping[int, np.ndarray],
-        shifts: Mapping[Virtual, float],
-        columns: Sequence[int],
-        directions: Sequence[int | Virtual | str] = (),
-    ) -> tuple[list[Row], list[dict[int, Row]]]:
-        """Rows and their derivatives along joints (columns), displacements and radii (frames).
+        self, positions: Mapping[int, np.ndarray], shifts: Mapping[Virtual, float], columns: Sequence[int]
+    ) -> EvaluatedRows:
+        """Rows at positions (N,) of the joints that they depend on, by column, and at displacements of joints.
 
         Args:
-            positions: positions (N,) of the joints that the rows depend on, by column.
-            shifts: displacements of joints.
-            columns: columns to return; entries of a row are named by their place in them.
-            directions: directions of the derivatives.
-
-        Returns:
-            Rows, and for each direction the rows that change, by number, with their derivatives.
+            positions: the positions.
+            shifts: the displacements.
+            columns: columns of the rows to return.
         """
-        found: list[Row] = []
-        changes: list[dict[int, Row]] = [{} for _ in directions]
+        parts = []
         for block in self._blocks:
             if not block.kept:
                 continue
-            spread = _Spread.over([positions[column] for column in block.shape])
-            states = np.zeros((len(spread.states), self._robot.nv))
-            states[:, block.shape] = spread.states
+            samples = _Samples.over([positions[column] for column in block.shape])
+            states = np.zeros((len(samples.states), self._robot.nv))
+            states[:, block.shape] = samples.states
             for virtual, value in shifts.items():
                 states[:, self._virtual[virtual]] = value
-            place = self._kinematics.position(self._configurations(states))
-            rows = block.rows.jacobian(place)
-            slopes = [self._along(block, place, rows, each) for each in directions]
-            tables = [rows, *(slope for slope in slopes if slope is not None)]
-            kept, chosen = np.array(block.kept)[:, None], list(columns)
-            values = np.stack([np.broadcast_to(each, rows.shape)[:, kept, chosen] for each in tables], axis=1)
-            entries = iter(spread.to_samples(values))
-            for table, changed in zip((None, *slopes), (None, *changes), strict=True):
-                if changed is None:
-                    found += next(entries)
-                elif table is not None:
-                    first = len(found) - len(block.kept)
-                    changed.update({first + k: row for k, row in enumerate(next(entries)) if row})
-        return found, changes
+            parts.append((block, samples, self._kinematics.position(self._configurations(states))))
+        return EvaluatedRows(self, parts, list(columns))
 
-    def matrices(self, positions: Mapping[int, np.ndarray], columns: Sequence[int], count: int) -> np.ndarray:
-        """Rows (N, k, c) of the file for columns c, at positions (N,) by column."""
-        rows, _ = self.evaluate(positions, {}, columns)
-        found = np.zeros((count, len(rows), len(columns)))
-        for k, row in enumerate(rows):
-            for column, entry in row.items():
-                found[:, k, column] = entry
-        return found
-
-    def _along(
-        self, block: _Block, place: PositionKinematics, rows: np.ndarray, direction: int | Virtual | str
-    ) -> np.ndarray | None:
+    def along(self, block: _Block, place: PositionKinematics, direction: int | Virtual | str) -> np.ndarray | None:
         """Derivative (S, k, n) of a block along a direction; None if it does not depend on it."""
         if isinstance(direction, str):
             if block not in self._radii[direction]:
                 return None
             larger = replace(block.kind, radius=block.kind.radius + 1.0).bind(self._robot)
-            return np.asarray(larger.jacobian(place) - rows)
+            return np.asarray(larger.jacobian(place) - block.rows.jacobian(place))
         column = self._virtual[direction] if isinstance(direction, Virtual) else direction
         if isinstance(direction, int) and column not in block.shape:
             return None
@@ -270,61 +235,72 @@ class RowGeometry:
         return q
 
 
-class _Spread(NamedTuple):
+class EvaluatedRows:
+    """Rows of a robot at samples, and their derivatives.
+
+    Args:
+        geometry: the rows.
+        parts: each block in use with its samples and the kinematics at their states.
+        columns: columns of the matrices.
+    """
+
+    def __init__(
+        self,
+        geometry: RowGeometry,
+        parts: Sequence[tuple[_Block, _Samples, PositionKinematics]],
+        columns: list[int],
+    ) -> None:
+        self._geometry, self._parts, self._columns = geometry, parts, columns
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """Rows (N, k, c); (1, k, c) if they are constant."""
+        return self._joined([block.rows.jacobian(place) for block, _, place in self._parts])
+
+    def along(self, direction: int | Virtual | str) -> np.ndarray:
+        """Derivatives (N or 1, k, c) along a joint (column), a displacement or the radius of a wheel (frame)."""
+        return self._joined([self._geometry.along(block, place, direction) for block, _, place in self._parts])
+
+    def _joined(self, tables: Sequence[np.ndarray | None]) -> np.ndarray:
+        found = []
+        for (block, samples, _), table in zip(self._parts, tables, strict=True):
+            if table is None:
+                found.append(np.zeros((1, len(block.kept), len(self._columns))))
+            else:
+                whole = np.broadcast_to(table, (len(samples.states), *table.shape[-2:]))
+                found.append(samples.values(whole[:, np.array(block.kept)[:, None], self._columns]))
+        size = max(map(len, found))
+        return np.concatenate([np.broadcast_to(each, (size, *each.shape[1:])) for each in found], axis=1)
+
+
+class _Samples(NamedTuple):
     """States of the joints of a block at which it is evaluated, and the way from them to all samples."""
 
     states: np.ndarray
     """Joint positions (S, d)."""
     angle: np.ndarray | None
     """Angles (N,) relative to the range of the nodes, from -1 to 1; None without an interpolation."""
-    inverse: np.ndarray | None
-    """State of each sample (N,); None for one state."""
+    inverse: np.ndarray
+    """State of each sample (N,), or (1,) for all."""
 
     @classmethod
-    def over(cls, shape: Sequence[np.ndarray]) -> _Spread:
+    def over(cls, shape: Sequence[np.ndarray]) -> _Samples:
         """States for positions (N,) of joints: one without joints, nodes for one angle, else each once."""
         if not shape:
-            return cls(np.zeros((1, 0)), None, None)
+            return cls(np.zeros((1, 0)), None, np.zeros(1, dtype=int))
         if len(shape) == 1 and len(shape[0]) > _MANY and np.ptp(shape[0]) <= _WIDEST:
             low, high = shape[0].min(), shape[0].max()
             middle, half = (low + high) / 2, max(high - low, 1e-3) / 2
-            return cls((middle + half * np.cos(_PHASES))[:, None], (shape[0] - middle) / half, None)
+            return cls((middle + half * _AT_NODES)[:, None], (shape[0] - middle) / half, np.zeros(0, dtype=int))
         states, inverse = np.unique(np.stack(shape, axis=1), axis=0, return_inverse=True)
         return cls(states, None, inverse.ravel())
 
-    def to_samples(self, values: np.ndarray) -> list[list[Row]]:
-        """Rows of tables, at the samples, from values (S, tables, rows, columns) at the states; zeros are left out."""
-        flat = values.reshape(len(values), -1)
+    def values(self, at_states: np.ndarray) -> np.ndarray:
+        """Values (N or 1, ...) at the samples from those at the states (S, ...)."""
         if self.angle is None:
-            varying = np.flatnonzero((flat != flat[0]).any(axis=0))
-            constant, samples = flat[0], flat.T[varying][:, self.inverse] if len(varying) else flat[:0]
-        else:
-            coefficients = _TO_COEFFICIENTS @ flat
-            limit = _ROUNDING * max(np.abs(flat).max(), 1.0)
-            large = np.abs(coefficients) > limit
-            constant, varying = np.where(large[0], coefficients[0], 0.0), np.flatnonzero(large[1:].any(axis=0))
-            count = 1 + int(np.flatnonzero(large.any(axis=1)).max(initial=0))
-            samples = _polynomials(self.angle, coefficients[:count, varying])
-        found: list[list[Row]] = [[{} for _ in range(values.shape[2])] for _ in range(values.shape[1])]
-        for index in np.flatnonzero(constant):
-            table, row, column = np.unravel_index(index, values.shape[1:])
-            found[table][row][int(column)] = float(constant[index])
-        for index, entries in zip(varying, samples, strict=True):
-            table, row, column = np.unravel_index(index, values.shape[1:])
-            found[table][row][int(column)] = entries
-        return found
-
-
-def _polynomials(x: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-    """Sums (E, N) of Chebyshev polynomials of x (N,) with coefficients (degrees, E)."""
-    found, weights = np.empty((coefficients.shape[1], len(x))), coefficients.T.copy()
-    values = np.empty((len(coefficients), _BLOCK))  # few at a time, which stay in the cache
-    for start in range(0, len(x) if len(found) else 0, _BLOCK):
-        part = x[start : start + _BLOCK]
-        terms, double = values[:, : len(part)], 2 * part
-        terms[0], terms[1] = 1.0, part
-        for k in range(2, len(terms)):
-            np.multiply(double, terms[k - 1], out=terms[k])
-            terms[k] -= terms[k - 2]
-        np.matmul(weights, terms, out=found[:, start : start + len(part)])
-    return found
+            return at_states[self.inverse]
+        coefficients = _TO_COEFFICIENTS @ at_states.reshape(_NODES, -1)
+        large = np.abs(coefficients) > _ROUNDING * max(np.abs(at_states).max(), 1.0)
+        degree = int(np.flatnonzero(large.any(axis=1)).max(initial=0))
+        found = chebyshev.chebvander(self.angle, degree) @ coefficients[: degree + 1]
+        return found.reshape(-1, *at_states.shape[1:])

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.math.components import Component, minus, plus, times
 from rnc_pin.model.coordinates import arc_chord
 
 _SMALL = 1e-3  # angle below which series replace quotients
@@ -30,13 +29,11 @@ class RolledPath:
     Args:
         time: times (N + 1,) [s].
         steps: twists of the steps in the axes of the base (3, N): two lengths [m] and an angle [rad].
-        slopes: derivatives of the steps (3 entries) by the number of the parameter, where they are not zero.
+        slopes: derivatives of the steps (3, N) by the number of the parameter, where they are not zero.
         size: number of parameters P.
     """
 
-    def __init__(
-        self, time: np.ndarray, steps: np.ndarray, slopes: Mapping[int, Sequence[Component]], size: int
-    ) -> None:
+    def __init__(self, time: np.ndarray, steps: np.ndarray, slopes: Mapping[int, np.ndarray], size: int) -> None:
         self._time, self._steps, self._slopes, self._size = time, steps, slopes, size
         self._pose = np.zeros((3, len(time)))
         np.cumsum(steps[2], out=self._pose[2, 1:])
@@ -45,9 +42,8 @@ class RolledPath:
         self._d_pose: dict[int, np.ndarray] = {}
         for k, slope in slopes.items():
             change = self._d_pose[k] = np.zeros((3, len(time)))
-            np.cumsum(np.broadcast_to(slope[2], len(time) - 1), out=change[2, 1:])
-            for row, part in enumerate(displacement.along(slope, change[2, :-1])):
-                np.cumsum(np.broadcast_to(part, len(time) - 1), out=change[row, 1:])
+            np.cumsum(slope[2], out=change[2, 1:])
+            np.cumsum(displacement.along(slope, change[2, :-1]), axis=1, out=change[:2, 1:])
 
     def at(self, times: np.ndarray) -> Poses:
         """Poses at times (M,) within the path."""
@@ -61,12 +57,9 @@ class RolledPath:
         values[:, 2] = begin[2] + step[2] * share
         slopes = np.zeros((len(times), 3, self._size), order="F")
         for number, slope in self._slopes.items():
-            part = [share * (each[k] if isinstance(each, np.ndarray) else each) for each in slope]
-            change = self._d_pose[number][:, k]
-            x, y = displacement.along(part, change[2])
-            np.add(change[0], x, out=slopes[:, 0, number])
-            np.add(change[1], y, out=slopes[:, 1, number])
-            np.add(change[2], part[2], out=slopes[:, 2, number])
+            part, change = share * slope[:, k], self._d_pose[number][:, k]
+            slopes[:, :2, number] = (change[:2] + displacement.along(part, change[2])).T
+            slopes[:, 2, number] = change[2] + part[2]
         rate = (step / interval).T
         rates = np.column_stack([rotated(values[:, 2], rate[:, :2]), rate[:, 2]])
         return Poses(values, slopes, rates)
@@ -102,14 +95,13 @@ class _Displacement:
         self._a, self._b = cosine * along - sine * side, sine * along + cosine * side
         self.values = np.stack([self._p * x - self._q * y, self._q * x + self._p * y])
 
-    def along(self, slope: Sequence[Component], turn: Component) -> tuple[Component, Component]:
-        """Derivatives for those of the twist (3 entries) and of the heading."""
+    def along(self, slope: np.ndarray, turn: np.ndarray) -> np.ndarray:
+        """Derivatives (2, N) for those of the twist (3, N) and of the heading (N,)."""
         x, y, w = slope
-        there, aside = minus(times(self._p, x), times(self._q, y)), plus(times(self._q, x), times(self._p, y))
-        return (
-            minus(plus(there, times(self._a, w)), times(self.values[1], turn)),
-            plus(plus(aside, times(self._b, w)), times(self.values[0], turn)),
-        )
+        return np.stack([
+            self._p * x - self._q * y + self._a * w - self.values[1] * turn,
+            self._q * x + self._p * y + self._b * w + self.values[0] * turn,
+        ])  # fmt: skip
 
 
 _POSITION, _HEADING = 2.0, 1.5  # residuals in standard deviations above which a sample counts less (Huber)

@@ -2,12 +2,11 @@
 
 The components of one vector are Python numbers. The components of a stack of vectors are arrays. The arithmetic is the
 same for both, and a single state avoids the cost of arrays with one entry. Dual numbers differentiate a formula.
-Normal equations solve the least squares of many samples at once; entries that are zero cost nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TypeAlias, TypeVar
 
 import numpy as np
@@ -105,95 +104,3 @@ def dot(a: Sequence[_E], b: Sequence[_E]) -> _E:
 def smallest(value: Component) -> float:
     """Smallest entry of a component over all states; infinite if there are no states."""
     return float(value.min(initial=np.inf)) if isinstance(value, np.ndarray) else value
-
-
-Row: TypeAlias = dict[int, Component]
-"""Entries of a row that are not zero, by column."""
-
-_SINGULAR = 1e-14  # pivot relative to the diagonal
-
-
-def combined(row: Mapping[int, Component], vector: Sequence[Component]) -> Component:
-    """Product of a row with a vector."""
-    total: Component = 0.0
-    for column, entry in row.items():
-        total = plus(total, times(entry, vector[column]))
-    return total
-
-
-def against(rows: Sequence[Row], values: Mapping[int, Component], size: int) -> list[Component]:
-    """Product ``-L^T b`` of rows L with entries of b, by row."""
-    total: list[Component] = [0.0] * size
-    for row, value in values.items():
-        for column, entry in rows[row].items():
-            total[column] = minus(total[column], times(entry, value))
-    return total
-
-
-def times(a: Component, b: Component) -> Component:
-    """Product, which is the number 0 if a factor is."""
-    return 0.0 if is_zero(a) or is_zero(b) else a * b
-
-
-def plus(a: Component, b: Component) -> Component:
-    """Sum."""
-    return b if is_zero(a) else a if is_zero(b) else a + b
-
-
-def minus(a: Component, b: Component) -> Component:
-    """Difference."""
-    return a if is_zero(b) else -b if is_zero(a) else a - b
-
-
-def is_zero(entry: Component) -> bool:
-    """True for the number 0, not for an array of zeros."""
-    return isinstance(entry, float) and entry == 0.0
-
-
-class NormalEquations:
-    """``L^T L x = b`` by a factorization without roots, over all samples.
-
-    Args:
-        rows: rows of L.
-        size: number of columns.
-
-    Raises:
-        LinAlgError: a sample has dependent columns.
-    """
-
-    def __init__(self, rows: Sequence[Row], size: int) -> None:
-        self._size = size
-        normal: list[list[Component]] = [[0.0] * size for _ in range(size)]
-        for row in rows:
-            for a, left in row.items():
-                for b, right in row.items():
-                    if b <= a:
-                        normal[a][b] = plus(normal[a][b], times(left, right))
-        self._factor: list[list[Component]] = [[0.0] * size for _ in range(size)]
-        self._inverses: list[Component] = []
-        for a in range(size):
-            scaled: list[Component] = []
-            for b in range(a):
-                value = normal[a][b]
-                for c in range(b):
-                    value = minus(value, times(scaled[c], self._factor[b][c]))
-                scaled.append(value)
-                self._factor[a][b] = times(value, self._inverses[b])
-            pivot = normal[a][a]
-            for b in range(a):
-                pivot = minus(pivot, times(scaled[b], self._factor[a][b]))
-            if not np.all(np.asarray(pivot) > _SINGULAR * np.asarray(normal[a][a])):
-                raise np.linalg.LinAlgError("dependent columns")
-            self._inverses.append(1.0 / pivot)
-
-    def solve(self, right: Sequence[Component]) -> list[Component]:
-        """Solution for a right side."""
-        x = list(right)
-        for a in range(self._size):
-            for b in range(a):
-                x[a] = minus(x[a], times(self._factor[a][b], x[b]))
-        x = [times(each, inverse) for each, inverse in zip(x, self._inverses, strict=True)]
-        for a in reversed(range(self._size)):
-            for b in range(a + 1, self._size):
-                x[a] = minus(x[a], times(self._factor[b][a], x[b]))
-        return x
