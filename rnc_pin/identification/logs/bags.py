@@ -94,7 +94,7 @@ def _use(path: Path, topic: str, use: Topic, there: Mapping[str, str]) -> _Take:
     if kind not in _KINDS:
         raise ConfigurationError(f"{path}: topic '{topic}' has messages {there[topic]}{nearest(kind, _KINDS)}")
     keys, take = _KINDS[kind]
-    given = [key for key in ("joints", "pose", "twist", "imu", "frames") if getattr(use, key) is not None]
+    given = [key for key in ("joints", "pose", "frames") if getattr(use, key) is not None]
     wrong = [key for key in given if key not in keys]
     if wrong or not given:
         found = f"found {', '.join(wrong)}" if wrong else "found none"
@@ -140,24 +140,7 @@ def _take_joints(samples: _Store, message: _Message, stamp: int, use: Topic) -> 
 
 def _take_pose(samples: _Store, message: _Message, stamp: int, use: Topic) -> None:
     pose = getattr(message.pose, "pose", message.pose)  # with a covariance around it, or without
-    if use.pose is not None:
-        _add(samples, ("pose", use.pose), stamp, _pose(pose.position, pose.orientation))
-
-
-def _take_odometry(samples: _Store, message: _Message, stamp: int, use: Topic) -> None:
-    _take_pose(samples, message, stamp, use)
-    if use.twist is not None:
-        _take_twist(samples, message.twist, stamp, use)
-
-
-def _take_twist(samples: _Store, message: _Message, stamp: int, use: Topic) -> None:
-    twist: _Message = getattr(message, "twist", message)
-    _add(samples, ("twist", str(use.twist)), stamp, [*_xyz(twist.linear), *_xyz(twist.angular)])
-
-
-def _take_imu(samples: _Store, message: _Message, stamp: int, use: Topic) -> None:
-    values = [*_xyz(message.angular_velocity), *_xyz(message.linear_acceleration)]
-    _add(samples, ("imu", str(use.imu)), stamp, values)
+    _add(samples, ("pose", str(use.pose)), stamp, _pose(pose.position, pose.orientation))
 
 
 def _take_frames(samples: _Store, message: _Message, stamp: int, use: Topic) -> None:
@@ -172,11 +155,8 @@ def _take_frames(samples: _Store, message: _Message, stamp: int, use: Topic) -> 
 
 _KINDS: dict[str, tuple[tuple[str, ...], Callable[[_Store, _Message, int, Topic], None]]] = {
     "JointState": (("joints",), _take_joints),
-    "Odometry": (("pose", "twist"), _take_odometry),
+    "Odometry": (("pose",), _take_pose),
     "PoseStamped": (("pose",), _take_pose),
     "PoseWithCovarianceStamped": (("pose",), _take_pose),
-    "Twist": (("twist",), _take_twist),
-    "TwistStamped": (("twist",), _take_twist),
-    "Imu": (("imu",), _take_imu),
     "TFMessage": (("frames",), _take_frames),
 }

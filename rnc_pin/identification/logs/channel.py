@@ -80,40 +80,6 @@ class PoseColumns(Strict):
     """Quaternion w."""
 
 
-class TwistColumns(Strict):
-    """Columns of a frame's velocity in its own axes. Missing numbers are zero."""
-
-    vx: AColumn | None = None
-    """Velocity along x [m/s]."""
-    vy: AColumn | None = None
-    """Velocity along y [m/s]."""
-    vz: AColumn | None = None
-    """Velocity along z [m/s]."""
-    wx: AColumn | None = None
-    """Angular velocity about x [rad/s]."""
-    wy: AColumn | None = None
-    """Angular velocity about y [rad/s]."""
-    wz: AColumn | None = None
-    """Angular velocity about z [rad/s]."""
-
-
-class ImuColumns(Strict):
-    """Columns of an inertial sensor in its own axes. Missing numbers are zero."""
-
-    wx: AColumn | None = None
-    """Angular velocity about x [rad/s]."""
-    wy: AColumn | None = None
-    """Angular velocity about y [rad/s]."""
-    wz: AColumn | None = None
-    """Angular velocity about z [rad/s]."""
-    ax: AColumn | None = None
-    """Acceleration along x [m/s^2]."""
-    ay: AColumn | None = None
-    """Acceleration along y [m/s^2]."""
-    az: AColumn | None = None
-    """Acceleration along z [m/s^2]."""
-
-
 class Topic(Strict):
     """Use of one topic of a bag."""
 
@@ -121,10 +87,6 @@ class Topic(Strict):
     """Names in a JointState to joints of the robot; ``all`` if they are the same."""
     pose: str | None = None
     """Frame whose pose an Odometry, PoseStamped or PoseWithCovarianceStamped gives."""
-    twist: str | None = None
-    """Frame whose velocity an Odometry, Twist or TwistStamped gives."""
-    imu: str | None = None
-    """Frame of an Imu."""
     frames: dict[str, str] | None = None
     """Child frames of a TFMessage to frames of the robot, whose poses it gives."""
     parent: str | None = None
@@ -183,10 +145,6 @@ class LogMapping(Strict):
     """Joints of the robot and their columns."""
     frames: dict[str, PoseColumns] = {}
     """Frames of the robot and the columns of their poses."""
-    twists: dict[str, TwistColumns] = {}
-    """Frames of the robot and the columns of their velocities."""
-    imus: dict[str, ImuColumns] = {}
-    """Frames of inertial sensors and their columns."""
     topics: dict[str, Topic] = {}
     """Topics of a bag and their use."""
     corrections: dict[str, Correction] = {}
@@ -217,9 +175,9 @@ class LogMapping(Strict):
         return validated(cls, raw, str(mapping))
 
 
-Quantity = Literal["position", "velocity", "effort", "pose", "twist", "imu"]
+Quantity = Literal["position", "velocity", "effort", "pose"]
 QUANTITIES: tuple[str, ...] = get_args(Quantity)
-_SIZES = {"position": 1, "velocity": 1, "effort": 1, "pose": 7, "twist": 6, "imu": 6}
+_SIZES = {"position": 1, "velocity": 1, "effort": 1, "pose": 7}
 _GAP = 5.0  # intervals longer than so many usual ones are gaps
 _UNIT = 1e-3  # accepted deviation of the length of a quaternion from 1
 
@@ -232,12 +190,11 @@ class Channel:
     left out; ``repairs`` counts them. An interval of more than five usual ones is a gap.
 
     Args:
-        quantity: "position", "velocity" or "effort" of a joint; "pose", "twist" or "imu" of a frame.
+        quantity: "position", "velocity" or "effort" of a joint; "pose" of a frame.
         of: name of the joint or the frame.
         time: time stamps (N,) [s].
         values: samples (N, d). Joints have one value [rad or m, rad/s or m/s, N m or N]. A pose is a position [m] and
-            a quaternion (x, y, z, w), in a fixed frame; a twist a linear and an angular velocity in the axes of the
-            frame [m/s, rad/s]; an imu an angular velocity [rad/s] and an acceleration [m/s^2], both in the same axes.
+            a quaternion (x, y, z, w), in a fixed frame.
 
     Attributes:
         repairs: changes that were necessary, in words.
@@ -296,19 +253,6 @@ class Channel:
         """Begin and end of each gap (K, 2) [s]."""
         long = np.flatnonzero(np.diff(self.time) > _GAP * self.period)
         return np.stack([self.time[long], self.time[long + 1]], axis=1)
-
-    def part(self, start: float, end: float) -> Channel:
-        """Return the samples between two times.
-
-        Args:
-            start: first time [s].
-            end: last time [s].
-
-        Raises:
-            InputError: fewer than two samples are there.
-        """
-        inside = slice(*np.searchsorted(self.time, [start, np.nextafter(end, np.inf)]))
-        return Channel(self.quantity, self.of, self.time[inside], self.values[inside])
 
     def shifted(self, by: float) -> Channel:
         """Return the channel with other stamps.

@@ -127,7 +127,7 @@ class Log(SummaryMixin):
         """Return one channel.
 
         Args:
-            quantity: "position", "velocity", "effort", "pose", "twist" or "imu".
+            quantity: "position", "velocity", "effort" or "pose".
             of: name of the joint or frame.
 
         Raises:
@@ -150,23 +150,6 @@ class Log(SummaryMixin):
     def duration(self) -> float:
         """Time of the last sample [s]."""
         return float(max(each.time[-1] for each in self.channels.values()))
-
-    @property
-    def size(self) -> int:
-        """Memory of the samples [bytes]."""
-        return sum(each.time.nbytes + each.values.nbytes for each in self.channels.values())
-
-    def part(self, start: float, end: float) -> Log:
-        """Return the log between two times; its times begin at zero again.
-
-        Args:
-            start: first time [s].
-            end: last time [s].
-
-        Raises:
-            InputError: a channel has fewer than two samples there.
-        """
-        return Log(each.part(start, end) for each in self.channels.values())
 
     def corrected(self, corrections: Mapping[str, Correction]) -> Log:
         """Return the log with corrected joints and clocks.
@@ -193,17 +176,6 @@ class Log(SummaryMixin):
         changed = Log(_corrected(each, corrections.get(each.of)) for each in self)
         changed.start += self.start
         return changed
-
-    def joined(self, other: Log) -> Log:
-        """Return a log with the channels of both, whose stamps are of one clock.
-
-        Args:
-            other: the other log.
-
-        Raises:
-            ConfigurationError: both have a channel of the same name.
-        """
-        return Log(each.shifted(log.start) for log in (self, other) for each in log.channels.values())
 
     def save(self, path: str | Path) -> None:
         """Write the log to an NPZ archive.

@@ -84,7 +84,7 @@ def read_table(path: Path, mapping: LogMapping) -> list[Channel]:
 
 
 def _columns(mapping: LogMapping) -> Iterator[ColumnKeys]:
-    for group in (mapping.joints, mapping.frames, mapping.twists, mapping.imus):
+    for group in (mapping.joints, mapping.frames):
         for keys in group.values():
             yield from _given(keys).values()
 
@@ -113,10 +113,6 @@ def _channels(
         zero = np.zeros(len(time))
         return np.stack([value(given[name], f"{what}.{name}") if name in given else zero for name in names], axis=1)
 
-    groups: tuple[tuple[Quantity, Mapping[str, Strict], tuple[str, ...]], ...] = (
-        ("twist", mapping.twists, ("vx", "vy", "vz", "wx", "wy", "wz")),
-        ("imu", mapping.imus, ("wx", "wy", "wz", "ax", "ay", "az")),
-    )
     quantity: Quantity
     for joint, columns in mapping.joints.items():
         for quantity in ("position", "velocity", "effort"):
@@ -136,9 +132,6 @@ def _channels(
             parts = stacked(pose, _POSE, frame)
             values = np.hstack([parts[:, :3], Rotation.from_euler("xyz", parts[:, 3:]).as_quat()])
         yield Channel("pose", frame, time, values)
-    for quantity, group, names in groups:
-        for frame, keys in group.items():
-            yield Channel(quantity, frame, time, stacked(keys, names, frame))
 
 
 # ---------------------------------------------------------------------- files

@@ -81,7 +81,7 @@ def _read(path: Path, mapping: Path | None) -> Log:
     saved = path.suffix.lower() == ".npz"
     if mapping is not None:
         keys = LogMapping.of(mapping)
-        only_corrections = not (keys.joints or keys.frames or keys.twists or keys.imus or keys.topics)
+        only_corrections = not (keys.joints or keys.frames or keys.topics)
         return Log.load(path).corrected(keys.corrections) if saved and only_corrections else Log.read(path, keys)
     if saved:
         return Log.load(path)
