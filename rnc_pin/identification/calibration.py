@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
+from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.identification.logs.channel import Channel, Correction
 from rnc_pin.identification.logs.log import Log
 from rnc_pin.identification.rolling_motion import RollingMotion
@@ -22,6 +22,7 @@ from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 
+_SHARES = np.array([0.01, 0.1])  # windows of the log that are fitted before the whole log
 _FEWEST = 4  # samples of a window
 _FIRST, _LAST = 1.0, 0.03  # precision of the first windows and of the last ones, in standard deviations
 _PRIOR = 0.1  # standard deviation of the parameters of the file in short windows, relative to their sizes
@@ -81,8 +82,6 @@ class Calibration(SummaryMixin):
     """Covariance of the estimates (P, P), for errors as long correlated as the residuals are."""
     units: tuple[str, ...]
     """Units of the parameters, (P,)."""
-    scales: np.ndarray
-    """Typical sizes of the parameters (P,)."""
     combinations: tuple[tuple[str, float], ...]
     """Combinations of scaled parameters, the worst known first, with their standard deviations."""
     errors: Mapping[str, PathError]
@@ -106,19 +105,6 @@ class Calibration(SummaryMixin):
     def std(self) -> np.ndarray:
         """Standard deviations of the estimates (P,)."""
         return np.sqrt(np.diag(self.covariance))
-
-    def value(self, name: str) -> float:
-        """Return one estimate.
-
-        Args:
-            name: name of the parameter.
-
-        Raises:
-            ConfigurationError: there is no such parameter.
-        """
-        if name not in self.names:
-            raise ConfigurationError(f"no parameter '{name}' was estimated{nearest(name, self.names)}")
-        return float(self.values[self.names.index(name)])
 
     @property
     def has_new_places(self) -> bool:
@@ -163,7 +149,6 @@ def calibrate(
     unknown: Sequence[Unknown],
     sensor: str,
     *,
-    windows: Sequence[float] | None = None,
     held_out: float = 0.0,
     heading: bool = True,
     resolution: float = 0.1,
@@ -182,7 +167,6 @@ def calibrate(
         log: positions of joints and poses of the sensor.
         unknown: the parameters.
         sensor: frame on the base whose pose is measured.
-        windows: durations of windows, one after the other [s]; by default 1/100, 1/10 and all of the log.
         held_out: share of the log at its end that is not used, but whose error is stated.
         heading: True if the sensor measures the heading.
         resolution: largest accepted standard deviation of a combination of parameters, relative to their sizes.
@@ -212,7 +196,7 @@ def calibrate(
     motion = RollingMotion(system, log, unknown, sensor)
     problem = PoseProblem(motion, log.channel("pose", sensor), heading)
     end = problem.times[0] + (1 - held_out) * np.ptp(problem.times)
-    durations = [*(np.ptp(problem.times) * np.array([0.01, 0.1]) if windows is None else windows), np.inf]
+    durations = [*(np.ptp(problem.times) * _SHARES), np.inf]
     p = problem.nominal
     for duration in durations:
         chosen = problem.windows(problem.times[0], end, duration)
@@ -223,7 +207,7 @@ def calibrate(
     if not chosen.count:
         raise ConfigurationError(f"the log has fewer than {_FEWEST} poses of '{sensor}' while its joints are measured")
     if not converged:
-        raise InfeasibleError("the calibration did not converge: give fewer parameters, or shorter windows")
+        raise InfeasibleError("the calibration did not converge: give fewer parameters")
     correlation = correlation_of(fit)
     scales = np.maximum(problem.scales, np.abs(p))
     covariance, combinations = _precision(fit, motion.parameters, scales, correlation, resolution)
@@ -241,7 +225,6 @@ def calibrate(
         p,
         covariance,
         tuple(each.unit for each in motion.parameters),
-        scales,
         combinations,
         errors,
         problem.times[chosen.samples[far]],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from rnc_pin.identification.window_fit import rotated
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 
+_WINDOWS = (1.0, 10.0, 100.0)  # durations of windows whose errors are stated [s]
 _SLIP = 1.0  # duration over which slip is averaged [s]
 _ROUNDING = 1e-12  # slip of rows that hold in any case [m/s]
 _FAR = 6.0  # standard deviations of the slip beyond which a wheel slips
@@ -118,7 +119,6 @@ def compare(
     log: Log,
     sensor: str,
     *,
-    windows: Sequence[float] = (1.0, 10.0, 100.0),
     heading: bool = True,
     speeds: bool = False,
 ) -> Comparison:
@@ -133,7 +133,6 @@ def compare(
         system: the robot on a planar base, with its constraints.
         log: positions of joints and poses of the sensor.
         sensor: frame on the base whose pose is measured.
-        windows: durations of windows with a free first pose [s].
         heading: True if the sensor measures the heading.
         speeds: True to replay measured velocities of wheels instead of their positions.
 
@@ -156,7 +155,7 @@ def compare(
         log = _by_speeds(log, plain)
         plain = RollingMotion(system, log, (), sensor)
     problem = PoseProblem(plain, channel, heading)
-    durations = [each for each in windows if each < np.ptp(problem.times)]
+    durations = [each for each in _WINDOWS if each < np.ptp(problem.times)]
     errors = {}
     for duration in (*durations, np.inf):
         chosen = problem.windows(-np.inf, np.inf, duration)

@@ -63,7 +63,7 @@ class Log(SummaryMixin):
 
     @classmethod
     def read(cls, path: str | Path, mapping: str | Path | Mapping[str, Json] | LogMapping) -> Log:
-        """Read a table (``.csv``, ``.txt``, ``.parquet``, ``.npz``) or a bag (``.bag``, ``.mcap``, a ROS 2 folder).
+        """Read a table (``.csv``, ``.txt``, ``.npz``) or a bag (``.bag``, ``.mcap``, a ROS 2 folder).
 
         Args:
             path: the file or folder.

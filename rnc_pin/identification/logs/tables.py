@@ -1,4 +1,4 @@
-"""Tables of measured numbers: text with separators, Parquet files and NPZ archives; and their channels."""
+"""Tables of measured numbers: text with separators and NPZ archives; and their channels."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.extras import missing_extra
 from rnc_pin.identification.logs.channel import Channel, ColumnKeys, LogMapping, Place, Quantity
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.io.safe_read import open_regular
@@ -73,12 +72,9 @@ def read_table(path: Path, mapping: LogMapping) -> list[Channel]:
     if not chosen:
         raise ConfigurationError(f"{path}: its mapping names no column of a joint or a frame")
     places = list(dict.fromkeys([mapping.time.column, *(column.column for column in chosen)]))
-    readers: dict[str, Callable[[], list[np.ndarray]]] = {
-        ".parquet": lambda: _read_parquet(path, places),
-        ".npz": lambda: _read_archive(path, places),
-    }
-    read = readers.get(path.suffix.lower(), lambda: _read_text(path, mapping, places))
-    numbers = dict(zip(places, read(), strict=True))
+    archive = path.suffix.lower() == ".npz"
+    read = _read_archive(path, places) if archive else _read_text(path, mapping, places)
+    numbers = dict(zip(places, read, strict=True))
     time = numbers[mapping.time.column] * mapping.time.scale + mapping.time.offset
     return [*_channels(path, mapping, time, numbers)]
 
@@ -212,28 +208,6 @@ def _explained(message: str, start: int) -> str:
         first = 0 if "column index" in message or "number of columns" in message else 1  # NumPy counts both ways
         message = message.replace(counted[0], f"at data line {start + int(counted[1]) + first}")
     return message.split("; use `usecols`")[0].rstrip(".")
-
-
-def _read_parquet(path: Path, places: Sequence[Place]) -> list[np.ndarray]:
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError:
-        raise ConfigurationError(f"{path}: {missing_extra('logs')}") from None
-    try:
-        names = parquet.read_schema(path).names
-        chosen = [names[_within(path, place, names)] for place in places]
-        table = parquet.read_table(path, columns=chosen)
-        return [_floats(path, name, table[name].to_numpy()) for name in chosen]
-    except (OSError, pyarrow.ArrowException) as error:
-        raise ConfigurationError(f"{path}: {str(error).splitlines()[0]}") from None
-
-
-def _within(path: Path, place: Place, names: Sequence[str]) -> int:
-    number = _number(path, place, names)
-    if number >= len(names):
-        raise ConfigurationError(f"{path}: no column {number}, it has {len(names)}")
-    return number
 
 
 def _read_archive(path: Path, places: Sequence[Place]) -> list[np.ndarray]:

@@ -4,7 +4,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-import rnc_pin as rnc
 from rnc_pin.identification.logs import Channel, unwrapped
 
 
@@ -39,19 +38,6 @@ def test_rotations_between_samples_are_those_of_the_group():
         np.testing.assert_allclose(rotation, first.rotation @ pin.exp3(share * turn.angular), atol=1e-12)
 
 
-@pytest.mark.parametrize(("arguments", "message"), [
-    (("positon", "a", [0, 1], [[0], [1]]), "quantity 'positon' is not known; did you mean 'position'?"),
-    (("position", "a", [0, 1], [0, 1]), r"position(a): (2,) stamps with values (2,), expected (N,), (N, 1)"),
-    (("position", "a", [0, np.inf], [[0], [1]]), "position(a): stamp 1 is inf, expected a finite time"),
-    (("position", "a", [0, 0], [[0], [1]]), "position(a): 1 sample left, expected at least 2"),
-    (("pose", "a", [0, 1], [[0] * 7] * 2), "pose(a): quaternion 0 has length 0, expected 1"),
-])  # fmt: skip
-def test_bad_channels_are_refused(arguments, message):
-    with pytest.raises(rnc.RncError) as error:
-        Channel(*arguments)
-    assert str(error.value) == message
-
-
 @pytest.mark.parametrize("span", [8192, 2**32])
 def test_a_counter_is_continuous_over_its_wraps(span):
     generator = np.random.default_rng(1)
@@ -59,14 +45,3 @@ def test_a_counter_is_continuous_over_its_wraps(span):
     found = unwrapped(np.mod(true, span), span)
     np.testing.assert_array_equal(np.diff(found), np.diff(true))
     assert abs(found[0]) <= span / 2
-
-
-@pytest.mark.parametrize(("counts", "message"), [
-    ([0, 9000], "steering: counts from 0 to 9000 do not wrap after 8192"),
-    ([0, 4000], "steering: step 1 is 4000 of 8192 counts, so that its direction is not known; expected at most 0.4 "
-                "of the range between two samples"),
-])  # fmt: skip
-def test_counts_that_do_not_fit_are_refused(counts, message):
-    with pytest.raises(rnc.ConfigurationError) as error:
-        unwrapped(np.array(counts), 8192, "steering")
-    assert str(error.value) == message
