@@ -32,7 +32,7 @@ from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.parameter_types import is_count
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
-from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted, items, printed
+from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, items, printed
 
 _TOLERANCE = 1e-5  # for unit rows; the closure is as accurate as the brackets
 _TAKES_PART = 1e-3  # share of the largest entries below which those of a row are too small for a pivot
@@ -149,6 +149,7 @@ def _pivots(space: np.ndarray, order: np.ndarray, count: int) -> list[int]:
 
 _LEMMA_TOLERANCE = 1e-6
 _RANK = 1e-10  # of the largest singular value of R^T B
+_FEW_JOINTS = 6  # of a configuration in words
 _MISSING = 1e-6  # limit of the missing part of a unit force
 
 
@@ -228,7 +229,10 @@ class Report(SummaryMixin):
 
     def _summary(self) -> ObjectSummary:
         less = counted(self.rank, "independent row")
-        title = f"Report: {self.n} degrees of freedom less {less} leave {self.r}"
+        return ObjectSummary(f"Report: {self.n} degrees of freedom less {less} leave {self.r}", self.lines())
+
+    def lines(self) -> list[Line]:
+        """All results in words: a label with its items for each."""
         task, short = self.redundancy, self.r - self.actuation_rank
         reach = self.full_reach if self.completely_nonholonomic else f"at most {self.growth_vector[-1]} of {self.n}"
         vector = f"({', '.join(map(str, self.growth_vector))}), {self.growth_evidence}"
@@ -237,35 +241,49 @@ class Report(SummaryMixin):
         named = f"class {self.redundancy_class}" if self.redundancy_class else "no redundancy class"
         conditions = [Item(f"{name} {value:.3g}") for name, value in self.condition.items()]
         residuals = [Item(f"{name} {value:.1e}") for name, value in self.lemma1.items()]
-        singular = [
-            Item(
-                f"{each.matrix}: {', '.join(each.rows)}", f"smallest singular value {each.smallest_singular_value:.2g}"
-            )
-            for each in self.singularities
+        singular = [Item(f"{each.matrix}: {', '.join(each.rows)}", _place(each)) for each in self.singularities]
+        growth = [
+            Item(", ".join(each.rows), f"|H| ~ d^-{each.H_order:.1f}, |V| ~ d^-{each.V_order:.1f}")
+            for each in self.lemma1_bounds.approaches
+            if not each.bounded
         ]
         limited = [
-            Item(f"t = {each.time:g} s: {', '.join(each.active)}", f"{each.freedom} of {self.r} free")
+            Item(
+                f"t = {each.time:.3g} s: {', '.join(each.active)}",
+                f"{each.freedom} of {self.r} free" + "".join(f", {name} gives way" for name in each.exceeded),
+            )
             for each in self.limit_effects
-            if each.active
+            if each.active or each.exceeded
         ]
-        return ObjectSummary(
-            title,
-            [
-                ("constraint rows", items(self.kept_rows, kinds)),
-                ("rows dropped", [Item(each.name, each.reason) for each in self.dropped_rows]),
-                ("integrable combinations", items(self.integrable_combinations)),
-                ("reach", [Item(reach, f"growth vector {vector}")]),
-                (f"actuation, {counted(self.p, 'input')}", [Item(full + ", ".join(self.unactuated))]),
-                ("redundancy", [Item(named, task.reason)]),
-                ("outputs that redundant motions steer", items(task.tracked)),
-                ("outputs that follow from primary motions", items(task.driven)),
-                (f"condition of E at {counted(self.samples - self.singular_samples, 'sample')}", conditions),
-                ("singular samples", [Item(f"{self.singular_samples} of {self.samples}")]),
-                ("singular or worst configurations", singular),
-                (f"Lemma 1 {'holds' if self.lemma1_holds else 'DOES NOT HOLD'}, residuals", residuals),
-                *([("limits that change the motion", limited)] if self.limit_effects else []),
-            ],
-        )
+        return [
+            ("constraint rows", items(self.kept_rows, kinds)),
+            ("rows dropped", [Item(each.name, each.reason) for each in self.dropped_rows]),
+            ("integrable combinations", items(self.integrable_combinations)),
+            ("reach", [Item(reach, f"growth vector {vector}")]),
+            (f"actuation, {counted(self.p, 'input')}", [Item(full + ", ".join(self.unactuated))]),
+            ("redundancy", [Item(named, task.reason)]),
+            ("outputs that redundant motions steer", items(task.tracked)),
+            ("outputs that follow from primary motions", items(task.driven)),
+            (f"condition of E at {counted(self.samples - self.singular_samples, 'sample')}", conditions),
+            ("singular samples", [Item(f"{self.singular_samples} of {self.samples}")]),
+            ("singular or worst configurations", singular),
+            (f"Lemma 1 {'holds' if self.lemma1_holds else 'DOES NOT HOLD'}, residuals", residuals),
+            ("growth at a distance d from singular sets", growth),
+            *([("limits that change the motion", limited)] if self.limit_effects else []),
+        ]
+
+
+def _place(found: Singularity) -> str:
+    """Words for where a matrix is singular, or how close to it the worst sample is."""
+    if not found.located:
+        return f"smallest singular value {found.smallest_singular_value:.2g}"
+    values = {
+        name: f"({', '.join(f'{each:.3g}' for each in value)})" if isinstance(value, list) else f"{value:.3g}"
+        for name, value in found.configuration.items()
+    }
+    if len(values) > _FEW_JOINTS:
+        return "singular"
+    return "singular, e.g. at " + ", ".join(f"{name} = {value}" for name, value in values.items())
 
 
 def analyze(

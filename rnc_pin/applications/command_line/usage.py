@@ -210,7 +210,6 @@ def calibrate(**given: Given) -> None:
 @_options
 @click.option("--samples", type=click.IntRange(min=1), default=64, help="Sampled configurations.")
 @click.option("--seed", type=int, default=0, help="Random seed of the sampled configurations.")
-@click.option("--details", is_flag=True, help="Add the numbers of the paper: blocks of A*, condition of E, Lemma 1.")
 @click.option(
     "--run",
     type=click.Path(path_type=Path, exists=True),

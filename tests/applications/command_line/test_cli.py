@@ -327,7 +327,7 @@ def test_a_fixed_base_connects_the_joints_that_start_at_it(call, tmp_path):
     status, out, _ = call("inspect", file, "--samples", 4)
     assert status == 0
     assert told(out).startswith("'tiago' is a robot: its base is fixed, and it has 12 joints and no actuators. ")
-    assert "reach every configuration: no constraint row restricts it" in told(out)
+    assert "reach every configuration: no constraint row restricts it [growth vector (12)" in told(out)
 
 
 def test_joints_that_a_file_couples_are_not_free(call, tmp_path):
@@ -341,29 +341,20 @@ def test_joints_that_a_file_couples_are_not_free(call, tmp_path):
     assert "It cannot move coupled joints by themselves;" in told(out)
 
 
-def test_inspect_answers_every_question_on_one_page_and_has_the_papers_numbers_for_who_asks(call):
+def test_inspect_answers_every_question_on_one_page(call):
     """Space robot: what is constrained and how, what is driven, which class, where it is singular."""
     inspect = ("inspect", "space-robot", "--samples", 16)
     status, out, _ = call(*inspect)
     assert status == 0
     for words in (
         "It cannot change its momentum about platform; it becomes singular where its constraints leave no free choice",
-        "4 degrees of freedom less 1 independent constraint row leave 3: tip_x, tip_y, joint_1",
-        "momentum(platform) nonholonomic", "no combination of rows is integrable", "reach completely nonholonomic",
-        "every reduced force can be realised", "redundancy class 1", "singular where momentum(platform), tip_x, tip_y",
-        "singular where redundant motions cannot move platform, e.g. at platform =",
+        "primary motions tip_x, tip_y ", "redundant motions joint_1 ", "actuators joint_1, joint_2, joint_3",
+        "momentum(platform) [nonholonomic]", "completely nonholonomic [growth vector (3, 4),", "3 of 3 reduced forces",
+        "class 1 [A4 has full row rank]", "E: momentum(platform), tip_x, tip_y, joint_1 [singular, e.g. at platform =",
+        "A4: platform [singular, e.g. at platform =", "Lemma 1 holds, residuals A R ", "|H| ~ d^-2.0, |V| ~ d^-4.0",
     ):  # fmt: skip
-        assert words in told(out)
-    for words in ("Lemma 1", "R^T B", "A4", "|V|", "condition of E", "x22"):
-        assert words not in out
+        assert words in told(out), words
     assert len(out.splitlines()) <= 50
-    _, out, _ = call(*inspect, "--details")
-    for words in (
-        "(3, 4): completely nonholonomic", "(rank of R^T B: 3 of 3)", "class 1: A4 has full row rank", "A4 1 x 1",
-        "E is singular where momentum(platform), tip_x, tip_y",
-        "A4 is singular where redundant motions cannot move platform", "Lemma 1 holds", "|V| at unit rates",
-    ):  # fmt: skip
-        assert words in told(out)
     status, out, error = call(*inspect, "--json")
     assert (status, error) == (0, "")
     report = parsed(out)
@@ -401,9 +392,9 @@ def test_inspect_takes_a_system_without_actuators_task_controller_or_simulation(
     assert len(report["dropped_rows"]) == 3
     status, out, _ = call("inspect", file, "--samples", 4)
     assert status == 0
-    assert "not every reduced force can be realised" in told(out)
+    assert "0 of 2 reduced forces, not fully actuated: base_link_speed_x, base_link_yaw" in told(out)
     assert "no actuator drives base_link_speed_x and base_link_yaw" in told(out)
-    assert "1 integrable combination" in out
+    assert "integrable combinations rolling(wheel_left_link) - rolling(wheel_right_link)" in told(out)
     with file.open("a") as more:
         more.write("actuators: [wheel_left_joint]\n")  # it drives a combination of both
     status, out, _ = call("inspect", file, "--samples", 4)

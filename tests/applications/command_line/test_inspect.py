@@ -54,7 +54,7 @@ def test_the_start_and_a_run_are_examined(call, scenario, tmp_path, no_pictures)
     assert [bool(each["active"]) for each in along] == expected.tolist()
     assert 0 < expected.sum() < 21
     _, out, _ = call("inspect", scenario, "--samples", 4)
-    assert "limits at t = 0 s: joint_2 velocity; they leave 3 motions" in out
+    assert "t = 0 s: joint_2 velocity [3 of 4 free]" in out
 
 
 def test_a_controller_that_cannot_be_built_is_named(call, scenario):

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple
+from typing import TypeAlias
 
 import click
 import numpy as np
-from rich.console import Console, Group, RenderableType
+from rich.console import Console
 from rich.table import Table
 
-from rnc_pin.analysis import Boundedness, LimitEffect, Redundancy, Report, Singularity, analyze, limit_effects
+from rnc_pin.analysis import Report, Singularity, analyze
 from rnc_pin.applications.command_line.messages import print_json, warn
 from rnc_pin.applications.scenario.builder import Experiment
 from rnc_pin.applications.scenario.controllers.whole_body import WholeBodySettings
@@ -117,22 +116,29 @@ def _listed(names: Sequence[str], word: str = "and") -> str:
 
 
 def inspect_system(
-    system: str, options: tuple[str, ...], samples: int, seed: int, details: bool, as_json: bool, run: Path | None
+    system: str, options: tuple[str, ...], samples: int, seed: int, as_json: bool, run: Path | None
 ) -> None:
-    """Print the analysis of a system."""
+    """Print the analysis of a system, with the effects of limits at the start or along a run."""
     scenario = Scenario.load(system, parse_options(options))
     reduced, task = scenario.model.reduced, scenario.task
-    report = analyze(reduced, task.primary_names, task.redundant_names, samples, seed, task.vertical_names)
-    limits = examine_limits(scenario, run)
+    arguments = reduced, task.primary_names, task.redundant_names, samples, seed, task.vertical_names
+    problem = None
+    try:
+        program, states = _limits_to_examine(scenario, run)
+        report = analyze(*arguments, program=program, states=states)
+    except RncError as error:
+        if run is not None:
+            raise
+        problem, report = str(error), analyze(*arguments)
     found: tuple[Finding, ...] = ()
     with suppress(RncError):  # a start that cannot be assembled is an error of a run
         found = start_findings(scenario.content, reduced, scenario.q0)
     for message in warnings_of(found):
         warn(message)
     if not as_json:
-        print_report(system, reduced, task, report, details)
-        for line in sentences_of(limits):
-            click.echo(line)
+        print_report(system, reduced, task, report)
+        if problem is not None:
+            click.echo(f"limits: not examined, {problem}")
         return
     print_json(
         {
@@ -146,17 +152,13 @@ def inspect_system(
             "primary": list(task.primary_names),
             "redundant": list(task.redundant_names),
             **report.to_dict(),
-            "limit_effects": [asdict(each) for each in limits.effects],
-            "limits_not_examined": limits.problem,
+            "limits_not_examined": problem,
             "findings": [each.to_json() for each in found],
         }
     )
 
 
-# ------------------------------------------------------------------ report
-
-
-def print_report(system: str, reduced: ReducedModel, task: Task, report: Report, details: bool = False) -> None:
+def print_report(system: str, reduced: ReducedModel, task: Task, report: Report) -> None:
     """Print the analysis of a system: three sentences and a table.
 
     Args:
@@ -164,7 +166,6 @@ def print_report(system: str, reduced: ReducedModel, task: Task, report: Report,
         reduced: reduced model of the system.
         task: primary and redundant outputs.
         report: result of ``analyze``.
-        details: print the quantities of the paper, too: blocks of A*, condition of E, Lemma 1.
     """
     console = Console(markup=False, emoji=False)
     for sentence in sentences(reduced, report):
@@ -172,172 +173,39 @@ def print_report(system: str, reduced: ReducedModel, task: Task, report: Report,
     console.print()
     title = f"{system} ({reduced.robot.name})"
     table = Table(show_header=False, title=title, title_justify="left", title_style="bold", show_lines=True)
-    table.add_column(style="bold", no_wrap=True)
+    table.add_column(style="bold")
     table.add_column(overflow="fold")
-    n, rank, r = report.n, report.rank, report.r
-    less = counted(rank, "independent constraint row")
-    table.add_row("motion", f"{n} degrees of freedom less {less} leave {r}:\n{_list(reduced.reducing.names)}")
-    table.add_row("constraint rows", _constraint_rows(report))
-    growth = report.growth_vector
-    least = "" if report.growth_evidence.decided else "at least "
-    reach = report.full_reach if report.completely_nonholonomic else f"motion reaches {least}{growth[-1]} of {n}"
-    vector = f"({', '.join(map(str, growth))}): {reach}\n{report.growth_evidence}"
-    table.add_row("reach", vector if details or not report.growth_evidence.decided else reach)
-    table.add_row("actuators", _actuation(reduced.actuation.names, report, details))
-    table.add_row("redundancy", _redundancy(task, report.redundancy, details))
-    table.add_row("singular", _singular(report, details))
-    if details:
-        lemma = ", ".join(f"{name} {value:.1e}" for name, value in report.lemma1.items())
-        holds = "holds" if report.lemma1_holds else "DOES NOT HOLD"
-        table.add_row("Lemma 1", f"{holds}: {lemma}\n{_bounds(report.lemma1_bounds)}")
-    elif not report.lemma1_holds:
-        table.add_row("Lemma 1", "DOES NOT HOLD: --details has the residuals")
+    table.add_row("primary motions", ", ".join(task.primary_names))
+    table.add_row("redundant motions", ", ".join(task.redundant_names) or "none")
+    table.add_row("actuators", ", ".join(reduced.actuation.names) or "none")
+    for label, listed in report.lines():
+        if listed:
+            table.add_row(label, ("\n" if any(each.note for each in listed) else ", ").join(map(str, listed)))
     console.print(table, highlight=False)
 
 
-def _list(names: Sequence[str]) -> str:
-    return ", ".join(names) or "none"
+# ------------------------------------------------------------------ limits of a program
+
+_STATES = 21  # of a run
+_State: TypeAlias = tuple[float, np.ndarray, np.ndarray]
 
 
-def _constraint_rows(report: Report) -> RenderableType:
-    rows = Table.grid(padding=(0, 2))
-    for name in report.kept_rows:
-        rows.add_row(name, "integrable" if name in report.integrable_rows else "nonholonomic")
-    for row in report.dropped_rows:
-        rows.add_row(row.name, f"dropped: {row.reason}", style="dim")
-    combinations = report.integrable_combinations
-    if not report.kept_rows:
-        return "none"
-    if not combinations:
-        return Group(rows, "no combination of rows is integrable")
-    count = counted(len(combinations), "integrable combination")
-    return Group(rows, *(f"{count if k == 0 else ' ' * len(count)}  {each}" for k, each in enumerate(combinations)))
-
-
-def _actuation(actuators: Sequence[str], report: Report, details: bool) -> str:
-    rank, r = report.actuation_rank, report.r
-    short = f"not every reduced force can be realised: {_list(report.unactuated)} not fully actuated"
-    verdict = short if rank < r else "every reduced force can be realised"
-    verdict += f" (rank of R^T B: {rank} of {r})" if details else ""
-    spare = report.p - rank
-    return f"{_list(actuators)}\n{verdict}" + (f", with {spare} actuators to spare" if spare else "")
-
-
-def _redundancy(task: Task, found: Redundancy, details: bool) -> RenderableType:
-    parts = Table.grid(padding=(0, 2))
-    for symbol, what, names in (
-        ("x21", "primary motions", task.primary_names),
-        ("x22", "redundant motions", task.redundant_names),
-        ("x11", "outputs that the redundant motions can steer", found.tracked),
-        ("x12", "outputs that follow from the primary motions", found.driven),
-    ):
-        parts.add_row(f"{symbol} {what}" if details else what, _list(names))
-    verdict = f"class {found.redundancy_class}" if found.redundancy_class else "no redundancy class"
-    if not details:
-        return Group(verdict, parts)
-    verdict = f"{verdict}: {found.reason}"
-    if found.evidence is None:
-        return Group(verdict, parts)
-    blocks = Table(box=None, padding=(0, 1, 0, 0))
-    for heading in ("block", "size", "largest", "smallest singular value"):
-        blocks.add_column(heading, no_wrap=True)
-    for block in found.evidence.blocks:
-        if block.largest_entry is not None and block.smallest_singular_value is not None:
-            size, largest = " x ".join(map(str, block.shape)), _figure(block.largest_entry)
-            spread = asdict(block.smallest_singular_value)
-            blocks.add_row(block.name, size, largest, _spread(spread) if block.largest_entry else "0")
-    return Group(verdict, parts, blocks)
-
-
-def _spread(values: dict[str, float]) -> str:
-    return f"{_figure(values['min'])} to {_figure(values['max'])}, median {_figure(values['median'])}"
-
-
-def _figure(value: float) -> str:
-    return "0" if abs(value) < 1e-12 else f"{value:.3g}"
-
-
-def _singular(report: Report, details: bool) -> str:
-    lines = [f"{report.singular_samples} of {report.samples} samples singular"]
-    if details:
-        lines[0] = f"condition of E {_spread(report.condition)}; {lines[0]}"
-    for each in report.singularities:
-        rows, several = _list(each.rows), len(each.rows) > 1
-        if each.matrix == "E":
-            what = f"{rows} depend on each other"
-        else:
-            what = f"redundant motions cannot move {rows}" + (" independently" if several else "")
-        if each.located:
-            matrix = f"{each.matrix} is " if details else ""
-            lines.append(f"{matrix}singular where {what}{_where(each.configuration)}")
-        elif details:
-            size = _figure(each.smallest_singular_value)
-            lines.append(f"{each.matrix}: not singular in any sample; smallest singular value {size} ({rows})")
-    return "\n".join(lines)
-
-
-def _bounds(found: Boundedness) -> str:
-    """Describe the norms of H and V, and the configurations near which they are unbounded."""
-    lines = [f"|H| {_spread(asdict(found.H))}; |V| at unit rates {_spread(asdict(found.V))}"]
-    if found.everywhere:
-        lines.append("bounded in all samples")
-    for each in found.approaches:
-        if not each.bounded:
-            what = f"|H| grows as d^-{each.H_order:.1f} and |V| as d^-{each.V_order:.1f}"
-            lines.append(f"at a distance d from where {_list(each.rows)} depend on each other {what}")
-    return "\n".join(lines)
-
-
-def _where(configuration: Mapping[str, float | list[float]]) -> str:
-    """Describe a configuration in words; empty for robots with many joints."""
-    if len(configuration) > 6:
-        return ""
-    values = {
-        name: f"({', '.join(map(_figure, value))})" if isinstance(value, list) else _figure(value)
-        for name, value in configuration.items()
-    }
-    return ", e.g. at " + ", ".join(f"{name} = {value}" for name, value in values.items())
-
-
-_STATES = 21
-
-
-class ExaminedLimits(NamedTuple):
-    """Effects of the limits of a scenario's program.
-
-    Attributes:
-        effects: effect at each state; empty without a program.
-        problem: reason for which the program could not be examined; None if there is none.
-    """
-
-    effects: tuple[LimitEffect, ...]
-    problem: str | None
-
-
-def examine_limits(scenario: Scenario, run: Path | None) -> ExaminedLimits:
-    """Return the effects of limits at the start of a scenario, or at 21 states of a run.
-
-    Args:
-        scenario: the scenario.
-        run: folder of a run, or its trajectory; None for the start.
+def _limits_to_examine(scenario: Scenario, run: Path | None) -> tuple[VelocityQP | None, list[_State]]:
+    """Program with limits of a scenario and the states at which they are examined: the start, or 21 of a run.
 
     Raises:
-        RncError: the run cannot be read, or does not belong to the scenario.
+        RncError: the controller cannot be built, or the run does not belong to the scenario.
     """
     if not isinstance(scenario.content.controller, WholeBodySettings):
         if run is not None:
             raise ConfigurationError("--run: the controller of the scenario is no program with limits, as 'qp' is")
-        return ExaminedLimits((), None)
+        return None, []
     try:
         experiment = scenario.experiment
     except RncError as error:
-        return ExaminedLimits((), f"the controller cannot be built: {error}")
-    states = [(0.0, experiment.q0, experiment.v2_0)] if run is None else _along(run, experiment)
-    reduced = experiment.reduced
-    try:
-        return ExaminedLimits(limit_effects(_program(experiment), states, reduced.robot.nq, reduced.r), None)
-    except RncError as error:
-        return ExaminedLimits((), str(error))
+        raise ConfigurationError(f"the controller cannot be built: {error}") from error
+    start = [(0.0, experiment.q0, experiment.v2_0)]
+    return _program(experiment), start if run is None else _along(run, experiment)
 
 
 def _program(experiment: Experiment) -> VelocityQP:
@@ -352,7 +220,7 @@ def _program(experiment: Experiment) -> VelocityQP:
     return VelocityQP(experiment.reduced, controller.tasks, controller.limits, dt=dt, damping=damping)
 
 
-def _along(source: Path, experiment: Experiment) -> list[tuple[float, np.ndarray, np.ndarray]]:
+def _along(source: Path, experiment: Experiment) -> list[_State]:
     run = load_run(source).trajectory
     expected = experiment.reduced.robot.nq, experiment.reduced.r
     if (run.q.shape[1], run.v2.shape[1]) != expected:
@@ -361,23 +229,3 @@ def _along(source: Path, experiment: Experiment) -> list[tuple[float, np.ndarray
         )
     places = np.unique(np.linspace(0, len(run.time) - 1, _STATES).round().astype(int)).tolist()
     return [(float(run.time[k]), run.q[k], run.v2[k]) for k in places]
-
-
-def sentences_of(found: ExaminedLimits) -> tuple[str, ...]:
-    """Return the effects in words, a line for each state at which limits are active."""
-    if found.problem is not None:
-        return (f"limits: not examined, {found.problem}",)
-    lines = []
-    for effect in found.effects:
-        if effect.active or effect.exceeded:
-            worst = max(effect.task_error, key=lambda name: abs(effect.task_error[name]))
-            lines.append(
-                f"limits at t = {effect.time:.3g} s: {', '.join(effect.active)}; they leave {effect.freedom} motions; "
-                f"largest change of a task: {worst} by {effect.task_error[worst]:.3g}"
-            )
-            if effect.exceeded:
-                gave = ", ".join(f"{name} by {value:.3g}" for name, value in effect.exceeded.items())
-                lines.append(f"limits that gave way: {gave}")
-    if found.effects and not lines:
-        lines.append(f"limits: none is active at the {len(found.effects)} states examined")
-    return tuple(lines)
