@@ -23,7 +23,7 @@ Json: TypeAlias = "bool | int | float | str | Sequence[Json] | Mapping[str, Json
 
 
 def to_json(content: object, what: str) -> Json:
-    """Return a deep copy of JSON values, with mappings and dataclasses as dicts and sequences as lists.
+    """Return a deep copy of JSON values, with mappings and dataclasses as dicts, sequences and arrays as lists.
 
     Args:
         content: value to copy.
@@ -32,6 +32,8 @@ def to_json(content: object, what: str) -> Json:
     Raises:
         InputError: a value has no JSON representation.
     """
+    if hasattr(content, "tolist"):  # an array or a number of NumPy
+        content = content.tolist()
     if content is None or isinstance(content, bool | int | float | str):
         return content
     if isinstance(content, Mapping):

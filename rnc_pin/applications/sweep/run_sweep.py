@@ -34,7 +34,6 @@ from rnc_pin.applications.sweep.runs import (
     check_names,
     drawn_values,
     draws_of,
-    json_values,
 )
 from rnc_pin.applications.sweep.sweep_folder import (
     append_row,
@@ -108,7 +107,8 @@ def sweep(
     path = Path(out)
     if isinstance(draws, int):
         draws = Draws(draws)
-    seeded, count = (draws, draws.runs) if isinstance(draws, Draws) else (None, _length(draws))
+    seeded = draws if isinstance(draws, Draws) else None
+    count = seeded.runs if seeded is not None else len(draws) if isinstance(draws, Sized) else None
     runs, description = _source(build, seeded, options, path.absolute() if trajectories else None)
     specification: dict[str, Json] = {
         "rnc_pin": __version__,
@@ -167,10 +167,6 @@ def _stated(draws: Draws) -> SeededDraws:
     return SeededDraws.of(draws.distributions, draws.seed or 0)
 
 
-def _length(draws: Iterable[Draw]) -> int | None:
-    return len(draws) if isinstance(draws, Sized) else None
-
-
 def _missing(draws: Iterable[Draw], finished: Mapping[int, Draw], folder: Path, arrays: bool) -> Iterator[Numbered]:
     """Numbers of the runs that are not finished, with their given values: as they are, or without arrays."""
     run = -1
@@ -178,7 +174,7 @@ def _missing(draws: Iterable[Draw], finished: Mapping[int, Draw], folder: Path, 
         if not isinstance(draw, Mapping):
             raise ConfigurationError(f"draws: run {run} has {type(draw).__name__}, expected a dict of values")
         check_names(draw)
-        values = json_values(draw, f"draws: run {run}")
+        values = to_json_mapping(draw, f"draws: run {run}")
         if run in finished:
             _check_recorded(run, values, finished[run], folder)
         else:

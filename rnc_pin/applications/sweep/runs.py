@@ -190,25 +190,6 @@ def check_names(draw: Draw) -> None:
             raise ConfigurationError(f"draws: {name!r} is the name of a result; choose another one")
 
 
-def json_values(draw: Draw, what: str) -> dict[str, Json]:
-    """Drawn values as JSON content: arrays become lists, and NumPy's numbers those of Python.
-
-    Raises:
-        InputError: a value has no JSON representation.
-    """
-    return to_json_mapping({name: _without_arrays(value) for name, value in draw.items()}, what)
-
-
-def _without_arrays(value: object) -> object:
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, Mapping):
-        return {name: _without_arrays(each) for name, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_arrays(each) for each in value]
-    return value
-
-
 # ------------------------------------------------------------------ runs
 
 
@@ -273,7 +254,7 @@ class FunctionRuns(Runs):
 
     def _row(self, run: int, draws: Iterable[Draw]) -> Row:
         draw = next(iter(draws))
-        row = json_values(draw, f"draws: run {run}")
+        row = to_json_mapping(draw, f"draws: run {run}")
         try:
             trajectory = _simulated(self._build(dict(draw)))
         except RncError as error:

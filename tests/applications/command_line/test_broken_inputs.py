@@ -280,6 +280,51 @@ MEETINGS = {
 }  # fmt: skip
 
 
+# name: (arguments, files, words)
+DRAFTS = {
+    "no such robot": (["robt.urdf"], {"robot.urdf": GOOD}, ["no robot 'robt.urdf'"]),
+    "misspelt example": (["tiago_no_hnd"], {}, ["did you mean 'tiago_no_hand'?"]),
+    "misspelt shipped": (["space_robt.urdf"], {}, ["did you mean 'space_robot.urdf'?"]),
+    "folder": (["."], {"robot.urdf": GOOD}, ["'.'", "folder"]),
+    "binary": (["robot.urdf"], {"robot.urdf": bytes(range(256))}, ["robot.urdf", "not well-formed XML"]),
+    "scenario": (["mine.yaml"], {"mine.yaml": "robot: {}"},
+        ["that is a scenario, not a robot: run it with: rnc-pin run mine.yaml"]),
+    "unknown base": (["robot.urdf", "--base", "flying"], {"robot.urdf": GOOD}, ["'--base'", "'flying'"]),
+    "out exists": (["robot.urdf", "--out", "a.yaml"], {"robot.urdf": GOOD, "a.yaml": "mine"}, ["a.yaml", "--force"]),
+    "out is a folder": (["robot.urdf", "--out", "d"], {"robot.urdf": GOOD, "d/x": ""}, ["--out d", "is a folder"]),
+    "out in no folder": (["robot.urdf", "--out", "no/a.yaml"], {"robot.urdf": GOOD},
+        ["--out no/a.yaml", "does not exist"]),
+    "argument of a URDF": (["robot.urdf", "--arg", "a=1"], {"robot.urdf": GOOD}, ["whose name ends in .xacro"]),
+    "argument of no value": (["robot.urdf", "--arg", "a"], {"robot.urdf": GOOD}, ["'a'", "expected key=value"]),
+    "argument of an MJCF": (["robot.xml", "--arg", "a=1"], {"robot.xml": mjcf()}, ["'xacro_arguments' belongs to"]),
+    "broken xacro": (["r.xacro"], {"r.xacro": "<robot"}, ["r.xacro"]),
+}  # fmt: skip
+SWEPT = {
+    "sweep of an unknown key": ("simulation.nothing", ["sweep.simulation.nothing", "'nothing' is not known"]),
+    "sweep of no actuator": ("actuators.5", ["actuators.5", "not an index into a list of 3"]),
+    "sweep of words": ("title", ["sweep.title", "string"]),
+}
+BELOW_A_FILE = ["space-robot", "--out", "file/out"]
+
+
+def on_file(command="run"):
+    return [command, "mine.yaml", *{"run": ["--out", "out"], "sweep": ["--out", "out", "--runs", 1]}.get(command, [])]
+
+
+# name: (arguments, files, words)
+CASES = {
+    **{name: (on_file(command), {"mine.yaml": content, **files}, words)
+        for name, ((command, content), files, words) in FILES.items()},
+    **{name: (on_file(), {"mine.yaml": scenario(changes)[1], "robot.urdf": GOOD}, words)
+        for name, (changes, words) in MEETINGS.items()},
+    **{f"draft: {name}": (["init", *arguments], files, words) for name, (arguments, files, words) in DRAFTS.items()},
+    **{name: (on_file("sweep"), {"mine.yaml": scenario({"sweep": {key: [0, 1]}}, SPACE_ROBOT)[1]}, words)
+        for name, (key, words) in SWEPT.items()},
+    "run below a file": (["run", *BELOW_A_FILE], {"file": "mine"}, ["--out file/out"]),
+    "sweep below a file": (["sweep", *BELOW_A_FILE, "--runs", 1], {"file": "mine"}, ["--out file/out"]),
+}  # fmt: skip
+
+
 @pytest.fixture
 def call(monkeypatch, capfd):
     def run(*arguments):
@@ -313,49 +358,11 @@ def write(folder, files):
         path.write_bytes(content if isinstance(content, bytes) else content.encode())
 
 
-@pytest.mark.parametrize(("case", "files", "words"), FILES.values(), ids=FILES)
-def test_a_broken_file_is_refused_in_one_line(case, files, words, call, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    command, content = case
-    write(tmp_path, {"mine.yaml": content, **files})
-    arguments = [command, "mine.yaml", *(["--out", "out"] if command == "run" else [])]
-    check_refusal(call, tmp_path, arguments, words)
-
-
-@pytest.mark.parametrize(("changes", "words"), MEETINGS.values(), ids=MEETINGS)
-def test_parts_that_do_not_fit_are_refused_in_one_line(changes, words, call, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    _, content = scenario(changes)
-    write(tmp_path, {"mine.yaml": content, "robot.urdf": GOOD})
-    check_refusal(call, tmp_path, ["run", "mine.yaml", "--out", "out"], words)
-
-
-# name: (arguments, files, words)
-DRAFTS = {
-    "no such robot": (["robt.urdf"], {"robot.urdf": GOOD}, ["no robot 'robt.urdf'"]),
-    "misspelt example": (["tiago_no_hnd"], {}, ["did you mean 'tiago_no_hand'?"]),
-    "misspelt shipped": (["space_robt.urdf"], {}, ["did you mean 'space_robot.urdf'?"]),
-    "folder": (["."], {"robot.urdf": GOOD}, ["'.'", "folder"]),
-    "binary": (["robot.urdf"], {"robot.urdf": bytes(range(256))}, ["robot.urdf", "not well-formed XML"]),
-    "scenario": (["mine.yaml"], {"mine.yaml": "robot: {}"},
-        ["that is a scenario, not a robot: run it with: rnc-pin run mine.yaml"]),
-    "unknown base": (["robot.urdf", "--base", "flying"], {"robot.urdf": GOOD}, ["'--base'", "'flying'"]),
-    "out exists": (["robot.urdf", "--out", "a.yaml"], {"robot.urdf": GOOD, "a.yaml": "mine"}, ["a.yaml", "--force"]),
-    "out is a folder": (["robot.urdf", "--out", "d"], {"robot.urdf": GOOD, "d/x": ""}, ["--out d", "is a folder"]),
-    "out in no folder": (["robot.urdf", "--out", "no/a.yaml"], {"robot.urdf": GOOD},
-        ["--out no/a.yaml", "does not exist"]),
-    "argument of a URDF": (["robot.urdf", "--arg", "a=1"], {"robot.urdf": GOOD}, ["whose name ends in .xacro"]),
-    "argument of no value": (["robot.urdf", "--arg", "a"], {"robot.urdf": GOOD}, ["'a'", "expected key=value"]),
-    "argument of an MJCF": (["robot.xml", "--arg", "a=1"], {"robot.xml": mjcf()}, ["'xacro_arguments' belongs to"]),
-    "broken xacro": (["r.xacro"], {"r.xacro": "<robot"}, ["r.xacro"]),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("arguments", "files", "words"), DRAFTS.values(), ids=DRAFTS)
-def test_a_draft_of_rubbish_is_refused_in_one_line(arguments, files, words, call, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("arguments", "files", "words"), CASES.values(), ids=CASES)
+def test_what_is_broken_is_refused_in_one_line(arguments, files, words, call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write(tmp_path, files)
-    check_refusal(call, tmp_path, ["init", *arguments], words)
+    check_refusal(call, tmp_path, arguments, words)
 
 
 def test_a_wheel_about_the_wrong_axle_lies_flat(call, tmp_path, monkeypatch):
@@ -385,25 +392,6 @@ def test_a_file_that_fails_while_it_is_read_is_refused(name, call, tmp_path, mon
     (tmp_path / name).unlink()
     (tmp_path / name).symlink_to("/proc/self/mem")
     check_refusal(call, tmp_path, ["run", "mine.yaml", "--out", "out"], ["cannot be read"])
-
-
-@pytest.mark.parametrize("command", ["run", "sweep"])
-def test_an_output_folder_below_a_file_is_refused(command, call, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write(tmp_path, {"file": "mine"})
-    more = ["--runs", 1] if command == "sweep" else []
-    check_refusal(call, tmp_path, [command, "space-robot", "--out", "file/out", *more], ["--out file/out"])
-
-
-@pytest.mark.parametrize(("key", "words"), [
-    ("simulation.nothing", ["sweep.simulation.nothing", "'nothing' is not known"]),
-    ("actuators.5", ["actuators.5", "not an index into a list of 3"]),
-    ("title", ["sweep.title", "string"]),
-])  # fmt: skip
-def test_a_sweep_over_what_is_not_there_is_refused(key, words, call, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write(tmp_path, {"mine.yaml": scenario({"sweep": {key: [0, 1]}}, SPACE_ROBOT)[1]})
-    check_refusal(call, tmp_path, ["sweep", "mine.yaml", "--runs", 1, "--out", "out"], words)
 
 
 def test_what_the_cases_break_is_whole(call, tmp_path, monkeypatch):
