@@ -75,6 +75,10 @@ class SummaryMixin(ABC):
     @abstractmethod
     def _summary(self) -> ObjectSummary: ...
 
+    def summary_lines(self) -> Sequence[Line]:
+        """Return all labels with their items, which ``str`` shortens."""
+        return self._summary().lines
+
     def __repr__(self) -> str:
         return shortened(self._summary().title)
 

@@ -32,7 +32,7 @@ from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.parameter_types import is_count
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
-from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, items, printed
+from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted, items, printed
 
 _TOLERANCE = 1e-5  # for unit rows; the closure is as accurate as the brackets
 _TAKES_PART = 1e-3  # share of the largest entries below which those of a row are too small for a pivot
@@ -229,10 +229,7 @@ class Report(SummaryMixin):
 
     def _summary(self) -> ObjectSummary:
         less = counted(self.rank, "independent row")
-        return ObjectSummary(f"Report: {self.n} degrees of freedom less {less} leave {self.r}", self.lines())
-
-    def lines(self) -> list[Line]:
-        """All results in words: a label with its items for each."""
+        title = f"Report: {self.n} degrees of freedom less {less} leave {self.r}"
         task, short = self.redundancy, self.r - self.actuation_rank
         reach = self.full_reach if self.completely_nonholonomic else f"at most {self.growth_vector[-1]} of {self.n}"
         vector = f"({', '.join(map(str, self.growth_vector))}), {self.growth_evidence}"
@@ -255,7 +252,7 @@ class Report(SummaryMixin):
             for each in self.limit_effects
             if each.active or each.exceeded
         ]
-        return [
+        lines = [
             ("constraint rows", items(self.kept_rows, kinds)),
             ("rows dropped", [Item(each.name, each.reason) for each in self.dropped_rows]),
             ("integrable combinations", items(self.integrable_combinations)),
@@ -271,6 +268,7 @@ class Report(SummaryMixin):
             ("growth at a distance d from singular sets", growth),
             *([("limits that change the motion", limited)] if self.limit_effects else []),
         ]
+        return ObjectSummary(title, lines)
 
 
 def _place(found: Singularity) -> str:

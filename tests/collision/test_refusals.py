@@ -1,4 +1,4 @@
-"""What distances, obstacles and cells refuse, each in one line."""
+"""Refusals of distances, obstacles and cells, each in one line."""
 
 from types import SimpleNamespace
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -24,12 +23,9 @@ from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.pictures import Drawn, draw_pictures, picture_names
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import RncError
+from rnc_pin.printing import Line, SummaryMixin
 from rnc_pin.simulation import OutputNames, Summary
 from rnc_pin.verdict import Severity, Verdict, weight_of
-
-if TYPE_CHECKING:
-    from rnc_pin.applications.sweep.results import SweepStatistics  # sweeps import joblib
-
 
 Advance = Callable[[float, str], None]
 """Callback that reports progress and the current activity."""
@@ -76,24 +72,21 @@ class ProgressBar:
         self._bar.stop()
 
 
-def print_table(
-    console: Console, title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], numbers: bool = False
-) -> None:
-    """Print a table under its title.
+def print_object(found: SummaryMixin, title: str, lines: Sequence[Line] = ()) -> None:
+    """Print all that an object says about itself as a table.
 
     Args:
-        console: console for the table.
+        found: the object.
         title: line above the table.
-        columns: headings.
-        rows: cells of each row.
-        numbers: True to align all columns but the first at their right ends.
+        lines: first lines of the table.
     """
-    table = Table(title=title, title_justify="left", title_style="bold")
-    for index, column in enumerate(columns):
-        table.add_column(column, justify="right" if numbers and index else "left")
-    for row in rows:
-        table.add_row(*row)
-    console.print(table, highlight=False)
+    table = Table(show_header=False, title=title, title_justify="left", title_style="bold", show_lines=True)
+    table.add_column(style="bold")
+    table.add_column(overflow="fold")
+    for label, items in (*lines, *found.summary_lines()):
+        if items:
+            table.add_row(label, ("\n" if any(each.note for each in items) else ", ").join(map(str, items)))
+    Console(markup=False, emoji=False).print(table, highlight=False)
 
 
 def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
@@ -160,27 +153,6 @@ def _units(outputs: OutputNames) -> dict[str, str]:
         for name, unit in zip(columns.names, columns.units, strict=True)
         if unit
     }
-
-
-def print_sweep_statistics(scenario: str, summary: SweepStatistics, folder: Path) -> None:
-    """Print verdicts and errors of a sweep."""
-    console = Console(markup=False, emoji=False)
-    fine = ("succeeded", "degraded")
-    failed = {kind: count for kind, count in summary["verdicts"].items() if kind not in fine}
-    counts = [f"{summary['verdicts'][word]} {word}" for word in fine if word in summary["verdicts"]]
-    if failed:
-        kinds = ", ".join(f"{count} {kind}" for kind, count in failed.items())
-        counts.append(f"{sum(failed.values())} failed ({kinds})")
-    outcomes = ", ".join(counts)
-    if summary["redrawn"]:
-        outcomes += f" ({summary['redrawn']} draws were infeasible and drawn again)"
-    rows = [
-        (name, *(f"{each:.2e}" for each in (figures["median"], figures["95 %"], figures["max"])))
-        for name, figures in summary["final_error"].items()
-    ]
-    columns = ("output", "median final error", "95 % below", "largest final error")
-    print_table(console, f"{scenario}: {outcomes}", columns, rows, numbers=True)
-    console.print(f"in {folder}: runs.jsonl, distributions.png, sweep.json", highlight=False)
 
 
 def report_findings(verdict: Verdict, ending: str, others: str = "", told: Collection[str] = ()) -> int:

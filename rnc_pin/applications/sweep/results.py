@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict, cast
 
 import numpy as np
 
@@ -211,9 +211,18 @@ class SweepResults(SummaryMixin):
         return figure
 
     def _summary(self) -> ObjectSummary:
-        outcomes = [Item(name, str(count)) for name, count in self.outcomes.items()]
-        title = f"SweepResults: {counted(len(self), 'run')} of {self.of}"
-        return ObjectSummary(title, [("outcomes", outcomes), ("drawn", [Item(name) for name in self.drawn])])
+        found = sweep_statistics(self)
+        verdicts = [
+            Item(f"{count} {name if name in SUCCESSFUL else f'failed: {name}'}")
+            for name, count in found["verdicts"].items()
+        ]
+        lines = [("verdicts", verdicts), ("drawn", [Item(name) for name in self.drawn])]
+        if found["redrawn"]:
+            lines.append(("infeasible draws", [Item(f"{found['redrawn']} were drawn again")]))
+        for name, error in found["final_error"].items():
+            figures = [Item(f"{kind} {value:.2e}") for kind, value in cast("dict[str, float]", error).items()]
+            lines.append((f"final error of {name}", figures))
+        return ObjectSummary(f"SweepResults: {counted(len(self), 'run')} of {self.of}", lines)
 
 
 def load_sweep(path: str | Path) -> SweepResults:

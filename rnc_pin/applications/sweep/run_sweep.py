@@ -269,7 +269,7 @@ def _dask_cluster(scheduler: str) -> Iterator[None]:
 
 
 class _Work(NamedTuple):
-    """What all runs of a sweep have in common: pickled source, its digest, versions, and process of local workers."""
+    """Common part of the runs of a sweep: pickled source, its digest, versions, and process of local workers."""
 
     pickled: bytes
     key: str

@@ -1,4 +1,4 @@
-"""What a stranger may put into the folder of a sweep is refused in one line, and nothing of it changes."""
+"""Refusals of strange content in the folder of a sweep: one line, and nothing of it changes."""
 
 import json
 import os

@@ -11,10 +11,10 @@ from typing import TypeAlias
 import click
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from rnc_pin.analysis import Report, Singularity, analyze
 from rnc_pin.applications.command_line.messages import print_json, warn
+from rnc_pin.applications.command_line.report import print_object
 from rnc_pin.applications.scenario.builder import Experiment
 from rnc_pin.applications.scenario.controllers.whole_body import WholeBodySettings
 from rnc_pin.applications.scenario.files import parse_options
@@ -24,7 +24,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import ComputedTorque, InverseDynamicsQP, VelocityQP, VelocityTracker
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model import Phrases, ReducedModel, Task
-from rnc_pin.printing import counted
+from rnc_pin.printing import counted, items
 from rnc_pin.verdict import Finding
 
 _BASES = {"JointModelPlanar": "moves in the plane", "JointModelFreeFlyer": "moves freely in space"}
@@ -171,17 +171,13 @@ def print_report(system: str, reduced: ReducedModel, task: Task, report: Report)
     for sentence in sentences(reduced, report):
         console.print(sentence, highlight=False)
     console.print()
-    title = f"{system} ({reduced.robot.name})"
-    table = Table(show_header=False, title=title, title_justify="left", title_style="bold", show_lines=True)
-    table.add_column(style="bold")
-    table.add_column(overflow="fold")
-    table.add_row("primary motions", ", ".join(task.primary_names))
-    table.add_row("redundant motions", ", ".join(task.redundant_names) or "none")
-    table.add_row("actuators", ", ".join(reduced.actuation.names) or "none")
-    for label, listed in report.lines():
-        if listed:
-            table.add_row(label, ("\n" if any(each.note for each in listed) else ", ").join(map(str, listed)))
-    console.print(table, highlight=False)
+    names = {
+        "primary motions": task.primary_names,
+        "redundant motions": task.redundant_names,
+        "actuators": reduced.actuation.names,
+    }
+    lines = [(label, items(listed or ["none"])) for label, listed in names.items()]
+    print_object(report, f"{system} ({reduced.robot.name})", lines)
 
 
 # ------------------------------------------------------------------ limits of a program

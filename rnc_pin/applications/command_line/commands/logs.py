@@ -5,9 +5,8 @@ The first puts a measured log beside a model, in numbers, plots, and a page with
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import click
@@ -15,10 +14,9 @@ import numpy as np
 import yaml
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from rich.console import Console
 
 from rnc_pin.applications.command_line.messages import print_json
-from rnc_pin.applications.command_line.report import print_table
+from rnc_pin.applications.command_line.report import print_object
 from rnc_pin.applications.scenario.files import parse_options, urdf_path, with_options
 from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.pictures import ANIMATION
@@ -39,7 +37,7 @@ from rnc_pin.figures import (
     panel_figure,
     save,
 )
-from rnc_pin.identification import Calibration, Comparison, PathError, Suspect, calibrate, compare, named_numbers
+from rnc_pin.identification import Calibration, Comparison, calibrate, compare, named_numbers
 from rnc_pin.identification.logs import Log, LogMapping
 from rnc_pin.io import Json, dump_json
 from rnc_pin.simulation import Trajectory
@@ -89,13 +87,18 @@ def _read(path: Path, mapping: Path | None) -> Log:
 
 
 def _tell(
-    content: dict[str, Json], written: list[str] | None, out: Path | None, show: Callable[[], None] | None
+    found: Calibration | Comparison,
+    title: str,
+    content: dict[str, Json],
+    written: list[str] | None,
+    out: Path | None,
+    as_json: bool,
 ) -> None:
-    """Print a result as JSON, or by a function, and the names of its files."""
-    if show is None:
+    """Print a result as JSON, or as a table, and the names of its files."""
+    if as_json:
         print_json({**content, "written": written})
         return
-    show()
+    print_object(found, title)
     if written is not None:
         click.echo(f"wrote {', '.join(written)} into {out}")
 
@@ -114,7 +117,7 @@ def compare_log(
     found = compare(scenario.model.system, measured.log, measured.sensor, heading=measured.heading, speeds=speeds)
     content = _comparison_content(system, measured.path, found)
     written = None if out is None else _write_comparison(scenario, found, content, out, force)
-    _tell(content, written, out, None if as_json else partial(_print_comparison, system, measured.path, found))
+    _tell(found, f"{measured.path} beside {system}: {found.conclusion}", content, written, out, as_json)
 
 
 # ---------------------------------------------------------------------- files
@@ -154,34 +157,6 @@ def _comparison_content(system: str, log: Path, found: Comparison) -> dict[str, 
         "suspects": [{**asdict(each), "assumption": each.assumption} for each in found.suspects],
         "unused_rows": list(found.unused_rows),
     }
-
-
-def _print_comparison(system: str, log: Path, found: Comparison) -> None:
-    console = Console(markup=False, emoji=False)
-    click.echo(f"{log} beside {system}: {found.conclusion}\n")
-    named = {"whole log" if np.isinf(each) else f"{each:g} s": error for each, error in found.errors.items()}
-    print_path_errors(console, "windows", named)
-    if found.suspects:
-        rows = [(each.name, *_values(each), f"{each.explained:.0%}") for each in found.suspects]
-        print_table(console, "numbers that explain the error", ("number", "model", "fit", "explained"), rows)
-    slip = [(name, f"{size:.2g}") for name, size in found.slip.items()]
-    print_table(console, "slip of rows at the measured motion", ("row", "over one second [m/s]"), slip)
-    if found.unused_rows:
-        click.echo(f"rows of joints that are not measured: {', '.join(found.unused_rows)}")
-
-
-def _values(each: Suspect) -> list[str]:
-    return [f"{value:.6g} {each.unit}".strip() for value in (each.nominal, each.value)]
-
-
-def print_path_errors(console: Console, column: str, errors: Mapping[str, PathError]) -> None:
-    """Print errors of a predicted path, one line for each name under the heading of the first column."""
-    rows = [
-        (name, *(f"{each:.3g}" for each in (error.mean, error.largest, error.heading)))
-        for name, error in errors.items()
-    ]
-    columns = (column, "mean [m]", "largest [m]", "heading [rad]")
-    print_table(console, "open-loop path from the measured joints", columns, rows)
 
 
 def _plot(found: Comparison, size: Size | None, labels: Labels) -> Figure:
@@ -243,7 +218,7 @@ def calibrate_log(
     found = calibrate(given, log, unknown, sensor, held_out=held_out, heading=heading)
     content = _calibration_content(system, measured.path, found)
     written = None if out is None else _write_calibration(scenario, measured, found, content, out, force)
-    _tell(content, written, out, None if as_json else partial(_print_calibration, system, measured.path, found))
+    _tell(found, f"{system} calibrated with {measured.path}", content, written, out, as_json)
 
 
 def _calibration_content(system: str, log: Path, found: Calibration) -> dict[str, Json]:
@@ -338,23 +313,3 @@ def _mapping(measured: MeasuredLog, found: Calibration) -> dict[str, Json]:
     content: dict[str, Json] = keys.model_dump(mode="json", exclude_unset=True)
     said = {name: each.model_dump(exclude_defaults=True) for name, each in corrections.items()}
     return {**content, "corrections": {name: each for name, each in said.items() if each}}
-
-
-# ---------------------------------------------------------------------- text
-
-
-def _print_calibration(system: str, log: Path, found: Calibration) -> None:
-    console = Console(markup=False, emoji=False)
-    click.echo(f"{system} calibrated with {log}\n")
-    rows = []
-    for name, unit, *values in zip(found.names, found.units, found.nominal, found.values, found.std, strict=True):
-        figures = zip(values, (6, 6, 2), strict=True)
-        rows.append((name, *(f"{each:.{digits}g} {unit}".strip() for each, digits in figures)))
-    print_table(console, "numbers", ("number", "file", "estimate", "standard deviation"), rows)
-    print_path_errors(console, "with", found.errors)
-    words, deviation = found.combinations[0]
-    click.echo(f"worst known: {words}, standard deviation {deviation:.2g} of its size")
-    if len(found.outliers):
-        click.echo(f"{len(found.outliers)} poses are more than five standard deviations away")
-    if found.unused_rows:
-        click.echo(f"rows of joints that are not measured: {', '.join(found.unused_rows)}")

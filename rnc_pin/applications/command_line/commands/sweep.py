@@ -10,7 +10,7 @@ import click
 from rich.console import Console
 
 from rnc_pin.applications.command_line.messages import DONE, FAILED, complain, print_json
-from rnc_pin.applications.command_line.report import ProgressBar, print_sweep_statistics
+from rnc_pin.applications.command_line.report import ProgressBar, print_object
 from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
 from rnc_pin.applications.sweep import SweepResults, sweep
 from rnc_pin.applications.sweep.results import SUCCESSFUL, SweepStatistics, failure_lines, sweep_statistics
@@ -63,7 +63,8 @@ def sweep_scenario(
     if as_json:
         print_json({"scenario": results.specification["scenario"], **figures})
     else:
-        print_sweep_statistics(scenario, figures, out)
+        print_object(results, f"{scenario}: {len(results)} runs")
+        click.echo(f"in {out}: runs.jsonl, distributions.png, sweep.json")
         _print_failures(results, runs - _succeeded(figures))
     return DONE if _succeeded(figures) == runs else FAILED
 
