@@ -19,7 +19,7 @@ UNCHECKED = ("CHANGELOG.md",)  # commands of former versions, too
 PLACEHOLDERS = {
     "A.B=C": "simulation.dt=0.002", "CHECKOUT": ".", "COMMAND": "run", "DIR...": "runs/sweep", "DIR": "runs/sweep",
     "MODULE...": "rnc_pin/control/feedback.py", "NAME": "space-robot", "[NAME...]": "systems",
-    "[PAGE...]": "01_your_robot", "ROBOT": "my_robot.urdf", "--seed S": "--seed 0",
+    "[PAGE...]": "01_your_robot", "ROBOT": "my_robot.urdf", "--seed S": "--seed 0", "FOLDER": "runs/space-robot",
     "SCENARIO": "my_robot.yaml", "[SCENARIO...]": "space-robot", " N": " 2", " ...": " space-robot",
 }  # fmt: skip
 """Text of a page, and what a reader could type instead. Longer texts are replaced first."""
