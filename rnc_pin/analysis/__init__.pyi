@@ -7,7 +7,6 @@ from .derivatives import state_derivatives as state_derivatives
 from .equilibrium import Equilibrium as Equilibrium
 from .equilibrium import equilibrium as equilibrium
 from .grip import Grip as Grip
-from .grip import lift_off_along as lift_off_along
 from .growth import GrowthEvidence as GrowthEvidence
 from .growth import growth_vector as growth_vector
 from .limit_effects import LimitEffect as LimitEffect

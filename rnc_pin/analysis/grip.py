@@ -8,7 +8,6 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.analysis.contact_forces import ContactForceSet, dependent_groups, linked_contacts
-from rnc_pin.analysis.normal_forces import LiftOff, NormalForces, first_lift_off
 from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import ConfigurationError, place_of
 from rnc_pin.math.cone_margin import least_shares
@@ -30,7 +29,7 @@ class Grip(SummaryMixin):
     same choice. ``forces`` and ``loads`` are those of least norm, which share evenly.
 
     If no choice pushes at all contacts, ``used`` has the forces of least norm, and a normal force below zero gives no
-    grip. Casters do not grip but may lift off: ``lift_off`` checks all contacts.
+    grip. Casters do not grip but may lift off: ``first_lift_off`` checks the forces of ``normal``.
 
     Args:
         reduced: the model.
@@ -195,20 +194,6 @@ class Grip(SummaryMixin):
         state = self._reduced.at(q, v2)
         return self.used_at(state, state.allocate(state.inverse_dynamics(v2_dot)))
 
-    def lift_off(self, times: Array, q: Array, v2: Array, v2_dot: Array) -> LiftOff | None:
-        """Return the first contact, casters included, that a motion lifts off the ground; None if none lifts off.
-
-        Args:
-            times: of the states (N,) [s].
-            q: configurations (N, nq).
-            v2: reduced velocities (N, r).
-            v2_dot: their rates (N, r).
-
-        Raises:
-            ConstraintError: no inputs give these accelerations.
-        """
-        return lift_off_along(self._reduced, times, q, v2, v2_dot, self.normal)
-
 
 def _alike(free: Array) -> Iterator[tuple[list[int], list[int]]]:
     """Samples in which the forces of a group of contacts depend on each other, and the group."""
@@ -217,27 +202,3 @@ def _alike(free: Array) -> Iterator[tuple[list[int], list[int]]]:
         samples = np.flatnonzero(which.reshape(-1) == number).tolist()
         for group in dependent_groups(linked):
             yield samples, group
-
-
-def lift_off_along(
-    reduced: ReducedModel, times: Array, q: Array, v2: Array, v2_dot: Array, normal: NormalForces | None = None
-) -> LiftOff | None:
-    """Return the first contact that a motion lifts off the ground; None if none lifts off.
-
-    Args:
-        reduced: the model.
-        times: of the states (N,) [s].
-        q: configurations (N, nq).
-        v2: reduced velocities (N, r).
-        v2_dot: their rates (N, r).
-        normal: normal forces of the model; computed by default.
-
-    Raises:
-        ConstraintError: no inputs give these accelerations.
-    """
-    normal = normal or NormalForces(reduced)
-    if not normal.contacts:
-        return None
-    state = reduced.at(q, v2)
-    forces = normal.at(state, state.allocate(state.inverse_dynamics(v2_dot)))
-    return first_lift_off(times, forces, normal.names)
