@@ -120,7 +120,7 @@ def test_the_command(tmp_path, call):
     )
     status, out, _ = call("compare", scenario, tmp_path / "log.npz")
     assert status == 0
-    assert "the place of left_joint, right_joint along y fails first" in out.replace("\n", " ")
+    assert "the place of left_joint, right_joint along y fails first" in " ".join(out.split())
     assert not (tmp_path / "out").exists()
     status, out, _ = call("compare", scenario, tmp_path / "log.npz", "--json", "--out", tmp_path / "out")
     assert json.loads(out)["written"] == ["comparison.json", "comparison.png"]  # nothing of this robot can be drawn
@@ -163,7 +163,7 @@ def test_the_page_shows_the_measured_robot_beside_the_predicted_one(tmp_path, ca
     monkeypatch.setattr("rnc_pin.applications.command_line.commands.logs.Recording", recording)
     status, out, _ = call("compare", scenario, tmp_path / "log.npz", "--out", tmp_path / "out", "--speeds")
     assert status == 0
-    assert "the radius of left_wheel, right_wheel fails first" in out.replace("\n", " ")
+    assert "the radius of left_wheel, right_wheel fails first" in " ".join(out.split())
     assert {each.name for each in (tmp_path / "out").iterdir()} > {
         "comparison.json",
         "comparison.pdf",
