@@ -109,22 +109,22 @@ def with_command(
         posture: present positions of the joints of the posture.
     """
     match command:
-        case dc.FrameGoal(frame, position, orientation):
+        case dc.FrameGoal(frame=frame, position=position, orientation=orientation):
             return goals._replace(frames=_set(goals.frames, controls.frames, frame, PlacedGoal(position, orientation)))
-        case dc.ReleaseFrame(frame):
+        case dc.ReleaseFrame(frame=frame):
             return goals._replace(frames=_set(goals.frames, controls.frames, frame, None))
-        case dc.JointGoal(joint, position):
+        case dc.JointGoal(joint=joint, position=position):
             return goals._replace(posture=_set(goals.posture, controls.joints, joint, position))
-        case dc.GainSetting(gain, value):
+        case dc.GainSetting(gain=gain, value=value):
             return goals._replace(gains=_set(goals.gains, controls.gains, gain, value))
-        case dc.BaseVelocity(forward, turn, left):
+        case dc.BaseVelocity(forward=forward, turn=turn, left=left):
             end = t + LASTING if (forward, left, turn) != (0.0, 0.0, 0.0) else t
             return goals._replace(velocity=(forward, left, turn), velocity_end=end, base_goal=None)
-        case dc.BaseGoal(x, y, heading):
+        case dc.BaseGoal(x=x, y=y, heading=heading):
             return goals._replace(base_goal=(x, y), heading=heading, velocity_end=t)
-        case dc.HoldBase(on):
+        case dc.HoldBase(on=on):
             return goals._replace(hold_base=on)
-        case dc.ObstacleGoal(obstacle, position):
+        case dc.ObstacleGoal(obstacle=obstacle, position=position):
             place = list(controls.obstacles).index(obstacle)
             here = goals.obstacles[place][-1].at(t)[0].tolist()
             speed = goals.gains[list(controls.gains).index("obstacle speed")]

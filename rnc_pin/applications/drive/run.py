@@ -29,7 +29,7 @@ from rnc_pin.applications.drive.preparation import PreparedDrive
 from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.simulated_run import judged_summary
 from rnc_pin.control.whole_body import LimitReport
-from rnc_pin.errors import InputError, RncError, printable
+from rnc_pin.errors import RncError, printable
 from rnc_pin.simulation import RunArguments, Sample, Trajectory
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.stop import Progress, complete_run
@@ -61,7 +61,7 @@ class CommandQueue:
         """Check a message and put its command into the queue. Return False if it is refused."""
         try:
             command = parse_command(message, self._controls)
-        except InputError as error:
+        except RncError as error:
             self.refused = printable(str(error))
             return False
         target = command_target(command)
@@ -314,11 +314,11 @@ def record_of(prepared: PreparedDrive, result: Result) -> RecordedDrive:
 
     scenario = prepared.scenario
     return RecordedDrive(
-        scenario.name,
-        None if scenario.built_in else str(scenario.folder),
-        list(prepared.frames),
-        max(2, len(result.trajectory.time)),
-        {**result.trajectory.info.versions, "kernel": kernel},
-        scenario.raw,
-        log_entries(prepared.log, scenario.experiment.simulation.dt),
+        scenario=scenario.name,
+        folder=None if scenario.built_in else str(scenario.folder),
+        frames=list(prepared.frames),
+        samples=max(2, len(result.trajectory.time)),
+        versions={**result.trajectory.info.versions, "kernel": kernel},
+        config=scenario.raw,
+        commands=log_entries(prepared.log, scenario.experiment.simulation.dt),
     )

@@ -1,5 +1,6 @@
 """Commands come from a web page: every name and number is checked."""
 
+import json
 import math
 
 import pytest
@@ -29,87 +30,74 @@ CONTROLS = DriveControls(
     base=DrivenBase("base", turns=True, slides=False),
     obstacles={"ball": (0.0, 0.0, 0.0)},
 )
-VALID = {
-    "frame_goal": ({"frame": "tip", "position": [1, 2.5, -0.1], "orientation": [0, 0, 0, 1]},
-        FrameGoal("tip", (1.0, 2.5, -0.1), (0.0, 0.0, 0.0, 1.0))),
-    "release_frame": ({"frame": "tip"}, ReleaseFrame("tip")),
-    "joint_goal": ({"joint": "elbow", "position": 2}, JointGoal("elbow", 2.0)),
-    "base_velocity": ({"forward": -1, "turn": 0.5}, BaseVelocity(-1.0, 0.5, 0.0)),
-    "base_goal": ({"x": 1, "y": -2, "heading": 3}, BaseGoal(1.0, -2.0, 3.0)),
-    "hold_base": ({"on": True}, HoldBase(True)),
-    "obstacle_goal": ({"obstacle": "ball", "position": [0, 0, 1]}, ObstacleGoal("ball", (0.0, 0.0, 1.0))),
-    "gain": ({"gain": "base speed", "value": 0.3}, GainSetting("base speed", 0.3)),
-    "stop": ({}, StopMotion()),
-    "end": ({}, EndRun()),
-}  # fmt: skip
+VALID = [
+    FrameGoal(frame="tip", position=(1.0, 2.5, -0.1), orientation=(0.0, 0.0, 0.0, 1.0)),
+    ReleaseFrame(frame="tip"),
+    JointGoal(joint="elbow", position=2.0),
+    BaseVelocity(forward=-1.0, turn=0.5),
+    BaseGoal(x=1.0, y=-2.0, heading=3.0),
+    HoldBase(on=True),
+    ObstacleGoal(obstacle="ball", position=(0.0, 0.0, 1.0)),
+    GainSetting(gain="base speed", value=0.3),
+    StopMotion(),
+    EndRun(),
+]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_each_kind_is_read_and_written_without_loss(kind):
-    message, command = VALID[kind]
-    assert parse_command({"kind": kind, **message}, CONTROLS) == command
-    assert parse_command(command_entry(command), CONTROLS) == command
+def test_each_kind_is_read_and_written_without_loss():
+    assert {command.kind for command in VALID} == set(KINDS)
+    for command in VALID:
+        assert parse_command(json.loads(json.dumps(command_entry(command))), CONTROLS) == command
 
 
-INVALID = {
-    "no mapping": (["stop"], "expected|mapping"),
-    "no kind": ({}, "no command 'None'"),
-    "unknown kind": ({"kind": "stopp"}, "did you mean 'stop'"),
-    "kind of another type": ({"kind": ["stop"]}, "no command"),
-    "unknown entry": ({"kind": "stop", "when": 1}, "no entry 'when'"),
-    "unknown frame": ({"kind": "frame_goal", "frame": "tipp", "position": [0, 0, 0]}, "did you mean 'tip'"),
-    "missing": ({"kind": "frame_goal", "frame": "tip"}, "'position' is missing"),
-    "two numbers": ({"kind": "frame_goal", "frame": "tip", "position": [0, 0]}, "expected 3 numbers"),
-    "text": ({"kind": "frame_goal", "frame": "tip", "position": "here"}, "expected 3 numbers"),
-    "NaN": ({"kind": "base_goal", "x": math.nan, "y": 0}, "finite"),
-    "infinite": ({"kind": "base_goal", "x": 0, "y": -math.inf}, "finite"),
-    "too large for a float": ({"kind": "base_goal", "x": 10**400, "y": 0}, "finite"),
-    "a truth value": ({"kind": "base_goal", "x": True, "y": 0}, "expected a finite number, found True"),
-    "far away": ({"kind": "base_goal", "x": 101, "y": 0}, "within 100 m"),
-    "two headings": ({"kind": "base_goal", "x": 0, "y": 0, "heading": [0, 1]}, "heading: expected a finite number"),
-    "many turns": ({"kind": "base_goal", "x": 0, "y": 0, "heading": 7}, "heading: expected an angle"),
-    "zero quaternion": (
-        {"kind": "frame_goal", "frame": "tip", "position": [0, 0, 0], "orientation": [0, 0, 0, 0]}, "unit quaternion",
-    ),
-    "beyond a joint's range": ({"kind": "joint_goal", "joint": "elbow", "position": 2.01}, "-1 to 2 rad"),
-    "unknown joint": ({"kind": "joint_goal", "joint": "wrist", "position": 0}, "no joint 'wrist'"),
-    "a name that is a number": ({"kind": "joint_goal", "joint": 1, "position": 0}, "expected a name"),
-    "a share above one": ({"kind": "base_velocity", "forward": 1.1, "turn": 0}, "share of -1 to 1"),
-    "a gain below its range": ({"kind": "gain", "gain": "base speed", "value": 0}, "0.02 to 2 m/s"),
-    "no switch": ({"kind": "hold_base", "on": 1}, "true or false"),
-}  # fmt: skip
+FRAME = {"kind": "frame_goal", "frame": "tip", "position": [0, 0, 0]}
+BASE = {"kind": "base_goal", "x": 0, "y": 0}
+REFUSED = [
+    (["stop"], "no command"),
+    ({}, "no command None"),
+    ({"kind": "stopp"}, "did you mean 'stop'"),
+    ({"kind": ["stop"]}, "no command"),
+    ({"kind": "x" * 100_000}, "no command"),
+    ({"kind": "stop", "when": 1}, "'when' is not known"),
+    ({"kind": "release_frame", "frame": "x" * 100_000}, "at most 200 characters"),
+    ({**FRAME, "frame": "tipp"}, "did you mean 'tip'"),
+    ({"kind": "frame_goal", "frame": "tip"}, "position: is missing"),
+    ({**FRAME, "position": [0, 0]}, "position"),
+    ({**FRAME, "position": "here"}, "position"),
+    ({**FRAME, "orientation": [0, 0, 0, 0]}, "unit quaternion"),
+    ({**BASE, "x": math.nan}, "finite"),
+    ({**BASE, "y": -math.inf}, "finite"),
+    ({**BASE, "x": 10**400}, "largest magnitude"),
+    ({**BASE, "x": True}, "takes no boolean"),
+    ({**BASE, "x": "1"}, "a valid number"),
+    ({**BASE, "x": 101}, "less than or equal to 100"),
+    ({**BASE, "heading": [0, 1]}, "heading: expected a valid number"),
+    ({**BASE, "heading": 7}, "heading: expected less than"),
+    ({"kind": "joint_goal", "joint": "elbow", "position": 2.01}, "-1 to 2 rad"),
+    ({"kind": "joint_goal", "joint": "wrist", "position": 0}, "no joint 'wrist'"),
+    ({"kind": "joint_goal", "joint": 1, "position": 0}, "a valid string"),
+    ({"kind": "base_velocity", "forward": 1.1, "turn": 0}, "less than or equal to 1"),
+    ({"kind": "gain", "gain": "base speed", "value": 0}, "0.02 to 2 m/s"),
+    ({"kind": "hold_base", "on": 1}, "a valid boolean"),
+]
 
 
-def test_a_goal_of_the_base_may_have_no_heading():
-    for message in ({"x": 1, "y": -2}, {"x": 1, "y": -2, "heading": None}):
-        command = parse_command({"kind": "base_goal", **message}, CONTROLS)
-        assert command == BaseGoal(1.0, -2.0)
-        assert command_entry(command) == {"kind": "base_goal", "x": 1.0, "y": -2.0}
-
-
-@pytest.mark.parametrize("case", INVALID)
-def test_anything_else_is_refused_in_one_short_line(case):
-    message, words = INVALID[case]
-    with pytest.raises(rnc.InputError, match=words) as refusal:
+@pytest.mark.parametrize(("message", "words"), REFUSED, ids=[words for _, words in REFUSED])
+def test_anything_else_is_refused_in_one_short_line(message, words):
+    with pytest.raises(rnc.RncError, match=words) as refusal:
         parse_command(message, CONTROLS)
     assert len(str(refusal.value)) < 300
     assert "\n" not in str(refusal.value)
 
 
-def test_a_long_name_is_not_repeated_whole():
-    with pytest.raises(rnc.InputError) as refusal:
-        parse_command({"kind": "x" * 100_000}, CONTROLS)
-    assert len(str(refusal.value)) < 600
-
-
 def test_a_robot_without_a_base_refuses_its_commands():
-    still = DriveControls(frames={}, joints={})
-    for message in ({"kind": "base_goal", "x": 0, "y": 0}, {"kind": "hold_base", "on": True}):
+    for message in (BASE, {"kind": "hold_base", "on": True}):
         with pytest.raises(rnc.InputError, match="no base"):
-            parse_command(message, still)
+            parse_command(message, DriveControls(frames={}, joints={}))
 
 
 def test_the_target_of_a_command_is_its_kind_and_name():
-    assert command_target(JointGoal("elbow", 0.0)) == command_target(JointGoal("elbow", 1.0))
-    assert command_target(JointGoal("elbow", 0.0)) != command_target(JointGoal("wrist", 0.0))
+    elbow, moved, wrist = (command_target(JointGoal(joint=joint, position=place)) for joint, place in
+                           (("elbow", 0.0), ("elbow", 1.0), ("wrist", 0.0)))  # fmt: skip
+    assert elbow == moved != wrist
     assert command_target(StopMotion()) != command_target(EndRun())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import TypedDict, Unpack
 
@@ -51,7 +50,8 @@ def drive_robot(
     if replayed is not None:
         record = read_drive(replayed)
         _check_replay(new)
-        record = replace(record, config={**record.config, **accept_option(record.config, {}, accept)})
+        config = {**record.config, **accept_option(record.config, {}, accept)}
+        record = record.model_copy(update={"config": config})
         prepared = _rebuilt(record, replayed)
     else:
         given = parse_options(new["options"])
