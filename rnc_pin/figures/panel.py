@@ -258,19 +258,17 @@ class Sheet:
         """True if legends are beside the axes, False if they are above."""
         return self.in_text(grid.width / grid.columns) >= _BESIDE
 
-    def heights(self, grid: Grid, above: Sequence[float], title: float) -> tuple[float, list[float]]:
-        """Height of the figure [inches], and those of its rows [sizes of the text].
+    def heights(self, grid: Grid, above: float) -> tuple[float, float]:
+        """Height of the figure [inches], and that of the axes of a row [sizes of the text].
 
         Args:
             grid: the grid.
-            above: height of the legends above the axes of each row [sizes of the text].
-            title: height of the title [sizes of the text].
+            above: height of the title, and of the legends above the axes of all rows [sizes of the text].
 
         Raises:
             InputError: the panels do not fit.
         """
-        around = [each + _GAP for each in above]
-        others = sum(around) + _TIME + title
+        others = above + _GAP * grid.rows + _TIME
         axes = _AXES[self.is_beside(grid)] * (_SINGLE[self.is_beside(grid)] if grid.rows == 1 else 1.0)
         if self.height is not None:
             axes = (self.in_text(self.height) - others) / grid.rows
@@ -280,5 +278,4 @@ class Sheet:
                     f"size ({self.width:g}, {self.height:g}): its panels need a height of {np.ceil(10 * least) / 10:g} "
                     "inches; plot fewer outputs, or choose 'column' or 'page'"
                 )
-        rows = [axes + each for each in around]
-        return (sum(rows) + _TIME + title) * self.font / 72.0 if self.height is None else self.height, rows
+        return self.height or (axes * grid.rows + others) * self.font / 72.0, axes

@@ -10,13 +10,12 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
+from matplotlib.legend import Legend
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
-from matplotlib.textpath import TextPath
 
 from rnc_pin.figures import style as st
-from rnc_pin.figures.panel import LABEL_ROOM, MAX_LINES, Grid, Labels, Panel, Series, Sheet
+from rnc_pin.figures.panel import LABEL_ROOM, MAX_LINES, Labels, Panel, Series, Sheet
 from rnc_pin.figures.style import LegendEntry
 
 
@@ -68,11 +67,12 @@ def panel_figure(
     with mpl.rc_context(st.style(sheet.font)):
         figure = st.PrintFigure((grid.width, sheet.height or 4.0))
         spec = figure.add_gridspec(grid.rows, grid.columns)
-        legends: list[tuple[int, Legend]] = []
-        room = grid.width / grid.columns - LABEL_ROOM * sheet.font / 72.0
+        legends: dict[int, list[Legend]] = {row: [] for row in range(grid.rows)}
+        room = None if sheet.is_beside(grid) else sheet.in_text(grid.width / grid.columns) - LABEL_ROOM
 
         def add(axes: Axes, row: int, entries: Sequence[st.LegendEntry], note: str) -> None:
-            legends.append((row, Legend(axes, entries, note, sheet.is_beside(grid), room)))
+            if entries:
+                legends[row].append(_legend(axes, entries, note, room))
 
         drawn: Axes | None = None
         if view is not None:
@@ -89,33 +89,18 @@ def panel_figure(
             if last:
                 axes.set_xlabel(f"{texts.text('time')} [s]")
             axes.tick_params(labelbottom=last)
-        rows = _arrange(figure, sheet, grid, legends, title)
+        lines = _title_lines(title, sheet.in_text(grid.width))
+        if lines:
+            figure.suptitle("\n".join(map(st.escape, lines)), x=0.01, ha="left")
+        over = 0.0 if room is None else sum(max(map(_height, found), default=0.0) for found in legends.values())
+        height, of_axes = sheet.heights(grid, over + _LINE * len(lines))
+        figure.set_size_inches(grid.width, height)
         for axes, panel in zip(timed, panels, strict=True):
-            axes.set_ylabel(_axis_label(panel, texts, min(rows)))
+            axes.set_ylabel(_axis_label(panel, texts, of_axes))
         if drawn is not None:
             _layout_once(figure)
         figure.align_ylabels(timed)
     return figure
-
-
-def _arrange(
-    figure: Figure, sheet: Sheet, grid: Grid, legends: Sequence[tuple[int, Legend]], title: str | None
-) -> list[float]:
-    """Give the figure its height and its rows their shares, which are returned, and draw legends and title."""
-    lines = _title_lines(title, sheet.in_text(grid.width))
-    above = [max((legend.height for place, legend in legends if place == row), default=0.0) for row in range(grid.rows)]
-    height, rows = sheet.heights(grid, above, _LINE * len(lines))
-    figure.set_size_inches(grid.width, height)
-    axes = figure.axes
-    if axes:
-        spec = axes[0].get_subplotspec()
-        assert spec is not None
-        spec.get_gridspec().set_height_ratios(rows)
-    for _, legend in legends:
-        legend.draw()
-    if lines:
-        figure.suptitle("\n".join(map(st.escape, lines)), x=0.01, ha="left")
-    return rows
 
 
 def _title_lines(title: str | None, width: float) -> list[str]:
@@ -130,7 +115,7 @@ def _axis_label(panel: Panel, texts: Labels, height: float) -> str:
     quantity, unit = texts.text(panel.quantity), st.unit_text(panel.unit)
     if panel.quantity in texts.given:
         return f"{quantity} [{unit}]"
-    lines = textwrap.wrap(f"{quantity} [{unit.replace(' ', chr(160))}]", max(14, int(height / 0.6)))
+    lines = textwrap.wrap(f"{quantity} [{unit.replace(' ', chr(160))}]", max(14, int(height / 0.54)))
     return "\n".join(lines).replace(chr(160), " ")
 
 
@@ -181,7 +166,8 @@ def _draw(
 
 def _draw_series(axes: Axes, series: Series, k: int, count: int, time: np.ndarray) -> Line2D:
     """Draw the k-th line of a panel with its active samples and bounds."""
-    line = st.line(axes, k, MAX_LINES if series.active is not None else count, _time(series, time), series.values)
+    own = time if series.time is None else series.time
+    line = st.line(axes, k, MAX_LINES if series.active is not None else count, own, series.values)
     color = line.get_color()
     if series.is_held:
         line.set_drawstyle("steps-post")
@@ -191,10 +177,6 @@ def _draw_series(axes: Axes, series: Series, k: int, count: int, time: np.ndarra
     for bound in series.bounds:
         axes.axhline(bound, color=color, ls=st.DASHES[2], lw=st.points(0.9), alpha=0.8)
     return line
-
-
-def _time(series: Series, time: np.ndarray) -> np.ndarray:
-    return time if series.time is None else series.time
 
 
 def _is_active(series: Series) -> bool:
@@ -217,72 +199,38 @@ def _limit_axis(axes: Axes, panel: Panel) -> None:
 
 
 _MAX_LINE = 30  # characters per line of a legend beside the axes; longer lines would leave them too little room
-_CHARACTER = 0.55  # width of a character, over the size of the text
-# Lengths in sizes of the legend's text:
-_HANDLE, _HANDLE_GAP, _COLUMN_GAP, _ROW, _BORDER = 2.4, 0.6, 1.2, 1.45, 0.4
+_NARROW = 0.5  # width of a character of a legend, over the size of the figure's text
+_HANDLE = 6  # characters that the line of an entry and the gap between columns need
 
 
-class Legend:
-    """Legend of axes, measured before it is drawn.
+def _legend(axes: Axes, entries: Sequence[LegendEntry], note: str, room: float | None) -> Legend:
+    """Add a legend, in which lines of one entry are side by side.
 
     Args:
         axes: the axes.
-        entries: entries; none for no legend.
+        entries: entries.
         note: title of the legend, with escaped characters.
-        beside: True beside the axes, False above them.
-        width: width that a legend above the axes may have [inches].
+        room: width of a legend above the axes [sizes of the text]; None for one beside them.
     """
-
-    def __init__(self, axes: Axes, entries: Sequence[LegendEntry], note: str, beside: bool, width: float) -> None:
-        self._axes, self._entries, self._beside = axes, entries, beside
-        self._size = float(mpl.rcParams["legend.fontsize"])
-        room = width * 72.0 / self._size - 2 * _BORDER
-        widest = _MAX_LINE if beside else int((room - _HANDLE - _HANDLE_GAP) / _CHARACTER)
-        self._note = _broken(note, widest)
-        self._texts = [_broken(entry.text, widest) for entry in entries]
-        self._columns = 1 if beside else self._fitting_columns(room)
-
-    @property
-    def height(self) -> float:
-        """Height above the axes, in sizes of the figure's text."""
-        if self._beside or not self._entries:
-            return 0.0
-        lines = [1 + text.count("\n") for text in self._texts]
-        rows = max(sum(part) for part in np.array_split(lines, self._columns))
-        rows += 1 + self._note.count("\n") if self._note else 0
-        return (rows * _ROW + 2 * _BORDER) * self._size / float(mpl.rcParams["font.size"])
-
-    def draw(self) -> None:
-        """Draw the legend; lines of one entry are side by side."""
-        if not self._entries:
-            return
-        handles = [entry.lines[0] if len(entry.lines) == 1 else tuple(entry.lines) for entry in self._entries]
-        legend = self._axes.legend(
-            handles, self._texts, ncols=self._columns, title=self._note or None,
-            loc="center left" if self._beside else "lower left",
-            bbox_to_anchor=(1.01, 0.5) if self._beside else (0.0, 1.0),
-            borderaxespad=0.5 if self._beside else 0.0, borderpad=_BORDER, alignment="left",
-            columnspacing=_COLUMN_GAP, labelspacing=0.35, handlelength=_HANDLE, handletextpad=_HANDLE_GAP,
-            handler_map={tuple: HandlerTuple(ndivide=None, pad=0.4)},
-        )  # fmt: skip
-        legend.set_in_layout(True)
-
-    def _fitting_columns(self, room: float) -> int:
-        """Largest number of columns within a width [sizes of the legend's text]."""
-        widths = [_HANDLE + _HANDLE_GAP + _width(text) for text in self._texts]
-        for columns in range(len(widths), 1, -1):
-            parts = [max(part) for part in np.array_split(widths, columns)]
-            if sum(parts) + _COLUMN_GAP * (columns - 1) <= room:
-                return columns
-        return 1
+    beside = room is None
+    widest = _MAX_LINE if room is None else int(room / _NARROW) - _HANDLE
+    texts = [_broken(entry.text, widest) for entry in entries]
+    longest = _HANDLE + max(len(line) for text in texts for line in text.split("\n"))
+    handles = [entry.lines[0] if len(entry.lines) == 1 else tuple(entry.lines) for entry in entries]
+    return axes.legend(
+        handles, texts, title=_broken(note, widest) or None,
+        ncols=1 if room is None else min(len(texts), max(1, int(room / _NARROW / longest))),
+        loc="center left" if beside else "lower left", bbox_to_anchor=(1.01, 0.5) if beside else (0.0, 1.0),
+        borderaxespad=0.5 if beside else 0.0, borderpad=0.4, alignment="left", columnspacing=1.2, labelspacing=0.35,
+        handlelength=2.4, handletextpad=0.6, handler_map={tuple: HandlerTuple(ndivide=None, pad=0.4)},
+    )  # fmt: skip
 
 
-def _width(text: str) -> float:
-    """Width of a text, over its size."""
-    font = FontProperties(size=100.0)
-    return max(
-        float(TextPath((0.0, 0.0), line or " ", prop=font).get_extents().width) / 100.0 for line in text.split("\n")
-    )
+def _height(legend: Legend) -> float:
+    """Height of a legend as Matplotlib measures it [sizes of the figure's text]."""
+    figure = legend.get_figure(root=True)
+    assert figure is not None
+    return float(legend.get_window_extent().height / figure.dpi * 72.0 / mpl.rcParams["font.size"])
 
 
 def _broken(text: str, widest: int) -> str:
