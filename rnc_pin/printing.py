@@ -1,4 +1,4 @@
-"""Printed objects: one line as ``repr``, a title and a few lines as ``str``, a small table in a notebook."""
+"""Printed objects: one line as ``repr``, a title and a few lines as ``str``, which notebooks show too."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
-from html import escape
 from numbers import Number
 from typing import NamedTuple, Protocol, TypeVar
 
@@ -16,7 +15,6 @@ WIDTH = 120
 """Longest printed line."""
 _MOST = 8  # items per line of text
 _MOST_LINES = 29  # of text, with the title
-_CELL = 'style="text-align: left; vertical-align: top"'
 
 _RATE, _FORCE = "rad/s or m/s", "N or N m"
 _UNITS = {
@@ -57,11 +55,6 @@ class ObjectSummary(NamedTuple):
             shown = [*shown[:_MOST_LINES], f"  and {counted(len(shown) - _MOST_LINES, 'more line')}"]
         return "\n".join(map(shortened, shown))
 
-    def html(self) -> str:
-        """Return HTML for a notebook: a table with all items."""
-        rows = "".join(_rows(label, listed) for label, listed in self.lines)
-        return f"<div><b>{escape(self.title)}</b></div><table>{rows}</table>"
-
 
 class _Pretty(Protocol):
     """Printer of IPython."""
@@ -70,7 +63,7 @@ class _Pretty(Protocol):
 
 
 class SummaryMixin(ABC):
-    """Mixin that prints an object: its title as ``repr``, its summary as ``str``, and a table in notebooks."""
+    """Mixin that prints an object: its title as ``repr``, its summary as ``str`` and in notebooks."""
 
     @abstractmethod
     def _summary(self) -> ObjectSummary: ...
@@ -84,9 +77,6 @@ class SummaryMixin(ABC):
 
     def __str__(self) -> str:
         return self._summary().text()
-
-    def _repr_html_(self) -> str:
-        return self._summary().html()
 
     def _repr_pretty_(self, printer: _Pretty, cycle: bool) -> None:
         printer.text(str(self))
@@ -112,7 +102,6 @@ def printed(**units: str) -> Callable[[type[Record]], type[Record]]:
             "_summary": summary,
             "__repr__": lambda self: shortened(_call(kind, {name: _outline(value) for name, value in _fields(self)})),
             "__str__": SummaryMixin.__str__,
-            "_repr_html_": SummaryMixin._repr_html_,
             "_repr_pretty_": SummaryMixin._repr_pretty_,
         }
         for name, method in methods.items():
@@ -189,15 +178,6 @@ def _listed(listed: Sequence[Item], width: int) -> str:
         if len(text) <= width or len(shown) < 2:
             return shortened(text, width)
         shown.pop()
-
-
-def _rows(label: str, listed: Sequence[Item]) -> str:
-    if not any(each.note for each in listed):  # names alone take one line
-        names = ", ".join(each.name for each in listed) or "none"
-        return f'<tr><th {_CELL}>{escape(label)}</th><td colspan="2" {_CELL}>{escape(names)}</td></tr>'
-    head = f'<th rowspan="{len(listed)}" {_CELL}>{escape(label)}</th>'
-    cells = (f"<td {_CELL}>{escape(each.name)}</td><td {_CELL}>{escape(each.note)}</td>" for each in listed)
-    return "".join(f"<tr>{head if k == 0 else ''}{each}</tr>" for k, each in enumerate(cells))
 
 
 def _call(kind: type, settings: Mapping[str, object]) -> str:

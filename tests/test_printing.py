@@ -1,8 +1,7 @@
-"""Things print themselves: short in a terminal, a table in a notebook, whatever their names hold."""
+"""Things print themselves: in one line, or in a few."""
 
 import re
 from importlib.metadata import version
-from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -43,13 +42,6 @@ def run(reduced):
     return rnc.free_motion(reduced, q0, [1.0, 0.5], 1.0, 0.1, np.array([2.0, 0.0]), options=options)
 
 
-def cells(thing) -> list[list[str]]:
-    """Rows of the table that a notebook shows, without markup; refuses what is not well formed."""
-    html = thing._repr_html_()
-    whole = ElementTree.fromstring(f"<body>{html}</body>")
-    return [["".join(cell.itertext()) for cell in row] for row in whole.iter("tr")]
-
-
 def test_a_robot():
     assert str(space_robot().robot).splitlines() == [
         "Robot 'space_robot': 4 degrees of freedom, fixed base",
@@ -68,26 +60,10 @@ def test_a_system_says_which_rows_it_dropped_and_why(system):
     ]
 
 
-def test_a_reduced_model_says_its_outputs_too(reduced):
-    lines = str(reduced).splitlines()
-    assert lines[0] == "ReducedModel of '<cart> & 'co'': 3 degrees of freedom less 1 independent row leave 2"
-    assert "  reducing: left<b>_speed_x [quasi-velocity], left<b>_yaw" in lines
-    assert "  vertical: left<b>_x, left<b>_y" in lines
-    assert "vertical(rear) [holonomic]" in str(bicycle())
-
-
-def test_a_notebook_shows_tables(system, reduced):
-    dropped = ["rows dropped", "no_side_slip(right<b>.y)", "a combination of no_side_slip(left<b>.y)"]
-    assert dropped in cells(system)
-    assert dropped in cells(reduced)
-    assert ["vertical", "left<b>_x, left<b>_y"] in cells(reduced)
-
-
 def test_a_run(run):
     assert repr(run) == "Trajectory of '<a> & b': completed, 1 s in 11 samples"
-    shown = cells(run)
-    assert ["largest input", "force(left<b>.x)", "2 N"] in shown
-    assert any(row[-2] == "singular value of E, smallest" for row in shown)
+    assert "force(left<b>.x) [2 N]" in str(run)
+    assert "singular value of E, smallest" in str(run)
 
 
 def test_a_run_that_failed_says_why(reduced):
@@ -96,30 +72,16 @@ def test_a_run_that_failed_says_why(reduced):
     headline, message, *_ = str(caught.value.trajectory).splitlines()
     assert re.fullmatch(r"Trajectory: diverged, [\d.]+ s in \d+ samples", headline)
     assert message == f"  message: {caught.value}"
-    assert ["message", str(caught.value)] in cells(caught.value.trajectory)
 
 
-def test_no_name_is_taken_for_markup(system, reduced, run):
-    for thing in (system, reduced, run, reduced.robot):
-        html = thing._repr_html_()
-        assert not re.search(r"<b>_|<cart>|<a>| & ", html)
-        assert html.count("<b>") == 1
-
-
-def test_a_task_and_controllers_say_their_settings():
+def test_a_controller_says_its_settings_and_parts():
     reduced = space_robot()
     task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
-    said = "Task(primary=[tip_x, tip_y], redundant=[joint_1], vertical=[platform])"
-    assert repr(task) == said
     target = control.RedundancyController(task, Hold(np.zeros(2)), Hold(np.zeros(1)), k3=1.5)
-    inner = f"RedundancyController(task={said}, primary=Hold, vertical=Hold, k3=1.5, k21=2)"
-    assert repr(target) == inner
-    gains = control.VelocityGains(k=np.array([1.0, 2.5, 3.0]), beta=10.0, sigma=0.1)
-    tracker = control.VelocityTracker(target, gains)
-    said = "VelocityGains(k=[1.  2.5 3. ], beta=10, sigma=0.1, dead_zone=0)"
-    assert repr(tracker) == f"VelocityTracker(target={inner}, gains={said}, gravity_compensation=0)"
-    parts = [(tracker, np.array([0, 1, 2]))]
-    assert repr(control.SplitController(parts, 3)) == f"SplitController(parts=[{tracker!r}])"
+    tracker = control.VelocityTracker(target, control.VelocityGains(k=np.array([1.0, 2.5, 3.0]), beta=10.0, sigma=0.1))
+    assert repr(target) in repr(tracker)
+    assert repr(task) in repr(target)
+    assert "k=[1.  2.5 3. ], beta=10, sigma=0.1" in repr(tracker)
 
 
 def test_every_controller_prints_itself():

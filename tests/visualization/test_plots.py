@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import yaml
 from matplotlib import image
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.path import Path as MarkerPath
@@ -57,30 +56,12 @@ def test_an_overview_cuts_no_title_of_a_scenario_off(run, tmp_path):
     assert 0 <= extent.x0 <= extent.x1 <= figure.bbox.width
 
 
-def test_a_plot_of_outputs(run, tmp_path):
-    run.plot(["tip_x", "tip_y", "platform"], title="Tip & platform", file=(path := tmp_path / "plot.png"))
-    assert image.imread(path).shape[1] == 1600
-    assert 0.02 < ink(path) < 0.5
-
-
 def test_every_comparison_is_drawn(run):
     others = {f"run {k}": replace(run, x2=run.x2 + 0.1 * k) for k in range(1, 6)}
     (axes,) = run.plot("tip_x", comparisons=others).axes[:1]
     drawn = [line.get_ydata() for line in axes.get_lines()]
     for each in others.values():
         assert any(np.array_equal(line, each.x2[:, 0]) for line in drawn)
-
-
-def test_any_run_plots_itself(run):
-    figure = run.plot(title="Space robot", comparisons={"slower": run})
-    labels = [axes.get_ylabel() for axes in figure.axes]
-    over_time = ["position [m]", "angle [rad]", "error [m]", "error [rad]", "torque [N m]", "singularity margin [-]"]
-    assert labels == ["y [m]", *over_time]
-    assert figure.axes[-1].get_xlabel() == "time [s]"
-    np.testing.assert_array_equal(figure.axes[1].get_lines()[0].get_ydata(), run.x2[:, 0])
-    assert figure._repr_png_().startswith(b"\x89PNG")
-    labelled = [text.get_text() for text in figure.axes[1].get_legend().get_texts()]
-    assert labelled == ["tip x", "tip y", "space robot", "slower", "desired"]
 
 
 def test_what_is_learnt_is_plotted():
@@ -239,44 +220,6 @@ def test_a_robot_that_stays_in_the_air_has_no_view_from_above(run):
         plot_top_view(bias_acceleration)
 
 
-def test_legends_show_the_lines_as_they_are(drive):
-    """Colour and dashes of every entry are those of lines in the axes, also of runs that are compared."""
-    run, other = drive
-    for figure in (run.plot(comparisons={"further": other}), plot_top_view(run, None, {"further": other})):
-        figure.draw_without_rendering()
-        for axes in figure.axes:
-            drawn = {(line.get_color(), line._dash_pattern[1] and len(line._dash_pattern[1])) for line in axes.lines}
-            shown = axes.get_legend().get_lines()
-            assert len(shown) >= len(axes.get_legend().get_texts())
-            for line in shown:
-                assert (line.get_color(), line._dash_pattern[1] and len(line._dash_pattern[1])) in drawn
-
-
-def test_a_compared_path_is_visible_where_it_coincides_with_that_of_the_run(drive):
-    """Around the run's own line, also in print: a run beside itself has pixels of the lighter colour along its path."""
-    run, _ = drive  # without its planned path, beside which one and a half seconds are short
-    run = replace(run, info=replace(run.info, provenance=replace(run.info.provenance, path=None)))
-    alone, both = plot_top_view(run), plot_top_view(run, None, {"itself": run})
-    name = style.color_of(0, len(ground_paths(run)), 0)
-    color, lighter = (
-        np.array([int(each[k : k + 2], 16) for k in (1, 3, 5)]) for each in (style.COLORS[0], style.pale(name))
-    )
-    assert lighter.mean() > color.mean() + 30
-    pixels = [_pixels_of(figure, lighter) for figure in (alone, both)]
-    assert pixels[1] > 4 * pixels[0]  # the smoothed edges of the dark line have a few, too
-    assert _pixels_of(both, color) > 0.9 * _pixels_of(alone, color) > 100  # it hides nothing of the run's own line
-
-
-def _pixels_of(figure, color):
-    """Number of pixels of a colour in the axes, without the legend."""
-    figure.set_dpi(100)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    box = figure.axes[0].get_window_extent().extents.astype(int)
-    picture = np.asarray(canvas.buffer_rgba())[::-1][box[1] : box[3], box[0] : box[2], :3].astype(int)
-    return int((np.abs(picture - color).max(axis=-1) < 8).sum())
-
-
 def test_no_panel_has_more_lines_than_can_be_told_apart(drive):
     run, other = drive
     for others in ({}, {"one": other}, {"one": other, "two": other}):
@@ -305,10 +248,6 @@ def test_joints_of_a_limb_stay_together():
     assert split_names([*arms, *legs]) == [arms[:5], arms[5:], legs]
     assert split_names(["a", "b"]) == [["a", "b"]]
     assert split_names([]) == []
-
-
-def test_inputs_have_a_unit_each(figure):
-    assert {"force [N]", "torque [N m]"} <= {axes.get_ylabel() for axes in figure.axes}
 
 
 # ---------------------------------------------------------------------- pictures and videos

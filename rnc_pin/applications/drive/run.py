@@ -35,8 +35,6 @@ from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.stop import Progress, complete_run
 
 _NEAR = 0.01  # distance from a goal that counts as reached [m]
-_PATIENCE = 1.0  # time without progress after which a goal counts as not reachable [s]
-_PROGRESS = 0.005  # [m] by which a frame comes closer in that time, if it does
 _WAITING = 200  # targets that one sample can set
 
 
@@ -90,8 +88,8 @@ class DriveStatus(NamedTuple):
     """Simulated time over real time."""
     goals: DriveGoals
     report: LimitReport
-    stuck: Mapping[str, float]
-    """Frames that come no closer to their goals, with the distances [m]."""
+    distances: Mapping[str, float]
+    """Distances of goals that are not reached [m]."""
     refused: str
     """Last command that was refused; empty if there is none."""
     parking: str = ""
@@ -109,50 +107,32 @@ class DriveStatus(NamedTuple):
     @property
     def messages(self) -> list[str]:
         """Lines about goals and commands."""
-        stuck = [f"{frame}: goal not reachable, {distance:.2f} m away" for frame, distance in self.stuck.items()]
+        away = [f"{frame}: {distance:.2f} m from its goal" for frame, distance in self.distances.items()]
         refused = [f"refused: {self.refused}"] if self.refused else []
-        return [*stuck, *([f"base: {self.parking}"] if self.parking else []), *refused]
+        return [*away, *([f"base: {self.parking}"] if self.parking else []), *refused]
 
 
-class ProgressMonitor:
-    """Finds goals that are not reached and to which the distance does not decrease.
+def goal_distances(controls: DriveControls, goals: DriveGoals, points: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """Distances [m] of the goals that are not reached, along the axes in which each frame can move.
 
     Args:
         controls: what a user may set.
+        goals: present goals.
+        points: positions of the frames and of the base (3,) [m].
     """
-
-    def __init__(self, controls: DriveControls) -> None:
-        self._names = (*controls.frames, *(() if controls.base is None else (controls.base.frame,)))
-        self._axes = [np.array(axes) for axes in controls.frames.values()]
-        self._base = controls.base is not None
-        self._best: dict[str, tuple[object, float, float]] = {}  # goal, smallest distance, and its time
-
-    def update(self, t: float, goals: DriveGoals, points: Mapping[str, np.ndarray]) -> dict[str, float]:
-        """Return the frames without progress, with their distances [m].
-
-        Args:
-            t: time [s].
-            goals: present goals.
-            points: positions of the frames (3,) [m].
-        """
-        wanted: list[object] = [None if each is None else each.position for each in goals.frames]
-        axes = [*self._axes]
-        if self._base:
-            wanted.append(goals.base_goal if goals.heading is None else None)  # maneuvers go away from it
-            axes.append(np.array([True, True]))
-        stuck: dict[str, float] = {}
-        for name, goal, movable in zip(self._names, wanted, axes, strict=True):
-            if goal is None:
-                self._best.pop(name, None)
-                continue
-            target = np.array(goal)
-            distance = float(np.linalg.norm((points[name][: len(target)] - target)[movable]))
-            known = self._best.get(name)
-            if known is None or known[0] != goal or distance < known[1] - _PROGRESS:
-                self._best[name] = goal, distance, t
-            elif distance > _NEAR and t - known[2] > _PATIENCE:
-                stuck[name] = distance
-        return stuck
+    wanted: list[tuple[str, tuple[float, ...], tuple[bool, ...]]] = [
+        (name, goal.position, axes)
+        for (name, axes), goal in zip(controls.frames.items(), goals.frames, strict=True)
+        if goal is not None
+    ]
+    if controls.base is not None and goals.base_goal is not None:
+        wanted.append((controls.base.frame, goals.base_goal, (True, True)))
+    found = {}
+    for name, goal, axes in wanted:
+        distance = float(np.linalg.norm((points[name][: len(goal)] - goal)[list(axes)]))
+        if distance > _NEAR:
+            found[name] = distance
+    return found
 
 
 def _soft(name: str) -> bool:
@@ -284,7 +264,7 @@ def _observer(
     if watcher is None:
         return None
     controls, reduced = prepared.controls, prepared.scenario.experiment.reduced
-    monitor, due = ProgressMonitor(controls), [0.0]
+    due = [0.0]
     names = [*controls.frames, *(() if controls.base is None else (controls.base.frame,))]
 
     def observe(sample: Sample) -> None:
@@ -299,7 +279,7 @@ def _observer(
                 1.0 if clock is None else clock.factor,
                 state.goals,
                 prepared.controller.report(state),
-                monitor.update(sample.time, state.goals, points),
+                goal_distances(controls, state.goals, points),
                 "" if queue is None else queue.refused,
                 state.problem,
             )
