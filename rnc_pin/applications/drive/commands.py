@@ -167,8 +167,6 @@ def _check_names(command: DriveCommand, controls: DriveControls) -> None:
         case BaseVelocity() | BaseGoal() | HoldBase():
             if controls.base is None:
                 raise InputError("the robot has no base to drive")
-            if isinstance(command, BaseGoal) and command.heading is None and controls.base.folds:
-                raise InputError("an articulated base needs a goal with a heading")
 
 
 def _known(what: str, name: str, valid: Mapping[str, object]) -> None:

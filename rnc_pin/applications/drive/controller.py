@@ -93,7 +93,7 @@ class _Base(BoundTask):
         if not resting and (board.v2 is not None or not goals.hold_base):
             return TaskRows(np.zeros_like(rows), np.zeros(3))
         if not base.turns:
-            rows[1] = 0.0 if resting else moving[1]  # the posture has the steering joint
+            rows[1] = 0.0 if resting or base.folding == 0 else moving[1]  # the posture has the steering joint
         return TaskRows((_BASE_AT_REST if resting else 1.0) * rows, np.zeros(3))
 
     def _rates(self, sample: ControlSample) -> BaseRates | None:

@@ -21,7 +21,10 @@ _TURNED = 0.7  # [rad or m] by which a joint moves in the test of whether the mo
 _STEERED = 0.1  # [rad] by which a joint turns in the test of whether it steers
 _SLOWING = 1.5  # speed of the base over its distance from the goal [1/s]
 _TURNING = 2.5  # turn rate over the bearing of the goal [1/s]
-_FOLDING = 0.1  # yaw rate over the rate of the joint that steers, above which that joint folds the base
+_WAITING = 0.8  # share of its speed that a base gives up while it has to steer first
+_BENT = 0.03  # angle of the curvature's error from which it waits most
+_FADING = 5.0  # steering rate and waiting, over the effect of steering that is left and that is lost; both up to 1
+_SMALLEST_REACH = 1e-6  # [m^2]
 ARRIVED = 0.02
 """Distance at which the base has reached its goal [m]."""
 
@@ -38,7 +41,8 @@ class DrivenBase:
         steering_sign: sign of the curvature's change with that joint.
         wheels: joints that move with the base, such as wheels; an articulation or a raked fork can rest meanwhile.
         shape: joints on whose positions the motion of the base depends, such as steering angles and hitches.
-        folds: True if the joint that steers also turns the base, as an articulation does.
+        ahead: distance of the frame ahead of the axle that cannot move sideways [m]; zero without such an axle.
+        folding: yaw over change of curvature, while the steering joint turns and the base does not drive [m].
     """
 
     frame: str
@@ -48,7 +52,8 @@ class DrivenBase:
     steering_sign: float = 1.0
     wheels: tuple[str, ...] = ()
     shape: tuple[str, ...] = ()
-    folds: bool = False
+    ahead: float = 0.0
+    folding: float = 0.0
 
     def rates(self, rows: np.ndarray, robot: Robot) -> np.ndarray:
         """Return the rows (3, nv) of the rates that a user sets: zero for motions that the base does not have.
@@ -117,11 +122,12 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
     if turns:
         return DrivenBase(frame, turns, slides, wheels=wheels, shape=shape)
     steering, bending = _steering(reduced, q0, frame, [j for j in joints if j not in wheels])
-    folds = False
+    folding = 0.0
     if steering is not None:
-        place = 1 + rest.index(robot.velocity_indices(steering).start)
-        folds = abs(curvature(here, rows, rest, place)) > _FOLDING
-    return DrivenBase(frame, turns, slides, steering, float(np.sign(bending)) or 1.0, wheels, shape, folds)
+        folding = curvature(here, rows, rest, 1 + rest.index(robot.velocity_indices(steering).start)) / bending
+    sign = float(np.sign(bending)) or 1.0
+    ahead = _ahead(reduced, q0, frame, steering)
+    return DrivenBase(frame, turns, slides, steering, sign, wheels, shape, ahead, folding)
 
 
 def base_rows(robot: Robot, frame: str, at: ConfigurationEvaluation) -> np.ndarray:
@@ -189,6 +195,18 @@ def _shape(reduced: ReducedModel, q0: np.ndarray) -> tuple[str, ...]:
     return tuple(found)
 
 
+def _ahead(reduced: ReducedModel, q0: np.ndarray, frame: str, steering: str | None) -> float:
+    """Distance of the frame ahead of the axle that cannot move sideways [m]; zero without such an axle."""
+    if steering is None:
+        return 0.0
+    change = np.zeros(reduced.robot.nv)
+    change[reduced.robot.velocity_indices(steering)] = _STEERED
+    there = reduced.at(pin.integrate(reduced.robot.model, q0, change))
+    _, turn, left = base_rows(reduced.robot, frame, there) @ there.R
+    distance = float(turn @ left) / max(float(turn @ turn), 1e-300)
+    return distance if np.abs(left - distance * turn).max() < _RANK * max(1.0, abs(distance)) else 0.0
+
+
 def curvature(at: ConfigurationEvaluation, rows: np.ndarray, resting: Sequence[int], moved: int = 0) -> float:
     """Curvature of the base's path [rad/m] while joints rest: yaw rate over forward speed.
 
@@ -237,7 +255,7 @@ def rates_to_goal(
     """Rates that bring a base to a point.
 
     A base that slides moves straight. One that turns on the spot turns to the point while it drives. A steered one
-    follows the circle that leads its frame through the point.
+    follows the circle that leads its frame through the point, with the present heading of its axle.
 
     Args:
         base: the base.
@@ -257,9 +275,24 @@ def rates_to_goal(
         return BaseRates(ahead * np.cos(bearing), ahead * np.sin(bearing), 0.0)
     if base.turns:
         return BaseRates(ahead * max(np.cos(bearing), 0.0), 0.0, float(np.clip(_TURNING * bearing, -turn, turn)))
-    error = float(np.arctan(2.0 * np.sin(bearing) / distance) - np.arctan(bend))
-    rate = float(np.clip(_TURNING * base.steering_sign * error, -turn, turn))
-    return BaseRates(float(np.copysign(ahead, np.cos(bearing))), 0.0, rate)
+    return _steered(base, (distance * np.cos(bearing), distance * np.sin(bearing)), bend, ahead, turn)
+
+
+def _steered(base: DrivenBase, goal: tuple[float, float], bend: float, speed: float, turn: float) -> BaseRates:
+    """Rates of a steered base to a goal (x, y) in its frame [m].
+
+    A steering joint that also turns the base moves its frame aside. So the base waits for the joint, and the joint
+    rests where it would lead the base away from the goal.
+    """
+    x, y = goal
+    reach = x * x + y * y + 2.0 * base.ahead * x
+    reach = float(np.copysign(max(abs(reach), _SMALLEST_REACH), reach))
+    lost = float(np.clip(-2.0 * base.folding * (base.ahead + x) / reach, 0.0, 1.0))
+    share = min(_FADING * (1.0 - lost), 1.0)
+    error = float(np.arctan(2.0 * y / reach) - np.arctan(bend))
+    waiting = _WAITING * share * min(_FADING * lost, 1.0) * min(abs(error) / _BENT, 1.0)
+    rate = float(np.clip(share * _TURNING * base.steering_sign * error, -turn, turn))
+    return BaseRates(speed * (1.0 - waiting) * (1.0 if x >= 0 else -1.0), 0.0, rate)
 
 
 FAR = 100.0

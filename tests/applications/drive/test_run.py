@@ -143,10 +143,11 @@ def test_a_raked_fork_that_turns_does_not_drive_the_base(tmp_path):
     assert abs(reduced_of(run).robot.joint_values(trajectory.q[-1])["bend"]) > 0.6
 
 
-def test_an_articulated_vehicle_needs_a_heading(tmp_path):
-    with pytest.raises(rnc.InputError, match="needs a goal with a heading"):
-        bending(tmp_path, 0.0, [(0, {"kind": "base_goal", "x": 5.0, "y": 3.0})])
-    bending(tmp_path, 0.3, [(0, {"kind": "base_goal", "x": 5.0, "y": 3.0})])  # a raked fork is steered
+@pytest.mark.parametrize("target", [(5.0, 3.0), (4.0, -0.5), (2.0, 0.0)])
+def test_an_articulated_vehicle_drives_to_a_point(target, tmp_path):
+    run = bending(tmp_path, 0.0, [(0, {"kind": "base_goal", "x": target[0], "y": target[1]})])
+    trajectory = drive(run, samples=900).trajectory
+    np.testing.assert_allclose(pose_of(run, trajectory.q[-1])[:2], target, atol=0.03)
 
 
 def test_an_articulated_vehicle_that_stays_does_not_fold(tmp_path):
