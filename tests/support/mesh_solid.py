@@ -7,17 +7,8 @@ import base64
 import json
 import struct
 from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
-
-import rnc_pin as rnc
-from rnc_pin.applications.init import DraftOptions, draft
-from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.scene_bodies import MeshVisualizer, drawn_triangles
-
-_AT_ONCE = 40  # meshes of a robot that is drafted
-_KEPT = "meshes"
 
 VERTICES = np.array([[0.02, 0.05, 0.0], [0.3, 0.05, 0.0], [0.02, 0.25, 0.0], [0.02, 0.05, 0.1], [0.3, 0.25, 0.1]])
 TRIANGLES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 4], [1, 4, 3], [2, 3, 4]])
@@ -143,55 +134,3 @@ def mjcf(file: str) -> str:
         f'<mujoco><asset><mesh name="m" file="{file}" scale="1 2 1"/></asset><worldbody><body name="a"><joint name="j" axis="0 1 0"/>{inertial}'
         '<geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
     )
-
-
-def read_mesh_file(path: Path) -> None:
-    """Let every reader have a mesh: of URDF, of masses, of MJCF; the page; and with others, a draft.
-
-    Raises:
-        RncError: a reader of MJCF refuses it. Those of URDF warn.
-    """
-    robot = path.with_name("r.urdf")
-    robot.write_text(urdf([path.name]))
-    _draw(rnc.Robot.from_urdf(robot))
-    robot.write_text(urdf([path.name]).replace(_INERTIAL, ""))
-    _draw(rnc.Robot.from_urdf(robot, masses={"b": 1.0}))
-    kept = path.with_name(_KEPT)
-    kept.mkdir(exist_ok=True)
-    (kept / f"{len(list(kept.iterdir()))}{path.suffix}").write_bytes(path.read_bytes())
-    if len(list(kept.iterdir())) >= _AT_ONCE:
-        draft_all(kept)
-    other = path.with_name("r.xml")
-    other.write_text(mjcf(path.name))
-    _draw(rnc.Robot.from_mjcf(other))
-
-
-def draft_all(folder: Path) -> None:
-    """``rnc-pin init``, and a page, of a robot that is made of all meshes of a folder, which is emptied."""
-    files = sorted(folder.iterdir())
-    path = folder / "r.urdf"
-    path.write_text(urdf([file.name for file in files]))
-    draft(str(path), folder, DraftOptions(None, {}, (), {}))
-    robot = rnc.Robot.from_urdf(path)
-    reduced = rnc.NonholonomicSystem(robot).reduce()
-    run = rnc.free_motion(reduced, robot.configuration(), np.zeros(reduced.r), duration=0.1)
-    Recording(robot, run).save(folder / "page.html")
-    for file in folder.iterdir():
-        file.unlink()
-
-
-def read_inline_meshes(path: Path) -> None:
-    """Read an MJCF with its meshes inside, and draw it."""
-    _draw(rnc.Robot.from_mjcf(path))
-
-
-def _draw(robot: rnc.Robot) -> None:
-    """Check that the page content of each mesh is finite."""
-    for geometry in (robot.collision_model, robot.visual_model):
-        assert geometry is not None
-        visualizer = MeshVisualizer(robot.model, geometry, robot.folders)
-        for shape in geometry.geometryObjects:
-            if hasattr(shape.geometry, "num_tris"):
-                assert np.isfinite(shape.geometry.vertices()).all()
-                assert np.isfinite(drawn_triangles(shape)).all()
-                visualizer.loadMeshFromFile(shape)

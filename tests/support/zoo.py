@@ -155,12 +155,6 @@ def wheel_links(name: str) -> list[str]:
     return [link.get("name", "") for link in root.findall("link") if "wheel" in link.get("name", "").lower()]
 
 
-def mimic_joints(name: str) -> int:
-    """Joints that follow others."""
-    robot = load(name, "planar")
-    return len(robot.joint_names) - 1 - len(leading(robot))
-
-
 def root() -> Path:
     """The folder of robots in the package."""
     some = next(iter(example_urdfs().values()))
