@@ -216,6 +216,12 @@ class ReducedModel(SummaryMixin):
 
         Passive forces f of the system are not part of it: ``F + R^T f = matrix @ parameters`` then, with
         ``f = reduced.at(q, v2).passive_force``. Rheonomic constraints need the times t (...) [s].
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r).
+            v2_dot: reduced accelerations (..., r).
+            t: times (...) [s].
         """
         return regressor_of(self.at(q, v2, t=t), self.robot, v2_dot)
 
