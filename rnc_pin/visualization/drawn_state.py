@@ -145,11 +145,6 @@ def tracked_frames(outputs: OutputNames, goals: Sequence[str], robot: Robot) -> 
     return frames
 
 
-def sample_configurations(robot: Robot, trajectory: Trajectory, rate: float = RATE) -> np.ndarray:
-    """Configurations (frames, nq) at a constant rate, interpolated on the manifold."""
-    return _configurations(robot, trajectory, even_times(trajectory.time[-1], rate))
-
-
 def recorded_states(
     robot: Robot, trajectory: Trajectory, rate: float = RATE, others: Sequence[Trajectory] = ()
 ) -> Iterator[DrawnState]:

@@ -8,11 +8,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypedDict
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.io.json import Json
 from rnc_pin.planning.car_path import continued_back, path_distances
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import OutputNames, PlannedPath
@@ -218,14 +219,6 @@ class OverlayRow(NamedTuple):
     color: Callable[[DrawnState], np.ndarray] | None = None
 
 
-class OverlayLabel(TypedDict):
-    """Label of a row, as ``page.js`` reads it."""
-
-    label: str
-    unit: str
-    chip: bool
-
-
 class Overlay:
     """Rows of the overlay.
 
@@ -276,8 +269,8 @@ class Overlay:
                 )
             )
 
-    def labels(self) -> list[OverlayLabel]:
-        """Labels of the rows."""
+    def labels(self) -> list[dict[str, Json]]:
+        """Labels of the rows, as ``page.js`` reads them."""
         return [{"label": row.label, "unit": row.unit, "chip": row.color is not None} for row in self.rows]
 
     def values(self, state: DrawnState) -> tuple[list[float], list[str | None]]:

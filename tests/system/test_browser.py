@@ -15,7 +15,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.simulation import Sample, tracking_errors
-from rnc_pin.visualization.drawn_state import RATE, View, sample_configurations
+from rnc_pin.visualization.drawn_state import RATE, View, recorded_states
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.recording import Recording
 
@@ -69,7 +69,7 @@ def test_a_recording_plays_in_a_browser_without_a_network(browser, robot, space_
     page.evaluate("viewer.animator.pause()")
     assert page.evaluate("viewer.animator.duration") == pytest.approx(3.0)
     shots, trails = [], []
-    frames = sample_configurations(robot, run)
+    frames = np.array([state.q for state in recorded_states(robot, run)])
     for frame in (0, 70, 0):
         page.evaluate(f"viewer.animator.seek({frame / RATE})")
         shots.append(picture(page))

@@ -13,7 +13,7 @@ from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.simulation import Columns, OutputNames, output_names
-from rnc_pin.visualization.drawn_state import RATE, DrawnState, View, recorded_states, sample_configurations
+from rnc_pin.visualization.drawn_state import DrawnState, View, recorded_states
 from rnc_pin.visualization.elements import Overlay, _cylinder_transform, margin_color
 from rnc_pin.visualization.meshcat_scene import ASPECT, FIELD_OF_VIEW, VIEW_DIRECTION, Keyframes, fitting_camera
 from rnc_pin.visualization.recording import Recording
@@ -45,18 +45,9 @@ def run():
 
 
 def test_a_recording_has_even_frames_on_the_trajectory(robot, run):
-    frames = sample_configurations(robot, run)
+    frames = np.array([state.q for state in recorded_states(robot, run)])
     # Every fourth sample of 0.01 s is a frame of 0.04 s.
     np.testing.assert_allclose(frames, run.q[::4], atol=1e-12)
-
-
-def test_frames_between_samples_stay_on_the_manifold():
-    robot = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
-    turns = np.stack([robot.configuration({"root_joint": [0, 0, 3 * t]}) for t in (0.0, 1.0)])
-    frames = sample_configurations(robot, SimpleNamespace(time=np.array([0.0, 1.0]), q=turns))
-    assert len(frames) == RATE + 1
-    np.testing.assert_allclose(np.hypot(frames[:, 2], frames[:, 3]), 1.0, atol=1e-12)
-    np.testing.assert_allclose(np.unwrap(np.arctan2(frames[:, 3], frames[:, 2])), np.linspace(0, 3, 26), atol=1e-9)
 
 
 def test_a_run_that_is_over_stands_still_beside_one_that_goes_on(robot, run):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -49,7 +49,7 @@ class GoalBoard:
 
     def gain(self, name: str) -> float:
         """Value of a gain or a speed."""
-        return self.goals.gains[list(self.controls.gains).index(name)]
+        return self.goals.gains[name]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,19 +143,18 @@ class _Frame(BoundTask):
     Args:
         reduced: the model.
         board: goals.
-        index: place of the frame in the controls.
+        name: name of the frame.
     """
 
-    def __init__(self, reduced: ReducedModel, board: GoalBoard, index: int) -> None:
-        self._board, self._index = board, index
-        name = list(board.controls.frames)[index]
+    def __init__(self, reduced: ReducedModel, board: GoalBoard, name: str) -> None:
+        self._board, self._name = board, name
         self._frame = reduced.robot.frame_id(name)
         self.names = tuple(f"{name} {axis}" for axis in ("x", "y", "z", "about x", "about y", "about z"))
         self._idle = TaskRows(np.zeros((6, reduced.n)), np.zeros(6))
 
     def rows(self, sample: ControlSample) -> TaskRows:
         board = self._board
-        goal = board.goals.frames[self._index]
+        goal = board.goals.frames.get(self._name)
         if goal is None:
             return self._idle
         at = sample.end.position
@@ -190,7 +189,7 @@ class _Posture(BoundTask):
 
     def rows(self, sample: ControlSample) -> TaskRows:
         board = self._board
-        goal = self._robot.configuration(dict(zip(board.controls.joints, board.goals.posture, strict=True)))
+        goal = self._robot.configuration(board.goals.posture)
         error = pin.difference(self._robot.model, sample.end.q, goal)[self._places]
         speed, gain = board.gain("joint speed"), board.gain("posture gain")
         rate = np.clip(gain * error, -speed, speed)
@@ -247,14 +246,14 @@ class DriveController:
         self._board = GoalBoard(controls, initial_goals(controls))
         self.program = VelocityQP(reduced, self._tasks(), limits, dt=dt)
         robot = reduced.robot
-        self._places = [robot.single_joint(name) for name in controls.joints]
+        self._joints = {name: robot.single_joint(name) for name in controls.joints}
         base = controls.base
         self._base_frame = None if base is None else robot.frame_id(base.frame)
 
     def _tasks(self) -> list[ControlTask]:
         reduced, board, controls = self._reduced, self._board, self.controls
         tasks: list[ControlTask] = [
-            DrivenTask(rows=_Frame(reduced, board, k), priority=1) for k in range(len(controls.frames))
+            DrivenTask(rows=_Frame(reduced, board, name), priority=1) for name in controls.frames
         ]
         if controls.base is not None:
             tasks.append(DrivenTask(rows=_Base(reduced, board, controls.base)))
@@ -283,15 +282,15 @@ class DriveController:
 
     def step(self, t: float, measurement: Measurement, state: DriveState) -> tuple[VelocityTarget, DriveState]:
         """Apply the commands that are due, and solve the program."""
-        posture = self._posture(measurement.q)
+        posture = {name: float(joint.position(measurement.q)) for name, joint in self._joints.items()}
         goals, sample = state.goals, round(t / self._dt)
         due = self.log.due(state.applied, sample)
         for command in due:
-            goals = with_command(goals, command, t, self.controls, posture)
+            goals = with_command(goals, command, t, posture)
         goals = self._settled(goals, t, measurement.q, posture)
         goals, parking, problem = self._parked(goals, t, measurement, state if not due else state._replace(problem=""))
         self._board.goals = goals
-        for motion, legs in zip(self._motions, goals.obstacles, strict=True):
+        for motion, legs in zip(self._motions, goals.obstacles.values(), strict=True):
             motion.legs = legs
         target, program = self.program.step(t, measurement, state.program)
         return target._replace(x1=self._desired(goals, measurement.x1)), DriveState(
@@ -302,18 +301,13 @@ class DriveController:
         """Return the limits that are active, and those that gave way."""
         return self.program.report(state.program)
 
-    def _posture(self, q: np.ndarray) -> list[float]:
-        """Positions of the joints of the posture."""
-        return [float(joint.position(q)) for joint in self._places]
-
-    def _settled(self, goals: DriveGoals, t: float, q: np.ndarray, posture: list[float]) -> DriveGoals:
+    def _settled(self, goals: DriveGoals, t: float, q: np.ndarray, posture: Mapping[str, float]) -> DriveGoals:
         """Goals after the base has arrived; a joint that steers keeps the angle to which the user turned it."""
         base = self.controls.base
         if base is None or self._base_frame is None:
             return goals
         if base.steering is not None and (goals.velocity_at(t) is not None or goals.base_goal is not None):
-            place = list(self.controls.joints).index(base.steering)
-            goals = goals._replace(posture=(*goals.posture[:place], posture[place], *goals.posture[place + 1 :]))
+            goals = goals._replace(posture={**goals.posture, base.steering: posture[base.steering]})
         if goals.base_goal is not None and goals.heading is None:
             at = self._reduced.at(q).position.placement(self._base_frame).translation[:2]
             if np.linalg.norm(at - np.array(goals.base_goal)) < ARRIVED:
@@ -342,10 +336,10 @@ class DriveController:
     def _desired(self, goals: DriveGoals, x1: np.ndarray) -> np.ndarray:
         """Desired vertical outputs: the goals of frames; frames without one are where they should be."""
         desired = np.array(x1, dtype=float)
-        for k, (goal, axes) in enumerate(zip(goals.frames, self.controls.frames.values(), strict=True)):
-            if goal is not None:
+        for k, (name, axes) in enumerate(self.controls.frames.items()):
+            if name in goals.frames:
                 own = desired[3 * k : 3 * k + 3]
-                own[list(axes)] = np.array(goal.position)[list(axes)]
+                own[list(axes)] = np.array(goals.frames[name].position)[list(axes)]
         return desired
 
 

@@ -5,10 +5,10 @@ A goal of the base with a heading has plans from rest with feedback, as velociti
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, TypeVar, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,7 +34,6 @@ LASTING = 0.5
 """Time for which a velocity command of the base counts [s]: a page that is closed stops the robot."""
 
 Point = tuple[float, float, float]
-_T = TypeVar("_T")
 
 
 class PlacedGoal(NamedTuple):
@@ -64,13 +63,14 @@ class ObstacleLeg(NamedTuple):
 
 
 class DriveGoals(NamedTuple):
-    """Goals at one sample. Entries follow the order of the controls."""
+    """Goals at one sample, by the names of the controls."""
 
-    frames: tuple[PlacedGoal | None, ...]
-    posture: tuple[float, ...]
+    frames: Mapping[str, PlacedGoal]
+    """Goals of the frames that have one."""
+    posture: Mapping[str, float]
     """[rad or m]"""
-    gains: tuple[float, ...]
-    obstacles: tuple[tuple[ObstacleLeg, ...], ...]
+    gains: Mapping[str, float]
+    obstacles: Mapping[str, tuple[ObstacleLeg, ...]]
     """Legs of each obstacle since the start of the run."""
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Shares of the base's speeds: forward, left, turn."""
@@ -89,34 +89,31 @@ class DriveGoals(NamedTuple):
 def initial_goals(controls: DriveControls) -> DriveGoals:
     """Goals before the first command: the initial posture, and obstacles at rest."""
     return DriveGoals(
-        (None,) * len(controls.frames),
-        tuple(each.start for each in controls.joints.values()),
-        tuple(each.start for each in controls.gains.values()),
-        tuple((ObstacleLeg(0.0, place, place, 1.0),) for place in controls.obstacles.values()),
+        {},
+        {name: each.start for name, each in controls.joints.items()},
+        {name: each.start for name, each in controls.gains.items()},
+        {name: (ObstacleLeg(0.0, place, place, 1.0),) for name, place in controls.obstacles.items()},
     )
 
 
-def with_command(
-    goals: DriveGoals, command: dc.DriveCommand, t: float, controls: DriveControls, posture: Sequence[float]
-) -> DriveGoals:
+def with_command(goals: DriveGoals, command: dc.DriveCommand, t: float, posture: Mapping[str, float]) -> DriveGoals:
     """Return the goals after a command.
 
     Args:
         goals: goals before it.
         command: a checked command.
         t: time of its sample [s].
-        controls: controls of the run.
         posture: present positions of the joints of the posture.
     """
     match command:
         case dc.FrameGoal(frame=frame, position=position, orientation=orientation):
-            return goals._replace(frames=_set(goals.frames, controls.frames, frame, PlacedGoal(position, orientation)))
+            return goals._replace(frames={**goals.frames, frame: PlacedGoal(position, orientation)})
         case dc.ReleaseFrame(frame=frame):
-            return goals._replace(frames=_set(goals.frames, controls.frames, frame, None))
+            return goals._replace(frames={name: goal for name, goal in goals.frames.items() if name != frame})
         case dc.JointGoal(joint=joint, position=position):
-            return goals._replace(posture=_set(goals.posture, controls.joints, joint, position))
+            return goals._replace(posture={**goals.posture, joint: position})
         case dc.GainSetting(gain=gain, value=value):
-            return goals._replace(gains=_set(goals.gains, controls.gains, gain, value))
+            return goals._replace(gains={**goals.gains, gain: value})
         case dc.BaseVelocity(forward=forward, turn=turn, left=left):
             end = t + LASTING if (forward, left, turn) != (0.0, 0.0, 0.0) else t
             return goals._replace(velocity=(forward, left, turn), velocity_end=end, base_goal=None)
@@ -125,23 +122,13 @@ def with_command(
         case dc.HoldBase(on=on):
             return goals._replace(hold_base=on)
         case dc.ObstacleGoal(obstacle=obstacle, position=position):
-            place = list(controls.obstacles).index(obstacle)
-            here = goals.obstacles[place][-1].at(t)[0].tolist()
-            speed = goals.gains[list(controls.gains).index("obstacle speed")]
-            leg = ObstacleLeg(t, (here[0], here[1], here[2]), position, speed)
-            return goals._replace(
-                obstacles=_set(goals.obstacles, controls.obstacles, obstacle, (*goals.obstacles[place], leg))
-            )
+            legs = goals.obstacles[obstacle]
+            x, y, z = legs[-1].at(t)[0].tolist()
+            leg = ObstacleLeg(t, (x, y, z), position, goals.gains["obstacle speed"])
+            return goals._replace(obstacles={**goals.obstacles, obstacle: (*legs, leg)})
         case dc.StopMotion():
-            return goals._replace(
-                frames=(None,) * len(goals.frames), posture=tuple(posture), velocity_end=t, base_goal=None
-            )
+            return goals._replace(frames={}, posture=posture, velocity_end=t, base_goal=None)
     return goals
-
-
-def _set(values: tuple[_T, ...], names: Iterable[str], name: str, value: _T) -> tuple[_T, ...]:
-    place = list(names).index(name)
-    return (*values[:place], value, *values[place + 1 :])
 
 
 class _PlaceAndRate(NamedTuple):
@@ -282,8 +269,7 @@ class ParkingPlanner:
         for name in self.base.shape:
             targets[JointPosition(name)] = robot.joint_values(self.q0)[name]
         point = SetPoint(reduced, targets)
-        gains = dict(zip(self.controls.gains, goals.gains, strict=True))
-        speed, turn = gains["base speed"], gains["turn rate"]
+        speed, turn = goals.gains["base speed"], goals.gains["turn rate"]
         largest = self._largest(point.q, speed, turn)
         bounds: list[BoundKind] = [
             VelocityBound(-largest, largest),
@@ -337,5 +323,5 @@ def _placed(obstacle: Obstacle, place: Point) -> Obstacle:
 
 def _places(goals: DriveGoals, t: float) -> tuple[Point, ...]:
     """Positions of the obstacles at a time [s]."""
-    found = (legs[-1].at(t)[0].tolist() for legs in goals.obstacles)
+    found = (legs[-1].at(t)[0].tolist() for legs in goals.obstacles.values())
     return tuple((x, y, z) for x, y, z in found)

@@ -78,18 +78,14 @@ class DrivePage(LiveView):
         places: dict[str, Json] = {
             name: np.array(position.placement(robot.frame_id(name)).translation).tolist() for name in controls.frames
         }
-        aims: dict[str, Json] = {
-            name: list(goal.position)
-            for name, goal in zip(controls.frames, goals.frames, strict=True)
-            if goal is not None
-        }
-        for name, legs in zip(controls.obstacles, goals.obstacles, strict=True):
+        aims: dict[str, Json] = {name: list(goal.position) for name, goal in goals.frames.items()}
+        for name, legs in goals.obstacles.items():
             places[name], aims[name] = legs[-1].at(status.time)[0].tolist(), list(legs[-1].goal)
         return {
             "factor": status.factor,
             "limits": status.limits,
             "messages": status.messages,
-            "posture": dict(zip(controls.joints, goals.posture, strict=True)),
+            "posture": goals.posture,
             "places": places,
             "goals": aims,
         }

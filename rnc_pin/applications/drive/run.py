@@ -121,9 +121,7 @@ def goal_distances(controls: DriveControls, goals: DriveGoals, points: Mapping[s
         points: positions of the frames and of the base (3,) [m].
     """
     wanted: list[tuple[str, tuple[float, ...], tuple[bool, ...]]] = [
-        (name, goal.position, axes)
-        for (name, axes), goal in zip(controls.frames.items(), goals.frames, strict=True)
-        if goal is not None
+        (name, goal.position, controls.frames[name]) for name, goal in goals.frames.items()
     ]
     if controls.base is not None and goals.base_goal is not None:
         wanted.append((controls.base.frame, goals.base_goal, (True, True)))
@@ -161,8 +159,6 @@ class RealTimeClock:
         self._now, self._sleep = now, sleep
         self._start: float | None = None
         self._window: deque[tuple[float, float]] = deque()
-        self.lost = 0.0
-        """Real time by which the run has fallen behind [s]."""
 
     def wait(self, t: float) -> None:
         """Wait until simulated time t [s] is due."""
@@ -174,8 +170,7 @@ class RealTimeClock:
             self._sleep(early)
             now += early
         else:
-            self.lost -= early
-            self._start -= early
+            self._start -= early  # lost time stays lost
         self._window.append((now, t))
         while len(self._window) > 2 and self._window[1][0] < now - _WINDOW:
             self._window.popleft()

@@ -470,7 +470,7 @@ def test_limits_that_gave_way_come_first_and_accelerations_are_counted():
 
 
 def test_distances_count_the_axes_along_which_a_frame_moves():
-    wanted = GOALS._replace(frames=(PlacedGoal((1.0, 0.0, 9.0), None),), base_goal=(5.0, 0.0))
+    wanted = GOALS._replace(frames={"tip": PlacedGoal((1.0, 0.0, 9.0), None)}, base_goal=(5.0, 0.0))
     points = {"tip": np.array([0.5, 0.0, 0.0]), "base": np.array([0.0, 0.0, 0.3])}
     assert goal_distances(CONTROLS, wanted, points) == {"tip": 0.5, "base": 5.0}
     assert goal_distances(CONTROLS, wanted, {**points, "tip": np.array([0.995, 0.0, 0.0])}) == {"base": 5.0}
