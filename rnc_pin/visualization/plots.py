@@ -214,9 +214,7 @@ def _figure(panels: Sequence[Histogram], title: str, sheet: Sheet) -> Figure:
     colors = dict(zip(labels, itertools.cycle(COLORS), strict=False))
     for number, panel in enumerate(panels):
         axes = figure.add_subplot(rows, columns, number + 1)
-        power = 0 if panel.logarithmic else _power(panel.edges)
-        edges = panel.edges / 10.0**power
-        widths, left = np.diff(edges), edges[:-1]
+        widths, left = np.diff(panel.edges), panel.edges[:-1]
         below, total = np.zeros(len(left)), sum(panel.counts.values(), np.zeros(len(left)))
         for label, count in panel.counts.items():
             height = 100.0 * count / np.maximum(total, 1) if panel.shares else count
@@ -226,7 +224,7 @@ def _figure(panels: Sequence[Histogram], title: str, sheet: Sheet) -> Figure:
             axes.set_xscale("log")
         else:  # labels of small differences would overlap
             axes.locator_params(axis="x", nbins=_TICKS)
-        axes.set_xlabel(_label(panel.name, power))
+        axes.set_xlabel("\n".join(textwrap.wrap(escape(panel.name), _MAX_LABEL)))
         if panel.shares:
             axes.set_ylabel("share of runs [%]")
         else:
@@ -236,20 +234,3 @@ def _figure(panels: Sequence[Histogram], title: str, sheet: Sheet) -> Figure:
         handles = [Patch(color=colors[label], label=label) for label in labels]
         figure.legend(handles=handles, loc="outside lower center", ncols=min(len(labels), beside))
     return figure
-
-
-def _power(edges: np.ndarray) -> int:
-    """Power of ten that the label of an axis has instead of its ticks; 0 for numbers of ordinary size."""
-    largest = float(np.abs(edges).max())
-    power = int(np.floor(np.log10(largest))) if largest > 0.0 else 0
-    return 0 if -3 <= power <= 4 else power
-
-
-def _label(name: str, power: int) -> str:
-    """Label of an axis in lines, with the power of ten before the unit."""
-    lines = textwrap.wrap(escape(name), _MAX_LABEL)
-    if power:
-        ten = f"10$^{{{power}}}$"
-        words, bracket, unit = escape(name).partition(" [")
-        lines = [*textwrap.wrap(words, _MAX_LABEL), f"[{ten} {unit}" if bracket else f"[{ten}]"]
-    return "\n".join(lines)
