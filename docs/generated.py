@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 DOCS = Path(__file__).parent.resolve()
-sys.path[:0] = [str(DOCS), str(DOCS.parent)]
+sys.path.insert(0, str(DOCS))
+sys.path.append(str(DOCS.parent))  # last: the installed rnc_pin has the compiled kernel
 
 import error_messages  # noqa: E402
 import gallery_page  # noqa: E402

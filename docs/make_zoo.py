@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "support")]
+sys.path += [str(ROOT / "tests" / "support"), str(ROOT)]  # last: the installed rnc_pin has the compiled kernel
 
 import published  # noqa: E402
 import zoo  # noqa: E402

@@ -1,5 +1,5 @@
 """``python -m rnc_pin``: the same as ``rnc-pin``."""
 
-from rnc_pin.applications.command_line.cli import main
+from rnc_pin.applications.command_line.cli import run
 
-main()
+run()

@@ -66,6 +66,12 @@ def endings_as_ctrl_c() -> Iterator[None]:
         yield
 
 
+def ignore_endings() -> None:
+    """Ignore Ctrl-C, SIGTERM and SIGHUP from now on: an impatient user's second one would end the exit by a signal."""
+    for number in _SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
 class _Deferral:
     """Signal handler that raises KeyboardInterrupt in sections that accept it, and remembers the signal in others."""
 

@@ -7,7 +7,7 @@ import time
 
 _STARTED = [time.perf_counter()]  # before anything else is imported
 
-from rnc_pin.interruption import endings_as_ctrl_c, interruptible_imports  # noqa: E402
+from rnc_pin.interruption import endings_as_ctrl_c, ignore_endings, interruptible_imports  # noqa: E402
 
 with interruptible_imports():
     import sys
@@ -53,5 +53,16 @@ def main() -> None:
     sys.exit(status if isinstance(status, int) else DONE)
 
 
+def run() -> None:
+    """Run the command line in a process of its own. A signal after the command does not change its status."""
+    try:
+        try:
+            main()
+        finally:
+            ignore_endings()
+    except KeyboardInterrupt:  # it came between the command and the end
+        sys.exit(FAILED)
+
+
 if __name__ == "__main__":
-    main()
+    run()
