@@ -51,10 +51,6 @@ class Symmetries:
         """Return the least-squares coefficients (s,) of the symmetries in a velocity (nv,)."""
         return np.linalg.lstsq(self.directions(q), v, rcond=_DEPENDENT)[0]
 
-    def own_axes(self, coefficients: np.ndarray) -> np.ndarray:
-        """Return the part (nv,) of a motion that joints make in their own axes."""
-        return self._joints @ coefficients[self._twists.shape[1] :]
-
     def directions(self, q: np.ndarray) -> np.ndarray:
         """Return the velocities (nv, s) of the symmetries at a configuration (nq,)."""
         return np.hstack([self._whole(q)[0] @ self._twists, self._joints])

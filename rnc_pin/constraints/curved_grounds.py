@@ -251,9 +251,6 @@ class CylindricalGround:
         return (middle + ends + ring).reshape(-1, 3), grid_triangles(2, 2 * _FINE + 1)
 
 
-Height = Callable[[np.ndarray, np.ndarray], object]
-
-
 @dataclass(frozen=True)
 class HeightField:
     """Smooth surface ``z = height(x, y)`` with its derivatives, at rest. A body touches it near its own x and y.

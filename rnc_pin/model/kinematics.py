@@ -268,10 +268,6 @@ class VelocityKinematics(PositionKinematics):
         """Velocity of a frame's origin and angular velocity, (..., 6), in world axes."""
         return self._moving.get(_velocity, (6,), frame)
 
-    def joint_velocity(self, joint: int) -> np.ndarray:
-        """Spatial velocity (..., 6) of the body that moves with a joint, in its own axes."""
-        return self._moving.get(_joint_velocity, (6,), joint)
-
     def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
         """Rate (..., 6), or some of its rows, of the frame's velocity components along ``axes``, at zero ``vdot``."""
         return self._moving.get(_acceleration, (6,), frame, axes)[..., rows]
@@ -279,10 +275,6 @@ class VelocityKinematics(PositionKinematics):
     def jacobian_dot(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
         """Time derivative of ``jacobian``, (..., 6, nv)."""
         return self._rates.get(_jacobian_dot, (6, self._at.nv), frame, axes)
-
-    def joint_jacobian_dot(self, joint: int) -> np.ndarray:
-        """Time derivative of ``joint_jacobian``, (..., 6, nv)."""
-        return self._rates.get(_joint_jacobian_dot, (6, self._at.nv), joint)
 
     def own_acceleration_gradient(self, frame: int) -> np.ndarray:
         """Derivative of the frame's acceleration in its own axes with respect to q at fixed v, (..., 6, nv)."""
@@ -345,10 +337,6 @@ def _velocity(at: Kinematics, frame: int) -> np.ndarray:
     return pin.getFrameVelocity(at.model, at.data, frame, WORLD_AXES).vector
 
 
-def _joint_velocity(at: Kinematics, joint: int) -> np.ndarray:
-    return at.data.v[joint].vector.copy()
-
-
 def _acceleration(at: Kinematics, frame: int, axes: pin.ReferenceFrame) -> np.ndarray:
     getter = pin.getFrameClassicalAcceleration if axes == WORLD_AXES else pin.getFrameAcceleration
     return getter(at.model, at.data, frame, axes).vector
@@ -360,10 +348,6 @@ def _jacobian_dot(at: Kinematics, frame: int, axes: pin.ReferenceFrame) -> np.nd
 
 def _joint_jacobian(at: Kinematics, joint: int) -> np.ndarray:
     return _by_columns(at, pin.getJointJacobian(at.model, at.data, joint, pin.ReferenceFrame.WORLD))
-
-
-def _joint_jacobian_dot(at: Kinematics, joint: int) -> np.ndarray:
-    return _by_columns(at, pin.getJointJacobianTimeVariation(at.model, at.data, joint, pin.ReferenceFrame.WORLD))
 
 
 def _own_gradients(at: Kinematics, frame: int) -> list[np.ndarray]:

@@ -76,11 +76,6 @@ class Plain:
     def jacobian_dot(self, frame, axes):
         return self.along(lambda q: self.jacobian(frame, axes, q))
 
-    def joint_velocity(self, joint):
-        data = self.model.createData()
-        pin.forwardKinematics(self.model, data, self.q, self.v)
-        return data.v[joint].vector
-
     def M(self):
         upper = np.triu(pin.crba(self.model, self.model.createData(), self.q))
         return upper + np.triu(upper, 1).T

@@ -17,7 +17,6 @@ from rnc_pin.errors import RncError, few
 from rnc_pin.interruption import interruptible
 
 ANIMATION = "animation.html"
-_MOST_HELPERS = 2  # more would wait for the slowest picture
 
 
 @dataclass(frozen=True)
@@ -49,10 +48,6 @@ def picture_names(scenario: Scenario) -> list[str]:
     own = ["overview", "top_view", "limits", *(["plan"] if scenario.experiment.plan else [])]
     formats |= dict.fromkeys(own, content.figures.formats)
     return list(dict.fromkeys([*(f"{name}.{each}" for name, found in formats.items() for each in found), ANIMATION]))
-
-
-_Picture = bool | str
-"""Result of drawing a picture: True if it is written, False if there is nothing to draw; or the error."""
 
 
 def draw_pictures(
@@ -100,8 +95,8 @@ def _writer(name: str) -> Callable[[Scenario, Result, Path], bool]:
     return write_plot
 
 
-def _drawn(scenario: Scenario, result: Result, path: Path) -> _Picture:
-    """Write a picture, if there is something to draw.
+def _drawn(scenario: Scenario, result: Result, path: Path) -> bool | str:
+    """Write a picture. Return False if there is nothing to draw, and the error if it fails.
 
     Raises:
         KeyboardInterrupt: the user interrupted it.
