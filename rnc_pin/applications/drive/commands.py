@@ -25,7 +25,6 @@ _Name = Annotated[str, Field(max_length=200)]
 _Number = Annotated[float, Field(strict=True)]
 _Coordinate = Annotated[float, Field(strict=True, ge=-FAR, le=FAR)]
 _Share = Annotated[float, Field(strict=True, ge=-1.0, le=1.0)]
-_Angle = Annotated[float, Field(strict=True, ge=-2.0 * np.pi, le=2.0 * np.pi)]
 _Point: TypeAlias = tuple[_Coordinate, _Coordinate, _Coordinate]
 _Quaternion: TypeAlias = tuple[_Share, _Share, _Share, _Share]
 
@@ -71,12 +70,11 @@ class BaseVelocity(DriveCommand):
 
 
 class BaseGoal(DriveCommand):
-    """Point on the ground to which the base drives [m], and its heading there [rad]; None for any heading."""
+    """Point on the ground to which the base drives [m]."""
 
     kind = "base_goal"
     x: _Coordinate
     y: _Coordinate
-    heading: _Angle | None = None
 
 
 class HoldBase(DriveCommand):

@@ -22,8 +22,6 @@ from rnc_pin.applications.drive.controls import (
 from rnc_pin.applications.drive.goals import (
     DriveGoals,
     MovedMotion,
-    Parking,
-    ParkingPlanner,
     initial_goals,
     with_command,
 )
@@ -31,7 +29,6 @@ from rnc_pin.control import Description, TrackerState, VelocityTarget
 from rnc_pin.control.whole_body import ControlSample, LimitReport, ProgramState, VelocityQP
 from rnc_pin.control.whole_body.limits import ControlLimit
 from rnc_pin.control.whole_body.tasks import BoundTask, ControlTask, DampingTask, TaskRows
-from rnc_pin.errors import RncError
 from rnc_pin.model import Measurement, ReducedModel, heading_of
 
 _ATTITUDE = 0.3  # [m/rad]; error of the orientation beside that of the position
@@ -44,8 +41,6 @@ class GoalBoard:
 
     def __init__(self, controls: DriveControls, goals: DriveGoals) -> None:
         self.controls, self.goals = controls, goals
-        self.v2: np.ndarray | None = None
-        """Reduced velocity (r,) that drives the base to its goal with a heading; None without one."""
 
     def gain(self, name: str) -> float:
         """Value of a gain or a speed."""
@@ -90,7 +85,7 @@ class _Base(BoundTask):
         wanted = None if resting else self._rates(sample)
         if wanted is not None:
             return TaskRows(rows, np.array([wanted.forward, wanted.turn, wanted.left]))
-        if not resting and (board.v2 is not None or not goals.hold_base):
+        if not resting and not goals.hold_base:
             return TaskRows(np.zeros_like(rows), np.zeros(3))
         if not base.turns:
             rows[1] = 0.0 if resting or base.folding == 0 else moving[1]  # the posture has the steering joint
@@ -104,7 +99,7 @@ class _Base(BoundTask):
             forward, left, round_ = shares
             return BaseRates(speed * forward, speed * left, turn * round_ * (1.0 if base.turns else base.steering_sign))
         goal = board.goals.base_goal
-        if goal is None or board.goals.heading is not None:
+        if goal is None:
             return None
         placed = sample.end.position.placement(self._frame)
         x, y = (float(each) for each in placed.translation[:2])
@@ -113,28 +108,6 @@ class _Base(BoundTask):
         if not base.turns:
             bend = curvature(sample.end, base_rows(self._robot, base.frame, sample.end), self._places)
         return rates_to_goal(base, (x, y, yaw), goal, bend, speed, turn)
-
-
-class _Pose(BoundTask):
-    """Reduced velocities that lead the base to its goal with a heading; idle without one.
-
-    Args:
-        reduced: the model.
-        board: goals.
-        moved: mask (r,) of the reduced velocities that count.
-    """
-
-    def __init__(self, reduced: ReducedModel, board: GoalBoard, moved: np.ndarray) -> None:
-        self._board, self._moved = board, moved
-        names = zip(reduced.reducing.names, moved, strict=True)
-        self.names = tuple(f"{name} to the goal" for name, moved in names if moved)
-        self._idle = TaskRows(np.zeros((len(self.names), reduced.n)), np.zeros(len(self.names)))
-
-    def rows(self, sample: ControlSample) -> TaskRows:
-        v2 = self._board.v2
-        if v2 is None:
-            return self._idle
-        return TaskRows(sample.end.J2[self._moved], v2[self._moved])
 
 
 class _Frame(BoundTask):
@@ -213,9 +186,6 @@ class DriveState(NamedTuple):
     """Number of commands of the log that were applied."""
     goals: DriveGoals
     program: ProgramState
-    parking: Parking | None = None
-    problem: str = ""
-    """Reason why the base lost its goal with a heading, or has no plan to it; empty without one."""
 
 
 class DriveController:
@@ -228,7 +198,6 @@ class DriveController:
         limits: limits of the motion.
         motions: motions of the obstacles, in the order of the controls.
         dt: sampling period [s].
-        parking: motions to goals of the base with a heading; None without a base.
     """
 
     def __init__(
@@ -239,9 +208,8 @@ class DriveController:
         limits: Sequence[ControlLimit],
         motions: Sequence[MovedMotion],
         dt: float,
-        parking: ParkingPlanner | None,
     ) -> None:
-        self.controls, self.log, self._parking = controls, log, parking
+        self.controls, self.log = controls, log
         self._reduced, self._motions, self._dt = reduced, tuple(motions), dt
         self._board = GoalBoard(controls, initial_goals(controls))
         self.program = VelocityQP(reduced, self._tasks(), limits, dt=dt)
@@ -257,8 +225,6 @@ class DriveController:
         ]
         if controls.base is not None:
             tasks.append(DrivenTask(rows=_Base(reduced, board, controls.base)))
-            if self._parking is not None:
-                tasks.append(DrivenTask(rows=_Pose(reduced, board, self._parking.moved)))
             tasks.append(DrivenTask(rows=_Base(reduced, board, controls.base, resting=True), priority=2))
         if controls.joints:
             tasks.append(DrivenTask(rows=_Posture(reduced, board), priority=2))
@@ -288,14 +254,12 @@ class DriveController:
         for command in due:
             goals = with_command(goals, command, t, posture)
         goals = self._settled(goals, t, measurement.q, posture)
-        goals, parking, problem = self._parked(goals, t, measurement, state if not due else state._replace(problem=""))
         self._board.goals = goals
         for motion, legs in zip(self._motions, goals.obstacles.values(), strict=True):
             motion.legs = legs
         target, program = self.program.step(t, measurement, state.program)
-        return target._replace(x1=self._desired(goals, measurement.x1)), DriveState(
-            state.applied + len(due), goals, program, parking, problem
-        )
+        target = target._replace(x1=self._desired(goals, measurement.x1))
+        return target, DriveState(state.applied + len(due), goals, program)
 
     def report(self, state: DriveState) -> LimitReport:
         """Return the limits that are active, and those that gave way."""
@@ -308,30 +272,11 @@ class DriveController:
             return goals
         if base.steering is not None and (goals.velocity_at(t) is not None or goals.base_goal is not None):
             goals = goals._replace(posture={**goals.posture, base.steering: posture[base.steering]})
-        if goals.base_goal is not None and goals.heading is None:
+        if goals.base_goal is not None:
             at = self._reduced.at(q).position.placement(self._base_frame).translation[:2]
             if np.linalg.norm(at - np.array(goals.base_goal)) < ARRIVED:
                 goals = goals._replace(base_goal=None)
         return goals
-
-    def _parked(
-        self, goals: DriveGoals, t: float, measurement: Measurement, state: DriveState
-    ) -> tuple[DriveGoals, Parking | None, str]:
-        """Goals, motion to the goal of the base with a heading, and the reason if there is none."""
-        self._board.v2 = None
-        if goals.base_goal is None or goals.heading is None or self._parking is None:
-            return goals, None, state.problem
-        parking = state.parking
-        try:
-            if parking is None or parking.goal != (*goals.base_goal, goals.heading):
-                parking = self._parking.begin(t, measurement, goals)
-            v2, parking = self._parking.step(t, measurement, goals, parking)
-        except RncError as error:  # the base cannot have the goal, such as a robot whose heading cannot change
-            return goals._replace(base_goal=None, heading=None), None, f"no such goal: {error}"
-        if parking.arrived(measurement):
-            return goals._replace(base_goal=None, heading=None), None, ""
-        self._board.v2 = v2
-        return goals, parking, parking.problem
 
     def _desired(self, goals: DriveGoals, x1: np.ndarray) -> np.ndarray:
         """Desired vertical outputs: the goals of frames; frames without one are where they should be."""

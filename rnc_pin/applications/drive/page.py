@@ -6,10 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 
 import numpy as np
-import pinocchio as pin
 
 from rnc_pin.applications.drive.controls import DriveControls, Range
-from rnc_pin.applications.drive.goals import DriveGoals
 from rnc_pin.applications.drive.preparation import PreparedDrive
 from rnc_pin.applications.drive.run import CommandQueue, DriveStatus
 from rnc_pin.io import Json
@@ -20,7 +18,7 @@ from rnc_pin.visualization.browser import ControlPanel
 
 _GOAL = 0xE69F00
 _GOAL_SIZE = 0.06  # radius of the mark of the base's goal [m]
-_HAND = [0.3, 0.03, 0.01]  # size of the mark of its heading [m]
+_MARK = "goal/base"
 
 
 class DrivePage(LiveView):
@@ -42,7 +40,7 @@ class DrivePage(LiveView):
         view = replace(view, hide=[*view.hide, "reference", "constraint forces"])
         self._controls, self._ground = controls, drawn.ground_height(view) or 0.0
         self._status: DriveStatus | None = None  # the loop sets it, and the thread that draws takes it
-        self._marked: set[str] = set()
+        self._marked = False
         super().__init__(drawn, view, info, 0.0, open_browser, title=title, panel=ControlPanel("drive", queue.put))
         self._post("controls", controls_entry(controls, self._ground))
 
@@ -57,7 +55,7 @@ class DrivePage(LiveView):
         super().draw(state)
         status, self._status = self._status, None
         if status is not None:
-            self._mark(status.goals)
+            self._mark(status.goals.base_goal)
             self._post("status", self._status_entry(status, state.q))
 
     def conclude(self, verdict: Verdict) -> None:
@@ -90,27 +88,18 @@ class DrivePage(LiveView):
             "goals": aims,
         }
 
-    def _mark(self, goals: DriveGoals) -> None:
-        """Draw the goal of the base, and its heading if it has one."""
-        goal, heading = goals.base_goal, goals.heading
-        disk = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # Meshcat's cylinders have y as their axis
-        hand = np.eye(3) if heading is None else np.array(pin.AngleAxis(heading, np.array([0.0, 0.0, 1.0])).matrix())
-        self._show_mark("goal/base", mg.Cylinder(0.01, _GOAL_SIZE), None if goal is None else (*goal, disk))
-        ahead = None if goal is None or heading is None else (*(goal + hand[:2, 0] * _HAND[0] / 2), hand)
-        self._show_mark("goal/heading", mg.Box(_HAND), ahead)
-
-    def _show_mark(self, node: str, shape: mg.Geometry, placed: tuple[float, float, np.ndarray] | None) -> None:
-        """Draw a mark on the ground at x, y with a rotation; None hides it."""
-        if placed is not None:
-            if node not in self._marked:
-                self.scene.mesh(node, shape, _GOAL)
-                self._marked.add(node)
+    def _mark(self, goal: tuple[float, float] | None) -> None:
+        """Draw the goal of the base."""
+        if goal is not None:
+            if not self._marked:
+                self.scene.mesh(_MARK, mg.Cylinder(0.01, _GOAL_SIZE), _GOAL)
+                self._marked = True
             pose = np.eye(4)
-            pose[:3, :3] = placed[2]
-            pose[:3, 3] = *placed[:2], self._ground + 0.005
-            self.scene.place(node, pose)
-        if node in self._marked:
-            self.scene.root[node].set_property("visible", placed is not None)
+            pose[1:3, 1:3] = [[0.0, -1.0], [1.0, 0.0]]  # Meshcat's cylinders have y as their axis
+            pose[:3, 3] = *goal, self._ground + 0.005
+            self.scene.place(_MARK, pose)
+        if self._marked:
+            self.scene.root[_MARK].set_property("visible", goal is not None)
 
 
 def controls_entry(controls: DriveControls, ground: float) -> dict[str, Json]:

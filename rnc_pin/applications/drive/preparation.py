@@ -14,7 +14,7 @@ import numpy as np
 from rnc_pin.applications.drive.commands import CommandLog
 from rnc_pin.applications.drive.controller import DriveController
 from rnc_pin.applications.drive.controls import DriveControls, base_frame, find_controls
-from rnc_pin.applications.drive.goals import ParkingPlanner, movable
+from rnc_pin.applications.drive.goals import movable
 from rnc_pin.applications.init import draft
 from rnc_pin.applications.init.assumptions import select_outputs
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
@@ -137,12 +137,7 @@ def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
     controls, log = find_controls(reduced, experiment.q0, frames, joints, obstacles), CommandLog()
     program = cast(VelocityQP, experiment.program)  # the controller of every driven scenario
     limits = _with_obstacles(program.limits, reduced, experiment, obstacles)
-    parking = None
-    if controls.base is not None:
-        avoidance = next((each for each in limits if isinstance(each, CollisionAvoidance)), CollisionAvoidance())
-        kept = avoidance.obstacles
-        parking = ParkingPlanner(reduced, controls, controls.base, experiment.q0, kept, avoidance.clearance)
-    controller = DriveController(reduced, controls, log, limits, motions, settings.dt, parking)
+    controller = DriveController(reduced, controls, log, limits, motions, settings.dt)
     tracker = copy.copy(experiment.controller)
     vars(tracker)["target"] = controller
     driven = replace(

@@ -92,8 +92,6 @@ class DriveStatus(NamedTuple):
     """Distances of goals that are not reached [m]."""
     refused: str
     """Last command that was refused; empty if there is none."""
-    parking: str = ""
-    """Reason why the base does not drive to its goal with a heading; empty without one."""
 
     @property
     def limits(self) -> list[str]:
@@ -109,7 +107,7 @@ class DriveStatus(NamedTuple):
         """Lines about goals and commands."""
         away = [f"{frame}: {distance:.2f} m from its goal" for frame, distance in self.distances.items()]
         refused = [f"refused: {self.refused}"] if self.refused else []
-        return [*away, *([f"base: {self.parking}"] if self.parking else []), *refused]
+        return [*away, *refused]
 
 
 def goal_distances(controls: DriveControls, goals: DriveGoals, points: Mapping[str, np.ndarray]) -> dict[str, float]:
@@ -276,7 +274,6 @@ def _observer(
                 prepared.controller.report(state),
                 goal_distances(controls, state.goals, points),
                 "" if queue is None else queue.refused,
-                state.problem,
             )
         watcher.show(sample, status)
 

@@ -42,7 +42,6 @@
       box.type = "checkbox";
       box.addEventListener("change", () => { send({ kind: "hold_base", on: box.checked }); box.blur(); });
       make("span", line, "base stays while frames move");
-      heading_controls();
       make("p", panel.element, "Arrows or W A S D drive" + (given.base.slides ? ", Q E slide" : "") + ", space stops.", "hint");
     }
     if (Object.values(given.frames).some((axes) => axes[2])) {
@@ -65,29 +64,6 @@
     }
     panel.scene();
     show_messages();
-  }
-
-  // Heading of the next goal of the base; none while the box is not checked.
-  let heading = null;
-
-  function heading_controls() {
-    const line = make("label", panel.element), parked = make("div", panel.element);
-    parked.id = "heading";
-    parked.hidden = true;
-    const box = make("input", line);
-    box.type = "checkbox";
-    box.id = "with-heading";
-    make("span", line, "base goal with a heading");
-    let angle = 0;
-    slider(parked, "heading [deg]", { lower: -180, upper: 180, start: 0, unit: "deg" }, (value) => {
-      heading = angle = value * Math.PI / 180;
-      return null;  // a click sends it
-    });
-    box.addEventListener("change", () => {
-      heading = box.checked ? angle : null;
-      parked.hidden = !box.checked;
-      box.blur();
-    });
   }
 
   function show(given) {
@@ -167,7 +143,7 @@
   const place_of = (name) => (status && (status.goals[name] || status.places[name])) || [0, 0, 0];
 
   function command_to(name, position) {
-    if (name === "base") send({ kind: "base_goal", x: position[0], y: position[1], heading });
+    if (name === "base") send({ kind: "base_goal", x: position[0], y: position[1] });
     else if (controls.frames[name]) send({ kind: "frame_goal", frame: name, position });
     else send({ kind: "obstacle_goal", obstacle: name, position });
   }

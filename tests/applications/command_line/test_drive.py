@@ -10,7 +10,7 @@ import pytest
 
 import rnc_pin as rnc
 from browsing import listening, place, visit
-from drives import in_real_time, pose_of, prepared
+from drives import in_real_time, prepared
 from patience import PATIENCE, eventually
 from rnc_pin.applications.drive.page import DrivePage
 from rnc_pin.applications.drive.run import CommandQueue, RealTimeClock, drive
@@ -121,7 +121,6 @@ def test_a_user_drives_from_a_real_browser(browser):
         wanted = drive_.log.commands[-1].command
         eye = "[viewer.camera.position.x, -viewer.camera.position.z, viewer.camera.position.y]"
         assert np.linalg.norm(np.array([wanted.x, wanted.y]) - page.evaluate(eye)[:2]) < 20.0
-        assert wanted.heading is None
         page.keyboard.press("Space")
         assert eventually(lambda: kinds(drive_)[-1][0] == "stop")
         # A slider asks for more than the velocity limit: a list names the limit.
@@ -160,42 +159,6 @@ def test_a_user_drives_from_a_real_browser(browser):
     assert results[0].trajectory.outcome is rnc.Outcome.COMPLETED
     kinds_seen = {kind for kind, _ in kinds(drive_)}
     assert {"base_velocity", "base_goal", "stop", "joint_goal", "end"} <= kinds_seen
-
-
-TURN = "slider => { slider.value = 90; slider.dispatchEvent(new Event('input')); }"
-HAND = "viewer.scene_tree.find(['meshcat', 'goal', 'heading']).object"
-
-
-def test_a_user_parks_the_base_from_a_real_browser(browser):
-    """A heading and a click on the ground: the robot goes there, turns, and stops; the mark of the heading goes."""
-    drive_ = prepared("mobile-manipulator", **DT)
-    queue = CommandQueue(drive_.controls)
-    page_ = DrivePage(drive_, queue, "Drive", open_browser=False)
-    with in_real_time(drive_, queue, page_) as results:
-        page, problems = visit(browser, page_.url)
-        page.set_viewport_size({"width": 1000, "height": 640})
-        page.wait_for_selector("#drive button.stop", timeout=1000 * PATIENCE)
-        assert not page.is_visible("#heading input")
-        page.check("#with-heading")
-        page.eval_on_selector("#heading input", TURN)
-        queue.put({"kind": "gain", "gain": "base speed", "value": 2.0})  # a shorter run
-        queue.put({"kind": "gain", "gain": "turn rate", "value": 3.0})
-        page.mouse.click(420, 430)
-        assert eventually(lambda: [kind for kind, _ in kinds(drive_)][-1:] == ["base_goal"])  # after the two gains
-        wanted = drive_.log.commands[-1].command
-        assert wanted.heading == pytest.approx(np.pi / 2, abs=0.02)
-        page.wait_for_function(f"{HAND}.visible && {HAND}.children.length > 0", timeout=1000 * PATIENCE)
-        page.wait_for_function(f"!{HAND}.visible", timeout=1000 * PATIENCE)
-        page.click("text=End run")
-        assert eventually(lambda: results)
-        assert problems == []
-        page.context.close()
-    assert page_.problem is None
-    (result,) = results
-    np.testing.assert_allclose(
-        pose_of(drive_, result.trajectory.q[-1]), [wanted.x, wanted.y, wanted.heading], atol=0.01
-    )
-    assert np.abs(result.trajectory.v2[-1]).max() < 0.02
 
 
 def kinds(run_):

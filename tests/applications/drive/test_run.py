@@ -11,7 +11,6 @@ from rnc_pin.applications.drive.controls import DriveControls, DrivenBase, find_
 from rnc_pin.applications.drive.goals import PlacedGoal, initial_goals
 from rnc_pin.applications.drive.run import CommandQueue, DriveStatus, drive, goal_distances, record_of
 from rnc_pin.control.whole_body import LimitReport
-from rnc_pin.robots.robot_files import tractor_trailers_urdf
 from rnc_pin.simulation import Outcome
 from urdf_parts import BOX, joint, link, robot, wheel
 
@@ -202,55 +201,6 @@ def test_a_hitch_without_a_motor_follows_the_base(tmp_path):
     base = base_of(tmp_path, text, constraints, [rnc.FrameSpeed("base"), rnc.JointPosition("hitch")])
     assert "hitch" in base.shape
     assert (base.turns, base.steering, base.wheels) == (True, None, ("hitch",))
-
-
-TRAILER = """
-robot: {urdf: trailer.urdf, base: planar}
-constraints:
-  - no_side_slip: {frame: front_axle}
-  - no_side_slip: {frame: tractor_axle}
-  - no_side_slip: {frame: axle_1}
-actuators: [{force: {frame: tractor, axis: x}}, front_steering]
-outputs:
-  reducing: [{frame_speed: {frame: tractor}}, {joint: front_steering}]
-  vertical: [{frame_position: {frame: tractor, axes: xy}}]
-controller: {type: reducing_outputs}
-simulation: {duration: 1, dt: 0.02}
-"""
-PARKED = {  # seconds, goal, and joints that end straight
-    "mecanum-crowd": (8, (1.0, 0.8, 1.2), []),
-    "car": (17, (1.0, 0.8, 1.2), ["front_steering"]),
-    "trailer.yaml": (20, (1.0, 0.3, 0.4), ["front_steering", "hitch_1"]),
-}
-
-
-@pytest.mark.parametrize("source", PARKED)
-def test_a_base_of_any_kind_drives_to_a_point_with_a_heading_and_stops(source, tmp_path):
-    (tmp_path / "trailer.urdf").write_text(tractor_trailers_urdf(1))
-    (tmp_path / "trailer.yaml").write_text(TRAILER)
-    file = str(tmp_path / source) if source == "trailer.yaml" else source
-    duration, pose, joints = PARKED[source]
-    goal, period = {"kind": "base_goal", **dict(zip(("x", "y", "heading"), pose, strict=True))}, 0.04
-    run = prepared(file, [(0, goal)], simulation__dt=period)
-    trajectory = drive(run, samples=round(duration / period)).trajectory
-    assert trajectory.outcome is Outcome.COMPLETED
-    np.testing.assert_allclose(pose_of(run, trajectory.q[-1]), pose, atol=0.01)
-    assert np.abs(trajectory.v2[-1]).max() < 0.02
-    values = reduced_of(run).robot.joint_values(trajectory.q[-1])
-    assert max((abs(values[name]) for name in joints), default=0.0) < 0.01
-    speed = np.linalg.norm(np.diff([pose_of(run, q)[:2] for q in trajectory.q], axis=0), axis=1) / period
-    assert 0.2 < speed.max() < 0.55  # of the base speed, 0.5 m/s, with feedback
-
-
-def test_a_base_with_a_heading_keeps_clear_of_an_obstacle_while_the_arm_keeps_its_posture():
-    post = {"cylinder": {"name": "post", "radius": 0.1, "length": 3.0, "position": [1.2, 0.6, 0.5]}}
-    goal, period = {"kind": "base_goal", "x": 2.5, "y": 1.2, "heading": 1.2}, 0.04
-    run = prepared("mobile-manipulator", [(0, goal)], simulation__dt=period, obstacles=[post])
-    trajectory = drive(run, samples=round(13 / period)).trajectory
-    np.testing.assert_allclose(pose_of(run, trajectory.q[-1]), [2.5, 1.2, 1.2], atol=0.01)
-    assert np.abs(trajectory.q[:, 4:] - trajectory.q[0, 4:]).max() < 0.02
-    (obstacle,) = run.scenario.experiment.obstacles
-    assert 0.04 < distance_to(run, trajectory.q, obstacle, trajectory.time).min() < 0.2  # 0.05 m at the nodes
 
 
 def test_a_key_moves_the_base_until_half_a_second_after_the_last_command():
@@ -465,7 +415,6 @@ def test_limits_that_gave_way_come_first_and_accelerations_are_counted():
     status = DriveStatus(0.0, 1.0, GOALS, report, {"tip": 0.5}, "no frame 'x'")
     assert status.limits == ["b / c distance: exceeded by 0.012", "a velocity", "acceleration of 1 motion"]
     assert status.messages == ["tip: 0.50 m from its goal", "refused: no frame 'x'"]
-    assert status._replace(parking="no motion").messages[1:] == ["base: no motion", "refused: no frame 'x'"]
     assert status._replace(report=LimitReport((), {}, {}), distances={}, refused="").messages == []
 
 
