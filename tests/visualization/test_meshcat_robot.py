@@ -177,62 +177,6 @@ def test_a_mirrored_mesh_is_drawn_mirrored_with_its_faces_outward(name, other, f
 
 
 # Volume and bounding box of a part in the world, as WebGL gets them: faces whose world is mirrored are turned by it.
-MEASURE = """name => {
-  const root = viewer.scene_tree.find(['meshcat', 'robot', 'visuals', name]).object;
-  root.updateWorldMatrix(true, true);  // its parents too: no frame may have been drawn yet
-  let volume = 0, low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
-  root.traverse(part => {
-    if (!part.isMesh) return;
-    const position = part.geometry.attributes.position, index = part.geometry.index;
-    const count = index ? index.count : position.count, e = part.matrixWorld.elements;
-    const corner = k => {
-      const i = index ? index.getX(k) : k, [x, y, z] = [position.getX(i), position.getY(i), position.getZ(i)];
-      const w = [0, 1, 2].map(r => e[r] * x + e[4 + r] * y + e[8 + r] * z + e[12 + r]);
-      low = low.map((value, r) => Math.min(value, w[r])); high = high.map((value, r) => Math.max(value, w[r]));
-      return w;
-    };
-    const facing = part.matrixWorld.determinant() < 0 ? -1 : 1;
-    for (let k = 0; k < count; k += 3) {
-      const [a, b, c] = [corner(k), corner(k + 1), corner(k + 2)];
-      volume += facing * (a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2])
-        + a[2] * (b[0] * c[1] - b[1] * c[0])) / 6;
-    }
-  });
-  return { volume, size: high.map((value, r) => value - low[r]), determinant: root.matrix.determinant() };
-}"""
-
-
-def test_the_page_shows_mirrored_meshes_from_outside(mirrored, browser, tmp_path):
-    path = recorded(mirrored).save(tmp_path / "page.html")
-    visual, data = mirrored.visual_model, mirrored.model.createData()
-    shapes = visual.createData()
-    pin.updateGeometryPlacements(mirrored.model, data, visual, shapes, mirrored.configuration())
-    page, problems = visit(browser, path.as_uri(), offline=True)
-    page.wait_for_function("window.ready === true", timeout=1000 * PATIENCE)
-    page.evaluate("viewer.animator.pause(); viewer.animator.seek(0)")
-    for shape, placement in zip(visual.geometryObjects, shapes.oMg, strict=True):
-        if not hasattr(shape.geometry, "num_tris"):
-            continue
-        triangles = drawn_triangles(shape) * drawn_scale(shape)
-        seen = page.evaluate(MEASURE, shape.name)
-        assert seen["determinant"] > 0
-        assert seen["volume"] == pytest.approx(volume(triangles), rel=1e-4)
-        assert seen["volume"] > 0
-        corners = triangles.reshape(-1, 3) @ placement.rotation.T
-        x, y, z = np.ptp(corners, axis=0)
-        np.testing.assert_allclose(seen["size"], [x, z, y], rtol=1e-4)  # the viewer has y up
-        assert place(page, "robot", "visuals", shape.name) == pytest.approx(placement.translation, abs=1e-5)
-    assert not problems
-    page.context.close()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["centauro", "talos_reduced"])
-def test_robots_with_mirrored_meshes_have_a_page(name):
-    robot, _ = warned(lambda: rnc.Robot.from_example(name, gravity=(0, 0, 0)))
-    assert any((np.asarray(shape.meshScale) < 0).any() for shape in robot.visual_model.geometryObjects)
-    page, _ = warned(lambda: recorded(robot).html())
-    assert "</html>" in page
 
 
 # ---------------------------------------------------------------------- what fails in drawing
@@ -387,37 +331,6 @@ def test_a_part_of_a_robots_name_is_no_misspelt_scenario(call):
     _, _, error = call("run", "talos")
     assert "tiago" not in error
     assert "if you mean the robot 'talos_reduced'" in error
-
-
-# ---------------------------------------------------------------------- many lines in a plot
-
-
-def test_lines_of_many_joints_look_different_and_have_room_beside_their_legends(tmp_path):
-    """An arm of twenty joints whose goals are all different."""
-    path = tmp_path / "arm.urdf"
-    path.write_text(chain(**{f"upper_link_{k}": INERTIAL for k in range(21)}))
-    robot = rnc.Robot.from_urdf(path, gravity=(0, 0, 0))
-    outputs = [rnc.JointPosition(name) for name in robot.joint_names]
-    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce(outputs)
-    reference = rnc.planning.MinimumJerk(np.zeros(20), np.linspace(-0.4, 0.5, 20), 0.3)
-    controller = rnc.control.ComputedTorque(reduced, rnc.control.ReducingOutputController(reduced, reference))
-    run = rnc.simulate(reduced, controller, robot.configuration(), duration=0.4, dt=0.01)
-    for figure in (run.plot(["outputs"]), run.plot()):
-        figure.draw_without_rendering()
-        whole = figure.get_window_extent()
-        for axes in figure.axes:
-            solid = [line for line in axes.lines if line.get_linestyle() == "-"]
-            assert len(solid) <= 6
-            looks = [(line.get_color(), line.get_marker()) for line in solid]
-            assert len(set(looks)) == len(looks)
-            box = axes.get_window_extent()
-            columns = axes.get_subplotspec().get_gridspec().ncols
-            assert box.width > 0.5 * whole.width / columns
-            if legend := axes.get_legend():
-                shown = legend.get_window_extent()
-                assert not box.overlaps(shown)
-                assert (shown.min >= whole.min - 1.0).all()  # [pixels]
-                assert (shown.max <= whole.max + 1.0).all()
 
 
 # ---------------------------------------------------------------------- camera and floor

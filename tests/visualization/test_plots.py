@@ -20,7 +20,7 @@ import rnc_pin as rnc
 from browsing import changed, give_up
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.figures import GroundPath, save, style
+from rnc_pin.figures import save, style
 from rnc_pin.figures.panel import split_names
 from rnc_pin.simulation import ground_paths
 from rnc_pin.simulation.run_panels import learning_panels, panels
@@ -202,22 +202,6 @@ def test_a_body_that_leans_is_one_path(drive):
     sways = replace(run, x1=run.x1 + 0.05 * np.sin(run.time)[:, None])
     names = [path.name for path in ground_paths(sways)]
     assert names.count("tractor") == 1
-
-
-def test_what_turns_on_the_spot_shows_it():
-    headings = np.linspace(0.0, 3.0, 50)
-    turning = GroundPath("cart", np.zeros((50, 2)), headings)
-    assert np.ptp(headings[turning.marks()]) == 3.0
-    assert len(turning.marks()) > 5
-
-
-def test_a_robot_that_stays_in_the_air_has_no_view_from_above(run):
-    flying = rnc.Robot.from_urdf("floating_arm.urdf", base="free", gravity=(0, 0, 0))
-    reduced = rnc.NonholonomicSystem(flying).reduce()
-    bias_acceleration = rnc.free_motion(reduced, flying.configuration(), np.zeros(reduced.r), duration=0.1)
-    assert ground_paths(bias_acceleration) == []
-    with pytest.raises(rnc.InputError, match="no path for a top view"):
-        plot_top_view(bias_acceleration)
 
 
 def test_no_panel_has_more_lines_than_can_be_told_apart(drive):
