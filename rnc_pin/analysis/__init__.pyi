@@ -9,8 +9,6 @@ from .equilibrium import equilibrium as equilibrium
 from .grip import Grip as Grip
 from .growth import GrowthEvidence as GrowthEvidence
 from .growth import growth_vector as growth_vector
-from .limit_effects import LimitEffect as LimitEffect
-from .limit_effects import limit_effects as limit_effects
 from .linearization import Linearization as Linearization
 from .linearization import check_sampling as check_sampling
 from .linearization import linearize as linearize

@@ -12,10 +12,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.growth import Growth, GrowthEvidence, generic_growth
-from rnc_pin.analysis.limit_effects import LimitedProgram, LimitEffect, limit_effects
 from rnc_pin.analysis.redundancy_class import Redundancy, Spread, classify
 from rnc_pin.analysis.singularities import (
     Boundedness,
@@ -180,7 +178,6 @@ class Report(SummaryMixin):
         lemma1: worst residuals of Lemma 1.
         lemma1_holds: True if all residuals are at the level of rounding and finite differences.
         lemma1_bounds: norms of H, V and G over the samples, and growth of H and V towards singular sets of E.
-        limit_effects: effect of the limits of a program at each of the states, if both are given.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -215,7 +212,6 @@ class Report(SummaryMixin):
     lemma1: dict[str, float]
     lemma1_holds: bool
     lemma1_bounds: Boundedness
-    limit_effects: tuple[LimitEffect, ...] = ()
 
     @property
     def full_reach(self) -> str:
@@ -244,14 +240,6 @@ class Report(SummaryMixin):
             for each in self.lemma1_bounds.approaches
             if not each.bounded
         ]
-        limited = [
-            Item(
-                f"t = {each.time:.3g} s: {', '.join(each.active)}",
-                f"{each.freedom} of {self.r} free" + "".join(f", {name} gives way" for name in each.exceeded),
-            )
-            for each in self.limit_effects
-            if each.active or each.exceeded
-        ]
         lines = [
             ("constraint rows", items(self.kept_rows, kinds)),
             ("rows dropped", [Item(each.name, each.reason) for each in self.dropped_rows]),
@@ -266,7 +254,6 @@ class Report(SummaryMixin):
             ("singular or worst configurations", singular),
             (f"Lemma 1 {'holds' if self.lemma1_holds else 'DOES NOT HOLD'}, residuals", residuals),
             ("growth at a distance d from singular sets", growth),
-            *([("limits that change the motion", limited)] if self.limit_effects else []),
         ]
         return ObjectSummary(title, lines)
 
@@ -291,9 +278,6 @@ def analyze(
     samples: int = 64,
     seed: int = 0,
     vertical: Sequence[str] | None = None,
-    *,
-    program: LimitedProgram | None = None,
-    states: Sequence[tuple[float, ArrayLike, ArrayLike]] = (),
 ) -> Report:
     """Analyse a reduced system at seeded random configurations.
 
@@ -304,12 +288,10 @@ def analyze(
         samples: number of configurations.
         seed: of the random configurations.
         vertical: names of the vertical outputs of the task; all by default.
-        program: program whose limits are examined, such as ``rnc.control.VelocityQP`` with its ``dt``.
-        states: time [s], configuration (nq,) and reduced velocity (r,) of the states at which they are examined.
 
     Raises:
         ConfigurationError: unknown output names.
-        InputError: states without a program, or a program without states.
+        InputError: ``samples`` is not a positive integer.
         SingularityError: every sampled configuration is singular.
 
     Example:
@@ -322,8 +304,6 @@ def analyze(
         ('1', (3, 4))
     """
     reduced = reduced.frozen(0.0)
-    if (program is None) != (not len(states)):
-        raise InputError("analyze: program and states belong together; give both or none")
     if primary is None:
         primary = [name for name in reduced.reducing.names if name not in redundant]
     task = Task.of(reduced, primary, redundant, vertical)
@@ -379,7 +359,6 @@ def analyze(
         lemma1=lemma,
         lemma1_holds=bool(held and lemma["smallest eigenvalue of H"] > 0),
         lemma1_bounds=bounds,
-        limit_effects=() if program is None else limit_effects(program, states, reduced.robot.nq, reduced.r),
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.analysis import LiftOff, LimitEffect, boundedness, classify, integrability
+from rnc_pin.analysis import LiftOff, boundedness, classify, integrability
 from rnc_pin.collision import CollisionDistances, Obstacle, continuous_distances
 from rnc_pin.control import PositionGains, ReducingOutputController, VelocityGains
 from rnc_pin.control.controller import LimitedAcceleration
@@ -106,7 +106,7 @@ def results(tmp_path_factory):
         *(next(recorded_states(robot, run)), Recording(reduced, run, title="arm")),
         *(PositionGains(), VelocityGains(), LimitedAcceleration("joint_1", "v", 1, -2.0, 2.0)),
         *(loop.last, loop.state, loop.last.command, loop.last.measurement, reduced.terms(q0, still)),
-        *(reduced.lagrangian_terms(q0, still), LimitEffect(0.5, ("joint_1 position",), {}, 1, {"tip_x": 0.1})),
+        reduced.lagrangian_terms(q0, still),
         *(reduced.at(q0), reduced.at(q0, still), reduced.at(samples, np.zeros((8, reduced.r)))),
         follower.feasible(stands, [0.5, 0.1, 0.2]),
         follower.step(stands, [0.5, 0.1, 0.2], follower.initial_state())[0],

@@ -210,11 +210,6 @@ def calibrate(**given: Given) -> None:
 @_options
 @click.option("--samples", type=click.IntRange(min=1), default=64, help="Sampled configurations.")
 @click.option("--seed", type=int, default=0, help="Random seed of the sampled configurations.")
-@click.option(
-    "--run",
-    type=click.Path(path_type=Path, exists=True),
-    help="Run of the scenario: effects of its controller's limits along this run, instead of at the start.",
-)
 @_json
 @_debug
 def inspect(**given: Given) -> None:

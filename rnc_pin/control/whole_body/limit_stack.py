@@ -110,10 +110,6 @@ class ProgramBounds(NamedTuple):
         found[..., self.places] = values
         return found
 
-    def without_rows(self) -> ProgramBounds:
-        """The same program without any limit."""
-        return ProgramBounds(self.rows[:0], self.lower[:0], self.upper[:0], self.places[:0], self.total)
-
     def excess(self, v2: Array) -> Float[Array, " k"]:
         """Amount by which a velocity exceeds each row, (k,); zero if it satisfies the row."""
         values = self.rows @ v2

@@ -7,24 +7,18 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
-from numpy.typing import ArrayLike
 
-from rnc_pin.analysis.limit_effects import LimitEffect
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Description, VelocityTarget, elapsed_time
-from rnc_pin.control.whole_body.limit_stack import ProgramBounds
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, ControlSample
 from rnc_pin.control.whole_body.task_hierarchy import (
-    RelaxedSolution,
     SampledDamping,
-    TaskLevel,
     column_norms,
-    solve_cascade,
     solve_within,
 )
 from rnc_pin.control.whole_body.tasks.output_tasks import ControlTask
-from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram, limit_report
-from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
+from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.parameter_types import NotNegative, check_positive_settings
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -157,39 +151,8 @@ class VelocityQP(WholeBodyProgram):
             multipliers: multipliers of the last program, (levels, k), to start from.
         """
         levels, bounds = self._tasks.at(sample), self._limits.bounds(sample)
-        return ProgramSolution(*self._solved(sample, levels, bounds, multipliers))
-
-    def _solved(
-        self, sample: ControlSample, levels: list[TaskLevel], bounds: ProgramBounds, multipliers: Array | None = None
-    ) -> RelaxedSolution:
-        """Solution of the levels within limits, with the damping of this sample."""
         curved = self._tasks.curved
         levers = [column_norms(each.jacobian, mask) for each, mask in zip(levels, curved, strict=True)]
         sampled = SampledDamping(sample.dt, *self._at_rest, levers, curved)
-        return solve_within(levels, bounds, self._limits, self._solver, self.damping, multipliers, sampled=sampled)
-
-    def effect(self, t: float, q: ArrayLike, v2: ArrayLike) -> LimitEffect:
-        """Return the effect of the limits at one state: the solution beside that without limits.
-
-        Args:
-            t: time [s].
-            q: configuration (nq,).
-            v2: reduced velocity (r,) commanded there.
-
-        Raises:
-            InputError: the program has no ``dt``.
-        """
-        if self.dt is None:
-            raise InputError("effects of limits depend on the sampling interval: give the program a dt")
-        sample = ControlSample(self._reduced, t, np.asarray(q, dtype=float), np.asarray(v2, dtype=float), self.dt)
-        levels, bounds = self._tasks.at(sample), self._limits.bounds(sample)
-        found = self._solved(sample, levels, bounds)
-        free = solve_cascade(levels, bounds.without_rows(), self.damping, self._solver)
-        assert free is not None  # without limits, every level has a solution
-        report = limit_report(self.limit_names, found.multipliers, found.excess, found.excess)
-        active = found.multipliers[:, bounds.places].any(axis=0)
-        change = sample.end.R @ (found.unknowns - free.unknowns)
-        errors = np.concatenate([np.zeros(0), *(task.rows(sample).jacobian @ change for task in self._tasks.bound)])
-        error = dict(zip(self._tasks.names, errors.tolist(), strict=True))
-        rank = int(np.linalg.matrix_rank(bounds.rows[active])) if active.any() else 0
-        return LimitEffect(t, report.active, report.exceeded, self._reduced.r - rank, error)
+        solved = solve_within(levels, bounds, self._limits, self._solver, self.damping, multipliers, sampled=sampled)
+        return ProgramSolution(*solved)

@@ -5,24 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
-from typing import TypeAlias
 
-import click
-import numpy as np
 from rich.console import Console
 
 from rnc_pin.analysis import Report, Singularity, analyze
 from rnc_pin.applications.command_line.messages import print_json, warn
 from rnc_pin.applications.command_line.report import print_object
-from rnc_pin.applications.scenario.builder import Experiment
-from rnc_pin.applications.scenario.controllers.whole_body import WholeBodySettings
 from rnc_pin.applications.scenario.files import parse_options
 from rnc_pin.applications.scenario.plant_builder import start_findings, warnings_of
-from rnc_pin.applications.scenario.saved_run import load_run
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.control import ComputedTorque, InverseDynamicsQP, VelocityQP, VelocityTracker
-from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.errors import RncError
 from rnc_pin.model import Phrases, ReducedModel, Task
 from rnc_pin.printing import counted, items
 from rnc_pin.verdict import Finding
@@ -115,21 +107,11 @@ def _listed(names: Sequence[str], word: str = "and") -> str:
     return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} {word} {shown[-1]}"
 
 
-def inspect_system(
-    system: str, options: tuple[str, ...], samples: int, seed: int, as_json: bool, run: Path | None
-) -> None:
-    """Print the analysis of a system, with the effects of limits at the start or along a run."""
+def inspect_system(system: str, options: tuple[str, ...], samples: int, seed: int, as_json: bool) -> None:
+    """Print the analysis of a system."""
     scenario = Scenario.load(system, parse_options(options))
     reduced, task = scenario.model.reduced, scenario.task
-    arguments = reduced, task.primary_names, task.redundant_names, samples, seed, task.vertical_names
-    problem = None
-    try:
-        program, states = _limits_to_examine(scenario, run)
-        report = analyze(*arguments, program=program, states=states)
-    except RncError as error:
-        if run is not None:
-            raise
-        problem, report = str(error), analyze(*arguments)
+    report = analyze(reduced, task.primary_names, task.redundant_names, samples, seed, task.vertical_names)
     found: tuple[Finding, ...] = ()
     with suppress(RncError):  # a start that cannot be assembled is an error of a run
         found = start_findings(scenario.content, reduced, scenario.q0)
@@ -137,8 +119,6 @@ def inspect_system(
         warn(message)
     if not as_json:
         print_report(system, reduced, task, report)
-        if problem is not None:
-            click.echo(f"limits: not examined, {problem}")
         return
     print_json(
         {
@@ -152,7 +132,6 @@ def inspect_system(
             "primary": list(task.primary_names),
             "redundant": list(task.redundant_names),
             **report.to_dict(),
-            "limits_not_examined": problem,
             "findings": [each.to_json() for each in found],
         }
     )
@@ -178,50 +157,3 @@ def print_report(system: str, reduced: ReducedModel, task: Task, report: Report)
     }
     lines = [(label, items(listed or ["none"])) for label, listed in names.items()]
     print_object(report, f"{system} ({reduced.robot.name})", lines)
-
-
-# ------------------------------------------------------------------ limits of a program
-
-_STATES = 21  # of a run
-_State: TypeAlias = tuple[float, np.ndarray, np.ndarray]
-
-
-def _limits_to_examine(scenario: Scenario, run: Path | None) -> tuple[VelocityQP | None, list[_State]]:
-    """Program with limits of a scenario and the states at which they are examined: the start, or 21 of a run.
-
-    Raises:
-        RncError: the controller cannot be built, or the run does not belong to the scenario.
-    """
-    if not isinstance(scenario.content.controller, WholeBodySettings):
-        if run is not None:
-            raise ConfigurationError("--run: the controller of the scenario is no program with limits, as 'qp' is")
-        return None, []
-    try:
-        experiment = scenario.experiment
-    except RncError as error:
-        raise ConfigurationError(f"the controller cannot be built: {error}") from error
-    start = [(0.0, experiment.q0, experiment.v2_0)]
-    return _program(experiment), start if run is None else _along(run, experiment)
-
-
-def _program(experiment: Experiment) -> VelocityQP:
-    """Program at velocity level with the tasks and limits of the controller, for the interval of the simulation."""
-    controller: object = experiment.controller
-    if isinstance(controller, VelocityTracker | ComputedTorque):
-        controller = controller.target
-    if not isinstance(controller, VelocityQP | InverseDynamicsQP):
-        raise ConfigurationError(f"limits of {type(controller).__name__} are not examined")
-    damping = controller.damping if isinstance(controller, VelocityQP) else 0.0
-    dt = experiment.simulation.dt
-    return VelocityQP(experiment.reduced, controller.tasks, controller.limits, dt=dt, damping=damping)
-
-
-def _along(source: Path, experiment: Experiment) -> list[_State]:
-    run = load_run(source).trajectory
-    expected = experiment.reduced.robot.nq, experiment.reduced.r
-    if (run.q.shape[1], run.v2.shape[1]) != expected:
-        raise ConfigurationError(
-            f"--run: {source} has nq, r = {run.q.shape[1]}, {run.v2.shape[1]}, expected {expected}"
-        )
-    places = np.unique(np.linspace(0, len(run.time) - 1, _STATES).round().astype(int)).tolist()
-    return [(float(run.time[k]), run.q[k], run.v2[k]) for k in places]
