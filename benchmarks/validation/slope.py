@@ -97,9 +97,9 @@ def cone() -> tuple[rnc.ReducedModel, np.ndarray]:
     inertia = pin.Inertia(1.0, np.array([0.75 * HEIGHT, 0.0, 0.0]), np.diag([about, across, across]))
     model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
     model.addFrame(pin.Frame("apex", joint, pin.SE3.Identity(), pin.FrameType.BODY))
-    # The shape's apex is along its axis, and the body's is at the origin.
-    body = rnc.RollingBody("apex", rnc.Cone(base, HEIGHT, "x"), at=(HEIGHT, 0.0, 0.0), rpy=(0.0, 0.0, np.pi))
-    reduced = rnc.NonholonomicSystem(rnc.Robot(model), [body]).reduce([rnc.FrameYaw("apex")])
+    rim = rnc.RollingBody("apex", rnc.Torus(base, axis="x"), at=(HEIGHT, 0.0, 0.0))
+    apex = rnc.LoopClosure("universe", "apex", "point")
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model), [rim, apex]).reduce([rnc.FrameYaw("apex")])
     lifted = pin.Quaternion(pin.rpy.rpyToMatrix(0.0, -HALF_ANGLE, 0.0)).coeffs()
     return reduced, reduced.robot.configuration({"root_joint": (0, 0, 0, *lifted)})
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -59,18 +59,6 @@ class Sphere:
         """One: every normal has one point."""
         return np.ones(normal.shape[:-1])
 
-    def level(self, point: np.ndarray) -> np.ndarray:
-        """Half the difference of squared distance and squared radius, over the radius, at each point (..., 3) [m]."""
-        return np.asarray(0.5 * ((point * point).sum(axis=-1) / self.radius - self.radius))
-
-    def gradient(self, point: np.ndarray) -> np.ndarray:
-        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
-        return np.asarray(point / self.radius)
-
-    def hessian(self, point: np.ndarray) -> np.ndarray:
-        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3)."""
-        return np.broadcast_to(_EYE / self.radius, (*point.shape[:-1], 3, 3))
-
 
 @dataclass(frozen=True)
 class Ellipsoid:
@@ -103,23 +91,6 @@ class Ellipsoid:
     def regularity(self, normal: np.ndarray) -> np.ndarray:
         """One: every normal has one point."""
         return np.ones(normal.shape[:-1])
-
-    @property
-    def _form(self) -> np.ndarray:
-        """Diagonal (3,) of the second derivatives of ``level``."""
-        return np.asarray(np.min(self.semi_axes) / np.square(self.semi_axes))
-
-    def level(self, point: np.ndarray) -> np.ndarray:
-        """Half of ``sum (x / a)^2 - 1``, times the smallest semi-axis, at each point (..., 3) [m]."""
-        return np.asarray(0.5 * ((point * point * self._form).sum(axis=-1) - np.min(self.semi_axes)))
-
-    def gradient(self, point: np.ndarray) -> np.ndarray:
-        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
-        return np.asarray(point * self._form)
-
-    def hessian(self, point: np.ndarray) -> np.ndarray:
-        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3)."""
-        return np.broadcast_to(np.diag(self._form), (*point.shape[:-1], 3, 3))
 
 
 @dataclass(frozen=True)
@@ -163,32 +134,6 @@ class Torus:
         """Part of the normal across the axis; zero where the torus lies flat."""
         return np.linalg.norm(self._across * normal, axis=-1)
 
-    def _section(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Unit vector (..., 3) across the axis, distance (..., 1) from the axis, and vector from the middle circle."""
-        radial = self._across * point
-        distance = _dot(radial, radial) ** 0.5
-        across = radial / distance
-        return across, distance, point - self.radius * across
-
-    def level(self, point: np.ndarray) -> np.ndarray:
-        """Distance (...) of each point (..., 3) from the tube [m]."""
-        away = self._section(point)[2]
-        return np.asarray((_dot(away, away) ** 0.5)[..., 0] - self.tube)
-
-    def gradient(self, point: np.ndarray) -> np.ndarray:
-        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
-        away = self._section(point)[2]
-        return np.asarray(away / _dot(away, away) ** 0.5)
-
-    def hessian(self, point: np.ndarray) -> np.ndarray:
-        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3)."""
-        across, distance, away = self._section(point)
-        length = _dot(away, away) ** 0.5
-        normal, axis = away / length, _EYE[axis_index(self.axis)]
-        around = np.cross(axis, across)
-        bent = (_EYE - _square(normal) - _square(around)) / length[..., None]
-        return np.asarray(bent + (_dot(away, across) / (length * distance))[..., None] * _square(around))
-
 
 def support_point(normal: np.ndarray, S: np.ndarray, scale: float = 1.0, tube: float = 0.0) -> np.ndarray:
     """Surface point (..., 3) with the outward unit normal d (..., 3): gradient of ``scale sqrt(d . S d) + tube |d|``.
@@ -222,11 +167,6 @@ def support_numbers(shape: BodyShape) -> list[float] | None:
     return None
 
 
-def _square(vector: np.ndarray) -> np.ndarray:
-    """Product (..., 3, 3) of a vector and itself."""
-    return np.asarray(vector[..., :, None] * vector[..., None, :])
-
-
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Scalar product (..., 1) without conjugation."""
     return np.asarray((a * b).sum(axis=-1, keepdims=True))
@@ -236,105 +176,3 @@ def check_positive(what: str, value: float) -> None:
     """Raise a ``ConstraintError`` for a length [m] that is not positive."""
     if not (is_number(value) and value > 0):
         raise ConstraintError(f"{what} has to be positive [m], found {value!r}")
-
-
-def grid_triangles(rows: int, columns: int) -> np.ndarray:
-    """Triangles (m, 3) of a grid of vertices that is stored by rows."""
-    first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
-    return np.concatenate(
-        [
-            np.stack([first, first + 1, first + columns], 1),
-            np.stack([first + 1, first + columns + 1, first + columns], 1),
-        ]
-    )
-
-
-class Apex:
-    """Single point, the apex of a cone."""
-
-    def point(self, normal: np.ndarray) -> np.ndarray:
-        """Zeros (..., 3)."""
-        return np.zeros_like(normal)
-
-    def point_rate(self, normal: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """Zeros (..., 3)."""
-        return np.zeros_like(rate)
-
-    def regularity(self, normal: np.ndarray) -> np.ndarray:
-        """One: every normal has one point."""
-        return np.ones(normal.shape[:-1])
-
-
-class LineEnd(NamedTuple):
-    """End of the line along which a body touches a plane."""
-
-    shape: BodyShape
-    offset: np.ndarray
-    """Centre of the shape, in the axes of the body's shape (3,) [m]."""
-
-
-@dataclass(frozen=True)
-class Cylinder:
-    """Cylinder on its side, e.g. a roller. It touches a plane along a line, so it rolls straight.
-
-    On its rim it is a ``Torus`` with ``tube=0``.
-
-    Args:
-        radius: radius [m].
-        length: length along the axis, centred at the shape's origin [m].
-        axis: the body's axis about which it is round, "x", "y" or "z".
-
-    Example:
-        >>> robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
-        >>> roller = rnc.RollingBody("ball", rnc.Cylinder(0.2, length=0.5, axis="y"))
-        >>> rnc.NonholonomicSystem(robot, [roller]).r
-        1
-    """
-
-    radius: Positive
-    length: Positive
-    axis: Axis = "z"
-
-    def __post_init__(self) -> None:
-        check_positive("radius of a cylinder", self.radius)
-        check_positive("length of a cylinder", self.length)
-        axis_index(self.axis)
-
-    def ends(self) -> tuple[LineEnd, LineEnd]:
-        """Both rims."""
-        rim, half = Torus(self.radius, axis=self.axis), 0.5 * self.length * np.eye(3)[axis_index(self.axis)]
-        return LineEnd(rim, -half), LineEnd(rim, half)
-
-
-@dataclass(frozen=True)
-class Cone:
-    """Cone on its side. It touches a plane along a line, so it rolls about its apex.
-
-    On its rim alone it is a ``Torus`` with ``tube=0``.
-
-    Args:
-        radius: radius of the base [m].
-        height: distance of the apex from the base [m]. The shape's origin is the centre of the base, and the apex is
-            in the positive direction of the axis.
-        axis: the body's axis about which it is round, "x", "y" or "z".
-
-    Example:
-        >>> robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
-        >>> cone = rnc.RollingBody("ball", rnc.Cone(0.1, height=0.3))
-        >>> rnc.NonholonomicSystem(robot, [cone]).r
-        1
-    """
-
-    radius: Positive
-    height: Positive
-    axis: Axis = "z"
-
-    def __post_init__(self) -> None:
-        check_positive("radius of a cone", self.radius)
-        check_positive("height of a cone", self.height)
-        axis_index(self.axis)
-
-    def ends(self) -> tuple[LineEnd, LineEnd]:
-        """Rim and apex."""
-        along = self.height * np.eye(3)[axis_index(self.axis)]
-        return LineEnd(Torus(self.radius, axis=self.axis), np.zeros(3)), LineEnd(Apex(), along)

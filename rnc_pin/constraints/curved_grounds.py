@@ -1,14 +1,12 @@
-"""Curved surfaces on which bodies roll: inside and outside of spheres and cylinders, and a height over the plane."""
+"""Curved surfaces on which bodies roll: inside and outside of spheres and cylinders."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from rnc_pin.constraints.body_shapes import grid_triangles
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.model.frame_rows import triple
 from rnc_pin.model.parameter_types import Positive, Vector, is_number
@@ -16,13 +14,20 @@ from rnc_pin.model.parameter_types import Positive, Vector, is_number
 _EYE = np.eye(3)
 _FINE = 48  # edges of drawn patches
 _CAP = 1.4  # largest half angle of a drawn cap [rad]
-_SAMPLES, _SAME = 5, 1e-9  # points at which derivatives of a height are compared, relative difference
 
 
-class Levelled(Protocol):
-    """Function that is zero on a surface, with two derivatives.
+class CurvedGround(Protocol):
+    """Smooth surface ``level(point) = 0`` whose gradient points out of the ground, and the motion of its material.
 
-    They take complex numbers too, without conjugation, for derivatives by the complex step.
+    The functions take complex numbers too, without conjugation, for derivatives by the complex step.
+
+    The material is a rigid body that turns and slides so that the surface stays in place. An attribute ``frame`` with
+    the name of a frame says that this frame carries the surface and stands for the world.
+
+    Example:
+        >>> bowl: rnc.CurvedGround = rnc.SphericalGround(1.0)
+        >>> print(bowl.level(np.array([0.0, 0.0, -0.5])), bowl.gradient(np.array([1.0, 0.0, 0.0])), bowl.moves)
+        0.375 [-1. -0. -0.] False
     """
 
     def level(self, point: np.ndarray) -> np.ndarray:
@@ -33,19 +38,6 @@ class Levelled(Protocol):
 
     def hessian(self, point: np.ndarray) -> np.ndarray:
         """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3)."""
-
-
-class CurvedGround(Levelled, Protocol):
-    """Smooth surface ``level(point) = 0`` whose gradient points out of the ground, and the motion of its material.
-
-    The material is a rigid body that turns and slides so that the surface stays in place. An attribute ``frame`` with
-    the name of a frame says that this frame carries the surface and stands for the world.
-
-    Example:
-        >>> bowl: rnc.CurvedGround = rnc.SphericalGround(1.0)
-        >>> print(bowl.level(np.array([0.0, 0.0, -0.5])), bowl.gradient(np.array([1.0, 0.0, 0.0])), bowl.moves)
-        0.375 [-1. -0. -0.] False
-    """
 
     @property
     def moves(self) -> bool:
@@ -132,7 +124,7 @@ class SphericalGround:
 
     def below(self, place: np.ndarray) -> np.ndarray:
         """Nearest points (..., 3) to each place (..., 3); the lowest for the centre."""
-        return np.asarray(self.center) + self.radius * unit_vectors(place - np.asarray(self.center), -_EYE[2])
+        return np.asarray(self.center) + self.radius * _unit_vectors(place - np.asarray(self.center), -_EYE[2])
 
     def material_velocity(self, place: np.ndarray) -> np.ndarray:
         """Velocity of the material (..., 3) at each place (..., 3) [m/s], in world axes."""
@@ -145,12 +137,12 @@ class SphericalGround:
             center: point near the middle of the cap (3,) [m].
             size: half width of the cap along the surface [m].
         """
-        middle = unit_vectors(np.asarray(center, dtype=float) - np.asarray(self.center), -_EYE[2])
+        middle = _unit_vectors(np.asarray(center, dtype=float) - np.asarray(self.center), -_EYE[2])
         first, second = _across(middle)
         tilt = np.linspace(0.0, min(size / self.radius, _CAP), _FINE)[:, None, None]
         around = np.linspace(0.0, 2 * np.pi, _FINE + 1)[:, None]
         out = np.cos(tilt) * middle + np.sin(tilt) * (np.cos(around) * first + np.sin(around) * second)
-        return np.asarray(self.center) + self.radius * out.reshape(-1, 3), grid_triangles(_FINE, _FINE + 1)
+        return np.asarray(self.center) + self.radius * out.reshape(-1, 3), _grid_triangles(_FINE, _FINE + 1)
 
 
 @dataclass(frozen=True)
@@ -230,7 +222,7 @@ class CylindricalGround:
         away, along = place - np.asarray(self.point), self.along
         height = (away @ along)[..., None] * along
         low = -_EYE[2] if abs(along[2]) < 0.9 else _EYE[0]
-        return np.asarray(self.point) + height + self.radius * unit_vectors(away - height, low - along * (along @ low))
+        return np.asarray(self.point) + height + self.radius * _unit_vectors(away - height, low - along * (along @ low))
 
     def material_velocity(self, place: np.ndarray) -> np.ndarray:
         """Velocity of the material (..., 3) at each place (..., 3) [m/s], in world axes."""
@@ -248,107 +240,7 @@ class CylindricalGround:
         around = np.linspace(0.0, 2 * np.pi, 2 * _FINE + 1)[:, None]
         ring = self.radius * (np.cos(around) * first + np.sin(around) * second)
         ends = np.array([-size, size])[:, None, None] * along
-        return (middle + ends + ring).reshape(-1, 3), grid_triangles(2, 2 * _FINE + 1)
-
-
-@dataclass(frozen=True)
-class HeightField:
-    """Smooth surface ``z = height(x, y)`` with its derivatives, at rest. A body touches it near its own x and y.
-
-    The functions take arrays, and complex numbers too, so that derivatives of the dynamics are exact.
-
-    Args:
-        height: height of the ground [m].
-        slopes: its first derivatives ``(h_x, h_y)``.
-        curvatures: its second derivatives ``(h_xx, h_xy, h_yy)`` [1/m].
-        frame: name of a frame of the robot that carries the surface and stands for the world; None for the world.
-
-    Raises:
-        ConfigurationError: a function takes no complex arrays, or a derivative is wrong at one of a few points.
-
-    Example:
-        >>> trough = rnc.HeightField(
-        ...     lambda x, y: 0.1 * x * x, lambda x, y: (0.2 * x, 0.0), lambda x, y: (0.2, 0.0, 0.0)
-        ... )
-    """
-
-    height: Callable[[np.ndarray, np.ndarray], object]
-    slopes: Callable[[np.ndarray, np.ndarray], Sequence[object]]
-    curvatures: Callable[[np.ndarray, np.ndarray], Sequence[object]]
-    frame: str | None = None
-
-    def __post_init__(self) -> None:
-        x, y = np.random.default_rng(0).uniform(-0.5, 0.5, (2, _SAMPLES))
-        step = 1e-30
-        try:
-            moved = [(x + 1j * step, y + 0j), (x + 0j, y + 1j * step)]
-            first = [np.imag(_spread([self.height(*each)], x)[0]) / step for each in moved]
-            second = [np.imag(_spread(self.slopes(*each), x)) / step for each in moved]
-            given = [*_spread(self.slopes(x, y), x), *_spread(self.curvatures(x, y), x)]
-        except (TypeError, ValueError) as error:
-            raise ConfigurationError(f"height field: functions have to take complex arrays ({error})") from None
-        expected = [*first, second[0][0], second[1][0], second[1][1]]
-        if len(given) != len(expected):
-            raise ConfigurationError("height field: expected two slopes and three curvatures")
-        for name, one, other in zip(("h_x", "h_y", "h_xx", "h_xy", "h_yy"), given, expected, strict=True):
-            far = np.abs(one - other) > _SAME * (1.0 + np.abs(other))
-            if far.any():
-                k = int(np.argmax(far))
-                raise ConfigurationError(
-                    f"height field: {name} at ({x[k]:.3f}, {y[k]:.3f}) is {one[k]:.6g}, but its function's derivative "
-                    f"is {other[k]:.6g}"
-                )
-
-    @property
-    def moves(self) -> bool:
-        """False: the ground is at rest."""
-        return False
-
-    @property
-    def along(self) -> np.ndarray:
-        """Direction of the first rolling row: the world's x."""
-        return _EYE[0]
-
-    @property
-    def angular_velocity(self) -> np.ndarray:
-        """Zero (3,)."""
-        return np.zeros(3)
-
-    def level(self, point: np.ndarray) -> np.ndarray:
-        """Height of each point (..., 3) above the ground, along z."""
-        return np.asarray(point[..., 2] - self.height(point[..., 0], point[..., 1]))
-
-    def gradient(self, point: np.ndarray) -> np.ndarray:
-        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
-        h_x, h_y = _spread(self.slopes(point[..., 0], point[..., 1]), point[..., 0])
-        return np.stack([-h_x, -h_y, np.ones_like(h_x)], axis=-1)
-
-    def hessian(self, point: np.ndarray) -> np.ndarray:
-        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3)."""
-        h_xx, h_xy, h_yy = _spread(self.curvatures(point[..., 0], point[..., 1]), point[..., 0])
-        zero = np.zeros_like(h_xx)
-        rows = [[-h_xx, -h_xy, zero], [-h_xy, -h_yy, zero], [zero, zero, zero]]
-        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-    def below(self, place: np.ndarray) -> np.ndarray:
-        """Points (..., 3) of the ground at the x and y of each place (..., 3)."""
-        x, y = place[..., 0], place[..., 1]
-        return np.stack([x, y, *_spread([self.height(x, y)], x)], axis=-1)
-
-    def material_velocity(self, place: np.ndarray) -> np.ndarray:
-        """Zero (..., 3) at each place (..., 3)."""
-        return np.zeros_like(place)
-
-    def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
-        """Square of half width ``size`` around the x and y of a point, for drawings.
-
-        Args:
-            center: point in the middle (3,) [m].
-            size: half width [m].
-        """
-        steps = np.linspace(-size, size, 2 * _FINE)
-        places = np.stack([*np.meshgrid(center[0] + steps, center[1] + steps), np.zeros((2 * _FINE,) * 2)], axis=-1)
-        return self.below(places).reshape(-1, 3), grid_triangles(2 * _FINE, 2 * _FINE)
+        return (middle + ends + ring).reshape(-1, 3), _grid_triangles(2, 2 * _FINE + 1)
 
 
 def admit_ground(ground: CurvedGround, body: str) -> CurvedGround:
@@ -360,18 +252,13 @@ def admit_ground(ground: CurvedGround, body: str) -> CurvedGround:
     missing = [name for name in ("level", "gradient", "hessian", "below") if not hasattr(ground, name)]
     if missing or isinstance(ground, type):
         raise ConstraintError(
-            f"ground of {body}: expected a GroundPlane, SphericalGround, CylindricalGround, HeightField or an object "
+            f"ground of {body}: expected a GroundPlane, SphericalGround, CylindricalGround or an object "
             f"with the methods of a CurvedGround, found {ground!r}"
         )
     return ground
 
 
-def _spread(values: Sequence[object], like: np.ndarray) -> np.ndarray:
-    """Numbers or arrays as one array (k, ...) with the shape of another."""
-    return np.array([np.asarray(each) + np.zeros(np.shape(like)) for each in values])
-
-
-def unit_vectors(vector: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
+def _unit_vectors(vector: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
     """Unit vectors (..., 3); another one for vectors of no length."""
     length = np.linalg.norm(vector, axis=-1, keepdims=True)
     return np.where(length > 0, vector / np.where(length > 0, length, 1.0), otherwise)
@@ -387,3 +274,10 @@ def _across(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _check_radius(radius: float, what: str) -> None:
     if not (is_number(radius) and radius > 0):
         raise ConfigurationError(f"radius of {what} has to be positive [m], found {radius!r}")
+
+
+def _grid_triangles(rows: int, columns: int) -> np.ndarray:
+    """Triangles (m, 3) of a grid of vertices that is stored by rows."""
+    first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    corners = [first, first + 1, first + columns], [first + 1, first + columns + 1, first + columns]
+    return np.concatenate([np.stack(each, 1) for each in corners])

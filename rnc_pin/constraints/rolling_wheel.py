@@ -1,22 +1,17 @@
-"""Disk that rolls without slip on a plane or on a curved surface, upright or leaning."""
+"""Disk that rolls without slip on a plane, upright or leaning."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
-from rnc_pin.constraints.body_shapes import Torus
-from rnc_pin.constraints.curved_grounds import CurvedGround, admit_ground
-from rnc_pin.constraints.ground_plane import GroundPlane, RollingRows, WheelDisk, on_carrier
-from rnc_pin.constraints.surface_contact import SurfaceContact, SurfaceContactRows
+from rnc_pin.constraints.ground_plane import GroundPlane, RollingRows, WheelDisk, on_carrier, plane_below
 from rnc_pin.errors import ConfigurationError, ConstraintError
-from rnc_pin.math.linear_algebra import apply, vector_product
 from rnc_pin.model.frame_rows import axis_index
-from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics
+from rnc_pin.model.kinematics import OWN_AXES, Kinematics
 from rnc_pin.model.parameter_types import Axis, Positive, is_number
-from rnc_pin.model.rows import Friction, Phrases, Rows
+from rnc_pin.model.rows import Friction, Rows
 from rnc_pin.robots.robot import Robot
 
 
@@ -43,14 +38,13 @@ class RollingWheel:
         lateral: True if the wheel resists sideways motion; False for a wheel that skids.
         vertical: True if the lowest point keeps its height. Use False on a planar base if the wheel is steered about an
             inclined axis: steering would lift the base, which a planar base cannot do.
-        ground: a ``GroundPlane``, ``SphericalGround``, ``CylindricalGround``, ``HeightField``, or an object with the
-            methods of a ``CurvedGround``; None for z = 0 at rest. "Lowest", "height" and "heading" then refer to its
-            tangent plane at the contact point. The wheel has to be curved more than the ground.
+        ground: the plane; None for z = 0 at rest. "Lowest", "height" and "heading" refer to it. On curved ground, use a
+            ``RollingBody`` with a ``Torus``.
 
     Raises:
         ModelError: unknown frame.
         ConstraintError: the radius is not positive, no axis is given and the joint has none, the axis of the roller
-            is across the wheel, or the ground has no such methods.
+            is across the wheel, or the ground is no plane.
         ConfigurationError: a roller for a wheel that skids.
         SingularityError: during evaluation, the wheel lies flat.
 
@@ -69,7 +63,7 @@ class RollingWheel:
     roller: float | None = None
     lateral: bool = True
     vertical: bool = True
-    ground: GroundPlane | CurvedGround | None = None
+    ground: GroundPlane | None = None
 
     def bind(self, robot: Robot) -> Rows:
         if not (is_number(self.radius) and self.radius > 0):
@@ -82,10 +76,8 @@ class RollingWheel:
         if self.roller is not None and not self.lateral:
             raise ConfigurationError(f"wheel '{self.frame}' has both roller and lateral=False: omit one of them")
         disk = WheelDisk(self.frame, self.radius, _axle(self, robot), *_parts(self))
-        if self.ground is not None and not isinstance(self.ground, GroundPlane):
-            ground = admit_ground(self.ground, f"wheel '{self.frame}'")
-            return on_carrier(WheelOnSurfaceRows(disk, ground, robot), self.frame, ground, robot)
-        rows = RollingRows(disk, _friction(self), self.ground or GroundPlane(), robot)
+        plane = plane_below(self.ground, f"wheel '{self.frame}'") or GroundPlane()
+        rows = RollingRows(disk, _friction(self), plane, robot)
         return on_carrier(rows, self.frame, self.ground, robot)
 
 
@@ -130,45 +122,3 @@ def _joint_axis(name: str, robot: Robot) -> np.ndarray:
     if np.linalg.norm(axis) < 0.5:
         raise ConstraintError(f"joint of wheel '{name}' is not revolute: give the axle with axis='x', 'y' or 'z'")
     return axis
-
-
-# ------------------------------------------------------------------ wheels on curved ground
-
-_TO_HEADING = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # from the axes of a contact
-
-
-class WheelOnSurfaceRows(SurfaceContactRows):
-    """Rolling, lateral and vertical rows of a wheel, in the tangent plane of the surface at the contact point.
-
-    The wheel is a torus without a tube. The first axis of the contact is the axle a, projected on the tangent plane,
-    which points sideways. The second is opposite to the heading ``a x n``.
-
-    Args:
-        disk: the wheel.
-        ground: the surface.
-        robot: the robot.
-    """
-
-    def __init__(self, disk: WheelDisk, ground: CurvedGround, robot: Robot) -> None:
-        turned = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), disk.axle).matrix()
-        placement = pin.SE3(turned, np.zeros(3))
-        super().__init__(disk.frame, Torus(disk.radius), placement, True, ground, robot)
-        self._axle = disk.axle
-        self.combination = _TO_HEADING if disk.combination is None else disk.combination @ _TO_HEADING
-        self.names = tuple(f"{part}({disk.frame})" for part in disk.parts)
-        self.units = ("m/s",) * len(disk.parts)
-        self.holonomic = tuple(part == "vertical" for part in disk.parts)
-
-    def _direction(self, rotation: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        return apply(rotation, self._axle)
-
-    def _direction_rate(self, found: SurfaceContact, w: np.ndarray) -> np.ndarray:
-        return vector_product(w, found.along)
-
-    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        contact, directions = self._contact_axes(at)[0], self.wrenches(at)[..., :3]
-        return np.broadcast_to(contact[..., None, :], directions.shape), directions
-
-    def phrases(self) -> Phrases:
-        prevents = "slip at" if len(self.names) == 3 else "roll without turning"
-        return Phrases("rolling wheel", prevents=prevents, where=self._body)

@@ -164,7 +164,7 @@ class SurfaceContactRows(WrenchRows):
         arm = apply(rotation, self._center) + apply(axes, self._shape.point(outward))
         each = np.broadcast_to(outward[..., None, :], (*outward.shape[:-1], 3, 3))
         columns = self._shape.point_rate(each, axes)  # along the world's x, y and z
-        return SurfaceContact(point, gap, normal, turning, arm, axes @ columns.mT, self._direction(rotation, normal))
+        return SurfaceContact(point, gap, normal, turning, arm, axes @ columns.mT, self._direction(normal))
 
     def _stepped(self, origin: np.ndarray, found: SurfaceContact) -> tuple[np.ndarray, np.ndarray]:
         """Newton step (..., 3) and (...) of point and gap."""
@@ -219,25 +219,21 @@ class SurfaceContactRows(WrenchRows):
         first = along / _dot(along, along) ** 0.5
         return np.stack([first, vector_product(normal, first), normal], axis=-2)
 
-    def _axes_rate(self, found: SurfaceContact, rate: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """Rate of the axes (..., 3, 3) for a rate of the normal (..., 3) and the body's angular velocity (..., 3)."""
-        direction, normal, moved = found.along, found.normal, self._direction_rate(found, w)
+    def _axes_rate(self, found: SurfaceContact, rate: np.ndarray) -> np.ndarray:
+        """Rate of the axes (..., 3, 3) for a rate of the normal (..., 3)."""
+        direction, normal = found.along, found.normal
         along = direction - normal * _dot(normal, direction)
         length = _dot(along, along) ** 0.5
-        first, leaning = along / length, _dot(rate, direction) + _dot(normal, moved)
-        turned = moved - rate * _dot(normal, direction) - normal * leaning
+        first = along / length
+        turned = -rate * _dot(normal, direction) - normal * _dot(rate, direction)
         turned = (turned - first * _dot(first, turned)) / length
         return np.stack([turned, vector_product(rate, first) + vector_product(normal, turned), rate], axis=-2)
 
-    def _direction(self, rotation: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    def _direction(self, normal: np.ndarray) -> np.ndarray:
         """Direction (..., 3) that is projected on the surface: a constant one, or another where that has no length."""
         along = self._surface.along
         other = _EYE[int(np.argmin(np.abs(along)))]
         return np.where(np.abs(_dot(normal, along)) > _LEANS, other, along)
-
-    def _direction_rate(self, found: SurfaceContact, w: np.ndarray) -> np.ndarray:
-        """Rate of the direction (..., 3) for an angular velocity of the body (..., 3)."""
-        return np.zeros_like(w)
 
     # ------------------------------------------------------------------ rows
 
@@ -265,7 +261,7 @@ class SurfaceContactRows(WrenchRows):
     def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
         found, v, w = self._found(place), velocity[..., :3], velocity[..., 3:]
         arm_rate, normal_rate = self._rates(found, v, w)
-        axes, axes_rate = self._axes(found), self._axes_rate(found, normal_rate, w)
+        axes, axes_rate = self._axes(found), self._axes_rate(found, normal_rate)
         return contact_wrench_rates(axes, axes_rate, found.arm, arm_rate, self._count)
 
     def residual(self, at: PositionKinematics) -> np.ndarray:

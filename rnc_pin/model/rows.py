@@ -9,7 +9,7 @@ Simulators, drawings and texts do not read the kinds: they read the mechanisms a
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, Protocol, runtime_checkable
 
@@ -283,11 +283,6 @@ class ConstraintKind(Protocol):
     """Description of constraint rows that can be bound to a robot."""
 
     def bind(self, robot: Robot) -> Rows: ...
-
-
-def parts_of(kinds: Iterable[ConstraintKind]) -> list[ConstraintKind]:
-    """Kinds, each that has ``parts()`` replaced by them, e.g. a body that touches along a line by its two ends."""
-    return [part for kind in kinds for part in (kind.parts() if hasattr(kind, "parts") else (kind,))]
 
 
 @runtime_checkable

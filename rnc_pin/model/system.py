@@ -33,7 +33,7 @@ from rnc_pin.model.reduction_data import (
 )
 from rnc_pin.model.relative_rows import CouplingRow, is_loose, loose_mimics, mimic_rows
 from rnc_pin.model.row_stack import OutputStack, RowStack
-from rnc_pin.model.rows import ConstraintKind, FrameAnchor, OutputKind, Rows, parts_of
+from rnc_pin.model.rows import ConstraintKind, FrameAnchor, OutputKind, Rows
 from rnc_pin.printing import ObjectSummary, SummaryMixin
 from rnc_pin.robots.joint_values import base_of, fixed_base
 from rnc_pin.robots.robot import Robot
@@ -107,9 +107,8 @@ class NonholonomicSystem(SummaryMixin):
         self.forces = PassiveForces(_kinds(forces, "forces"), robot)
         self._given = actuators, mimic, tuple(forces)
         self.kinds = tuple(_kinds(constraints, "constraints"))
-        constraints = parts_of(self.kinds)
-        blocks = _numbered([kind.bind(robot) for kind in constraints])
-        for kind, block in zip(constraints, blocks, strict=True):
+        blocks = _numbered([kind.bind(robot) for kind in self.kinds])
+        for kind, block in zip(self.kinds, blocks, strict=True):
             block.kind = kind
         if mimic and robot.mimics:
             blocks += _not_implied(mimic_rows(robot, blocks), robot, blocks)
@@ -120,7 +119,7 @@ class NonholonomicSystem(SummaryMixin):
         samples, rates = _sample_rows(self.rows, robot, self._samples)
         scales = [block_row_scales(block, samples[:, at]) for block, at, _ in self.rows.places]
         lengths = np.concatenate([np.zeros(0), *scales])  # relative to which rows count as zero
-        coupled = [name for block in blocks[len(constraints) :] for name in block.names]
+        coupled = [name for block in blocks[len(self.kinds) :] for name in block.names]
         check_reactions(self.rows, samples, lengths, coupled)
         angular = np.array([unit == "rad/s" for unit in robot.velocity_units])
         found = select_independent(samples, self.rows.names, rates if self.rows.affine else None, lengths, angular)

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.row_stack import RowStack
-from rnc_pin.model.rows import ConstraintKind, Rows, parts_of
+from rnc_pin.model.rows import ConstraintKind, Rows
 from rnc_pin.robots.robot import Robot
 from rnc_pin.visualization.drawn_state import DrawnState
 
@@ -149,7 +149,7 @@ class SwitchingForces:
 
     def __init__(self, robot: Robot, kinds: Sequence[ConstraintKind], multipliers: Sequence[str]) -> None:
         blocks: dict[tuple[str, ...], Rows] = {}
-        for kind in parts_of(kinds):
+        for kind in kinds:
             rows = kind.bind(robot)
             blocks.setdefault(rows.names, rows)
         self._rows, self._kinematics = RowStack(list(blocks.values())), Kinematics(robot)

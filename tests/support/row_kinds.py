@@ -16,14 +16,36 @@ TURNTABLE = rnc.GroundPlane(spin=1.3, point=(0.2, -0.1, 0.0), velocity=(0.3, -0.
 BOWL = rnc.SphericalGround(2.0, (0.1, 0.2, 1.9), angular_velocity=(0.3, -0.5, 0.8))
 DRUM = rnc.CylindricalGround(2.0, (0.2, 1.0, 0.3), (0.1, 0.2, 1.9), spin=0.7, sliding=-0.4)
 BALL = rnc.SphericalGround(2.0, (0.1, 0.2, -2.1), inside=False)
-WAVES = rnc.HeightField(
-    lambda x, y: 0.1 * np.sin(x) * np.cos(2 * y),
-    lambda x, y: (0.1 * np.cos(x) * np.cos(2 * y), -0.2 * np.sin(x) * np.sin(2 * y)),
-    lambda x, y: (
-        *(-0.1 * np.sin(x) * np.cos(2 * y), -0.2 * np.cos(x) * np.sin(2 * y)),
-        -0.4 * np.sin(x) * np.cos(2 * y),
-    ),
-)
+
+
+class Waves:
+    """Ground of a user's own: z = sin(x) cos(2 y) / 10."""
+
+    moves, angular_velocity, along = False, np.zeros(3), np.eye(3)[0]
+
+    def level(self, point):
+        return point[..., 2] - 0.1 * np.sin(point[..., 0]) * np.cos(2 * point[..., 1])
+
+    def gradient(self, point):
+        x, y = point[..., 0], point[..., 1]
+        slopes = 0.1 * np.cos(x) * np.cos(2 * y), -0.2 * np.sin(x) * np.sin(2 * y)
+        return np.stack([-slopes[0], -slopes[1], np.ones_like(x)], axis=-1)
+
+    def hessian(self, point):
+        x, y = point[..., 0], point[..., 1]
+        bent = 0.1 * np.sin(x) * np.cos(2 * y), 0.2 * np.cos(x) * np.sin(2 * y)
+        out = np.zeros((*point.shape, 3), dtype=point.dtype)
+        out[..., 0, 0], out[..., 1, 1] = bent[0], 4 * bent[0]
+        out[..., 0, 1] = out[..., 1, 0] = bent[1]
+        return out
+
+    def below(self, place):
+        return place - self.level(place)[..., None] * np.eye(3)[2]
+
+    def material_velocity(self, place):
+        return np.zeros_like(place)
+
+
 EGG = rnc.Ellipsoid((0.4, 0.2, 0.1))
 
 ON_PLANES = {
@@ -48,13 +70,7 @@ ON_CURVED_GROUND = {
     "in a bowl": rnc.RollingBody("body", EGG, ground=BOWL),
     "in a drum, without pivoting": rnc.RollingBody("body", EGG, ground=DRUM, pivoting=False),
     "on a ball": rnc.RollingBody("body", EGG, ground=BALL),
-    "on waves": rnc.RollingBody("body", EGG, ground=WAVES),
-}
-WHEELS_ON_CURVED_GROUND = {
-    "wheel in a turning bowl": rnc.RollingWheel("body", 0.3, "y", ground=BOWL),
-    "wheel in a drum, skidding": rnc.RollingWheel("body", 0.3, "x", lateral=False, ground=DRUM),
-    "roller on waves": rnc.RollingWheel("body", 0.3, "z", roller=0.6, ground=WAVES),
-    "wheel on a ball, without a vertical row": rnc.RollingWheel("body", 0.3, "y", vertical=False, ground=BALL),
+    "on waves": rnc.RollingBody("body", EGG, ground=Waves()),
 }
 PLATE = rnc.GroundPlane(frame="plate")
 TURNING = rnc.GroundPlane((0.2, -0.3, 1.0), (0.1, 0.2, 0.3), spin=-0.7, frame="plate")
@@ -64,9 +80,8 @@ CARRIED = {
     "egg without pivoting": rnc.RollingBody("body", EGG, pivoting=False, ground=TURNING),
     "wheel on a plate": rnc.RollingWheel("body", 0.2, "y", ground=PLATE),
     "wheel on a plate that turns": rnc.RollingWheel("body", 0.2, "y", ground=TURNING),
-    "wheel in a bowl": rnc.RollingWheel("body", 0.2, "y", ground=rnc.SphericalGround(2.0, (0, 0, 1.9), frame="plate")),
-    "egg on an egg": rnc.RollingBody("body", EGG, ground=rnc.BodySurface(EGG, "plate", (0.1, 0.2, 0), (0.3, 0.2, 0))),
-    "ball on a tyre": rnc.RollingBall("body", 0.2, ground=rnc.BodySurface(rnc.Torus(0.5, 0.1, "y"), "plate")),
+    "egg in a bowl": rnc.RollingBody("body", EGG, ground=rnc.SphericalGround(2.0, (0, 0, 1.9), frame="plate")),
+    "ball on a ball": rnc.RollingBall("body", 0.2, ground=rnc.SphericalGround(0.5, inside=False, frame="plate")),
     "caster on a plate": rnc.Caster("body", 0.2, ground=PLATE),
     "knife edge on a plate": rnc.NoSideSlip("body", "y", ground=PLATE),
     "knife edge beside its frame": rnc.NoSideSlip("body", "x", at=(0.1, -0.2, 0.3), ground=PLATE),
@@ -126,7 +141,7 @@ OF_AN_ARM = {
 def robots():
     """Robot of each kind of rows, and the kinds."""
     return (
-        (rigid_body(), ON_PLANES | ROLLING | ON_CURVED_GROUND | WHEELS_ON_CURVED_GROUND),
+        (rigid_body(), ON_PLANES | ROLLING | ON_CURVED_GROUND),
         (free_bodies("plate", "body"), CARRIED),
         (bicycle().robot, OF_TWO_WHEELS),
         (ackermann_car().robot, OF_A_CAR),

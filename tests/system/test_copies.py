@@ -159,7 +159,7 @@ NEEDED = [name for name, thing in NAMED.items() if name.count(".") == 1 or calle
 EXAMPLES = [name for name in NAMED if name in NEEDED or statements(name)]
 SLOW = ["rnc_pin.SweepResults", "rnc_pin.sweep", "rnc_pin.load_sweep"]  # a sweep starts processes: it runs once
 LONG = [  # these run with copies alone, which have to print what the docstring says
-    "rnc_pin.BodySurface", "rnc_pin.Calibration", "rnc_pin.Comparison",
+    "rnc_pin.Calibration", "rnc_pin.Comparison",
     "rnc_pin.analysis.PrivilegedCoordinates", "rnc_pin.optimal.SetPointController",
     "rnc_pin.plants.mujoco.MuJoCoPlant",
 ]  # fmt: skip

@@ -20,7 +20,6 @@ GROUNDS = {
     "plane": rnc.GroundPlane(normal=(0.2, -0.3, 1.0), point=(0.1, 0.2, 0.3)),
     "bowl": rnc.SphericalGround(2.0, (0.0, 0.0, 1.9)),
     "pipe": rnc.CylindricalGround(2.0, (0.2, 1.0, 0.3), (0.1, 0.2, 1.9)),
-    "trough": rnc.HeightField(lambda x, y: 0.1 * x * x, lambda x, y: (0.2 * x, 0.0), lambda x, y: (0.2, 0.0, 0.0)),
 }
 
 

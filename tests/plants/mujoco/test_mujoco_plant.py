@@ -440,7 +440,6 @@ def test_what_it_has_not_is_refused_by_name():
 GROUNDS = {
     "SphericalGround": rnc.SphericalGround(1.0, (0.0, 0.0, 1.0)),
     "CylindricalGround": rnc.CylindricalGround(1.0, (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
-    "HeightField": rnc.HeightField(lambda x, y: 0.1 * x * x, lambda x, y: (0.2 * x, 0.0), lambda x, y: (0.2, 0.0, 0.0)),
     "GroundPlane": rnc.GroundPlane(spin=1.0),
 }
 

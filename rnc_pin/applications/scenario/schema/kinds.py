@@ -13,11 +13,8 @@ from rnc_pin.applications.scenario.schema.derived import Entry, one_of, plain_or
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
 from rnc_pin.constraints import (
     AckermannSteering,
-    BodySurface,
     Caster,
-    Cone,
     CurvedGround,
-    Cylinder,
     CylindricalGround,
     Ellipsoid,
     FixedOutput,
@@ -62,11 +59,8 @@ from rnc_pin.outputs import (
 from rnc_pin.planning import Reference
 from rnc_pin.plants import UnilateralContact
 
-_Shape = Annotated[object, one_of(sphere=Sphere, ellipsoid=Ellipsoid, torus=Torus, cylinder=Cylinder, cone=Cone)]
-_Smooth = Annotated[object, one_of(sphere=Sphere, ellipsoid=Ellipsoid, torus=Torus)]
-_Surfaces = plain_or(
-    GroundPlane, sphere=SphericalGround, cylinder=CylindricalGround, body=Entry(BodySurface, forms={"shape": _Smooth})
-)
+_Shape = Annotated[object, one_of(sphere=Sphere, ellipsoid=Ellipsoid, torus=Torus)]
+_Surfaces = plain_or(GroundPlane, sphere=SphericalGround, cylinder=CylindricalGround)
 GroundItem = Annotated[object, _Surfaces] | None
 _Plane = Annotated[GroundPlane, Entry(GroundPlane)] | None
 OutputItem = Annotated[
@@ -126,7 +120,7 @@ ConstraintItem = Annotated[
     one_of(
         momentum=Entry(MomentumConservation, short="joint"),
         no_side_slip=Entry(NoSideSlip, forms={"ground": _Plane}),
-        rolling_wheel=Entry(RollingWheel, forms={"ground": GroundItem}),
+        rolling_wheel=Entry(RollingWheel, forms={"ground": _Plane}),
         rolling_ball=Entry(RollingBall, forms={"ground": GroundItem}),
         rolling_body=Entry(RollingBody, forms={"shape": _Shape, "ground": GroundItem}),
         caster=Entry(Caster, forms={"ground": _Plane}),

@@ -21,7 +21,7 @@ from rnc_pin.visualization.drawn_state import View
 
 KINDS = [getattr(package, name) for package in (constraints, outputs) for name in package.__all__]
 KINDS = [kind for kind in KINDS if dataclasses.is_dataclass(kind)]
-TAKE_FUNCTIONS = {rnc.HeightField, rnc.Pfaffian, rnc.Output}  # which no file can say
+TAKE_FUNCTIONS = {rnc.Pfaffian, rnc.Output}  # which no file can say
 PARTS_OF_KINDS = {rnc.GroundPlane}  # which stand under a key of another kind
 KINDS = [kind for kind in KINDS if kind not in TAKE_FUNCTIONS | PARTS_OF_KINDS] + [rnc.FrameForce, rnc.FrameTorque]
 ALONE = {rnc.JointPosition: "joint", rnc.FrameOrientation: "frame", rnc.FrameYaw: "frame"}  # {frame_yaw: base}
