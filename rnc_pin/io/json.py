@@ -10,7 +10,6 @@ import json
 import math
 import os
 import secrets
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -93,34 +92,6 @@ def atomic_file(path: Path, replace: bool = True) -> Iterator[Path]:
         raise
     finally:
         partial.unlink(missing_ok=True)
-
-
-@contextmanager
-def atomic_folder(path: Path, replace: bool = True) -> Iterator[Path]:
-    """Yield a temporary folder, and move its files into place at the end; other files in the folder stay.
-
-    Args:
-        path: the folder, created with its parents.
-        replace: replace files of the same names; else they are an error.
-
-    Raises:
-        OSError: the folder cannot be written, or a file exists.
-    """
-    path = Path(os.path.abspath(path))  # "." has no name to derive a temporary one from
-    path.parent.mkdir(parents=True, exist_ok=True)
-    staging = path.with_name(TEMPORARY_PREFIX + secrets.token_hex(4))
-    staging.mkdir()
-    try:
-        yield staging
-        path.mkdir(exist_ok=True)
-        names = sorted(each.name for each in staging.iterdir())
-        for name in names if not replace else ():
-            if os.path.lexists(path / name):
-                raise _is_there(path / name)
-        for name in names:
-            _put(staging / name, path / name, replace)
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
 
 
 def _put(source: Path, target: Path, replace: bool) -> None:

@@ -150,13 +150,11 @@ class PlannedPath:
 
     Attributes:
         frame: frame that drives the path.
-        trailer: frame of the trailer that follows, if any.
         poses: poses of the frame.
         heights: heights of the frame at the poses [m]; empty for a path on the ground.
     """
 
     frame: str
-    trailer: str | None = None
     poses: tuple[Pose, ...] = ()
     heights: tuple[float, ...] = ()
 

@@ -13,5 +13,4 @@ from .plots import plot_distributions as plot_distributions
 from .plots import plot_limits as plot_limits
 from .plots import plot_top_view as plot_top_view
 from .recording import Recording as Recording
-from .recording import write_frames as write_frames
 from .recording import write_video as write_video

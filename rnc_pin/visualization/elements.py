@@ -14,9 +14,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.io.json import Json
-from rnc_pin.planning.car_path import continued_back, path_distances
 from rnc_pin.robots.robot import Robot
-from rnc_pin.simulation import OutputNames, PlannedPath
+from rnc_pin.simulation import OutputNames
 from rnc_pin.visualization.browser.page import mg
 from rnc_pin.visualization.drawn_state import DrawnState, output_error, tracked_frames
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
@@ -207,7 +206,6 @@ def _cylinder_transform(middle: np.ndarray, along: np.ndarray, height: float, ra
 
 
 _MAX_ERRORS = 5
-_PATH_BEHIND = 20.0  # [m]
 
 
 class OverlayRow(NamedTuple):
@@ -226,7 +224,6 @@ class Overlay:
         outputs: names of the outputs.
         goals: outputs that have goals.
         kinematics: kinematics of the robot.
-        plan: planned path, if any.
         margin: True if the states have a singularity margin.
     """
 
@@ -235,7 +232,6 @@ class Overlay:
         outputs: OutputNames,
         goals: Sequence[str],
         kinematics: SceneKinematics,
-        plan: PlannedPath | None,
         margin: bool,
     ) -> None:
         errors: list[OverlayRow] = []
@@ -260,7 +256,6 @@ class Overlay:
         self.rows = [
             OverlayRow("time", "s", lambda state: state.time),
             *errors[:_MAX_ERRORS],
-            *_off_track(plan, kinematics),
         ]
         if margin:
             self.rows.append(
@@ -278,21 +273,6 @@ class Overlay:
         values = [float(row.value(state)) for row in self.rows]
         chips = [None if row.color is None else _hex(row.color(state)) for row in self.rows]
         return values, chips
-
-
-def _off_track(plan: PlannedPath | None, kinematics: SceneKinematics) -> list[OverlayRow]:
-    if not plan or not plan.trailer:
-        return []
-    # The trailer starts behind the path, so the path is continued backwards in a straight line.
-    points = continued_back(np.array(plan.poses), _PATH_BEHIND)
-    point = kinematics.point(plan.trailer)
-    return [
-        OverlayRow(
-            f"{_words(plan.trailer)} off the planned path",
-            "m",
-            lambda state: float(path_distances(point(state)[None, :2], points)[0]),
-        )
-    ]
 
 
 def margin_color(margin: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.extras import missing_extra
-from rnc_pin.io.json import atomic_file, atomic_folder
+from rnc_pin.io.json import atomic_file
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ObjectSummary, SummaryMixin, items, significant
 from rnc_pin.robots.robot import Robot
@@ -174,33 +174,6 @@ def take_pictures(
             yield page.screenshot(type=kind, quality=None if kind == "png" else 92)
 
 
-def write_frames(
-    recording: Recording,
-    folder: str | Path,
-    rate: float = 25.0,
-    size: tuple[int, int] = (1280, 720),
-    replace: bool = True,
-) -> list[Path]:
-    """Write one PNG per frame (``frame_00000.png``, ...) into a new or existing folder, after all are complete.
-
-    Args:
-        recording: recording to draw.
-        folder: folder of the pictures.
-        rate: frames per second.
-        size: width and height [pixels].
-        replace: True replaces files of the same names.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
-    folder, names = Path(folder), []
-    with atomic_folder(folder, replace) as staging:
-        for k, picture in enumerate(take_pictures(recording, even_times(recording.duration, rate), size)):
-            names.append(f"frame_{k:05d}.png")
-            (staging / names[-1]).write_bytes(picture)
-    return [folder / name for name in names]
-
-
 def write_video(
     recording: Recording,
     path: str | Path,
@@ -226,7 +199,7 @@ def write_video(
         raise ConfigurationError(f"{path}: expected a name that ends in {' or '.join(VIDEOS)}")
     ffmpeg = shutil.which("ffmpeg")
     if ffmpeg is None:
-        raise ConfigurationError(f"{path}: a video needs ffmpeg, which is not installed; frames do not need it")
+        raise ConfigurationError(f"{path}: a video needs ffmpeg, which is not installed")
     with atomic_file(path, replace) as partial:
         pictures = take_pictures(recording, even_times(recording.duration, rate), size, "jpeg")
         _encode(ffmpeg, path, partial, pictures, rate)

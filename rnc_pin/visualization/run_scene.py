@@ -89,7 +89,7 @@ class RunScene:
         self._look(first, np.concatenate([*(self.kinematics.corners(q) for q in moments), bodies]))
         self.tracked = tracked_frames(self.outputs, shown.goals, self.robot)
         self.elements = self._elements(first)
-        self.overlay = Overlay(self.outputs, shown.goals, self.kinematics, self._path, self.reduced is not None)
+        self.overlay = Overlay(self.outputs, shown.goals, self.kinematics, self.reduced is not None)
         for element in self.elements:
             element.build(scene)
         for entry in self.legend():

@@ -23,7 +23,7 @@ SHORT = {"simulation.duration": 0.02, "comparisons": {}, "plots": {}}
 FULL = Provenance(
     scenario="mine", seed=3, config={"robot": {"urdf": "mine.urdf"}, "constraints": [], "title": None},
     folder="/home/me", controller={"type": "Mine", "k": [1.0, 2.0]}, task=TaskNames(("tip_x",), ("joint_1",)),
-    path=PlannedPath("tractor", "trailer", ((0.0, 0.0, 0.1), (1.0, 0.0, 0.2))), estimates={"mass": "kg"},
+    path=PlannedPath("tractor", ((0.0, 0.0, 0.1), (1.0, 0.0, 0.2))), estimates={"mass": "kg"},
     predicted={"rolling": "m/s"}, more={"note": ["anything", {"else": 1.5}]},
 )  # fmt: skip
 

@@ -121,7 +121,6 @@ def test_everything_is_drawn_and_can_be_switched(browser, fire_truck, tmp_path):
     assert row(page, "time") == "4.00 s"
     assert row(page, "error of tractor") == f"{np.hypot(*position):.4f} m"
     assert row(page, "singularity margin") == f"{run.singular_value[i]:.4f}"
-    assert float(row(page, "rear axle off the planned path").split()[0]) < 0.02
     # A force is where its axle is, and as long as its multiplier says.
     data = experiment.reduced.robot.model.createData()
     pin.framesForwardKinematics(experiment.reduced.robot.model, data, run.q[i])

@@ -170,7 +170,7 @@ def test_the_board_names_errors_by_frame_and_compares_angles_as_angles():
     vertical = list(reduced.vertical.names)
     names = output_names(reduced)
     goals = ["tractor_x", "tractor_y", "trailer_yaw"]
-    overlay = Overlay(names, goals, SceneKinematics(reduced.robot), {}, margin=True)
+    overlay = Overlay(names, goals, SceneKinematics(reduced.robot), margin=True)
     assert [each["label"] for each in overlay.labels()] == [
         "time", "error of tractor", "error of trailer yaw", "singularity margin"]  # fmt: skip
     actual, desired = dict.fromkeys(vertical, 0.0), dict.fromkeys(vertical, np.nan)
@@ -187,14 +187,14 @@ def test_the_board_tells_an_integral_from_a_speed():
     reduced = systems.fire_truck()
     names = output_names(reduced)
     (speed,) = (name for name in reduced.reducing.names if "speed" in name)
-    labels = Overlay(names, [speed], SceneKinematics(reduced.robot), None, margin=False).labels()
+    labels = Overlay(names, [speed], SceneKinematics(reduced.robot), margin=False).labels()
     assert [(each["label"], each["unit"]) for each in labels[1:]] == [("error of integral of tractor speed x", "m")]
 
 
 def test_the_board_measures_attitudes_on_the_sphere():
     robot = rnc.Robot.from_example("panda", base="free")
     attitude = Columns(tuple(f"panda_hand_orientation_{axis}" for axis in "xyz"), ("rad",) * 3, (False,) * 3, (0,))
-    overlay = Overlay(OutputNames(x2=attitude), attitude.names, SceneKinematics(robot), None, margin=False)
+    overlay = Overlay(OutputNames(x2=attitude), attitude.names, SceneKinematics(robot), margin=False)
     state = DrawnState(0.0, robot.configuration(), *np.zeros((6, 3)), 0.0)
     state = state._replace(x2=np.array([0.0, 0.0, 3.0]), x2_desired=np.array([0.0, 0.0, -3.0]), x1=np.empty(0))
     assert [each["label"] for each in overlay.labels()] == ["time", "error of panda hand orientation"]

@@ -256,9 +256,8 @@ def schema() -> None:
 @click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=_PATH)
 @_showing
 @click.option("--html", type=_PATH, help="Write one HTML file that plays offline.")
-@click.option("--frames", type=_PATH, help="Write one PNG per frame into this folder.")
 @click.option("--video", type=_PATH, help="Write an .mp4 or .gif; needs ffmpeg.")
-@click.option("--rate", type=click.FloatRange(1, 60), default=25.0, help="Frames per second of frames and videos.")
+@click.option("--rate", type=click.FloatRange(1, 60), default=25.0, help="Frames per second of a video.")
 @click.option("--plot", type=_PATH, help="Write plots: .png, .pdf or .svg.")
 @click.option("--output", "outputs", metavar="NAME", multiple=True, help="With --plot: an output or a quantity.")
 @click.option("--size", metavar="SIZE", help="With --plot: column, page or WIDTHxHEIGHT [inches].")

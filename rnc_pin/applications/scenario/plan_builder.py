@@ -130,7 +130,7 @@ def planned_path(found: MotionPlan, reduced: ReducedModel, frame: str) -> Planne
     rows = np.round(poses, 5).tolist()
     on_ground = reduced.robot.model.joints[1].shortname() == "JointModelPlanar"
     kept = () if on_ground else tuple(np.round(heights, 5).tolist())
-    return PlannedPath(frame, None, tuple((x, y, heading) for x, y, heading in rows), kept)
+    return PlannedPath(frame, tuple((x, y, heading) for x, y, heading in rows), kept)
 
 
 def _costs(settings: OptimalPlanner, start: Start, names: Sequence[str]) -> Iterator[CostKind]:

@@ -77,7 +77,7 @@ class PathPlan:
     monitored: tuple[np.ndarray, Reference] | None = None
     """Indices in x1 and reference of the x and y of the frame, for the record."""
     planned: PlannedPath | None = None
-    """For plots: the frame, its trailer, and the poses of the path."""
+    """For plots: the frame, and the poses of the path."""
 
 
 def plan_path(scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray) -> PathPlan:
@@ -107,10 +107,9 @@ def plan_path(scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.
         if trailer is not None:
             slithering = trailer.build(reduced=reduced, task=task, tractor=settings.frame)
     poses = np.round(path.poses[:: max(1, len(path.poses) // 400)], 5).tolist()
-    trailing = None if trailer is None else str(trailer.given["axle"])
     names = [f"{settings.frame}_{axis}" for axis in "xy"]
     monitored = None
     if all(name in reduced.vertical.names for name in names):
         monitored = (np.array([reduced.vertical.names.index(name) for name in names]), path.position)
-    planned = PlannedPath(settings.frame, trailing, tuple((x, y, heading) for x, y, heading in poses))
+    planned = PlannedPath(settings.frame, tuple((x, y, heading) for x, y, heading in poses))
     return PathPlan(path.reference, slithering, monitored, planned)

@@ -29,7 +29,7 @@ from rnc_pin.simulation import (
     summarize,
 )
 from rnc_pin.verdict import Verdict
-from rnc_pin.visualization import DrawnModel, LiveView, View, recorded_states, write_frames, write_video
+from rnc_pin.visualization import DrawnModel, LiveView, View, recorded_states, write_video
 from rnc_pin.visualization.browser import is_loopback
 
 
@@ -61,7 +61,6 @@ class ReplayFiles(TypedDict):
     """Files that a replay writes."""
 
     html: Path | None
-    frames: Path | None
     video: Path | None
     rate: float
     plot: Path | None
@@ -80,7 +79,7 @@ def replay_runs(
     **files: Unpack[ReplayFiles],
 ) -> int:
     """Write the requested files of runs, show them, or print their summaries and verdicts. Return the exit status."""
-    judges = not show and not any((files["html"], files["frames"], files["video"], files["plot"]))
+    judges = not show and not any((files["html"], files["video"], files["plot"]))
     if accept and not judges:
         raise ConfigurationError("--accept: a replay judges runs only if it prints their summaries; remove the option")
     if files["plot"] is None and (files["outputs"] or files["size"]):
@@ -96,28 +95,20 @@ def replay_runs(
 
 def _check_new(files: ReplayFiles) -> None:
     """Check that the files can be written, before anything is drawn."""
-    force, frames = files["force"], files["frames"]
     for option, path in {"--html": files["html"], "--video": files["video"], "--plot": files["plot"]}.items():
         if path is not None:
-            check_new_file(option, path, force)
-    if frames is None or force or not os.path.exists(frames):
-        return
-    if not os.path.isdir(frames) or any(frames.iterdir()):
-        raise ConfigurationError(f"--frames {frames}: exists and is not empty; choose another name or add --force")
+            check_new_file(option, path, files["force"])
 
 
 def _write(runs: list[Run], others: Mapping[str, Trajectory], files: ReplayFiles) -> None:
-    html, frames, video = files["html"], files["frames"], files["video"]
+    html, video = files["html"], files["video"]
     plot, force = files["plot"], files["force"]
     with one_line_errors():
-        if html is not None or frames is not None or video is not None:
+        if html is not None or video is not None:
             recording = animation_of(runs)
         if html is not None:
             recording.save(html, force)
             click.echo(f"wrote {html} ({html.stat().st_size / 1e6:.1f} MB)")
-        if frames is not None:
-            count = len(write_frames(recording, frames, files["rate"], replace=force))
-            click.echo(f"wrote {count} frames into {frames}")
         if video is not None:
             write_video(recording, video, files["rate"], replace=force)
             click.echo(f"wrote {video} ({video.stat().st_size / 1e6:.1f} MB)")
