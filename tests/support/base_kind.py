@@ -1,13 +1,10 @@
 """Kind of the base that a draft assumes, as a value without names."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
-from xml.etree import ElementTree
 
-import numpy as np
-import pinocchio as pin
 import yaml
 
 from rnc_pin.io.safe_read import parse_tree
@@ -80,70 +77,6 @@ def base_kind(draft: str, urdf: str) -> BaseKind:
     )  # fmt: skip
 
 
-def explanation(before: BaseKind, after: BaseKind, draft: str, concerned: Iterable[str]) -> str:
-    """Return the remark of a draft that says why its kind is not the one before, or an empty string.
-
-    It names the former family, or wheels and actuators that are concerned. A question may name the option of the former
-    base instead. What the draft is sure of does not count, and neither does ``--base`` as a general alternative.
-
-    Args:
-        before: kind that was expected.
-        after: kind of the draft.
-        draft: the draft.
-        concerned: joints and links that the difference is about.
-    """
-    names = [re.compile(rf"(?<![\w/.-]){re.escape(each)}(?![\w/-])") for each in concerned]
-    if before.family != after.family:
-        names.append(re.compile(_FAMILIES.get(before.family, re.escape(before.family)), re.IGNORECASE))
-    for each in comments(draft):
-        asks = each.startswith("QUESTION: ")
-        if each.startswith(("base ", "First draft", "Decided: ")) or ("--base" in each and not asks):
-            continue
-        if any(name.search(each) for name in names) or (asks and f"--base {before.base}" in each):
-            return each
-    return ""
-
-
-def base_parts(draft: str, urdf: str) -> tuple[set[str], set[str]]:
-    """Frames and joints of the wheels that roll, and actuators of the base that are joints."""
-    content, above = yaml.safe_load(draft), _joints_above(urdf)
-    frames = [each["frame"] for each in _rolling(content)]
-    wheels = {*frames, *(above[each][0] for each in frames if above.get(each))}
-    return wheels, {*_of_base(content, urdf)} - {""}
-
-
-def wheel_axles(draft: str, urdf: str) -> tuple[list[list[str]], list[str]]:
-    """Joints of the wheels that roll on the base itself, by axle from rear to front, and the other driven joints.
-
-    The heading of the first wheel is forward. Only wheels that are parallel to it belong to an axle.
-    """
-    content, above = yaml.safe_load(draft), _joints_above(urdf)
-    on_base = {above[each["frame"]][0]: each["radius"] for each in _rolling(content) if len(above[each["frame"]]) == 1}
-    robot = parse_tree(urdf)
-    joints = {each.find("child").get("link"): each for each in robot.findall("joint")}
-    places: list[tuple[float, str]] = []
-    heading = None
-    for link, joint in joints.items():
-        if joint.get("name") not in on_base:
-            continue
-        placement = _at_zero(link, joints)
-        axis = joint.find("axis")
-        axle = placement.rotation @ np.array((axis.get("xyz") if axis is not None else "1 0 0").split(), float)
-        along = np.cross(axle / np.linalg.norm(axle), [0.0, 0.0, 1.0])
-        heading = along if heading is None else heading
-        if abs(along @ heading) > 0.99:
-            places.append((float(heading @ placement.translation), joint.get("name", "")))
-    axles: list[list[str]] = []
-    last = -np.inf
-    for place, name in sorted(places):
-        if place - last > 0.5 * on_base[name]:
-            axles.append([])
-        axles[-1].append(name)
-        last = place
-    wheels = {name for _, name in places}
-    return axles, [each for each in content["actuators"] if isinstance(each, str) and each not in wheels]
-
-
 def _family(words: str) -> str:
     said = words.partition(": ")[2]
     return next((family for family, pattern in _FAMILIES.items() if re.search(pattern, said)), said)
@@ -159,18 +92,6 @@ def _of_base(content: Mapping[str, Any], urdf: str) -> list[str]:
     carrying = {joint for each in _rolling(content) for joint in above.get(each["frame"], [])}
     given = [each if isinstance(each, str) else "" for each in content["actuators"]]
     return [each for each in given if not each or each in carrying]
-
-
-def _at_zero(link: str, joints: Mapping[str, ElementTree.Element]) -> pin.SE3:
-    """Placement of a link in the root link, with all joints at zero; joints by the names of their children."""
-    placement = pin.SE3.Identity()
-    while link in joints:
-        origin = joints[link].find("origin")
-        said = origin.attrib if origin is not None else {}
-        place, angles = (np.array(said.get(key, "0 0 0").split(), float) for key in ("xyz", "rpy"))
-        placement = pin.SE3(pin.rpy.rpyToMatrix(angles), place) * placement
-        link = joints[link].find("parent").get("link")
-    return placement
 
 
 def _joints_above(urdf: str) -> dict[str, list[str]]:

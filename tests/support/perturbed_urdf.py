@@ -4,7 +4,7 @@ Each function takes the text of a URDF, without macros, and returns another text
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from xml.etree import ElementTree
 
 import numpy as np
@@ -61,17 +61,6 @@ def renamed(urdf: str, seed: int) -> str:
     return _text(robot)
 
 
-def new_names(before: str, after: str) -> dict[str, str]:
-    """Return the new names of links and joints by their names before; empty if they have kept their names."""
-    one, other = (
-        [(each.tag, each.get("name", "")) for each in parse_tree(urdf) if each.tag in ("link", "joint")]
-        for urdf in (before, after)
-    )
-    if set(one) == set(other):
-        return {}
-    return {old: new for (_, old), (_, new) in zip(one, other, strict=True)}
-
-
 def shuffled(urdf: str, seed: int) -> str:
     """Return a URDF with the elements of the robot in another order."""
     robot, generator = parse_tree(urdf), np.random.default_rng(seed)
@@ -83,17 +72,6 @@ def without_drives(urdf: str, seed: int = 0) -> str | None:
     """Return a URDF that names no driven joint: without transmissions, ros2_control, and plugins that name joints."""
     robot = parse_tree(urdf)
     return _text(robot) if _remove_drives(robot) else None
-
-
-def with_drives(urdf: str, joints: Iterable[str]) -> str:
-    """Return a URDF that names these joints as the driven ones, by transmissions."""
-    robot = parse_tree(urdf)
-    _remove_drives(robot)
-    for name in joints:
-        transmission = ElementTree.SubElement(robot, "transmission", name=f"of_{name}")
-        ElementTree.SubElement(transmission, "type").text = "transmission_interface/SimpleTransmission"
-        ElementTree.SubElement(transmission, "joint", name=name)
-    return _text(robot)
 
 
 def scaled(urdf: str, scale: float) -> str:
