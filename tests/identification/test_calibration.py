@@ -172,7 +172,6 @@ def test_combinations_that_no_log_shows_are_named(tmp_path):
     ("tricycle", {"radius of front", "offset of fork_joint"}),
     ("car", {"offset of left_steer_joint"}),
     ("Mecanum", {"radius of fl, fr, rl, rr"}),
-    ("car with trailer", {"radius of rear", "offset of steer_joint"}),
 ])  # fmt: skip
 def test_a_straight_motion_shows_no_track_no_wheelbase_and_no_sensor(name, seen, tmp_path):
     """Only radii and zeros of steering act on a straight path; of four measured wheels, it shows the mean radius."""

@@ -12,7 +12,7 @@ from rnc_pin.identification.calibration import PoseProblem
 from rnc_pin.identification.logs import Channel
 from rnc_pin.identification.rolling_motion import RollingMotion
 from rnc_pin.visualization.recording import Recording
-from rolled_logs import DIFFERENTIAL, TRAILER, TRICYCLE, signal
+from rolled_logs import DIFFERENTIAL, TRICYCLE, signal
 
 
 @pytest.mark.parametrize(("vehicle", "change", "name"), [
@@ -22,7 +22,6 @@ from rolled_logs import DIFFERENTIAL, TRAILER, TRICYCLE, signal
     (DIFFERENTIAL, {"sy": 0.05}, "y of the sensor"),
     (TRICYCLE, {"offset fork_joint": 0.05}, "offset of fork_joint"),
     (TRICYCLE, {"sx": 1.0}, "x of the sensor"),
-    (TRAILER, {"offset steer_joint": 0.04}, "offset of steer_joint"),
 ])  # fmt: skip
 def test_the_wrong_number_is_named_first(vehicle, change, name, tmp_path):
     other = replace(vehicle, true={**vehicle.nominal, **change})

@@ -8,13 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import rnc_pin as rnc
-from rnc_pin.identification import (
-    EncoderOffset,
-    EncoderScale,
-    JointShift,
-    SensorPlace,
-    WheelRadius,
-)
+from rnc_pin.identification import EncoderOffset, EncoderScale, JointShift, SensorPlace, WheelRadius
 from rnc_pin.identification.logs import Channel
 
 STEP, ENCODERS, SENSOR = 1e-3, 20, 40  # period of the motion [s]; steps between samples of encoders and of the sensor
@@ -55,14 +49,7 @@ class Vehicle:
         path.write_text(self.urdf(numbers))
         return rnc.NonholonomicSystem(rnc.Robot.from_urdf(path, base="planar"), self.constraints(numbers))
 
-    def log(
-        self,
-        seed: int,
-        duration: float = 30.0,
-        noise: float = 1.0,
-        ticks: int = TICKS,
-        inputs: Sequence[Signal] | None = None,
-    ) -> rnc.Log:
+    def log(self, seed, duration=30.0, noise=1.0, ticks=TICKS, inputs: Sequence[Signal] | None = None) -> rnc.Log:
         """Log of a motion of the true robot, by default a drawn one; ``ticks`` is zero for exact encoders."""
         generator = np.random.default_rng(seed)
         time = np.arange(round(duration / STEP) + 1) * STEP
@@ -99,11 +86,8 @@ class Vehicle:
 
 def signal(generator: np.random.Generator) -> Signal:
     """Smooth signal between -1 and 1: a mean and three waves of 4 to 20 s."""
-    size, rate, phase = (
-        generator.uniform(0.1, 0.3, 3),
-        2 * np.pi / generator.uniform(4, 20, 3),
-        generator.uniform(0, 6, 3),
-    )
+    size, period, phase = (generator.uniform(*ends, 3) for ends in ((0.1, 0.3), (4, 20), (0, 6)))
+    rate = 2 * np.pi / period
     return lambda time: 0.1 + sum(a * np.sin(w * time + p) for a, w, p in zip(size, rate, phase, strict=True))
 
 
@@ -164,20 +148,10 @@ def _tricycle(p: Numbers, u: list[np.ndarray]) -> tuple[np.ndarray, dict[str, ob
 TRICYCLE = Vehicle(
     {"r": 0.12, "base": 1.4, "scale fork_joint": 1.0, "offset fork_joint": 0.0, "sx": 0.9, "sy": 0.0},
     {"r": 0.125, "base": 1.5, "scale fork_joint": 1.1, "offset fork_joint": -0.05, "sx": 1.0, "sy": 0.04},
-    (
-        WheelRadius("front"),
-        JointShift("fork_joint", "x"),
-        EncoderScale("fork_joint"),
-        EncoderOffset("fork_joint"),
-        SX,
-        SY,
-    ),
-    lambda p: _file(
-        p,
-        ("base", "fork", (p["base"], 0, 0.12), Z),
-        ("fork", "front", (0, 0, 0), Y),
-        ("base", "rear", (0, 0.4, 0.1), Y),
-    ),
+    (WheelRadius("front"), JointShift("fork_joint", "x"), EncoderScale("fork_joint"), EncoderOffset("fork_joint"), SX,
+     SY),
+    lambda p: _file(p, ("base", "fork", (p["base"], 0, 0.12), Z), ("fork", "front", (0, 0, 0), Y),
+                    ("base", "rear", (0, 0.4, 0.1), Y)),
     lambda p: [rnc.RollingWheel("front", p["r"]), rnc.RollingWheel("rear", 0.1)],
     _tricycle,
 )  # fmt: skip
@@ -251,46 +225,4 @@ MECANUM = Vehicle(
     3,
 )  # fmt: skip
 
-# ---------------------------------------------------------------------- car with a trailer
-
-HITCH = 0.3  # distance of the hitch behind the rear axle [m]
-
-
-def _hitch_rate(p: Numbers, angle: float, speed: float, turn: float) -> float:
-    return float(-(speed * np.sin(angle) + HITCH * turn * np.cos(angle)) / p["trailer"] - turn)
-
-
-def _trailer(p: Numbers, u: list[np.ndarray]) -> tuple[np.ndarray, dict[str, object]]:
-    speed, steer = 0.5 * u[0] + 0.4, 0.6 * u[1]
-    turn = speed * np.tan(steer) / p["base"]
-    # No side slip of the trailer's axle, which is ``trailer`` behind the hitch: Altafini's general n-trailer.
-    angle = np.zeros(len(speed))
-    for k, (v, w) in enumerate(zip((speed[1:] + speed[:-1]) / 2, (turn[1:] + turn[:-1]) / 2, strict=True)):
-        half = angle[k] + STEP / 2 * _hitch_rate(p, angle[k], v, w)
-        angle[k + 1] = angle[k] + STEP * _hitch_rate(p, half, v, w)
-    return np.column_stack([speed, 0 * speed, turn]), {
-        "steer_joint": (steer,), "hitch_joint": (angle,), "rear_joint": speed / p["r"]
-    }  # fmt: skip
-
-
-TRAILER = Vehicle(
-    {"r": 0.15, "base": 1.1, "offset steer_joint": 0.0, "trailer": 1.2, "sx": 0.5, "sy": 0.0},
-    {"r": 0.146, "base": 1.15, "offset steer_joint": 0.02, "trailer": 1.3, "sx": 0.52, "sy": -0.02},
-    (WheelRadius("rear"), JointShift("steer_joint", "x"), EncoderOffset("steer_joint"),
-     JointShift({"axle_joint": -1.0}, "x"), SX, SY),
-    lambda p: _file(
-        p,
-        ("base", "steer", (p["base"], 0, 0.15), Z), ("base", "rear", (0, 0, 0.15), Y),
-        ("base", "hitch", (-HITCH, 0, 0.15), Z), ("hitch", "axle", (-p["trailer"], 0, 0), Y),
-    ),
-    lambda p: [rnc.NoSideSlip("steer"), rnc.RollingWheel("rear", p["r"]), rnc.RollingWheel("axle", 0.15)],
-    _trailer,
-)  # fmt: skip
-
-VEHICLES: Mapping[str, Vehicle] = {
-    "differential drive": DIFFERENTIAL,
-    "tricycle": TRICYCLE,
-    "car": CAR,
-    "Mecanum": MECANUM,
-    "car with trailer": TRAILER,
-}
+VEHICLES = {"differential drive": DIFFERENTIAL, "tricycle": TRICYCLE, "car": CAR, "Mecanum": MECANUM}

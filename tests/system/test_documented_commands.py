@@ -1,52 +1,139 @@
-"""Commands that pages and messages tell people to type: each is understood, and each runs or says why it does not."""
+"""Commands that pages tell people to type: each is understood, and each of rnc-pin runs, or a table says why not.
+
+A new command of rnc-pin in a page needs no entry here. An entry is needed for a new placeholder (``PLACEHOLDERS``) and
+for a command that no test runs (``NOT_HERE``).
+"""
 
 import re
 import shlex
 import shutil
-import subprocess
 import sys
 import tomllib
+from typing import NamedTuple
 
 import click
 import numpy as np
 import pytest
 
-from documented_commands import (
-    EXPRESSIONS,
-    LONG,
-    NOT_HERE,
-    PLACEHOLDERS,
-    SHORTER,
-    commands_of_messages,
-    commands_of_pages,
-    commands_of_text,
-    documented_pages,
-    inline_options,
-    matching,
-)
-from places import ROOT
+from places import ROOT, pages
 from rnc_pin.applications.command_line.cli import main
 from rnc_pin.applications.command_line.usage import cli
 from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
 
-TABLES = "see the tables in tests/support/documented_commands.py"
-COMMANDS = {}
-for each in [*commands_of_pages(), *commands_of_messages()]:
-    COMMANDS.setdefault(each.text, each)
-RUN = {text: each for text, each in COMMANDS.items() if not matching(LONG, text) and not matching(NOT_HERE, text)}
-SLOW = {text: each for text, each in COMMANDS.items() if matching(LONG, text) and not matching(NOT_HERE, text)}
+PROGRAMS = ("rnc-pin", "python", "python3", "pytest", "pip", "ruff", "mypy", "lint-imports", "bash", ".", "eval")
+SHELLS = ("", "sh", "bash", "shell", "console")
+FOLLOWED = ("tutorials", "explanation")  # test_tutorials runs the shell blocks of these folders, with their files
+
+PLACEHOLDERS = {
+    "A.B=C": "simulation.dt=0.002", "CHECKOUT": ".", "COMMAND": "run", "DIR...": "runs/sweep", "DIR": "runs/sweep",
+    "MODULE...": "rnc_pin/control/feedback.py", "NAME": "space-robot", "[NAME...]": "systems",
+    "[PAGE...]": "01_your_robot", "ROBOT": "my_robot.urdf", "--seed S": "--seed 0", "FOLDER": "runs/space-robot",
+    "SCENARIO": "my_robot.yaml", "[SCENARIO...]": "space-robot", " N": " 2", " ...": " space-robot",
+}  # fmt: skip
+"""Text of a page, and what a reader could type instead. Longer texts are replaced first."""
+
+SHORTER = {
+    r"rnc-pin run ": "--set simulation.duration=0.02",
+    r"rnc-pin sweep ": "--set simulation.duration=0.02 --runs 2 --jobs 1",
+    r"rnc-pin drive ": "--duration 0.1 --no-browser",
+    r"rnc-pin replay .*--show": "--no-browser --speed 0",
+    r"rnc-pin init ": "--force",  # the draft of the page is there already
+}
+"""Options that make a command short; of an option that is given twice, the last value counts."""
+
+NOT_HERE = {
+    r"rnc-pin run (?!space-robot( |$)|my_robot|--help)": "a whole run; test_built_in_runs has short ones",
+    r"rnc-pin drive tiago": "TIAGo takes a quarter of a minute to load and prepare",
+    r"rnc-pin sweep .*--scheduler": "it needs a cluster; test_dask_cluster starts one",
+    r"python -m (benchmarks|tools|tests)|python docs/": "it measures, draws or derives for minutes to hours",
+    r"pytest|bash \.ci/run": "the suite that this test is part of",
+    r"pip (install|download|wheel)": "pip reads package indexes over a network",
+    r"(ruff|mypy|lint-imports|python -m sphinx)": "extras dev and docs; .ci/run calls it",
+    r"python3 -m venv|(\.|eval) ": "it changes the reader's shell",
+}
+"""Commands that no test runs, and why."""
 
 
-def parametrized(commands):
-    return pytest.mark.parametrize("command", commands.values(), ids=list(commands))
+class Command(NamedTuple):
+    """Command of a page; ``inline`` in a sentence, where it may be a mere name such as ``rnc-pin run``."""
+
+    words: tuple[str, ...]
+    place: str
+    inline: bool
+
+    @property
+    def text(self) -> str:
+        return " ".join(self.words)
+
+
+def matching(table, text):
+    return [value for pattern, value in table.items() if re.match(pattern, text)]
+
+
+def filled(text):
+    """The text of a page without placeholders."""
+    for name in sorted(PLACEHOLDERS, key=len, reverse=True):
+        begin, end = (r"(?<![\w./-])" if name[0].isalnum() else ""), (r"(?![\w|-])" if name[-1].isalnum() else "")
+        text = re.sub(begin + re.escape(name) + end, PLACEHOLDERS[name], text)
+    return re.sub(r"\[(--?[^\]]*)\]", r"\1", re.sub(r"(?<![^ ])\[?([\w./-]+)(\|[\w./-]+)+\]?(?![^ ])", r"\1", text))
+
+
+def simple_commands(line):
+    """Split a line of a shell at ``&&`` and ``;``, without comments, variables and redirections."""
+    lexer = shlex.shlex(filled(line), posix=True, punctuation_chars="&;>")
+    lexer.whitespace_split, lexer.commenters = True, "#"
+    found, redirected = [[]], False
+    for word in lexer:
+        if word in ("&&", ";"):
+            found.append([])
+        elif word == ">":
+            redirected = True
+        elif redirected:
+            redirected = False
+        elif found[-1] or not re.fullmatch(r"[A-Z_]+=\S*", word):
+            found[-1].append(word)
+    return [tuple(words) for words in found if words]
+
+
+def commands_of_text(text, place, blocks=True):
+    """Commands of a page: lines of shell blocks, indented lines, and code in sentences."""
+    found, fence = [], None
+    for number, line in enumerate(text.splitlines(), start=1):
+        here = f"{place}:{number}"
+        begin = re.match(r"\s*(?:```|~~~)(\S*)", line)
+        if begin:
+            fence = begin[1] if fence is None else None
+        elif fence is not None:
+            if fence in SHELLS and blocks:
+                found += [Command(words, here, False) for words in simple_commands(line)]
+        elif line.startswith("    ") and begins_with_program(line.strip()):
+            found += [Command(words, here, False) for words in simple_commands(line)]
+        else:
+            for code in re.findall(r"(?<!`)`([^`]+)`(?!`)", line):
+                if " " in code and begins_with_program(code):
+                    found += [Command(words, here, True) for words in simple_commands(code)]
+    return found
+
+
+def begins_with_program(text):
+    return re.sub(r"^([A-Z_]+=\S* )+", "", text).split(" ")[0] in PROGRAMS
+
+
+def commands_of_pages():
+    found = {}
+    for page in pages():
+        name = page.relative_to(ROOT).as_posix()
+        if name != "CHANGELOG.md":  # commands of former versions, too
+            for each in commands_of_text(page.read_text(), name, not any(f"/{one}/" in name for one in FOLLOWED)):
+                found.setdefault(each.text, each)
+    return found
+
+
+COMMANDS = commands_of_pages()
+RUN = {text: each for text, each in COMMANDS.items() if not matching(NOT_HERE, text)}
 
 
 # ---------------------------------------------------------------------- every command is understood
-
-
-def options_of_source(text):
-    """Options that a script declares with argparse."""
-    return set(re.findall(r"[\"'](--[\w-]+)[\"']", text))
 
 
 def source_of(words):
@@ -55,8 +142,10 @@ def source_of(words):
     if name.split("/")[0] not in ("benchmarks", "docs", "tests", "tools"):
         return None
     names = [f"benchmarks/{words[3]}", name] if name == "benchmarks" and len(words) > 3 else [name]
-    found = [path for each in names for path in (ROOT / each, ROOT / f"{each}.py", ROOT / each / "__main__.py")]
-    return next((path for path in found if path.is_file()), found[0])
+    found = [ROOT / f"{each}{end}" for each in names for end in (".py", "/__main__.py", "")]
+    found = [path for path in found if path.is_file()]
+    assert found, f"no file '{name}'"
+    return found[0]
 
 
 def with_help(command):
@@ -67,78 +156,33 @@ def with_help(command):
     return [*arguments, "--help"] if command.inline and len(arguments) == 1 and (needed or interactive) else arguments
 
 
-def check_rnc_pin(command):
-    """Let Click parse the arguments, and run nothing."""
-    arguments = with_help(command)
-    if arguments[0].startswith("-"):
-        return
-    assert arguments[0] in cli.commands, f"{command.place}: no command '{arguments[0]}'"
-    if "--help" not in arguments:
-        cli.commands[arguments[0]].make_context(arguments[0], arguments[1:], parent=click.Context(cli))
-
-
-def check_python(command):
-    source = source_of(command.words)
-    if source is None:
-        assert matching(NOT_HERE, command.text), f"{command.place}: '{command.text}': {TABLES}"
-        return
-    assert source.is_file(), f"{command.place}: no file '{source.relative_to(ROOT)}'"
-    given = {word.split("=")[0] for word in command.words if word.startswith("--")}
-    assert given <= options_of_source(source.read_text()), f"{command.place}: {command.text}"
-
-
-def check_pytest(command):
-    for word in command.words[1:]:
-        if "/" in word:
-            assert (ROOT / word).exists(), f"{command.place}: no file '{word}'"
-
-
-def check_pip(command):
-    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    for extras in re.findall(r"^\.\[(.*)\]$", "\n".join(command.words), flags=re.MULTILINE):
-        assert set(extras.split(",")) <= declared.keys(), f"{command.place}: {command.text}"
-
-
-CHECKS = {"rnc-pin": check_rnc_pin, "python": check_python, "pytest": check_pytest, "pip": check_pip}
-
-
 def check(command):
-    program = command.words[0]
-    known = program in CHECKS or matching(NOT_HERE, command.text) or matching(LONG, command.text)
-    assert known, f"{command.place}: no test runs '{command.text}'; {TABLES}"
-    if program in CHECKS:
-        try:
-            CHECKS[program](command)
-        except click.UsageError as error:
-            pytest.fail(f"{command.place}: {command.text}: {error.format_message()}; {TABLES}")
+    program, *arguments = command.words
+    if program == "rnc-pin":
+        arguments = with_help(command)
+        if "--help" not in arguments and not arguments[0].startswith("-"):
+            assert arguments[0] in cli.commands, f"no command '{arguments[0]}'"
+            cli.commands[arguments[0]].make_context(arguments[0], arguments[1:], parent=click.Context(cli))
+    else:
+        assert matching(NOT_HERE, command.text), f"no test runs '{command.text}'"
+    if program == "python" and (source := source_of(command.words)) is not None:
+        options = {word.split("=")[0] for word in arguments if word.startswith("--")}
+        assert options <= set(re.findall(r"[\"'](--[\w-]+)[\"']", source.read_text())), command.text
+    elif program == "pytest":
+        assert [word for word in arguments if "/" in word and not (ROOT / word).exists()] == []
+    elif program == "pip":
+        declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+        for extras in re.findall(r"^\.\[(.*)\]$", "\n".join(arguments), flags=re.MULTILINE):
+            assert set(extras.split(",")) <= declared.keys(), command.text
 
 
-@parametrized(COMMANDS)
+@pytest.mark.parametrize("command", COMMANDS.values(), ids=list(COMMANDS))
 def test_command_is_understood(command, beside, monkeypatch):
     monkeypatch.chdir(beside)
-    check(command)
-
-
-@pytest.mark.parametrize("name", documented_pages())
-def test_options_in_sentences_exist(name):
-    """Options of rnc-pin, or of a script that the page names."""
-    text = documented_pages()[name]
-    known = {option for each in (cli, *cli.commands.values()) for one in each.params for option in one.opts}
-    known |= {option for each in (cli, *cli.commands.values()) for one in each.params for option in one.secondary_opts}
-    for command in commands_of_text(text, name):
-        if command.words[0] == "python" and (source := source_of(command.words)) is not None and source.is_file():
-            known |= options_of_source(source.read_text())
-    assert set(inline_options(text)) <= known
-
-
-def test_no_entry_of_a_table_is_left_over():
-    texts = list(COMMANDS)
-    for table in (LONG, NOT_HERE, SHORTER):
-        assert [pattern for pattern in table if not any(re.match(pattern, text) for text in texts)] == []
-    pages = "\n".join(documented_pages().values())
-    assert [name for name in PLACEHOLDERS if name not in pages] == []
-    sources = "\n".join(path.read_text() for path in (ROOT / "rnc_pin").rglob("*.py"))
-    assert [name for name in EXPRESSIONS if f"{{{name}}}" not in sources] == []
+    try:
+        check(command)
+    except click.UsageError as error:
+        pytest.fail(f"{command.place}: {command.text}: {error.format_message()}; see the tables above")
 
 
 # ---------------------------------------------------------------------- commands run
@@ -162,8 +206,7 @@ def beside(tmp_path_factory):
         patch.chdir(folder)
         without_waiting(patch)
         (folder / "my_robot.yaml").write_text(draft("my_robot.urdf", folder, DraftOptions()))
-        short = "--set simulation.duration=0.02 --set comparisons={}"
-        type_in(f"rnc-pin run space-robot {short}")
+        type_in("rnc-pin run space-robot --set simulation.duration=0.02 --set comparisons={}")
         type_in("rnc-pin drive mobile-manipulator --duration 0.1 --no-browser --out runs/tiago-drive")
     write_log(folder)
     for name in ("a", "b"):
@@ -173,13 +216,12 @@ def beside(tmp_path_factory):
 
 def write_log(folder):
     """Log of a differential drive on a circle, with its mapping: wheels of 0.1 m, 0.4 m apart."""
-    lines = ["time,left,right,x,y,yaw"]
-    for k in range(300):
-        t = 0.02 * k
-        turn = 0.1 * (6 - 4) * t / 0.4
-        x, y = np.sin(turn), 1 - np.cos(turn)  # 0.5 m/s and 0.5 rad/s: a radius of 1 m
-        lines.append(f"{t},{4 * t},{6 * t},{x},{y},{turn}")
-    (folder / "log.csv").write_text("\n".join(lines))
+    t = 0.02 * np.arange(300)
+    turn = 0.1 * (6 - 4) * t / 0.4
+    columns = [t, 4 * t, 6 * t, np.sin(turn), 1 - np.cos(turn), turn]  # 0.5 m/s and 0.5 rad/s: a radius of 1 m
+    np.savetxt(
+        folder / "log.csv", np.column_stack(columns), "%.17g", ",", header="time,left,right,x,y,yaw", comments=""
+    )
     (folder / "log.yaml").write_text(
         "joints: {left_wheel_joint: {position: left}, right_wheel_joint: {position: right}}\n"
         "frames: {base: {x: x, y: y, yaw: yaw}}\n"
@@ -196,7 +238,7 @@ def without_waiting(patch):
     patch.setattr(scenario_candidate, "_PATIENCE", 0.0)
 
 
-@parametrized({text: each for text, each in RUN.items() if each.words[0] == "rnc-pin"})
+@pytest.mark.parametrize("command", RUN.values(), ids=list(RUN))
 def test_command_runs(command, beside, call, tmp_path, monkeypatch):
     folder = tmp_path / "here"
     shutil.copytree(beside, folder)
@@ -210,61 +252,10 @@ def test_command_runs(command, beside, call, tmp_path, monkeypatch):
     assert out or error
 
 
-def test_every_other_command_is_in_a_table():
-    """Only commands of rnc-pin run in this process; others need a reason."""
-    assert [text for text, each in RUN.items() if each.words[0] != "rnc-pin"] == []
-
-
-@pytest.mark.long
-@parametrized(SLOW)
-def test_long_command_runs(command, beside, tmp_path):
-    copy = tmp_path / "copy"
-    shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(".git", ".*_cache", "__pycache__", "site", "runs"))
-    shutil.copytree(beside, copy, dirs_exist_ok=True)
-    words = [sys.executable if word == "python" else word for word in command.words]
-    if words[0] == "rnc-pin":
-        words = [sys.executable, "-m", "rnc_pin", *words[1:]]
-        if words[3] == "drive":
-            words += ["--duration", "1", "--no-browser"]
-    elif words[0] == "pytest":
-        words = [sys.executable, "-m", *words]
-    done = subprocess.run(words, cwd=copy, capture_output=True, text=True)
-    assert done.returncode == 0, f"{command.place}: {command.text}: {done.stdout[-2000:]}{done.stderr[-2000:]}"
-
-
-# ---------------------------------------------------------------------- what counts as a command
-
-
-def found(text):
-    return [(each.text, each.place, each.inline) for each in commands_of_text(text, "page.md")]
-
-
 def test_commands_are_found_in_blocks_and_sentences():
     text = (
-        "Type `rnc-pin run NAME` or `RNC_PIN_KERNEL=c pytest tests/model`, not `run` or ``rnc-pin nothing``.\n\n"
-        "    pip install '.[qp]' && rnc-pin list  # all\n    F = m a\n\n"
-        "```sh\nunknown --flag > file\n```\n\n```python\nrnc-pin = 1\n```\n"
+        "Type `rnc-pin run NAME`, not `run` or ``rnc-pin nothing``.\n\n    pip install '.[qp]' && rnc-pin list  # all\n"
     )
-    assert found(text) == [
-        ("rnc-pin run space-robot", "page.md:1", True),
-        ("pytest tests/model", "page.md:1", True),
-        ("pip install .[qp]", "page.md:3", False),
-        ("rnc-pin list", "page.md:3", False),
-        ("unknown --flag", "page.md:7", False),
-    ]
-
-
-@pytest.mark.parametrize(("line", "words"), [
-    ("rnc-pin run nothing --sett a=1", "No such option"),
-    ("rnc-pin replya runs/a", "no command 'replya'"),
-    ("rnc-pin sweep space-robot", "Missing option"),
-    ("python -m benchmarks.mutation --sampel 3", "benchmarks.mutation --sampel 3"),
-    ("python -m benchmarks.nothing", "no file 'benchmarks/nothing'"),
-    ("pytest tests/nothing.py", "no file 'tests/nothing.py'"),
-    ("pip install '.[nothing]'", "pip install .[nothing]"),
-    ("ffmpeg -i a", "no test runs 'ffmpeg -i a'"),
-])  # fmt: skip
-def test_a_command_that_cannot_work_is_told(line, words):
-    (command,) = commands_of_text(f"```sh\n{line}\n```\n", "page.md")
-    with pytest.raises((AssertionError, pytest.fail.Exception), match=re.escape(words)):
-        check(command)
+    text += "    F = m a\n\n```sh\nunknown --flag > file\n```\n\n```python\nrnc-pin = 1\n```\n"
+    expected = ["rnc-pin run space-robot", "pip install .[qp]", "rnc-pin list", "unknown --flag"]
+    assert [each.text for each in commands_of_text(text, "page.md")] == expected
