@@ -8,7 +8,6 @@ import rnc_pin as rnc
 from bodies import add_body, add_frame
 from kinds import BESIDE
 from places import DIRT
-from planar_cars import ACKERMANN
 from rnc_pin.control.wheel_regressor import UnknownRadius, WheelRegressor
 from rnc_pin.model.kinematics import Kinematics
 from row_kinds import OF_TWO_WHEELS
@@ -219,26 +218,16 @@ def test_two_points_of_two_frames_make_a_hinge():
     assert (len(set(system.rows.names)), system.m, system.r) == (6, 5, 1)
 
 
-def five_bar(exact=True, apart=True):
-    text = (DIRT / "five_bar.urdf").read_text()
-    if exact:
-        text = text.replace("1.57075", repr(np.pi / 2)).replace("3.141592", repr(np.pi))
-    return text if apart else text.replace('xyz="0.02 ', 'xyz="0 ').replace('xyz="-0.02 ', 'xyz="0 ')
-
-
 FOOT = rnc.LoopClosure("right_shin", "left_shin", "point", (0, 0.005, 0.2), (0, 0.01, 0.2))
 MOTORS = ["right_motor_joint", "left_motor_joint"]
 
 
-def foot_of(text, folder):
-    path = folder / "leg.urdf"
-    path.write_text(text)
-    return rnc.NonholonomicSystem(rnc.Robot.from_urdf(path), [FOOT], MOTORS)
-
-
 def test_a_leg_of_two_halves_is_assembled_and_stays_so(tmp_path):
     """As Minitaur has it: the loop leaves the two motors, is closed from zero angles, and stays closed as it falls."""
-    system = foot_of(five_bar(), tmp_path)
+    path = tmp_path / "leg.urdf"
+    text = (DIRT / "five_bar.urdf").read_text()
+    path.write_text(text.replace("1.57075", repr(np.pi / 2)).replace("3.141592", repr(np.pi)))
+    system = rnc.NonholonomicSystem(rnc.Robot.from_urdf(path), [FOOT], MOTORS)
     assert (system.n, system.r) == (4, 2)
     neutral = system.robot.configuration()
     assert np.abs(system.assembly.residual(neutral)).max() == pytest.approx(0.04)
@@ -250,18 +239,6 @@ def test_a_leg_of_two_halves_is_assembled_and_stays_so(tmp_path):
     assert np.ptp(run.v2) > 0.1
     assert run.position_residual.max() < 1e-12
     np.testing.assert_allclose(run.energy, run.energy[0], rtol=1e-5)
-
-
-def test_a_leg_folded_flat_is_singular_there_and_nowhere_else(tmp_path):
-    """Motors about one axis, as Minitaur has them: zero angles fold the halves, where the loop branches."""
-    system = foot_of(five_bar(apart=False), tmp_path)
-    assert system.r == 2
-    neutral = system.robot.configuration()
-    assert np.abs(system.assembly.residual(neutral)).max() < 1e-15
-    for reduced in (system.reduce(), system.reduce([rnc.JointPosition(motor) for motor in MOTORS])):
-        with pytest.raises(rnc.SingularityError, match="closure_z"):
-            _ = reduced.at(neutral).R
-        assert np.isfinite(reduced.at(reduced.random_configuration(np.random.default_rng(0))).R).all()
 
 
 @pytest.mark.parametrize(("loop", "error", "words"), [
@@ -285,20 +262,6 @@ def test_what_makes_no_sense_is_refused(loop, error, words):
 
 
 # ---------------------------------------------------------------------- the steering of a car
-
-
-def test_the_row_of_a_car_is_that_of_its_oracle():
-    """As written by hand in test_regular_everywhere, but for the wheelbase and the sign."""
-    robot, wheelbase = ACKERMANN.robot(), ACKERMANN.wheels["fl"][0]
-    pairs = rnc.AckermannSteering("fl_steer", "fr_steer", "br"), ACKERMANN.agreement()
-    ours, theirs = (kind.bind(robot) for kind in pairs)
-    kinematics, generator = Kinematics(robot), np.random.default_rng(6)
-    for _ in range(4):
-        q, v = robot.random_configuration(generator), generator.normal(size=robot.nv)
-        rates = kinematics.position(q).with_velocity(v)
-        for method in ("jacobian", "jacobian_dot", "bias_acceleration", "residual"):
-            expected = getattr(theirs, method)(rates) / -wheelbase
-            np.testing.assert_allclose(getattr(ours, method)(rates), expected, atol=ROUNDING)
 
 
 @pytest.mark.parametrize("first", ["left", "right"])
