@@ -1,226 +1,177 @@
 """Everything that a user makes can be copied, pickled and sent to another process, and says there the same to the bit.
 
-Each public name has an example in its docstring. The example runs here twice, the second time with copies of all its
-objects after each statement. So a new kind of constraint, output, controller or plant joins these tests by its example.
+Each public name has an example in its docstring, which runs here: so a new kind of constraint, output, controller or
+plant joins these tests by its example.
 """
 
 import copy
 import doctest
-import functools
 import importlib
 import inspect
-import io
-import multiprocessing
 import pickle
-import pkgutil
+import subprocess
 import sys
 import tempfile
-from types import FunctionType, ModuleType
+from dataclasses import is_dataclass
+from types import ModuleType
 
 import cloudpickle
 import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from elsewhere import figures, figures_of_pickles
 from places import docs_script
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.visualization import LoopView
 from rnc_pin.visualization.drawn_state import DrawnModel
+from systems import space_robot
 
 MODULES = [rnc, *(importlib.import_module(f"rnc_pin.{package}") for package in docs_script("make_reference").PACKAGES)]
-PUBLIC = {
+NAMED = {
     id(thing): (f"{module.__name__}.{name}", thing)
     for module in reversed(MODULES)  # the shortest name is the last one
     for name in module.__all__
     if callable(thing := getattr(module, name))
 }
-NAMED = dict(PUBLIC.values())
+NAMED = dict(NAMED.values())
 """Public functions and classes by name."""
-CLASSES = [thing for thing in NAMED.values() if isinstance(thing, type) and not issubclass(thing, BaseException)]
-OPTIONS = doctest.NORMALIZE_WHITESPACE
-OF_AN_EXAMPLE = "rnc_pin_example"
+MOST_STATEMENTS = 10
 
 
-def statements(name: str) -> list[doctest.Example]:
+def statements(name):
     return doctest.DocTestParser().get_examples(inspect.getdoc(NAMED[name]) or "")
 
 
-def called_by_users(thing: object) -> bool:
+def called_by_users(thing):
     """True for a class whose docstring lists arguments. Results list attributes only."""
     if not isinstance(thing, type) or inspect.isabstract(thing) or getattr(thing, "_is_protocol", False):
         return False
     return "Args:" in (inspect.getdoc(thing) or "")
 
 
-def run_example(name: str, between=lambda namespace: None) -> dict[str, object]:
-    """Run the example of a public name, which has to print what it says. Return its namespace without imports.
-
-    Args:
-        name: the public name.
-        between: changes the namespace after each statement.
-    """
-    namespace = {"np": np, "rnc": rnc, "__name__": OF_AN_EXAMPLE}
-    said: list[str] = []
+def run_example(name):
+    """Run the example of a public name, which has to print what it says. Return the objects that it made."""
+    namespace = {"np": np, "rnc": rnc, "__name__": "rnc_pin_example"}
+    said = []
+    test = doctest.DocTest(statements(name), {}, name, None, None, None)
+    test.globs = namespace
     with np.printoptions(precision=8, suppress=False, linewidth=75):
-        for statement in statements(name):
-            test = doctest.DocTest([statement], {}, name, None, None, None)
-            test.globs = namespace
-            doctest.DocTestRunner(optionflags=OPTIONS).run(test, out=said.append, clear_globs=False)
-            between(namespace)
+        doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(test, out=said.append, clear_globs=False)
     assert not said, "".join(said)
-    return own(namespace)
+    others = ModuleType | tempfile.TemporaryDirectory | LoopView  # these have one owner
+    return [each for key, each in namespace.items() if not key.startswith("__") and not isinstance(each, others)]
 
 
-def own(namespace: dict[str, object]) -> dict[str, object]:
-    """Objects that an example made. A folder on the disk and a page in a browser are none: they have one owner."""
-    others = ModuleType | tempfile.TemporaryDirectory | LoopView
-    return {
-        name: thing for name, thing in namespace.items() if not name.startswith("__") and not isinstance(thing, others)
-    }
+def again(thing):
+    return copy.deepcopy(pickle.loads(cloudpickle.dumps(thing)))
 
 
-def watch_constructors(monkeypatch) -> list[object]:
-    """Return a list which fills with the objects of public classes that examples themselves construct."""
-    found: list[object] = []
-
-    def watched(init):
-        @functools.wraps(init)
-        def record(self, *arguments, **options):
-            init(self, *arguments, **options)
-            if sys._getframe(1).f_globals.get("__name__") == OF_AN_EXAMPLE:
-                found.append(self)
-
-        return record
-
-    for kind in CLASSES:
-        if inspect.isfunction(vars(kind).get("__init__")) and not getattr(kind, "_is_protocol", False):
-            monkeypatch.setattr(kind, "__init__", watched(kind.__init__))
-    return found
+def figures(reduced):
+    """Bytes of the accelerations of a reduced model at two random states."""
+    generator, said = np.random.default_rng(0), []
+    for _ in range(2):
+        q = reduced.random_configuration(generator)
+        v2, T = generator.normal(size=reduced.r), generator.normal(size=reduced.p)
+        try:
+            said.append(reduced.forward_dynamics(q, v2, T).tobytes())
+        except rnc.RncError as error:  # e.g. singular, or a row that needs the time
+            said.append(str(error))
+    return said
 
 
-def _from_an_example(thing: object) -> bool:
-    return isinstance(thing, FunctionType | type) and thing.__module__ == OF_AN_EXAMPLE
-
-
-class _ByValue(pickle.Pickler):
-    """Pickler that sends functions and classes of an example by value, as a sweep does, and no others."""
-
-    def reducer_override(self, thing):
-        return (pickle.loads, (cloudpickle.dumps(thing),)) if _from_an_example(thing) else NotImplemented
-
-
-class _ByName(pickle.Pickler):
-    """Pickler for which functions and classes of an example are those of a module: they exist once."""
-
-    def __init__(self, memory: io.BytesIO) -> None:
-        super().__init__(memory)
-        self.known: dict[str, object] = {}
-
-    def persistent_id(self, thing):
-        if not _from_an_example(thing):
-            return None
-        self.known[str(id(thing))] = thing
-        return str(id(thing))
-
-
-def pickled(thing: object) -> bytes:
-    memory = io.BytesIO()
-    _ByValue(memory).dump(thing)
-    return memory.getvalue()
-
-
-def replace_by_copies(namespace: dict[str, object]) -> None:
-    """Replace all objects of an example by copies of pickles, which keep what refers to what."""
-    memory = io.BytesIO()
-    pickler = _ByName(memory)
-    pickler.dump(own(namespace))
-    unpickler = pickle.Unpickler(io.BytesIO(memory.getvalue()))
-    unpickler.persistent_load = pickler.known.__getitem__
-    namespace.update(copy.deepcopy(unpickler.load()))
-
-
-def bits(thing: object) -> object:
-    """Arrays and numbers of a value to the bit; the type of other things."""
-    if isinstance(thing, np.ndarray):
-        return thing.dtype.str, thing.shape, thing.tobytes()
-    if isinstance(thing, float):
-        return float(thing).hex()
-    if isinstance(thing, list | tuple):
-        return [bits(each) for each in thing]
-    return type(thing).__qualname__
-
-
-MOST_STATEMENTS = 10
-INTERNAL = (
-    *(f"rnc_pin.applications.{room}" for room in ("command_line", "init", "scenario")),
-    *(f"rnc_pin.{room}" for room in ("figures", "io", "math", "model", "robots", "visualization")),
+@pytest.mark.parametrize(
+    "name",
+    [name for name, thing in NAMED.items() if name.count(".") == 1 or called_by_users(thing) or statements(name)],
 )
-NEEDED = [name for name, thing in NAMED.items() if name.count(".") == 1 or called_by_users(thing)]
-EXAMPLES = [name for name in NAMED if name in NEEDED or statements(name)]
-SLOW = ["rnc_pin.SweepResults", "rnc_pin.sweep", "rnc_pin.load_sweep"]  # a sweep starts processes: it runs once
-LONG = [  # these run with copies alone, which have to print what the docstring says
-    "rnc_pin.Calibration", "rnc_pin.Comparison",
-    "rnc_pin.analysis.PrivilegedCoordinates", "rnc_pin.optimal.SetPointController",
-    "rnc_pin.plants.mujoco.MuJoCoPlant",
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_the_example_runs_and_its_objects_can_be_copied(name, monkeypatch):
+def test_the_example_runs_and_its_objects_can_be_copied(name):
     assert 0 < len(statements(name)) <= MOST_STATEMENTS, f"{name} needs an example of at most {MOST_STATEMENTS} lines"
-    made = watch_constructors(monkeypatch)
-    namespace = run_example(name, between=replace_by_copies) if name in LONG else run_example(name)
-    found = [*namespace.values(), *made]
-    if called_by_users(NAMED[name]):
-        assert any(type(thing) is NAMED[name] for thing in found), f"the example of {name} makes none"
-    held = {id(thing) for thing in namespace.values()}
-    for thing in [thing for thing in made if id(thing) not in held]:  # e.g. an output in a list
-        assert type(copy.deepcopy(pickle.loads(pickled(thing)))) is type(thing)
-    for reduced in [thing for thing in namespace.values() if isinstance(thing, rnc.ReducedModel)]:
-        expected = figures(reduced)
-        shown = DrawnModel.of(reduced).with_own_model()  # --show and drive do this
-        for other in (copy.deepcopy(pickle.loads(pickled(reduced))), shown.reduced):
-            assert figures(other) == expected
-    if name in SLOW:
-        replace_by_copies(namespace)
-    elif name not in LONG:
-        again = run_example(name, between=replace_by_copies)
-        assert {key: bits(thing) for key, thing in again.items()} == {key: bits(t) for key, t in namespace.items()}
+    for thing in run_example(name):
+        other = again(thing)
+        assert isinstance(thing, type) or type(other) is type(thing)
+        if isinstance(thing, rnc.ReducedModel):
+            shown = DrawnModel.of(thing).with_own_model()  # --show and drive do this
+            assert figures(other) == figures(shown.reduced) == figures(thing)
 
 
-def test_no_public_package_is_forgotten():
-    """``docs/make_reference.py`` lists the public packages: each that has exports, apart from internal rooms."""
-    assert len({module.__name__ for module in MODULES}) == len(MODULES)
-    packages = [found.name for found in pkgutil.walk_packages(rnc.__path__, "rnc_pin.") if found.ispkg]
-    for name in [name for name in packages if not name.startswith(INTERNAL)]:
-        module = importlib.import_module(name)
-        exports = [getattr(module, export) for export in getattr(module, "__all__", ())]
-        exports = [export for export in exports if not isinstance(export, ModuleType)]
-        assert not exports or any(id(export) in PUBLIC for export in exports), f"{name} is not listed"
+def test_descriptions_cannot_be_changed():
+    """They can be kept and compared: a system does not change."""
+    rooms = tuple(f"rnc_pin.{name}." for name in ("analysis", "constraints", "control", "model", "outputs", "planning"))
+    described = [kind for kind in NAMED.values() if isinstance(kind, type) and is_dataclass(kind)]
+    described = [kind for kind in described if kind.__module__.startswith(rooms)]
+    assert len(described) > 40
+    assert [kind.__name__ for kind in described if not kind.__dataclass_params__.frozen] == []
 
 
 def test_another_process_says_the_same():
-    """A fresh process, which inherits nothing: a reduced model with each kind of constraint, output and force.
-
-    Also the function of a sweep, which holds a hand with mimic joints: these once held a joint model of Pinocchio.
-    """
-    kinds = ("rnc_pin.constraints.", "rnc_pin.outputs.", "rnc_pin.forces.")
-    models = {
-        f"{name}: {variable}": thing
-        for name in EXAMPLES
-        if NAMED[name].__module__.startswith(kinds)
-        for variable, thing in run_example(name).items()
-        if isinstance(thing, rnc.ReducedModel)
-    }
-    assert len(models) > 20
+    """A fresh process, which inherits nothing: a hand with mimic joints, which once held a joint model of Pinocchio."""
     robot = rnc.Robot.from_example("panda")
     hand = rnc.NonholonomicSystem(robot, [], list(robot.joint_names)).reduce()
+    q, v2 = robot.configuration(), np.full(hand.r, 0.1)
+    code = "import pickle, sys; m, q, v2 = pickle.load(sys.stdin.buffer); print(m.terms(q, v2).V.tobytes().hex())"
+    sent = pickle.dumps((hand, q, v2))
+    assert len(robot.visual_model.geometryObjects) > 5
+    assert len(pickle.dumps((hand, q, v2))) == len(sent) < 400_000  # without meshes
+    done = subprocess.run([sys.executable, "-c", code], input=sent, capture_output=True, check=True)
+    assert done.stdout.decode().strip() == hand.terms(q, v2).V.tobytes().hex()
 
-    def build(draw):
-        return rnc.free_motion(hand, robot.configuration(), np.full(hand.r, draw["speed"]), duration=0.02)
 
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        data = [pickled(reduced) for reduced in models.values()], cloudpickle.dumps(build)
-        found, q = pool.apply(figures_of_pickles, data)
-    assert dict(zip(models, found, strict=True)) == {name: figures(reduced) for name, reduced in models.items()}
-    assert np.array_equal(q, build({"speed": 0.01}).q)
+@pytest.mark.parametrize("name", ["space-robot-uncertain", "fire-truck"])
+def test_a_loop_goes_on_elsewhere_to_the_bit(name):
+    """With its controller, its state, and what the controller has learnt."""
+    made = Scenario.load(name, {"comparisons": {}, "plots": {}}).experiment
+    loop = rnc.ControlLoop(made.reduced, made.controller, 0.005, fallback="raise", max_speed=np.inf)
+    v = np.zeros(made.reduced.n)
+    for sample in range(2):
+        loop.step(0.005 * sample, made.q0, v)
+    other = pickle.loads(pickle.dumps(loop))
+    for sample in range(2, 4):
+        assert np.array_equal(other.step(0.005 * sample, made.q0, v), loop.step(0.005 * sample, made.q0, v))
+
+
+def shapes(robot):
+    return robot.visual_model and [
+        (one.name, type(one.geometry).__name__) for one in robot.visual_model.geometryObjects
+    ]
+
+
+def test_robots_of_every_source_draw_themselves_elsewhere(tmp_path):
+    """Meshes are read again where they are asked for."""
+    (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n")
+    (tmp_path / "r.urdf").write_text(
+        '<robot name="r"><link name="a"/><link name="b"><visual><geometry><mesh filename="m.obj"/></geometry></visual>'
+        '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    (tmp_path / "r.xml").write_text(
+        '<mujoco><worldbody><body name="b"><joint name="j"/><geom name="g" size="1" mass="1"/></body></worldbody>'
+        "</mujoco>"
+    )
+    arm, tool = rnc.Robot.from_urdf("mobile_manipulator.urdf"), rnc.Robot.from_urdf("space_robot.urdf")
+    for robot in (
+        rnc.Robot.from_urdf(tmp_path / "r.urdf"),
+        rnc.Robot.from_mjcf(tmp_path / "r.xml"),
+        rnc.Robot.from_urdf("mobile_manipulator.urdf", lock={"joint_1": 0.3}),
+        rnc.Robot(arm.model, arm.visual_model),
+        rnc.Robot(arm.model),
+        rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar").attach(tool, "sleigh"),
+    ):
+        early = again(robot)  # before any mesh was read
+        assert early.model == robot.model
+        assert shapes(early) == shapes(robot) == shapes(again(robot))
+        assert (early.mimics, early.locked, early.folders) == (robot.mimics, robot.locked, robot.folders)
+
+
+def test_runs_and_errors_go_over():
+    """A pool hands errors back as pickles: what they carry comes along."""
+    robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, -9.81, 0))
+    reduced = rnc.NonholonomicSystem(robot).reduce()
+    fast = rnc.SimulationOptions(rnc.Stop(speed=2.0))
+    with pytest.raises(rnc.DivergenceError) as caught:
+        rnc.free_motion(reduced, robot.configuration(), np.zeros(4), duration=1.0, options=fast)
+    other = again(caught.value)
+    assert str(other) == str(caught.value)
+    assert np.array_equal(other.trajectory.q, caught.value.trajectory.q)
+    with pytest.raises(rnc.SingularityError) as caught:
+        _ = space_robot().at(robot.configuration()).R
+    other = again(caught.value)
+    assert (str(other), other.rows) == (str(caught.value), caught.value.rows)
