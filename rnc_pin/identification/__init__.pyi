@@ -10,7 +10,6 @@ from .comparison import Comparison as Comparison
 from .comparison import Replay as Replay
 from .comparison import compare as compare
 from .suspects import Suspect as Suspect
-from .suspects import named_numbers as named_numbers
 from .unknowns import EncoderOffset as EncoderOffset
 from .unknowns import EncoderScale as EncoderScale
 from .unknowns import JointShift as JointShift
@@ -18,4 +17,3 @@ from .unknowns import JointTilt as JointTilt
 from .unknowns import SensorPlace as SensorPlace
 from .unknowns import TimeShift as TimeShift
 from .unknowns import WheelRadius as WheelRadius
-from .unknowns import unknown_of as unknown_of

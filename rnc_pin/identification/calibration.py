@@ -107,11 +107,6 @@ class Calibration(SummaryMixin):
         return np.sqrt(np.diag(self.covariance))
 
     @property
-    def has_new_places(self) -> bool:
-        """True if places or tilts of joints, or the place of the sensor, were estimated: numbers of the URDF."""
-        return self._moves_sensor or any(name.startswith(("place of", "tilt of")) for name in self.names)
-
-    @property
     def _moves_sensor(self) -> bool:
         return any(name in ("x of the sensor", "y of the sensor", "yaw of the sensor") for name in self.names)
 

@@ -20,7 +20,6 @@ from rnc_pin.identification.unknowns import (
     Unknown,
     WheelRadius,
     corrections_of,
-    unknown_of,
 )
 from rnc_pin.identification.window_fit import Fit
 from rnc_pin.model.system import NonholonomicSystem
@@ -85,22 +84,6 @@ def candidates(system: NonholonomicSystem, motion: RollingMotion) -> list[Unknow
         mirrored = [other for other, there in places.items() if np.allclose(there, place * [1, -1, 1]) and place[1] > 0]
         found += [JointShift({joint: 0.5, other: -0.5}, "y") for other in mirrored]
     return found
-
-
-def named_numbers(names: Sequence[str], system: NonholonomicSystem, log: Log, sensor: str) -> list[Unknown]:
-    """Return the unknown numbers with the names that a comparison prints, or that ``unknown_of`` knows.
-
-    Args:
-        names: the names.
-        system: the robot.
-        log: the log that was compared.
-        sensor: frame on the base whose pose is measured.
-
-    Raises:
-        ConfigurationError: no kind of number has such a name.
-    """
-    known = {each.name: each for each in candidates(system, RollingMotion(system, log, (), sensor))}
-    return [known[name] if name in known else unknown_of(name) for name in names]
 
 
 class Pursuit(NamedTuple):

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple, TypeAlias, cast
+from typing import ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -275,41 +274,6 @@ def corrections_of(parameters: Sequence[UnknownNumber], p: np.ndarray, sensor: s
             name = (kind.of or sensor) if isinstance(kind, TimeShift) else str(getattr(kind, "joint", ""))
             found[name] = found.get(name, Correction()).model_copy(update={key: value})
     return found
-
-
-def unknown_of(words: str) -> Unknown:
-    """The unknown number with a name, such as ``radius of left`` or ``delay of the sensor``.
-
-    Raises:
-        ConfigurationError: no kind of number has such a name.
-    """
-    for pattern, kind in _WORDS.items():
-        match = re.fullmatch(pattern, words.strip())
-        if match:
-            several = [name.strip() for name in match[1].split(",")]
-            if kind is WheelRadius:
-                return WheelRadius(several)
-            if kind in (JointShift, JointTilt):
-                return kind(dict.fromkeys(several, 1.0), cast(Axis, match[2]))
-            if kind is TimeShift:
-                return TimeShift(None if match[1] == "the sensor" else match[1])
-            return kind(match[1])
-    raise ConfigurationError(
-        f"'{words}' is no number that a log can show: expected 'radius of WHEEL', 'place of JOINT along x', "
-        "'tilt of JOINT about z', 'scale of JOINT', 'offset of JOINT', 'delay of JOINT', 'delay of the sensor', "
-        "or 'x of the sensor'"
-    )
-
-
-_WORDS: Mapping[str, Callable[..., Unknown]] = {
-    "radius of (.+)": WheelRadius,
-    "place of (.+) along ([xyz])": JointShift,
-    "tilt of (.+) about ([xyz])": JointTilt,
-    "scale of (.+)": EncoderScale,
-    "offset of (.+)": EncoderOffset,
-    "delay of (.+)": TimeShift,
-    "(x|y|yaw) of the sensor": SensorPlace,
-}
 
 
 def _shares(joints: str | Mapping[str, float], what: str) -> Mapping[str, float]:

@@ -1,6 +1,5 @@
 """Comparison of logs with models of which one number is wrong."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,6 @@ from measured_logs import COLUMNS, MEASURED, tricycle_system
 from rnc_pin.identification.calibration import PoseProblem
 from rnc_pin.identification.logs import Channel
 from rnc_pin.identification.rolling_motion import RollingMotion
-from rnc_pin.visualization.recording import Recording
 from rolled_logs import DIFFERENTIAL, TRICYCLE, signal
 
 
@@ -103,77 +101,6 @@ def test_slip_is_that_of_the_closed_form(tmp_path):
     np.testing.assert_allclose(slips["rolling(left)"][whole], 0.01 * turned[whole], atol=3e-6)
     for name in ("rolling(right)", "lateral(left)", "lateral(right)"):
         np.testing.assert_allclose(slips[name][whole], 0.0, atol=3e-6)
-
-
-def test_the_command(tmp_path, call):
-    other = replace(DIFFERENTIAL, true={**DIFFERENTIAL.nominal, "track": 0.56})
-    other.system(tmp_path)
-    other.log(0).save(tmp_path / "log.npz")
-    scenario = tmp_path / "robot.yaml"
-    scenario.write_text(
-        "robot: {urdf: vehicle.urdf, base: planar}\n"
-        "constraints:\n"
-        "  - rolling_wheel: {frame: left, radius: 0.1}\n  - rolling_wheel: {frame: right, radius: 0.1}\n"
-        "actuators: [left_joint, right_joint]\n"
-        "outputs: {reducing: [{joint: left_joint}, {joint: right_joint}]}\n"
-    )
-    status, out, _ = call("compare", scenario, tmp_path / "log.npz")
-    assert status == 0
-    assert "the place of left_joint, right_joint along y fails first" in " ".join(out.split())
-    assert not (tmp_path / "out").exists()
-    status, out, _ = call("compare", scenario, tmp_path / "log.npz", "--json", "--out", tmp_path / "out")
-    assert json.loads(out)["written"] == ["comparison.json", "comparison.png"]  # nothing of this robot can be drawn
-    assert (tmp_path / "out" / "comparison.png").stat().st_size > 10_000
-    content = json.loads(out)
-    assert content["suspects"][0]["value"] == pytest.approx(0.56, abs=3e-3)
-    assert [each["window"] for each in content["errors"]] == [1.0, 10.0, None]
-    status, _, error = call("compare", scenario, tmp_path / "log.csv")
-    assert (status, error.count("\n")) == (2, 1)
-    assert "give the columns or topics of joints and frames: --mapping FILE" in error
-    status, _, error = call("compare", scenario, tmp_path / "log.npz", "--sensor", "sensr")
-    assert status == 2
-    assert "the log has no pose(sensr); did you mean 'pose(sensor)'?" in error
-
-
-def test_the_page_shows_the_measured_robot_beside_the_predicted_one(tmp_path, call, monkeypatch):
-    """A robot with geometry; its log has speeds of wheels, which the replay may prefer."""
-    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
-    system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel(f"{side}_wheel", 0.11) for side in ("left", "right")])
-    reduced = system.reduce([rnc.JointPosition(f"{side}_wheel_joint") for side in ("left", "right")])
-    turns = rnc.planning.Harmonic([0.0, 0.0], amplitude=[20.0, 25.0], frequency=[0.05, 0.08])
-    target = rnc.control.ReducingOutputController(reduced, turns)
-    time, q = rnc.kinematic_rollout(reduced, target, robot.configuration(), duration=6.0)
-    run = rnc.simulation.Trajectory.of_motion(robot, time, q)
-    rnc.Log.of_motion(robot, time, q, run.v, frames=["base"]).save(tmp_path / "log.npz")
-    scenario = tmp_path / "robot.yaml"
-    scenario.write_text(
-        "robot: {urdf: differential_drive.urdf, base: planar}\n"
-        "constraints:\n  - rolling_wheel: {frame: left_wheel, radius: 0.1}\n"
-        "  - rolling_wheel: {frame: right_wheel, radius: 0.1}\n"
-        "actuators: [left_wheel_joint, right_wheel_joint]\n"
-        "figures: {formats: [pdf]}\n"
-    )
-    shown = []
-
-    def recording(model, trajectory, view, title, comparisons):
-        shown.append((trajectory, comparisons))
-        return Recording(model, trajectory, view, title, comparisons)
-
-    monkeypatch.setattr("rnc_pin.applications.command_line.commands.logs.Recording", recording)
-    status, out, _ = call("compare", scenario, tmp_path / "log.npz", "--out", tmp_path / "out", "--speeds")
-    assert status == 0
-    assert "the radius of left_wheel, right_wheel fails first" in " ".join(out.split())
-    assert {each.name for each in (tmp_path / "out").iterdir()} > {
-        "comparison.json",
-        "comparison.pdf",
-        "animation.html",
-    }
-    ((predicted, others),) = shown
-    start, end = (int(np.argmin(np.abs(time - predicted.time[k] - 0.0))) for k in (0, -1))
-    np.testing.assert_allclose(others["measured"].q[[0, -1], :4], q[[start, end], :4], atol=1e-6)
-    assert np.abs(predicted.q[:, :2] - others["measured"].q[:, :2]).max() > 0.05
-    # Wheels turn alike in both: they are measured.
-    np.testing.assert_array_equal(predicted.q[:, 4:], others["measured"].q[:, 4:])
 
 
 def test_the_replay_is_the_measured_path_of_a_right_model(tmp_path):

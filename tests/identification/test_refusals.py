@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.identification import EncoderScale, JointShift, SensorPlace, WheelRadius, unknown_of
+from rnc_pin.identification import EncoderScale, JointShift, SensorPlace, WheelRadius
 from rnc_pin.identification.logs import Channel, LogMapping, unwrapped
 from rolled_logs import DIFFERENTIAL, TRICYCLE
 
@@ -85,7 +85,6 @@ def pendulum():
         r"'a' has shape \(3, 2\), expected a vector, or name\[k\]"),
     (lambda at: read_archive(at, WHEEL, time=np.arange(3)), WRONG, "no array 'a'"),
     # calibrations
-    (lambda at: unknown_of("colour of left"), WRONG, "'colour of left' is no number that a log can show"),
     (lambda at: calibrated(at, []), WRONG, "name at least one unknown parameter"),
     (lambda at: calibrated(at, [WheelRadius("lef")]), MODEL, "no frame 'lef' in robot 'vehicle'; did you mean 'left'"),
     (lambda at: calibrated(at, [WheelRadius("base")]), WRONG, "radius of base: no wheel or ball rolls there"),

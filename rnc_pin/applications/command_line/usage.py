@@ -97,14 +97,6 @@ _showing = _all(
 )
 """Options of the live view."""
 _written = _all(_json, _force, _debug)
-_measured = _all(
-    click.argument("system", shell_complete=_scenarios),
-    click.argument("log", type=_PATH, shell_complete=_files),
-    click.option("--mapping", type=_PATH, help="YAML file: columns or topics of the log."),
-    click.option("--sensor", metavar="FRAME", help="Frame whose pose is measured; the only one by default."),
-    click.option("--heading/--no-heading", default=True, help="Whether the sensor measures its heading."),
-)
-"""Arguments and options of a measured log."""
 
 
 _HELP = {"help_option_names": ["-h", "--help"]}
@@ -165,44 +157,6 @@ def drive(**given: Given) -> int:
     """
     announce(f"{given['source'] or given['replayed'] or ''}: preparing the drive".removeprefix(": "), quiet=True)
     return _command("drive_robot")(**given)
-
-
-def _with_log(name: str, given: dict[str, Given]) -> Given:
-    """Call a command about a system and a measured log, which is read first."""
-    find_scenario(given["system"])
-    announce(f"{given['log']}: reading it beside {given['system']}", quiet=True)
-    keys = "log", "mapping", "sensor", "heading"
-    measured = _command("read_measured")(*(given.pop(key) for key in keys))
-    return _command(name)(measured=measured, **given)
-
-
-@cli.command(context_settings=_HELP)
-@_measured
-@click.option("--speeds", is_flag=True, help="Replay measured velocities of wheels instead of their positions.")
-@click.option("--out", type=_PATH, help="Folder for plots, a page and a report.")
-@_options
-@_written
-def compare(**given: Given) -> None:
-    """Compare a measured LOG with a SYSTEM: errors of its path, slip, power, and the assumption that fails first."""
-    _with_log("compare_log", given)
-
-
-@cli.command(context_settings=_HELP)
-@_measured
-@click.option(
-    "--estimate",
-    metavar="NAME",
-    multiple=True,
-    help="Number to estimate, such as 'radius of left_wheel' or 'offset of steering'; by default those that compare "
-    "names.",
-)
-@click.option("--held-out", type=float, default=0.0, help="Share of the log at its end that only checks the result.")
-@click.option("--out", type=_PATH, help="Folder for the scenario with the new numbers.")
-@_options
-@_written
-def calibrate(**given: Given) -> None:
-    """Estimate numbers of a SYSTEM from a measured LOG: radii, places of joints, encoders, delays, the sensor."""
-    _with_log("calibrate_log", given)
 
 
 @cli.command(context_settings=_HELP)
