@@ -15,7 +15,7 @@ from rnc_pin.model.frame_rows import ConstantWrenchRows, DirectionRows, OffsetFr
 from rnc_pin.model.kernel_rows import Form, KernelRow, wrench_rows
 from rnc_pin.model.kinematics import Placement, PositionKinematics
 from rnc_pin.model.parameter_types import Axis, NotNegative, Vector, is_number
-from rnc_pin.model.rows import GroundContact, Phrases, Rows
+from rnc_pin.model.rows import GroundContact, Rows
 from rnc_pin.robots.robot import Robot
 
 
@@ -85,9 +85,6 @@ class _NoSideSlipRow(DirectionRows):
         center = np.asarray(self._edge.at, dtype=float)
         return (GroundContact(self._edge.frame, None, np.eye(3)[self._axis], center, "lateral"),)
 
-    def phrases(self) -> Phrases:
-        return Phrases("knife edge", prevents="slide sideways at", where=self._edge.frame)
-
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         return wrench_rows(Form.OWN, self._point.attached(model), [np.eye(6)[self._axis].tolist()], self.twist)
 
@@ -151,6 +148,3 @@ class _CasterRow(ConstantWrenchRows):
 
     def mechanisms(self) -> tuple[GroundContact]:
         return (GroundContact(self._caster.frame, self._caster.radius, friction="none"),)
-
-    def phrases(self) -> Phrases:
-        return Phrases()

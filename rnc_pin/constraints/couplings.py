@@ -16,8 +16,8 @@ from rnc_pin.model.frame_rows import DirectionRows, OffsetFrame, PointRows, trip
 from rnc_pin.model.kernel_rows import Form, KernelRow, wrench_rows
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.parameter_types import Axis, Vector, is_number
-from rnc_pin.model.relative_rows import COUPLED, CouplingRow, RelativeRows
-from rnc_pin.model.rows import FrameAnchor, JointCoupler, Phrases, Rows
+from rnc_pin.model.relative_rows import CouplingRow, RelativeRows
+from rnc_pin.model.rows import FrameAnchor, JointCoupler, Rows
 from rnc_pin.robots.joint_values import SingleJoint
 from rnc_pin.robots.robot import Robot
 
@@ -171,9 +171,6 @@ class _ClosureRows(RelativeRows):
     def mechanisms(self) -> tuple[FrameAnchor]:
         return (FrameAnchor(self._frames, (self._a.offset, self._b.offset), self._point),)
 
-    def phrases(self) -> Phrases:
-        return Phrases(robot="a mechanism with closed loops", prevents="open its loops")
-
 
 def _log6(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
     logarithm: np.ndarray = pin.log6(pin.SE3(rotation.reshape(3, 3), translation)).vector
@@ -324,9 +321,6 @@ class _AckermannRow(Rows):
         r, p, k = right * position, self._reach, self._ratio
         sine, cosine = p * np.sin(r), np.cos(r) - k * np.sin(r)  # tan(l) = p sin r / (cos r - k sin r)
         return left * float(np.arctan2(sine, cosine)), left * float(p / (sine * sine + cosine * cosine)) * right
-
-    def phrases(self) -> Phrases:
-        return COUPLED
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         left, right = (pivot.joint for pivot in self._pivots)

@@ -19,7 +19,7 @@ from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.model.kinematics import Placement, PositionKinematics
 from rnc_pin.model.parameter_types import Vector, is_number
 from rnc_pin.model.relative_rows import RelativeRows
-from rnc_pin.model.rows import Friction, GroundContact, GroundSurface, Phrases, Rows, carrier_of, check_defined
+from rnc_pin.model.rows import Friction, GroundContact, GroundSurface, Rows, carrier_of, check_defined
 from rnc_pin.robots.robot import Robot
 
 _ALONG = 1e-9  # component of the velocity across the plane that rounding explains
@@ -177,9 +177,6 @@ class CarriedRows(RelativeRows):
         super().__init__(rows, carrier)
         self.ground = ground
 
-    def phrases(self) -> Phrases:
-        return self._rows.phrases()._replace(support="", robot="a mechanism whose bodies roll on each other")
-
 
 # ------------------------------------------------------------------ wheels on a plane
 
@@ -301,10 +298,6 @@ class RollingRows(DirectionRows):
 
     def mechanisms(self) -> tuple[GroundContact]:
         return (GroundContact(self.wheel, self.radius, self.axle, friction=self._friction),)
-
-    def phrases(self) -> Phrases:
-        prevents = "slip at" if self._friction == "all" else "roll without turning"
-        return Phrases("rolling wheel", prevents=prevents, where=self.wheel)
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         combination = np.eye(3) if self.combination is None else self.combination

@@ -13,7 +13,7 @@ from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kernel_rows import Form, KernelRow, placement_numbers
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.parameter_types import Numbers
-from rnc_pin.model.rows import Phrases, Rows
+from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
 _SAMPLES = 4
@@ -127,7 +127,7 @@ class _MomentumRows(Rows):
         size = rows.stop - rows.start
         self.names = tuple(f"momentum({joint})" + (f"[{k}]" if size > 1 else "") for k in range(size))
         self.units = units
-        self._name, self._along = joint, list(along)
+        self._along = list(along)
         self.conserved = self._rows = rows
         self.affine = value is not None
         self._value = np.zeros(size) if value is None else value
@@ -155,10 +155,6 @@ class _MomentumRows(Rows):
 
     def rate(self, at: PositionKinematics) -> np.ndarray:
         return np.broadcast_to(self._value, (*at.q.shape[:-1], len(self._value)))
-
-    def phrases(self) -> Phrases:
-        robot = "a robot whose momentum is conserved"
-        return Phrases(robot=robot, prevents="change its momentum about", where=self._name)
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         first, size = self._rows.start, len(self._value)

@@ -16,7 +16,7 @@ from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.coordinates import Coordinates, left_jacobian
 from rnc_pin.model.kernel_rows import KernelRow
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
-from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, Phrases, Rows, admit_rows
+from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, Rows, admit_rows
 from rnc_pin.model.user_functions import DerivedRate, Function, Rate, central_difference, check_rate
 from rnc_pin.robots.robot import Robot
 
@@ -99,9 +99,6 @@ class FixedRows(Rows):
         if rows is None or not isinstance(self._output, ConstantRows):
             return rows
         return [row._replace(constant=line) for row, line in zip(rows, self._output.matrix, strict=True)]
-
-    def phrases(self) -> Phrases:
-        return Phrases(prevents="leave the value that is fixed for", where=", ".join(self._output.names))
 
     def _wanted(self, at: PositionKinematics) -> np.ndarray:
         """Value (..., k) that the output should have."""
@@ -223,9 +220,6 @@ class _PrescribedRows(FixedRows):
 
     def _wanted(self, at: PositionKinematics) -> np.ndarray:
         return self._over_times(at, 0)
-
-    def phrases(self) -> Phrases:
-        return Phrases(prevents="leave the motion that is prescribed for", where=", ".join(self._output.names))
 
     def _over_times(self, at: PositionKinematics, order: int) -> np.ndarray:
         """Derivative (..., k) of the motion of an order from zero to two; angular ones for rotations."""

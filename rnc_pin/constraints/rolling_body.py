@@ -18,7 +18,7 @@ from rnc_pin.model.frame_rows import FLAT, ConstantWrenchRows, WrenchRows, point
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.model.kinematics import Placement, PositionKinematics
 from rnc_pin.model.parameter_types import Positive, Vector, is_number
-from rnc_pin.model.rows import GroundContact, Phrases, Rows, check_defined
+from rnc_pin.model.rows import GroundContact, Rows, check_defined
 from rnc_pin.robots.robot import Robot
 
 
@@ -107,7 +107,7 @@ class _RollingBodyRows(WrenchRows):
     on_ground = True
 
     def __init__(self, kind: RollingBody, shape: BodyShape, plane: GroundPlane, robot: Robot) -> None:
-        self._shape, self._body, self.frame = shape, kind.frame, robot.frame_id(kind.frame)
+        self._shape, self.frame = shape, robot.frame_id(kind.frame)
         self._center, self._turned = kind.placement.translation, kind.placement.rotation
         self.ground = None if plane.is_default else plane
         self.twist, self.affine = plane.twist, plane.moves
@@ -166,9 +166,6 @@ class _RollingBodyRows(WrenchRows):
         directions = points.copy()
         points[..., :3, :], directions[..., :3, :] = contact[..., None, :], self._axes
         return points, directions
-
-    def phrases(self) -> Phrases:
-        return Phrases("rolling body", prevents="slip at", where=self._body)
 
 
 @dataclass(frozen=True)
@@ -241,6 +238,3 @@ class _RollingBallRows(ConstantWrenchRows):
 
     def mechanisms(self) -> tuple[GroundContact]:
         return (GroundContact(self._ball.frame, self._ball.radius),)
-
-    def phrases(self) -> Phrases:
-        return Phrases("rolling ball", prevents="slip at", where=self._ball.frame)

@@ -15,7 +15,7 @@ from rnc_pin.math.linear_algebra import apply, cross_columns, vector_product
 from rnc_pin.model.frame_rows import WrenchRows, point_name
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.model.kinematics import Placement, PositionKinematics
-from rnc_pin.model.rows import Phrases, check_defined
+from rnc_pin.model.rows import check_defined
 from rnc_pin.robots.robot import Robot
 
 _STEPS, _ACCURATE = 60, 1e-12  # Newton steps, and the last one relative to the size of the contact
@@ -133,7 +133,7 @@ class SurfaceContactRows(WrenchRows):
     def __init__(
         self, frame: str, shape: BodyShape, placement: pin.SE3, pivots: bool, ground: CurvedGround, robot: Robot
     ) -> None:
-        self._shape, self._body, self.frame = shape, frame, robot.frame_id(frame)
+        self._shape, self.frame = shape, robot.frame_id(frame)
         self._center, self._turned = placement.translation, placement.rotation
         self.ground = self._surface = ground
         if ground.moves:
@@ -296,9 +296,6 @@ class SurfaceContactRows(WrenchRows):
         quadric = [*map(float, point), scale, *axis.tolist(), float(shape.radius)]
         numbers = [[*quadric, *weights] for weights in np.eye(4)[: self._count].tolist()]
         return wrench_rows(Form.CURVED, attached(model, self.frame, pin.SE3(_EYE, self._center)), numbers, self.twist)
-
-    def phrases(self) -> Phrases:
-        return Phrases("rolling body", prevents="slip at", where=self._body)
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -24,7 +24,6 @@ from .regressor import ReducedRegressor as ReducedRegressor
 from .row_stack import OutputStack as OutputStack
 from .rows import ConstraintKind as ConstraintKind
 from .rows import OutputKind as OutputKind
-from .rows import Phrases as Phrases
 from .state_evaluation import StateEvaluation as StateEvaluation
 from .system import NonholonomicSystem as NonholonomicSystem
 from .task import Task as Task

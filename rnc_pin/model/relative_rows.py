@@ -27,7 +27,7 @@ from rnc_pin.model.kinematics import (
     PositionKinematics,
     VelocityKinematics,
 )
-from rnc_pin.model.rows import ConstantRows, JointCoupler, OutputRows, Phrases, Rows
+from rnc_pin.model.rows import ConstantRows, JointCoupler, OutputRows, Rows
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.description import Mimic
 
@@ -230,7 +230,6 @@ class RelativeOutputRows(RelativeRows, OutputRows):
 
 # ------------------------------------------------------------------ couplings of joints
 
-COUPLED = Phrases(prevents="move coupled joints by themselves")
 
 _LARGEST_DENOMINATOR = 1000
 
@@ -282,9 +281,6 @@ class CouplingRow(ConstantRows):
 
     def mechanisms(self) -> tuple[JointCoupler]:
         return (JointCoupler(self.joint, self.driver, 0.0 if self.driver is None else self.ratio),)
-
-    def phrases(self) -> Phrases:
-        return COUPLED
 
 
 def mimic_rows(robot: Robot, blocks: Sequence[Rows]) -> list[CouplingRow]:

@@ -3,7 +3,7 @@
 A *kind* such as ``NoSideSlip("axle")`` is a description without a robot. ``bind(robot)`` resolves its names and returns
 ``Rows``. Rows have leading batch axes, so one formula serves one state and many.
 
-Simulators, drawings and texts do not read the kinds: they read the mechanisms and phrases of the rows.
+Simulators and drawings do not read the kinds: they read the mechanisms of the rows.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple, Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
@@ -93,22 +93,6 @@ class GroundSurface(Protocol):
 def carrier_of(ground: GroundSurface | None) -> str | None:
     """Name of the frame that carries a ground and stands for the world; None for ground in the world."""
     return None if ground is None else getattr(ground, "frame", None)
-
-
-class Phrases(NamedTuple):
-    """Words for the description of a system with a constraint; an empty string says nothing.
-
-    Attributes:
-        support: what the robot stands on, in the singular, e.g. "rolling wheel".
-        robot: noun phrase of a robot that stands on nothing, e.g. "a mechanism with closed loops".
-        prevents: motion that the constraint prevents, e.g. "slip at".
-        where: name that follows ``prevents``.
-    """
-
-    support: str = ""
-    robot: str = ""
-    prevents: str = ""
-    where: str = ""
 
 
 # ------------------------------------------------------------------ rows
@@ -226,10 +210,6 @@ class Rows(ABC):
     def mechanisms(self) -> tuple[Mechanism, ...]:
         """Physical mechanisms that enforce the rows, for simulators and drawings; empty if none is known."""
         return ()
-
-    def phrases(self) -> Phrases:
-        """Words for the description of a system."""
-        return Phrases(prevents="break the rows of your own")
 
     def _zeros(self, at: PositionKinematics) -> np.ndarray:
         return np.zeros((*at.q.shape[:-1], len(self.names)))

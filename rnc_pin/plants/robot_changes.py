@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.model.parameter_types import NotNegative, Positive
-from rnc_pin.model.rows import ConstantRows, ConstraintKind, Phrases, Rows
+from rnc_pin.model.rows import ConstantRows, ConstraintKind, Rows
 from rnc_pin.plants.plant import OF_CONTACTS, OF_INTEGRATION, Plant, continue_plant, energy_minus_work
 from rnc_pin.robots.robot import Robot
 
@@ -84,15 +84,12 @@ class _LockedRows(ConstantRows):
 
     def __init__(self, robot: Robot, joint: str) -> None:
         entries = robot.velocity_indices(joint)
-        self.matrix, self._joint = np.eye(robot.nv)[entries], joint
+        self.matrix = np.eye(robot.nv)[entries]
         self.names = tuple(f"stuck({robot.velocity_names[entry]})" for entry in np.arange(robot.nv)[entries])
         self.units = tuple(robot.velocity_units[entry] for entry in np.arange(robot.nv)[entries])
 
     def bind(self, robot: Robot) -> Rows:
         return self
-
-    def phrases(self) -> Phrases:
-        return Phrases(prevents="motion of", where=f"'{self._joint}'")
 
 
 class ChangingPlant:

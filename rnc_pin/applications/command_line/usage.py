@@ -14,8 +14,8 @@ import click
 from click.shell_completion import CompletionItem
 
 from rnc_pin.applications.command_line import commands
-from rnc_pin.applications.command_line.messages import announce
-from rnc_pin.applications.scenario.files import built_in_names, find_scenario
+from rnc_pin.applications.command_line.messages import announce, print_json
+from rnc_pin.applications.scenario.files import built_in_names, find_scenario, read_yaml
 from rnc_pin.finding_kinds import FindingKind
 from rnc_pin.interruption import interruptible_imports
 
@@ -118,9 +118,14 @@ def cli(context: click.Context) -> None:
 @cli.command("list", context_settings=_HELP)
 @_json
 @_debug
-def list_scenarios(**given: Given) -> None:
+def list_scenarios(as_json: bool) -> None:
     """List the built-in scenarios."""
-    _command("list_scenarios")(**given)
+    titles = {name: read_yaml(find_scenario(name)).get("title") or "" for name in built_in_names()}
+    if as_json:
+        print_json(titles)
+        return
+    for name, title in titles.items():
+        click.echo(f"{name:<{max(map(len, titles))}}  {title}")
 
 
 @cli.command(context_settings=_HELP)

@@ -298,56 +298,12 @@ def told(page):
     return " ".join(page.replace("│", " ").split())
 
 
-def test_inspect_begins_with_three_sentences(call):
-    """The kind of robot, its motions, and what it cannot do; then the table."""
-    status, out, _ = call("inspect", "snakeboard", "--samples", 16)
-    assert status == 0
-    assert told(out).startswith(
-        "'snakeboard' is a vehicle on 2 knife edges: its base moves in the plane, and it has 3 joints and 3 actuators. "
-        "It has 4 independent motions (rotor, front_steering, back_steering and board_speed_x) in 6 degrees of "
-        "freedom, and together they still lead to every configuration nearby. "
-        "It cannot slide sideways at front_truck and back_truck; no actuator drives board_speed_x, "
-        "and no singular configuration was found between 16 samples. snakeboard (snakeboard)"
-    )
-
-
-def test_parts_that_no_joint_connects_have_no_base(call):
-    status, out, _ = call("inspect", "ball-on-plate", "--samples", 4)
-    assert status == 0
-    assert told(out).startswith(
-        "'ball_on_plate' is a mechanism whose bodies roll on each other: no joint connects its 2 parts, and it has 2 "
-        "joints and 2 actuators. It has 5 independent motions"
-    )
-
-
-def test_a_fixed_base_connects_the_joints_that_start_at_it(call, tmp_path):
-    """A mobile robot whose base is fixed by mistake: arm and wheels start at the world, and nothing is nonholonomic."""
-    file = tmp_path / "parked.yaml"
-    file.write_text("robot: {example: tiago_no_hand}\n")
-    status, out, _ = call("inspect", file, "--samples", 4)
-    assert status == 0
-    assert told(out).startswith("'tiago' is a robot: its base is fixed, and it has 12 joints and no actuators. ")
-    assert "reach every configuration: no constraint row restricts it [growth vector (12)" in told(out)
-
-
-def test_joints_that_a_file_couples_are_not_free(call, tmp_path):
-    """The fingers of a Panda: no constraint of the scenario says it, the robot's file does."""
-    file = tmp_path / "hand.yaml"
-    locked = ", ".join(f"panda_joint{k}: 0" for k in range(1, 8))
-    reducing = "outputs: {reducing: [{joint: panda_finger_joint1}]}"
-    file.write_text(f"robot: {{example: panda, lock: {{{locked}}}}}\nactuators: [panda_finger_joint1]\n{reducing}\n")
-    status, out, _ = call("inspect", file, "--samples", 4)
-    assert status == 0
-    assert "It cannot move coupled joints by themselves;" in told(out)
-
-
 def test_inspect_answers_every_question_on_one_page(call):
     """Space robot: what is constrained and how, what is driven, which class, where it is singular."""
     inspect = ("inspect", "space-robot", "--samples", 16)
     status, out, _ = call(*inspect)
     assert status == 0
     for words in (
-        "It cannot change its momentum about platform; it becomes singular where its constraints leave no free choice",
         "primary motions tip_x, tip_y ", "redundant motions joint_1 ", "actuators joint_1, joint_2, joint_3",
         "momentum(platform) [nonholonomic]", "completely nonholonomic [growth vector (3, 4),", "3 of 3 reduced forces",
         "class 1 [A4 has full row rank]", "E: momentum(platform), tip_x, tip_y, joint_1 [singular, e.g. at platform =",
@@ -393,13 +349,11 @@ def test_inspect_takes_a_system_without_actuators_task_controller_or_simulation(
     status, out, _ = call("inspect", file, "--samples", 4)
     assert status == 0
     assert "0 of 2 reduced forces, not fully actuated: base_link_speed_x, base_link_yaw" in told(out)
-    assert "no actuator drives base_link_speed_x and base_link_yaw" in told(out)
     assert "integrable combinations rolling(wheel_left_link) - rolling(wheel_right_link)" in told(out)
     with file.open("a") as more:
         more.write("actuators: [wheel_left_joint]\n")  # it drives a combination of both
     status, out, _ = call("inspect", file, "--samples", 4)
     assert status == 0
-    assert "too few actuators drive base_link_speed_x and base_link_yaw" in told(out)
 
 
 def test_inspect_looks_at_the_vertical_outputs_that_the_task_names(call):

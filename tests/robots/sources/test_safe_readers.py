@@ -14,8 +14,7 @@ import pytest
 
 import rnc_pin as rnc
 from patience import ending_within
-from rnc_pin.applications.command_line.commands.inspect import print_report
-from rnc_pin.applications.command_line.report import print_summary
+from rnc_pin.applications.command_line.report import print_object, print_summary
 from rnc_pin.applications.scenario.files import parse_option, read_yaml
 from rnc_pin.applications.scenario.saved_run import load_run
 from rnc_pin.control.partial_controllers import effective_inertia
@@ -538,8 +537,7 @@ def test_names_are_printed_and_drawn_as_they_are(name, tmp_path, capsys):
     run = rnc.free_motion(reduced, robot.configuration(), np.zeros(4), duration=0.1)
     run.plot(title=name).savefig(tmp_path / "p.png", dpi=30)
     print_summary(rnc.summarize(run))
-    task = rnc.Task.of(reduced, [name], [other for other in robot.joint_names if other != name])
-    print_report(name, reduced, task, rnc.analyze(reduced, samples=4))
+    print_object(rnc.analyze(reduced, samples=4), name)
     printed = "".join(capsys.readouterr().out.split())
     assert name[:5] in printed
 

@@ -4,7 +4,6 @@ from .drive import drive_robot as drive_robot
 from .init import draft_scenario as draft_scenario
 from .init import print_schema as print_schema
 from .inspect import inspect_system as inspect_system
-from .list import list_scenarios as list_scenarios
 from .replay import export_file as export_file
 from .replay import replay_runs as replay_runs
 from .run import run_scenario as run_scenario
