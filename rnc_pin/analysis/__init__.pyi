@@ -18,17 +18,12 @@ from .normal_forces import NormalForces as NormalForces
 from .normal_forces import first_lift_off as first_lift_off
 from .privileged_coordinates import PrivilegedCoordinates as PrivilegedCoordinates
 from .privileged_coordinates import privileged_coordinates as privileged_coordinates
-from .redundancy_class import Block as Block
 from .redundancy_class import Evidence as Evidence
 from .redundancy_class import Redundancy as Redundancy
-from .redundancy_class import Spread as Spread
 from .redundancy_class import classify as classify
 from .report import Integrability as Integrability
 from .report import Report as Report
 from .report import analyze as analyze
 from .report import integrability as integrability
-from .singularities import Approach as Approach
-from .singularities import Boundedness as Boundedness
 from .singularities import Singularity as Singularity
-from .singularities import boundedness as boundedness
 from .singularities import lemma_1_residuals as lemma_1_residuals

@@ -21,50 +21,6 @@ _STEERING = "d(A3 v21)/dx22"
 
 @printed()
 @dataclass(frozen=True)
-class Spread:
-    """Smallest, median and largest value of a quantity over the samples."""
-
-    min: float
-    median: float
-    max: float
-
-    @classmethod
-    def over(cls, values: np.ndarray) -> Spread:
-        """Return the spread of values (count,)."""
-        return cls(float(values.min()), float(np.median(values)), float(values.max()))
-
-
-@printed()
-@dataclass(frozen=True)
-class Block:
-    """Size and singular values of a block of A*, or of ``d(A3 v21)/dx22``.
-
-    Attributes:
-        name: "A3" to "A6", or "d(A3 v21)/dx22".
-        rows, columns: names of the outputs.
-        largest_entry: largest magnitude over all samples; None for a block without entries.
-        smallest_singular_value: over the samples; None for a block without entries.
-    """
-
-    name: str
-    rows: tuple[str, ...]
-    columns: tuple[str, ...]
-    largest_entry: float | None = None
-    smallest_singular_value: Spread | None = None
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Numbers of rows and columns."""
-        return len(self.rows), len(self.columns)
-
-    def to_dict(self) -> dict[str, Json]:
-        """Return lists, numbers and strings that JSON can store."""
-        known = {name: value for name, value in asdict(self).items() if value is not None}
-        return to_json_mapping({**known, "shape": self.shape}, self.name)
-
-
-@printed()
-@dataclass(frozen=True)
 class Evidence:
     """Numbers that decide on a class.
 
@@ -74,7 +30,6 @@ class Evidence:
         A6: largest entry in the other rows.
         A5_along_x22: largest partial derivative of A5 with respect to a redundant output, all others fixed.
         steering: largest entry of ``d(A3 v21)/dx22``, if A4 is zero.
-        blocks: A3 to A6 of the partition, and ``d(A3 v21)/dx22`` if A4 is zero.
     """
 
     A3: float
@@ -82,7 +37,6 @@ class Evidence:
     A6: float
     A5_along_x22: float
     steering: float | None
-    blocks: tuple[Block, ...]
 
     def to_dict(self) -> dict[str, Json]:
         """Return lists, numbers and strings that JSON can store."""
@@ -91,7 +45,7 @@ class Evidence:
             for name, value in asdict(self).items()
             if value is not None
         }
-        return to_json_mapping({**known, "blocks": [block.to_dict() for block in self.blocks]}, "evidence")
+        return to_json_mapping(known, "evidence")
 
 
 @printed()
@@ -150,21 +104,12 @@ def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed
         tracked = moved
 
     above, below = (tuple(np.array(names)[flags].tolist()) for flags in (tracked, ~tracked))
-    blocks = [
-        _described("A3", A3[:, tracked], above, task.primary_names),
-        _described("A4", A4[:, tracked], above, task.redundant_names),
-        _described("A5", A3[:, ~tracked], below, task.primary_names),
-        _described("A6", A4[:, ~tracked], below, task.redundant_names),
-    ]
-    if not moved.any():
-        blocks.append(_described(_STEERING, steering[:, tracked], above, task.redundant_names))
     evidence = Evidence(
         A3=_largest(A3),
         A4_singular_values=_smallest_largest(A4[:, moved]) if moved.any() else (0.0, 0.0),
         A6=_largest(A4[:, ~moved]),
         A5_along_x22=_largest(A5_along),
         steering=None if moved.any() else _largest(steering),
-        blocks=tuple(blocks),
     )
     return Redundancy(redundancy_class, above, below, reason, evidence)
 
@@ -208,14 +153,6 @@ def _decide(A4: np.ndarray, steering: np.ndarray, moved: np.ndarray, A5_depends:
     if A5_depends:
         return None, f"{moves}, but A5 depends on x22"
     return "2", "A6 = 0, A4 nonsingular and A5 independent of x22"
-
-
-def _described(name: str, block: np.ndarray, rows: tuple[str, ...], columns: tuple[str, ...]) -> Block:
-    """Description of a block (count, k, l): largest entry, and spread of its singular values over the samples."""
-    if not block.size:
-        return Block(name, rows, columns)
-    smallest = np.linalg.svd(block, compute_uv=False)[:, -1]
-    return Block(name, rows, columns, _largest(block), Spread.over(smallest))
 
 
 def _largest(array: np.ndarray) -> float:

@@ -14,11 +14,9 @@ import numpy as np
 import scipy
 
 from rnc_pin.analysis.growth import Growth, GrowthEvidence, generic_growth
-from rnc_pin.analysis.redundancy_class import Redundancy, Spread, classify
+from rnc_pin.analysis.redundancy_class import Redundancy, classify
 from rnc_pin.analysis.singularities import (
-    Boundedness,
     Singularity,
-    boundedness,
     lemma_1_residuals,
     stack_singularities,
     task_singularities,
@@ -177,7 +175,6 @@ class Report(SummaryMixin):
             determinants have opposite signs. If there are none, the worst samples.
         lemma1: worst residuals of Lemma 1.
         lemma1_holds: True if all residuals are at the level of rounding and finite differences.
-        lemma1_bounds: norms of H, V and G over the samples, and growth of H and V towards singular sets of E.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -211,7 +208,6 @@ class Report(SummaryMixin):
     singularities: tuple[Singularity, ...]
     lemma1: dict[str, float]
     lemma1_holds: bool
-    lemma1_bounds: Boundedness
 
     @property
     def full_reach(self) -> str:
@@ -235,11 +231,6 @@ class Report(SummaryMixin):
         conditions = [Item(f"{name} {value:.3g}") for name, value in self.condition.items()]
         residuals = [Item(f"{name} {value:.1e}") for name, value in self.lemma1.items()]
         singular = [Item(f"{each.matrix}: {', '.join(each.rows)}", _place(each)) for each in self.singularities]
-        growth = [
-            Item(", ".join(each.rows), f"|H| ~ d^-{each.H_order:.1f}, |V| ~ d^-{each.V_order:.1f}")
-            for each in self.lemma1_bounds.approaches
-            if not each.bounded
-        ]
         lines = [
             ("constraint rows", items(self.kept_rows, kinds)),
             ("rows dropped", [Item(each.name, each.reason) for each in self.dropped_rows]),
@@ -253,7 +244,6 @@ class Report(SummaryMixin):
             ("singular samples", [Item(f"{self.singular_samples} of {self.samples}")]),
             ("singular or worst configurations", singular),
             (f"Lemma 1 {'holds' if self.lemma1_holds else 'DOES NOT HOLD'}, residuals", residuals),
-            ("growth at a distance d from singular sets", growth),
         ]
         return ObjectSummary(title, lines)
 
@@ -332,7 +322,6 @@ def analyze(
     held = max(lemma[name] for name in ("A R", "H - H^T", "Hdot - V - V^T", "V linear")) < _LEMMA_TOLERANCE
     actuation_rank, unactuated = _actuation(reduced, configurations)
     singular = stack_singularities(reduced, configurations)
-    bounds = boundedness(reduced, configurations, singular)
     if redundancy.redundancy_class in ("1", "2"):
         singular += task_singularities(reduced, task, redundancy.tracked, configurations)
     return Report(
@@ -352,13 +341,12 @@ def analyze(
         redundancy=redundancy,
         actuation_rank=actuation_rank,
         unactuated=unactuated,
-        condition=asdict(Spread.over(conditions)),
+        condition=dict(zip(("min", "median", "max"), np.quantile(conditions, (0.0, 0.5, 1.0)).tolist(), strict=True)),
         samples=samples,
         singular_samples=samples - len(regular),
         singularities=tuple(singular),
         lemma1=lemma,
         lemma1_holds=bool(held and lemma["smallest eigenvalue of H"] > 0),
-        lemma1_bounds=bounds,
     )
 
 

@@ -44,16 +44,7 @@ def test_a_class_of_constant_blocks(A, redundant, expected, tracked, reason):
     values = np.linalg.svd(A4[moved], compute_uv=False) if moved.any() else np.zeros(2)
     np.testing.assert_allclose(evidence.A4_singular_values, (values.min(), values.max()), atol=1e-12)
     np.testing.assert_allclose((evidence.A6, evidence.A5_along_x22), 0.0, atol=1e-12)
-    spread = next(block.smallest_singular_value for block in evidence.blocks if block.name == "A4")
-    if moved.any():
-        np.testing.assert_allclose((spread.min, spread.max), values.min(), atol=1e-12)
     assert evidence.steering == (None if moved.any() else 0.0)
-    shapes = {block.name: block.shape for block in evidence.blocks if block.name.startswith("A")}
-    above, below = moved.sum(), k - moved.sum()
-    assert shapes == {"A3": (above, r - len(free)), "A4": (above, len(free))} | {
-        "A5": (below, r - len(free)),
-        "A6": (below, len(free)),
-    }
 
 
 def test_figures_are_those_of_the_columns_and_rows_of_the_task():
@@ -70,14 +61,8 @@ def test_figures_are_those_of_the_columns_and_rows_of_the_task():
     configurations = np.random.default_rng(1).normal(size=(5, 5))
     found = classify(reduced, task, configurations)
     assert (found.redundancy_class, found.tracked, found.driven) == ("2", ("s3",), ("s4",))
-    A4, A5 = 1.5 + np.sin(configurations[:, 1]), np.hypot(4.0, 0.3 * configurations[:, 2])
+    A4 = 1.5 + np.sin(configurations[:, 1])
     np.testing.assert_allclose(found.evidence.A4_singular_values, (A4.min(), A4.max()))
-    spreads = {block.name: block.smallest_singular_value for block in found.evidence.blocks if block.rows}
-    for name, sizes in (("A3", np.full(5, 7.0)), ("A4", A4), ("A5", A5), ("A6", np.zeros(5))):
-        expected = sizes.min(), np.median(sizes), sizes.max()
-        np.testing.assert_allclose((spreads[name].min, spreads[name].median, spreads[name].max), expected, atol=1e-12)
-    assert [block.largest_entry for block in found.evidence.blocks] == pytest.approx([7.0, A4.max(), 4.0, 0.0])
-    assert found.evidence.blocks[2].columns == ("s2", "s1")
     np.testing.assert_allclose(found.evidence.A3, 7.0)
 
 
@@ -91,11 +76,7 @@ def test_what_only_the_value_of_an_output_steers():
     found = classify(reduced, task, configurations)
     assert (found.redundancy_class, found.tracked, found.driven) == ("2s", ("s2",), ("s3",))
     rates = np.cos(configurations[:, 1])
-    *_, block = found.evidence.blocks
-    assert (block.name, block.shape, block.largest_entry) == ("d(A3 v21)/dx22", (1, 1), found.evidence.steering)
-    spread = block.smallest_singular_value
-    assert spread.min / spread.max == pytest.approx(rates.min() / rates.max())
-    assert 0.5 < spread.max / rates.max() < 1.5
+    assert 0.5 < found.evidence.steering / rates.max() < 1.5
     assert found.evidence.A4_singular_values == (0.0, 0.0)
     np.testing.assert_allclose(found.evidence.A3, 3.0)
 

@@ -1,14 +1,12 @@
 """Singular sets and bounds of systems written down row by row, beside what they have to be."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.analysis import boundedness
-from rnc_pin.analysis.singularities import Singularity, stack_singularities, task_singularities
-from systems import four_bar, leaning_wheel, random_states, sleigh, spinning_space_robot
-from textbook_systems import planar_model, rail_sliders
+from rnc_pin.analysis.singularities import stack_singularities, task_singularities
+from systems import four_bar, sleigh
+from textbook_systems import rail_sliders
 
 
 def rates_of(rows, names):
@@ -205,65 +203,6 @@ def test_a_reducing_output_that_stands_still_is_the_only_row():
     (found,) = stack_singularities(steered(np.sin, np.cos), configurations)
     assert found.rows == ("x22",)
     assert found.configuration["s2"] == pytest.approx(np.pi / 2, abs=1e-9)
-
-
-# ---------------------------------------------------------------------- bounds
-
-
-@pytest.mark.parametrize("make", [spinning_space_robot, leaning_wheel])
-def test_sizes_are_those_of_the_matrices(make):
-    """V without what a given momentum adds to it, for the worst of the unit velocities."""
-    reduced = make()
-    configurations = np.stack([q for q, _ in random_states(reduced, 5)])
-    bounds = boundedness(reduced, configurations)
-    H, V, G = [], [], []
-    for q in configurations:
-        rest = reduced.terms(q, np.zeros(reduced.r))
-        turned = [reduced.terms(q, unit).V - rest.V for unit in np.eye(reduced.r)]
-        H.append(np.linalg.eigvalsh(rest.H)[-1])
-        V.append(max(np.sqrt(np.linalg.eigvalsh(each.T @ each)[-1]) for each in turned))
-        G.append(np.sqrt(rest.G @ rest.G))
-    for found, sizes in ((bounds.H, H), (bounds.V, V), (bounds.G, G)):
-        expected = min(sizes), sorted(sizes)[2], max(sizes)
-        np.testing.assert_allclose((found.min, found.median, found.max), expected, rtol=1e-9, atol=1e-9)
-    assert max(G) > 0.1
-    assert bounds.everywhere
-    assert bounds.approaches == ()
-
-
-def test_growth_towards_a_singular_heading_is_that_of_the_closed_form():
-    """A unicycle in x and yaw, at d from heading along y: ``H = 1 / sin(d)^2``, ``V = cos(d) / sin(d)^3``.
-
-    Only the nearest sample lies straight across.
-    """
-    model, _ = planar_model()
-    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body")])
-    reduced = system.reduce([rnc.FramePosition("body", "x"), rnc.FrameYaw("body")])
-
-    goal = Singularity("E", ("body_x",), 0.0, True, {"root_joint": [2.0, 1.0, np.pi / 2]})
-    samples = [(5.0, 1.0, 1.5), (2.0, 1.0, np.pi / 2 - 0.4), (2.0, 1.0, np.pi / 2 + 0.9)]
-    configurations = np.stack([reduced.robot.configuration({"root_joint": each}) for each in samples])
-    (way,) = boundedness(reduced, configurations, [goal]).approaches
-    distances = np.array(way.distances)
-    np.testing.assert_allclose(way.H, 1 / np.sin(distances) ** 2, rtol=1e-9)
-    np.testing.assert_allclose(way.V, np.cos(distances) / np.sin(distances) ** 3, rtol=1e-9)
-    assert (way.H_order, way.V_order) == (pytest.approx(2.0, abs=1e-3), pytest.approx(3.0, abs=1e-3))
-    assert way.rows == ("body_x",)
-
-
-@pytest.mark.parametrize(("mass", "H_order", "V_order"), [(0.0, 0.0, 0.0), (1.0, 2.0, 3.0), (1e-15, 0.0, 3.0)])
-def test_what_grows_without_inertia_leaves_h_bounded(mass, H_order, V_order):
-    """The last slide moves at ``1 / q1`` times the first; of a grain of dust V grows where H hardly does."""
-    row = rnc.Pfaffian(lambda q: np.array([[1.0, 0.0, -q[1]]]), lambda q, v: np.array([[0.0, 0.0, -v[1]]]), ["lever"])
-    robot = rail_sliders(3)
-    robot.model.inertias[3] = pin.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
-    reduced = rnc.NonholonomicSystem(robot, [row]).reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
-    goal = Singularity("E", ("lever", "s0"), 0.0, True, {"s0": 0.0, "s1": 0.0, "s2": 0.0})
-    bounds = boundedness(reduced, np.array([[0.0, 0.5, 0.0]]), [goal])
-    (way,) = bounds.approaches
-    assert way.bounded == bounds.everywhere == (mass == 0)
-    assert (way.H_order, way.V_order) == (pytest.approx(H_order, abs=0.01), pytest.approx(V_order, abs=0.01))
-    np.testing.assert_allclose(way.H, 1 + mass / np.square(way.distances), rtol=1e-9)
 
 
 def test_no_configuration_has_no_singular_ones():
