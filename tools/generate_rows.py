@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from rnc_pin._kernel import INTERFACE
-from rnc_pin.constraints.body_shapes import support_point
 from rnc_pin.constraints.couplings import linkage
 from rnc_pin.constraints.ground_plane import wheel_level, wheel_wrenches
 from rnc_pin.constraints.rolling_body import contact_arm
 from rnc_pin.constraints.surface_contact import curved_gradient, curved_wrench
+from rnc_pin.constraints.surfaces import support_point
 from rnc_pin.math.components import cross, dot
 from rnc_pin.model.frame_rows import FLAT
 from rnc_pin.model.kernel_rows import AT_GROUND, INTEGERS, NUMBERS, Form, KernelForce, Value

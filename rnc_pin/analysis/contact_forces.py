@@ -128,24 +128,21 @@ class ContactForceSet:
         out[:, 1:, 1:] = (moments @ free).mT
         return out
 
-    def free(
-        self, q: Float[Array, "N nq"], rows: Float[Array, "N l nv"], known: Bool[Array, " m"] | None = None
-    ) -> Float[Array, "N m k d"]:
+    def free(self, q: Float[Array, "N nq"], rows: Float[Array, "N l nv"]) -> Float[Array, "N m k d"]:
         """Directions in which the contact forces are free: orthonormal, the last ones zero where fewer are free.
 
         Args:
             q: configurations.
             rows: all constraint rows there.
-            known: contacts whose load is stated, so that it is not free; none by default.
         """
         _, values, right = np.linalg.svd(self._effects(rows, self._lines(q))[0], full_matrices=False)
-        return self._directions(right * self._counted(values)[:, :, None], known)[0]
+        return self._directions(right * self._counted(values)[:, :, None])[0]
 
     def solve(self, effects: Float[Array, "N e y"], needed: Float[Array, "N e"]) -> SolvedForces:
         """Return all solutions y of the equations ``W y = b``."""
         left, values, right = np.linalg.svd(effects, full_matrices=False)
         counted = self._counted(values)
-        free, lift = self._directions(right * counted[:, :, None], None)
+        free, lift = self._directions(right * counted[:, :, None])
         inverse = (right.mT * (counted / np.where(counted, values, 1.0))[:, None]) @ left.mT
         y = np.matvec(inverse, needed)
         return SolvedForces(y, np.einsum("mky,ny->nmk", self.selection, y), free, lift, inverse)
@@ -185,12 +182,9 @@ class ContactForceSet:
                 found.append(np.linalg.svd(effects[0])[1:])
         return found
 
-    def _directions(self, right: Array, known: Array | None) -> tuple[Array, Array]:
+    def _directions(self, right: Array) -> tuple[Array, Array]:
         """Free directions of the contact forces, and those of the unknowns y, from the row space of W (N, s, y)."""
-        selection = self.selection.copy()
-        if known is not None:
-            selection[known, 0] = 0.0
-        selection = selection.reshape(-1, selection.shape[-1])
+        selection = self.selection.reshape(-1, self.selection.shape[-1])
         left, values, lift = np.linalg.svd(selection - (selection @ right.mT) @ right, full_matrices=False)
         acts = values > _FREE
         count = min(int(acts.sum(axis=1).max(initial=0)), self._freedom)

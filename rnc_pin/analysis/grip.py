@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.analysis.contact_forces import ContactForceSet, dependent_groups, linked_contacts
 from rnc_pin.array_shapes import Bool, Float
-from rnc_pin.errors import ConfigurationError, place_of
+from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.cone_margin import least_shares
 from rnc_pin.model.parameter_types import Positive, check_positive_settings
 from rnc_pin.model.reduced_model import ReducedModel
@@ -26,7 +26,7 @@ class Grip(SummaryMixin):
     force, accelerations included. Rigid bodies determine neither how the wheels of one axle share a lateral force, nor
     how four wheels share the weight. ``used`` takes the forces with the least largest share: if it is above 1, every
     choice slips. ``is_choice`` tells which contacts have one. ``InverseDynamicsQP`` and ``optimal.GripBound`` have the
-    same choice. ``forces`` and ``loads`` are those of least norm, which share evenly.
+    same choice.
 
     If no choice pushes at all contacts, ``used`` has the forces of least norm, and a normal force below zero gives no
     grip. Casters do not grip but may lift off: ``first_lift_off`` checks the forces of ``normal``.
@@ -34,14 +34,13 @@ class Grip(SummaryMixin):
     Args:
         reduced: the model.
         friction: coefficient of friction of the ground.
-        loads: known loads by name of the contact, its frame [N]; statics gives the others.
 
     Attributes:
         names: frame names of the contacts that grip, (w,).
         normal: normal forces of all contacts.
 
     Raises:
-        ConfigurationError: friction or a load is not positive, a contact is unknown, or no contact grips.
+        ConfigurationError: friction is not positive, or no contact grips.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -53,7 +52,7 @@ class Grip(SummaryMixin):
         (('sleigh',), array([0.3]))
     """
 
-    def __init__(self, reduced: ReducedModel, friction: Positive, loads: Mapping[str, float] | None = None) -> None:
+    def __init__(self, reduced: ReducedModel, friction: Positive) -> None:
         check_positive_settings(friction=friction)
         self._reduced, self.friction, self._set = reduced, friction, ContactForceSet(reduced)
         self.normal = self._set.normal
@@ -61,36 +60,10 @@ class Grip(SummaryMixin):
         self.names = tuple(each.name for each in self._contacts)
         if not self.names:
             raise ConfigurationError("no contact of this system grips the ground by friction")
-        self._known = np.full(len(self.names), np.nan)
-        for name, load in (loads or {}).items():
-            if not load > 0:
-                raise ConfigurationError(f"load of '{name}' has to be positive, found {load}")
-            self._known[place_of(name, self.names, "loads: no gripping contact")] = load
 
     def _summary(self) -> ObjectSummary:
-        known = [f"{load:.4g} N" if np.isfinite(load) else "load from statics" for load in self._known]
         title = f"Grip of {counted(len(self.names), 'contact')} with friction {self.friction:.4g}"
-        return ObjectSummary(title, [("contacts", items(self.names, known))])
-
-    def forces(self, q: Array, v2: Array, T: Array) -> Float[Array, "*batch w"]:
-        """Return the contact forces along the ground [N], those of least norm.
-
-        Args:
-            q: configurations (..., nq).
-            v2: reduced velocities (..., r).
-            T: inputs of the actuators (..., p).
-        """
-        return self._along(self._reduced.at(q, v2).contact_forces(T))
-
-    def loads(self, q: Array, v2: Array, T: Array) -> Float[Array, "*batch w"]:
-        """Return the upward contact forces [N], those of least norm.
-
-        Args:
-            q: configurations (..., nq).
-            v2: reduced velocities (..., r).
-            T: inputs of the actuators (..., p).
-        """
-        return self._loads(self.normal.at(self._reduced.at(q, v2), np.asarray(T, dtype=float)))
+        return ObjectSummary(title, [("contacts", items(self.names))])
 
     def _along(self, contact_forces: Array) -> Array:
         forces = [np.linalg.norm(contact_forces[..., list(each.along)], axis=-1) for each in self._contacts]
@@ -101,7 +74,7 @@ class Grip(SummaryMixin):
         for column, contact in enumerate(self._contacts):
             if contact in self.normal.contacts:
                 loads[..., column] = np.maximum(normal[..., self.normal.contacts.index(contact)], 0.0)
-        return np.where(np.isnan(self._known), loads, self._known)
+        return loads
 
     def used(self, q: Array, v2: Array, T: Array) -> Float[Array, "*batch w"]:
         """Return the share of the available friction that each contact uses; a contact above 1 slips.
@@ -164,11 +137,8 @@ class Grip(SummaryMixin):
         q, rows, contact_forces, normal_forces, shares = (
             each.reshape(count, *each.shape[len(batch) :]) for each in many
         )
-        stated = np.full(len(self._set.contacts), np.nan)
-        stated[self._set.gripping] = self._known
-        free = self._set.free(q, rows, np.isfinite(stated))
+        free = self._set.free(q, rows)
         forces, shares = self._set.known(contact_forces, normal_forces), shares.copy()
-        forces[:, :, 0] = np.where(np.isnan(stated), forces[:, :, 0], stated)
         column = np.cumsum(self._set.gripping) - 1
         for samples, group in _alike(free):
             grips = self._set.gripping[group]
@@ -179,20 +149,6 @@ class Grip(SummaryMixin):
             where = np.ix_(samples, column[group][grips])
             shares[where] = np.where(np.isnan(least[:, grips]), shares[where], least[:, grips])
         return shares.reshape(*batch, len(self.names))
-
-    def used_by(self, q: Array, v2: Array, v2_dot: Array) -> Float[Array, "*batch w"]:
-        """Return the shares of ``used`` for accelerations instead of inputs.
-
-        Args:
-            q: configurations (..., nq).
-            v2: reduced velocities (..., r).
-            v2_dot: their rates (..., r).
-
-        Raises:
-            ConstraintError: no inputs give these accelerations.
-        """
-        state = self._reduced.at(q, v2)
-        return self.used_at(state, state.allocate(state.inverse_dynamics(v2_dot)))
 
 
 def _alike(free: Array) -> Iterator[tuple[list[int], list[int]]]:

@@ -81,7 +81,8 @@ def contacts_of(reduced: ReducedModel) -> list[Contact]:
     acting = np.zeros(reduced.all_constraints.size, dtype=bool)
     for position in _defined(reduced):
         acting |= np.isfinite(reduced.all_constraints.lines_of_action(position)[0]).all(axis=1)
-    return [contact for place in reduced.all_constraints.places for contact in _contacts(place, acting)]
+    found = [_contact(place, acting) for place in reduced.all_constraints.places]
+    return [each for each in found if each is not None]
 
 
 def _defined(reduced: ReducedModel) -> Iterator[PositionKinematics]:
@@ -96,23 +97,17 @@ def _defined(reduced: ReducedModel) -> Iterator[PositionKinematics]:
             yield position
 
 
-def _contacts(place: Place, acting: Array) -> list[Contact]:
-    """Contacts of one constraint: one for its rows along the ground, and one for each other row that carries."""
+def _contact(place: Place, acting: Array) -> Contact | None:
+    """Contact of one constraint: its rows along the ground, and the row that carries, if any."""
     block, start = place.block, place.where.start
     holonomic = block.holonomic or (False,) * len(block.names)
     along = tuple(start + row for row, fixed in enumerate(holonomic) if not fixed and acting[start + row])
-    ups: list[int | None] = [start + row for row, fixed in enumerate(holonomic) if fixed and block.on_ground]
-    if along and not ups:
-        ups = [None]
-    frame = getattr(block.kind, "frame", None)
-    found = []
-    for number, up in enumerate(ups):
-        rows = along if number == 0 else ()
-        point = rows[0] if rows else up
-        assert point is not None
-        named = isinstance(frame, str) and len(ups) == 1
-        found.append(Contact(str(frame) if named else block.names[point - start], rows, up, point))
-    return found
+    ups = [start + row for row, fixed in enumerate(holonomic) if fixed and block.on_ground]
+    if not (along or ups):
+        return None
+    up, frame = ups[0] if ups else None, getattr(block.kind, "frame", None)
+    point = along[0] if along else ups[0]
+    return Contact(frame if isinstance(frame, str) else block.names[point - start], along, up, point)
 
 
 @once_per_model

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.constraints.body_shapes import BodyShape, Sphere, support_numbers
-from rnc_pin.constraints.curved_grounds import CurvedGround, admit_ground
 from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier
 from rnc_pin.constraints.surface_contact import SurfaceContactRows, contact_wrench_rates, contact_wrenches
+from rnc_pin.constraints.surfaces import BodyShape, CurvedGround, Sphere, admit_ground, support_numbers
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, vector_product
 from rnc_pin.model.frame_rows import FLAT, ConstantWrenchRows, WrenchRows, point_name, triple

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.constraints.body_shapes import BodyShape, Sphere
-from rnc_pin.constraints.curved_grounds import CurvedGround, CylindricalGround, SphericalGround
+from rnc_pin.constraints.surfaces import BodyShape, CurvedGround, CylindricalGround, Sphere, SphericalGround
 from rnc_pin.math.components import Entry, cross, dot
 from rnc_pin.math.linear_algebra import apply, cross_columns, vector_product
 from rnc_pin.model.frame_rows import WrenchRows, point_name

@@ -19,7 +19,7 @@ from rnc_pin.simulation import Stop
 _FORMS = {"substeps": Annotated[int, Field(ge=1)] | None, "tolerance": Positive}
 _PLANT = Entry(ReducedPlant, late=("reduced",), forms=_FORMS)
 _STOP = Entry(Stop, late=("speed", "lift_off"))
-_GRIP = Entry(Grip, late=("reduced",), forms={"loads": dict[str, Positive]}, defaults={"loads": {}})
+_GRIP = Entry(Grip, late=("reduced",))
 
 
 class SimulationSettings(_PLANT.model, _STOP.model):  # type: ignore[name-defined, misc]

@@ -1,4 +1,4 @@
-"""Knife edges, which prevent side slip, and casters, which only support the weight."""
+"""Wheels that roll on a plane, upright or leaning; knife edges that prevent side slip; casters that only carry."""
 
 from __future__ import annotations
 
@@ -8,15 +8,124 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier, plane_below
-from rnc_pin.errors import ConstraintError
+from rnc_pin.constraints.ground_plane import GroundPlane, RollingRows, WheelDisk, on_carrier, plane_below
+from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.components import Entry, cross
 from rnc_pin.model.frame_rows import ConstantWrenchRows, DirectionRows, OffsetFrame, axis_index
 from rnc_pin.model.kernel_rows import Form, KernelRow, wrench_rows
-from rnc_pin.model.kinematics import Placement, PositionKinematics
-from rnc_pin.model.parameter_types import Axis, NotNegative, Vector, is_number
-from rnc_pin.model.rows import GroundContact, Rows
+from rnc_pin.model.kinematics import OWN_AXES, Kinematics, Placement, PositionKinematics
+from rnc_pin.model.parameter_types import Axis, NotNegative, Positive, Vector, is_number
+from rnc_pin.model.rows import Friction, GroundContact, Rows
 from rnc_pin.robots.robot import Robot
+
+
+@dataclass(frozen=True)
+class RollingWheel:
+    """Wheel whose contact point has the velocity of the ground: rolling, lateral and vertical rows.
+
+    The contact point is the lowest point of a disk about its axle, at any lean angle. The rows are the velocity of the
+    material point there: along the wheel's heading, sideways along the ground, and up. The vertical row is holonomic:
+    the lowest point stays at height zero. For a planar base, it is zero and is dropped.
+
+    A Mecanum or omni wheel touches the ground with a roller that turns freely. One row, named ``roller(frame)``,
+    replaces the rolling and lateral rows: the velocity along the roller's axis. A wheel that skids has no lateral row.
+
+    Args:
+        frame: a frame at the centre of the wheel that turns with it.
+        radius: radius of the wheel [m].
+        axis: the axle as the frame's own axis "x", "y" or "z"; by default the axis of the joint that supports the
+            frame.
+        roller: angle from the wheel's heading to the axis of the roller on the ground [rad], within a quarter turn: 0
+            for an omni wheel, plus or minus pi/4 for a Mecanum wheel. If the axle points to the left (joint axis +y,
+            heading +x), the angle is positive to the left, seen from above. Reversing the axle does not change it. None
+            for a wheel without rollers.
+        lateral: True if the wheel resists sideways motion; False for a wheel that skids.
+        vertical: True if the lowest point keeps its height. Use False on a planar base if the wheel is steered about an
+            inclined axis: steering would lift the base, which a planar base cannot do.
+        ground: the plane; None for z = 0 at rest. "Lowest", "height" and "heading" refer to it. On curved ground, use a
+            ``RollingBody`` with a ``Torus``.
+
+    Raises:
+        ModelError: unknown frame.
+        ConstraintError: the radius is not positive, no axis is given and the joint has none, the axis of the roller
+            is across the wheel, or the ground is no plane.
+        ConfigurationError: a roller for a wheel that skids.
+        SingularityError: during evaluation, the wheel lies flat.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", radius=0.3, axis="y")])
+        >>> reduced = system.reduce([rnc.FrameAngularVelocity("disk", axis) for axis in "xyz"])
+        >>> q = reduced.assembled(robot.configuration())  # puts it on the ground
+        >>> reduced.at(q, [0.0, 2.0, 0.0]).v[[0, 4]].round(3)
+        array([0.6, 2. ])
+    """
+
+    frame: str
+    radius: Positive
+    axis: Axis | None = None
+    roller: float | None = None
+    lateral: bool = True
+    vertical: bool = True
+    ground: GroundPlane | None = None
+
+    def bind(self, robot: Robot) -> Rows:
+        if not (is_number(self.radius) and self.radius > 0):
+            raise ConstraintError(f"radius of wheel '{self.frame}' has to be positive, found {self.radius!r}")
+        if self.roller is not None and not abs(self.roller) < np.pi / 2:
+            raise ConstraintError(
+                f"roller of wheel '{self.frame}' has to point less than pi/2 = 1.5708 rad away from the wheel's "
+                f"heading, found {self.roller} rad (0 for an omni wheel, 0.7854 or -0.7854 for a Mecanum wheel)"
+            )
+        if self.roller is not None and not self.lateral:
+            raise ConfigurationError(f"wheel '{self.frame}' has both roller and lateral=False: omit one of them")
+        disk = WheelDisk(self.frame, self.radius, _axle(self, robot), *_parts(self))
+        plane = plane_below(self.ground, f"wheel '{self.frame}'") or GroundPlane()
+        rows = RollingRows(disk, _friction(self), plane, robot)
+        return on_carrier(rows, self.frame, self.ground, robot)
+
+
+def _friction(kind: RollingWheel) -> Friction:
+    """Directions of friction on the ground."""
+    if kind.roller is None:
+        return "all" if kind.lateral else "longitudinal"
+    return "oblique" if abs(kind.roller) > 1e-9 else "longitudinal"
+
+
+def _parts(kind: RollingWheel) -> tuple[tuple[str, ...], np.ndarray | None]:
+    """Names of the rows, and their combination (k, 3) of the rolling, lateral and vertical rows; None for identity."""
+    names: tuple[str, ...]
+    if kind.roller is not None:
+        names, rows = ("roller",), [[float(np.cos(kind.roller)), float(np.sin(kind.roller)), 0.0]]
+    elif kind.lateral:
+        names, rows = ("rolling", "lateral"), [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    else:
+        names, rows = ("rolling",), [[1.0, 0.0, 0.0]]
+    if not kind.vertical:
+        return names, np.array(rows)
+    names, rows = (*names, "vertical"), [*rows, [0.0, 0.0, 1.0]]
+    return names, None if len(rows) == 3 else np.array(rows)
+
+
+def _axle(kind: RollingWheel, robot: Robot) -> np.ndarray:
+    """Axle in the frame's own axes (3,)."""
+    return _joint_axis(kind.frame, robot) if kind.axis is None else np.asarray(np.eye(3)[axis_index(kind.axis)])
+
+
+def _joint_axis(name: str, robot: Robot) -> np.ndarray:
+    """Axis of the revolute joint that supports a frame, in the frame's own axes."""
+    frame = robot.model.frames[robot.frame_id(name)]
+    joint = robot.model.joints[frame.parentJoint]
+    if joint.nv != 1:
+        raise ConstraintError(
+            f"joint '{robot.model.names[frame.parentJoint]}' of wheel '{name}' has no single axis: "
+            "give the axle with axis='x', 'y' or 'z'"
+        )
+    position = Kinematics(robot).position(robot.configuration())
+    axis: np.ndarray = position.jacobian(robot.frame_id(name), OWN_AXES)[3:, joint.idx_v]
+    if np.linalg.norm(axis) < 0.5:
+        raise ConstraintError(f"joint of wheel '{name}' is not revolute: give the axle with axis='x', 'y' or 'z'")
+    return axis
 
 
 @dataclass(frozen=True)
