@@ -155,6 +155,7 @@ def figure_of(found: dict[str, list[Curve]]) -> Figure:
     columns = min(2, len(found))
     rows = -(-len(found) // columns)
     figure = PrintFigure((4.2 * columns, 3.0 * rows + 0.4))
+    figure.set_layout_engine("constrained")
     names = list(dict.fromkeys(curve.name for each in found.values() for curve in each))
     panels = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     for axes, (system, each) in zip(panels, found.items(), strict=False):

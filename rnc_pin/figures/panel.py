@@ -166,7 +166,7 @@ _MIN_AXES = 5.0  # smallest height of axes
 _LEGEND = 15.0  # width of a legend beside axes
 LABEL_ROOM = 7.2  # width of the label and the ticks of a vertical axis
 _VIEW_ROWS = 2  # largest number of rows of a view beside panels
-_GAP, _TIME = 1.5, 3.0  # height between panels, and of the labels of the time
+GAP, TIME = 1.5, 3.0  # height between panels, and of the labels of the time
 
 
 @dataclass(frozen=True)
@@ -268,7 +268,7 @@ class Sheet:
         Raises:
             InputError: the panels do not fit.
         """
-        others = above + _GAP * grid.rows + _TIME
+        others = above + GAP * grid.rows + TIME
         axes = _AXES[self.is_beside(grid)] * (_SINGLE[self.is_beside(grid)] if grid.rows == 1 else 1.0)
         if self.height is not None:
             axes = (self.in_text(self.height) - others) / grid.rows

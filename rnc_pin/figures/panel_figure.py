@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import matplotlib as mpl
@@ -15,7 +16,7 @@ from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 
 from rnc_pin.figures import style as st
-from rnc_pin.figures.panel import LABEL_ROOM, MAX_LINES, Labels, Panel, Series, Sheet
+from rnc_pin.figures.panel import GAP, LABEL_ROOM, MAX_LINES, TIME, Grid, Labels, Panel, Series, Sheet
 from rnc_pin.figures.style import LegendEntry
 
 
@@ -33,6 +34,12 @@ class PlaneView(NamedTuple):
 
 _CHARACTER, _LINE = 0.62, 1.5  # width of a bold character and height of a line, over the size of the text
 _TITLE_LINES = 3  # largest number of lines of a title
+# Lengths in sizes of the text:
+_TOP = 0.8  # height above the first axes, for half a number
+_SIDE = 1.6  # width at the right of the axes
+_NUMBERS = 1.9  # height of the numbers of the time
+_PAD = 0.5  # width between numbers and labels
+_LABEL_LINE = 1.35  # width of a line of a label
 _ACTIVE_WIDTH = 5.0  # width of the pale line at active samples [points]
 
 
@@ -66,41 +73,107 @@ def panel_figure(
     grid, above = sheet.grid_of(len(panels), None if view is None else view.aspect)
     with mpl.rc_context(st.style(sheet.font)):
         figure = st.PrintFigure((grid.width, sheet.height or 4.0))
-        spec = figure.add_gridspec(grid.rows, grid.columns)
-        legends: dict[int, list[Legend]] = {row: [] for row in range(grid.rows)}
         room = None if sheet.is_beside(grid) else sheet.in_text(grid.width / grid.columns) - LABEL_ROOM
-
-        def add(axes: Axes, row: int, entries: Sequence[st.LegendEntry], note: str) -> None:
-            if entries:
-                legends[row].append(_legend(axes, entries, note, room))
-
-        drawn: Axes | None = None
+        cells: list[_Cell] = []
         if view is not None:
-            drawn = figure.add_subplot(spec[:above, 0])
-            add(drawn, 0, view.draw(drawn), "")
+            axes = figure.add_subplot()
+            cells.append(_Cell(axes, 0, range(above), _legend(axes, view.draw(axes), "", room)))
         timed: list[Axes] = []
         for place, panel in enumerate(panels, start=above):
-            row = place % grid.rows
-            axes = figure.add_subplot(spec[row, place // grid.rows], sharex=timed[0] if timed else None)
+            axes = figure.add_subplot(sharex=timed[0] if timed else None)
             timed.append(axes)
             entries, note = _draw(axes, panel, time, compared or {}, texts, name)
-            add(axes, row, entries, note)
+            column, row = divmod(place, grid.rows)
+            cells.append(_Cell(axes, column, range(row, row + 1), _legend(axes, entries, note, room)))
             last = row == grid.rows - 1 or panel is panels[-1]
             if last:
                 axes.set_xlabel(f"{texts.text('time')} [s]")
             axes.tick_params(labelbottom=last)
         lines = _title_lines(title, sheet.in_text(grid.width))
         if lines:
-            figure.suptitle("\n".join(map(st.escape, lines)), x=0.01, ha="left")
-        over = 0.0 if room is None else sum(max(map(_height, found), default=0.0) for found in legends.values())
-        height, of_axes = sheet.heights(grid, over + _LINE * len(lines))
+            shown = figure.suptitle("\n".join(map(st.escape, lines)), x=0.01, ha="left")
+        over = [0.0] * grid.rows
+        for cell in cells if room is not None else ():
+            over[cell.rows[0]] = max(over[cell.rows[0]], cell.legend_size[1])
+        top = _TOP + (_LINE * len(lines) + _PAD if lines else 0.0)
+        height, of_axes = sheet.heights(grid, sum(over) + top)
         figure.set_size_inches(grid.width, height)
+        if lines:
+            shown.set_y(1.0 - _PAD / sheet.in_text(height))
         for axes, panel in zip(timed, panels, strict=True):
             axes.set_ylabel(_axis_label(panel, texts, of_axes))
-        if drawn is not None:
-            _layout_once(figure)
-        figure.align_ylabels(timed)
+        tops = [top + sum(over[: row + 1]) + row * (of_axes + GAP) for row in range(grid.rows)]
+        for column in range(grid.columns):
+            _arrange([cell for cell in cells if cell.column == column], grid, tops, of_axes, room is None)
     return figure
+
+
+@dataclass
+class _Cell:
+    """Axes in a column of a figure, over one or several rows. Lengths are in sizes of the figure's text."""
+
+    axes: Axes
+    column: int
+    rows: range
+    legend: Legend | None
+
+    def in_text(self, pixels: float) -> float:
+        """Length on the figure in sizes of its text."""
+        figure = self.axes.get_figure(root=True)
+        assert figure is not None
+        return float(pixels / figure.dpi * 72.0 / mpl.rcParams["font.size"])
+
+    @property
+    def legend_size(self) -> tuple[float, float]:
+        """Width and height of the legend as Matplotlib measures it."""
+        if self.legend is None:
+            return 0.0, 0.0
+        extent = self.legend.get_window_extent()
+        return self.in_text(extent.width), self.in_text(extent.height)
+
+    def ticks(self) -> float:
+        """Width of the numbers of the vertical axis."""
+        axis = self.axes.yaxis
+        axis.label.set_visible(False)
+        extent = axis.get_tightbbox()
+        axis.label.set_visible(True)
+        return 0.0 if extent is None else self.in_text(self.axes.bbox.x0 - extent.x0)
+
+
+def _arrange(cells: Sequence[_Cell], grid: Grid, tops: Sequence[float], height: float, beside: bool) -> None:
+    """Place the axes of a column, with their labels in a line. Lengths are in sizes of the text.
+
+    Each vertical axis is measured once: Matplotlib's constrained layout measures all axes four times.
+
+    Args:
+        cells: the axes.
+        grid: the grid of the figure in its final size.
+        tops: distance of the axes of each row from the top of the figure.
+        height: height of the axes of a row.
+        beside: True if legends are beside the axes.
+    """
+    figure = cells[0].axes.figure
+    width, whole = (cells[0].in_text(pixels) for pixels in figure.bbox.size)
+    right = _SIDE + (max(cell.legend_size[0] for cell in cells) if beside else 0.0)
+
+    def place(left: float) -> None:
+        for cell in cells:
+            end = tops[cell.rows[-1]] + height
+            if cell.axes.get_xlabel() and cell is not cells[-1]:
+                end -= TIME - GAP
+            start = cell.column * width / grid.columns + left
+            across, down = width / grid.columns - left - right, end - tops[cell.rows[0]]
+            cell.axes.set_position((start / width, 1.0 - end / whole, across / width, down / whole))
+            cell.axes.apply_aspect()
+
+    place(LABEL_ROOM)
+    ticks = max(cell.ticks() for cell in cells) + _PAD
+    lines = max(1 + cell.axes.get_ylabel().count("\n") for cell in cells)
+    place(ticks + _LABEL_LINE * lines + _PAD)
+    for cell in cells:
+        across, down = (cell.in_text(pixels) for pixels in cell.axes.bbox.size)
+        cell.axes.yaxis.set_label_coords(-ticks / across, 0.5)
+        cell.axes.xaxis.set_label_coords(0.5, -_NUMBERS / down)
 
 
 def _title_lines(title: str | None, width: float) -> list[str]:
@@ -117,13 +190,6 @@ def _axis_label(panel: Panel, texts: Labels, height: float) -> str:
         return f"{quantity} [{unit}]"
     lines = textwrap.wrap(f"{quantity} [{unit.replace(' ', chr(160))}]", max(14, int(height / 0.54)))
     return "\n".join(lines).replace(chr(160), " ")
-
-
-def _layout_once(figure: Figure) -> None:
-    """Run the layout once before drawing: equal scales change the ticks. The next layout makes room for the labels."""
-    layout = figure.get_layout_engine()
-    assert layout is not None
-    layout.execute(figure)
 
 
 def _draw(
@@ -203,7 +269,7 @@ _NARROW = 0.5  # width of a character of a legend, over the size of the figure's
 _HANDLE = 6  # characters that the line of an entry and the gap between columns need
 
 
-def _legend(axes: Axes, entries: Sequence[LegendEntry], note: str, room: float | None) -> Legend:
+def _legend(axes: Axes, entries: Sequence[LegendEntry], note: str, room: float | None) -> Legend | None:
     """Add a legend, in which lines of one entry are side by side.
 
     Args:
@@ -211,7 +277,12 @@ def _legend(axes: Axes, entries: Sequence[LegendEntry], note: str, room: float |
         entries: entries.
         note: title of the legend, with escaped characters.
         room: width of a legend above the axes [sizes of the text]; None for one beside them.
+
+    Returns:
+        The legend; None without entries.
     """
+    if not entries:
+        return None
     beside = room is None
     widest = _MAX_LINE if room is None else int(room / _NARROW) - _HANDLE
     texts = [_broken(entry.text, widest) for entry in entries]
@@ -224,13 +295,6 @@ def _legend(axes: Axes, entries: Sequence[LegendEntry], note: str, room: float |
         borderaxespad=0.5 if beside else 0.0, borderpad=0.4, alignment="left", columnspacing=1.2, labelspacing=0.35,
         handlelength=2.4, handletextpad=0.6, handler_map={tuple: HandlerTuple(ndivide=None, pad=0.4)},
     )  # fmt: skip
-
-
-def _height(legend: Legend) -> float:
-    """Height of a legend as Matplotlib measures it [sizes of the figure's text]."""
-    figure = legend.get_figure(root=True)
-    assert figure is not None
-    return float(legend.get_window_extent().height / figure.dpi * 72.0 / mpl.rcParams["font.size"])
 
 
 def _broken(text: str, widest: int) -> str:

@@ -14,7 +14,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from rnc_pin.errors import ConfigurationError
@@ -30,7 +29,6 @@ Dashes = tuple[int, tuple[float, ...]]
 DOTS: Dashes = (0, (1, 1.6))
 DASHES: list[Dashes] = [(0, (6, 3)), (0, (6, 2, 1, 2)), (0, (3, 2)), (0, (8, 2, 1, 2, 1, 2)), (0, (1, 4)), (0, (10, 4))]
 
-_BETWEEN = 0.04  # distance between columns of axes, over their width
 _MARKERS_PER_LINE = 7  # number of markers on a line
 _SCREEN = 10.0  # size of text for which lengths in points are given [points]
 _DPI = 200
@@ -83,8 +81,8 @@ class PrintFigure(Figure):
     """
 
     def __init__(self, figsize: tuple[float, float]) -> None:
-        super().__init__(figsize=figsize, layout=ConstrainedLayoutEngine(wspace=_BETWEEN))
-        FigureCanvasAgg(self)  # keeps its renderer; the layout would make one for each of its measurements
+        super().__init__(figsize=figsize)
+        FigureCanvasAgg(self)  # keeps its renderer; each measurement of a text would make one
 
     def _repr_png_(self) -> bytes:
         buffer = BytesIO()
@@ -106,17 +104,8 @@ def save(figure: Figure, path: str | Path, replace: bool = True) -> Path:
     """
     if Path(path).suffix not in FORMATS:
         raise ConfigurationError(f"{path}: expected a name that ends in .png, .pdf or .svg")
-    layout = figure.get_layout_engine()
     with mpl.rc_context(STYLE), atomic_file(Path(path), replace) as partial:
-        if layout is None:
-            figure.savefig(partial)
-            return Path(path)
-        layout.execute(figure)
-        figure.set_layout_engine("none")  # with an engine, Matplotlib draws twice, the first time for the layout only
-        try:
-            figure.savefig(partial)
-        finally:
-            figure.set_layout_engine(layout)
+        figure.savefig(partial)
     return Path(path)
 
 

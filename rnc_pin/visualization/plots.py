@@ -209,6 +209,7 @@ def _figure(panels: Sequence[Histogram], title: str, sheet: Sheet) -> Figure:
     if sheet.height is not None and sheet.height < needed:
         raise InputError(f"size: {len(panels)} panels need a height of {np.ceil(10 * needed) / 10:g} inches")
     figure = PrintFigure((width, sheet.height or (rows * _HEIGHT + around) * text))
+    figure.set_layout_engine("constrained")
     if title:
         figure.suptitle(escape(title))
     colors = dict(zip(labels, itertools.cycle(COLORS), strict=False))
