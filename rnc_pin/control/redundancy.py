@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from rnc_pin.control.controller import (
@@ -11,33 +13,19 @@ from rnc_pin.control.controller import (
     check_size,
     describe,
     goals_at,
-    listed,
 )
 from rnc_pin.control.feedback import Feedback
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
-from rnc_pin.control.secondary import Secondary
 from rnc_pin.errors import ConfigurationError, SingularityError, short_text
 from rnc_pin.math.linear_algebra import apply, as_slice, condition_number, solve
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.task import Task
-from rnc_pin.planning.references import Reference, ReferencePoint
+from rnc_pin.planning.references import Reference
 
 _LIMIT = 1e8
 
-
-_Secondary = tuple[np.ndarray | None, np.ndarray | None]
-"""Secondary rates of the redundant outputs and their rates, (..., c) each; None without an objective."""
-_NONE: _Secondary = (None, None)
-
-
-def check_freedom(task: Task) -> None:
-    """Raise an error for a secondary objective if A4 is square."""
-    if len(task.redundant) <= len(task.vertical):
-        raise ConfigurationError(
-            "a secondary objective has no freedom left: needs more redundant than vertical outputs, found "
-            f"{len(task.redundant)} ({', '.join(task.redundant_names) or 'none'}) and {len(task.vertical)} "
-            f"({', '.join(task.vertical_names) or 'none'})"
-        )
+Secondary = Callable[[float, Measurement], tuple[np.ndarray, np.ndarray]]
+"""Function that returns desired rates z of the redundant outputs (..., r2), and the derivative of z."""
 
 
 class RedundancyController(DescribedMixin):
@@ -55,9 +43,8 @@ class RedundancyController(DescribedMixin):
         vertical: reference of x1.
         k3: [1/s], of the vertical outputs; a number or one for each.
         k21: [1/s], of the primary outputs; a number or one for each.
-        weights: cost of the rate of each redundant output, if there are more redundant than vertical outputs.
-        secondary: secondary objective for the remaining freedom, from ``control.secondary``; by default the redundant
-            outputs stay slow.
+        secondary: desired rates for the remaining freedom, such as a ``Posture``; by default the redundant outputs stay
+            slow.
 
     Raises:
         ConfigurationError: the task has fewer redundant than vertical outputs, a reference has another size than
@@ -87,7 +74,6 @@ class RedundancyController(DescribedMixin):
         vertical: Reference,
         k3: float | np.ndarray = DEFAULT_OUTER_GAINS.k3,
         k21: float | np.ndarray = DEFAULT_OUTER_GAINS.k21,
-        weights: np.ndarray | None = None,
         secondary: Secondary | None = None,
     ) -> None:
         if not isinstance(task, Task):
@@ -104,101 +90,60 @@ class RedundancyController(DescribedMixin):
         self.k3, self.k21 = k3, k21
         self._follow_primary = Feedback(task.primary_coordinates, k21)
         self._follow_vertical = Feedback(task.vertical_coordinates, k3)
-        self._weights = np.ones(len(task.redundant)) if weights is None else np.asarray(weights, dtype=float)
-        if self._weights.shape != (len(task.redundant),) or not ((self._weights > 0) & (self._weights < np.inf)).all():
-            raise ConfigurationError(f"weights have to be {len(task.redundant)} positive numbers")
-        self._cheap = 1.0 / self._weights
         self._x1, self._x21, self._x22 = map(as_slice, (task.vertical, task.primary, task.redundant))
-        if secondary is not None:
-            check_freedom(task)
+        if secondary is not None and len(task.redundant) <= len(task.vertical):
+            raise ConfigurationError(
+                "a secondary objective has no freedom left: needs more redundant than vertical outputs, found "
+                f"{len(task.redundant)} ({', '.join(task.redundant_names) or 'none'}) and {len(task.vertical)} "
+                f"({', '.join(task.vertical_names) or 'none'})"
+            )
         self.secondary = secondary
 
     def describe(self) -> Description:
-        """Return the gains; for a wide A4 also the weights and the secondary objective."""
-        wide = len(self.task.redundant) > len(self.task.vertical)
-        weights = {"weights": listed(self._weights)} if wide else {}
+        """Return the gains, and the secondary objective if there is one."""
         secondary = {} if self.secondary is None else {"secondary": describe(self.secondary)}
-        return {**super().describe(), **weights, **secondary}
+        return {**super().describe(), **secondary}
 
     def initial_state(self, measurement: Measurement) -> None:
         """Return None: the controller has no state."""
 
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
-        x21d, x1d = self.primary.at(t), self.vertical.at(t)
-        secondary = _NONE if self.secondary is None else self.secondary(t, measurement)
-        return self._target(x21d, x1d, secondary, measurement), None
-
-    def _target(
-        self, x21d: ReferencePoint, x1d: ReferencePoint, secondary: _Secondary, m: Measurement
-    ) -> VelocityTarget:
-        task = self.task
+        m, x21d, x1d = measurement, self.primary.at(t), self.vertical.at(t)
         v21, v21_dot = self._follow_primary(x21d, m.x2[..., self._x21], m.v2[..., self._x21])
         wanted, wanted_dot = self._follow_vertical(x1d, m.x1[..., self._x1], m.v1[..., self._x1])
         if m.v1_offset is not None:  # rates of the vertical outputs at v2 = 0
             wanted = wanted - m.v1_offset[..., self._x1]
         if m.v1_offset_dot is not None:
             wanted_dot = wanted_dot - m.v1_offset_dot[..., self._x1]
-        v2, v2_dot = self._solved((v21, v21_dot), (wanted, wanted_dot), secondary, m)
-        batch = v2.shape[:-1]
-        return VelocityTarget(
-            v2=v2,
-            v2_dot=v2_dot,
-            x1=goals_at(x1d.position, self._x1, (*batch, m.x1.shape[-1])),
-            x2=goals_at(x21d.position, self._x21, (*batch, task.r)),
-        )
-
-    def _solved(
-        self,
-        primary: tuple[np.ndarray, np.ndarray],
-        vertical: tuple[np.ndarray, np.ndarray],
-        secondary: _Secondary,
-        m: Measurement,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Rates v2 and v2_dot (..., r), from the wanted rates of the outputs and their derivatives, (..., k) each.
-
-        Those of the vertical outputs do not contain their rates at ``v2 = 0``.
-        """
-        task, (v21, v21_dot), (wanted, wanted_dot), (z, z_dot) = self.task, primary, vertical, secondary
-        A, A_dot = m.A_star[..., self._x1, :], m.A_star_dot[..., self._x1, :]
-        A3, A4 = A[..., self._x21], A[..., self._x22]
-        A3_dot, A4_dot = A_dot[..., self._x21], A_dot[..., self._x22]
+        A3, A3_dot = (each[..., self._x1, :][..., self._x21] for each in (m.A_star, m.A_star_dot))
         wanted = wanted - apply(A3, v21)
         wanted_dot = wanted_dot - apply(A3_dot, v21) - apply(A3, v21_dot)
-        if len(task.redundant) == len(task.vertical):
-            v22 = self._solve(A4, wanted, m)
-            v22_dot = self._solve(A4, wanted_dot - apply(A4_dot, v22), m)
-        else:
-            nothing = np.zeros(len(task.redundant))
-            z, z_dot = (nothing, nothing) if z is None or z_dot is None else (z, z_dot)
-            v22, v22_dot = self._spread_out(A4, A4_dot, wanted, wanted_dot, z, z_dot, m)
-        return self._merge(v21, v22), self._merge(v21_dot, v22_dot)
+        v22, v22_dot = self._redundant_rates(t, wanted, wanted_dot, m)
+        v2, v2_dot = np.empty((2, *v22.shape[:-1], self.task.r))
+        v2[..., self._x21], v2[..., self._x22] = v21, v22
+        v2_dot[..., self._x21], v2_dot[..., self._x22] = v21_dot, v22_dot
+        x1 = goals_at(x1d.position, self._x1, (*v2.shape[:-1], m.x1.shape[-1]))
+        return VelocityTarget(v2, v2_dot, x1, goals_at(x21d.position, self._x21, v2.shape)), None
 
-    def _merge(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        whole = np.empty((*second.shape[:-1], self.task.r))
-        whole[..., self._x21], whole[..., self._x22] = first, second
-        return whole
-
-    def _spread_out(
-        self,
-        A4: np.ndarray,
-        A4_dot: np.ndarray,
-        wanted: np.ndarray,
-        wanted_dot: np.ndarray,
-        z: np.ndarray,
-        z_dot: np.ndarray,
-        m: Measurement,
+    def _redundant_rates(
+        self, t: float, wanted: np.ndarray, wanted_dot: np.ndarray, m: Measurement
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Solution v22 of ``A4 v22 = wanted`` with least cost of ``v22 - z``, and its exact rate; z is secondary.
+        """Solution v22 of ``A4 v22 = wanted``, and its exact rate.
 
-        ``v22 = z + W^-1 A4^T y`` with ``S y = wanted - A4 z`` and ``S = A4 W^-1 A4^T``.
+        For a wide A4 it is the nearest to the secondary rates z: ``v22 = z + A4^T y``, ``A4 A4^T y = wanted - A4 z``.
         """
-        back = self._cheap[:, None] * A4.mT  # W^-1 A4^T
-        back_dot = self._cheap[:, None] * A4_dot.mT
-        S = A4 @ back
+        A4, A4_dot = (each[..., self._x1, :][..., self._x22] for each in (m.A_star, m.A_star_dot))
+        if len(self.task.redundant) == len(self.task.vertical):
+            v22 = self._solve(A4, wanted, m)
+            return v22, self._solve(A4, wanted_dot - apply(A4_dot, v22), m)
+        z = z_dot = np.zeros(len(self.task.redundant))
+        if self.secondary is not None:
+            z, z_dot = self.secondary(t, m)
+        S = A4 @ A4.mT
         y = self._solve(S, wanted - apply(A4, z), m)
-        S_dot = A4_dot @ back + A4 @ back_dot
+        S_dot = A4_dot @ A4.mT + A4 @ A4_dot.mT
         y_dot = self._solve(S, wanted_dot - apply(A4_dot, z) - apply(A4, z_dot) - apply(S_dot, y), m)
-        return z + apply(back, y), z_dot + apply(back_dot, y) + apply(back, y_dot)
+        return z + apply(A4.mT, y), z_dot + apply(A4_dot.mT, y) + apply(A4.mT, y_dot)
 
     def _solve(self, A4: np.ndarray, right: np.ndarray, measurement: Measurement) -> np.ndarray:
         solution = solve(A4, right)
@@ -216,3 +161,42 @@ class RedundancyController(DescribedMixin):
             condition=float(condition_number(A4) if len(A4) > 1 else 1 / max(np.abs(A4).min(), 1e-300)),
             rows=(*self.task.vertical_names, *self.task.redundant_names),
         )
+
+
+class Posture(DescribedMixin):
+    """Objective that keeps redundant outputs near a reference: ``z = x22d_dot + k (x22d - x22)``.
+
+    Reads from the measurement: ``x2, v2``.
+
+    Args:
+        task: task that defines the redundant outputs.
+        reference: of x22.
+        k: gain [1/s]; a number or one for each output. 0 for outputs without a desired position.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce(
+        ...     [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")], [rnc.JointPosition("platform")])
+        >>> task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
+        >>> posture = rnc.control.Posture(task, rnc.planning.Hold([0.5]), k=2.0)
+        >>> measurement = reduced.at(robot.configuration({"joint_2": 1.8}), np.zeros(3)).measure()
+        >>> z, z_dot = posture(0.0, measurement)
+        >>> z, z_dot + 0.0  # k times the error, and its rate at rest
+        (array([1.]), array([0.]))
+    """
+
+    described = ("k",)
+
+    def __init__(self, task: Task, reference: Reference, k: float | np.ndarray = 1.0) -> None:
+        check_size(reference, len(task.redundant), "redundant")
+        size = len(task.redundant)
+        self._task, self.reference, self.k = task, reference, np.asarray(k, dtype=float)
+        if self.k.shape not in ((), (size,)) or not (self.k >= 0).all():
+            raise ConfigurationError(f"k of a posture has to be a number or {size}, not negative, found {k}")
+        self._follow = Feedback(task.redundant_coordinates, self.k)
+
+    def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
+        redundant = self._task.redundant
+        x22, v22 = measurement.x2[..., redundant], measurement.v2[..., redundant]
+        return self._follow(self.reference.at(t), x22, v22)

@@ -11,7 +11,7 @@ Paper (2)-(3). All quantities have leading batch axes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -244,23 +244,5 @@ def kinematic_gradient(here: ConfigurationEvaluation, along: Sequence[int] | Arr
 @solved_for_q
 def output_slopes(here: ConfigurationEvaluation, along: Sequence[int] | Array) -> Float[Array, "s *batch k r"]:
     """Rates of ``A_star`` in the motions of single reducing outputs at unit rate, by their indices in x2, (s,)."""
-    return _single_motions(here, along, lambda state: state.A_star_dot)
-
-
-def log_determinant_gradient(here: ConfigurationEvaluation, along: Sequence[int] | Array) -> Float[Array, "*batch s"]:
-    """Derivatives ``tr(E^-1 Edot)`` of ``log |det E|`` along the motions of single reducing outputs.
-
-    Args:
-        here: evaluation at configurations.
-        along: indices in x2, (s,).
-    """
-    traces = _single_motions(here, along, lambda state: np.einsum("...ij,...ji->...", state.E_inverse, state.E_dot))
-    return np.moveaxis(traces, 0, -1)
-
-
-def _single_motions(
-    here: ConfigurationEvaluation, along: Sequence[int] | Array, quantity: Callable[[ReducedKinematics], Array]
-) -> Array:
-    """Quantity (s, ...) at the states in which one reducing output moves at unit rate and the others rest."""
-    each = [quantity(ReducedKinematics(here, v=here.R[..., j])) for j in along]
-    return np.stack(each) if each else np.zeros((0, *quantity(ReducedKinematics(here, v=here.R[..., 0])).shape))
+    each = [ReducedKinematics(here, v=here.R[..., j]).A_star_dot for j in along]
+    return np.stack(each) if each else np.zeros((0, *here.A_star.shape))

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from controlled_tasks import Cubic, task_at, wide
-from rnc_pin.control import RedundancyController
-from rnc_pin.control.redundancy import check_freedom
+from controlled_tasks import Cubic, manipulator, task_at, wide
+from rnc_pin.control import Posture, RedundancyController
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.planning import Hold
+from systems import random_states
+from tolerances import ROUNDING
 
-K3, K21, WEIGHTS = np.array([1.7, 0.6]), np.array([0.9, 2.3]), np.array([0.5, 3.0, 1.3])
+K3, K21 = np.array([1.7, 0.6]), np.array([0.9, 2.3])
 PRIMARY, VERTICAL, ORDERS = [3, 0], [2, 0], np.random.default_rng(7).uniform(-1, 1, (2, 4, 2))
 
 
@@ -37,9 +38,9 @@ def whole(chosen, m, t, secondary):
     A4, n = m.A_star[VERTICAL][:, chosen.redundant], len(chosen.redundant)
     if n == 2:
         return v21, np.linalg.solve(A4, right)
-    W, z = np.diag(WEIGHTS), secondary(t, m)[0] if secondary else np.zeros(n)
-    system = np.block([[W, A4.T], [A4, np.zeros((2, 2))]])
-    return v21, np.linalg.solve(system, np.concatenate([W @ z, right]))[:n]
+    z = secondary(t, m)[0] if secondary else np.zeros(n)
+    system = np.block([[np.eye(n), A4.T], [A4, np.zeros((2, 2))]])
+    return v21, np.linalg.solve(system, np.concatenate([z, right]))[:n]
 
 
 def objective(t, m):
@@ -53,8 +54,7 @@ def objective(t, m):
 )
 def test_the_class_1_law_is_the_cheapest_way_to_its_vertical_rates(redundant, secondary, affine):
     chosen, r = task_at(PRIMARY, redundant, VERTICAL), 2 + len(redundant)
-    weights = WEIGHTS if len(redundant) == 3 else None
-    law = RedundancyController(chosen, *(Cubic(*orders) for orders in ORDERS), K3, K21, weights, secondary)
+    law = RedundancyController(chosen, *(Cubic(*orders) for orders in ORDERS), K3, K21, secondary)
     fields, t, h = drawn((2, 3), r, affine, 4), 0.4, 1e-4
     target, state = law.step(t, seen(fields, 0.0))
     assert state is None
@@ -119,28 +119,31 @@ def test_the_class_1_law_says_which_outputs_are_too_few():
         with pytest.raises(rnc.ConfigurationError) as caught:
             RedundancyController(task_at(*places), two, two)
         assert str(caught.value) == words + counts
-    words = "a secondary objective has no freedom left: needs more redundant than vertical outputs, found "
-    for places, counts in (
-        (([0], [1], [3]), "1 (b_1) and 1 (c_3)"),
-        (([0], [1], [0, 2]), "1 (b_1) and 2 (c_0, c_2)"),
-        (([0], [], []), "0 (none) and 0 (none)"),
-    ):
-        with pytest.raises(rnc.ConfigurationError) as caught:
-            check_freedom(task_at(*places))
-        assert str(caught.value) == words + counts
-    for redundant in ([1], [2, 1]):
-        check_freedom(task_at([0], redundant, []))
-    wide = task_at([], [2, 0, 1], [0])
-    for weights in ([1.0, 2.0], np.ones((1, 3)), 1.0, [1, 0, 1], [1, -2, 1], [1, 1, np.inf], [1, np.nan, 1]):
-        with pytest.raises(rnc.ConfigurationError, match="weights have to be 3 positive numbers"):
-            RedundancyController(wide, nothing, one, weights=weights)
+    words = r"a secondary objective has no freedom left: .* found 1 \(b_1\) and 1 \(c_3\)"
+    square = task_at([0], [1], [3])
+    with pytest.raises(rnc.ConfigurationError, match=words):
+        RedundancyController(square, one, one, secondary=Posture(square, one))
     plain = {"type": "RedundancyController", "k3": 2.0, "k21": 2.0}
-    assert RedundancyController(wide, nothing, one).describe() == {**plain, "weights": [1.0, 1.0, 1.0]}
-    assert RedundancyController(wide, nothing, one, weights=[3, 49, 0.1]).describe()["weights"] == [3.0, 49.0, 0.1]
-    assert RedundancyController(task_at([1], [0], [0]), one, one).describe() == plain
+    assert RedundancyController(task_at([], [2, 0, 1], [0]), nothing, one).describe() == plain
     for first, second, words in ((two, one, "primary reference has 2 values for 1"), (one, two, "vertical .* 2 .* 1 ")):
         with pytest.raises(rnc.ConfigurationError, match=words):
             RedundancyController(task_at([1], [0], [0]), first, second)
+
+
+def test_a_posture_has_a_gain_for_each_output():
+    reduced, task = manipulator()
+    posture = Posture(task, Hold([0.2, -0.1]), np.array([0.0, 3.0]))
+    (q, v2), *_ = random_states(reduced, 1, seed=6, condition=20.0)
+    z, z_dot = posture(0.0, reduced.at(q, v2).measure())  # the speed has no integral, and no gain
+    shoulder = reduced.at(q).outputs()[1][3]
+    np.testing.assert_allclose(z, [0.0, 3.0 * np.angle(np.exp(1j * (-0.1 - shoulder)))], atol=ROUNDING)
+    np.testing.assert_allclose(z_dot, [0.0, -3.0 * v2[3]], atol=ROUNDING)
+    assert posture.describe() == {"type": "Posture", "k": [0.0, 3.0]}
+    for k in ([1.0, 2.0, 3.0], -1.0):
+        with pytest.raises(rnc.ConfigurationError, match="has to be a number or 2, not negative"):
+            Posture(task, Hold([0.2, -0.1]), k)
+    with pytest.raises(rnc.ConfigurationError, match="the redundant reference has 3 values for 2"):
+        Posture(task, Hold(np.zeros(3)))
 
 
 def test_posture_uses_the_freedom_that_is_left():

@@ -16,7 +16,7 @@ from rnc_pin.model.independence import _choose
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.passive_forces import PassiveForces
-from rnc_pin.model.reduced_kinematics import kinematic_gradient, log_determinant_gradient
+from rnc_pin.model.reduced_kinematics import kinematic_gradient
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import OutputRows
@@ -144,7 +144,6 @@ def test_every_call_takes_many_states():
         "energy": (reduced.energy, q, v2),
         "condition": (lambda q: reduced.at(q).condition, q),
         "kinematic_gradient": (lambda q: kinematic_gradient(reduced.at(q), [0, 2]), q),
-        "log_determinant_gradient": (lambda q: log_determinant_gradient(reduced.at(q), [0, 2]), q),
     }.items():
         many = call(*states)
         for i in range(len(q)):
@@ -289,7 +288,6 @@ def answers(reduced, q, v2, T, v):
         "energy": reduced.energy(q, v2),
         "gradient": kinematic_gradient(reduced.at(q), [0]),
         "gradient of nothing": kinematic_gradient(reduced.at(q), []),
-        "determinant": log_determinant_gradient(reduced.at(q), [0]),
         "condition": reduced.at(q).condition,
         "singular value": reduced.at(q).smallest_singular_value,
         "position": reduced.assembly.residual(q),

@@ -1,18 +1,18 @@
 """Tasks, references and controllers that several tests share."""
 
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
-import pinocchio as pin
 
 import rnc_pin as rnc
 from rnc_pin.control import (
+    Command,
+    Estimator,
     MomentumRegressor,
     Posture,
     RedundancyController,
     SteeringController,
-    UncertainRedundancyController,
+    UncertainController,
     UnknownMass,
     VelocityGains,
 )
@@ -34,12 +34,28 @@ class Cubic:
         return ReferencePoint(p + v * t + a * t**2 / 2 + j * t**3 / 6, v + a * t + j * t**2 / 2, a + j * t, j)
 
 
+class Rates:
+    """A kinematic law in the place of a controller: ``v2`` as the desired one, its rate as inputs."""
+
+    def __init__(self, law):
+        self.initial_state, self._law = law.initial_state, law
+
+    def step(self, t, measurement, state):
+        target, state = self._law.step(t, measurement, state)
+        return Command(T=target.v2_dot, v2_desired=target.v2), state
+
+
 def estimating(alpha, believed):
     reduced = space_robot()
     task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
     law = RedundancyController(task, Harmonic([1.0, 0.5], 0.2, 0.2), Harmonic([0.0], [0.15], 0.1), 2.0, 2.0)
     regressor = MomentumRegressor(reduced.robot, "platform", [UnknownMass(f"joint_{i}", unit=10.0) for i in (1, 2, 3)])
-    return reduced, law, regressor, UncertainRedundancyController(reduced, law, regressor, believed, alpha=alpha)
+    return (
+        reduced,
+        law,
+        regressor,
+        UncertainController(Estimator(reduced, regressor, believed, alpha=alpha), Rates(law)),
+    )
 
 
 def wide(**changes):
@@ -101,16 +117,6 @@ def learnt_over(elapsed, sigma, before, drive):
     """Return the solution of ``ydot = -sigma y + drive`` after a time."""
     fade = np.exp(-sigma * elapsed)
     return before * fade + drive * ((1 - fade) / sigma if sigma else elapsed)
-
-
-def limited_sliders(*ends):
-    """A chain of sliding joints with these limits, as a system whose redundant columns are the identity's."""
-    model, bounds = pin.Model(), [np.array([1e3])] * 2
-    for index, (low, high) in enumerate(ends):
-        limits = [np.array([low]), np.array([high])]
-        joint = model.addJoint(model.njoints - 1, pin.JointModelPX(), pin.SE3.Identity(), f"j{index}", *bounds, *limits)
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    return SimpleNamespace(robot=rnc.Robot(model))
 
 
 ARM_START = {"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1}

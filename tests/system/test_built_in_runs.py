@@ -43,7 +43,6 @@ GAINS = {  # in the record of a run, by the type of what its controller is made 
     "ReducingOutputController": {"k2"},
     "RedundancyController": {"k3", "k21"},
     "UncertainController": {"alpha", "initial", "bounds", "controller"},
-    "UncertainRedundancyController": {"k3", "k21", "alpha", "initial", "bounds"},
     "SteeringController": {"k3", "k4", "k21"},
     "UnicycleStabilizer": {"goal", "k", "rate"},
     "SplitController": {"parts"},

@@ -40,7 +40,7 @@ def test_example_fits_on_a_screen(example):
 
 @pytest.mark.parametrize(
     "example",
-    # tests/control/test_partial_controllers.py and tests/system/test_gymnasium_env.py run the others.
+    # tests/control/test_composite_controllers.py and tests/system/test_gymnasium_env.py run the others.
     [path for path in EXAMPLES if path.name not in ("two_phases.py", "gymnasium_env.py")],
     ids=lambda path: path.name,
 )

@@ -7,12 +7,14 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
+from controlled_tasks import Rates
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import (
+    Estimator,
     RedundancyController,
-    UncertainRedundancyController,
+    UncertainController,
     UnknownRadius,
     UnknownTrack,
     WheelRegressor,
@@ -69,11 +71,12 @@ def test_true_wheels_are_never_read(unknown, tmp_path):
         controller = RedundancyController(task, Hold(np.zeros(0)), Harmonic(np.zeros(2), [0.3, 0.2], 0.1))
         regressor = WheelRegressor(reduced, unknown(DRIVE))
         guess = [0.15, 0.3] if unknown is shared_and_track else [0.15, 0.12, 0.3]
-        estimating = UncertainRedundancyController(reduced, controller, regressor, guess, (0.02, 2.0), 20.0)
+        estimator = Estimator(reduced, regressor, guess, (0.02, 2.0), 20.0)
+        estimating = UncertainController(estimator, Rates(controller))
         state = estimating.initial_state(measurements[0])
         for k, measured in enumerate(measurements):
-            target, state = estimating.step(0.01 * k, measured, state)
-            targets.append(np.concatenate([target.v2, target.v2_dot, target.estimates, target.prediction_error]))
+            command, state = estimating.step(0.01 * k, measured, state)
+            targets.append(np.concatenate([command.v2_desired, command.T, command.estimates, command.prediction_error]))
     np.testing.assert_allclose(targets[:4], targets[4:], rtol=ROUNDING, atol=ROUNDING)
 
 

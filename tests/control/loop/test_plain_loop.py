@@ -15,7 +15,7 @@ CASES = {
     "(8)-(9) on some actuators": ("space-robot-fixed-platform", {}),
     "(16) and (20)": ("space-robot-uncertain", {}),
     "(16) and (20) for wheels": ("wheels-uncertain", {}),
-    "wide A4 with a secondary objective": ("free-flying-arm", {"controller.secondary": {"posture": {}}}),
+    "wide A4 with a secondary objective": ("free-flying-arm", {"controller.posture": {}}),
     "class 2s": ("fire-truck", {}),
     "class 3, first phase": ("mobile-manipulator-two-phase", {}),
     "class 3, second phase": ("mobile-manipulator-two-phase", {"controller.platform.begin": 0.05}),

@@ -11,7 +11,7 @@ import rnc_pin as rnc
 from driven import drive
 from rnc_pin.control import InverseDynamicsQP, VelocityQP, limits, tasks
 from rnc_pin.control.whole_body.limits.control_limit import PlannedBraking
-from rnc_pin.control.whole_body.limits.joint_limits import velocity_to_stop
+from rnc_pin.control.whole_body.limits.joint_limits import limited_positions, velocity_to_stop
 from rnc_pin.planning import Hold
 from systems import floating_robot, in_joints, mecanum, mobile_manipulator, space_robot_in_joints, tiago
 
@@ -242,6 +242,25 @@ def test_a_frame_stays_in_its_region(region, corner):
         nearest = np.array([0.0, 1.0]) if nearest[1] > 1 else nearest
     assert (path @ sides.T <= offsets + 1e-6).all()
     np.testing.assert_allclose(path[-1], nearest, atol=2e-3)
+
+
+def test_a_joint_has_ends_where_both_are_numbers_below_ten_billion_and_in_order():
+    far = 1e10
+    near, beyond = np.nextafter(far, 0.0), np.finfo(float).max
+    ends = ((-near, near), (-near, 0.0), (0.0, near), (-3.0, -2.0), (2.0, 3.0))
+    none = (
+        (-far, 2.0), (-np.inf, 2.0), (-beyond, 2.0), (-2.0, far), (-2.0, np.inf), (-2.0, beyond), (2.0, 2.0), (3.0, 2.0)
+    )  # fmt: skip
+    model = pin.Model()
+    for index, (low, high) in enumerate((*ends, *none)):
+        bounds = [np.array([each]) for each in (1e3, 1e3, low, high)]
+        joint = model.addJoint(model.njoints - 1, pin.JointModelPX(), pin.SE3.Identity(), f"j{index}", *bounds)
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    found = limited_positions(rnc.Robot(model), None)
+    assert (found.q, found.v) == (list(range(5)),) * 2
+    np.testing.assert_array_equal(np.transpose([found.lower, found.upper]), ends)
+    with pytest.raises(rnc.ConfigurationError, match="joint 'j5' has no position limits"):
+        limited_positions(rnc.Robot(model), ["j0", "j5"])
 
 
 def test_wheels_turn_no_faster_than_their_speed():

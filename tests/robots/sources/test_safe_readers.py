@@ -17,7 +17,7 @@ from patience import ending_within
 from rnc_pin.applications.command_line.report import print_object, print_summary
 from rnc_pin.applications.scenario.files import parse_option, read_yaml
 from rnc_pin.applications.scenario.saved_run import load_run
-from rnc_pin.control.partial_controllers import effective_inertia
+from rnc_pin.control.composite_controllers import effective_inertia
 from rnc_pin.errors import nearest
 from rnc_pin.io.json import dump_json
 from rnc_pin.robots.robot_files import shipped_directory

@@ -12,7 +12,6 @@ from pydantic import Field, model_validator
 from rnc_pin.applications.scenario.controllers.base import (
     AdaptationSettings,
     InertiaBoundSettings,
-    Unknown,
     preset_gains,
     sized_gain,
 )
@@ -27,11 +26,9 @@ from rnc_pin.applications.scenario.schema.motions import GoalPose
 from rnc_pin.control import (
     OUTER_GAINS,
     ActuatorVelocityController,
-    Combined,
     ComputedTorque,
     GainDesign,
     JacobianTransposeController,
-    JointLimits,
     KinematicController,
     OuterGains,
     PositionGains,
@@ -39,20 +36,17 @@ from rnc_pin.control import (
     Posture,
     ReducingOutputController,
     RedundancyController,
-    Secondary,
-    SingularityDistance,
     SplitController,
     SteeringController,
     UnicycleStabilizer,
     VelocityGains,
     VelocityTracker,
-    check_freedom,
     design_position_gains,
     design_velocity_gains,
     effective_inertia,
 )
-from rnc_pin.errors import ConfigurationError, RncError
-from rnc_pin.io import Strict, wrong
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.io import wrong
 from rnc_pin.model import NotNegative, Task
 from rnc_pin.planning import Joined, Reference, ReferencePoint
 
@@ -149,42 +143,6 @@ class TwoPhaseSettings(AdaptationSettings):
         return hand, platform
 
 
-class SecondarySettings(Strict):
-    """Secondary objectives, for tasks with more redundant than vertical outputs. The controller adds them."""
-
-    posture: Annotated[PartialCall[Posture], Entry(Posture, late=("task", "reference"))] | None = None
-    """Stay near a posture: ``reference.redundant``, by default the initial values of the redundant outputs."""
-    joint_limits: Annotated[PartialCall[JointLimits], Entry(JointLimits, late=("reduced", "task"))] | None = None
-    """Stay away from joint limits."""
-    singularity: (
-        Annotated[PartialCall[SingularityDistance], Entry(SingularityDistance, late=("reduced", "task"))] | None
-    ) = None
-    """Stay away from singular configurations."""
-
-    def build(self, context: ControllerContext) -> Secondary:
-        """Build the objectives.
-
-        Raises:
-            RncError: the task leaves no freedom, or an objective does not fit.
-        """
-        reduced, task = context.reduced, context.task
-        check_freedom(task)
-        parts: list[Secondary] = []
-        if self.posture is not None:
-            parts.append(self.posture.build(task=task, reference=context.redundant))
-        if self.joint_limits is not None:
-            parts.append(self.joint_limits.build(reduced=reduced, task=task))
-        if self.singularity is not None:
-            parts.append(self.singularity.build(reduced=reduced, task=task))
-        return Combined(parts)
-
-    @model_validator(mode="after")
-    def _check_any(self) -> SecondarySettings:
-        if (self.posture, self.joint_limits, self.singularity) == (None, None, None):
-            raise ValueError("expected at least one of posture, joint_limits, singularity; {} takes their defaults")
-        return self
-
-
 _BANDWIDTH = part(GainDesign, "bandwidth")
 _VELOCITY_GAINS = preset_gains(VelocityGains, "k", "beta", "sigma")
 _K21, _K3, _K4 = (preset_gains(OuterGains, name) for name in ("k21", "k3", "k4"))
@@ -252,12 +210,24 @@ class VelocityTrackerSettings(AdaptationSettings, _BANDWIDTH.model, _VELOCITY_GA
         return self
 
 
-class Class1Settings(VelocityTrackerSettings, _K3.model):  # type: ignore[name-defined, misc]
-    """Settings of controllers that move the vertical outputs by the redundant ones."""
+class RedundancySettings(VelocityTrackerSettings, _K3.model):  # type: ignore[name-defined, misc]
+    """Class 1: redundant outputs move so that the vertical ones follow their reference; (12), velocity tracker."""
 
     follows: ClassVar[frozenset[str]] = frozenset({"primary", "vertical"})
+    advice: ClassVar[str] = "; controller.posture follows it"
 
-    def _class_1(self, context: ControllerContext, secondary: Secondary | None = None) -> BuiltController:
+    type: Literal["redundancy"]
+    """Class 1: (12) over a velocity tracker; with unknown masses or wheels (16) and (20)."""
+    posture: Annotated[PartialCall[Posture], Entry(Posture, late=("task", "reference"))] | None = None
+    """Stay near a posture, for tasks with more redundant than vertical outputs (wide A4): ``reference.redundant``, by
+    default the initial values of the redundant outputs."""
+
+    @property
+    def followed(self) -> frozenset[str]:
+        """References that the controller reads; with a posture the redundant one too."""
+        return self.follows if self.posture is None else self.follows | {"redundant"}
+
+    def _build(self, context: ControllerContext) -> BuiltController:
         """Build controller (12).
 
         Raises:
@@ -265,42 +235,19 @@ class Class1Settings(VelocityTrackerSettings, _K3.model):  # type: ignore[name-d
         """
         if context.slithering is not None:
             raise ConfigurationError("reference.path.trailer: needs the controller type 'steering'")
-        task = context.task
+        task, posture = context.task, None
+        with ConfigurationError.at("controller.posture"):
+            if self.posture is not None:
+                posture = self.posture.build(task=task, reference=context.redundant)
         kinematic = RedundancyController(
             task,
             context.primary,
             context.vertical,
             k3=self.outer_gain("k3", len(task.vertical)),
             k21=self.outer_gain("k21", len(task.primary)),
-            secondary=secondary,
+            secondary=posture,
         )
         return self.track(context, kinematic, task)
-
-
-class RedundancySettings(Class1Settings):
-    """Class 1: redundant outputs move so that the vertical ones follow their reference; (12), velocity tracker."""
-
-    advice: ClassVar[str] = "; controller.secondary.posture follows it"
-
-    type: Literal["redundancy"]
-    """Class 1: (12) over a velocity tracker."""
-    secondary: SecondarySettings | None = None
-    """Secondary objectives, for tasks with more redundant than vertical outputs (wide A4)."""
-
-    @property
-    def followed(self) -> frozenset[str]:
-        """References that the controller reads; with a posture the redundant one too."""
-        postured = self.secondary is not None and self.secondary.posture is not None
-        return self.follows | {"redundant"} if postured else self.follows
-
-    def _build(self, context: ControllerContext) -> BuiltController:
-        secondary = None
-        if self.secondary is not None:
-            try:
-                secondary = self.secondary.build(context)
-            except RncError as error:
-                raise ConfigurationError(f"controller.secondary: {error}") from None
-        return self._class_1(context, secondary)
 
 
 class ReducingOutputsSettings(VelocityTrackerSettings):
@@ -321,18 +268,6 @@ class ReducingOutputsSettings(VelocityTrackerSettings):
         k2 = {} if gain is None else {"k2": gain}
         kinematic = ReducingOutputController(context.reduced, reference, **k2, monitored=context.monitored)
         return self.track(context, kinematic)
-
-
-class UncertainRedundancySettings(Class1Settings):
-    """Class 1 with unknown masses or wheels: (16) with the estimates of (20), over a velocity tracker."""
-
-    type: Literal["uncertain_redundancy"]
-    """Class 1 with unknown masses or wheels: (16) and (20) over a velocity tracker."""
-    unknown: Unknown
-    """Masses, or radii and tracks of wheels, to estimate."""
-
-    def _build(self, context: ControllerContext) -> BuiltController:
-        return self._class_1(context)
 
 
 class SteeringSettings(VelocityTrackerSettings, _K3.model, _K4.model):  # type: ignore[name-defined, misc]
@@ -360,12 +295,7 @@ class SteeringSettings(VelocityTrackerSettings, _K3.model, _K4.model):  # type: 
 
 
 TrackingTypes = (
-    RedundancySettings
-    | ReducingOutputsSettings
-    | JacobianTransposeSettings
-    | UncertainRedundancySettings
-    | SteeringSettings
-    | TwoPhaseSettings
+    RedundancySettings | ReducingOutputsSettings | JacobianTransposeSettings | SteeringSettings | TwoPhaseSettings
 )
 
 

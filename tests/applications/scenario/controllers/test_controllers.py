@@ -21,7 +21,6 @@ NEEDED = {
     "reducing_outputs": {},
     "steering": {},
     "jacobian_transpose": {"active": ["joint_2", "joint_3"]},
-    "uncertain_redundancy": {"unknown": {"base": "platform", "initial": {"joint_1": 1.0}}},
     "two_phase": {"platform": {"position": ["base_x", "base_y"], "to": [0, 0, 0], "begin": 1}},
     "state_feedback": {"state_cost": 1.0},
     "plan_feedback": {},
@@ -35,7 +34,8 @@ NEEDED = {
 VALUES = {  # of every setting that some type has
     "preset": "scaled", "end": "continue", "gains": "plan", "tracker": "computed_torque", "gravity_compensation": False,
     "adaptation": 3.0, "bandwidth": 20.0, "inertia_bound": 90.0, "delay": 0.01, "dead_zone": [0.1, 0.0, 0.2],
-    "secondary": {"posture": {}}, "coordinates": ["joint_1", {"joint": "joint_2"}], "rates": ["joint_1"],
+    "posture": {}, "unknown": {"base": "platform", "initial": {"joint_1": 1.0}},
+    "coordinates": ["joint_1", {"joint": "joint_2"}], "rates": ["joint_1"],
     "input_cost": {"joint_1": 2.0}, "v2": {"joint_1": 0.1}, "hold": ["joint_1"], "cyclic": ["joint_1"],
     "limits": {"joint_velocity": {"limit": 2.0}, "joint_position": None,
         "regions": [{"frame": "tip", "box": {"x": [0, 1]}}]},
@@ -85,8 +85,8 @@ def test_a_type_takes_its_own_settings_and_no_other(kind):
 
 
 def test_null_takes_a_setting_away_so_that_a_comparison_may_change_the_type():
-    raw = scenario({"type": "redundancy", "secondary": {"posture": {}}, "k3": 3.0})
-    changed = with_options(raw, {"controller.type": "reducing_outputs", "controller.secondary": None})
+    raw = scenario({"type": "redundancy", "posture": {}, "k3": 3.0})
+    changed = with_options(raw, {"controller.type": "reducing_outputs", "controller.posture": None})
     with pytest.raises(rnc.ConfigurationError, match=r"controller.k3: does not belong to type 'reducing_outputs'"):
         validate(changed, "mine")
     settings = validate(with_options(changed, {"controller.k3": None}), "mine").controller
@@ -96,7 +96,6 @@ def test_null_takes_a_setting_away_so_that_a_comparison_may_change_the_type():
 @pytest.mark.parametrize(("controller", "words"), [
     ({"type": "jacobian_transpose"}, "controller.active: is missing; expected actuators that are on"),
     ({"type": "two_phase"}, "controller.platform: is missing; expected goal pose and start time"),
-    ({"type": "uncertain_redundancy"}, "controller.unknown: is missing; expected masses, or radii and tracks"),
     ({"type": "steering", "k3": "x"}, "controller.k3: expected a valid number"),
     ({"type": "two_phase", "preset": "paper", **NEEDED["two_phase"], "adaptation": 2}, "belongs to the preset"),
     ({"type": "redundancy", "inertia_bound": 9}, "controller.inertia_bound: belongs to the preset 'normalised'"),
