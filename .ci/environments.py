@@ -54,10 +54,6 @@ MISSING = {
         """system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]); start = robot.configuration(); """
         """rnc.planning.find_way(system.reduce(), start, robot.configuration({"root_joint": [1, 0, 0]}), [])'"""
     ),
-    "qp": (
-        "python -c 'import rnc_pin as rnc; from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver; "
-        """LeastDistanceSolver("piqp")'"""
-    ),
     "video": "rnc-pin replay runs/space-robot --frames f",
 }
 """Commands that name the extra in their last line where it is not installed."""

@@ -21,7 +21,6 @@ _PACKAGES = {
     "meshes": _Package("trimesh", "trimesh"),
     "mujoco": _Package("MuJoCo", "mujoco"),
     "ompl": _Package("OMPL", "ompl"),
-    "qp": _Package("qpsolvers", "qpsolvers"),
     "video": _Package("Playwright", "playwright"),
 }
 

@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from rnc_pin import _kernel
-from rnc_pin.collision.distance_bounds import DistanceBounds, FlatParts, PlacedBodies, ShapePoses, common_corners
+from rnc_pin.collision.distance_bounds import DistanceBounds, PlacedBodies, ShapePoses
 from rnc_pin.collision.pairs import (
     NUMBERS,
     LinkPair,
@@ -109,7 +109,6 @@ class CollisionDistances:
         own = np.array([each.homogeneous for each in placements])
         self._own_rotations, self._own_origins = own[:, :3, :3].copy(), own[:, :3, 3].copy()
         self._link_carriers = np.array(self.carriers[: len(shapes)])
-        self._flat: dict[int, FlatParts] = {}
         self._moving = [k for k, obstacle in enumerate(self.obstacles) if obstacle.motion is not None]
         boxes = [
             bounding_box(*each) for each in zip(self.shapes, [*(each.name for each in shapes), *names], strict=True)
@@ -138,8 +137,6 @@ class CollisionDistances:
         q: ArrayLike | ConfigurationEvaluation,
         t: float = 0.0,
         within: float = np.inf,
-        *,
-        corners: bool = False,
     ) -> PairDistances:
         """Distances of the pairs that are nearer than a distance.
 
@@ -147,8 +144,6 @@ class CollisionDistances:
             q: configuration (nq,), or an evaluation of a model of the same robot there, whose kinematics are used.
             t: time, for obstacles that move [s].
             within: only pairs that may be nearer than this are evaluated [m].
-            corners: True for further entries of pairs with parallel faces or edges: the gap along the normal at each
-                corner of their common region. Such a pair is in ``pairs`` several times, its nearest points first.
         """
         if not isinstance(q, ConfigurationEvaluation):
             q = self._validator.validate(q)
@@ -160,8 +155,6 @@ class CollisionDistances:
             inside = found[:, 0] < within
             if not inside.all():
                 near, found = near[inside], found[inside]
-        if corners:
-            near, found = self._with_corners(near, found)
         return self._with_rates(near, found, t)
 
     def smallest(self, q: ArrayLike, t: float = 0.0, beyond: float = 0.0) -> np.ndarray:
@@ -279,23 +272,6 @@ class CollisionDistances:
             pose = self.obstacles[k].placement(t)
             rotations[links + k], origins[links + k] = pose.rotation, pose.translation
         return rotations, origins
-
-    def _with_corners(self, near: np.ndarray, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Add the corners of parallel faces and edges: pairs, and ten numbers of each, nearest points first."""
-        pairs, rows = [near], [found]
-        for pair, row in zip(near.tolist(), found, strict=True):
-            normal, sides = row[1:4], []
-            for k, direction in zip(self.pairs[pair][:2], (normal, -normal), strict=True):
-                rotation = self._at.rotations[k]
-                if k not in self._flat:
-                    self._flat[k] = FlatParts(self.shapes[k])
-                sides.append(self._flat[k].towards(rotation.T @ direction) @ rotation.T + self._at.origins[k])
-            extra = common_corners(sides[0], sides[1], normal)
-            pairs.append(np.full(len(extra), pair))
-            rows.append(np.hstack([extra[:, :1], np.broadcast_to(normal, (len(extra), 3)), extra[:, 1:]]))
-        whole, order = np.concatenate(pairs), np.concatenate(rows)
-        by_pair = np.argsort(whole, kind="stable")
-        return whole[by_pair], order[by_pair]
 
     def _with_rates(self, near: np.ndarray, found: np.ndarray, t: float) -> PairDistances:
         found.flags.writeable = False  # its columns are handed out

@@ -148,7 +148,7 @@ class PairDistances:
     """Distances of k pairs at one configuration and time.
 
     Attributes:
-        pairs: indices of the pairs in ``CollisionDistances.pairs``, each once unless corners were asked for.
+        pairs: indices of the pairs in ``CollisionDistances.pairs``, each once.
         distance: signed distances [m]; negative for penetration: minus the shortest translation that separates.
         point_a: nearest points of the first bodies, in the world [m].
         point_b: nearest points of the second bodies, in the world [m].

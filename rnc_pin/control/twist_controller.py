@@ -26,7 +26,7 @@ from rnc_pin.control.actuator_velocity import (
     velocity_limits,
 )
 from rnc_pin.control.wheeled_base import BaseMotion, WheeledBase
-from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
+from rnc_pin.control.whole_body.limit_stack import nearest_point
 from rnc_pin.control.whole_body.limits.joint_limits import limited_positions
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
 from rnc_pin.model.coordinates import wrapped
@@ -105,7 +105,6 @@ class TwistController(ReprMixin):
         self._limits = velocity_limits(reduced, limits)
         self._entries = np.array([reduced.robot.velocity_indices(name).start for name in self.joints], dtype=int)
         self._scale = np.array([1.0, 1.0, self.base.length])
-        self._solver = LeastDistanceSolver()
         self._validator = ConfigurationValidator(reduced.robot)
         ranged = limited_positions(reduced.robot, None)
         self._places, self._lower = np.zeros(reduced.n, dtype=int), np.full(reduced.n, -np.inf)
@@ -261,7 +260,7 @@ class TwistController(ReprMixin):
         found = []
         for ways in _choices((low - high) @ part):
             rows = np.vstack([ways[:, None] * low, -ways[:, None] * high])
-            nearest = self._solver.solve(part, rows, bounds, np.full(len(bounds), np.inf))
+            nearest = nearest_point(part, rows, bounds, np.full(len(bounds), np.inf))
             if nearest is not None:
                 twist = motion.free @ nearest.point
                 turns = np.abs(self._turns(motion, q, twist, rates).turn).max()

@@ -227,21 +227,6 @@ def test_distances_to_a_slope_are_heights(tiago, within):
     assert checked > 20
 
 
-def test_a_box_over_a_floor_has_a_gap_at_each_corner():
-    model, geometry = pin.Model(), pin.GeometryModel()
-    joint = add_body(model, "free", "FreeFlyer", pin.Inertia.FromSphere(1.0, 0.1))
-    frame = model.addFrame(pin.Frame("box", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
-    geometry.addGeometryObject(pin.GeometryObject("box_0", joint, frame, pin.SE3.Identity(), coal.Box(0.4, 0.6, 0.2)))
-    robot = rnc.Robot(model, geometry, geometry)
-    floor = Obstacle(ground_shape(), position=(3.0, 4.0, 0.05), name="floor")
-    turned = pin.SE3ToXYZQUAT(pin.SE3(pin.rpy.rpyToMatrix(0.01, 0.0, 0.7), np.array([1.0, 2.0, 0.3])))
-    found = CollisionDistances(robot, [floor]).at(turned, corners=True)
-    side = 0.3 * np.sin(0.01)
-    expected = 0.3 - 0.1 * np.cos(0.01) - 0.05 + np.array([-side, side])
-    assert found.distance[0] == pytest.approx(expected[0], abs=1e-9)
-    np.testing.assert_allclose(np.sort(found.distance[1:]), np.repeat(expected, 2), atol=1e-9)
-
-
 def test_an_obstacle_ignores_the_links_that_it_names(tiago):
     wheels = ["wheel_left_link", "wheel_right_link"]
     floor = Obstacle(ground_shape(), name="floor", ignored_links=wheels)

@@ -16,7 +16,7 @@ from rnc_pin.control import (
 from rnc_pin.control.whole_body import ControlSample
 from rnc_pin.optimal.interior_point import InteriorPointSolver, LinearQuadratic, RiccatiFactors
 from rnc_pin.planning import Harmonic, Hold
-from systems import mecanum, mobile_manipulator, random_states, space_robot_in_joints, tiago
+from systems import mobile_manipulator, random_states, space_robot_in_joints, tiago
 
 
 class Taken:
@@ -51,12 +51,9 @@ TASKS = {
     "orientation": (tiago, tasks.OutputTask(rnc.FrameOrientation("arm_7_link"), Hold([0.0, 0.3, 0.0]))),
     "posture": (tiago, tasks.PostureTask({"torso_lift_joint": 0.2, "arm_1_joint": 0.5})),
     "centre of mass": (tiago, tasks.CenterOfMassTask(Hold([0.1, 0.2]), "xy")),
-    "look at a point": (tiago, tasks.LookAtTask("head_2_link", [2.0, 0.4, 1.4])),
-    "look at a frame": (tiago, tasks.LookAtTask("head_2_link", "arm_7_link")),
     "base pose": (tiago, tasks.BasePoseTask("base_link", Hold([0.3, -0.4, 0.6]), lateral_gain=4.0)),
     "damping": (tiago, tasks.DampingTask()),
     "damping of joints": (tiago, tasks.DampingTask(joints=["arm_1_joint"])),
-    "manipulability": (tiago, tasks.ManipulabilityTask(HAND)),
     "singularity": (mobile_manipulator, tasks.SingularityTask()),
 }
 LIMITS = {
@@ -67,8 +64,6 @@ LIMITS = {
     "accelerations of joints": (tiago, limits.AccelerationLimit(2.0, joints=["arm_1_joint"])),
     "region": (tiago, limits.RegionLimit("arm_7_link", box={"x": (-1.0, 2.0)}, gain=5.0)),
     "base speed": (tiago, limits.BaseSpeedLimit("base_link", 0.5)),
-    "base acceleration": (tiago, limits.BaseAccelerationLimit("base_link", 1.0)),
-    "wheel speeds": (mecanum, limits.WheelSpeedLimit(0.4)),
     "collisions": (tiago, limits.CollisionAvoidance(influence=0.3)),
 }
 
@@ -90,7 +85,8 @@ def programs():
     arm = [name for name in reduced.robot.joint_names[1:] if "wheel" not in name]
     level = tasks.OutputTask(rnc.FrameOrientation("arm_7_link"), Hold([0.0, 0.3, 0.0]), weight=[0.2, 0.5, 1])
     posture = [tasks.OutputTask(rnc.JointPosition(name), Hold([0.1]), gain=2.0, weight=0.05) for name in arm]
-    hand, look = tasks.OutputTask(HAND, REACH, gain=3.0), tasks.LookAtTask("head_2_link", "arm_7_link", weight=0.3)
+    hand = tasks.OutputTask(HAND, REACH, gain=3.0)
+    look = tasks.PostureTask({"head_1_joint": 0.4, "head_2_joint": -0.3}, weight=0.3)
     below = [tasks.PostureTask({"torso_lift_joint": 0.2}, priority=1), tasks.DampingTask(priority=1)]
     box = [limits.JointVelocityLimit(limit=0.2, margin=0.0)]
     for damping in (0.0, 0.3):

@@ -21,7 +21,7 @@ from rnc_pin.control.whole_body.task_hierarchy import (
     column_norms,
     solve_within,
 )
-from rnc_pin.control.whole_body.tasks.output_tasks import ControlTask
+from rnc_pin.control.whole_body.tasks import ControlTask
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
 from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE, LieRungeKutta4
 from rnc_pin.model.parameter_types import Positive, check_positive_settings
@@ -106,10 +106,9 @@ class InverseDynamicsQP(WholeBodyProgram):
         friction: coefficient of friction of the ground, for the friction cone of each contact; None if only normal
             forces have a limit.
         braking_time: longest braking motion that is verified [s]; None for no verification.
-        solver: solver of the quadratic program: "daqp", or another solver of qpsolvers by name.
 
     Raises:
-        ModelError, ConfigurationError: a task or a limit does not fit the model, or the solver is not installed.
+        ModelError, ConfigurationError: a task or a limit does not fit the model.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -132,11 +131,10 @@ class InverseDynamicsQP(WholeBodyProgram):
         velocity_gain: Positive = 20.0,
         friction: Positive | None = None,
         braking_time: Positive | None = 2.0,
-        solver: str = "daqp",
     ) -> None:
         check_positive_settings(dt=dt, velocity_gain=velocity_gain, friction=friction, braking_time=braking_time)
         self.dt, self.velocity_gain, self.friction, self.braking_time = dt, velocity_gain, friction, braking_time
-        super().__init__(reduced, tasks, limits, solver)
+        super().__init__(reduced, tasks, limits)
         self._contacts, self._integrator = ContactCones(reduced, friction), LieRungeKutta4(reduced.robot)
         self._curved = [*self._tasks.curved, np.zeros(reduced.r, dtype=bool)]  # bringing motion to rest is constant
         efforts = reduced.actuation.limits
@@ -262,9 +260,7 @@ class InverseDynamicsQP(WholeBodyProgram):
 
         def solved(limits: ProgramBounds, start: Array | None) -> RelaxedSolution:
             bounds = self._bounds(limits, offset, gain, contacts)
-            return solve_within(
-                levels, bounds, self._limits, self._solver, multipliers=start, before=self._forces, sampled=sampled
-            )
+            return solve_within(levels, bounds, self._limits, multipliers=start, before=self._forces, sampled=sampled)
 
         found = best = solved(motion, multipliers)
         least, best_end, averaged = np.inf, None, self._limits.averaged[motion.places]

@@ -6,12 +6,12 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import daqp
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.analysis.contact_forces import ContactForceSet
 from rnc_pin.array_shapes import Float, Int
-from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, ControlSample, LimitRows
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
@@ -19,6 +19,37 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 
 _SIDES = 8  # of the pyramid inside a friction cone
 _RANK = 1e-10
+_SETTINGS = {"primal_tol": 1e-10, "dual_tol": 1e-12, "iter_limit": 2000}
+_SOLVED = 1
+
+
+class NearestPoint(NamedTuple):
+    """Solution of a least-distance program."""
+
+    point: Float[Array, " n"]
+    multipliers: Float[Array, " k"]
+    """Multipliers of the rows: positive at an active upper bound, negative at an active lower one.
+    ``point - goal + rows^T multipliers = 0``."""
+
+
+def nearest_point(
+    goal: Array, rows: Array, lower: Array, upper: Array, multipliers: Array | None = None
+) -> NearestPoint | None:
+    """Return the point nearest to a goal (n,) with ``lower <= rows x <= upper``; None if there is none.
+
+    Args:
+        goal: (n,).
+        rows: (k, n).
+        lower, upper: bounds, (k,) each; infinite if there are none.
+        multipliers: multipliers of a similar program, (k,), to start from.
+    """
+    starts = [None] if multipliers is None or not multipliers.any() else [multipliers, None]
+    identity, kinds = np.eye(len(goal)), np.zeros(len(rows), dtype=np.int32)
+    for start in starts:
+        x, _, status, info = daqp.solve(identity, -goal, rows, upper, lower, kinds, dual_start=start, **_SETTINGS)
+        if status == _SOLVED:
+            return NearestPoint(x, info["lam"])
+    return None
 
 
 class ContactBounds(NamedTuple):
@@ -197,9 +228,7 @@ class LimitStack:
                 found[where] = own
         return np.maximum(found, 0.0)
 
-    def relaxed(
-        self, bounds: ProgramBounds, solver: LeastDistanceSolver, before: Sequence[Array] = ()
-    ) -> ProgramBounds:
+    def relaxed(self, bounds: ProgramBounds, before: Sequence[Array] = ()) -> ProgramBounds:
         """Return bounds that some velocity satisfies.
 
         Groups are added one by one, hard limits first. Each group gives way by the least sum of squares that the groups
@@ -207,7 +236,6 @@ class LimitStack:
 
         Args:
             bounds: the bounds; their first places are those of the limits.
-            solver: solver of the programs.
             before: groups of further places that come before the limits.
         """
         rows, lower, upper = bounds.rows, bounds.lower.copy(), bounds.upper.copy()
@@ -218,8 +246,8 @@ class LimitStack:
             belongs[members] = True
             group = np.flatnonzero(belongs[bounds.places])
             both = np.concatenate([fixed, group])
-            if solver.solve(np.zeros(r), rows[both], lower[both], upper[both]) is None:
-                v2 = self._least_excess(bounds._replace(lower=lower, upper=upper), fixed, group, solver)
+            if nearest_point(np.zeros(r), rows[both], lower[both], upper[both]) is None:
+                v2 = self._least_excess(bounds._replace(lower=lower, upper=upper), fixed, group)
                 values, room = rows[group] @ v2, _ROUNDING * (1.0 + np.abs(rows[group]).sum(axis=1))
                 lower[group] = np.where(values < lower[group], values - room, lower[group])
                 upper[group] = np.where(values > upper[group], values + room, upper[group])
@@ -227,7 +255,7 @@ class LimitStack:
         return bounds._replace(lower=lower, upper=upper)
 
     @staticmethod
-    def _least_excess(bounds: ProgramBounds, fixed: Array, group: Array, solver: LeastDistanceSolver) -> Array:
+    def _least_excess(bounds: ProgramBounds, fixed: Array, group: Array) -> Array:
         """Velocity (r,) that exceeds the rows of a group least, within the rows before it."""
         r, k = bounds.rows.shape[1], len(group)
         # Variables: the velocity times its cost, and the excess of each row of the group.
@@ -238,7 +266,7 @@ class LimitStack:
         free[above, r:], free[below, r:] = -np.eye(k), np.eye(k)
         lower, upper = bounds.lower[both], bounds.upper[both]
         lower[above], upper[below] = -np.inf, np.inf
-        found = solver.solve(np.zeros(r + k), free, lower, upper)
+        found = nearest_point(np.zeros(r + k), free, lower, upper)
         return np.zeros(r) if found is None else found.point[:r] / _VELOCITY_COST
 
 

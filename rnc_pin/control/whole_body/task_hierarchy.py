@@ -17,10 +17,9 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Bool, Float
-from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
-from rnc_pin.control.whole_body.limit_stack import LimitStack, ProgramBounds, distinct
+from rnc_pin.control.whole_body.limit_stack import LimitStack, ProgramBounds, distinct, nearest_point
 from rnc_pin.control.whole_body.limits.control_limit import ControlSample
-from rnc_pin.control.whole_body.tasks.output_tasks import BoundOutput, ControlTask, OutputsTogether
+from rnc_pin.control.whole_body.tasks import BoundOutput, ControlTask, OutputsTogether
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
 
@@ -166,7 +165,6 @@ def solve_within(
     levels: Sequence[TaskLevel],
     bounds: ProgramBounds,
     limits: LimitStack,
-    solver: LeastDistanceSolver,
     damping: float = 0.0,
     multipliers: Array | None = None,
     before: Sequence[Array] = (),
@@ -175,16 +173,16 @@ def solve_within(
     """Solve the levels; limits that exclude each other give way.
 
     Args:
-        levels, bounds, damping, solver, sampled: as for ``solve_cascade``.
+        levels, bounds, damping, sampled: as for ``solve_cascade``.
         multipliers: multipliers of all limits in a similar program, (levels, k), to start from.
         limits: the limits, in the order in which they give way.
         before: groups of further places of the bounds that come before the limits.
     """
     start = None if multipliers is None else multipliers[:, bounds.places]
-    found = solve_cascade(levels, bounds, damping, solver, start, sampled)
+    found = solve_cascade(levels, bounds, damping, start, sampled)
     if found is not None:
         return RelaxedSolution(found.unknowns, bounds.spread(found.multipliers), np.zeros(bounds.total))
-    found = solve_cascade(levels, limits.relaxed(bounds, solver, before), damping, solver, None, sampled)
+    found = solve_cascade(levels, limits.relaxed(bounds, before), damping, None, sampled)
     if found is None:  # rounding: even the wider limits exclude each other
         found = CascadeSolution(np.zeros(bounds.rows.shape[1]), np.zeros((max(len(levels), 1), len(bounds.lower))))
     excess = bounds.excess(found.unknowns)
@@ -221,7 +219,6 @@ def solve_cascade(
     levels: Sequence[TaskLevel],
     bounds: ProgramBounds,
     damping: float,
-    solver: LeastDistanceSolver,
     multipliers: Array | None = None,
     sampled: SampledDamping | None = None,
 ) -> CascadeSolution | None:
@@ -231,7 +228,6 @@ def solve_cascade(
         levels: tasks, highest level first.
         bounds: limits.
         damping: cost of the velocity at every level, which bounds it near singular configurations.
-        solver: solver of the programs.
         multipliers: multipliers of a similar cascade, (levels, k), to start from.
         sampled: damping of levels that limits keep from their rates; by default none.
     """
@@ -240,7 +236,7 @@ def solve_cascade(
     found = np.zeros((len(levels), k))
     room = _TOUCHING * (1.0 + np.abs(rows).sum(axis=1))
     low, high = bounds.lower - room, bounds.upper + room
-    free, nearest = _FreeDirections(np.zeros(r), None), partial(_nearest, bounds, solver)
+    free, nearest = _FreeDirections(np.zeros(r), None), partial(_nearest, bounds)
     unknowns = None
     for index, (J, rate) in enumerate(levels):
         own, rate = free.rows(J), free.rest(J, rate)
@@ -278,7 +274,7 @@ def solve_cascade(
                 T = np.hstack([inward, free.outward(unused.T) / cheap])
                 goal = np.concatenate([goal, np.zeros(len(unused))])
             offset = rows @ free.kept
-            point = solver.solve(goal, rows @ T, bounds.lower - offset, bounds.upper - offset, start)
+            point = nearest_point(goal, rows @ T, bounds.lower - offset, bounds.upper - offset, start)
             if point is None:
                 break  # at a lower level: rounding left no room
             unknowns, found[index] = free.kept + T @ point.point, point.multipliers
@@ -339,7 +335,6 @@ def _solve_damped(
 
 def _nearest(
     bounds: ProgramBounds,
-    solver: LeastDistanceSolver,
     free: _FreeDirections,
     goal: Array,
     T: Array,
@@ -349,7 +344,7 @@ def _nearest(
     if free.kept.any():
         offset = bounds.rows @ free.kept
         lower, upper = lower - offset, upper - offset
-    point = solver.solve(goal, bounds.rows @ T, lower, upper, start)
+    point = nearest_point(goal, bounds.rows @ T, lower, upper, start)
     return None if point is None else (free.kept + T @ point.point, point.multipliers)
 
 

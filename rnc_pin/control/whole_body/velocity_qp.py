@@ -16,7 +16,7 @@ from rnc_pin.control.whole_body.task_hierarchy import (
     column_norms,
     solve_within,
 )
-from rnc_pin.control.whole_body.tasks.output_tasks import ControlTask
+from rnc_pin.control.whole_body.tasks import ControlTask
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.parameter_types import NotNegative, check_positive_settings
@@ -75,10 +75,9 @@ class VelocityQP(WholeBodyProgram):
             measured velocity.
         damping: cost of the reduced velocity beside the tasks at every level, as the root of a weight. It bounds the
             velocity near singular configurations, and zero follows the tasks exactly.
-        solver: solver of the quadratic program: "daqp", or another solver of qpsolvers by name.
 
     Raises:
-        ModelError, ConfigurationError: a task or a limit does not fit the model, or the solver is not installed.
+        ModelError, ConfigurationError: a task or a limit does not fit the model.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
@@ -100,13 +99,12 @@ class VelocityQP(WholeBodyProgram):
         *,
         dt: float | None = None,
         damping: NotNegative = 0.0,
-        solver: str = "daqp",
     ) -> None:
         check_positive_settings(dt=dt)
         if not 0 <= damping < np.inf:
             raise ConfigurationError(f"damping of a whole-body controller cannot be negative, found {damping}")
         self.dt, self.damping = dt, damping
-        super().__init__(reduced, tasks, limits, solver)
+        super().__init__(reduced, tasks, limits)
         self._at_rest = np.eye(reduced.r), np.zeros(reduced.r)
 
     def describe(self) -> Description:
@@ -154,5 +152,5 @@ class VelocityQP(WholeBodyProgram):
         curved = self._tasks.curved
         levers = [column_norms(each.jacobian, mask) for each, mask in zip(levels, curved, strict=True)]
         sampled = SampledDamping(sample.dt, *self._at_rest, levers, curved)
-        solved = solve_within(levels, bounds, self._limits, self._solver, self.damping, multipliers, sampled=sampled)
+        solved = solve_within(levels, bounds, self._limits, self.damping, multipliers, sampled=sampled)
         return ProgramSolution(*solved)

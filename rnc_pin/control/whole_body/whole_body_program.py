@@ -1,4 +1,4 @@
-"""Common part of the whole-body programs: tasks, limits, solver, description and report."""
+"""Common part of the whole-body programs: tasks, limits, description and report."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Description, LimitedAcceleration, State
-from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import LimitStack
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
 from rnc_pin.control.whole_body.limits.joint_limits import AccelerationLimit
 from rnc_pin.control.whole_body.task_hierarchy import TaskStack
-from rnc_pin.control.whole_body.tasks.output_tasks import BoundTask, ControlTask
+from rnc_pin.control.whole_body.tasks import BoundTask, ControlTask
 from rnc_pin.errors import InputError
 from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_kinematics import Measurement
@@ -41,15 +40,11 @@ class WholeBodyProgram(ReprMixin):
     Args:
         reduced: the model.
         tasks, limits: the tasks and limits.
-        solver: "daqp", or another solver of qpsolvers by name.
     """
 
-    def __init__(
-        self, reduced: ReducedModel, tasks: Sequence[ControlTask], limits: Sequence[ControlLimit], solver: str
-    ) -> None:
+    def __init__(self, reduced: ReducedModel, tasks: Sequence[ControlTask], limits: Sequence[ControlLimit]) -> None:
         self.tasks, self.limits = tuple(tasks), tuple(limits)
         self._reduced = reduced
-        self._solver = LeastDistanceSolver(solver)
         self._tasks, self._limits = TaskStack(self.tasks, reduced), LimitStack(self.limits, reduced)
         self._desired = DesiredOutputs(self._tasks.bound, reduced)
         self.limit_names: tuple[str, ...] = self._limits.names
@@ -62,13 +57,12 @@ class WholeBodyProgram(ReprMixin):
         return tuple(entry for limit in limits for entry in limit.entries(self._reduced))
 
     def _describe(self, **settings: Json) -> Description:
-        """Description with the tasks and limits, then these settings, then the solver."""
+        """Description with the tasks and limits, then these settings."""
         return {
             "type": type(self).__name__,
             "tasks": [_describe_item(each) for each in self.tasks],
             "limits": [_describe_item(each) for each in self.limits],
             **settings,
-            "solver": self._solver.name,
         }
 
     def _configuration(self, measurement: Measurement) -> Float[Array, " nq"]:

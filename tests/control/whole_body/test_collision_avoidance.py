@@ -72,7 +72,7 @@ def test_an_arm_stops_above_the_floor_that_its_wheels_touch(tmp_path):
 
     selection = PairSelection(links=False)
     assert lowest(CollisionAvoidance(0.03, 0.15, selection=selection)) < -0.2
-    kept = lowest(CollisionAvoidance(0.03, 0.15, obstacles=[floor], selection=selection, corners=True))
+    kept = lowest(CollisionAvoidance(0.03, 0.15, obstacles=[floor], selection=selection))
     assert 0.03 - 1e-4 < kept < 0.05
 
 
@@ -130,45 +130,6 @@ def test_sampled_control_keeps_the_clearance():
     nothing = CollisionAvoidance(selection=PairSelection(links=False))
     assert smallest(nothing) < -0.04
     assert -1e-4 < smallest(limit) < 5e-3  # normals turn within a sample
-
-
-SOLIDS = {
-    "box": (coal.Box(1.0, 0.6, 0.4), 0.0),
-    "side of a cylinder": (coal.Cylinder(0.3, 0.4), 0.0),
-    "end of a cylinder": (coal.Cylinder(0.3, 0.4), 0.5 * np.pi),
-    "capsule": (coal.Capsule(0.2, 0.4), 0.0),
-}
-
-
-def slider(solid, pitch, turn):
-    """Body that moves along x and turns about an axis through its centre: configurations add up exactly."""
-    model = pin.Model()
-    along = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "along")
-    angle = add_body(model, "angle", turn, pin.Inertia.FromSphere(1.0, 0.2), along)
-    frame = model.addFrame(pin.Frame("body", angle, 0, pin.SE3.Identity(), pin.FrameType.BODY))
-    geometry = pin.GeometryModel()
-    placed = pin.SE3(pin.rpy.rpyToMatrix(0.0, pitch, 0.0), np.zeros(3))
-    geometry.addGeometryObject(pin.GeometryObject("body_0", angle, frame, placed, solid))
-    return rnc.NonholonomicSystem(rnc.Robot(model, geometry, geometry), []).reduce()
-
-
-@pytest.mark.parametrize("turn", [pin.JointModelRY(), pin.JointModelRZ()], ids=["pitch", "yaw"])
-@pytest.mark.parametrize("solid", SOLIDS)
-def test_turning_beside_a_parallel_wall_loses_no_clearance(solid, turn):
-    reduced = slider(*SOLIDS[solid], turn)
-    wall = Obstacle(coal.Box(0.2, 6.0, 6.0), position=(1.0, 0.0, 0.0), name="wall")
-    check = CollisionDistances(reduced.robot, [wall])
-    q0 = np.array([check.at([0.0, 0.0]).distance[0] - 0.05, 0.0])  # a face or side is 0.05 m from the wall
-
-    def lost(corners):
-        limit = CollisionAvoidance(0.05, 0.4, 50.0, obstacles=[wall], corners=corners)
-        path = damped_run(reduced, limit, q0, lambda t: np.array([0.3, 2.0 * np.sin(9.0 * t)]), 0.5)
-        assert np.ptp(path[:, 1]) > 0.1  # it turns
-        return 0.05 - min(check.at(q).distance[0] for q in path)
-
-    if not (isinstance(turn, pin.JointModelRZ) and solid in ("side of a cylinder", "capsule")):  # these just spin
-        assert lost(corners=False) > 1e-4
-    assert lost(corners=True) < 1e-9
 
 
 def test_an_approach_needs_no_more_than_its_deceleration():

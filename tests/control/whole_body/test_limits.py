@@ -13,7 +13,7 @@ from rnc_pin.control import InverseDynamicsQP, VelocityQP, limits, tasks
 from rnc_pin.control.whole_body.limits.control_limit import PlannedBraking
 from rnc_pin.control.whole_body.limits.joint_limits import limited_positions, velocity_to_stop
 from rnc_pin.planning import Hold
-from systems import floating_robot, in_joints, mecanum, mobile_manipulator, space_robot_in_joints, tiago
+from systems import floating_robot, in_joints, mecanum, space_robot_in_joints, tiago
 
 RANGE = 1e-6  # of a limit's range
 DT = 0.01
@@ -173,13 +173,13 @@ def test_limits_that_exclude_each_other_give_way_in_order():
 def test_opposite_soft_limits_share_the_excess_evenly():
     reduced = manipulator_in_joints()
     q0 = reduced.robot.configuration({"root_joint": [1.0, 0.0, 0.0], "joint_1": 0.4, "joint_2": 1.2})
-    left = limits.RegionLimit("base", half_spaces=[(1.0, 0.0, 0.0, 0.8)], gain=1.0, priority=0)
-    right = limits.RegionLimit("base", half_spaces=[(-1.0, 0.0, 0.0, -1.4)], gain=1.0, priority=0)
+    left = limits.RegionLimit("base", box={"x": (-np.inf, 0.8)}, gain=1.0, priority=0)
+    right = limits.RegionLimit("base", box={"x": (1.4, np.inf)}, gain=1.0, priority=0)
     program = VelocityQP(reduced, [tasks.DampingTask()], [left, right], dt=DT)
     found = program.report(drive(reduced, program, q0, 2 * DT, DT).states[0]).exceeded
     # 0.2 inside one wants -0.2 m/s, 0.4 inside the other 0.4 m/s: 0.1 m/s exceeds both by 0.3.
     np.testing.assert_allclose(list(found.values()), [0.3, 0.3], rtol=1e-5)
-    above = limits.RegionLimit("base", half_spaces=[(-1.0, 0.0, 0.0, -1.4)], gain=1.0, priority=1)
+    above = limits.RegionLimit("base", box={"x": (1.4, np.inf)}, gain=1.0, priority=1)
     strong = VelocityQP(reduced, [tasks.DampingTask()], [left, above], dt=DT)
     found = strong.report(drive(reduced, strong, q0, 2 * DT, DT).states[0]).exceeded
     np.testing.assert_allclose(list(found.values()), [0.6], rtol=1e-5)
@@ -216,7 +216,6 @@ def test_hard_limits_that_a_drift_violates_are_reported_and_raise_nothing():
     ({"box": {"x": (-0.5, 0.6), "y": (-0.4, 0.5)}}, [0.6, 0.5]),
     ({"polygon": [(-1.0, -1.0), (1.0, -1.0), (0.0, 1.0)]}, None),
     ({"polygon": [(0.0, 1.0), (1.0, -1.0), (-1.0, -1.0)]}, None),
-    ({"half_spaces": [(3.0, 4.0, 0.0, 2.5)]}, None),
 ])  # fmt: skip
 def test_a_frame_stays_in_its_region(region, corner):
     """The tip is drawn to a point outside; it ends at the nearest point of the region."""
@@ -228,10 +227,7 @@ def test_a_frame_stays_in_its_region(region, corner):
     run = drive(reduced, program, q0, 5.0, DT)
     frame = reduced.robot.frame_id("tip")
     path = np.array([reduced.at(q).position.placement(frame).translation[:2] for q in run.q])
-    if "half_spaces" in region:
-        sides, offsets = np.array([[0.6, 0.8]]), np.array([0.5])
-        nearest = goal - (goal @ sides[0] - 0.5) * sides[0]
-    elif corner is not None:
+    if corner is not None:
         sides, offsets = np.array([[1, 0], [-1, 0], [0, 1], [0, -1.0]]), np.array([0.6, 0.5, 0.5, 0.4])
         nearest = np.array(corner)
     else:
@@ -263,46 +259,24 @@ def test_a_joint_has_ends_where_both_are_numbers_below_ten_billion_and_in_order(
         limited_positions(rnc.Robot(model), ["j0", "j5"])
 
 
-def test_wheels_turn_no_faster_than_their_speed():
-    """TIAGo: two wheels drive a base that wants to turn and to advance; a Mecanum base has four."""
-    for system, goal in ((tiago, [3.0, 3.0, 2.0]), (mecanum, [3.0, 1.0, 1.0])):
-        reduced = system()
-        rolling = [place.block for place in reduced.all_constraints.places if hasattr(place.block, "wheel")]
-        frame = next(f.name for f in reduced.robot.model.frames if f.parentJoint == 1)
-        goals = [tasks.BasePoseTask(frame, Hold(goal), gain=2.0), tasks.DampingTask(weight=1e-4)]
-        program = VelocityQP(reduced, goals, [limits.WheelSpeedLimit(0.4)], dt=DT)
-        run = drive(reduced, program, reduced.robot.configuration(), 1.0, DT)
-        spins = []
-        for wheel in rolling:
-            joint = reduced.robot.model.frames[wheel.frame].parentJoint
-            spins.append(wheel.radius * run.v[:, reduced.robot.model.joints[joint].idx_v])
-        fastest = np.abs(spins).max(axis=1)
-        assert (fastest <= 0.4 * (1 + 1e-3)).all()
-        assert fastest.max() > 0.399
-
-
 @pytest.mark.parametrize("program", [VelocityQP, InverseDynamicsQP])
-def test_norms_of_a_base_stay_within_their_circles(program):
-    """A Mecanum base turns on its way: velocities come from Pinocchio, accelerations from their differences."""
-    reduced, dt, fastest, strongest = mecanum(), 0.02, 0.4, 0.8
+def test_the_speed_of_a_base_stays_within_its_circle(program):
+    """A Mecanum base turns on its way; velocities come from Pinocchio."""
+    reduced, dt, fastest = mecanum(), 0.02, 0.4
     robot = reduced.robot
     frame = next(f.name for f in robot.model.frames if f.parentJoint == 1)
-    bounded = [limits.BaseSpeedLimit(frame, fastest), limits.BaseAccelerationLimit(frame, strongest, priority=0)]
     run_of = drive if program is VelocityQP else rnc.simulate
     goals = tasks.BasePoseTask(frame, Hold([1.0, 0.7, 1.5]), gain=2.0)
-    alone = {} if program is VelocityQP else {"braking_time": None}  # the rows hold the limits, and no braking motion
-    run = run_of(reduced, program(reduced, [goals], bounded, dt=dt, **alone), robot.configuration(), 2.5, dt)
+    alone = {} if program is VelocityQP else {"braking_time": None}  # the rows hold the limit, and no braking motion
+    controller = program(reduced, [goals], [limits.BaseSpeedLimit(frame, fastest)], dt=dt, **alone)
+    run = run_of(reduced, controller, robot.configuration(), 2.5, dt)
     data, identity, world = robot.model.createData(), robot.frame_id(frame), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    velocities = []
+    speeds = []
     for q, v in zip(run.q, run.v, strict=True):
         pin.forwardKinematics(robot.model, data, q, v)
         pin.updateFramePlacements(robot.model, data)
-        velocities.append(pin.getFrameVelocity(robot.model, data, identity, world).linear[:2].copy())
-    speeds = np.linalg.norm(velocities, axis=1)
-    rates = np.linalg.norm(np.diff(velocities, axis=0), axis=1) / dt
-    inside = 0.998 * np.cos(np.pi / 16)
-    assert inside * fastest < speeds.max() <= fastest * (1 + RANGE)
-    assert inside * strongest < rates.max() <= strongest * (1 + RANGE)
+        speeds.append(np.linalg.norm(pin.getFrameVelocity(robot.model, data, identity, world).linear[:2]))
+    assert 0.998 * np.cos(np.pi / 16) * fastest < max(speeds) <= fastest * (1 + RANGE)
 
 
 def test_accelerations_of_joints_have_limits_by_name():
@@ -337,19 +311,13 @@ def test_bad_limits_are_refused():
         (lambda: limits.AccelerationLimit({"arm_1_joint": 1.0}, joints=["arm_2_joint"]), "no 'joints'"),
         (lambda: limits.AccelerationLimit({"arm_1_joint": -1.0}), "positive number or 1"),
         (lambda: limits.BaseSpeedLimit("base_link", 0.0), "limit of BaseSpeedLimit"),
-        (lambda: limits.BaseAccelerationLimit("base_link", -1.0), "limit of BaseAccelerationLimit"),
-        (lambda: limits.WheelSpeedLimit(1.0, wheels=["wheel_left"]), "did you mean 'wheel_left_link'"),
-        (lambda: limits.WheelSpeedLimit(-1.0), "has to be above 0"),
-        (lambda: limits.RegionLimit("base_link"), "give a box, a polygon or half-spaces"),
+        (lambda: limits.RegionLimit("base_link"), "give a box or a polygon"),
         (lambda: limits.RegionLimit("base_link", box={"x": (1.0, 0.0)}), "x from 1.0 to 0.0 is empty"),
         (lambda: limits.RegionLimit("base_link", polygon=[(0, 0), (1, 0), (1, 1), (0.9, 0.1)]), "convex polygon"),
         (lambda: limits.RegionLimit("base_link", polygon=[(0, 0, 0), (1, 0, 0), (0, 1, 0)]), "convex polygon"),
-        (lambda: limits.RegionLimit("base_link", half_spaces=[(0, 0, 0, 1)]), "with a normal"),
     ]:  # fmt: skip
         with pytest.raises(rnc.ConfigurationError, match=words):
             bound(limit())
-    with pytest.raises(rnc.ConfigurationError, match="the system has none"):
-        VelocityQP(mobile_manipulator(), [], [limits.WheelSpeedLimit(1.0)])
 
 
 def test_braking_plans_half_of_the_efforts_less_the_load():

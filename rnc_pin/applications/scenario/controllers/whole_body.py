@@ -29,22 +29,18 @@ from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.control.whole_body import InverseDynamicsQP, VelocityQP
 from rnc_pin.control.whole_body.limits import (
     AccelerationLimit,
-    BaseAccelerationLimit,
     BaseSpeedLimit,
     CollisionAvoidance,
     ControlLimit,
     JointPositionLimit,
     JointVelocityLimit,
     RegionLimit,
-    WheelSpeedLimit,
 )
 from rnc_pin.control.whole_body.tasks import (
     BasePoseTask,
     CenterOfMassTask,
     ControlTask,
     DampingTask,
-    LookAtTask,
-    ManipulabilityTask,
     OutputTask,
     PostureTask,
     SingularityTask,
@@ -52,7 +48,6 @@ from rnc_pin.control.whole_body.tasks import (
 from rnc_pin.errors import RncError
 from rnc_pin.io import Strict
 
-_SOLVER = part(VelocityQP, "solver")
 _VELOCITIES, _INPUTS = part(VelocityQP, "damping"), part(InverseDynamicsQP, "velocity_gain", "friction", "braking_time")
 _entry = partial(Entry, forms={"output": OutputItem, "reference": ReferenceItem})
 _following = partial(_entry, defaults={"reference": HOLD}, incomplete=True)
@@ -65,9 +60,7 @@ TaskItem = Annotated[
         posture=_entry(PostureTask),
         base_pose=_following(BasePoseTask),
         center_of_mass=_following(CenterOfMassTask),
-        look_at=_entry(LookAtTask),
         damping=_entry(DampingTask),
-        manipulability=_entry(ManipulabilityTask),
         singularity=_entry(SingularityTask),
     ),
 ]
@@ -96,10 +89,6 @@ class LimitSettings(Strict):
     """Accelerations of the reduced velocities or of joints."""
     base_speed: Annotated[BaseSpeedLimit, Entry(BaseSpeedLimit)] | None = None
     """Norm of the horizontal velocity of a base."""
-    base_acceleration: Annotated[BaseAccelerationLimit, Entry(BaseAccelerationLimit)] | None = None
-    """Norm of the horizontal acceleration of a base."""
-    wheel_speed: Annotated[WheelSpeedLimit, Entry(WheelSpeedLimit)] | None = None
-    """Speed of rolling wheels."""
     regions: list[Annotated[RegionLimit, Entry(RegionLimit)]] = []
     """Convex regions in which frames stay."""
     collision: CollisionSettings | None = None
@@ -118,7 +107,7 @@ class LimitSettings(Strict):
         return found
 
 
-class WholeBodySettings(ControllerSettings, _SOLVER.model):  # type: ignore[name-defined, misc]
+class WholeBodySettings(ControllerSettings):
     """Tasks and limits of whole-body control."""
 
     follows: ClassVar[frozenset[str]] = frozenset()
@@ -149,7 +138,7 @@ class VelocityProgramSettings(WholeBodySettings, VelocityTrackerSettings, _VELOC
     def _build(self, context: ControllerContext) -> BuiltController:
         tasks, limits = self._tasks(context), self.limits.build(context)
         with RncError.at("controller.limits"):
-            program = _VELOCITIES.build(self, reduced=context.reduced, tasks=tasks, limits=limits, solver=self.solver)
+            program = _VELOCITIES.build(self, reduced=context.reduced, tasks=tasks, limits=limits)
         goals = TaskGoals(self.tasks, tasks, context.reduced)
         return self.track(context, program, horizon=context.simulation.duration, goals=goals)
 
@@ -164,9 +153,7 @@ class InverseDynamicsSettings(WholeBodySettings, _INPUTS.model):  # type: ignore
         reduced, simulation = context.reduced, context.simulation
         tasks, limits = self._tasks(context), self.limits.build(context)
         with RncError.at("controller.limits"):
-            program = _INPUTS.build(
-                self, reduced=reduced, tasks=tasks, limits=limits, dt=simulation.dt, solver=self.solver
-            )
+            program = _INPUTS.build(self, reduced=reduced, tasks=tasks, limits=limits, dt=simulation.dt)
         v2 = np.zeros(reduced.r) if context.v2_0 is None else context.v2_0
         problem = program.braking_problem(0.0, context.q0, v2)
         unsafe = () if problem is None else (f"no braking motion from the start keeps all limits: {problem}",)
@@ -174,7 +161,7 @@ class InverseDynamicsSettings(WholeBodySettings, _INPUTS.model):  # type: ignore
         doubts: tuple[str, ...] = ()
         goals = TaskGoals(self.tasks, tasks, reduced)
         if reduced.p >= reduced.r:  # with fewer actuators, the motion is not free to choose
-            kinematic = VelocityQP(reduced, tasks, limits, solver=self.solver)
+            kinematic = VelocityQP(reduced, tasks, limits)
             _, found, doubts = check_motion(
                 context, kinematic, horizon=simulation.duration, goals=goals, stands_in=True
             )

@@ -1,11 +1,9 @@
 """Exports of ``rnc_pin.control.whole_body.limits``, which ``__init__.py`` imports at their first use."""
 
-from .control_limit import BaseAccelerationLimit as BaseAccelerationLimit
 from .control_limit import BaseSpeedLimit as BaseSpeedLimit
 from .control_limit import BoundLimit as BoundLimit
 from .control_limit import ControlLimit as ControlLimit
 from .control_limit import LimitRows as LimitRows
-from .control_limit import WheelSpeedLimit as WheelSpeedLimit
 from .distance_limits import CollisionAvoidance as CollisionAvoidance
 from .distance_limits import RegionLimit as RegionLimit
 from .joint_limits import AccelerationLimit as AccelerationLimit

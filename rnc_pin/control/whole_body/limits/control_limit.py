@@ -1,9 +1,8 @@
-"""Sample of a whole-body controller, base class of its limits ``lower <= J v <= upper``, and limits of a base."""
+"""Sample of a whole-body controller, base of its limits ``lower <= J v <= upper``, and the speed limit of a base."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
 
@@ -12,8 +11,6 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float, Int
-from rnc_pin.constraints.ground_plane import RollingRows
-from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model.parameter_types import Positive, check_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -208,107 +205,18 @@ class BaseSpeedLimit(ControlLimit):
     priority: int = field(default=0, kw_only=True)
 
     def bind(self, reduced: ReducedModel) -> BoundLimit:
-        return _BoundNorm(self.frame, self.limit, reduced, of_change=False)
+        return _BoundSpeed(self, reduced)
 
 
-@dataclass(frozen=True)
-class BaseAccelerationLimit(ControlLimit):
-    """Limit of the acceleration of a frame over the ground: the norm of its horizontal part. A soft limit.
-
-    The acceleration is the change of the velocity in world axes between two samples, so it includes that of a turn.
-    The program keeps a polygon of 16 sides inside the circle.
-
-    Args:
-        frame: name of the frame, such as that of a base.
-        limit: largest acceleration of its origin [m/s^2].
-        priority: order in which soft limits give way; the largest number first.
-
-    Example:
-        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
-        >>> limit = rnc.control.limits.BaseAccelerationLimit("base", 2.0)
-        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
-        >>> limit.bind(reduced).rows(sample).upper[:2].round(4)  # the limit times dt
-        array([0.0196, 0.0196])
-    """
-
-    frame: str
-    limit: Positive
-    priority: int = field(default=2, kw_only=True)
-
-    def bind(self, reduced: ReducedModel) -> BoundLimit:
-        return _BoundNorm(self.frame, self.limit, reduced, of_change=True)
-
-
-class _BoundNorm(BoundLimit):
-    """Norm of the horizontal velocity of a frame, or of its change in a sample over the duration."""
-
-    def __init__(self, frame: str, limit: float, reduced: ReducedModel, of_change: bool) -> None:
-        what = "acceleration" if of_change else "speed"
-        self._frame, self._limit, self._of_change = reduced.robot.frame_id(frame), limit, of_change
-        self.names = tuple(f"{frame} {what} at {360 * k / _SIDES:g} deg" for k in range(_SIDES))
+class _BoundSpeed(BoundLimit):
+    def __init__(self, limit: BaseSpeedLimit, reduced: ReducedModel) -> None:
+        self._frame, self._limit = reduced.robot.frame_id(limit.frame), limit.limit
+        self.names = tuple(f"{limit.frame} speed at {360 * k / _SIDES:g} deg" for k in range(_SIDES))
 
     def rows(self, sample: ControlSample) -> LimitRows:
         jacobian = _NORMALS @ sample.end.position.jacobian(self._frame)[:2]
-        upper = np.full(_SIDES, _INSIDE * self._limit)
-        if self._of_change:
-            at_start = sample.start.position.jacobian(self._frame)[:2] @ sample.start.v
-            upper = sample.dt * upper + _NORMALS @ at_start
-        return LimitRows(jacobian, np.full(_SIDES, -np.inf), upper)
+        return LimitRows(jacobian, np.full(_SIDES, -np.inf), np.full(_SIDES, _INSIDE * self._limit))
 
-    def exceeded_by(self, state: StateEvaluation, time: float, mean: Array | None = None) -> Array | None:
-        if self._of_change:
-            return None
+    def exceeded_by(self, state: StateEvaluation, time: float, mean: Array | None = None) -> Array:
         speed = float(np.linalg.norm(state.position.jacobian(self._frame)[:2] @ state.v))
         return np.full(_SIDES, speed - self._limit)
-
-
-@dataclass(frozen=True)
-class WheelSpeedLimit(ControlLimit):
-    """Limit of the speed of rolling wheels: radius times rate about the axle, whichever joint turns it.
-
-    Args:
-        limit: largest speed of the rim about the axle [m/s]; the speed over the ground of a wheel without rollers.
-        wheels: frames of the wheels, as in their ``RollingWheel`` constraints; by default all of them.
-        priority: order in which soft limits give way; the largest number first.
-
-    Example:
-        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
-        >>> wheels = [rnc.RollingWheel("left_wheel", 0.2), rnc.RollingWheel("right_wheel", 0.2)]
-        >>> reduced = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce()
-        >>> limit = rnc.control.limits.WheelSpeedLimit(1.0)
-        >>> bound = limit.bind(reduced)
-        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
-        >>> rows = bound.rows(sample)
-        >>> rows.jacobian[:, -2:].round(6), rows.upper  # radius times rate of each wheel, at most 1 m/s
-        (array([[0.2, 0. ],
-               [0. , 0.2]]), array([1., 1.]))
-    """
-
-    limit: Positive
-    wheels: Sequence[str] | None = None
-    priority: int = field(default=0, kw_only=True)
-
-    def bind(self, reduced: ReducedModel) -> BoundLimit:
-        return _BoundWheels(self, reduced)
-
-
-class _BoundWheels(BoundLimit):
-    def __init__(self, limit: WheelSpeedLimit, reduced: ReducedModel) -> None:
-        blocks = [place.block for place in reduced.all_constraints.places]
-        rolling = {block.wheel: block for block in blocks if isinstance(block, RollingRows)}
-        for name in limit.wheels or ():
-            if name not in rolling:
-                raise ConfigurationError(f"no RollingWheel constraint on frame '{name}'{nearest(name, rolling)}")
-        if not rolling:
-            raise ConfigurationError("a wheel speed limit needs RollingWheel constraints; the system has none")
-        self._wheels = [rolling[name] for name in (rolling if limit.wheels is None else limit.wheels)]
-        self.names = tuple(f"{each.wheel} speed" for each in self._wheels)
-        self._upper = np.full(len(self._wheels), float(limit.limit))
-
-    def rows(self, sample: ControlSample) -> LimitRows:
-        at = sample.end.position
-        jacobian = np.array(
-            [each.radius * (at.rotation(each.frame) @ each.axle) @ at.jacobian(each.frame)[3:] for each in self._wheels]
-        )
-        return LimitRows(jacobian, -self._upper, self._upper)

@@ -9,7 +9,6 @@ import numpy as np
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, Obstacle, PairDistances, PairSelection
-from rnc_pin.collision.distance_bounds import MOST_CORNERS
 from rnc_pin.control.whole_body.limits.control_limit import (
     BoundLimit,
     ControlLimit,
@@ -26,7 +25,7 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 
 @dataclass(frozen=True)
 class RegionLimit(ControlLimit):
-    """Convex region of the world for a frame's origin: a box, a polygon in the x-y plane, half-spaces, or all of them.
+    """Convex region of the world for a frame's origin: a box, a polygon in the x-y plane, or both.
 
     The origin approaches a boundary at most at ``gain`` times its distance. Outside, it returns at that rate.
 
@@ -34,7 +33,6 @@ class RegionLimit(ControlLimit):
         frame: name of the frame.
         box: lower and upper coordinate [m] of world axes, e.g. ``{"x": [0, 2], "z": [0.1, 1]}``.
         polygon: corners (x, y) [m] of a convex polygon, in order.
-        half_spaces: normal and offset (n_x, n_y, n_z, c) of half-spaces ``n . p <= c`` [m].
         gain: rate of approach [1/s]; below 1 over the sampling interval.
         priority: order in which soft limits give way; the largest number first.
 
@@ -51,7 +49,6 @@ class RegionLimit(ControlLimit):
     frame: str
     box: Mapping[str, tuple[float, float]] | None = None
     polygon: Sequence[tuple[float, float]] | None = None
-    half_spaces: Sequence[tuple[float, float, float, float]] | None = None
     gain: Positive = 5.0
     priority: int = field(default=1, kw_only=True)
 
@@ -61,9 +58,9 @@ class RegionLimit(ControlLimit):
 
 class _BoundRegion(BoundLimit):
     def __init__(self, limit: RegionLimit, reduced: ReducedModel) -> None:
-        sides = [*_box_sides(limit), *_polygon_sides(limit), *_half_space_sides(limit)]
+        sides = [*_box_sides(limit), *_polygon_sides(limit)]
         if not sides:
-            raise ConfigurationError(f"region of frame '{limit.frame}': give a box, a polygon or half-spaces")
+            raise ConfigurationError(f"region of frame '{limit.frame}': give a box or a polygon")
         self._frame, self._gain = reduced.robot.frame_id(limit.frame), limit.gain
         self.names = tuple(f"{limit.frame} {name}" for name, *_ in sides)
         self._normals, self._offsets = np.array([n for _, n, _ in sides]), np.array([c for *_, c in sides])
@@ -116,19 +113,6 @@ def _polygon_sides(limit: RegionLimit) -> list[_Side]:
     return [(f"side {k}", n, float(c)) for k, (n, c) in enumerate(zip(outward, offsets, strict=True))]
 
 
-def _half_space_sides(limit: RegionLimit) -> list[_Side]:
-    sides = []
-    for k, each in enumerate(limit.half_spaces or ()):
-        plane = np.asarray(each, dtype=float)
-        if plane.shape != (4,) or not np.linalg.norm(plane[:3]) > 0:
-            raise ConfigurationError(
-                f"region of frame '{limit.frame}': a half-space is (n_x, n_y, n_z, c) with a normal, found {each}"
-            )
-        length = float(np.linalg.norm(plane[:3]))
-        sides.append((f"half-space {k}", plane[:3] / length, float(plane[3]) / length))
-    return sides
-
-
 _SHARE = 0.5
 
 
@@ -149,8 +133,7 @@ class CollisionAvoidance(ControlLimit):
     Pairs of links that are nearer than twice the clearance at ``q0`` keep half of that distance instead, because
     neighbours in a wrist are near by design.
 
-    Between parallel faces the nearest points are not unique: a body that turns can lose clearance within a sample. With
-    ``corners``, such pairs have a row for each corner of the common region of both faces.
+    Between parallel faces the nearest points are not unique: a body that turns can lose clearance within a sample.
 
     Args:
         clearance: distance that remains [m].
@@ -160,8 +143,6 @@ class CollisionAvoidance(ControlLimit):
         obstacles: bodies in the world.
         selection: rules for pairs of links; by default all pairs that are not adjacent.
         q0: configuration (nq,) without collisions; by default the neutral one.
-        corners: True for rows at the corners of parallel faces and edges: a body that turns beside a wall then loses
-            no clearance.
         deceleration: deceleration a of an approach [m/s^2]; by default from the effort limits.
 
     Example:
@@ -182,7 +163,6 @@ class CollisionAvoidance(ControlLimit):
     obstacles: Sequence[Obstacle] = ()
     selection: PairSelection = field(default_factory=PairSelection)
     q0: Sequence[float] | np.ndarray | None = None
-    corners: bool = False
     deceleration: Positive | None = None
 
     def __post_init__(self) -> None:
@@ -208,11 +188,10 @@ class BoundCollisionAvoidance(BoundLimit):
         q0 = robot.configuration() if limit.q0 is None else np.asarray(limit.q0, dtype=float)
         self.distances = CollisionDistances(robot, limit.obstacles, limit.selection, q0)
         labels = [pair.label for pair in self.distances.pairs]
-        further = [f"{label} corner {k + 1}" for k in range(MOST_CORNERS if limit.corners else 0) for label in labels]
-        self.names = (*(f"{label} distance" for label in labels), *further)
+        self.names = tuple(f"{label} distance" for label in labels)
         self._influence, self._rate = limit.influence, limit.rate
         self._deceleration, self._braking = limit.deceleration, PlannedBraking(reduced)
-        self._corners, self.clearances = limit.corners, np.full(len(labels), limit.clearance)
+        self.clearances = np.full(len(labels), limit.clearance)
         links = len(robot.collision_model.geometryObjects) if robot.collision_model is not None else 0
         at_start = self.distances.at(q0, within=limit.clearance / _SHARE)
         for k, distance in zip(at_start.pairs.tolist(), at_start.distance.tolist(), strict=True):
@@ -222,16 +201,10 @@ class BoundCollisionAvoidance(BoundLimit):
         self._nearest = float(self.clearances.max(initial=0.0))
 
     def rows(self, sample: ControlSample) -> LimitRows:
-        near = self.distances.at(sample.end, sample.time, self._influence, corners=self._corners)
+        near = self.distances.at(sample.end, sample.time, self._influence)
         room = near.distance - self.clearances[near.pairs]
         lower = -approach_speed(room, self._rate, self._decelerations(near, sample)) - near.drift
-        places = near.pairs
-        if self._corners:
-            # Within the sample the gap of a corner is convex: this keeps the clearance at its end.
-            lower = np.maximum(lower, near.jacobian @ sample.end.v - 2.0 / sample.dt * room)
-            number = np.arange(len(places)) - np.searchsorted(places, places)  # of each row among those of its pair
-            places = places + number * len(self.clearances)
-        return LimitRows(near.jacobian, lower, np.full(len(lower), np.inf), places)
+        return LimitRows(near.jacobian, lower, np.full(len(lower), np.inf), near.pairs)
 
     def exceeded_by(self, state: StateEvaluation, time: float, mean: np.ndarray | None = None) -> np.ndarray:
         near, found = self.distances.at(state, time, self._nearest), np.zeros(len(self.names))

@@ -1,9 +1,9 @@
-"""Base of the tasks of whole-body control, rows ``J v = rate``, and tasks of outputs and frames."""
+"""Tasks of whole-body control, rows ``J v = rate``: outputs and bases, and what other tasks leave free."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,13 +14,12 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import check_size
 from rnc_pin.control.whole_body.limits.control_limit import ControlSample
-from rnc_pin.errors import ConfigurationError, SingularityError
+from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.coordinates import wrapped
-from rnc_pin.model.frame_rows import axis_index
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
-from rnc_pin.model.parameter_types import Axis, NotNegative
+from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import ConstantRows, OutputKind
@@ -270,67 +269,103 @@ class _BoundBase(BoundTask):
         return self._reference.at(time).position
 
 
-_NEAR = 1e-6  # [m]
-
-
 @dataclass(frozen=True)
-class LookAtTask(ControlTask):
-    """Frame whose own axis points at a point of the world, or at another frame.
-
-    With the axis a, the unit vector d to the point and the error ``e = a - d``, the task is ``e_dot = -gain e``. The
-    three rows have rank two: the rotation about the axis is free.
+class DampingTask(ControlTask):
+    """Velocities that stay small: of the reducing outputs, or of joints. The gain has no effect.
 
     Args:
-        frame: name of the frame, e.g. of a camera.
-        target: point in the world (x, y, z) [m], or the name of a frame.
-        axis: the frame's own axis.
-
-    Raises:
-        SingularityError: at a sample, the point is at the origin of the frame.
+        joints: names of joints; by default the reduced velocities v2.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
         >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
-        >>> task = rnc.control.tasks.LookAtTask("tip", target=[2.0, 3.0, 0.48], axis="x", gain=2.0)
+        >>> task = rnc.control.tasks.DampingTask(joints=["joint_1"], weight=0.1)
         >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
         >>> rows = task.bind(reduced).rows(sample)
-        >>> rows.rate.round(6) + 0.0  # -gain (a - d): the point is to the left of the tip
-        array([-2.,  2.,  0.])
+        >>> rows.rate.round(6) + 0.0
+        array([0.])
     """
 
-    frame: str
-    target: Sequence[float] | str
-    axis: Axis = "x"
+    joints: Sequence[str] | None = None
 
     def bind(self, reduced: ReducedModel) -> BoundTask:
-        return _BoundLook(self, reduced)
+        return _BoundDamping(self, reduced)
 
 
-class _BoundLook(BoundTask):
-    def __init__(self, task: LookAtTask, reduced: ReducedModel) -> None:
-        robot = reduced.robot
-        self._frame, self._axis = robot.frame_id(task.frame), axis_index(task.axis)
-        self._other = robot.frame_id(task.target) if isinstance(task.target, str) else None
-        self._point = np.zeros(3) if isinstance(task.target, str) else np.asarray(task.target, dtype=float)
-        if self._point.shape != (3,) or not np.isfinite(self._point).all():
-            raise ConfigurationError(f"frame '{task.frame}' looks at a frame or at (x, y, z), found {task.target}")
-        self.names = tuple(f"{task.frame} looks {axis}" for axis in "xyz")
-        self._gain = task.numbers("gain", task.gain, 3)
+class _BoundDamping(BoundTask):
+    constant = True
+
+    def __init__(self, task: DampingTask, reduced: ReducedModel) -> None:
+        self._jacobian: np.ndarray | None = None
+        names: Sequence[str] = reduced.reducing.names
+        if task.joints is not None:
+            indices = [k for name in task.joints for k in range(reduced.n)[reduced.robot.velocity_indices(name)]]
+            names, self._jacobian = [reduced.robot.velocity_names[k] for k in indices], np.eye(reduced.n)[indices]
+        self.names = tuple(f"{name} damping" for name in names)
+        self._rest = np.zeros(len(names))
 
     def rows(self, sample: ControlSample) -> TaskRows:
-        at = sample.end.position
-        here, J = at.placement(self._frame), at.jacobian(self._frame)
-        axis, point, other = here.rotation[:, self._axis].copy(), self._point, None
-        if self._other is not None:
-            point, other = at.placement(self._other).translation, at.jacobian(self._other)
-        ray = point - here.translation
-        length = float(np.sqrt(ray @ ray))
-        if length < _NEAR:
-            raise SingularityError(
-                "a frame cannot look at its own origin", q=sample.end.q.copy(), condition=np.inf, rows=self.names
-            )
-        direction = ray / length
-        rate = -self._gain * (axis - direction)
-        approach = -J[:3] if other is None else other[:3] - J[:3]
-        turn = (approach - np.outer(direction, direction @ approach)) / length
-        return TaskRows(-pin.skew(axis) @ J[3:] - turn, rate)
+        return TaskRows(sample.end.J2 if self._jacobian is None else self._jacobian, self._rest)
+
+
+@dataclass(frozen=True)
+class PostureTask(ControlTask):
+    """Joints that move towards given positions: ``v = gain (qd - q)``.
+
+    Args:
+        joints: joint name to position [rad or m]; other joints are free.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> task = rnc.control.tasks.PostureTask({"joint_1": 0.5, "joint_2": -0.2}, gain=2.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = task.bind(reduced).rows(sample)
+        >>> rows.rate.round(6) + 0.0
+        array([ 1. , -0.4])
+    """
+
+    joints: Mapping[str, float]
+
+    def bind(self, reduced: ReducedModel) -> BoundTask:
+        return _BoundPosture(self, reduced)
+
+
+class _BoundPosture(BoundTask):
+    constant = True
+
+    def __init__(self, task: PostureTask, reduced: ReducedModel) -> None:
+        robot = reduced.robot
+        if not task.joints:
+            raise ConfigurationError("a posture needs at least one joint with its position")
+        self._goal = robot.configuration(task.joints)
+        self._v = [k for name in task.joints for k in range(robot.nv)[robot.velocity_indices(name)]]
+        self.names = tuple(f"{robot.velocity_names[index]} posture" for index in self._v)
+        self._model, self._gain = robot.model, task.numbers("gain", task.gain, len(self._v))
+        self._jacobian = np.eye(reduced.n)[self._v]
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        error = pin.difference(self._model, sample.end.q, self._goal)[self._v]  # angles take the shortest way
+        return TaskRows(self._jacobian, self._gain * error)
+
+
+@dataclass(frozen=True)
+class SingularityTask(ControlTask):
+    """Motion away from singular configurations: ``v2 = gain dw/dx2``, ``w = log |det E|``.
+
+    E is the stack of constraint rows and reducing outputs. Give the task a lower priority than the others.
+    The gradient is exact.
+    """
+
+    def bind(self, reduced: ReducedModel) -> BoundTask:
+        return _BoundSingularity(self, reduced)
+
+
+class _BoundSingularity(BoundTask):
+    def __init__(self, task: SingularityTask, reduced: ReducedModel) -> None:
+        self.names = tuple(f"{name} regularity" for name in reduced.reducing.names)
+        self._gain = task.numbers("gain", task.gain, reduced.r)
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        rates = sample.along_reducing_outputs().E_dot
+        return TaskRows(sample.end.J2, self._gain * np.einsum("ij,sji->s", sample.end.E_inverse, rates))

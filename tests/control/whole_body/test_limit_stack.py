@@ -1,25 +1,21 @@
-"""Nearest points within bounds: conditions of optimality, whichever solver finds them."""
+"""Nearest points within bounds, and levels of tasks that are solved by them: conditions of optimality."""
 
 import numpy as np
 import pytest
 from scipy.linalg import null_space
 from scipy.optimize import LinearConstraint, minimize
 
-from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
-from rnc_pin.control.whole_body.limit_stack import ProgramBounds
+from rnc_pin.control.whole_body.limit_stack import ProgramBounds, nearest_point
 from rnc_pin.control.whole_body.task_hierarchy import SampledDamping, TaskLevel, column_norms, solve_cascade
 
 
-@pytest.mark.parametrize("by_name", [False, True])
-def test_nearest_points_satisfy_the_conditions_of_optimality(by_name):
-    """Rows with a bound above, below, at both sides and none; the solvers of ``qpsolvers`` know one side only."""
-    solver, generator, active = LeastDistanceSolver(), np.random.default_rng(2), np.zeros(2, dtype=int)
-    if by_name:
-        solver._by_name = True  # for qpsolvers, whose own daqp is installed wherever the package is
+def test_nearest_points_satisfy_the_conditions_of_optimality():
+    """Rows with a bound above, below, at both sides and none."""
+    generator, active = np.random.default_rng(2), np.zeros(2, dtype=int)
     for _ in range(4):
         goal, rows = 3.0 * generator.normal(size=4), generator.normal(size=(5, 4))
         lower, upper = np.array([-np.inf, -0.5, -0.6, -np.inf, -0.2]), np.array([0.3, np.inf, 0.4, np.inf, 0.1])
-        point, force = solver.solve(goal, rows, lower, upper)
+        point, force = nearest_point(goal, rows, lower, upper)
         values = rows @ point
         np.testing.assert_allclose(point - goal + rows.T @ force, 0.0, atol=1e-8)
         assert (values <= upper + 1e-8).all()
@@ -38,9 +34,7 @@ def test_lower_levels_leave_what_damped_levels_within_limits_determine():
         bounds = ProgramBounds(np.eye(10), np.full(10, -0.4), np.full(10, 0.4), np.arange(10), 10)
         levers = [column_norms(level.jacobian, np.ones(2, dtype=bool)) for level in levels[:2]]
         damping = SampledDamping(0.05, np.eye(10), np.zeros(10), [*levers, np.zeros(10)], [np.ones(2, dtype=bool)] * 3)
-        two, three = (
-            solve_cascade(levels[:count], bounds, 0.0, LeastDistanceSolver(), sampled=damping) for count in (2, 3)
-        )
+        two, three = (solve_cascade(levels[:count], bounds, 0.0, sampled=damping) for count in (2, 3))
         above, (J, rate) = np.vstack([levels[0].jacobian, levels[1].jacobian]), levels[2]
         np.testing.assert_allclose(above @ three.unknowns, above @ two.unknowns, atol=1e-7)
         free = null_space(above)
@@ -58,5 +52,5 @@ def test_lower_levels_leave_what_damped_levels_within_limits_determine():
 def test_what_a_task_leaves_free_costs_next_to_nothing():
     """``(x - 1)^2 + (y / 1000)^2`` within ``x <= y``: both are ``1 / (1 + 1e-6)``."""
     bounds = ProgramBounds(np.array([[1.0, -1.0]]), np.array([-np.inf]), np.array([0.0]), np.array([0]), 1)
-    found = solve_cascade([TaskLevel(np.array([[1.0, 0.0]]), np.ones(1))], bounds, 0.0, LeastDistanceSolver())
+    found = solve_cascade([TaskLevel(np.array([[1.0, 0.0]]), np.ones(1))], bounds, 0.0)
     np.testing.assert_allclose(found.unknowns, 1 / (1 + 1e-6), rtol=1e-8)
