@@ -25,7 +25,7 @@ from systems import mobile_manipulator, random_states, rolling_bodies, sprung_ar
 pytestmark = pytest.mark.skipif(
     _kernel.library is _kernel.NUMPY_ALONE, reason="NumPy evaluates: no library, or RNC_PIN_KERNEL=numpy"
 )
-BY_PYTHON = {"Pfaffian", "CenterOfMass", "ForceFunction", "ForceLaw"}
+BY_PYTHON = {"Pfaffian", "CenterOfMass", "ForceFunction"}
 """Kinds that the kernel does not know; rows of a user are in ``outputs_of_all_kinds``."""
 
 CONFIGURATION = ("M", "B", "E", "E_inverse", "R", "H", "J1", "A_star", "input_matrix", "b")
