@@ -4,7 +4,6 @@ from . import integrators as integrators
 from .actuation import Actuator as Actuator
 from .actuation import FrameForce as FrameForce
 from .actuation import FrameTorque as FrameTorque
-from .actuation import OutputForce as OutputForce
 from .configuration_evaluation import ConfigurationEvaluation as ConfigurationEvaluation
 from .configuration_evaluation import scaled_rows as scaled_rows
 from .coordinates import Coordinates as Coordinates

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.errors import ConstraintError, ModelError, SingularityError
+from rnc_pin.errors import ConstraintError, ModelError
 from rnc_pin.model.frame_rows import axis_index
-from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics, VelocityKinematics, over_states
+from rnc_pin.model.kinematics import OWN_AXES, PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.parameter_types import Axis, Positive
-from rnc_pin.model.rows import OutputKind, OutputRows, admit_rows
+from rnc_pin.model.rows import admit_rows
 from rnc_pin.robots.joint_values import NO_LIMIT
 from rnc_pin.robots.robot import Robot
-
-_MOVED = 1e-9  # effect of the base on an output [per rad or m] that rounding does not explain
 
 
 @dataclass(frozen=True)
@@ -64,31 +61,8 @@ class FrameTorque:
     limit: Positive = np.inf
 
 
-@dataclass(frozen=True)
-class OutputForce:
-    """Force between parts of the robot that is conjugate to an output: power = input times rate of the output.
-
-    On a ``Distance`` it is a linear drive, such as a hydraulic cylinder: a positive force [N] pushes the frames apart,
-    a negative one is the tension of a cable. On a ``RelativeAngularVelocity`` or ``RelativeAngle`` it is a torque
-    between two bodies [N m], whatever joints are between them.
-
-    Args:
-        output: an output with one row that the motion of the base does not change.
-        limit: largest magnitude [N or N m], used if a simulation enforces actuator limits.
-
-    Example:
-        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
-        >>> cylinder = rnc.OutputForce(rnc.Distance("platform_body", "tip"), limit=50.0)
-        >>> rnc.NonholonomicSystem(robot, [], [cylinder, "joint_2"]).actuation.names
-        ('force(distance_platform_body_tip)', 'joint_2')
-    """
-
-    output: OutputKind
-    limit: Positive = np.inf
-
-
 MatrixFunction = Callable[[np.ndarray], np.ndarray]
-Actuator = str | FrameForce | FrameTorque | OutputForce
+Actuator = str | FrameForce | FrameTorque
 Actuators = Sequence[Actuator] | np.ndarray | MatrixFunction
 
 
@@ -96,7 +70,7 @@ class Actuation:
     """Actuators of a robot as one actuation matrix B(q).
 
     Args:
-        actuators: a list of joint names, ``FrameForce``, ``FrameTorque`` and ``OutputForce``; or a constant matrix
+        actuators: a list of joint names, ``FrameForce`` and ``FrameTorque``; or a constant matrix
             (nv, p); or a function ``B(q) -> (nv, p)``.
         robot: the robot that the actuators drive.
 
@@ -105,8 +79,7 @@ class Actuation:
         units: unit "N" or "N m" of each input, (p,); empty if B is given as a matrix or a function.
         limits: largest magnitudes (p,) [N or N m]; joints have the URDF's effort limits.
         frames: for each force or torque on a frame: column of B, index of the frame, and row of its Jacobian.
-        outputs: for each force conjugate to an output: column of B, and the output.
-        configured: columns of B that are not the torque or force of one joint: those of ``frames`` and ``outputs``.
+        configured: columns of ``frames``, which are not the torque or force of one joint.
     """
 
     def __init__(self, actuators: Actuators, robot: Robot) -> None:
@@ -114,7 +87,6 @@ class Actuation:
         self.units: tuple[str, ...]
         self._function: MatrixFunction | None = None
         self.frames: list[tuple[int, int, int]] = []
-        self.outputs: list[tuple[int, OutputRows]] = []
         if callable(actuators) or isinstance(actuators, np.ndarray):
             self._read_matrix(actuators, robot)
         else:
@@ -122,7 +94,7 @@ class Actuation:
                 raise ConstraintError(f"actuators: expected a list, a matrix or a function B(q), found {actuators!r}")
             self._read_list(list(actuators), robot)
         self.size = len(self.names)
-        self.configured = frozenset(column for column, *_ in (*self.frames, *self.outputs))
+        self.configured = frozenset(column for column, *_ in self.frames)
 
     def _read_matrix(self, matrix: np.ndarray | MatrixFunction, robot: Robot) -> None:
         constant = matrix(robot.configuration()) if callable(matrix) else matrix
@@ -148,13 +120,6 @@ class Actuation:
                 self.limits[column] = actuator.limit
                 names.append(f"{word}({actuator.frame}.{actuator.axis})")
                 units.append("N m" if offset else "N")
-            elif isinstance(actuator, OutputForce):
-                rows = _force_rows(actuator, robot)
-                self.outputs.append((column, rows))
-                self.limits[column] = actuator.limit
-                turns = rows.units[0] == "rad/s"
-                names.append(f"{'torque' if turns else 'force'}({rows.names[0]})")
-                units.append("N m" if turns else "N")
             elif isinstance(actuator, str):
                 index = robot.velocity_indices(actuator)
                 if index.stop - index.start != 1:
@@ -170,8 +135,7 @@ class Actuation:
                 units.append("N" if slides else "N m")
             else:
                 raise ConstraintError(
-                    f"actuator {actuator!r} has the wrong type: expected a joint's name, FrameForce, FrameTorque or "
-                    "OutputForce"
+                    f"actuator {actuator!r} has the wrong type: expected a joint's name, FrameForce or FrameTorque"
                 )
         if len(set(names)) != len(names):
             duplicate = next(name for name in names if names.count(name) > 1)
@@ -180,7 +144,7 @@ class Actuation:
 
     @property
     def stated_limits(self) -> dict[str, float]:
-        """Limits by name of the forces on frames and on outputs [N or N m]; those of joints are in the robot's file."""
+        """Limits by name of the forces on frames [N or N m]; those of joints are in the robot's file."""
         return {
             name: float(limit)
             for column, (name, limit) in enumerate(zip(self.names, self.limits, strict=True))
@@ -194,8 +158,8 @@ class Actuation:
 
     @property
     def parts(self) -> tuple[np.ndarray, list[tuple[int, int, int]]] | None:
-        """Constant part of B (nv, p) and ``frames``; None if other parts are to be evaluated."""
-        return None if self._function is not None or self.outputs else (self._constant, self.frames)
+        """Constant part of B (nv, p) and ``frames``; None for a user's function."""
+        return None if self._function is not None else (self._constant, self.frames)
 
     def matrix(self, at: PositionKinematics) -> np.ndarray:
         """Actuation matrix B(q), (..., nv, p)."""
@@ -208,8 +172,6 @@ class Actuation:
         matrix = np.array(np.broadcast_to(self._constant, (*batch, *shape))) if batch else self._constant.copy()
         for column, frame, row in self.frames:
             matrix[..., column] = at.jacobian(frame, OWN_AXES, slice(row, row + 1))[..., 0, :]
-        for column, rows in self.outputs:
-            matrix[..., column] = rows.jacobian(at)[..., 0, :]
         return matrix
 
     def _called(self, q: np.ndarray) -> np.ndarray:
@@ -223,27 +185,4 @@ class Actuation:
         rate = np.zeros((*at.q.shape[:-1], *self._constant.shape))
         for column, frame, row in self.frames:
             rate[..., column] = at.jacobian_dot(frame, OWN_AXES)[..., row, :]
-        for column, rows in self.outputs:
-            rate[..., column] = rows.jacobian_dot(at)[..., 0, :]
         return rate
-
-
-def _force_rows(actuator: OutputForce, robot: Robot) -> OutputRows:
-    """Bind the output of a force.
-
-    Raises:
-        ConstraintError: it has several rows, or the motion of the base changes it.
-    """
-    rows = actuator.output.bind(robot)
-    if len(rows.names) != 1:
-        raise ConstraintError(f"force of {actuator.output!r}: expected an output with one row, found {len(rows.names)}")
-    if "root_joint" in robot.joint_names:
-        q = robot.random_configuration(np.random.default_rng(0))
-        with suppress(SingularityError):
-            base = rows.jacobian(Kinematics(robot).position(q))[:, robot.velocity_indices("root_joint")]
-            if np.abs(base).max() > _MOVED:
-                raise ConstraintError(
-                    f"force of {actuator.output!r}: the base moves this output, so the force has no reaction on the "
-                    "robot: use FrameForce or FrameTorque for forces from outside"
-                )
-    return rows

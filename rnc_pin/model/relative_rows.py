@@ -27,7 +27,7 @@ from rnc_pin.model.kinematics import (
     PositionKinematics,
     VelocityKinematics,
 )
-from rnc_pin.model.rows import ConstantRows, JointCoupler, OutputRows, Rows
+from rnc_pin.model.rows import ConstantRows, JointCoupler, Rows
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.description import Mimic
 
@@ -208,24 +208,6 @@ class RelativeRows(Rows):
         turn, origin = at.placement(self._carrier)
         points, directions = (apply(turn[..., None, :, :], each) for each in found)
         return points + origin[..., None, :], directions
-
-
-class RelativeOutputRows(RelativeRows, OutputRows):
-    """The same for outputs.
-
-    Args:
-        rows: rows for the motion in the world.
-        carrier: index of the carrier's frame.
-    """
-
-    _rows: OutputRows
-
-    def __init__(self, rows: OutputRows, carrier: int) -> None:
-        super().__init__(rows, carrier)
-        self.angular, self.quasi, self.rotation = rows.angular, rows.quasi, rows.rotation
-
-    def value(self, at: PositionKinematics) -> np.ndarray:
-        return self._rows.value(self._seen(at))
 
 
 # ------------------------------------------------------------------ couplings of joints

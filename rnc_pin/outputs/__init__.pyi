@@ -10,5 +10,3 @@ from .robot_outputs import CenterOfMass as CenterOfMass
 from .robot_outputs import Distance as Distance
 from .robot_outputs import JointPosition as JointPosition
 from .robot_outputs import Output as Output
-from .robot_outputs import RelativeAngle as RelativeAngle
-from .robot_outputs import RelativeAngularVelocity as RelativeAngularVelocity

@@ -129,7 +129,7 @@ def tilt_wrench(direction: Sequence[Entry]) -> list[Entry]:
     return [0.0, 0.0, 0.0, y / length, -x / length, 0.0]
 
 
-class DirectionAngleRow(DirectionRows, OutputRows):
+class _DirectionAngleRow(DirectionRows, OutputRows):
     """Output whose rate is the power of a wrench, a function of the direction of a frame's own axis.
 
     Args:
@@ -139,12 +139,12 @@ class DirectionAngleRow(DirectionRows, OutputRows):
         name: name of the output.
 
     Attributes:
-        in_kernel: the row and its value in the compiled kernel; None if Python evaluates them.
+        in_kernel: the row and its value in the compiled kernel.
     """
 
     units = ("rad/s",)
     angular: tuple[bool, ...] = (False,)
-    in_kernel: tuple[Form, Value] | None = None
+    in_kernel: tuple[Form, Value]
 
     def __init__(self, robot: Robot, frame: str, axis: str, name: str) -> None:
         self.names = (name,)
@@ -157,45 +157,9 @@ class DirectionAngleRow(DirectionRows, OutputRows):
     def _direction(self, at: PositionKinematics) -> np.ndarray:
         return at.rotation(self.frame)[..., self._axis]
 
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
-        if self.in_kernel is None:
-            return None
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         (form, value), numbers = self.in_kernel, self.directions[:, 0].tolist()
         return [KernelRow(form, (attached(model, self.frame),), (self._axis,), numbers, value=(value, 0))]
-
-
-class AngleRow(DirectionAngleRow):
-    """Angle of a direction about an axis of the world, or of the frame that stands for it.
-
-    Args:
-        robot: the robot that has the frame.
-        frame: name of the frame.
-        axis: the frame's own axis, "x", "y" or "z".
-        name: name of the output.
-        about: axis of the world, "x", "y" or "z".
-    """
-
-    angular = (True,)
-    undefined = "an angle about an axis is not defined for a direction along it"
-
-    def __init__(self, robot: Robot, frame: str, axis: str, name: str, about: str = "z") -> None:
-        super().__init__(robot, frame, axis, name)
-        last = axis_index(about)
-        self._order = [(last + 1) % 3, (last + 2) % 3, last]
-
-    def _ordered(self, direction: Sequence[Entry]) -> list[Entry]:
-        return [direction[k] for k in self._order]
-
-    def regularity(self, *directions: Sequence[Entry]) -> Entry:
-        return level(self._ordered(directions[0]))
-
-    def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
-        wrench = yaw_wrench(self._ordered(directions[0]))
-        return [[*wrench[:3], *(wrench[3 + self._order.index(k)] for k in range(3))]]
-
-    def value(self, at: PositionKinematics) -> np.ndarray:
-        x, y, _ = np.moveaxis(self._direction(at)[..., self._order], -1, 0)
-        return np.arctan2(y, x)[..., None]
 
 
 @dataclass(frozen=True)
@@ -225,9 +189,17 @@ class FrameYaw:
         return _YawRow(robot, self.frame, self.axis, name)
 
 
-class _YawRow(AngleRow):
+class _YawRow(_DirectionAngleRow):
+    angular = (True,)
     in_kernel = Form.YAW, Value.HEADING
     undefined = "a yaw is not defined for a vertical axis"
+
+    def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
+        return [yaw_wrench(directions[0])]
+
+    def value(self, at: PositionKinematics) -> np.ndarray:
+        x, y, _ = np.moveaxis(self._direction(at), -1, 0)
+        return np.arctan2(y, x)[..., None]
 
 
 @dataclass(frozen=True)
@@ -257,7 +229,7 @@ class FrameTilt:
         return _TiltRow(robot, self.frame, self.axis, f"{self.frame}_tilt_{self.axis}")
 
 
-class _TiltRow(DirectionAngleRow):
+class _TiltRow(_DirectionAngleRow):
     in_kernel = Form.TILT, Value.ELEVATION
     undefined = "the tilt of a vertical axis has no rate"
 

@@ -1,4 +1,4 @@
-"""Outputs of the whole robot: joints, the centre of mass, functions of a user, and one frame relative to another."""
+"""Outputs of the whole robot: joints, the centre of mass, distances, functions of a user."""
 
 from __future__ import annotations
 
@@ -12,14 +12,11 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError, ConstraintError, ModelError
 from rnc_pin.math.components import Entry, components, dot
 from rnc_pin.math.linear_algebra import apply, complex_step
-from rnc_pin.model.frame_rows import DirectionRows, OffsetFrame, PointRows, axis_index, evaluated, rate_of
-from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached, component_rows
+from rnc_pin.model.frame_rows import OffsetFrame, PointRows, axis_index, evaluated, rate_of
+from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
-from rnc_pin.model.parameter_types import Axis
-from rnc_pin.model.relative_rows import RelativeOutputRows
 from rnc_pin.model.rows import ConstantRows, OutputRows, admit_rows, check_defined
 from rnc_pin.model.user_functions import DerivedRate, Rate, check_rate
-from rnc_pin.outputs.frame_outputs import AngleRow
 from rnc_pin.robots.robot import Robot
 
 TOGETHER = 1e-9
@@ -109,86 +106,6 @@ def _bias(vector: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) ->
     parts = [components(vector)], [components(velocity)]
     force, rate = evaluated(distance_force, parts[0]), rate_of(distance_force, *parts)
     return np.asarray(apply(force, acceleration) + apply(rate, velocity))
-
-
-@dataclass(frozen=True)
-class RelativeAngle:
-    """Angle of a frame's own axis about an axis of another frame [rad], in (-pi, pi].
-
-    It is measured in the plane normal to ``about``: zero along the reference's next axis (x for "z", y for "x", z for
-    "y"), positive by the right-hand rule. For the world as reference and ``about="z"`` it is ``FrameYaw``.
-
-    Args:
-        frame: name of the frame.
-        reference: name of the other frame, or "universe" for the world.
-        axis: the frame's own axis, "x", "y" or "z".
-        about: the axis of the reference, "x", "y" or "z".
-
-    Example:
-        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
-        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
-        >>> reduced = system.reduce(vertical=[rnc.RelativeAngle("tip", "platform_body")])
-        >>> x1, _ = reduced.at(robot.configuration({"joint_1": 0.4, "joint_2": -1.0})).outputs()
-        >>> x1.round(3)
-        array([-0.6])
-    """
-
-    frame: str
-    reference: str
-    axis: Axis = "x"
-    about: Axis = "z"
-
-    def bind(self, robot: Robot) -> OutputRows:
-        reference = robot.frame_id(self.reference)
-        if reference == robot.frame_id(self.frame):
-            raise ConfigurationError(f"angle of frame '{self.frame}' relative to itself: name another reference")
-        name = f"{self.frame}_angle_{self.axis}_about_{self.reference}_{self.about}"
-        return RelativeOutputRows(AngleRow(robot, self.frame, self.axis, name, self.about), reference)
-
-
-@dataclass(frozen=True)
-class RelativeAngularVelocity:
-    """Angular velocity of a frame relative to another, about the first frame's own axis [rad/s].
-
-    It is a quasi-velocity, not the rate of a coordinate: in a trajectory, ``x2`` contains its integral over time. With
-    ``OutputForce`` it is the torque of a motor between two bodies, whatever joints are between them.
-
-    Args:
-        frame: name of the frame.
-        reference: name of the other frame, or "universe" for the world.
-        axis: the frame's own axis, "x", "y" or "z".
-
-    Example:
-        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
-        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
-        >>> reduced = system.reduce(vertical=[rnc.RelativeAngularVelocity("tip", "platform_body")])
-        >>> reduced.at(robot.configuration()).J1.round(3)  # the sum of the three joint velocities
-        array([[0., 1., 1., 1.]])
-    """
-
-    frame: str
-    reference: str
-    axis: Axis = "z"
-
-    def bind(self, robot: Robot) -> OutputRows:
-        return RelativeOutputRows(_AngularVelocityRow(self, robot), robot.frame_id(self.reference))
-
-
-class _AngularVelocityRow(DirectionRows, OutputRows):
-    quasi = True
-    units = ("rad/s",)
-    angular = (False,)
-
-    def __init__(self, kind: RelativeAngularVelocity, robot: Robot) -> None:
-        self.names = (f"{kind.frame}_angular_velocity_{kind.axis}_of_{kind.reference}",)
-        self.frame, self._axis = robot.frame_id(kind.frame), axis_index(kind.axis)
-        self.directions = np.eye(3)[:, [self._axis]]
-
-    def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
-        return [[0.0, 0.0, 0.0, *directions[0]]]
-
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        return component_rows(Form.OWN, attached(model, self.frame), [3 + self._axis])
 
 
 @dataclass(frozen=True)

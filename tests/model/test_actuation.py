@@ -10,7 +10,6 @@ from plain_kinematics import ROBOTS, Plain, near, states
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.frame_rows import OffsetFrame, PointRows, axis_index, triple
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics
-from systems import bicycle
 
 
 @pytest.mark.parametrize("moved", [True, False])
@@ -118,7 +117,7 @@ def test_actuators_that_are_none_are_refused():
         (["turn", "ball"], rnc.ModelError, "actuator 'ball' is a joint of several degrees of freedom: use FrameForce"),
         (["turn", "slide", "turn"], rnc.ConstraintError, "duplicate actuator 'turn'$"),
         (["turn", 3], rnc.ConstraintError,
-            "actuator 3 has the wrong type: expected a joint's name, FrameForce, FrameTorque or OutputForce$"),
+            "actuator 3 has the wrong type: expected a joint's name, FrameForce or FrameTorque$"),
     ):  # fmt: skip
         with pytest.raises(error, match=words):
             Actuation(wrong, robot)
@@ -154,77 +153,6 @@ def test_units_of_actuators_make_them_no_less_independent(unit):
     B = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.7, 0.8, -0.9]]) * [unit, 1.0, 1.0]
     T = sliders(B).allocate(np.zeros(3), B @ [1.0 / unit, 2.0, 3.0])
     np.testing.assert_allclose(T * [unit, 1.0, 1.0], [1.0, 2.0, 3.0], rtol=1e-12)
-
-
-# ---------------------------------------------------------------------- forces conjugate to outputs
-
-
-def between(robot, q, frame, other, push=0.0, torque=(0.0, 0.0, 0.0)):
-    """Generalized force (nv,) of a force that pushes two points apart, and of a torque of one body on another."""
-    model, data = robot.model, robot.model.createData()
-    pin.framesForwardKinematics(model, data, q)
-    places = [data.oMf[robot.frame_id(each)] for each in (frame, other)]
-    along = places[0].translation - places[1].translation
-    along /= np.linalg.norm(along)
-    total = np.zeros(robot.nv)
-    for sign, name, place in ((1.0, frame, places[0]), (-1.0, other, places[1])):
-        wrench = pin.Force(sign * push * (place.rotation.T @ along), sign * (place.rotation.T @ np.array(torque)))
-        total += (
-            pin.computeFrameJacobian(model, data, q, robot.frame_id(name), pin.ReferenceFrame.LOCAL).T @ wrench.vector
-        )
-    return total
-
-
-def test_a_force_on_a_distance_pushes_two_points_apart_and_a_torque_turns_two_bodies():
-    robot = bicycle().robot
-    push = rnc.OutputForce(rnc.Distance("front", "rear"), 5.0)
-    turn = rnc.OutputForce(rnc.RelativeAngularVelocity("front", "rear", "x"))
-    actuation = Actuation([push, turn, "steer"], robot)
-    assert actuation.names == ("force(distance_front_rear)", "torque(front_angular_velocity_x_of_rear)", "steer")
-    assert actuation.units == ("N", "N m", "N m")
-    assert actuation.limits[:2].tolist() == [5.0, np.inf]
-    assert actuation.constant is None
-    for seed in range(3):
-        q = robot.random_configuration(np.random.default_rng(seed))
-        B = actuation.matrix(Kinematics(robot).position(q))
-        axis = Kinematics(robot).position(q).rotation(robot.frame_id("front"))[:, 0]
-        near(B[:, 0], between(robot, q, "front", "rear", push=1.0))
-        near(B[:, 1], between(robot, q, "front", "rear", torque=axis))
-        near(B[:, 2], np.eye(robot.nv)[robot.velocity_indices("steer").start])
-        many = actuation.matrix(Kinematics(robot).position(np.stack([q, q])))
-        near(many, np.stack([B, B]))
-
-
-def test_a_torque_between_neighbours_is_that_of_their_joint():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    torque = rnc.OutputForce(rnc.RelativeAngle("link_2", "link_1"))
-    B = Actuation([torque, "joint_2"], robot).matrix(Kinematics(robot).position(robot.configuration({"joint_2": 0.3})))
-    near(B[:, 0], B[:, 1])
-
-
-def test_a_force_needs_one_output_that_the_base_does_not_move():
-    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
-    with pytest.raises(rnc.ConstraintError, match="expected an output with one row, found 2"):
-        Actuation([rnc.OutputForce(rnc.FramePosition("base", "xy"))], robot)
-    with pytest.raises(rnc.ConstraintError, match=r"the base moves this output.*use FrameForce or FrameTorque"):
-        Actuation([rnc.OutputForce(rnc.FrameYaw("base"))], robot)
-
-
-def test_a_cylinder_lifts_a_boom_with_the_force_of_its_lever():
-    """A boom of length 1 on a hinge, a cylinder from a point below the hinge to the middle of the boom."""
-    model = pin.Model()
-    joint = add_body(model, "boom", "RY", 10.0, com=(1.0, 0, 0), moments=0.1)
-    for name, parent, place in (("foot", 0, (0.0, 0.0, -0.5)), ("middle", joint, (0.5, 0.0, 0.0))):
-        add_frame(model, name, parent, place)
-    reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], [rnc.OutputForce(rnc.Distance("foot", "middle"))]).reduce()
-    # Level boom: the cylinder stands at 45 degrees, its lever is 0.5 / sqrt(2); it has to hold 98.1 N at 1 m.
-    needed = 10 * 9.81 * 1.0 / (0.5 / np.sqrt(2))
-    assert reduced.forward_dynamics([0.0], [0.0], [needed]) == pytest.approx(0.0, abs=1e-10)
-    # A free motion loses no energy but what the cylinder gives: force times change of length.
-    run = rnc.free_motion(reduced, [0.0], [0.0], 0.3, 0.05, np.array([needed + 50.0]))
-    energy = 0.5 * 10.1 * run.v2[:, 0] ** 2 - 10 * 9.81 * np.sin(run.q[:, 0])
-    length = np.linalg.norm([0.5 * np.cos(run.q[:, 0]), 0.5 - 0.5 * np.sin(run.q[:, 0])], axis=0)
-    np.testing.assert_allclose(np.diff(energy), (needed + 50.0) * np.diff(length), rtol=1e-7)
 
 
 def test_later_changes_of_given_actuators_change_no_system():

@@ -482,9 +482,3 @@ def test_the_joints_that_a_refusal_names_complete_the_outputs(make, given):
     joints = str(caught.value).rpartition("; ")[2].removesuffix(" would complete them").split(", ")
     assert system.reduce([*given, *map(rnc.JointPosition, joints)]).r == system.r
     assert "platform" not in joints  # no actuator drives it
-
-
-def test_no_joint_completes_outputs_that_depend_on_each_other():
-    angles = [rnc.JointPosition("joint_1"), rnc.RelativeAngle("link_1", "platform_body")]
-    with pytest.raises(rnc.ConstraintError, match=r"of the constraints$"):
-        space(constraints=[]).reduce(angles)

@@ -66,19 +66,6 @@ def two_wheeler(constraints=(), outputs=(), vertical=(), gravity=True):
     return system.reduce(outputs or None, vertical)
 
 
-def relative_outputs():
-    """Of the front wheel: its angular velocity relative to the frame, its distance to the rear one."""
-    spin = rnc.RelativeAngularVelocity("front", "frame", "z")
-    return two_wheeler([rnc.NoSideSlip("rear")], vertical=[spin, rnc.Distance("front", "rear")])
-
-
-def linear_drives():
-    """Forces that are conjugate to outputs."""
-    outputs = [rnc.Distance("front", "rear"), rnc.RelativeAngle("front", "rear", "x", "y")]
-    drives = [*map(rnc.OutputForce, outputs), rnc.OutputForce(rnc.RelativeAngularVelocity("front", "frame", "z"))]
-    return rnc.NonholonomicSystem(two_wheeler().robot, [rnc.NoSideSlip("rear")], [*drives, "steer"]).reduce()
-
-
 def momenta(value):
     """Arm on a base that is free or planar, whose momentum is given; no gravity."""
     robot = rnc.Robot((free_flying_panda() if np.size(value) == 6 else planar_arm()).robot.model)
@@ -102,8 +89,6 @@ def planar_arm():
 KINDS = {
     **{name: lambda rows=rows: two_wheeler(rows) for name, rows in CONSTRAINTS.items()},
     **{name: lambda rows=rows: two_wheeler([], rows) for name, rows in OUTPUTS.items()},
-    "relative outputs": relative_outputs,
-    "linear drives": linear_drives,
     "momentum of a free base": lambda: momenta((0.5, -0.2, 0.3, 0.1, 0.4, -0.6)),
     "no momentum of a free base": lambda: momenta(np.zeros(6)),
     "momentum of a planar base": lambda: momenta((0.5, -0.2, 0.3)),

@@ -115,11 +115,6 @@ OF_TWO_WHEELS = {
     "angular velocity in the world": rnc.FrameAngularVelocity("front", "z", axes="world"),
     "distance": rnc.Distance("rear", "front"),
 }
-PAIRS = [("front", "rear"), ("rear", "front"), ("front", "universe")]
-for pair in PAIRS:
-    for axis, about in (("x", "z"), ("y", "z"), ("z", "x"), ("x", "y"), ("y", "y")):
-        OF_TWO_WHEELS[f"angle of {axis} about {about}, {pair}"] = rnc.RelativeAngle(*pair, axis, about)
-    OF_TWO_WHEELS |= {f"angular velocity {axis}, {pair}": rnc.RelativeAngularVelocity(*pair, axis) for axis in "xyz"}
 OF_A_CAR = {
     "ackermann": rnc.AckermannSteering("left_steer", "right_steer", "bl"),
     "ackermann the other way": rnc.AckermannSteering("right_steer", "left_steer", "br"),

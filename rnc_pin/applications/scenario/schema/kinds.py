@@ -40,7 +40,6 @@ from rnc_pin.model import (
     ForceKind,
     FrameForce,
     FrameTorque,
-    OutputForce,
     OutputKind,
 )
 from rnc_pin.outputs import (
@@ -53,8 +52,6 @@ from rnc_pin.outputs import (
     FrameTilt,
     FrameYaw,
     JointPosition,
-    RelativeAngle,
-    RelativeAngularVelocity,
 )
 from rnc_pin.planning import Reference
 from rnc_pin.plants import UnilateralContact
@@ -75,8 +72,6 @@ OutputItem = Annotated[
         frame_speed=FrameSpeed,
         frame_angular_velocity=Entry(FrameAngularVelocity, required=("axis",)),
         frame_tilt=Entry(FrameTilt, required=("axis",)),
-        relative_angle=RelativeAngle,
-        relative_angular_velocity=RelativeAngularVelocity,
     ),
 ]
 
@@ -155,7 +150,7 @@ def with_ground(constraints: Sequence[ConstraintKind], ground: GroundPlane | Cur
 
 ActuatorItem = Annotated[
     Actuator,
-    one_of(True, force=FrameForce, torque=FrameTorque, output_force=Entry(OutputForce, forms={"output": OutputItem})),
+    one_of(True, force=FrameForce, torque=FrameTorque),
 ]
 
 

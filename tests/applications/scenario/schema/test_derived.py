@@ -14,7 +14,7 @@ import rnc_pin as rnc
 from rnc_pin import constraints, outputs
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, descriptions, one_of
-from rnc_pin.applications.scenario.schema.kinds import ActuatorItem, ConstraintItem
+from rnc_pin.applications.scenario.schema.kinds import ConstraintItem
 from rnc_pin.applications.scenario.schema.scenario import schema, validate
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.visualization.drawn_state import View
@@ -168,15 +168,6 @@ def test_a_class_is_read_by_its_constructor_and_built_once_the_rest_is_known():
     assert fields["gear"]["description"] == "Ratio; that of the catalogue by default."
     with pytest.raises(ValidationError, match="'spring' is not known"):
         reader.validate_python({"spring": SPRING})
-
-
-def test_a_field_may_have_another_form_in_files():
-    """The output of an actuator is written like any output."""
-    reader = TypeAdapter(ActuatorItem)
-    said = {"output_force": {"output": {"distance": {"frame_a": "boom", "frame_b": "foot"}}, "limit": 20}}
-    assert reader.validate_python(said) == rnc.OutputForce(rnc.Distance("boom", "foot"), 20.0)
-    with pytest.raises(ValidationError, match=r"output_force.*output"):
-        reader.validate_python({"output_force": {"output": "boom"}})
 
 
 def test_a_rolling_body_is_written_with_its_shape_and_ground():
