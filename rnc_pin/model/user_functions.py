@@ -1,13 +1,10 @@
 """Functions of the configuration that a user wrote: their rates, and a check of the rates that the user gave.
 
-The rate along v is a complex step where the function accepts complex numbers: exact to rounding, one evaluation (Squire
-and Trapp, SIAM Review 40(1), 1998). Otherwise it is a central difference of order eight on the configuration manifold,
-with an error estimate.
+The rate along v is a central difference of order eight on the configuration manifold, with an error estimate.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
 
@@ -23,7 +20,6 @@ Field = Callable[[np.ndarray], np.ndarray]
 Function = Callable[..., object]  # of q, or of q and t
 Rate = Callable[..., object]  # of q and v, or of q, v and t
 
-_IMAGINARY = 1e-30  # small enough for its square to vanish, far from the smallest float
 _STEPS = (0.3 * STEP, STEP, 0.1 * STEP)  # [rad or m]
 _DRAWS, _CHECKED = 8, 2  # random states drawn and used
 _WRONG = 1e-6  # relative error that rounding and differences do not explain
@@ -72,33 +68,6 @@ def vector_gradient_with_error(field: Field, x: np.ndarray) -> tuple[np.ndarray,
     return fine, float(np.abs(fine - coarse).max(initial=0.0))
 
 
-def configuration_rate(model: pin.Model, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Rate of the numbers of q (nq,) at the velocity v (nv,)."""
-    rate = np.zeros(model.nq)
-    if model.nq == model.nv:
-        rate += v
-        return rate
-    for joint in list(model.joints)[1:]:
-        size, own, moved = (joint.nq, joint.nv), joint.idx_q, v[joint.idx_v : joint.idx_v + joint.nv]
-        if joint.nq == joint.nv:
-            rate[own : own + joint.nq] = moved
-        elif size == (2, 1):  # cosine and sine
-            rate[own : own + 2] = moved[0] * np.array([-q[own + 1], q[own]])
-        elif joint.shortname() == "JointModelPlanar":
-            cosine, sine = q[own + 2 : own + 4]
-            rate[own : own + 2] = cosine * moved[0] - sine * moved[1], sine * moved[0] + cosine * moved[1]
-            rate[own + 2 : own + 4] = moved[2] * np.array([-sine, cosine])
-        elif joint.shortname() in ("JointModelFreeFlyer", "JointModelSpherical"):
-            quaternion = q[own + joint.nq - 4 : own + joint.nq]
-            rate[own : own + joint.nq - 4] = pin.Quaternion(quaternion).matrix() @ moved[:-3] if size == (7, 6) else ()
-            vector, scalar = quaternion[:3], quaternion[3]
-            rate[own + joint.nq - 4 : own + joint.nq - 1] = 0.5 * (scalar * moved[-3:] + np.cross(vector, moved[-3:]))
-            rate[own + joint.nq - 1] = -0.5 * vector @ moved[-3:]
-        else:  # joints that are composed of others
-            return np.asarray(directional_derivative(model, lambda each: each, q, v))
-    return rate
-
-
 class DerivedRate:
     """Rate of a user's function along v: ``rate(q, v)``, for a function without a rate of its own.
 
@@ -114,40 +83,19 @@ class DerivedRate:
 
     def __init__(self, robot: Robot, function: Function, label: str, timed: bool = False) -> None:
         self._model, self._function = robot.model, function
-        states = _random_states(robot, function, timed)
-        self.complex = bool(states)
-        """True for the complex step, False for differences."""
-        for q, v, t in states:
-            expected, doubt = _difference(robot.model, function, q, v, t)
-            scale = 1.0 + np.abs(expected).max(initial=0.0)
-            if doubt > _ROUGH * scale:
+        for q, v, t in _random_states(robot, function, timed):
+            found, doubt = _difference(robot.model, function, q, v, t)
+            if doubt > _ROUGH * (1.0 + np.abs(found).max(initial=0.0)):
                 raise ConstraintError(
                     f"{label} has no rate that differences can find: two step lengths differ by {doubt:.1e}; "
                     "pass its rate as well"
                 )
-            found = self._complex_step(q, v, t)
-            self.complex &= found is not None and bool(
-                (np.abs(found - expected) <= _WRONG * scale + _DOUBT * doubt).all()
-            )
 
     def __call__(self, q: np.ndarray, v: np.ndarray, *t: float) -> np.ndarray:
-        if not self.complex:
-            return _flow(self._model, self._values, q, v, t, _STEPS[0])
-        rate = configuration_rate(self._model, q, v)
-        later = (each + _IMAGINARY * 1j for each in t)
-        return np.asarray(self._function(q + _IMAGINARY * 1j * rate, *later)).imag / _IMAGINARY
+        return _flow(self._model, self._values, q, v, t, _STEPS[0])
 
     def _values(self, q: np.ndarray, *t: float) -> np.ndarray:
         return np.array(self._function(q, *t), dtype=float)  # the function may use its memory again
-
-    def _complex_step(self, q: np.ndarray, v: np.ndarray, t: tuple[float, ...]) -> np.ndarray | None:
-        """Rate by a complex step; None if the function refuses complex numbers."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # NumPy warns where an imaginary part is lost
-            try:
-                return self(q, v, *t)
-            except Exception:  # whatever a user's function raises for numbers that it does not expect
-                return None
 
 
 def check_rate(

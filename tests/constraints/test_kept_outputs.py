@@ -274,7 +274,7 @@ def test_a_wrong_rate_over_time_is_refused():
 
 @pytest.mark.parametrize("smooth", [True, False])
 def test_a_holonomic_row_of_the_user_may_move(smooth):
-    """The first joint follows sin(2 t), with a complex step or with differences."""
+    """The first joint follows sin(2 t)."""
     robot = rnc.Robot.from_urdf("space_robot.urdf")
     wave = (lambda t: np.sin(2 * t)) if smooth else (lambda t: np.sin(2 * float(t)))
     slope = (lambda t: 2 * np.cos(2 * t)) if smooth else (lambda t: 2 * np.cos(2 * float(t)))
