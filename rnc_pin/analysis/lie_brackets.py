@@ -23,7 +23,7 @@ import scipy
 from numpy.polynomial import chebyshev, legendre
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.model.configuration_manifold import PlacementChart
+from rnc_pin.model.coordinates import PlacementChart
 from rnc_pin.model.reduced_model import ReducedModel
 
 Bracket = Callable[[np.ndarray, np.ndarray], np.ndarray]

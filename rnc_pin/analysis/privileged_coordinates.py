@@ -27,7 +27,7 @@ from rnc_pin.analysis.growth import filtration
 from rnc_pin.analysis.lie_brackets import PIECES, BracketJets
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError
-from rnc_pin.model.configuration_manifold import PlacementChart
+from rnc_pin.model.coordinates import PlacementChart
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
 

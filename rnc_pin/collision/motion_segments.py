@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float, Int
 from rnc_pin.collision.shapes import Obstacle, ObstacleMotion
 from rnc_pin.errors import ModelError
-from rnc_pin.model.configuration_manifold import ConfigurationManifold
+from rnc_pin.model.coordinates import ConfigurationManifold
 
 _LONGEST = 0.05
 """Longest time [s] over which the motion of an obstacle is judged from its poses and velocities at both ends."""

@@ -27,7 +27,7 @@ from numpy import ndarray as Array
 from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.array_shapes import Float, Int
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.model.configuration_manifold import ConfigurationManifold
+from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.model.reduced_model import ReducedModel
 
 Form = Literal["kinematic", "acceleration", "dynamic"]

@@ -25,8 +25,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import InfeasibleError, SingularityError
-from rnc_pin.model.configuration_manifold import ConfigurationManifold
-from rnc_pin.model.coordinates import wrapped
+from rnc_pin.model.coordinates import ConfigurationManifold, wrapped
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.shortest_paths import Word, dubins_words, reeds_shepp_words
 from rnc_pin.robots.joint_values import NO_LIMIT

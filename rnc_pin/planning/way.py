@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Bool, Float, Int
-from rnc_pin.model.configuration_manifold import ConfigurationManifold
+from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.action_models import KinematicFlow
 from rnc_pin.planning.exact_steering import ExactMotion, base_axes

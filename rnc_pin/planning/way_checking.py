@@ -16,7 +16,7 @@ from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, continuous_distances
 from rnc_pin.collision.continuous_distances import default_tolerance, too_near
 from rnc_pin.errors import InfeasibleError, InputError
-from rnc_pin.model.configuration_manifold import ConfigurationManifold
+from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget

@@ -12,7 +12,7 @@ from annotated_types import Len
 
 from rnc_pin.collision import Obstacle
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.model.configuration_manifold import ConfigurationManifold
+from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import ConstraintKind, GroundSurface
 from rnc_pin.printing import printed

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from rnc_pin.model.configuration_manifold import PlacementChart
+from rnc_pin.model.coordinates import PlacementChart
 
 STEP = 1e-6
 

@@ -14,7 +14,7 @@ import rnc_pin.extras
 from benchmarks.planned_models import car, mobile_manipulator, tractor
 from bodies import add_body
 from places import ROOT
-from rnc_pin.model.configuration_manifold import ConfigurationManifold
+from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.planning import WaySettings, find_way
 from rnc_pin.planning.exact_steering import ExactMotion
 from rnc_pin.planning.steering_detection import planned_velocities
