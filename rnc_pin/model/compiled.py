@@ -8,22 +8,23 @@ other constraint rows have to be considered. Then ``NumPyEvaluator`` decides. It
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin import _kernel
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import SingularityError
-from rnc_pin.math.components import Component
 from rnc_pin.model.compiled_states import CompiledArraysAtQ, CompiledArraysAtV, concatenated, empty_records
 from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations, Evaluator, HasArraysAtQ, ReducedTerms, States
 from rnc_pin.model.input_validation import ArrayInput
 from rnc_pin.model.kinematics import VelocityKinematics
-from rnc_pin.model.numpy_evaluator import Dissipation, NumPyEvaluator, NumPyRuns, PlannedFeedback, RunRecords, RunStarts
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator, PlannedFeedback
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -32,6 +33,37 @@ _TOLERANCE = 1e-9  # largest relative difference of kernel and NumPy at the stat
 _TIME = 0.3  # of rows over time [s]
 _FORMS = ("kinematic", "acceleration", "dynamic")
 _ATTEMPTS = 8  # random states that may be singular
+
+
+class RunRecords(NamedTuple):
+    """Quantities of states (..., size) each; rows of runs that were not measured are undefined."""
+
+    kinematics: Array
+    inverse: Array
+    rates: Array
+    values: Array
+    """Values of the reducing outputs, then of the vertical ones."""
+
+
+class RunStarts(NamedTuple):
+    """States and inputs of B runs at the start of a step."""
+
+    q: Float[Array, "B nq"]
+    y: Float[Array, "B s"]
+    T: Float[Array, "B p"]
+    kinematics: Array | None = None
+    """Records of kinematics at q, if known."""
+
+
+class Dissipation(NamedTuple):
+    """Damping and dry friction of B runs."""
+
+    damping: Float[Array, " nv"] | None
+    """Viscous coefficients; None for zero."""
+    joints: Float[Array, " j"]
+    """Entries of v with dry friction."""
+    limits: Float[Array, "B k"]
+    """Limits of the friction of these joints, then of the inputs if they have friction."""
 
 
 class CompiledEvaluator(NumPyEvaluator):
@@ -112,23 +144,29 @@ class CompiledEvaluator(NumPyEvaluator):
         return found
 
     def terms(self, q: ArrayInput, v2: ArrayInput) -> ReducedTerms:
-        return self._fused_terms(q, v2, None) or super().terms(q, v2)
-
-    def output_slopes(self, q: Array, along: Sequence[int] | Array) -> Array:
-        kernel, batch, (n, m, r) = self.kernel, q.shape[:-1], (self.data.n, self.data.m, self.data.r)
-        if kernel.python_rows or self.data.affine:
-            return super().output_slopes(q, along)
-        types = kernel.kinematics, kernel.inverse, kernel.rates
-        P, F, D = (np.empty((*batch, each.itemsize // 8)) for each in types)
-        k = self.data.vertical.size
-        found = np.empty((*batch, len(along), k, r))
-        taken = self._calls.configure(q, P, F, None, False)
-        end = -n - k  # the rates of A_star come before the velocities of rows
-        for place, j in enumerate(along):
-            v = F[..., n * n + m + j :: n].copy()
-            taken = taken and self._calls.rates(q, P, F, v, None, None, None, D)
-            found[..., place, :, :] = D[..., end - k * r : end].reshape(*batch, k, r)
-        return found if taken else super().output_slopes(q, along)
+        numbers = self._calls.terms(q, v2) if self._steady else None
+        if numbers is None:
+            return super().terms(q, v2)
+        numbers.setflags(write=False)
+        record = np.ndarray(numbers.shape[:-1], self.kernel.terms, numbers)
+        m = self.data.m
+        terms = object.__new__(ReducedTerms)  # its own constructor takes as long as all matrices of a small system
+        vars(terms).update(
+            R=record["E_inverse"][..., m:],
+            R_dot=record["R_dot"],
+            H=record["H"],
+            V=record["V"],
+            G=record["G"],
+            input_matrix=record["input_matrix"],
+            A=record["E"][..., :m, :],
+            A_dot=record["E_dot"][..., :m, :],
+            A_star=record["A_star"],
+            A_star_dot=record["A_star_dot"],
+            v=record["v"],
+            b=record["b"],
+            b_dot=record["b_dot"],
+        )
+        return terms
 
     def state_derivative(
         self,
@@ -221,45 +259,6 @@ class CompiledEvaluator(NumPyEvaluator):
         record = np.ndarray(numbers.shape[:-1], kernel.derivatives, numbers)
         return {name: record[name] for name in kernel.derivatives.names or ()}
 
-    def fused_terms(self, q: Array, v2: Array | None, t: Component | None) -> ReducedTerms | None:
-        return None if v2 is None else self._fused_terms(q, v2, t)
-
-    def fused_v2_dot(self, q: Array, v2: Array | None, T: ArrayInput, t: Component | None) -> Array | None:
-        return None if v2 is None else self._called(self._calls.forward_dynamics, (q, v2, T), t)
-
-    def _fused_terms(self, q: object, v2: object, t: Component | None) -> ReducedTerms | None:
-        numbers = self._calls.terms(q, v2) if self._steady or self.kernel.set_time(t) else None
-        if numbers is None:
-            return None
-        numbers.setflags(write=False)
-        record = np.ndarray(numbers.shape[:-1], self.kernel.terms, numbers)
-        m = self.data.m
-        terms = object.__new__(ReducedTerms)  # its own constructor takes as long as all matrices of a small system
-        vars(terms).update(
-            R=record["E_inverse"][..., m:],
-            R_dot=record["R_dot"],
-            H=record["H"],
-            V=record["V"],
-            G=record["G"],
-            input_matrix=record["input_matrix"],
-            A=record["E"][..., :m, :],
-            A_dot=record["E_dot"][..., :m, :],
-            A_star=record["A_star"],
-            A_star_dot=record["A_star_dot"],
-            v=record["v"],
-            b=record["b"],
-            b_dot=record["b_dot"],
-        )
-        return terms
-
-    @property
-    def runs(self) -> NumPyRuns:
-        return super().runs if self.data.rheonomic else CompiledRuns(self, self.kernel)
-
-    @property
-    def chart(self) -> object:
-        return super().chart if self.data.rheonomic else self._calls
-
 
 def evaluator_for(data: ReductionData, known: NumPyEvaluator | None = None) -> NumPyEvaluator:
     """Evaluator of a reduction: compiled if the kernel agrees with NumPy at a random state.
@@ -323,44 +322,58 @@ def _relative(found: Array, expected: Array) -> float:
     return float(np.abs(found - expected).max(initial=0.0)) / scale
 
 
-class CompiledRuns(NumPyRuns):
-    """Kernel of a reduction, for runs side by side.
+class CompiledRuns:
+    """Kernel of a reduction, for runs side by side. All arrays are contiguous floats.
 
     Args:
-        evaluator: evaluator of the reduction in which the runs are measured; ``kernel``: its kernel.
+        evaluator: evaluator of the reduction in which the runs are measured.
+
+    Attributes:
+        chart: object that ``CompiledRuns`` of another reduction take for a chart in this one.
+        kinematics_size: numbers in a record of kinematics.
     """
 
-    def __init__(self, evaluator: Evaluator, kernel: ReductionKernel) -> None:
-        self._evaluator, self._kernel, self._calls = evaluator, kernel, kernel.calls
-        self.kinematics_size = kernel.measured_sizes[0]
+    def __init__(self, evaluator: CompiledEvaluator) -> None:
+        self._evaluator, self._kernel = evaluator, evaluator.kernel
+        self.chart = self._calls = evaluator.kernel.calls
+        self.kinematics_size = self._kernel.measured_sizes[0]
 
     def velocities(
         self, charts: tuple[object, ...], q: Array, y: Array, limit: float, kinematics: Array, v: Array, status: Array
     ) -> None:
+        """Full velocities of B runs in their charts, and kinematics of all; as ``admissible_velocity``.
+
+        Args:
+            charts: ``chart`` of each run.
+            q: configurations (B, nq).
+            y: states (B, s) that start with the velocities of the charts.
+            limit: sum of the squares of R from which a run is left out.
+            kinematics: result: records of kinematics (B, ``kinematics_size``).
+            v: result: full velocities (B, nv).
+            status: result (B,): 1 where v is valid, 0 where the run takes its own path.
+        """
         sizes = np.empty(len(q))
         self._calls.admissible_velocities(charts, q, y, kinematics, v, sizes)
         status[:] = sizes < limit
 
     def integrate(
-        self,
-        charts: tuple[object, ...],
-        q: Array,
-        y: Array,
-        T: Array,
-        h: float,
-        steps: int,
-        kinematics: Array | None,
+        self, charts: tuple[object, ...], start: RunStarts, h: float, steps: int, losses: Dissipation | None = None
     ) -> tuple[Array, Array, Array, Array]:
-        return self._integrated(charts, RunStarts(q, y, T, kinematics), (h, steps), None, np.empty_like(y))
+        """States (B, nq) and (B, s) after equal steps, status (B,), roughness (B,), which may be infinite with losses.
 
-    def dissipate(
-        self, charts: tuple[object, ...], start: RunStarts, h: float, steps: int, losses: Dissipation
-    ) -> tuple[Array, Array, Array, Array]:
+        Args:
+            charts: as for ``velocities``.
+            start: states and inputs at the start.
+            h: duration of each step [s].
+            steps: number of steps.
+            losses: damping and dry friction, as ``DissipativeStep.advance``; None for Runge-Kutta steps without them.
+        """
         return self._integrated(charts, start, (h, steps), losses, np.empty_like(start.y))
 
     def friction(
         self, charts: tuple[object, ...], start: RunStarts, h: float, losses: Dissipation
     ) -> tuple[Array, Array]:
+        """Generalized forces (B, nv) of dry friction during a step, and status (B,); arguments as of ``integrate``."""
         found = np.empty((len(charts), self._kernel.data.n))
         return self._integrated(charts, start, (h, 0), losses, found)[1:3]
 
@@ -378,14 +391,24 @@ class CompiledRuns(NumPyRuns):
         return found
 
     def measure(self, q: Array, v: Array, kinematics: Array, status: Array) -> RunRecords:
-        if not self._kernel.measures:
-            return super().measure(q, v, kinematics, status)
+        """Quantities of states (q, v) with records of kinematics.
+
+        Only runs with status 1 are measured; the status becomes 0 where the run takes its own path.
+        """
         found = _run_records(self._kernel, q.shape[:-1], kinematics)
         self._calls.measure(q, v, *found, status, True)
         return found
 
     def states(self, q: Array, v: Array, records: RunRecords) -> StateEvaluation:
+        """Evaluation at states (..., nq), (..., nv) from their records, which nobody may change afterwards."""
         return _measured_state(self._evaluator, self._kernel, q, v, records)
+
+
+def runs_of(evaluator: NumPyEvaluator) -> CompiledRuns | None:
+    """Calls of the kernel for many runs; None where each run has to take its own path."""
+    if not isinstance(evaluator, CompiledEvaluator) or evaluator.data.rheonomic:
+        return None
+    return CompiledRuns(evaluator)
 
 
 def _run_records(kernel: ReductionKernel, batch: tuple[int, ...], kinematics: Array | None = None) -> RunRecords:

@@ -109,7 +109,6 @@ class CompiledArraysAtQ(ArraysAtQ):
         output_values: values x1 and x2, if known.
     """
 
-    one_by_one = True
     M = _Entry("kinematics")
     E, E_inverse = _Entry("inverse"), _Entry("inverse")
     J1, A_star = _Entry("vertical"), _Entry("vertical")

@@ -114,7 +114,7 @@ class ConfigurationEvaluation(SummaryMixin):
     @property
     def compiled_kinematics(self) -> Array | None:
         """Kinematics at q, as the compiled kernel has filled them; None if it has filled none."""
-        return getattr(self.arrays_at_q, "kinematics", None) if self.arrays_at_q.one_by_one else None
+        return getattr(self.arrays_at_q, "kinematics", None)
 
     if not TYPE_CHECKING:
 

@@ -17,7 +17,6 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.math.components import Component
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.input_validation import ArrayInput
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.printing import printed
@@ -104,13 +103,7 @@ class States(Configurations, Protocol):
 
 
 class ArraysAtQ:
-    """Arrays that an evaluator has filled for q; none here. Subclasses have attributes by the names of quantities.
-
-    Attributes:
-        one_by_one: True if each state of a batch has the bits that it has alone.
-    """
-
-    one_by_one = False
+    """Arrays that an evaluator has filled for q; none here. Subclasses have attributes by the names of quantities."""
 
     def position_of(self, data: ReductionData, at: Configurations) -> PositionKinematics:
         """Kinematics at the configurations."""
@@ -121,7 +114,7 @@ class ArraysAtQ:
         return data.vertical.value(at.position), data.reducing.value(at.position)
 
     def allocated(self, at: Configurations, F: Array) -> Array | None:
-        """Actuator inputs (..., p) for reduced forces (..., r), each with the bits that it has alone; None without."""
+        """Actuator inputs (..., p) for reduced forces (..., r), None without."""
         return None
 
 
@@ -147,12 +140,6 @@ class Evaluator(Protocol):
 
     def fill_at_v(self, at: States, filled: ArraysAtQ) -> ArraysAtV:
         """Fill arrays for v, from those for q."""
-
-    def fused_terms(self, q: Array, v2: Array | None, t: Component | None) -> ReducedTerms | None:
-        """All matrices at states (q, v2) from one call; None if NumPy has to evaluate them."""
-
-    def fused_v2_dot(self, q: Array, v2: Array | None, T: ArrayInput, t: Component | None) -> Array | None:
-        """Reduced accelerations at states (q, v2) from one call; None if the formula applies."""
 
 
 class _Filled(cached_property[_Value]):
@@ -182,11 +169,6 @@ def filled_for_q(formula: Callable[..., _Value]) -> cached_property[_Value]:
 def filled_for_v(formula: Callable[..., _Value]) -> cached_property[_Value]:
     """Mark a quantity that depends on q and v."""
     return _Filled(formula, "arrays_at_v")
-
-
-def filled_by_terms(formula: Callable[..., _Value]) -> cached_property[_Value]:
-    """Mark a quantity that ``fused_terms`` returns."""
-    return _Filled(formula, "fused_terms")
 
 
 def solved_for_q(formula: _Method) -> _Method:

@@ -10,126 +10,12 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
-from rnc_pin.math.components import Component
 from rnc_pin.model.configuration_evaluation import NOTHING_AT_Q, ConfigurationEvaluation
 from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations, HasArraysAtQ, ReducedTerms, States
 from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator, admit_times, broadcast_states, vector
 from rnc_pin.model.reduced_kinematics import output_slopes
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.state_evaluation import StateEvaluation
-
-
-class RunRecords(NamedTuple):
-    """Quantities of states (..., size) each; rows of runs that were not measured are undefined."""
-
-    kinematics: Array
-    inverse: Array
-    rates: Array
-    values: Array
-    """Values of the reducing outputs, then of the vertical ones."""
-
-
-class RunStarts(NamedTuple):
-    """States and inputs of B runs at the start of a step."""
-
-    q: Float[Array, "B nq"]
-    y: Float[Array, "B s"]
-    T: Float[Array, "B p"]
-    kinematics: Array | None = None
-    """Records of kinematics at q, if known."""
-
-
-class Dissipation(NamedTuple):
-    """Damping and dry friction of B runs."""
-
-    damping: Float[Array, " nv"] | None
-    """Viscous coefficients; None for zero."""
-    joints: Float[Array, " j"]
-    """Entries of v with dry friction."""
-    limits: Float[Array, "B k"]
-    """Limits of the friction of these joints, then of the inputs if they have friction."""
-
-
-class NumPyRuns:
-    """Calls that leave every run to its own path: the status of each is 0. All arrays are contiguous floats.
-
-    Attributes:
-        kinematics_size: numbers in a record of kinematics.
-    """
-
-    kinematics_size = 0
-
-    def velocities(
-        self, charts: tuple[object, ...], q: Array, y: Array, limit: float, kinematics: Array, v: Array, status: Array
-    ) -> None:
-        """Full velocities of B runs in their charts, and kinematics of all; as ``admissible_velocity``.
-
-        Args:
-            charts: ``NumPyEvaluator.chart`` of each run.
-            q: configurations (B, nq).
-            y: states (B, s) that start with the velocities of the charts.
-            limit: sum of the squares of R from which a run is left out.
-            kinematics: result: records of kinematics (B, ``kinematics_size``).
-            v: result: full velocities (B, nv).
-            status: result (B,): 1 where v is valid, 0 where the run takes its own path.
-        """
-        status[:] = 0.0
-
-    def integrate(
-        self,
-        charts: tuple[object, ...],
-        q: Array,
-        y: Array,
-        T: Array,
-        h: float,
-        steps: int,
-        kinematics: Array | None,
-    ) -> tuple[Array, Array, Array, Array]:
-        """States (B, nq) and (B, s) after equal Runge-Kutta steps, status (B,), roughness (B,); each as ``integrate``.
-
-        Args:
-            charts: as for ``velocities``.
-            q, y, T: states (B, nq) and (B, s), and inputs (B, p).
-            h: duration of each step [s].
-            steps: number of steps.
-            kinematics: records of kinematics at q, if known.
-        """
-        return q, y, np.zeros(len(q)), np.zeros(len(q))
-
-    def dissipate(
-        self, charts: tuple[object, ...], start: RunStarts, h: float, steps: int, losses: Dissipation
-    ) -> tuple[Array, Array, Array, Array]:
-        """The same with damping and dry friction, as ``DissipativeStep.advance``; the roughness may be infinite.
-
-        Args:
-            charts: as for ``velocities``.
-            start: states and inputs at the start.
-            h: duration of each step [s].
-            steps: number of steps.
-            losses: damping and friction.
-        """
-        return *start[:2], np.zeros(len(charts)), np.zeros(len(charts))
-
-    def friction(
-        self, charts: tuple[object, ...], start: RunStarts, h: float, losses: Dissipation
-    ) -> tuple[Array, Array]:
-        """Generalized forces (B, nv) of dry friction during a step, and status (B,); arguments as of ``dissipate``."""
-        return np.empty((len(charts), 0)), np.zeros(len(charts))
-
-    def measure(self, q: Array, v: Array, kinematics: Array, status: Array) -> RunRecords:
-        """Quantities of states (q, v) with records of kinematics.
-
-        Only runs with status 1 are measured; the status becomes 0 where the run takes its own path.
-
-        Raises:
-            InputError: the evaluator cannot measure the model.
-        """
-        raise InputError("the compiled kernel cannot measure this model: measure one state at a time")
-
-    def states(self, q: Array, v: Array, records: RunRecords) -> StateEvaluation:
-        """Evaluation at states (..., nq), (..., nv) from their records, which nobody may change afterwards."""
-        raise InputError("the compiled kernel cannot measure this model: measure one state at a time")
-
 
 _NOTHING_AT_V = ArraysAtV()
 
@@ -229,16 +115,13 @@ class NumPyEvaluator:
         return self.state(q, v2).terms()
 
     def output_slopes(self, q: Array, along: Sequence[int] | Array) -> Array:
-        """Rates (..., s, k, r) of A_star in the motions of single reducing outputs, each with the bits of q alone.
+        """Rates (..., s, k, r) of A_star in the motions of single reducing outputs.
 
         Args:
             q: configurations (nq,) or (B, nq).
             along: indices of the outputs (s,).
         """
-        here = self.at(q)
-        if q.ndim > 1 and not here.arrays_at_q.one_by_one:
-            return np.stack([self.output_slopes(each, along) for each in q])
-        return np.ascontiguousarray(np.moveaxis(output_slopes(here, along), 0, -3))
+        return np.ascontiguousarray(np.moveaxis(output_slopes(self.at(q), along), 0, -3))
 
     def state_derivative(
         self,
@@ -267,13 +150,6 @@ class NumPyEvaluator:
         return state.v, float(np.square(state.R).sum())
 
     # ------------------------------------------------------------------ calls that only compiled evaluators have
-
-    def fused_terms(self, q: Array, v2: Array | None, t: Component | None) -> ReducedTerms | None:
-        """All matrices at states (q, v2) from one call; None if the formulas have to evaluate them."""
-        return None
-
-    def fused_v2_dot(self, q: Array, v2: Array | None, T: ArrayInput, t: Component | None) -> Array | None:
-        return None
 
     def state_derivatives(
         self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None = None
@@ -340,16 +216,6 @@ class NumPyEvaluator:
             T: actuator inputs (p,).
             damping: viscous coefficients (nv,); None for zero.
         """
-        return None
-
-    @property
-    def runs(self) -> NumPyRuns:
-        """Calls for many runs side by side, measured in this reduction."""
-        return NumPyRuns()
-
-    @property
-    def chart(self) -> object:
-        """Object that ``runs`` of another reduction need of a chart in this one; None if they cannot use it."""
         return None
 
 

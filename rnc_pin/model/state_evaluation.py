@@ -29,7 +29,6 @@ from rnc_pin.model.evaluator import (
     Evaluator,
     ReducedTerms,
     StateDerivative,
-    filled_by_terms,
     filled_for_v,
     solved_for_v,
 )
@@ -83,11 +82,6 @@ class StateEvaluation(ReducedKinematics):
     # ------------------------------------------------------------------ dynamics
 
     @cached_property
-    def fused_terms(self) -> ReducedTerms | None:
-        """All matrices from one call of the evaluator; None if the formulas apply."""
-        return self._evaluator.fused_terms(self.q, self._v2, self.t)
-
-    @cached_property
     def C(self) -> Float[Array, "*batch nv nv"]:
         """Coriolis matrix C* before reduction, with ``Hdot* = C* + C*^T``."""
         return self.rates.C
@@ -117,12 +111,12 @@ class StateEvaluation(ReducedKinematics):
         """Gravity forces g* before reduction, minus passive forces."""
         return self.bias - apply(self.C, self.v)
 
-    @filled_by_terms
+    @cached_property
     def V(self) -> Float[Array, "*batch r r"]:
         """Reduced Coriolis matrix, with ``Hdot = V + V^T``."""
         return self.R.mT @ (self.M @ self.R_dot + self.C @ self.R)
 
-    @filled_by_terms
+    @cached_property
     def G(self) -> Float[Array, "*batch r"]:
         """Reduced gravity forces; affine constraints add forces of the motion b: ``R^T (g* + H* b_dot + C* b)``."""
         g = self.g
@@ -152,11 +146,7 @@ class StateEvaluation(ReducedKinematics):
 
     def v2_dot(self, T: ArrayInput) -> Float[Array, "*batch r"]:
         """Accelerations of the reducing outputs under actuator inputs T (..., p)."""
-        found = self._evaluator.fused_v2_dot(self.q, self._v2, T, self.t)
-        if found is None:
-            T = vector(T, self._data.p, "T", self._data.actuation.names)
-            found = self.accelerated(self._force(T, None))
-        return found
+        return self.accelerated(self._total_force(T, None))
 
     def row_accelerations(self, rows: Array) -> tuple[Float[Array, "k p"], Float[Array, " k"]]:
         """Accelerations ``rows v2_dot`` (k, r) that unit inputs add, and those without inputs, at one state."""
@@ -286,7 +276,7 @@ class StateEvaluation(ReducedKinematics):
 
     def terms(self) -> ReducedTerms:
         """All matrices of the reduced system."""
-        return self.fused_terms or ReducedTerms(
+        return ReducedTerms(
             R=self.R,
             R_dot=self.R_dot,
             H=self.H,

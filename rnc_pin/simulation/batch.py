@@ -21,7 +21,9 @@ from rnc_pin.control.velocity_tracker import VelocityTracker
 from rnc_pin.errors import InputError, RncError
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.math.linear_algebra import apply, clipped
+from rnc_pin.model.compiled import RunStarts, runs_of
 from rnc_pin.model.input_validation import numbers_of
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.plants.reduced import Checkpoint, IntegrationErrors
@@ -122,14 +124,16 @@ class _Batch:
             _started(number, run._replace(plant=own, samples=1))
             for number, (run, own) in enumerate(zip(arguments, self._plants, strict=True))
         ]
-        self._calls, self._limits, self._count = self._reduced.evaluator.runs, self._runs[0].loop.limits, 0
+        calls = runs_of(self._reduced.evaluator)
+        assert calls is not None  # see _common_plant
+        self._calls, self._limits, self._count = calls, self._runs[0].loop.limits, 0
         self._rows = np.empty((len(arguments), self._samples, self._runs[0].record.width))
         starts = [own.checkpoint() for own in self._plants]
         self._at = np.arange(len(arguments))  # numbers of the runs that are still regular
         self._q, self._y = (np.array([start[k] for start in starts]) for k in (0, 1))
         self._T = np.zeros((len(arguments), self._reduced.p))
         self._charts = np.array([start.chart for start in starts], dtype=object)
-        self._chart_calls = np.array([chart.evaluator.chart for chart in self._charts], dtype=object)
+        self._chart_calls = np.array([_chart(each.evaluator) for each in self._charts], dtype=object)
         self._errors = tuple(np.array(each) for each in zip(*(start.errors for start in starts), strict=True))
         self._kinematics = np.empty((len(arguments), self._calls.kinematics_size))
         self._deficit: Array | None = None
@@ -218,7 +222,9 @@ class _Batch:
             which = np.flatnonzero(steps_of_runs == steps)
             charts = tuple(self._chart_calls[which])
             q, y, T, kinematics = (each[which] for each in (self._q, self._y, self._T, self._kinematics))
-            q, y, status, roughness = self._calls.integrate(charts, q, y, T, self._dt / steps, steps, kinematics)
+            q, y, status, roughness = self._calls.integrate(
+                charts, RunStarts(q, y, T, kinematics), self._dt / steps, steps
+            )
             before = IntegrationErrors._make(each[which] for each in self._errors)
             accepted, after = before.after(cast(float, roughness), self._dt, self._plants[0].followed * self._dt)
             good = np.asarray(accepted) & (status == 1.0)
@@ -239,7 +245,7 @@ class _Batch:
         except RncError:  # alone it raises the same error
             return False
         self._q[place], self._y[place], _, _, chart, errors, _ = plant.checkpoint()
-        self._charts[place], self._chart_calls[place] = chart, chart.evaluator.chart
+        self._charts[place], self._chart_calls[place] = chart, _chart(chart.evaluator)
         for all_runs, own in zip(self._errors, errors, strict=True):
             all_runs[place] = own
         return True
@@ -262,6 +268,12 @@ class _Batch:
             self._deficit,
             self._state,
         ) = _rows((motion, self._deficit, self._state), staying)
+
+
+def _chart(evaluator: NumPyEvaluator) -> object:
+    """Chart of a run for the kernel; None if the kernel cannot use it."""
+    runs = runs_of(evaluator)
+    return None if runs is None else runs.chart
 
 
 def _rows(values: State, which: Array) -> State:

@@ -19,7 +19,7 @@ def test_frames_are_those_of_pinocchio(make):
     robot = reduced.robot
     q = robot.random_configuration(np.random.default_rng(2))
     state = reduced.at(q, np.ones(reduced.r))
-    assert state.arrays_at_q.one_by_one
+    assert state.compiled_kinematics is not None
     here, plain = state.position, Plain(robot, q, np.zeros(robot.nv))
     assert isinstance(here, KnownKinematics)
     near(here.M, plain.M())

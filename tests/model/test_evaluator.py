@@ -87,7 +87,7 @@ def test_whole_calls_of_a_compiled_evaluator_are_those_of_numpy_where_it_decline
     data = reduced.reduction_data.in_velocities(W, free=True)
     compiled, plain = evaluator_for(data, reduced.evaluator), NumPyEvaluator(data)
     assert compiled.compiled
-    assert not compiled.at(q).arrays_at_q.one_by_one
+    assert compiled.at(q).compiled_kinematics is None
     T, external, damping = np.ones(data.p), np.full(data.n, 0.1), np.full(data.n, 0.2)
     for call in (
         lambda by: by.forward_dynamics(q, v2, T, None),
@@ -100,16 +100,6 @@ def test_whole_calls_of_a_compiled_evaluator_are_those_of_numpy_where_it_decline
         np.testing.assert_allclose(call(compiled), call(plain), rtol=1e-9)
 
 
-def test_calls_for_many_runs_have_the_bits_of_single_ones():
-    reduced = tiago()
-    q = np.stack([q for q, _ in random_states(reduced, 3)])
-    for evaluator in (reduced.evaluator, NumPyEvaluator(reduced.reduction_data)):
-        along = np.arange(reduced.r, dtype=np.int64)
-        slopes = evaluator.output_slopes(q, along)
-        for run in range(3):
-            np.testing.assert_array_equal(slopes[run], evaluator.output_slopes(q[run], along))
-
-
 def test_an_evaluator_is_made_again_from_its_data():
     reduced = mobile_manipulator()
     ((q, v2),) = random_states(reduced, 1)
@@ -117,7 +107,7 @@ def test_an_evaluator_is_made_again_from_its_data():
     assert copied.evaluator.compiled == reduced.evaluator.compiled
     assert copied.evaluator.data is copied.reduction_data
     T = np.ones(reduced.p)
-    np.testing.assert_array_equal(copied.forward_dynamics(q, v2, T), reduced.at(q, v2).v2_dot(T))
+    np.testing.assert_array_equal(copied.forward_dynamics(q, v2, T), reduced.forward_dynamics(q, v2, T))
     state = reduced.at(q, v2)
     expected = state.A_star_dot.copy()
     np.testing.assert_allclose(deepcopy(state).A_star_dot, expected, rtol=1e-12, atol=1e-15)

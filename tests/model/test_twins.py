@@ -137,7 +137,7 @@ def test_random_systems(recipe):
         assume(False)
     assume(reduced.r and reduced.evaluator.compiled)
     q, v2 = (np.stack(each) for each in zip(*states, strict=True))
-    assume(reduced.at(q).arrays_at_q.one_by_one)
+    assume(reduced.at(q).compiled_kinematics is not None)
     v2 = v2 / np.maximum(1.0, np.abs(reduced.at(q, v2).v).max(axis=-1, keepdims=True))  # R may be large
     size = max(1e-3, np.abs(reduced.at(q).R).max() ** 2)  # as in the rate of R, which may be zero
     compare(reduced, q[0], v2[0], size)
@@ -186,8 +186,7 @@ def test_an_integrator_needs_no_evaluation(name):
     reduced = (KINDS | ROBOTS)[name]()
     ((q, v2),) = random_states(reduced, 1)
     fused = fused_call(reduced, "state_derivative")(q, v2, np.ones(reduced.p), None, None)
-    by_python = ("outputs_of_all_kinds", "disk that leans", "linear drives")  # outputs of a user, angles between bodies
-    assert (fused is None) == (name in by_python)
+    assert (fused is None) == (name in ("outputs_of_all_kinds", "disk that leans"))  # outputs of a user
 
 
 def test_rows_over_time():
@@ -199,10 +198,9 @@ def test_rows_over_time():
     v2, T, times = generator.normal(size=(2, reduced.r)), np.ones(reduced.p), np.array([0.2, 0.7])
     plain = [by_numpy(reduced, q[k], v2=v2[k], t=times[k]) for k in range(2)]
     together = reduced.at(q, v2, t=times)
-    assert together.arrays_at_q.one_by_one
+    assert together.compiled_kinematics is not None
     for k, expected in enumerate(plain):
         alone, frozen = reduced.at(q[k], v2[k], t=times[k]), reduced.frozen(times[k])
-        assert alone.fused_terms is not None
         for name in ("v", "b", "gamma", "V", "G", "b_dot", "residual"):
             value = getattr(expected, name)
             for found in (getattr(alone, name), getattr(together, name)[k], getattr(frozen.at(q[k], v2[k]), name)):

@@ -12,8 +12,8 @@ import numpy as np
 import scipy
 
 from rnc_pin.math.linear_algebra import apply_transposed
+from rnc_pin.model.compiled import Dissipation, RunStarts, runs_of
 from rnc_pin.model.integrators import ExponentialRungeKutta4, LieRungeKutta4, LinearPart, phi_functions
-from rnc_pin.model.numpy_evaluator import Dissipation, RunStarts
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, check_conserved
@@ -178,10 +178,11 @@ class DissipativeStep:
 
     def friction_force(self, q: np.ndarray, y: np.ndarray, T: np.ndarray) -> np.ndarray:
         """Generalized forces (nv,) of dry friction at a state."""
-        chart, start = self._dynamics.chart.evaluator, RunStarts(q[None], y[None], T[None])
-        found, status = chart.runs.friction((chart.chart,), start, INSTANT, self.losses)
-        if status[0] == 1.0:
-            return found[0]
+        runs, start = runs_of(self._dynamics.chart.evaluator), RunStarts(q[None], y[None], T[None])
+        if runs is not None:
+            found, status = runs.friction((runs.chart,), start, INSTANT, self.losses)
+            if status[0] == 1.0:
+                return found[0]
         state = self._dynamics.at(q, y)
         linear, w_dot = self._linear(state, T)
         friction = self.friction.forces_in_step(state, w_dot, linear, INSTANT)
@@ -195,10 +196,11 @@ class DissipativeStep:
         Raises:
             DivergenceError: velocities or accelerations are not finite.
         """
-        chart, start = self._dynamics.chart.evaluator, RunStarts(q[None], y[None], T[None])
-        found = chart.runs.dissipate((chart.chart,), start, h, steps, self.losses)
-        if found[2][0] == 1.0:
-            return found[0][0], found[1][0], float(found[3][0])
+        runs, start = runs_of(self._dynamics.chart.evaluator), RunStarts(q[None], y[None], T[None])
+        if runs is not None:
+            found = runs.integrate((runs.chart,), start, h, steps, self.losses)
+            if found[2][0] == 1.0:
+                return found[0][0], found[1][0], float(found[3][0])
         roughness = 0.0
         for _ in range(steps):
             q, y, rough = self._step(q, y, T, h)
