@@ -79,9 +79,6 @@ def sources() -> dict[str, Path | str]:
     shipped = {path.stem: path for path in sorted(shipped_directory().glob("*.urdf"))}
     tests = {f"dirt/{name}": DIRT / f"{name}.urdf" for name in _FAMILIES.split()}
     made = {
-        "snake": urdf_parts.snake(),
-        "drawn_snake": urdf_parts.snake(6, forward=1, drawn=True),
-        "ball": urdf_parts.ball(),
         "six_wheels": urdf_parts.cart(front=0.3, middle=0.0, rear=-0.3),
     }
     return {**shipped, **made, **tests, **installed, **example_urdfs()}

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from tempfile import TemporaryDirectory
-
 import rnc_pin as rnc
 from rnc_pin.optimal import OutputBound, VelocityBound
-from rnc_pin.robots.robot_files import tractor_trailers_urdf
 
 
 def knife_edge() -> rnc.ReducedModel:
@@ -34,10 +30,8 @@ def mobile_manipulator() -> rnc.ReducedModel:
 
 def tractor(trailers: int) -> rnc.ReducedModel:
     """Tractor with trailers, each hitched on the axle before."""
-    with TemporaryDirectory() as folder:
-        file = Path(folder) / "tractor.urdf"
-        file.write_text(tractor_trailers_urdf(trailers))
-        robot = rnc.Robot.from_urdf(file, base="planar")
+    given = {"trailers": trailers}
+    robot = rnc.Robot.from_urdf("tractor_trailers.urdf.xacro", base="planar", xacro_arguments=given)
     axles = ["front_axle", "tractor_axle", *(f"axle_{k}" for k in range(1, trailers + 1))]
     drives = [rnc.FrameForce("tractor", "x"), "front_steering"]
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip(axle) for axle in axles], drives)

@@ -216,9 +216,9 @@ def test_samples_with_the_last_dimension_are_shown_if_none_has_all(monkeypatch):
 
 
 @pytest.mark.parametrize("n", [0, 3, pytest.param(5, marks=pytest.mark.long)])
-def test_a_car_with_n_trailers_grows_by_one_a_level(n, tmp_path):
+def test_a_car_with_n_trailers_grows_by_one_a_level(n):
     """At generic configurations, of uniformly drawn hitches (Jean 1996; Sordalen 1993)."""
-    reduced = tractor_trailers(n, tmp_path)
+    reduced = tractor_trailers(n)
     report = rnc.analyze(reduced, samples=16)
     assert report.growth_vector == tuple(range(2, 5 + n))
     assert report.completely_nonholonomic
@@ -232,9 +232,9 @@ def test_a_car_with_n_trailers_grows_by_one_a_level(n, tmp_path):
 @pytest.mark.parametrize(
     ("apart", "last", "doubtful"), [(1e-2, 6, False), (1e-4, 6, False), (3e-6, 5, True), (1e-13, 5, False)]
 )
-def test_a_hitch_at_a_right_angle_is_singular(apart, last, doubtful, tmp_path):
+def test_a_hitch_at_a_right_angle_is_singular(apart, last, doubtful):
     """Any hitch but that of the last trailer: there one level brings nothing (Jean 1996)."""
-    reduced = tractor_trailers(2, tmp_path)
+    reduced = tractor_trailers(2)
     found = grow(reduced, reduced.robot.configuration({"hitch_1": np.pi / 2 - apart, "front_steering": 0.3}))
     assert (found.vector, found.doubtful) == (tuple(range(2, last + 1)), doubtful)
 
@@ -271,8 +271,8 @@ def test_the_rounding_of_a_file_is_no_direction_at_any_depth():
     assert grow(reduced, np.array([0.3, 0.2, -0.1, 0.4, 0.1])).vector == (2, 3)
 
 
-def test_samples_next_to_singular_ones_do_not_decide(tmp_path):
-    reduced = tractor_trailers(3, tmp_path)
+def test_samples_next_to_singular_ones_do_not_decide():
+    reduced = tractor_trailers(3)
     generator = np.random.default_rng(3)
     near = [
         reduced.robot.configuration({f"hitch_{k}": np.pi / 2 - gap for k in (1, 2, 3)}) for gap in (1e-3, 1e-5, 1e-8, 0)

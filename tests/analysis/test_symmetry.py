@@ -41,8 +41,8 @@ def circle(steering, hitches):
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 @pytest.mark.parametrize("speed", [1.0, -0.4])
-def test_trailers_in_a_circle_stand_at_the_angles_of_geometry(count, speed, tmp_path):
-    reduced = tractor_trailers(count, tmp_path)
+def test_trailers_in_a_circle_stand_at_the_angles_of_geometry(count, speed):
+    reduced = tractor_trailers(count)
     guess = reduced.robot.configuration({"front_steering": 0.3, "root_joint": (1.0, -2.0, 0.7)})
     found = rnc.equilibrium(reduced, guess, ["front_steering"], [speed, 0.0])
     joints = reduced.robot.joint_values(found.q)
@@ -56,9 +56,9 @@ def test_trailers_in_a_circle_stand_at_the_angles_of_geometry(count, speed, tmp_
     np.testing.assert_allclose(np.linalg.norm(run.q[:, :2] - centre, axis=1), 1 / np.tan(0.3), atol=1e-6)
 
 
-def test_rates_that_are_not_given_are_found(tmp_path):
+def test_rates_that_are_not_given_are_found():
     """Steering held, its rate has to be zero."""
-    reduced = tractor_trailers(1, tmp_path)
+    reduced = tractor_trailers(1)
     guess = reduced.robot.configuration({"front_steering": 0.3, "hitch_1": -0.2})
     found = rnc.equilibrium(reduced, guess, ["front_steering"], {"tractor_speed_x": 2.0})
     np.testing.assert_allclose(found.v2, [2.0, 0.0], atol=1e-9)
@@ -70,8 +70,8 @@ def test_rates_that_are_not_given_are_found(tmp_path):
     ({"front_steering": 0.3}, ["front_steering", "hitch_1"], [1.0, 0.0], r"'hitch_1' moves by -0\.309 a second"),
     ({"front_steering": 0.3}, [], [1.0, 0.1], r"'front_steering' moves by 0\.1 a second"),
 ])  # fmt: skip
-def test_where_there_is_none_the_shape_variable_that_moves_is_named(joints, hold, v2, words, tmp_path):
-    reduced = tractor_trailers(1, tmp_path)
+def test_where_there_is_none_the_shape_variable_that_moves_is_named(joints, hold, v2, words):
+    reduced = tractor_trailers(1)
     with pytest.raises(rnc.ConstraintError, match=f"no steady motion found .* shape variable {words}") as told:
         rnc.equilibrium(reduced, reduced.robot.configuration(joints), hold, v2)
     assert "\n" not in str(told.value)

@@ -6,20 +6,19 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.robots.robot_files import shipped_directory, tractor_trailers_urdf
 from textbook_systems import tractor_trailers
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 5])
-def test_a_tractor_with_n_trailers(n, tmp_path):
-    reduced = tractor_trailers(n, tmp_path)
+def test_a_tractor_with_n_trailers(n):
+    reduced = tractor_trailers(n)
     assert (reduced.n, reduced.m, reduced.r) == (4 + n, 2 + n, 2)
     assert not reduced.dropped_rows
 
 
-def test_trailers_turn_as_their_kinematics_say(tmp_path):
+def test_trailers_turn_as_their_kinematics_say():
     """``thetadot_i = v_(i-1) sin(theta_(i-1) - theta_i) / L`` with ``v_i = v_(i-1) cos(theta_(i-1) - theta_i)``."""
-    reduced = tractor_trailers(3, tmp_path)
+    reduced = tractor_trailers(3)
     generator = np.random.default_rng(0)
     for _ in range(5):
         steering, *hitches = generator.uniform(-0.8, 0.8, 4)
@@ -34,16 +33,6 @@ def test_trailers_turn_as_their_kinematics_say(tmp_path):
             following = -speed * np.sin(hitch)  # hitch = theta_i - theta_(i-1)
             assert turn == pytest.approx(following - rate)
             rate, speed = following, speed * np.cos(hitch)
-
-
-def test_the_file_that_comes_along_is_the_one_that_is_written():
-    assert (shipped_directory() / "tractor_trailers.urdf").read_text() == tractor_trailers_urdf(3)
-
-
-@pytest.mark.parametrize("n", [-1, 1.5, True, 1000])
-def test_other_numbers_of_trailers_are_refused(n):
-    with pytest.raises(rnc.ModelError, match="a tractor has 0 to 50 trailers"):
-        tractor_trailers_urdf(n)
 
 
 def test_the_gait_of_the_snakeboard_carries_it_away_and_its_mirror_image_back():

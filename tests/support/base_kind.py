@@ -13,7 +13,7 @@ _HEADS = ("First draft for", "NOT CONFIRMED: ", "CHECK: ", "Note: ", "QUESTION: 
 
 # What a draft says of a base, by family; the first that fits.
 _FAMILIES = {
-    "snake": "a snake", "sphere": "a ball that", "balancing": "balances", "bicycle": "bicycle", "Mecanum": "Mecanum",
+    "balancing": "balances", "bicycle": "bicycle", "Mecanum": "Mecanum",
     "omni": "omni wheels", "tracks": "on tracks", "skid-steered": "skid-steered", "turret": "turret",
     "steered drives": "steered drives", "tricycle": "tricycle", "car": "like a car", "differential": "differential",
     "one wheel": "one wheel", "forces": "in any direction", "drawn wheels": "wheels are drawn",

@@ -10,7 +10,6 @@ from bodies import add_body, add_frame
 from places import DATA
 from rnc_pin.analysis.linearization import Linearization
 from rnc_pin.model.rows import ConstantRows, Rows
-from rnc_pin.robots.robot_files import tractor_trailers_urdf
 from systems import rolling_base
 
 
@@ -156,10 +155,8 @@ def vertical_disk():
     return system.reduce([rnc.JointPosition("axle"), rnc.FrameYaw("carrier")])
 
 
-def tractor_trailers(n, folder):
-    path = folder / "vehicle.urdf"
-    path.write_text(tractor_trailers_urdf(n))
-    robot = rnc.Robot.from_urdf(path, base="planar")
+def tractor_trailers(n):
+    robot = rnc.Robot.from_urdf("tractor_trailers.urdf.xacro", base="planar", xacro_arguments={"trailers": n})
     axles = ["front_axle", "tractor_axle", *(f"axle_{number}" for number in range(1, n + 1))]
     system = rnc.NonholonomicSystem(
         robot, [rnc.NoSideSlip(axle) for axle in axles], [rnc.FrameForce("tractor", "x"), "front_steering"]

@@ -72,44 +72,6 @@ def robot(*parts, name="unit_7"):
 # ---------------------------------------------------------------------- whole robots
 
 
-def snake(bodies=8, forward=-1, yaw="yaw_{}", effort=5.0, extra="", drawn=False):
-    """Bodies 0.2 m long with two wheels each in their middles, and joints halfway between them.
-
-    Args:
-        bodies: how many.
-        forward: 1 where the body lies ahead of its root.
-        yaw: names of the joints between bodies.
-        effort: of those.
-        extra: elements besides.
-        drawn: whether wheels are only drawn.
-    """
-    parts = []
-    for k in range(bodies):
-        name, middle = f"body_{k}", forward * 0.1 * (k > 0)
-        parts.append(link(name, 1.0, '<box size="0.16 0.06 0.04"/>', at=f"{middle} 0 0", moment=2e-3))
-        if k:
-            start = (forward * (0.1 if k == 1 else 0.2), 0, 0)
-            parts.append(joint(yaw.format(k), f"body_{k - 1}", name, start, "0 0 1", "revolute", effort, (-1.4, 1.4)))
-        for side, y in (("left", 0.05), ("right", -0.05)):
-            shape, wheel_name = '<cylinder radius="0.03" length="0.01"/>', f"{name}_{side}"
-            parts.append(link(wheel_name, 0.05, shape, turn="1.570796 0 0", moment=1e-4, geometry="visual"))
-            kind, limit = ("fixed", None) if drawn else ("continuous", 0.0)
-            parts.append(joint(f"{wheel_name}_joint", name, wheel_name, (middle, y, -0.01), kind=kind, effort=limit))
-    return robot(*parts, extra, name="crawler")
-
-
-def ball(shell='<sphere radius="0.3"/>', effort=8.0):
-    """A shell with a yoke that turns about y, and a pendulum on it that leans about x."""
-    return robot(
-        link("shell", 2.0, shell, moment=0.1),
-        link("yoke", 0.3, moment=6e-4),
-        link("pendulum", 3.0, '<sphere radius="0.05"/>', at="0 0 -0.15", moment=6e-3),
-        joint("drive", "shell", "yoke", (0, 0, 0), effort=effort),
-        joint("lean", "yoke", "pendulum", (0, 0, 0), "1 0 0", "revolute", effort, (-1.4, 1.4)),
-        name="roller",
-    )
-
-
 def cart(**axles):
     """Two wheels on each axle, of which a plugin drives those of the axle called rear; places of axles [m] by name."""
     places = {f"{end}_{side}": (x, y, 0) for end, x in axles.items() for side, y in (("left", 0.2), ("right", -0.2))}

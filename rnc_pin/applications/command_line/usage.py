@@ -194,7 +194,6 @@ def inspect(**given: Given) -> None:
 @click.option("--lock", metavar="JOINT[=VALUE]", multiple=True, help="Lock a joint at zero or at a value [rad or m].")
 @click.option("--driven", metavar="JOINT", multiple=True, help="A joint with a motor.")
 @click.option("--passive", metavar="JOINT", multiple=True, help="A joint without a motor.")
-@click.option("--momentum", metavar="JOINT", multiple=True, help="A joint whose momentum is conserved.")
 @click.option("--balance/--no-balance", default=None, help="Whether a base on two wheels balances.")
 @click.option("--rollers/--no-rollers", default=None, help="Whether the wheels have rollers, such as Mecanum wheels.")
 @click.option("--force", is_flag=True, help="Replace an existing file.")

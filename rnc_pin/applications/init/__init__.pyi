@@ -3,6 +3,4 @@
 from .draft import DraftedScenario as DraftedScenario
 from .draft import draft as draft
 from .draft import draft_with_decisions as draft_with_decisions
-from .evidence import DraftDecision as DraftDecision
 from .source import DraftOptions as DraftOptions
-from .source import with_choices as with_choices

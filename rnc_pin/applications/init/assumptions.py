@@ -6,7 +6,7 @@ every reduced force.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 
@@ -35,6 +35,7 @@ Entry = str | Mapping[str, Json]
 
 UNMEASURED = "MEASURE the radius: no round shape of the wheel was read"
 DRIVEN, TURNED, BENT = 0.5, 0.4, 0.2  # displacements of the reference: base, heading, joint [m, rad, rad]
+DURATION = 5  # duration of the reference [s]
 
 
 @dataclass
@@ -56,18 +57,12 @@ class BaseAssumptions:
         ground: height of the ground [m], or None if unknown.
         weightless: True if the scenario has no gravity.
         feedback: settings of the controller that the base needs, or None.
-        feedback_remark: remark on that controller.
-        path: function from names of primary outputs and a duration [s] to their reference; None for a minimum-jerk
-            displacement.
-        duration: duration of the reference [s].
-        pose: initial joint values that the base needs instead of the default.
         initial: initial values of joints with several degrees of freedom.
         untracked: outputs without a reference.
         lean: horizontal axis in the world frame (3,) of a small initial tilt of the base, or None.
         v2: initial output rates, to be kept constant instead of a reference.
         travel: displacement of a base on wheels in the trial run [m]; 0 for other robots.
         without_effort: joints with effort 0 in the file, which states an effort of other joints.
-        idle: wheels without a motor, by assumption.
         decisions: decisions behind these assumptions, with their evidence.
     """
 
@@ -85,17 +80,12 @@ class BaseAssumptions:
     ground: float | None = None
     weightless: bool = False
     feedback: Mapping[str, Json] | None = None
-    feedback_remark: str = "uses the model: state feedback by linearize and lqr at the start"
-    path: Callable[[Sequence[str], float], Mapping[str, Json]] | None = None
-    duration: float = 5
-    pose: dict[str, float] = field(default_factory=dict)
     initial: dict[str, list[float]] = field(default_factory=dict)
     untracked: set[str] = field(default_factory=set)
     lean: np.ndarray | None = None
     v2: dict[str, float] = field(default_factory=dict)
     travel: float = 0.0
     without_effort: set[str] = field(default_factory=set)
-    idle: list[str] = field(default_factory=list)
     decisions: list[DraftDecision] = field(default_factory=list)
 
     def hold(self, joints: Iterable[str], start: Mapping[str, float], why: str) -> None:

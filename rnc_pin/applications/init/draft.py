@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,9 +34,8 @@ from rnc_pin.applications.init.other_bases import (
 )
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.scenario_candidate import ScenarioCandidate
-from rnc_pin.applications.init.snake_and_ball import find_shell, find_snake, snake_base, spherical_base
 from rnc_pin.applications.init.source import DraftOptions, Source, with_choices
-from rnc_pin.applications.init.start_values import edge_remarks, mimic_doubts, start_values
+from rnc_pin.applications.init.start_values import start_values
 from rnc_pin.applications.init.trial import Trial
 from rnc_pin.applications.init.wheel_detection import find_raised_wheels, find_wheels, stand_below_body
 from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels, find_drawn_axles
@@ -63,11 +62,6 @@ class DraftedScenario:
     def text(self) -> str:
         """Text of the scenario file."""
         return self.write(self.decisions)
-
-    def with_answers(self, questions: Collection[str]) -> DraftedScenario:
-        """Return the draft with decisions that the user has made, by their questions."""
-        asked = (replace(each, is_answered=each.question in questions) for each in self.decisions)
-        return replace(self, decisions=tuple(asked))
 
     @property
     def questions(self) -> list[DraftDecision]:
@@ -149,7 +143,7 @@ def _drafted(source: Source, folder: Path) -> tuple[DraftedScenario, Trial]:
             with warnings.catch_warnings(record=True) as heard:  # those of rejected candidates are not of interest
                 warnings.simplefilter("always")
                 attempt = ScenarioCandidate(mobility, source, at_start, folder)
-                mobility.notes += [*source.remarks, *edge_remarks(robot, start), *mimic_doubts(robot), *failures]
+                mobility.notes += [*source.remarks, *failures]
                 written = attempt.written()
         except RncError as error:
             first = first or error
@@ -179,23 +173,17 @@ def _drafted(source: Source, folder: Path) -> tuple[DraftedScenario, Trial]:
 def _candidate_bases(at_start: RobotAtStart, source: Source) -> Iterator[_BaseBuilder]:
     """Candidate bases, the most likely first; only one if the user chose the base."""
     asked = source.options.base
-    shell = find_shell(at_start) if asked in (None, "free") else None
-    if shell is not None:
-        yield lambda: spherical_base(shell, at_start)
     if asked in (None, "planar"):
         wheels = find_wheels(at_start)
         if is_called_afloat(at_start) and not stand_below_body(wheels, at_start):
             wheels = []
-        axles = [] if moves_over_ground(at_start) else find_drawn_axles(at_start)
-        segments = find_snake(wheels, [] if wheels else axles, at_start)
-        if segments:
-            yield lambda: snake_base(segments, at_start)
         if wheels:
             called = wheels_called_omni(wheels, at_start) if source.options.rollers is None else []
             sliding = called if len(called) < len(wheels) else []
             layout = classify_wheels(wheels, at_start.drives, find_raised_wheels(at_start, wheels), sliding)
             yield from _candidate_wheeled_bases(layout, at_start, source)
             return
+        axles = [] if moves_over_ground(at_start) else find_drawn_axles(at_start)
         if axles and not at_start.own_planar_joints:
             yield lambda: knife_edge_base(axles, at_start)
     yield lambda: without_wheels(at_start, asked, source.mass_of_base)

@@ -22,7 +22,7 @@ LIKELY = 0.8
 GUESSED = 0.5
 """Confidence in what names or habit suggest."""
 ASKS = 0.6
-"""Confidence below which ``rnc-pin init`` asks."""
+"""Confidence below which a draft asks."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,6 @@ class DraftDecision:
         confidence: confidence between 0 and 1.
         evidence: what the answer rests on.
         alternatives: other answers, with the options that choose them.
-        is_answered: True if the user gave this answer to the question.
     """
 
     question: str
@@ -61,17 +60,15 @@ class DraftDecision:
     confidence: float
     evidence: str
     alternatives: tuple[Alternative, ...] = ()
-    is_answered: bool = False
 
     @property
     def is_open(self) -> bool:
-        """True if ``rnc-pin init`` asks, because the confidence is low."""
-        return self.confidence < ASKS and bool(self.alternatives) and not self.is_answered
+        """True if the draft asks, because the confidence is low."""
+        return self.confidence < ASKS and bool(self.alternatives)
 
     def __str__(self) -> str:
         others = "; ".join(f"{each.answer}: {each.command}" for each in self.alternatives)
-        sure = "your answer" if self.is_answered else f"{100 * self.confidence:.0f} % sure: {self.evidence}"
-        said = f"{self.question} {self.answer} ({sure})"
+        said = f"{self.question} {self.answer} ({100 * self.confidence:.0f} % sure: {self.evidence})"
         return f"{said}. Otherwise {others}" if others else said
 
 

@@ -10,7 +10,7 @@ from typing import NoReturn
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init.assumptions import DRIVEN, BaseAssumptions, measured, place_and_heading, rolls
+from rnc_pin.applications.init.assumptions import DRIVEN, DURATION, BaseAssumptions, measured, place_and_heading, rolls
 from rnc_pin.applications.init.evidence import GUESSED, LIKELY, SURE, Alternative, DraftDecision, effort_limit, has_word
 from rnc_pin.applications.init.omnidirectional_base import push
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
@@ -162,7 +162,7 @@ def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions
     sense = 1.0 if forward @ (front.center - rear.center) > 0 else -1.0
     rolling = {speed: round(sense * _FROUDE * float(np.sqrt(9.81 * wheelbase)), 2)}
     result.v2 = {**rolling, tilt: _PUSHED}
-    result.travel = abs(rolling[speed]) * result.duration
+    result.travel = abs(rolling[speed]) * DURATION
     # Wheels of a file are symmetric about their axles only to a few digits; their angles are cyclic all the same.
     result.feedback = {**feedback, "v2": dict(rolling), "cyclic": [rear.joint, front.joint]}
     result.notes.append(

@@ -77,17 +77,13 @@ class Shape:
         return float(self.points[:, 2].min() - self.margin)
 
 
-def missing_meshes(robot: Robot, kind: Kind) -> dict[int, list[str]]:
-    """Return the names of missing meshes of the "visual" or "collision" geometry, by index of the parent joint."""
-    found: dict[int, list[str]] = {}
+def _joints_without_mesh(robot: Robot, kind: Kind) -> set[int]:
+    """Indices of the joints that carry links whose "visual" or "collision" geometry lacks a mesh."""
     try:
-        missing = robot.missing_meshes(kind)
+        links = robot.missing_meshes(kind)
     except ModelError:
-        return found
-    for link, names in missing.items():
-        joint = int(robot.model.frames[robot.frame_id(link)].parentJoint)
-        found.setdefault(joint, []).extend(names)
-    return found
+        return set()
+    return {int(robot.model.frames[robot.frame_id(link)].parentJoint) for link in links}
 
 
 def shapes(robot: Robot, kind: Kind, q: np.ndarray) -> list[Shape]:
@@ -247,19 +243,12 @@ class RobotAtStart:
         A body behind the base that lacks a mesh has no shapes of that geometry: the rest, such as the hub of a wheel
         without its tyre, would give a wrong size.
         """
-        return {
-            kind: [
-                each
-                for each in shapes(self.robot, kind, self.q)
-                if each.joint <= self.root or each.joint not in self.missing_meshes[kind]
-            ]
-            for kind in GEOMETRY
-        }
-
-    @cached_property
-    def missing_meshes(self) -> dict[str, dict[int, list[str]]]:
-        """Names of missing meshes of the "collision" and the "visual" geometry, by joint index."""
-        return {kind: missing_meshes(self.robot, kind) for kind in GEOMETRY}
+        found: dict[str, list[Shape]] = {}
+        for kind in GEOMETRY:
+            lost = _joints_without_mesh(self.robot, kind)
+            every = shapes(self.robot, kind, self.q)
+            found[kind] = [each for each in every if each.joint <= self.root or each.joint not in lost]
+        return found
 
     @cached_property
     def own_planar_joints(self) -> tuple[str, ...]:

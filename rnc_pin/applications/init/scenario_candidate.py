@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.applications.init.assumptions import (
-    UNMEASURED,
+    DURATION,
     BaseAssumptions,
     ChosenOutputs,
     Entry,
@@ -25,13 +25,12 @@ from rnc_pin.applications.init.assumptions import (
     select_outputs,
 )
 from rnc_pin.applications.init.evidence import DraftDecision, mimic_drivers
-from rnc_pin.applications.init.robot_at_start import GEOMETRY, RobotAtStart
+from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.source import Source
 from rnc_pin.applications.init.start_values import (
     is_loaded,
     keep_within_loops,
     loop_closures,
-    off_dead_centre,
     uncoupled_joints,
     with_bearable_loads,
     with_regular_inertia,
@@ -52,7 +51,7 @@ from rnc_pin.applications.scenario.builder import Experiment, build_experiment, 
 from rnc_pin.applications.scenario.execution import Result, execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema.scenario import validate
-from rnc_pin.errors import ConfigurationError, RncError, few
+from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.model import NonholonomicSystem
 from rnc_pin.simulation import Outcome
@@ -64,6 +63,7 @@ _PATIENCE = 20.0  # largest computing time of a trial run [s]
 _LOADED = "gravity loads the robot, and it learns this load slowly"
 _ADAPTIVE = "adaptive needs no inertias; the alternative, tracker: computed_torque, needs all"
 _INFORMED = "computed_torque knows the model; adaptive does not, and does not suit: {}"  # {}: the reason
+_FEEDBACK = "uses the model: state feedback by linearize and lqr at the start"
 _TRACKERS, _PERIODS = {"adaptive": _ADAPTIVE, "computed_torque": _INFORMED}, (0.002, 0.001)
 
 
@@ -89,17 +89,12 @@ class ScenarioCandidate:
         self.robot = self.source.load(mobility.base, mobility.lock)
         self._against: list[str] = []
         mobility.lock = {**self.source.held, **mobility.lock}
-        self.start = {**self.at_start.start, **mobility.pose}
-        self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
+        self.start = {name: value for name, value in self.at_start.start.items() if name in self.robot.joint_names}
         mobility.mimic_drivers = mimic_drivers(self.robot, self.at_start.drives)
         mobility.passive |= set(mobility.mimic_drivers)
-        for name in self.source.options.momentum:
-            mobility.constraints.append(({"momentum": name}, "by an option"))
-            mobility.passive.add(name)
         drives, is_mjcf = self.at_start.drives, self.source.is_mjcf
         self._undriven = assume_motors(mobility, self.robot, self.start, drives, is_mjcf=is_mjcf)
         conserve_momentum_of_free_joints(mobility, self.robot)
-        mobility.constraints = [_with_meshes(each, self.source) for each in mobility.constraints]
         mobility.constraints += loop_closures(self.robot)
         self._hold_loose_joints()
         self.trial = Trial(0.0)
@@ -147,7 +142,7 @@ class ScenarioCandidate:
             if best is not None and controller.get("tracker") == "adaptive":
                 continue  # a shorter period would not reduce its tracking error
             scenario["controller"] = controller
-            scenario["simulation"] = {"duration": self._duration + _REST, "dt": dt}
+            scenario["simulation"] = {"duration": DURATION + _REST, "dt": dt}
             base = mobility.base or "as in the file"
             law = controller.get("tracker", controller["type"])
             self.source.report(f"trying base {base}: {mobility.kind}; {law}, dt {dt:g} s")
@@ -172,7 +167,7 @@ class ScenarioCandidate:
         """Settings, period [s] and remark of each candidate controller, the preferred one first."""
         if self.mobility.feedback is not None:
             periods = (0.002, 0.0005)  # small robots fall fast
-            return [(self.mobility.feedback, dt, self.mobility.feedback_remark) for dt in periods]
+            return [(self.mobility.feedback, dt, _FEEDBACK) for dt in periods]
         return [
             ({"type": "reducing_outputs", "tracker": tracker, "preset": "scaled"}, dt, remark)
             for tracker, remark in _TRACKERS.items()
@@ -208,7 +203,7 @@ class ScenarioCandidate:
         scenario["initial"] = self._initial()
         if "reference" in scenario:
             scenario["reference"] = {"primary": self._reference()}
-        scenario["simulation"] = {**scenario["simulation"], "duration": self._duration + _REST}
+        scenario["simulation"] = {**scenario["simulation"], "duration": DURATION + _REST}
 
     def _try_out(self, scenario: Drafted) -> Trial:
         """Build the scenario with its preflight and run it: briefly, then as far as the computing time permits."""
@@ -217,13 +212,12 @@ class ScenarioCandidate:
         result, taken = self._run(raw, experiment, _SHORT)
         possible = round(_SHORT * _PATIENCE / max(taken, 1e-6), 1)
         if possible >= MEANINGFUL:
-            result, _ = self._run(raw, experiment, min(self._duration + _REST, possible))
+            result, _ = self._run(raw, experiment, min(DURATION + _REST, possible))
         trajectory, mobility = result.trajectory, self.mobility
-        steps_share = self._share if mobility.path is None and not mobility.v2 else 1.0
+        steps_share = 1.0 if mobility.v2 else self._share
         motions = {name: step * steps_share for name, step in self._motions.items()}
         trial = worst_output(trajectory, motions, settles=mobility.lean is not None)
-        asked = replace(mobility, travel=mobility.travel * steps_share, duration=self._duration)
-        found = run_findings(trial, trajectory, asked, self.robot)
+        found = run_findings(trial, trajectory, replace(mobility, travel=mobility.travel * steps_share), self.robot)
         at_rest = mobility.lean is None and not mobility.v2
         kept = 1.0 if result.limits is None else kept_share(trajectory, result.limits, at_rest=at_rest)
         return replace(trial, findings=(*found, *experiment.start_findings), kept_share=kept)
@@ -271,7 +265,7 @@ class ScenarioCandidate:
     def _bear_weight(self) -> None:
         """Move the start of joints whose weight needs more than the efforts of the file."""
         mobility = self.mobility
-        held = [name for name in self.start if name not in {*mobility.passive, *self._undriven, *mobility.pose}]
+        held = [name for name in self.start if name not in {*mobility.passive, *self._undriven}]
         if mobility.weightless or mobility.feedback is not None:
             return
         loose = uncoupled_joints(held, mobility.constraints, self.robot, self.start)
@@ -316,22 +310,13 @@ class ScenarioCandidate:
         return scenario
 
     def _chosen_outputs(self) -> ChosenOutputs:
-        """Reducing outputs; their motion stays within the loops, which do not start where motors cannot move them."""
+        """Reducing outputs; their motion stays within the loops."""
         mobility = self.mobility
         chosen = select_outputs(output_candidates(mobility, self.robot, self.start), self.system, self.q0)
         if mobility.feedback is not None:
             return chosen
         loose = uncoupled_joints(self.start, mobility.constraints, self.robot, self.start)
         coupled = {name for name in self.start if name not in loose}
-        idle = {*mobility.passive, *self._undriven}
-        waiting = [name for name in coupled - idle if name not in chosen.names]
-        led = [name for name in chosen.names if name in coupled & idle]
-        if waiting and led:
-            self.q0 = off_dead_centre(chosen, self.system, self.q0, led[0])
-            values = self.robot.joint_values(self.q0)
-            self.start |= {name: float(np.ravel(_rounded(values[name]))[0]) for name in coupled}
-            mobility.notes.append(f"loops start where {few(waiting)} can move them: the file draws a dead centre")
-            chosen = select_outputs(output_candidates(mobility, self.robot, self.start), self.system, self.q0)
         mobility.notes += keep_within_loops(chosen, self.system, self.q0, coupled)
         return chosen
 
@@ -347,17 +332,9 @@ class ScenarioCandidate:
         return {"q": q, "v2": v2} if v2 else {"q": q}
 
     def _reference(self) -> Mapping[str, Json]:
-        """Reference of the primary outputs: the share of the motion takes smaller steps, or more time for a path."""
-        if self.mobility.path is not None:
-            return self.mobility.path([*self._motions], self._duration)
+        """Reference of the primary outputs: a share of the usual motion."""
         by: list[Json] = [round(step * self._share, 4) for step in self._motions.values()]
-        return {"minimum_jerk": {"by": by, "duration": self._duration}}
-
-    @property
-    def _duration(self) -> float:
-        """Duration of the reference [s]."""
-        usual = self.mobility.duration
-        return usual if self.mobility.path is None else round(usual / self._share, 1)
+        return {"minimum_jerk": {"by": by, "duration": DURATION}}
 
     def _actuators(self, chosen: ChosenOutputs) -> list[tuple[Entry, str]]:
         """Actuator entries; joints without effort and forces on the base only if the others are not enough."""
@@ -377,17 +354,6 @@ class ScenarioCandidate:
         }
         self.mobility.notes += [f"{words}: {', '.join(joints)}" for words, joints in said.items() if joints]
         return driving
-
-
-def _with_meshes(constraint: tuple[Entry, str], source: Source) -> tuple[Entry, str]:
-    """Add the missing meshes that could have given the radius of a wheel to the remark on it."""
-    entry, remark = constraint
-    wheel = entry.get("rolling_wheel") if isinstance(entry, Mapping) else None
-    if not isinstance(wheel, Mapping):
-        return constraint
-    kinds = GEOMETRY if UNMEASURED in remark else GEOMETRY[:1]  # collision geometry comes before visual geometry
-    names = source.missing_meshes(str(wheel["frame"]), kinds)
-    return entry, f"{remark}; missing: {few(names)}" if names else remark
 
 
 def _rounded(value: float | list[float]) -> float | list[float]:

@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.applications.init.evidence import DriveEvidence, effort_limit, named_as_driven
-from rnc_pin.applications.init.robot_at_start import GEOMETRY, PLACED, FileNames, Kind, missing_meshes, shapes
+from rnc_pin.applications.init.robot_at_start import GEOMETRY, PLACED, FileNames, shapes
 from rnc_pin.applications.scenario.files import urdf_path
 from rnc_pin.applications.scenario.schema.scenario import admitted
 from rnc_pin.applications.scenario.schema.world import RobotSource
@@ -42,7 +42,6 @@ class DraftOptions:
         lock: joints to lock, with their values.
         driven: joints with a motor.
         passive: joints without a motor.
-        momentum: joints whose momentum is conserved.
         balance: whether the base balances; None if the draft decides.
         rollers: whether the wheels have rollers, as Mecanum and omni wheels do; None if the draft decides.
         report: function that is told what is tried, before each trial run.
@@ -54,7 +53,6 @@ class DraftOptions:
     lock: Mapping[str, float] | None = None
     driven: Sequence[str] = ()
     passive: Sequence[str] = ()
-    momentum: Sequence[str] = ()
     balance: bool | None = None
     rollers: bool | None = None
     report: Callable[[str], None] | None = None
@@ -104,7 +102,6 @@ class Source:
         self.masses: dict[str, float] = {}
         self.held = dict(wishes.lock or {})
         self.notes: list[str] = []
-        self._detected: Robot | None = None
 
     def load(self, base: str | None, lock: Lock | None = None) -> Robot:
         """Return the robot; a joint that moves no mass is locked or its links get a mass, from now on."""
@@ -138,28 +135,20 @@ class Source:
         self._lock_motionless()
         is_rigid = False
         try:
-            self._detected = self.load(None if self.is_mjcf else "fixed")
-            if self._lock_leaders(self._detected):
-                self._detected = self.load(None if self.is_mjcf else "fixed")
+            robot = self.load(None if self.is_mjcf else "fixed")
+            if self._lock_leaders(robot):
+                robot = self.load(None if self.is_mjcf else "fixed")
         except ModelError as error:
             if self.is_mjcf:
                 raise
             try:
-                self._detected = self.load_unchanged("free")
+                robot = self.load_unchanged("free")
             except ModelError:
                 raise error from None
-            if self._detected.nv > 6:
+            if robot.nv > 6:
                 raise
             is_rigid = True
-        return self._detected, is_rigid
-
-    def missing_meshes(self, frame: str, kinds: Sequence[Kind]) -> list[str]:
-        """Return kinds and names of the missing meshes of the body that carries a frame, after the detection."""
-        robot = self._detected
-        if robot is None:
-            return []
-        joint = robot.model.frames[robot.frame_id(frame)].parentJoint
-        return [f"{kind} mesh {name}" for kind in kinds for name in missing_meshes(robot, kind).get(joint, [])]
+        return robot, is_rigid
 
     def report(self, text: str) -> None:
         """Tell the user what is tried."""
@@ -198,7 +187,7 @@ class Source:
             ModelError: an option names an unknown joint.
         """
         options = self.options
-        for option in ("driven", "passive", "momentum"):
+        for option in ("driven", "passive"):
             for joint in getattr(options, option):
                 if joint not in robot.joint_names:
                     raise ModelError(f"--{option} {joint}: no joint '{joint}'{nearest(joint, robot.joint_names)}")

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init.assumptions import BENT, ChosenOutputs, Entry
+from rnc_pin.applications.init.assumptions import ChosenOutputs, Entry
 from rnc_pin.applications.init.evidence import effort_limit, is_revolute, joint_limits, joint_range
 from rnc_pin.applications.scenario.schema.scenario import constraint_of, output_of
-from rnc_pin.errors import RncError, few
+from rnc_pin.errors import RncError
 from rnc_pin.io import Json
 from rnc_pin.math import unit_diagonal
 from rnc_pin.model import Kinematics, NonholonomicSystem, ReducedModel
@@ -96,32 +96,15 @@ def keep_within_loops(
     return notes
 
 
-def off_dead_centre(chosen: ChosenOutputs, system: NonholonomicSystem, q: np.ndarray, joint: str) -> np.ndarray:
-    """Return a configuration (nq,) where the motor of a loop moves it, if one of its other joints moves from a start.
-
-    Args:
-        chosen: the outputs; one of them is the other joint.
-        system: the robot with its constraints.
-        q: start (nq,), a dead centre.
-        joint: name of the other joint.
-    """
-    reduced, row = system.reduce(chosen.kinds), chosen.names.index(joint)
-    usual = abs(chosen.steps[row]) or BENT
-    return max((_reach(reduced, q, row, step) for step in (usual, -usual)), key=lambda each: each.share).q
-
-
-@dataclass(frozen=True)
-class _Reach:
+class _Reach(NamedTuple):
     """Reach of an output that moves alone.
 
     Attributes:
         share: share of the step that it makes.
-        q: configuration there (nq,).
         end: what ends it: "at a limit of ...", "at a dead centre", or nothing.
     """
 
     share: float
-    q: np.ndarray
     end: str = ""
 
 
@@ -134,21 +117,21 @@ def _reach(reduced: ReducedModel, q: np.ndarray, row: int, step: float) -> _Reac
     start, column = q, robot.velocity_indices(reduced.reducing.names[row]).start
     for _ in range(_STEPS):
         moved = float(pin.difference(robot.model, start, q)[column])  # less than asked for near a dead centre
-        here = _Reach(max(moved / step, 0.0), q, "at a dead centre")
+        share = max(moved / step, 0.0)
         try:
             v = reduced.at(q).velocity(rate)
             ahead = pin.integrate(robot.model, q, v)
             q = reduced.assembled(ahead)
         except RncError:
-            return here
+            return _Reach(share, "at a dead centre")
         fastest = float(np.abs(v).max())
         slowest = min(slowest, fastest)
         if fastest > _FASTER * slowest or np.abs(pin.difference(robot.model, ahead, q)).max() > _BESIDE * fastest:
-            return here
+            return _Reach(share, "at a dead centre")
         for name, place, (low, high) in limits:
             if not low <= q[place] <= high:
-                return replace(here, end=f"at a limit of {name}")
-    return _Reach(1.0, q)
+                return _Reach(share, f"at a limit of {name}")
+    return _Reach(1.0)
 
 
 _CLOSED = 1e-4  # largest gap of a loop that counts as rounding in the file [m or rad], as at the start of a run
@@ -191,32 +174,6 @@ def _inner_range(robot: Robot, name: str) -> tuple[float, float]:
     low, high = joint_range(robot, name)
     margin = _MARGIN * (high - low) if np.isfinite(high - low) else 0.0
     return low + margin, high - margin
-
-
-def edge_remarks(robot: Robot, start: Mapping[str, float]) -> list[str]:
-    """Return a line on the joints that start beside zero, because zero is at an edge of their limits."""
-    edges = [
-        f"{name} at {value:g}"
-        for name, value in start.items()
-        for low, high in [joint_range(robot, name)]
-        if low <= 0.0 <= high and 0.0 < abs(value) <= 1.01 * _MARGIN * (high - low)
-    ]
-    return [f"start beside zero, which is at an edge of their limits: {few(edges)}"] if edges else []
-
-
-def mimic_doubts(robot: Robot) -> list[str]:
-    """Return a line on each joint whose mimic joints are within their limits at one of its positions only, or at none.
-
-    Such a joint stays at this position, or at the default one.
-    """
-    doubts = []
-    for name in dict.fromkeys(mimic.of for mimic in robot.mimics if mimic.of in robot.joint_names):
-        low, high = joint_range(robot, name)
-        if low >= high:
-            followers = few([mimic.joint for mimic in robot.mimics if mimic.of == name])
-            where = f"only at {low:g}" if low == high else "nowhere"
-            doubts.append(f"limits of mimic joints are kept {where} in the range of {name}: {followers}")
-    return doubts
 
 
 def _middle(robot: Robot, name: str) -> float:

@@ -14,7 +14,7 @@ from typing import NotRequired, TypedDict
 
 import numpy as np
 
-from rnc_pin.applications.init.assumptions import BaseAssumptions, Entry
+from rnc_pin.applications.init.assumptions import DURATION, BaseAssumptions, Entry
 from rnc_pin.applications.init.evidence import DraftDecision
 from rnc_pin.applications.scenario.files import one_line_yaml
 from rnc_pin.applications.scenario.reference_builder import frame_poses
@@ -196,7 +196,7 @@ def run_findings(trial: Trial, trajectory: Trajectory, mobility: BaseAssumptions
         severity = Severity.FAILS if trial.relative_error >= LOST else Severity.DEGRADES
         message = f"its run {trial.failure_text}"
         found.append(Finding(FindingKind.GOAL, trial.output, trial.error, "", None, severity, message))
-    asked = mobility.travel * _share(trial.duration / mobility.duration, steady=bool(mobility.v2))
+    asked = mobility.travel * _share(trial.duration / DURATION, steady=bool(mobility.v2))
     if asked and trial.duration >= MEANINGFUL:
         path = frame_poses(robot, mobility.frame, trajectory.q).planar[:, :2]
         moved = float(np.linalg.norm(path - path[0], axis=1).max())
@@ -299,7 +299,6 @@ def write_draft(
         f"robot: {one_line_yaml(scenario['robot'])}",
         *_entries("constraints", scenario["constraints"], _of_rows(scenario["constraints"])),
         *_entries("actuators", scenario["actuators"], "# joint torques and forces"),
-        *(f"  # - {joint}  # uncomment it if it has a motor" for joint in mobility.idle if scenario["actuators"]),
         "outputs:",
         *_remark("one row for each degree of freedom that the constraints leave; controllers move these", "  "),
         *_entries("reducing", [(each, "") for each in outputs["reducing"]], "", "  "),
@@ -313,8 +312,7 @@ def write_draft(
     if scenario["initial"]["q"] or scenario["initial"].get("v2"):
         loops = any("loop_closure" in entry for entry, _ in scenario["constraints"])
         usual = "at zero, or in the middle of limits that do not contain zero" + "; loops start closed" * loops
-        said = f"joints start {'in the shape of the path' if mobility.pose else usual}"
-        lines += [*_remark(said), f"initial: {one_line_yaml(scenario['initial'])}"]
+        lines += [*_remark(f"joints start {usual}"), f"initial: {one_line_yaml(scenario['initial'])}"]
     if "reference" in scenario:
         words = "displacements in the order of task.primary: m along the ground or a slide, rad for angles"
         lines += [*_remark(f"a slow motion, {words}"), f"reference: {one_line_yaml(scenario['reference'])}"]

@@ -69,7 +69,6 @@ def add_wheel_motors(result: BaseAssumptions, layout: WheelLayout, at_start: Rob
     idle = [joint for joint in own if joint not in driven.joints]
     result.actuators += [(joint, "") for joint in own if joint in driven.joints]
     result.passive |= set(idle)
-    result.idle += idle
     instead = tuple(word for joint in idle for word in ("--driven", joint))
     others = (Alternative(few(idle), instead),) if idle else ()
     question = "Which wheels are driven?"

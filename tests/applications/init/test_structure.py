@@ -1,9 +1,13 @@
 """Structure decides what a robot is: axle lines, motors, what carries what; names only help, and options overrule."""
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 
-from rnc_pin.applications.init import DraftOptions, with_choices
+from rnc_pin.applications.init import DraftOptions
+from rnc_pin.applications.init.evidence import named_as_driven
+from rnc_pin.applications.init.source import with_choices
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError, ModelError
@@ -124,6 +128,24 @@ def test_an_unlisted_joint_has_no_motor(drafted):
 def test_options_name_joints_of_the_file(drafted):
     with pytest.raises(ModelError, match="--driven drive_join: no joint 'drive_join'; did you mean 'drive_joint'"):
         drafted(truck(), driven=("drive_join",))
+
+
+@pytest.mark.parametrize(("text", "expected"), [
+    ('<transmission><type/><joint name="a"><hardwareInterface/></joint></transmission>', {"a"}),
+    ('<ros2_control><joint name="a"><command_interface name="effort"/></joint></ros2_control>', {"a"}),
+    ('<ros2_control><joint name="a"><state_interface name="position"/></joint></ros2_control>', set()),
+    ('<gazebo><plugin filename="diff"><left_joint>a</left_joint><right_joint>b</right_joint></plugin></gazebo>',
+     {"a", "b"}),
+    ('<gazebo><plugin filename="x"><joint_name>a, b</joint_name><torque>a</torque></plugin></gazebo>', {"a", "b"}),
+    ('<gazebo><plugin filename="libgazebo_ros_joint_state_publisher.so"><jointName>a</jointName></plugin></gazebo>',
+     set()),
+    ('<transmission><joint name="stranger"/></transmission>', set()),
+])  # fmt: skip
+def test_joints_that_a_file_drives(text, expected):
+    joints = '<joint name="a"/><joint name="b"/>'
+    named, is_list = named_as_driven(ElementTree.fromstring(f"<robot>{joints}{text}</robot>"))
+    assert set(named) == expected
+    assert is_list == (bool(expected) and "plugin" not in text)
 
 
 def test_options_of_an_alternative_are_choices():

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import os
 import shlex
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TypedDict, Unpack
 
 import click
 
 from rnc_pin.applications.command_line.messages import announce
-from rnc_pin.applications.init import DraftDecision, DraftOptions, draft_with_decisions, with_choices
+from rnc_pin.applications.init import DraftOptions, draft_with_decisions
 from rnc_pin.applications.scenario.files import parse_options
 from rnc_pin.applications.scenario.output_folder import check_new_file, one_line_errors
 from rnc_pin.applications.scenario.schema.scenario import schema_text
@@ -27,7 +25,6 @@ class Stated(TypedDict):
     package_dirs: tuple[Path, ...]
     driven: tuple[str, ...]
     passive: tuple[str, ...]
-    momentum: tuple[str, ...]
     balance: bool | None
     rollers: bool | None
 
@@ -40,20 +37,13 @@ def draft_scenario(
     force: bool,
     **stated: Unpack[Stated],
 ) -> None:
-    """Write a draft scenario for a robot; on a terminal, ask what the file leaves open."""
+    """Write a draft scenario for a robot, and print what the file leaves open."""
     path = out or Path(Path(robot).name.split(".")[0] + ".yaml")
     own = os.path.isfile(path) and path.resolve() == Path(robot).resolve()
     check_new_file("--out", path, force or own)
     xacro = parse_options(arguments)
     wishes = DraftOptions(xacro_arguments=xacro, lock=_held(lock), report=_report, **stated)
     found = draft_with_decisions(robot, path.parent, wishes)
-    answered: list[str] = []
-    while found.questions and _on_a_terminal():  # an answer can raise the next question
-        answered += [each.question for each in found.questions]
-        chosen = _ask(found.questions, wishes)
-        if chosen != wishes:
-            wishes, found = chosen, draft_with_decisions(robot, path.parent, chosen)
-        found = found.with_answers(answered)
     for question in found.questions:
         click.echo(f"rnc-pin: question: {question}", err=True)
     if own:
@@ -64,27 +54,9 @@ def draft_scenario(
     click.echo(f"wrote {path}: read it, then try: rnc-pin inspect {quoted}; rnc-pin run {quoted}")
 
 
-def _ask(questions: Sequence[DraftDecision], wishes: DraftOptions) -> DraftOptions:
-    """Return the choices with the answers of the user."""
-    for question in questions:
-        answers = [question.answer, *(each.answer for each in question.alternatives)]
-        listed = "; ".join(f"{number}: {answer}" for number, answer in enumerate(answers, 1))
-        click.echo(f"{question.question} ({question.evidence})", err=True)
-        kind = click.IntRange(1, len(answers))
-        chosen = click.prompt(listed, default=1, type=kind, err=True)
-        if chosen > 1:
-            wishes = with_choices(wishes, question.alternatives[chosen - 2].options)
-    return wishes
-
-
 def _report(text: str) -> None:
     """Print what is tried, on a terminal only."""
     announce(text, quiet=True)
-
-
-def _on_a_terminal() -> bool:
-    """True if someone can read a question and answer it."""
-    return sys.stdin.isatty() and sys.stderr.isatty()
 
 
 def _held(lock: tuple[str, ...]) -> dict[str, float]:
