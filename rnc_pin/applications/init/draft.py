@@ -162,7 +162,7 @@ def _drafted(source: Source, folder: Path) -> tuple[DraftedScenario, Trial]:
             warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
         if trial.doubts:
             said = f"'{robot.name or source.name}' is drafted, but {'; '.join(trial.doubts)}"
-            warnings.warn(f"{said}: {trial.remedy}", ModelWarning, stacklevel=2)
+            warnings.warn(f"{said}: CHECK the draft", ModelWarning, stacklevel=2)
         return result, trial
     if source.options.base and isinstance(first, ModelError):
         raise first  # the file cannot have the base that the user asked for

@@ -70,16 +70,6 @@ class Trial:
         return tuple(str(each) for each in self.findings if each.severity is not Severity.NOTE)
 
     @property
-    def remedy(self) -> str:
-        """Parts of the draft that the doubts concern."""
-        kinds = {each.kind for each in self.findings if each.severity is not Severity.NOTE}
-        if kinds <= {FindingKind.MODEL}:
-            return "CHECK the file, constraints and actuators"
-        if kinds <= {FindingKind.COLLISION, FindingKind.POSITION}:
-            return "CHECK the start and the reference"
-        return "CHECK actuators and gains"
-
-    @property
     def rank(self) -> tuple[bool, float]:
         """Rank among candidates, the smallest first: those that succeed, then those with small errors."""
         return not self.verdict.succeeded, self.relative_error

@@ -81,57 +81,24 @@ def test_noise_changes_no_draft(name, tmp_path):
     )
 
 
-# ---------------------------------------------------------------------- a scooter
+# ---------------------------------------------------------------------- a bicycle
 
-WHEEL = '<cylinder radius="0.1" length="0.03"/>'
+FORK = (DIRT / "raked_fork.urdf").read_text()
 
 
-def scooter(turned="0 0 0", of="rear", higher=0.0):
-    """A deck, a fork that leans back by 0.3 rad, and two wheels, the front one a little higher.
-
-    Args:
-        turned: angles of the frame in which the inertia of one link is written.
-        of: that link.
-        higher: height of the front wheel above the ground [m].
-    """
-
-    def link(name, center, mass, moments, shape="", turn="0 0 0"):
-        rpy = turned if name == of else "0 0 0"
-        tensor = " ".join(f'{key}="{value}"' for key, value in zip(("ixx", "iyy", "izz"), moments, strict=True))
-        geometry = f'<collision><origin rpy="{turn}"/><geometry>{shape}</geometry></collision>' if shape else ""
-        return (
-            f'<link name="{name}"><inertial><origin xyz="{center}" rpy="{rpy}"/><mass value="{mass}"/>'
-            f'<inertia {tensor} ixy="0" ixz="0" iyz="0"/></inertial>{geometry}</link>'
-        )
-
-    def joint(name, parent, child, at, axis, rpy="0 0 0", kind="continuous", limit=""):
-        return (
-            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-            f'<origin xyz="{at}" rpy="{rpy}"/><axis xyz="{axis}"/>{limit}</joint>'
-        )
-
-    x, z = 0.05, higher - 0.2  # of the front wheel from the fork
-    c, s = np.cos(0.3), np.sin(0.3)
-    at = f"{c * x + s * z:.9f} 0 {c * z - s * x:.9f}"
-    ends = '<limit lower="-1" upper="1" effort="10" velocity="5"/>'
-    parts = [
-        link("deck", "0.4 0 0.3", 10, (0.5, 1.0, 0.9)),
-        link("rear", "0 0 0", 1, (0.003, 0.005, 0.003), WHEEL, "1.5707963 0 0"),
-        link("fork", "0 0 0.3", 2, (0.05, 0.05, 0.02)),
-        link("front", "0 0 0", 1, (0.003, 0.005, 0.003), WHEEL, "1.5707963 0 0"),
-        joint("rear_joint", "deck", "rear", "0 0 0.1", "0 1 0"),
-        joint("steering", "deck", "fork", "0.8 0 0.3", "0 0 1", "0 -0.3 0", "revolute", ends),
-        joint("front_joint", "fork", "front", at, "0 1 0"),
-    ]
-    return f'<robot name="scooter">{"".join(parts)}</robot>'
+def leaning(folder, text):
+    path = folder / "fork.urdf"
+    path.write_text(text)
+    return path
 
 
 @pytest.mark.parametrize(("turned", "of"), [
-    ("1.5708 0 0", "deck"), ("1.570796326 0 0", "rear"), ("1.57 0 0", "fork"), ("0 0 1.5708", "front"),
+    ("1.5708 0 0", "frame"), ("1.570796326 0 0", "rear_hub_link"),
+    ("1.57 0 0", "fork"), ("0 0 1.5708", "front_hub_link"),
 ])  # fmt: skip
 def test_the_frame_of_an_inertia_may_be_rounded(turned, of, tmp_path):
-    path = tmp_path / "scooter.urdf"
-    path.write_text(scooter(turned, of))
+    text = re.sub(f'(<link name="{of}"><inertial><origin )', rf'\1rpy="{turned}" ', FORK)
+    path = leaning(tmp_path, text)
     assert drafted(path, path, tmp_path)[0] == "# base free: 2 wheels in line: a bicycle, which leans"
 
 
@@ -141,22 +108,18 @@ def test_the_frame_of_an_inertia_may_be_rounded(turned, of, tmp_path):
     ("planar", "planar: 2 wheels, steered like a car", 8e-6),
 ])  # fmt: skip
 def test_a_wheel_may_be_off_the_ground_by_rounding(base, kind, higher, tmp_path):
-    path = tmp_path / "scooter.urdf"
-    path.write_text(scooter(higher=higher))
+    lean = 0.314159265
+    below = (0.03 * np.sin(lean) + 0.75 - 0.3 - higher) / np.cos(lean)
+    path = leaning(tmp_path, FORK.replace("-0.4737", f"{-below:.9f}"))
     found, content = drafted(path, path, tmp_path, base)
     assert found == f"# base {kind}"
     if base == "planar":  # a fork that leans would lift the base, which a planar one cannot do
         front = content["constraints"][1]["rolling_wheel"]
-        assert front == {"frame": "front", "radius": 0.1, "vertical": False}
+        assert front == {"frame": "front_hub_link", "radius": 0.3, "vertical": False}
 
 
-def test_noise_changes_no_draft_of_a_scooter(tmp_path):
-    original = tmp_path / "original"
-    original.mkdir()
-    path = original / "scooter.urdf"
-    path.write_text(scooter())
-    assert_same_with_noise(path, tmp_path)
-    assert_same_with_noise(path, tmp_path, "planar")
+def test_noise_changes_no_draft_of_a_bicycle_that_is_held_upright(tmp_path):
+    assert_same_with_noise(DIRT / "raked_fork.urdf", tmp_path, "planar")
 
 
 def test_the_first_of_equal_values_is_chosen():

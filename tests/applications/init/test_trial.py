@@ -1,40 +1,38 @@
-"""Trial runs of drafts: their errors are compared with the motion, and what remains of them is said."""
+"""Trial runs of drafts: errors beside the motion, abilities of a robot of its kind, and efforts of the file."""
 
 import numpy as np
 import pytest
 
-from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate, trial
+import rnc_pin as rnc
+from rnc_pin.applications.init import DraftOptions, draft, draft_with_decisions, scenario_candidate, trial
+from rnc_pin.applications.init.assumptions import BaseAssumptions
+from rnc_pin.applications.init.trial import Trial, model_findings, run_findings
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ModelWarning
+from rnc_pin.verdict import FindingKind, Severity
+from urdf_parts import BOX, joint, link, pivot, robot, wheel
+
+
+def drafted(text, folder):
+    """(text of the draft in one line, content, its path)."""
+    (folder / "robot.urdf").write_text(text)
+    path = folder / "robot.yaml"
+    path.write_text(draft(str(folder / "robot.urdf"), folder, DraftOptions()))
+    return path.read_text().replace("\n# ", " "), read_yaml(path), path
+
+
+# ---------------------------------------------------------------------- trackers
 
 
 def upright_arm():
     """Two links on top of each other: gravity pulls at no joint where they stand upright."""
-    parts = ['<link name="base"/>']
+    parts = [link("base")]
     for name, parent, height in (("shoulder", "base", 0.1), ("elbow", "shoulder_link", 0.5)):
-        parts.append(
-            f'<link name="{name}_link"><inertial><origin xyz="0 0 0.25"/><mass value="2"/>'
-            '<inertia ixx="0.05" iyy="0.05" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-            f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{name}_link"/>'
-            f'<origin xyz="0 0 {height}"/><axis xyz="0 1 0"/>'
-            f'<limit lower="-2" upper="2" effort="50" velocity="5"/></joint>'
-        )
-    return f'<robot name="arm">{"".join(parts)}</robot>'
-
-
-def drafted(folder):
-    (folder / "arm.urdf").write_text(upright_arm())
-    text = draft(str(folder / "arm.urdf"), folder, DraftOptions())
-    (folder / "arm.yaml").write_text(text)
-    return text, folder / "arm.yaml"
-
-
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory):
-    """The draft as it is, and its file."""
-    return drafted(tmp_path_factory.mktemp("arm"))
+        parts += [link(f"{name}_link", 2.0, at="0 0 0.25", moment=0.05)]
+        parts += [joint(name, parent, f"{name}_link", (0, 0, height), kind="revolute", effort=50, limits=(-2, 2))]
+    return robot(*parts, name="arm")
 
 
 @pytest.fixture
@@ -46,38 +44,220 @@ def strict(monkeypatch):
     monkeypatch.setattr(trial, "LOST", 0.03)
 
 
-def test_gravity_is_seen_beside_a_symmetric_pose(arm):
-    text, path = arm
-    assert read_yaml(path)["controller"]["tracker"] == "computed_torque"
+def test_gravity_is_seen_beside_a_symmetric_pose(tmp_path):
+    text, content, _ = drafted(upright_arm(), tmp_path)
+    assert content["controller"]["tracker"] == "computed_torque"
     assert "gravity loads the robot" in text
+    assert float(text.split("tried for 6 s: the largest error is ")[1].split()[0]) < 1e-3
 
 
 @pytest.mark.usefixtures("strict")
 def test_a_tracker_that_misses_its_reference_gives_way_to_the_next(tmp_path):
-    text, path = drafted(tmp_path)
-    assert read_yaml(path)["controller"]["tracker"] == "computed_torque"
-    said = next(line for line in text.splitlines() if line.startswith("# computed_torque"))
-    assert "does not suit: its run misses its reference" in said
+    text, content, _ = drafted(upright_arm(), tmp_path)
+    assert content["controller"]["tracker"] == "computed_torque"
+    assert "does not suit: its run misses its reference" in text
 
 
 @pytest.mark.usefixtures("strict")
 def test_what_remains_of_an_error_is_said(tmp_path, monkeypatch):
-    """With an adaptive tracker alone."""
     monkeypatch.setattr(scenario_candidate, "_TRACKERS", {"adaptive": scenario_candidate._ADAPTIVE})
     with pytest.warns(ModelWarning, match="'arm' is drafted, but its run misses its reference: .* is off by"):
-        text, path = drafted(tmp_path)
-    line = next(line for line in text.splitlines() if line.startswith("# tried for"))
-    assert "is all that is asked for" in line
-    head = text.partition("\ntitle:")[0].replace("\n# ", " ")
-    assert "NOT CONFIRMED: its run misses its reference: elbow is off by" in head
+        text, _, path = drafted(upright_arm(), tmp_path)
+    assert "NOT CONFIRMED: its run misses its reference: elbow is off by" in text
     worst = max(execute(Scenario.load(str(path))).summary["max_error"].values())
-    said = float(line.split("error is ")[1].split()[0])
-    assert said == pytest.approx(worst, rel=0.05)
+    assert float(text.split("error is ")[1].split()[0]) == pytest.approx(worst, rel=0.05)
 
 
-def test_a_good_run_is_said_too(arm):
-    text, path = arm
-    line = next(line for line in text.splitlines() if line.startswith("# tried for"))
-    assert "tried for 6 s: the largest error is" in line
-    assert float(line.split("error is ")[1].split()[0]) < 1e-3
-    assert np.isfinite(read_yaml(path)["simulation"]["duration"])
+# ---------------------------------------------------------------------- abilities
+
+
+def car(toe=0.0, rear=100.0, steering=10.0, rear_right=None):
+    """A car with rear drive and two steered wheels.
+
+    Args:
+        toe: angle of each front wheel towards the middle [rad].
+        rear, steering: efforts of the rear wheels and of the steering joints [N m].
+        rear_right: effort of the right rear wheel; that of ``rear`` by default [N m].
+    """
+    parts = [link("base", 20, '<box size="0.9 0.3 0.1"/>')]
+    for side, sign in (("left", 1), ("right", -1)):
+        effort = rear if rear_right is None or side == "left" else rear_right
+        parts.append(wheel(f"rear_{side}", "base", (-0.3, 0.25 * sign, 0), effort=effort))
+        parts.append(pivot(f"steer_{side}", "base", (0.3, 0.25 * sign, 0), steering))
+        parts.append(wheel(f"front_{side}", f"steer_{side}", (0, 0, 0), effort=None, toe=-sign * toe))
+    return robot(*parts, name="car")
+
+
+@pytest.mark.filterwarnings("error", "ignore:zmq:DeprecationWarning")
+def test_a_car_with_toe_in_moves(tmp_path, brief):
+    """Each axle line has one lateral row: two front wheels and the Ackermann row would lock it."""
+    text, content, path = drafted(car(toe=1e-3), tmp_path)
+    wheels = [each["rolling_wheel"] for each in content["constraints"] if "rolling_wheel" in each]
+    assert [each.get("lateral", True) for each in wheels] == [True, False, True, False]
+    assert content["actuators"] == ["rear_left_joint", "rear_right_joint", "steer_left_joint"]
+    assert content["task"]["primary"] == ["base_speed_x", "steer_left_joint"]
+    assert not any(word in text for word in ("nearly dependent", "Assumed", "CHECK"))
+    options = {"simulation.dt": 0.01, "controller.tracker": "computed_torque"}
+    q = execute(Scenario.load(str(path), options)).trajectory.q
+    assert np.linalg.norm(q[-1, :2] - q[0, :2]) == pytest.approx(0.5, rel=0.05)
+
+
+def cart():
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    wheels = [rnc.RollingWheel("left_wheel", 0.2), rnc.RollingWheel("right_wheel", 0.2)]
+    return rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+
+
+SPEED = {"frame_speed": {"frame": "base", "axis": "x"}}
+
+
+def rolling(**more):
+    return BaseAssumptions("planar", "a cart", "base", outputs=[(SPEED, 0.5)], travel=0.5, **more)
+
+
+LEFT = ["left_wheel_joint"]
+
+
+@pytest.mark.parametrize(("chosen", "driven", "more", "expected"), [
+    ([SPEED], [], {}, None),
+    ([{"joint": "left_wheel_joint"}], [], {}, (FindingKind.GOAL, "base", "lock the base")),
+    ([SPEED], LEFT, {"passive": {*LEFT}}, (FindingKind.MODEL, LEFT[0], "takes to be passive are driven")),
+    ([SPEED], LEFT, {"passive": {*LEFT}, "without_effort": {*LEFT}}, None),  # a note and a remark say it
+])  # fmt: skip
+def test_a_base_has_to_have_its_speed_and_its_motors(chosen, driven, more, expected):
+    found = model_findings(cart(), rolling(**more), chosen, driven)
+    assert len(found) == (expected is not None)
+    for each in found:
+        assert (each.kind, each.where, each.severity) == (*expected[:2], Severity.FAILS)
+        assert expected[2] in each.message
+
+
+@pytest.mark.parametrize(("radius", "doubts"), [(0.2, 0), (200.0, 1), (0.0002, 1)])
+def test_a_file_in_other_units_than_metres_is_doubted(radius, doubts):
+    wheels = [({"rolling_wheel": {"frame": f"{side}_wheel", "radius": radius}}, "") for side in ("left", "right")]
+    found = model_findings(cart(), rolling(constraints=wheels), [SPEED], ())
+    assert len(found) == doubts
+    assert all(f"radius of {radius:g} m: lengths in a robot's file are in metres" in each.message for each in found)
+
+
+def test_the_base_has_to_move():
+    system = cart()
+    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+    start = system.robot.configuration()
+    rest = rnc.free_motion(reduced, start, [0.0, 0.0], duration=2.0)
+    rolls = rnc.free_motion(reduced, start, [0.09, 0.0], duration=2.0)
+    asked = 0.5 * (10 * 0.4**3 - 15 * 0.4**4 + 6 * 0.4**5)  # minimum jerk, after 2 of 5 s
+    (found,) = run_findings(Trial(2.0), rest, rolling(), system.robot)
+    assert (found.kind, found.severity) == (FindingKind.GOAL, Severity.FAILS)
+    assert found.amount == pytest.approx(asked)
+    assert run_findings(Trial(2.0), rolls, rolling(), system.robot) == []
+    assert Trial(2.0, findings=(found,)).rank > Trial(2.0, "yaw", 0.4, 1.0).rank
+
+
+def test_an_error_of_half_the_motion_fails():
+    system = cart()
+    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+    run = rnc.free_motion(reduced, system.robot.configuration(), [0.1, 0.0], duration=2.0)
+
+    def severities(error):
+        found = run_findings(Trial(2.0, "yaw", error, 1.0), run, rolling(), system.robot)
+        return [each.severity for each in found]
+
+    assert severities(0.1) == []
+    assert severities(0.3) == [Severity.DEGRADES]
+    assert severities(0.6) == [Severity.FAILS]
+
+
+# ---------------------------------------------------------------------- efforts
+
+
+def test_efforts_beyond_the_file_are_said(tmp_path, brief):
+    with pytest.warns(ModelWarning, match="'car' is drafted, but effort of rear_left_joint: .*, limit 1e-06"):
+        text, _, path = drafted(car(rear=1e-6), tmp_path)
+    said = text.partition("CHECK: effort of rear_left_")[2]
+    run = execute(Scenario.load(str(path))).trajectory
+    largest = np.abs(run.T[run.time < 0.02 + 1e-9, 0]).max()
+    assert float(said.split("joint: ")[1].split()[0]) == pytest.approx(largest, rel=1e-3)
+    assert "of the usual motion" not in text
+
+
+def pendulum(lower, upper, effort, speed=20, center="0.5 0 0"):
+    """A rod of 2 kg on a horizontal axle, with its center of mass in a place of the rod [m]."""
+    axle = joint("axle", "base", "rod", (0, 0, 0), kind="revolute", effort=effort, limits=(lower, upper))
+    return robot(
+        link("base"), link("rod", 2, at=center, moment=0.05), axle.replace('velocity="20"', f'velocity="{speed}"')
+    )
+
+
+def test_a_joint_starts_where_its_motor_holds_the_weight(tmp_path):
+    """At zero the weight needs 9.81 N m."""
+    text, content, path = drafted(pendulum(-0.5, 1.5, effort=5.0), tmp_path)
+    angle = content["initial"]["q"]["axle"]
+    assert np.cos(angle) * 9.81 < 0.8 * 5.0
+    assert "start where motors can hold the weight: axle at" in text
+    assert execute(Scenario.load(str(path))).trajectory.verdict.succeeded
+
+
+def test_a_weight_that_no_start_makes_bearable_is_said(tmp_path):
+    with pytest.warns(ModelWarning, match="effort of axle: .* limit 5"):
+        text, content, _ = drafted(pendulum(-0.5, 0.5, effort=5.0), tmp_path)
+    assert "q" not in content.get("initial", {}) or not content["initial"]["q"]
+    assert "CHECK: effort of axle: " in text
+    assert "where motors can hold" not in text
+
+
+@pytest.mark.parametrize(("limited", "share"), [({"speed": 0.01}, (0.1, 0.15)), ({"effort": 6.5}, (0.3, 0.5))])
+def test_a_motion_is_reduced_until_it_keeps_the_limits_of_the_file(limited, share, tmp_path):
+    """The usual one, 0.2 rad within 5 s, needs 0.075 rad/s, and lifts the rod: from 5.9 to 7.3 N m."""
+    text, content, path = drafted(pendulum(-0.5, 1.5, **{"effort": 50.0, **limited}, center="0.3 0 0.4"), tmp_path)
+    (step,) = content["reference"]["primary"]["minimum_jerk"]["by"]
+    run = execute(Scenario.load(str(path))).trajectory
+    assert run.verdict.succeeded
+    assert share[0] < step / 0.2 < share[1]
+    assert run.q[-1, 0] - run.q[0, 0] == pytest.approx(step, abs=1e-3)
+    assert f"with {round(100 * step / 0.2)} % of the usual motion" in text
+
+
+def test_actuators_with_effort_0_are_not_driven_silently(tmp_path, brief):
+    text, content, _ = drafted(car(rear=0), tmp_path)
+    assert set(content["actuators"]) == {"rear_left_joint", "rear_right_joint", "steer_left_joint"}
+    assert "- rear_left_joint  # effort 0 in the file: CHECK its limit" in text
+    assert "effort 0 in the file, but driven, because the other actuators are not enough; runs fail by" in text
+    assert "limit 0 until the file has another: rear_left_joint, rear_right_joint" in text
+
+
+def test_a_wheel_with_effort_0_is_left_idle_if_another_drives(tmp_path, brief):
+    text, content, _ = drafted(car(rear_right=0), tmp_path)
+    assert content["actuators"] == ["rear_left_joint", "steer_left_joint"]
+    assert "Which wheels are driven? rear_left_joint (80 % sure: effort 0 of rear_right_joint)" in text
+
+
+def test_a_file_with_effort_0_for_all_joints_states_none(tmp_path, brief):
+    text, content, _ = drafted(car(rear=0, steering=0), tmp_path)
+    assert content["actuators"] == ["rear_left_joint", "rear_right_joint", "steer_left_joint"]
+    assert "the file states no effort: 0 for every joint" in text
+    assert "nothing drives" not in text
+
+
+def test_of_two_open_answers_the_one_whose_run_keeps_the_limits_is_taken(tmp_path):
+    """The axle in front is pushed: a free joint folds beyond its limit, a driven one steers."""
+    parts = [link("rear", 20.0, BOX), wheel("rl", "rear", (-0.3, 0.3, 0)), wheel("rr", "rear", (-0.3, -0.3, 0))]
+    parts += [link("front", 20.0, BOX, at="0.4 0 0")]
+    parts += [joint("waist", "rear", "front", (0.1, 0, 0), "0 0 1", "revolute", 200.0, (-0.6, 0.6))]
+    parts += [wheel("fl", "front", (0.5, 0.3, 0)), wheel("fr", "front", (0.5, -0.3, 0))]
+    (tmp_path / "unit.urdf").write_text(robot(*parts))
+    found = draft_with_decisions(str(tmp_path / "unit.urdf"), tmp_path)
+    assert "# base planar: 4 wheels, steered like a car\n" in found.text
+    taken = next(each for each in found.decisions if each.question == "Is waist a free hitch?")
+    assert (taken.answer, taken.is_open) == ("no, it is driven and steers", False)
+    assert taken.evidence.startswith("with the answer 'yes', its run has position of waist")
+
+
+def test_a_scenario_is_no_robot_and_another_file_of_xml_no_scenario(tmp_path):
+    scenario, robot = tmp_path / "made.yaml", tmp_path / "model.sdf"
+    scenario.write_text("robot: {urdf: car.urdf}\n")
+    robot.write_text('<?xml version="1.0"?>\n<sdf version="1.7"/>\n')
+    with pytest.raises(rnc.ModelError, match=r"that is a scenario, not a robot: run it with: rnc-pin run .*made\.yaml"):
+        draft(str(scenario), tmp_path)
+    with pytest.raises(rnc.ConfigurationError, match=r"found XML: if this is a URDF, .* draft one with: rnc-pin init"):
+        read_yaml(robot)
