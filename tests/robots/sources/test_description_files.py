@@ -118,7 +118,6 @@ def test_a_package_beside_may_not_be_a_link_to_one_elsewhere(tmp_path):
     '<xacro:include filename="{place}.xacro"/>',
     '<xacro:include filename="{place}.xacro" optional="true"/>',
     '<xacro:include filename="{place}.xacro" ns="n"/>',
-    '<xacro:include filename="{place}*.xacro"/>',
 ])  # fmt: skip
 @pytest.mark.parametrize(
     "place", ["{tree}/private/secret", "../private/secret", "linked/secret", "$(find private)/secret"]

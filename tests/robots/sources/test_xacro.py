@@ -19,8 +19,7 @@ from rnc_pin.robots.sources.description_files import Packages
 from rnc_pin.robots.sources.urdf import CHILDREN
 from rnc_pin.robots.sources.xacro import expand
 from rnc_pin.robots.sources.xacro.definitions import read_macro
-from rnc_pin.robots.sources.xacro.expressions import evaluate
-from rnc_pin.robots.sources.xacro.functions import admit, builtins
+from rnc_pin.robots.sources.xacro.expressions import admit, builtins, evaluate
 from urdf_parts import XACRO
 
 HERE = ROOT / "tests"
@@ -146,12 +145,8 @@ WHOLE = {
     "conditions": '<xacro:if value="1"><a/></xacro:if><xacro:unless value="false"><b/></xacro:unless><xacro:if value="${[]}">'
     '<c/></xacro:if><xacro:if value="${1 == 1}"><d/></xacro:if>',
     "no truth": '<xacro:if value="maybe"/>',
-    "call": '<xacro:macro name="m1" params="x *b"><a x="${x}"/><xacro:insert_block name="b"/></xacro:macro>'
-    '<xacro:call macro="m${0+1}" x="2"><c/></xacro:call>',
-    "element": '<xacro:element xacro:name="n${1}" a="${2}"><b/></xacro:element><c><xacro:attribute name="d" value="k${4}"/></c>',
     "include": '<xacro:include filename="parts.xacro"/><xacro:bolt size="3"/>',
     "include with a name": '<xacro:include filename="parts.xacro" ns="p"/><xacro:p.bolt size="3"/><a x="${p.inside}"/>',
-    "include several": '<xacro:include filename="par*.xacro"/><xacro:bolt size="3"/>',
     "include none": '<xacro:include filename="none.xacro"/>',
     "include perhaps": '<xacro:include filename="none.xacro" optional="true"/><a/>',
     "inside a macro": '<xacro:macro name="o"><xacro:macro name="i"><z/></xacro:macro><xacro:i/></xacro:macro><xacro:o/><xacro:i/>',
@@ -159,7 +154,6 @@ WHOLE = {
         z="${s.arm.deep.key.x}" w="${s['angle']}" v="${s.foot}" u="${list(s.arm.keys())}"/>""",
     "tokens": """<a x="${xacro.tokenize('a, b;c')}" y="${xacro.arg('k')}"/>""",
     "dictionary": '<xacro:property name="d" value="${dict(a=1, b=[2, 3])}"/><a x="${d[\'b\'][0]}" y="${[k for k in d]}"/>',
-    "map": '<a x="${list(map(str, [1, 2]))}" y="${dict(zip_=1)}" z="${python.list(python.zip([1], [\'a\']))}"/>',
     "text between": "<a>${1+1} and <b/> $(arg k)</a>",
     "comments": "<!-- ${nothing} --><a/><!-- more -->",
     "unknown macro": "<xacro:nobody/>",
@@ -168,12 +162,6 @@ WHOLE = {
     "no end": '<a x="${1"/>',
     "bad name": '<xacro:property name="1a" value="2"/>',
     "environment": '<a x="$(optenv NOT_THERE some thing)" y="$(optenv NOT_THERE)"/>',
-    "format": """<xacro:property name="t" value="{}_{:03d}"/><xacro:property name="u" value="{1:.2f} {0!r:>8} {{}} {k:+e}"/>
-        <a x="${t.format('joint', 7)}" y="${u.format('ab', 1/3, k=2.5)}" w="${'%s' % t.format(1, 2)}"/>""",
-    "format too few": """<xacro:property name="t" value="{}_{}"/><a x="${t.format('a')}"/>""",
-    "format mixed": """<xacro:property name="t" value="{}_{1}"/><a x="${t.format('a', 'b')}"/>""",
-    "format text as number": """<xacro:property name="t" value="{:d}"/><a x="${t.format('a')}"/>""",
-    "format conversion": """<xacro:property name="t" value="{!x}"/><a x="${t.format('a')}"/>""",
     "key twice": """<xacro:property name="s" value="${xacro.load_yaml('twice.yaml')}"/><a x="${s.link.inertia.xx}" y="${s.mass}"
         z="${s.merged}"/>""",
     "division": '<a x="${1/0}"/>',
@@ -228,17 +216,12 @@ def test_no_file_runs_a_program(inside, tmp_path):
     "().__class__", "(lambda: 1)()", "[c for c in ().__class__.__base__.__subclasses__()]",
     "[k for k in [1] if k.gi_frame]", "(k for k in [1])", "__import__('os')", "max.__self__", "max.run", "max._run",
     "math._members", "math.member('pi')", "math.update(dict(pi=3))", "python._members", "'{0.real}'.format(1)",
-    "'{0.real}'.format_map(dict())", "'{.real}'.format(1)", "'{0[0]}'.format([1])", "'{k.real}'.format(k=1)",
-    "'{0!r.real}'.format(1)", "'{:{}}'.format(1, 10**9)", "'{:1000000000d}'.format(1)", "'{:.1000000000f}'.format(1)",
-    "'{:1001}'.format(1)", "('{}' * 9000).format(*['a' * 99999] * 9000)", "('{0!r:.0}' * 9000).format([1] * 9000)",
-    "('{0}' * 20000).format('a' * 90000)", "'{-1}'.format(1)", "'{99999999999999999999}'.format(1)", "'{'.format(1)",
-    "'}'.format(1)", "'{!}'.format(1)", "'{:%Y}'.format(1)", "f'{pi}'", "str.mro()", "(y := 3)", "9**9**9",
-    "(10**100)**100", "1 << 10**10", "{k: 1 for k in [1]}", "dict(**dict(a=1))", "{**dict(a=1)}", "[1].append(2)",
-    "dict(a=1).update(b=2)", "python.vars(1)", "python['vars'](1)", "python.type(1)", "python['type'](1)", "xacro",
-    "'a' * 10**9", "10**9 * 'a'", "[0] * 10**9", "'%1000000000d' % 1", "'%*d' % (10**9, 1)", "'a'.zfill(10**9)",
-    "'a'.ljust(10**9)", "('a' * 99999).replace('a', 'b' * 9999)", "range(10**12)",
-    "[i for i in range(9999) for j in range(9999) if False]", "round(5, -10**9)", "map(map, [str], [[1]])",
-    "math.factorial(10**6)", "int('f' * 99999, 16)", "1j", "b'1'", "...", "(-8)**0.5", "import os", "", "\0",
+    "'{0.real}'.format_map(dict())", "f'{pi}'", "str.mro()", "(y := 3)", "9**9**9", "(10**100)**100", "1 << 10**10",
+    "{k: 1 for k in [1]}", "dict(**dict(a=1))", "{**dict(a=1)}", "[1].append(2)", "dict(a=1).update(b=2)",
+    "python.vars(1)", "python['vars'](1)", "python.type(1)", "xacro", "'a' * 10**9", "10**9 * 'a'", "[0] * 10**9",
+    "'%1000000000d' % 1", "'%*d' % (10**9, 1)", "'a'.zfill(10**9)", "('a' * 99999).replace('a', 'b' * 9999)",
+    "range(10**12)", "[i for i in range(9999) for j in range(9999) if False]", "round(5, -10**9)", "sorted([1], key=len)",
+    "math.factorial(10**6)", "int('f' * 99999, 16)", "1j", "b'1'", "...", "(-8)**0.5", "import os", "", "\0", "~1",
     "(" * 3000, "-" * 3999 + "1", "[" * 150 + "]" * 150, "+".join("1" * 1900), "1" + "0" * 3999, "x" * 5000,
 ])  # fmt: skip
 def test_an_expression_computes_or_is_refused_at_once(expression):
@@ -302,7 +285,6 @@ def test_the_environment_is_read_by_a_list(tmp_path, monkeypatch):
     "<a x=\"${xacro.load_yaml('/dev/zero')}\"/>",
     "<a x=\"${xacro.load_yaml('pipe')}\"/>",
     "<a x=\"${xacro.load_yaml('bomb.yaml')}\"/>",
-    '<xacro:include filename="/*/*/*/*.xacro"/>',
 ])  # fmt: skip
 def test_a_file_that_would_not_end_is_refused(inside, tmp_path):
     os.mkfifo(tmp_path / "pipe")
@@ -364,20 +346,10 @@ def test_all_arguments_without_a_value_are_named_at_once(tmp_path):
     expanded(tmp_path, inside, {"height": 3, "width": 2, "length": 1})
 
 
-def test_values_inside_are_those_of_the_file():
-    names = builtins() | {"a": {"b": {"c": [1, 2]}}, "x": 2, "name": "arm"}
-    for expression, value in {
-        "a.b['c'][1]": 2,
-        "-x**2": -4,
-        "'m' if x > 1 else 'n'": "m",
-        "name + '_link'": "arm_link",
-        "1 < x <= 2": True,
-        "max(*[1, 2])": 2,
-        "[i + j for i, j in [(1, 2), (3, 4)] if i > 1]": [7],
-        "a.get('z', 5)": 5,
-        "python.isinstance(name, python.str)": True,
-        "not x or name": "arm",
-        "sorted([3, 1], reverse=True)": [3, 1],
-        "python.sorted(['bb', 'a'], key=len)": ["a", "bb"],
-    }.items():
-        assert evaluate(expression, names) == value
+@pytest.mark.parametrize(("expression", "value"), [
+    ("a.b['c'][1]", 2), ("-x**2", -4), ("'m' if x > 1 else 'n'", "m"), ("name + '_link'", "arm_link"), ("1 < x <= 2", True),
+    ("[i + j for i, j in [(1, 2), (3, 4)] if i > 1]", [7]), ("a.get('z', 5)", 5), ("not x or name", "arm"),
+    ("sorted([3, 1], reverse=True)", [3, 1]),
+])  # fmt: skip
+def test_values_inside_are_those_of_the_file(expression, value):
+    assert evaluate(expression, builtins() | {"a": {"b": {"c": [1, 2]}}, "x": 2, "name": "arm"}) == value

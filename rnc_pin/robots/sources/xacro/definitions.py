@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element, ParseError
 
 from rnc_pin.errors import ModelError
 from rnc_pin.io.safe_read import parse_tree, read_bytes
-from rnc_pin.robots.sources.xacro.functions import Namespace, Value
+from rnc_pin.robots.sources.xacro.expressions import Namespace, Value
 
 _MAX_DEPTH = 200
 
@@ -21,9 +21,9 @@ class PlacedElement(Element):
     file: Path = Path()
     line: int = 0
 
-    def copied(self, tag: str) -> PlacedElement:
-        """Return an empty element with this place."""
-        copy = PlacedElement(tag)
+    def copied(self) -> PlacedElement:
+        """Return an empty element with this tag and place."""
+        copy = PlacedElement(self.tag)
         copy.file, copy.line = self.file, self.line
         return copy
 

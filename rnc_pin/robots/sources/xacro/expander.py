@@ -9,8 +9,7 @@ from __future__ import annotations
 import keyword
 import os
 from collections import ChainMap
-from collections.abc import Callable, Collection, Iterator, Mapping
-from fnmatch import fnmatchcase
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import TypeAlias
 from xml.etree.ElementTree import Element
@@ -26,12 +25,11 @@ from rnc_pin.robots.sources.xacro.definitions import (
     read_macro,
     truth,
 )
-from rnc_pin.robots.sources.xacro.functions import Function, Namespace, Value
+from rnc_pin.robots.sources.xacro.expressions import Function, Namespace, Value
 from rnc_pin.robots.sources.xacro.substitution import Arguments, FileAccess, Substitution
 
 _PREFIX = "xacro:"
 _MAX_DEPTH = 100  # nesting depth of macros and includes
-_WILDCARDS = "*[?"
 
 Macros: TypeAlias = "ChainMap[str, Macro | Macros]"
 
@@ -58,9 +56,6 @@ class Expander:
         self._fault: tuple[Path, int] | None = None
         self._elements: Mapping[str, Callable[[Element, Element, Macros, Scope], None]] = {
             "arg": self._arg,
-            "attribute": self._attribute,
-            "call": self._dynamic_call,
-            "element": self._named_element,
             "if": self._condition,
             "include": self._include,
             "insert_block": self._insert_block,
@@ -84,7 +79,7 @@ class Expander:
         """
         source = self._read(self._path)
         scope = Scope(self._substitution.symbols, self._substitution.value)
-        return self._copy(source, source.tag, ChainMap(), scope)
+        return self._copy(source, ChainMap(), scope)
 
     def _read(self, path: Path) -> Element:
         try:
@@ -101,8 +96,8 @@ class Expander:
             raise ModelError(f"'{text[:80]}' is a function or namespace, no value")
         return str(value)
 
-    def _copy(self, source: Element, tag: str, macros: Macros, scope: Scope) -> Element:
-        copy = source.copied(tag) if isinstance(source, PlacedElement) else Element(tag)
+    def _copy(self, source: Element, macros: Macros, scope: Scope) -> Element:
+        copy = source.copied() if isinstance(source, PlacedElement) else Element(source.tag)
         for name, text in source.items():
             if not name.startswith(_PREFIX):
                 copy.set(name, self._text(text, scope))
@@ -128,7 +123,7 @@ class Expander:
             self._elements.get(name, self._call)(child, target, macros, scope)
         else:
             self._check_prefix(child.tag, target.tag, macros)
-            target.append(self._copy(child, child.tag, macros, scope))
+            target.append(self._copy(child, macros, scope))
         if child.tail:
             _write(target, self._text(child.tail, scope))
 
@@ -146,18 +141,6 @@ class Expander:
         name, default = _required(element, "name"), element.get("default")
         known = default is None or name in self._arguments
         self._arguments.declare(name, None if known else self._text(default or "", scope))
-
-    def _attribute(self, element: Element, target: Element, _macros: Macros, scope: Scope) -> None:
-        name, value = (self._text(_required(element, key), scope) for key in ("name", "value"))
-        if not name:
-            raise ModelError("<xacro:attribute> with an empty name")
-        target.set(name, value)
-
-    def _named_element(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
-        name = self._text(_required(element, "xacro:name"), scope)
-        if not name:
-            raise ModelError("<xacro:element> with an empty name")
-        target.append(self._copy(element, name, macros, scope))
 
     def _condition(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
         text = _required(element, "value")
@@ -207,12 +190,6 @@ class Expander:
     def _macro(self, element: Element, _target: Element, macros: Macros, _scope: Scope) -> None:
         name = _required(element, "name").removeprefix(_PREFIX)
         macros[name] = read_macro(element, name)
-
-    def _dynamic_call(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
-        call = Element(_PREFIX + self._text(_required(element, "macro"), scope))
-        call.attrib = {key: text for key, text in element.items() if key != "macro"}
-        call.extend(element)
-        self._call(call, target, macros, scope)
 
     def _call(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
         name = element.tag.removeprefix(_PREFIX)
@@ -271,31 +248,17 @@ class Expander:
             macros[name] = inner_macros
             scope.define(name, ScopeNamespace(name, inner))
         optional = truth(element.get("optional", "false"), "optional")
-        for path in self._included(self._text(_required(element, "filename"), scope)):
-            if optional and not os.path.isfile(path):
-                continue
-            depth = self._deeper()
-            self._substitution.admitted(path)
-            if not os.path.isfile(path):  # raises the error in the file that includes it
-                read_document(path)
-            files.append(path)
-            self._inside(self._read(path), target, inner_macros, inner)
-            files.pop()
-            self._depth = depth
-
-    def _included(self, name: str) -> Iterator[Path]:
-        path = self._substitution.path(name)
-        if not any(sign in name for sign in _WILDCARDS):
-            yield path
+        path = self._substitution.path(self._text(_required(element, "filename"), scope))
+        if optional and not os.path.isfile(path):
             return
-        if any(sign in str(path.parent) for sign in _WILDCARDS):
-            raise ModelError(f"cannot include '{name[:120]}': only the last part of a path may have wildcards")
-        self._substitution.admitted(path.parent)
-        try:
-            found = sorted(each for each in path.parent.iterdir() if fnmatchcase(each.name, path.name))
-        except OSError as error:
-            raise ModelError(f"cannot read '{path.parent}': {error.strerror}") from None
-        yield from found
+        depth = self._deeper()
+        self._substitution.admitted(path)
+        if not os.path.isfile(path):  # raises the error in the file that includes it
+            read_document(path)
+        files.append(path)
+        self._inside(self._read(path), target, inner_macros, inner)
+        files.pop()
+        self._depth = depth
 
     def _deeper(self) -> int:
         """Enter a macro or file; return the previous depth."""

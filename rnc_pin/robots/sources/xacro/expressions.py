@@ -1,29 +1,269 @@
-"""Evaluation of xacro expressions over their syntax tree, limited to the operations in this file.
+"""Values, functions and evaluation of xacro expressions, limited to the operations in this file, with bounded sizes.
 
-Expressions use Python syntax. Allowed are numbers, text, lists, tuples, dictionaries and sets, arithmetic, comparisons,
-conditions, subscripts, list comprehensions, and calls of the functions and methods of ``functions``. Everything else is
-refused. Python's own ``eval`` is never used, and the size of every value is bounded.
+Expressions use Python syntax. Allowed are numbers, text, lists, tuples and dictionaries, arithmetic, comparisons,
+conditions, subscripts, list comprehensions, and calls of the functions and methods below. Everything else is refused.
+Python's own ``eval`` is never used.
 """
 
 from __future__ import annotations
 
 import ast
+import math
 import operator
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from typing import Any, TypeAlias
 
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.robots.sources.xacro.functions import (
-    BITS,
-    ITEMS,
-    LETTERS,
-    Budget,
-    Function,
-    Namespace,
-    Value,
-    admit,
-    attribute,
+
+LETTERS = 100_000
+"""Largest number of characters of a text."""
+
+ITEMS = 20_000
+"""Largest number of items in a list or dictionary, nested items included; 16 characters count as one item."""
+
+BITS = 4096
+"""Largest number of bits of an integer."""
+
+_MAX_NESTING = 50
+_MAX_STEPS = 1_000_000  # about two seconds
+
+Value: TypeAlias = Any  # None, bool, int, float, str, list, tuple, dict, range, a Function or a Namespace
+
+
+class Function:
+    """Function that expressions may call. It computes a value and has no side effects.
+
+    Args:
+        name: name in expressions.
+        run: implementation; it refuses arguments that would take too long.
+        cost: steps of each call, in addition to those for its arguments.
+    """
+
+    def __init__(self, name: str, run: Callable[..., Value], *, cost: int = 1) -> None:
+        self.name, self._run, self.cost = name, run, cost
+
+    def __call__(self, *arguments: Value, **named: Value) -> Value:
+        return self._run(*arguments, **named)
+
+    def __repr__(self) -> str:
+        return f"{self.name}()"
+
+
+class Namespace:
+    """Named values with attribute access: ``math.pi``."""
+
+    def __init__(self, name: str, members: Mapping[str, Value]) -> None:
+        self.name, self._members = name, members
+
+    def member(self, name: str) -> Value:
+        """Return a member; an unknown name raises NameError."""
+        if name not in self._members:
+            raise NameError(f"'{self.name}' has no '{name}'")
+        return self._members[name]
+
+    def __repr__(self) -> str:
+        return f"namespace {self.name}"
+
+
+class Budget:
+    """Counter of evaluation steps that bounds the time for a file."""
+
+    def __init__(self) -> None:
+        self._left = _MAX_STEPS
+
+    def spend(self, steps: int = 1) -> None:
+        """Count steps; raise ModelError if they exceed the limit."""
+        self._left -= steps
+        if self._left < 0:
+            raise ModelError(f"takes more than {_MAX_STEPS:,} steps to expand")
+
+
+def admit(value: Value) -> int:
+    """Return the size of a value in items.
+
+    Raises:
+        ModelError: the value is too large, or its type is not allowed.
+    """
+    return _weight(value, 0)
+
+
+def _weight(value: Value, depth: int) -> int:
+    if value is None or isinstance(value, bool | float | Function | Namespace | range):
+        weight = len(value) if isinstance(value, range) else 1
+    elif isinstance(value, int):
+        if value.bit_length() > BITS:
+            raise ModelError(f"a whole number of more than {BITS} bits")
+        weight = 1
+    elif isinstance(value, str):
+        if len(value) > LETTERS:
+            raise ModelError(f"a text of more than {LETTERS:,} characters")
+        weight = 1 + len(value) // 16
+    elif isinstance(value, list | tuple | dict):
+        if depth > _MAX_NESTING:
+            raise ModelError(f"lists are nested more than {_MAX_NESTING} deep")
+        weight = 1
+        for item in value:
+            weight += _weight(item, depth + 1)
+            if isinstance(value, dict):
+                weight += _weight(value[item], depth + 1)
+            if weight > ITEMS:
+                break
+    else:
+        raise ModelError(f"a value of type {type(value).__name__}")
+    if weight > ITEMS:
+        raise ModelError(f"a list of more than {ITEMS:,} items")
+    return weight
+
+
+_NUMBER = (bool, int, float)
+_MATH = (
+    *("acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "ceil", "copysign", "cos", "cosh", "degrees"),
+    *("dist", "erf", "erfc", "exp", "expm1", "fabs", "floor", "fmod", "fsum", "gamma", "gcd", "hypot", "isclose"),
+    *("isfinite", "isinf", "isnan", "isqrt", "ldexp", "lgamma", "log", "log10", "log1p", "log2", "pow", "radians"),
+    *("remainder", "sin", "sinh", "sqrt", "tan", "tanh", "trunc"),
 )
+_CONSTANTS = {"e": math.e, "inf": math.inf, "nan": math.nan, "pi": math.pi, "tau": math.tau}
+_GLOBAL = ("list", "dict", "len", "str", "float", "int", "bool", "min", "max", "round", "sorted", "range")
+
+_TEXT_METHODS = (
+    *("capitalize", "count", "endswith", "find", "index", "isdigit", "lower", "lstrip", "partition", "removeprefix"),
+    *("removesuffix", "rfind", "rpartition", "rsplit", "rstrip", "split", "startswith", "strip", "title", "upper"),
+)
+_METHODS: Mapping[type, tuple[str, ...]] = {
+    str: _TEXT_METHODS,
+    list: ("count", "index"),
+    tuple: ("count", "index"),
+    dict: ("get",),
+}
+
+
+def _few(items: Iterable[Value]) -> list[Value]:
+    """Return the items as a list; refuse a range that is too long."""
+    if isinstance(items, range) and len(items) > ITEMS:
+        raise ModelError(f"a range of more than {ITEMS:,} numbers")
+    return list(items)
+
+
+def _range(*bounds: int) -> range:
+    made = range(*bounds)
+    _few(made)
+    return made
+
+
+def _round(number: float, ndigits: int | None = None) -> float:
+    if ndigits is not None and abs(ndigits) > 400:
+        raise ModelError("rounds to more than 400 digits")
+    return round(number, ndigits)
+
+
+def _sum(items: Iterable[Value], start: float = 0) -> Value:
+    numbers = _few(items)
+    if not all(isinstance(number, _NUMBER) for number in (start, *numbers)):
+        raise TypeError("sum() takes numbers")
+    return sum(numbers, start)
+
+
+def _listing(function: Callable[..., Iterable[Value]]) -> Callable[..., Value]:
+    """Wrap a function so that it returns a list, not a generator."""
+    return lambda *arguments: list(function(*arguments))
+
+
+_FUNCTIONS: Mapping[str, Callable[..., Value]] = {
+    "abs": abs,
+    "all": all,
+    "any": any,
+    "enumerate": _listing(enumerate),
+    "len": len,
+    "max": max,
+    "min": min,
+    "range": _range,
+    "reversed": _listing(reversed),
+    "round": _round,
+    "sorted": sorted,
+    "sum": _sum,
+    "zip": _listing(zip),
+}
+_KINDS: Mapping[str, type] = {each.__name__: each for each in (bool, dict, float, int, list, str, tuple)}
+
+
+def builtins() -> dict[str, Value]:
+    """Predefined names of ``${...}``; a new dictionary for each file."""
+    python: dict[str, Value] = {name: Function(name, run) for name, run in _FUNCTIONS.items()}
+    python |= {name: Function(name, kind) for name, kind in _KINDS.items()}
+    mathematics = mathematical()
+    known = {"math": Namespace("math", mathematics), "python": Namespace("python", python)}
+    return mathematics | {name: python[name] for name in _GLOBAL} | known
+
+
+def mathematical() -> dict[str, Value]:
+    """Functions and constants of ``math``, without functions whose result has no bounded length."""
+    return _CONSTANTS | {name: Function(name, getattr(math, name)) for name in _MATH}
+
+
+def tokenize(text: str, sep: str = ",; ", skip_empty: bool = True) -> list[str]:
+    """Split a text at any of the separators."""
+    parts = re.split(f"[{re.escape(sep)}]", text) if sep else [text]
+    return [part for part in parts if part or not skip_empty]
+
+
+def attribute(owner: Value, name: str) -> Value:
+    """Return an attribute: a member of a namespace, a listed method, or an entry of a dictionary.
+
+    Raises:
+        ModelError: the attribute does not exist, or could do more than compute a value.
+        NameError: a namespace has no such member.
+    """
+    if not name.startswith("_"):
+        if isinstance(owner, Namespace):
+            return owner.member(name)
+        method = _method(owner, name)
+        if method is not None:
+            return Function(name, method, cost=admit(owner))
+        if isinstance(owner, dict) and name in owner:
+            return owner[name]
+        if isinstance(owner, dict):
+            raise ModelError(f"the dictionary has no key '{name}'")
+    raise ModelError(f"attribute '{name}' could do more than compute a value")
+
+
+def _method(owner: Value, name: str) -> Callable[..., Value] | None:
+    if name in _METHODS.get(type(owner), ()):
+        return getattr(owner, name)
+    if isinstance(owner, dict) and name in ("items", "keys", "values"):
+        return _listing(getattr(owner, name))
+    if isinstance(owner, str) and name in _GROWING:
+        return partial(_GROWING[name], owner)
+    return None
+
+
+def _join(separator: str, items: Iterable[str]) -> str:
+    parts = _few(items)
+    _check_length(len(separator) * len(parts) + sum(len(part) for part in parts))
+    return separator.join(parts)
+
+
+def _replace(text: str, old: str, new: str, count: int = -1) -> str:
+    _check_length(len(text) + text.count(old) * len(new))
+    return text.replace(old, new, count)
+
+
+def _zfill(text: str, width: int) -> str:
+    _check_length(width)
+    return text.zfill(width)
+
+
+_GROWING: Mapping[str, Callable[..., str]] = {"join": _join, "replace": _replace, "zfill": _zfill}
+
+
+def _check_length(length: int) -> None:
+    if length > LETTERS:
+        raise ModelError(f"a text of more than {LETTERS:,} characters")
+
+
+# ---------------------------------------------------------------------- evaluation of the syntax tree
+
 
 _MAX_CHARACTERS = 4000
 _BINARY: Mapping[type[ast.operator], Callable[[Value, Value], Value]] = {
@@ -34,16 +274,11 @@ _BINARY: Mapping[type[ast.operator], Callable[[Value, Value], Value]] = {
     ast.FloorDiv: operator.floordiv,
     ast.Mod: operator.mod,
     ast.Pow: operator.pow,
-    ast.BitAnd: operator.and_,
-    ast.BitOr: operator.or_,
-    ast.BitXor: operator.xor,
-    ast.RShift: operator.rshift,
 }
 _UNARY: Mapping[type[ast.unaryop], Callable[[Value], Value]] = {
     ast.UAdd: operator.pos,
     ast.USub: operator.neg,
     ast.Not: operator.not_,
-    ast.Invert: operator.invert,
 }
 _COMPARISONS: Mapping[type[ast.cmpop], Callable[[Value, Value], bool]] = {
     ast.Eq: operator.eq,
@@ -132,21 +367,11 @@ class _Evaluation:
             raise ModelError(f"name '{node.id}' is not defined{_close(node.id, self._names)}")
         return self._names[node.id]
 
-    def _items(self, nodes: list[ast.expr]) -> Iterator[Value]:
-        for node in nodes:
-            if isinstance(node, ast.Starred):
-                yield from self.value(node.value)
-            else:
-                yield self.value(node)
-
     def visit_List(self, node: ast.List) -> Value:
-        return self._made(list(self._items(node.elts)))
+        return self._made([self.value(each) for each in node.elts])
 
     def visit_Tuple(self, node: ast.Tuple) -> Value:
-        return self._made(tuple(self._items(node.elts)))
-
-    def visit_Set(self, node: ast.Set) -> Value:
-        return self._made(set(self._items(node.elts)))
+        return self._made(tuple(self.value(each) for each in node.elts))
 
     def visit_Dict(self, node: ast.Dict) -> Value:
         if any(key is None for key in node.keys):
@@ -171,7 +396,10 @@ class _Evaluation:
         return self._made(compute(left, right))
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> Value:
-        return self._made(_UNARY[type(node.op)](self.value(node.operand)))
+        compute = _UNARY.get(type(node.op))
+        if compute is None:
+            raise _Refusal
+        return self._made(compute(self.value(node.operand)))
 
     def visit_BoolOp(self, node: ast.BoolOp) -> Value:
         stops = isinstance(node.op, ast.Or)
@@ -217,17 +445,16 @@ class _Evaluation:
         function = self.value(node.func)
         if not isinstance(function, Function):
             raise ModelError(f"a value of type {type(function).__name__} cannot be called")
-        arguments = list(self._items(node.args))
+        arguments = [self.value(each) for each in node.args]
         named = {}
         for keyword in node.keywords:
             if keyword.arg is None:
                 raise _Refusal
             named[keyword.arg] = self.value(keyword.value)
         given = (*arguments, *named.values())
-        called = [each for each in given if isinstance(each, Function)]
-        if any(each.higher for each in called):
-            raise _Refusal
-        self._budget.spend(max((each.cost for each in called), default=1) * sum(map(admit, given)) + function.cost)
+        if any(isinstance(each, Function) for each in given):
+            raise _Refusal("a function as an argument")
+        self._budget.spend(sum(map(admit, given)) + function.cost)
         return self._made(function(*arguments, **named))
 
     def visit_ListComp(self, node: ast.ListComp) -> Value:

@@ -17,14 +17,14 @@ import yaml
 
 from rnc_pin.errors import ModelError, ModelWarning, nearest
 from rnc_pin.io.safe_read import BoundedLoader, load_yaml, read_bytes
-from rnc_pin.robots.sources.xacro.expressions import evaluate
-from rnc_pin.robots.sources.xacro.functions import (
+from rnc_pin.robots.sources.xacro.expressions import (
     LETTERS,
     Budget,
     Function,
     Namespace,
     Value,
     builtins,
+    evaluate,
     mathematical,
     tokenize,
 )
@@ -130,7 +130,7 @@ class Substitution:
         for text in arguments.given:
             self._chosen(text)
         self.symbols = builtins() | self._xacro()
-        kinds = ("list", "dict", "map", "str", "float", "int")
+        kinds = ("list", "dict", "str", "float", "int")
         self._commands = mathematical() | {name: self.symbols[name] for name in kinds}
         self._commands |= {"true": True, "false": False}
         for name, run in (
