@@ -21,7 +21,7 @@ from rnc_pin.io.safe_read import load_yaml, read_bytes
 from rnc_pin.io.strict_mapping import Strict, validated, wrong
 from rnc_pin.printing import printed
 from rnc_pin.robots.sources.mesh_formats import FORMATS, Mesh, MeshError, read_mesh
-from rnc_pin.robots.sources.mesh_formats.by_trimesh import read_ply_points
+from rnc_pin.robots.sources.mesh_formats.readers import read_ply_points
 
 MOST_BOXES = 2000
 """Largest number of boxes; each is a pair with every shape of the robot."""

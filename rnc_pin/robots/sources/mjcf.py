@@ -20,6 +20,7 @@ from rnc_pin.errors import ModelError, ModelWarning, nearest
 from rnc_pin.extras import missing_extra
 from rnc_pin.io.safe_read import LARGEST
 from rnc_pin.robots.sources.description import (
+    AllowedFolders,
     Closure,
     Description,
     Mimic,
@@ -30,7 +31,6 @@ from rnc_pin.robots.sources.description import (
     parse_xml,
     unlogged,
 )
-from rnc_pin.robots.sources.description_files import AllowedFolders
 from rnc_pin.robots.sources.mjcf_model import SMALLEST, MeshAssets, MjcfGeometry, ModelBuilder, pose
 from rnc_pin.robots.sources.urdf_repairs import snap_mjcf
 

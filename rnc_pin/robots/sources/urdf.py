@@ -16,6 +16,7 @@ from rnc_pin.robots.sources.description import (
     ROOT_JOINTS,
     Description,
     Mimic,
+    Packages,
     captured_stderr,
     check_base,
     check_not_negative,
@@ -24,7 +25,6 @@ from rnc_pin.robots.sources.description import (
     read_number,
     read_numbers,
 )
-from rnc_pin.robots.sources.description_files import Packages
 from rnc_pin.robots.sources.urdf_links import Meshes, bodies_of, give_masses
 from rnc_pin.robots.sources.urdf_repairs import ENDLESS, Roundings, repair
 from rnc_pin.robots.sources.xacro import expand, has_macros, is_xacro

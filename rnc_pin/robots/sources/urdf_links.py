@@ -18,8 +18,15 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, few, nearest
-from rnc_pin.robots.sources.description import Body, brief, captured_stderr, read_number, read_numbers
-from rnc_pin.robots.sources.description_files import Packages, package_uri
+from rnc_pin.robots.sources.description import (
+    Body,
+    Packages,
+    brief,
+    captured_stderr,
+    package_uri,
+    read_number,
+    read_numbers,
+)
 from rnc_pin.robots.sources.mesh_formats import LoadedMesh, MeshError, MeshShapes, put_in, read_mesh
 
 STAND_IN = "_stand_in"

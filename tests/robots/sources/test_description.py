@@ -8,7 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.robots.robot_files import shipped_directory
-from rnc_pin.robots.sources.description_files import Packages, package_name
+from rnc_pin.robots.sources.description import Packages, package_name
 from tolerances import ROUNDING
 from urdf_parts import TETRAHEDRON, XACRO, write
 

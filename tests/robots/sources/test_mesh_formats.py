@@ -17,8 +17,8 @@ import rnc_pin as rnc
 from patience import ending_within
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import mesh_formats
-from rnc_pin.robots.sources.mesh_formats import MeshError, convex_hull, mesh, read_mesh, scenes
-from rnc_pin.robots.sources.mesh_formats.scenes import read_collada
+from rnc_pin.robots.sources.mesh_formats import MeshError, convex_hull, mesh, read_mesh, readers
+from rnc_pin.robots.sources.mesh_formats.readers import read_collada
 from urdf_parts import write
 
 SINGLE = 1e-7  # [m], of vertices kept in single precision
@@ -194,9 +194,9 @@ def test_broken_meshes_are_refused_soon_and_by_name(name, content, says, tmp_pat
 ], ids=["visits", "depth"])  # fmt: skip
 def test_nodes_of_a_collada_file_are_counted_before_they_are_visited(limit, most, content, monkeypatch):
     """The outer node, the inner one, and each instance below it."""
-    monkeypatch.setattr(scenes, limit, most)
+    monkeypatch.setattr(readers, limit, most)
     read_collada(content.encode())
-    monkeypatch.setattr(scenes, limit, most - 1)
+    monkeypatch.setattr(readers, limit, most - 1)
     with pytest.raises(MeshError, match="nodes are more than"):
         read_collada(content.encode())
 

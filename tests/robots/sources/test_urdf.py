@@ -16,7 +16,7 @@ import rnc_pin as rnc
 from places import DIRT, ROOT
 from rnc_pin.applications.scenario.schema.world import RobotSource
 from rnc_pin.robots import UselessInertia
-from rnc_pin.robots.sources.description_files import Packages
+from rnc_pin.robots.sources.description import Packages
 from rnc_pin.robots.sources.urdf_repairs import decimals, is_rounding, snapped_angle, snapped_direction
 from tolerances import ROUNDING
 from urdf_parts import TETRAHEDRON, XACRO, write

@@ -16,7 +16,6 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError
 from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.robots.sources.description import read_numbers
-from rnc_pin.robots.sources.mesh_formats.by_trimesh import read_glb, read_gltf, read_ply
 from rnc_pin.robots.sources.mesh_formats.mesh import (
     FARTHEST,
     Mesh,
@@ -25,8 +24,14 @@ from rnc_pin.robots.sources.mesh_formats.mesh import (
     checked_mesh,
     convex_hull,
 )
-from rnc_pin.robots.sources.mesh_formats.scenes import read_collada
-from rnc_pin.robots.sources.mesh_formats.simple_formats import read_obj, read_stl
+from rnc_pin.robots.sources.mesh_formats.readers import (
+    read_collada,
+    read_glb,
+    read_gltf,
+    read_obj,
+    read_ply,
+    read_stl,
+)
 
 __all__ = ["FARTHEST", "FORMATS", "Mesh", "MeshError", "check_thickness", "checked_mesh", "convex_hull", "read_mesh"]
 

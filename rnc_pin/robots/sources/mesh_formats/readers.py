@@ -1,0 +1,452 @@
+"""Readers of mesh files: STL, OBJ and Collada (DAE), and GLB, glTF and PLY by trimesh (extra ``meshes``).
+
+Materials are not read. trimesh gets bytes and no resolver, so that it opens no file and no address. It copies what a
+file declares before anything is checked, so sizes and counts are checked here first.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import logging
+import re
+import warnings
+from array import array
+from collections.abc import Iterator, Mapping
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.extras import missing_extra
+from rnc_pin.io.safe_read import parse_tree
+from rnc_pin.robots.sources.mesh_formats.mesh import (
+    Mesh,
+    MeshError,
+    check_counts,
+    checked_mesh,
+    fans,
+    merged,
+    numbers,
+    scene_mesh,
+)
+
+if TYPE_CHECKING:
+    from trimesh import Scene
+
+_MAX_CHARACTERS = 1 << 16  # characters of a line
+_MAX_LINES = 8_000_000
+_VERTEX = re.compile(rb"\bvertex\s++(\S++)\s++(\S++)\s++(\S++)", re.IGNORECASE)
+_STL_HEAD = 84  # bytes before the first facet; the last four hold the number of facets
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+def read_obj(content: bytes) -> Mesh:
+    """Read an OBJ file.
+
+    Raises:
+        MeshError: not well formed.
+        ValueError: a word is not a number.
+    """
+    if content.count(b"\n") > _MAX_LINES:
+        raise MeshError(f"more than {_MAX_LINES:,} lines")
+    vertices, corners, sizes = array("d"), array("q"), array("q")
+    for line in _lines(content):
+        if line.startswith((b"v ", b"v\t")):
+            vertices.extend(_vertex(line.split()))
+            check_counts(len(vertices) // 3, 0)
+        elif line.startswith((b"f ", b"f\t")):
+            words = line.split()
+            count = len(vertices) // 3
+            for word in words[1:]:
+                index = int(word.partition(b"/")[0])
+                corners.append(index - 1 if index > 0 else count + index)
+            sizes.append(len(words) - 1)
+            check_counts(count, max(len(sizes), len(corners) - 2 * len(sizes)))
+    points = np.array(vertices).reshape(-1, 3)
+    return checked_mesh(points, fans(np.array(corners, dtype=np.int64), np.array(sizes, dtype=np.int64)))
+
+
+def _vertex(words: list[bytes]) -> tuple[float, float, float]:
+    """Return the coordinates of a vertex; a weight or colour may follow them."""
+    if len(words) not in (4, 5, 7, 8):
+        raise MeshError(f"a vertex of {len(words) - 1} numbers")
+    x, y, z = map(float, words[1:4])
+    weight = float(words[4]) if len(words) == 5 else 1.0
+    return x / weight, y / weight, z / weight
+
+
+def _lines(content: bytes) -> Iterator[bytes]:
+    """Yield stripped lines; a line that ends in a backslash continues on the next line."""
+    start, begun = 0, b""
+    while start < len(content):
+        end = content.find(b"\n", start)
+        end = len(content) if end < 0 else end
+        if end - start + len(begun) > _MAX_CHARACTERS:
+            raise MeshError(f"a line of more than {_MAX_CHARACTERS:,} characters")
+        line = content[start:end].strip()
+        start = end + 1
+        if line.endswith(b"\\"):
+            begun += line[:-1] + b" "
+            continue
+        yield begun + line
+        begun = b""
+    if begun:
+        yield begun
+
+
+def read_stl(content: bytes) -> Mesh:
+    """Read an STL file; shared vertices of facets are merged.
+
+    Raises:
+        MeshError: the number of facets does not match the file, or the file is not well formed.
+    """
+    count = int.from_bytes(content[_STL_HEAD - 4 : _STL_HEAD], "little")
+    if len(content) == _STL_HEAD + _FACET.itemsize * count and count:
+        check_counts(0, count)
+        corners = np.frombuffer(content, _FACET, count, _STL_HEAD)["corners"].reshape(-1, 3).astype(float)
+    elif content.lstrip()[:5].lower() == b"solid":
+        corners = _text(content)
+    else:
+        room = max(0, len(content) - _STL_HEAD) // _FACET.itemsize
+        raise MeshError(f"STL of {len(content):,} bytes: room for {room:,} triangles, declared {count:,}")
+    points, indices = merged(corners)
+    return checked_mesh(points, indices.reshape(-1, 3))
+
+
+def _text(content: bytes) -> np.ndarray:
+    corners = array("d")
+    for match in _VERTEX.finditer(content):
+        corners.extend(map(float, match.groups()))
+        check_counts(0, len(corners) // 9)
+    if len(corners) % 9:
+        raise MeshError("a facet does not have three vertices")
+    return np.frombuffer(corners, dtype=float).reshape(-1, 3)
+
+
+# ---------------------------------------------------------------------- Collada
+
+
+_MAX_NODES = 100_000  # visited nodes; each instance counts
+_MAX_DEPTH = 100
+_TOO_MANY_NODES = f"nodes are more than {_MAX_DEPTH} deep, or more than {_MAX_NODES:,}"
+
+
+def read_collada(content: bytes) -> Mesh:
+    """Read a Collada file.
+
+    Unit and up axis of a file are not applied, as in the coal loader of Pinocchio. URDF files give the ``scale`` and
+    ``origin`` of their meshes.
+
+    Raises:
+        MeshError: not well formed, or too many nodes or triangles.
+        ValueError: a word is not a number.
+    """
+    root = parse_tree(content)
+    for element in root.iter():
+        element.tag = element.tag.rpartition(":")[2]
+    if root.tag != "COLLADA":
+        raise MeshError("no Collada file")
+    return _ColladaScene(root).mesh()
+
+
+class _ColladaScene:
+    """Traversal of a Collada scene, node by node.
+
+    Args:
+        root: root element with tags without namespace.
+    """
+
+    def __init__(self, root: ElementTree.Element) -> None:
+        self._root = root
+        self._ids = {str(each.get("id")): each for each in root.iter() if each.get("id")}
+        self._geometries: dict[str, list[Mesh]] = {}
+        self._numbers: dict[int, np.ndarray] = {}
+        self._read = 0  # number of points read
+        self._extents: dict[ElementTree.Element, tuple[int, int]] = {}
+
+    def mesh(self) -> Mesh:
+        """Return all triangles."""
+        scene = self._root.find("scene/instance_visual_scene")
+        start = self._root.find("library_visual_scenes/visual_scene") if scene is None else self._named(scene, "url")
+        if start is None:
+            raise MeshError("has no scene")
+        nodes = start.findall("node")
+        visits = sum(self._extent(node, 0)[0] for node in nodes)
+        if visits > _MAX_NODES:
+            raise MeshError(_TOO_MANY_NODES)
+        return scene_mesh(part for node in nodes for part in self._placed(node, np.eye(4)))
+
+    def _named(self, element: ElementTree.Element, key: str) -> ElementTree.Element:
+        name = element.get(key, "")
+        if not name.startswith("#") or name[1:] not in self._ids:
+            raise MeshError(f"<{element.tag}> names '{name[:40]}', which is not in the file")
+        return self._ids[name[1:]]
+
+    def _extent(self, node: ElementTree.Element, depth: int) -> tuple[int, int]:
+        """Number and depth of the nodes that a traversal of a node visits; each node is counted once.
+
+        Raises:
+            MeshError: too deep, as nodes are that contain themselves.
+        """
+        if depth > _MAX_DEPTH:
+            raise MeshError(_TOO_MANY_NODES)
+        if node not in self._extents:
+            parts = [self._extent(each, depth + 1) for each in self._nodes_of(node)]
+            self._extents[node] = (
+                1 + sum(visits for visits, _ in parts),
+                1 + max((deep for _, deep in parts), default=0),
+            )
+        if depth + self._extents[node][1] - 1 > _MAX_DEPTH:
+            raise MeshError(_TOO_MANY_NODES)
+        return self._extents[node]
+
+    def _nodes_of(self, node: ElementTree.Element) -> Iterator[ElementTree.Element]:
+        for part in node:
+            if part.tag == "instance_node":
+                yield self._named(part, "url")
+            elif part.tag == "node":
+                yield part
+
+    def _placed(self, node: ElementTree.Element, placement: np.ndarray) -> Iterator[tuple[Mesh, np.ndarray]]:
+        """Yield the meshes of a node and of those inside with their placements (4, 4)."""
+        for part in node:
+            if part.tag in _TRANSFORMS:
+                placement = placement @ _collada_transform(part)
+        for part in node.findall("instance_geometry"):
+            for mesh in self._geometry(part.get("url", ""), self._named(part, "url")):
+                yield mesh, placement
+        for each in self._nodes_of(node):
+            yield from self._placed(each, placement)
+
+    def _geometry(self, name: str, geometry: ElementTree.Element) -> list[Mesh]:
+        """Return the meshes of a geometry; each is read once."""
+        if name not in self._geometries:
+            triangles: dict[ElementTree.Element, list[np.ndarray]] = {}
+            for primitive in (each for mesh in geometry.findall("mesh") for each in mesh if each.tag in _POLYGONS):
+                corners = _primitive(primitive)
+                if len(corners):
+                    vertices = self._named(_input(primitive, "VERTEX"), "source")
+                    source = self._named(_input(vertices, "POSITION"), "source")
+                    triangles.setdefault(source, []).append(corners)
+            self._geometries[name] = [
+                checked_mesh(self._points(source), np.concatenate(corners)) for source, corners in triangles.items()
+            ]
+        return self._geometries[name]
+
+    def _points(self, source: ElementTree.Element) -> np.ndarray:
+        """Return the positions (n, 3) of a source."""
+        accessor = source.find("technique_common/accessor")
+        if accessor is None:
+            raise MeshError("a source has no accessor")
+        stored = self._named(accessor, "source")
+        if id(stored) not in self._numbers:
+            self._numbers[id(stored)] = numbers(stored.text)
+        values = self._numbers[id(stored)]
+        count, stride, offset = (
+            int(accessor.get(key, default)) for key, default in (("count", ""), ("stride", "1"), ("offset", "0"))
+        )
+        check_counts(count, 0)
+        self._read += count
+        check_counts(self._read, 0)
+        if stride < 3 or offset < 0 or count < 1 or offset + stride * (count - 1) + 3 > len(values):
+            raise MeshError(f"an accessor of {count:,} points in {len(values):,} numbers")
+        starts = offset + stride * np.arange(count)
+        return np.asarray(values[starts[:, None] + np.arange(3)])
+
+
+_TRANSFORMS = ("matrix", "translate", "scale", "rotate", "lookat", "skew")
+_POLYGONS = ("triangles", "polylist", "polygons", "trifans")
+
+
+def _input(element: ElementTree.Element, semantic: str) -> ElementTree.Element:
+    found = next((each for each in element.findall("input") if each.get("semantic") == semantic), None)
+    if found is None:
+        raise MeshError(f"<{element.tag}> has no {semantic}")
+    return found
+
+
+def _collada_transform(part: ElementTree.Element) -> np.ndarray:
+    """Transform (4, 4) of a part of a node."""
+    matrix = np.eye(4)
+    if part.tag == "matrix":
+        matrix = numbers(part.text).reshape(4, 4)
+    elif part.tag == "translate":
+        matrix[:3, 3] = numbers(part.text).reshape(3)
+    elif part.tag == "scale":
+        matrix[:3, :3] = np.diag(numbers(part.text).reshape(3))
+    elif part.tag == "rotate":
+        *axis, angle = numbers(part.text).reshape(4)
+        length = np.linalg.norm(axis)
+        if length > 0:
+            matrix[:3, :3] = pin.AngleAxis(np.deg2rad(angle), np.array(axis) / length).toRotationMatrix()
+    else:
+        raise MeshError(f"<{part.tag}> is not read")
+    return matrix
+
+
+def _primitive(primitive: ElementTree.Element) -> np.ndarray:
+    """Indices of positions (k, 3)."""
+    inputs = [int(each.get("offset", "0")) for each in primitive.findall("input")]
+    place, width = int(_input(primitive, "VERTEX").get("offset", "0")), max(inputs) + 1
+    if min(inputs) < 0 or width > 64:
+        raise MeshError("an input has no offset")
+    lists = [numbers(each.text, np.int64) for each in primitive.findall("p")]
+    if any(len(each) % width for each in lists):
+        raise MeshError(f"indices of <{primitive.tag}> are not in groups of {width}")
+    corners = [each[place::width] for each in lists]
+    together = np.concatenate(corners) if corners else np.zeros(0, dtype=np.int64)
+    if primitive.tag == "polylist":
+        counts = primitive.find("vcount")
+        return fans(together, numbers(None if counts is None else counts.text, np.int64))
+    if primitive.tag == "triangles":
+        return fans(together, np.full(len(together) // 3, 3))
+    return fans(together, np.array([len(each) for each in corners], dtype=np.int64))
+
+
+# ---------------------------------------------------------------------- trimesh
+
+
+_JSON = 0x4E4F534A  # type of the first chunk of a GLB
+_FLOAT = 5126  # component type of glTF
+_MAX_PARTS = 2_000_000  # of the JSON: each part takes more memory than its text
+_MAX_COPIES = 4  # bytes of all views, relative to those of the file
+_MAX_COUNT = 12_000_000  # items of all accessors
+_MAX_HEADER = 1 << 16  # bytes
+_MAX_ROWS = 4_000_000  # lines of a PLY as text, each of which trimesh makes an array
+_BREAKS = (b"\n", b"\r", b"\v", b"\f", b"\x1c", b"\x1d", b"\x1e")  # where Python splits lines
+
+
+def read_gltf(content: bytes) -> Mesh:
+    """Read a glTF file with embedded data.
+
+    Raises:
+        MeshError: not well formed, compressed, too large, or with data in other files.
+    """
+    _check_installed()
+    _check_document(content, len(content))
+    return _mesh_of(_scene(content, "gltf"))
+
+
+def read_glb(content: bytes) -> Mesh:
+    """Read a GLB file. Errors are as for ``read_gltf``."""
+    _check_installed()
+    size, kind = (int(each) for each in np.frombuffer(content, "<u4", 2, 12))
+    if kind != _JSON or size > len(content) - 20:
+        raise MeshError(f"a chunk of {size:,} bytes in a file of {len(content):,}")
+    _check_document(content[20 : 20 + size], len(content))
+    return _mesh_of(_scene(content, "glb"))
+
+
+def read_ply(content: bytes) -> Mesh:
+    """Read a PLY file.
+
+    Raises:
+        MeshError: the file is shorter or longer than its header says, or not well formed.
+    """
+    _check_installed()
+    _check_header(content)
+    return _mesh_of(_scene(content, "ply"))
+
+
+def read_ply_points(content: bytes) -> np.ndarray | None:
+    """Points (n, 3) of a PLY file without faces; None if it has faces. Errors are as for ``read_ply``."""
+    _check_installed()
+    _check_header(content)
+    (found,) = _scene(content, "ply").geometry.values()
+    return None if len(getattr(found, "faces", ())) else np.asarray(found.vertices, dtype=float).reshape(-1, 3)
+
+
+def _check_installed() -> None:
+    if find_spec("trimesh") is None:
+        raise MeshError(missing_extra("meshes"))
+
+
+def _scene(content: bytes, kind: str) -> Scene:
+    import trimesh
+
+    log = logging.getLogger("trimesh")
+    level = log.level
+    log.setLevel(logging.CRITICAL)  # the error says it
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of numbers that are not finite, which our checks refuse
+        warnings.filterwarnings("error", "string or file could not be read")  # words in place of numbers
+        try:
+            return trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False, skip_materials=True)
+        except Exception:  # any: trimesh checks little
+            raise MeshError(f"not well-formed {kind.upper()}") from None
+        finally:
+            log.setLevel(level)
+
+
+def _mesh_of(scene: Scene) -> Mesh:
+    """Triangles of all nodes; points and lines have none."""
+    read = {
+        name: checked_mesh(found.vertices, found.faces)
+        for name, found in scene.geometry.items()
+        if len(getattr(found, "faces", ()))
+    }
+    placed = (scene.graph[node] for node in scene.graph.nodes_geometry)
+    return scene_mesh((read[name], placement) for placement, name in placed if name in read)
+
+
+def _check_document(text: bytes, size: int) -> None:
+    """Refuse a glTF document before trimesh makes arrays of it.
+
+    Args:
+        text: the JSON.
+        size: bytes of the whole file.
+    """
+    if sum(map(text.count, (b"[", b"{", b","))) > _MAX_PARTS:
+        raise MeshError(f"JSON of more than {_MAX_PARTS:,} parts")
+    document: Mapping[str, Any] = json.loads(text)
+    for buffer in document.get("buffers", ()):
+        uri = buffer.get("uri", "data:")
+        if not uri.startswith("data:"):
+            raise MeshError(f"data in another file, '{uri[:40]}', is not read: put all into one .glb")
+    if len(document.get("nodes", ())) > _MAX_NODES:
+        raise MeshError(f"more than {_MAX_NODES:,} nodes")
+    views, accessors = document.get("bufferViews", ()), document.get("accessors", ())
+    sizes = [each["byteLength"] for each in views] + [each.get("byteOffset", 0) for each in (*views, *accessors)]
+    counts = [each["count"] for each in accessors] + [each.get("byteStride", 1) for each in views]
+    if not all(isinstance(each, int) and each >= 0 for each in (*sizes, *counts)) or 0 in counts[len(accessors) :]:
+        raise MeshError("a size is not a whole number")
+    if any("sparse" in each or "bufferView" not in each for each in accessors):
+        raise MeshError("an accessor that is sparse or compressed is not read")
+    if sum(sizes[: len(views)]) > _MAX_COPIES * size or sum(counts[: len(accessors)]) > _MAX_COUNT:
+        raise MeshError(f"declares {sum(counts[: len(accessors)]):,} items in {size:,} bytes, at most {_MAX_COUNT:,}")
+    _check_primitives(document)
+
+
+def _check_primitives(document: Mapping[str, Any]) -> None:
+    """Refuse positions that are not floats, which trimesh does not scale, and more triangles than a mesh may have."""
+    accessors, meshes = document.get("accessors", ()), document.get("meshes", ())
+    triangles = []
+    for mesh in meshes:
+        count = 0
+        for primitive in mesh["primitives"]:
+            place = primitive["attributes"]["POSITION"]
+            if accessors[place]["componentType"] != _FLOAT:
+                raise MeshError("positions that are not floats are not read")
+            count += accessors[primitive.get("indices", place)]["count"]
+        triangles.append(count // 3)
+    used = [node["mesh"] for node in document.get("nodes", ()) if "mesh" in node]
+    check_counts(0, sum(triangles[each] for each in used))
+
+
+def _check_header(content: bytes) -> None:
+    """Refuse a PLY file whose header is wrong, or says more than there is."""
+    end = content.find(b"end_header", 0, _MAX_HEADER)
+    if not content.startswith(b"ply") or end < 0:
+        raise MeshError("has no PLY header")
+    lines = [line.split() for line in content[:end].decode("ascii", "replace").splitlines()]
+    rows = [int(words[2]) for words in lines if words[:1] == ["element"]]
+    if min(rows, default=0) < 0 or sum(rows) > len(content):
+        raise MeshError(f"says {sum(rows):,} elements in {len(content):,} bytes")
+    is_text = b"ascii" in content.split(b"\n", 2)[1].lower()
+    if is_text and sum(rows) > content.count(b"\n", end):
+        raise MeshError("ends before its last element")
+    if is_text and not (content.isascii() and sum(map(content.count, _BREAKS)) <= _MAX_ROWS):
+        raise MeshError(f"text that is not ASCII, or has more than {_MAX_ROWS:,} lines")
