@@ -194,19 +194,15 @@ def _summary(found: Sequence[Massless]) -> str:
     return f"joints {few(names)} move no mass" if several else found[0].message
 
 
-def remedy(model: pin.Model, joints: Sequence[Massless]) -> str:
-    """Text of the remedy for a model: masses to give, and joints to lock if that is sufficient."""
+def remedy(joints: Sequence[Massless]) -> str:
+    """Text of the remedy: masses to give."""
     masses: dict[str, float] = {}
     for each in joints:
         masses |= each.masses
     if not masses:
         return "give the links behind it an inertia"
     several = f"link '{next(iter(masses))}' a mass" if len(masses) == 1 else f"{len(masses)} links masses"
-    words = f"give {several} with {argument('masses', masses)}"
-    lock = {each.joint: _neutral(model, each.joint) for each in joints}
-    if any(each.why != MOVES_NONE for each in joints) or not _holds(model, list(lock)):
-        return words
-    return f"lock {'it' if len(lock) == 1 else 'them'} with {argument('lock', lock)}, or {words}"
+    return f"give {several} with {argument('masses', masses)}"
 
 
 def _check_places(model: pin.Model) -> None:
@@ -309,26 +305,3 @@ def _behind(
     at = int(np.argmax(np.abs(velocity)))
     message = f"inertia matrix is singular: joint '{NamedModel(model).velocity_names[at]}' can move without moving mass"
     return _massless(model, joint, SINGULAR, message, bodies)
-
-
-def _neutral(model: pin.Model, name: str) -> float | list[float]:
-    joint = model.joints[model.getJointId(name)]
-    if joint.nv == 1:
-        return 0
-    if joint.shortname() == "JointModelPlanar":
-        return [0, 0, 0]
-    return pin.neutral(model)[joint.idx_q : joint.idx_q + joint.nq].tolist()
-
-
-def _holds(model: pin.Model, names: Sequence[str]) -> bool:
-    """True if every remaining motion has inertia once these joints are locked."""
-    if "root_joint" in names:
-        return False
-    indices = [model.getJointId(name) for name in names]
-    locked = {model.joints[index].idx_v + offset for index in indices for offset in range(model.joints[index].nv)}
-    kept = [entry for entry in range(model.nv) if entry not in locked]
-    if not kept:
-        return False
-    q = _some_configuration(model, np.random.default_rng(1))
-    matrix = pin.crba(model, model.createData(), q)
-    return _free_of_mass(matrix[np.ix_(kept, kept)]) is None

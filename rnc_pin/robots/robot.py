@@ -173,7 +173,7 @@ class Robot(NamedModel, SummaryMixin):
                 return cls(model)
             except UselessInertia as error:
                 error.joints = massless(model, read.bodies)  # with suggested masses for the file's links
-                error.args = (f"{path}: {error.what}: {remedy(model, error.joints)}",)
+                error.args = (f"{path}: {error.what}: {remedy(error.joints)}",)
                 raise error from None
             except ModelError as error:
                 raise error.within(path) from None

@@ -143,9 +143,6 @@ class ScenarioCandidate:
                 continue  # a shorter period would not reduce its tracking error
             scenario["controller"] = controller
             scenario["simulation"] = {"duration": DURATION + _REST, "dt": dt}
-            base = mobility.base or "as in the file"
-            law = controller.get("tracker", controller["type"])
-            self.source.report(f"trying base {base}: {mobility.kind}; {law}, dt {dt:g} s")
             try:
                 trial = self._try_within_limits(scenario)
             except RncError as error:
@@ -345,14 +342,8 @@ class ScenarioCandidate:
         without = self.mobility.without_effort
         idle = [name for name in self.start if name in without and name not in self._against]
         why = "no actuator in the file" if self.source.is_mjcf else "effort 0 in the file"
-        others = "the other actuators are not enough"
-        weak = [each for each in self._against if each in without]
-        said = {
-            f"{why}, so that nothing drives them": idle,
-            f"{why}, but driven, because {others}; runs fail by the limit 0 until the file has another": weak,
-            f"driven although usually passive, because {others}": [each for each in self._against if each not in weak],
-        }
-        self.mobility.notes += [f"{words}: {', '.join(joints)}" for words, joints in said.items() if joints]
+        if idle:
+            self.mobility.notes.append(f"{why}, so that nothing drives them: {', '.join(idle)}")
         return driving
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import zip_longest
@@ -44,7 +44,6 @@ class DraftOptions:
         passive: joints without a motor.
         balance: whether the base balances; None if the draft decides.
         rollers: whether the wheels have rollers, as Mecanum and omni wheels do; None if the draft decides.
-        report: function that is told what is tried, before each trial run.
     """
 
     base: str | None = None
@@ -55,7 +54,6 @@ class DraftOptions:
     passive: Sequence[str] = ()
     balance: bool | None = None
     rollers: bool | None = None
-    report: Callable[[str], None] | None = None
 
 
 def with_choices(choices: DraftOptions, options: Sequence[str]) -> DraftOptions:
@@ -149,11 +147,6 @@ class Source:
                 raise
             is_rigid = True
         return robot, is_rigid
-
-    def report(self, text: str) -> None:
-        """Tell the user what is tried."""
-        if self.options.report is not None:
-            self.options.report(f"{self.name}: {text}")
 
     @property
     def is_mjcf(self) -> bool:

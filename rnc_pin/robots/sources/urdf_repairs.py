@@ -111,14 +111,12 @@ class Roundings:
     """Record of the rounded values that were replaced in a file.
 
     Attributes:
-        angles: number of angles changed by more than ``REPORTED``.
-        axes: number of axes changed by more than ``REPORTED``.
+        changed: number of angles and axes changed by more than ``REPORTED``.
         largest: largest change [rad, or of a component].
         where: joint or body with the largest change, in words.
     """
 
-    angles: int = 0
-    axes: int = 0
+    changed: int = 0
     largest: float = 0.0
     where: str = ""
 
@@ -138,27 +136,18 @@ class Roundings:
         if not all(lengths):
             return list(texts)
         change = max(abs(old / lengths[0] - new / lengths[1]) for old, new in zip(given, exact, strict=True))
-        if change > REPORTED:
-            self.axes += is_axis
-            self.angles += not is_axis
+        self.changed += change > REPORTED
         if change > self.largest:
             self.largest, self.where = change, where
         return [text if old == new else repr(new) for text, old, new in zip(texts, given, exact, strict=True)]
 
     def notes(self) -> list[str]:
         """Summary of the changes in one line, which can follow the file name; none if there is nothing to report."""
-        counts = [
-            f"{count} {one if count == 1 else many}"
-            for count, one, many in ((self.angles, "angle", "angles"), (self.axes, "axis", "axes"))
-            if count
-        ]
-        if not counts:
+        if not self.changed:
             return []
-        verb, article = ("was", "a multiple") if self.angles + self.axes == 1 else ("were", "multiples")
-        taken = f"{'is' if verb == 'was' else 'are'} taken as {article} of pi" if self.angles else "made exact"
+        said = "1 angle or axis is" if self.changed == 1 else f"{self.changed} angles or axes are"
         largest = f"largest change {self.largest:.0e} rad, {self.where}"
-        text = f"{' and '.join(counts)} {verb} rounded in the file and {taken} ({largest})"
-        return [f"{text}; {argument('snap', False)} keeps them"]
+        return [f"{said} rounded in the file and made exact ({largest}); {argument('snap', False)} keeps them"]
 
 
 def snap_mjcf(root: ElementTree.Element) -> list[str]:

@@ -49,6 +49,7 @@ WHEELS = ["l_joint", "r_joint"]
 
 @pytest.mark.parametrize(("named", "efforts", "multiplier", "motor"), [
     ([], (5.0, 5.0), -1, "grip"),
+    ("option", (5.0, 5.0), -1, "mirror"),
     ([*WHEELS, "grip"], (5.0, 5.0), -1, "grip"),
     ([*WHEELS, "grip", "mirror"], (5.0, 5.0), -1, "grip"),
     ([*WHEELS, "mirror"], (5.0, 5.0), -1, "mirror"),
@@ -57,7 +58,8 @@ WHEELS = ["l_joint", "r_joint"]
     (WHEELS, (5.0, 5.0), -1, None),
 ])  # fmt: skip
 def test_one_motor_moves_a_gripper(named, efforts, multiplier, motor, tmp_path):
-    content, _ = run_draft(gripper(*named, efforts=efforts, multiplier=multiplier), tmp_path)
+    named, driven = ([], ["mirror"]) if named == "option" else (named, [])
+    content, _ = run_draft(gripper(*named, efforts=efforts, multiplier=multiplier), tmp_path, driven=driven)
     assert content["actuators"] == [*WHEELS, *([motor] if motor else [])]
     assert content["task"]["primary"] == ["base_speed_x", "base_yaw", *([motor] if motor else [])]
     assert list(content["robot"].get("lock", {})) == ([] if motor else ["grip", "mirror"])
@@ -75,11 +77,6 @@ def test_a_lock_of_a_follower_locks_its_leader(tmp_path):
     assert content["robot"]["lock"] == {"mirror": 0.01, "grip": -0.01}
     assert content["actuators"] == WHEELS
     assert "# Assumed: locked together with mirror, which mimics it: grip." in text
-
-
-def test_an_option_gives_the_motor_to_a_follower(tmp_path):
-    content, _ = run_draft(gripper(), tmp_path, driven=["mirror"])
-    assert content["actuators"] == [*WHEELS, "mirror"]
 
 
 def belt_rover(*named):
@@ -104,7 +101,6 @@ def test_wheels_on_a_belt_have_one_motor(named, end, tmp_path):
     assert content["task"]["primary"] == ["base_speed_x", "base_yaw"]
     assert f"Which wheels are driven? {', '.join(motors)} (" in text
     assert "Otherwise" not in text.partition("title:")[0].partition("Which wheels are driven?")[2].partition("\n# D")[0]
-    assert "uncomment it" not in text
 
 
 # ---------------------------------------------------------------------- MJCF
@@ -135,41 +131,23 @@ def mjcf(parts, leader, follower, motors, base="<freejoint/>"):
 
 PAIR = "".join(DRIVE.format(name, 0, y, ROLL) for name, y in (("rl", 0.15), ("rr", -0.15)))
 SKID = '<geom type="sphere" size="0.02" pos="-0.15 0 -0.03" mass="0.01"/>'
-ORDERS = pytest.mark.parametrize(("leader", "follower"), [("one", "other"), ("other", "one")])
-
-
-@ORDERS
-def test_one_motor_moves_a_gripper_on_a_fixed_arm_of_an_mjcf(leader, follower, tmp_path):
-    pytest.importorskip("mujoco")
-    content, _ = run_draft(mjcf(FINGERS, leader, follower, ["lift", "one"], FIXED), tmp_path, "unit.xml")
-    assert content["actuators"] == content["task"]["primary"] == ["lift", "one"]
-    assert "lock" not in content["robot"]
-
-
-@ORDERS
-def test_one_motor_moves_a_gripper_on_wheels_of_an_mjcf(leader, follower, tmp_path):
-    pytest.importorskip("mujoco")
-    content, _ = run_draft(mjcf(PAIR + SKID + FINGERS, leader, follower, ["rl", "rr", "one"]), tmp_path, "unit.xml")
-    assert content["actuators"] == ["rl", "rr", "one"]
-    assert content["task"]["primary"] == ["base_speed_x", "base_yaw", "one"]
-    assert "lock" not in content["robot"]
+REAR = "".join(DRIVE.format(name, -0.2, y, ROLL) for name, y in (("rl", 0.15), ("rr", -0.15)))
+CART = PAIR + SKID + FINGERS
+FRONT = "".join(KNUCKLE.format(side, y) for side, y in (("l", 0.15), ("r", -0.15)))
 
 
 @pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
-def test_a_gripper_without_a_motor_is_locked_whole(tmp_path):
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize(("parts", "pair", "motors", "base", "primary", "lock"), [
+    (FINGERS, ("one", "other"), ["lift", "one"], FIXED, ["lift", "one"], []),
+    (CART, ("one", "other"), ["rl", "rr", "one"], "<freejoint/>", ["base_speed_x", "base_yaw", "one"], []),
+    (CART, ("one", "other"), ["rl", "rr"], "<freejoint/>", ["base_speed_x", "base_yaw"], ["one", "other"]),
+    (REAR + FRONT, ("steer_l", "steer_r"), ["rl", "rr", "steer_l"], "<freejoint/>", ["base_speed_x", "steer_l"], []),
+], ids=["arm", "cart", "no motor", "car"])  # fmt: skip
+def test_one_motor_moves_a_pair_of_an_mjcf_whichever_leads(parts, pair, motors, base, primary, lock, swapped, tmp_path):
     pytest.importorskip("mujoco")
-    content, _ = run_draft(mjcf(PAIR + SKID + FINGERS, "one", "other", ["rl", "rr"]), tmp_path, "unit.xml")
-    assert content["actuators"] == ["rl", "rr"]
-    assert set(content["robot"]["lock"]) == {"one", "other"}
-
-
-@pytest.mark.parametrize(("leader", "follower"), [("steer_l", "steer_r"), ("steer_r", "steer_l")])
-def test_one_motor_steers_both_wheels_of_a_car(leader, follower, tmp_path):
-    pytest.importorskip("mujoco")
-    rear = "".join(DRIVE.format(name, -0.2, y, ROLL) for name, y in (("rl", 0.15), ("rr", -0.15)))
-    front = "".join(KNUCKLE.format(side, y) for side, y in (("l", 0.15), ("r", -0.15)))
-    content, text = run_draft(mjcf(rear + front, leader, follower, ["rl", "rr", "steer_l"]), tmp_path, "unit.xml")
-    assert "# base planar: 4 wheels, steered like a car" in text
-    assert content["actuators"] == ["rl", "rr", "steer_l"]
-    assert content["task"]["primary"] == ["base_speed_x", "steer_l"]
-    assert "lock" not in content["robot"]
+    leader, follower = pair[::-1] if swapped else pair
+    content, _ = run_draft(mjcf(parts, leader, follower, motors, base), tmp_path, "unit.xml")
+    assert content["actuators"] == motors
+    assert content["task"]["primary"] == primary
+    assert {*content["robot"].get("lock", {})} == {*lock}

@@ -152,7 +152,7 @@ WHOLE = {
     "inside a macro": '<xacro:macro name="o"><xacro:macro name="i"><z/></xacro:macro><xacro:i/></xacro:macro><xacro:o/><xacro:i/>',
     "YAML": """<xacro:property name="s" value="${xacro.load_yaml('settings.yaml')}"/><a x="${s.arm.length}" y="${s['arm']['names'][1]}"
         z="${s.arm.deep.key.x}" w="${s['angle']}" v="${s.foot}" u="${list(s.arm.keys())}"/>""",
-    "tokens": """<a x="${xacro.tokenize('a, b;c')}" y="${xacro.arg('k')}"/>""",
+    "argument": """<a y="${xacro.arg('k')}"/>""",
     "dictionary": '<xacro:property name="d" value="${dict(a=1, b=[2, 3])}"/><a x="${d[\'b\'][0]}" y="${[k for k in d]}"/>',
     "text between": "<a>${1+1} and <b/> $(arg k)</a>",
     "comments": "<!-- ${nothing} --><a/><!-- more -->",
@@ -334,16 +334,6 @@ def test_an_error_names_the_file_and_the_line_that_it_is_in(part, call, words, t
         expanded(tmp_path, f'<xacro:include filename="parts.xacro"/>{call}')
     assert str(raised.value).startswith(f"{tmp_path / 'r.xacro'}: xacro: ")
     assert str(raised.value).endswith(words.format(parts=parts))
-
-
-def test_all_arguments_without_a_value_are_named_at_once(tmp_path):
-    names = "".join(f'<xacro:arg name="{name}"/>' for name in ("length", "width", "height"))
-    inside = f'{names}<xacro:arg name="color" default="red"/><a x="$(arg width)" y="$(arg length)" z="$(arg height)"/>'
-    with pytest.raises(rnc.ModelError) as raised:
-        expanded(tmp_path, inside, {"height": 3})
-    assert "arguments 'width', 'length' have no value: give them with " in str(raised.value)
-    assert "xacro_arguments={'width': ..., 'length': ...} (--arg width=... --arg length=...)" in str(raised.value)
-    expanded(tmp_path, inside, {"height": 3, "width": 2, "length": 1})
 
 
 @pytest.mark.parametrize(("expression", "value"), [

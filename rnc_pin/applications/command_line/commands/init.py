@@ -9,7 +9,6 @@ from typing import TypedDict, Unpack
 
 import click
 
-from rnc_pin.applications.command_line.messages import announce
 from rnc_pin.applications.init import DraftOptions, draft_with_decisions
 from rnc_pin.applications.scenario.files import parse_options
 from rnc_pin.applications.scenario.output_folder import check_new_file, one_line_errors
@@ -42,7 +41,7 @@ def draft_scenario(
     own = os.path.isfile(path) and path.resolve() == Path(robot).resolve()
     check_new_file("--out", path, force or own)
     xacro = parse_options(arguments)
-    wishes = DraftOptions(xacro_arguments=xacro, lock=_held(lock), report=_report, **stated)
+    wishes = DraftOptions(xacro_arguments=xacro, lock=_held(lock), **stated)
     found = draft_with_decisions(robot, path.parent, wishes)
     for question in found.questions:
         click.echo(f"rnc-pin: question: {question}", err=True)
@@ -52,11 +51,6 @@ def draft_scenario(
         partial.write_text(found.text, encoding="utf-8")
     quoted = shlex.quote(str(path))
     click.echo(f"wrote {path}: read it, then try: rnc-pin inspect {quoted}; rnc-pin run {quoted}")
-
-
-def _report(text: str) -> None:
-    """Print what is tried, on a terminal only."""
-    announce(text, quiet=True)
 
 
 def _held(lock: tuple[str, ...]) -> dict[str, float]:

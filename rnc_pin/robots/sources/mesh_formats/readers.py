@@ -165,7 +165,7 @@ class _ColladaScene:
         self._geometries: dict[str, list[Mesh]] = {}
         self._numbers: dict[int, np.ndarray] = {}
         self._read = 0  # number of points read
-        self._extents: dict[ElementTree.Element, tuple[int, int]] = {}
+        self._visited = 0  # number of nodes
 
     def mesh(self) -> Mesh:
         """Return all triangles."""
@@ -173,35 +173,13 @@ class _ColladaScene:
         start = self._root.find("library_visual_scenes/visual_scene") if scene is None else self._named(scene, "url")
         if start is None:
             raise MeshError("has no scene")
-        nodes = start.findall("node")
-        visits = sum(self._extent(node, 0)[0] for node in nodes)
-        if visits > _MAX_NODES:
-            raise MeshError(_TOO_MANY_NODES)
-        return scene_mesh(part for node in nodes for part in self._placed(node, np.eye(4)))
+        return scene_mesh(part for node in start.findall("node") for part in self._placed(node, np.eye(4), 0))
 
     def _named(self, element: ElementTree.Element, key: str) -> ElementTree.Element:
         name = element.get(key, "")
         if not name.startswith("#") or name[1:] not in self._ids:
             raise MeshError(f"<{element.tag}> names '{name[:40]}', which is not in the file")
         return self._ids[name[1:]]
-
-    def _extent(self, node: ElementTree.Element, depth: int) -> tuple[int, int]:
-        """Number and depth of the nodes that a traversal of a node visits; each node is counted once.
-
-        Raises:
-            MeshError: too deep, as nodes are that contain themselves.
-        """
-        if depth > _MAX_DEPTH:
-            raise MeshError(_TOO_MANY_NODES)
-        if node not in self._extents:
-            parts = [self._extent(each, depth + 1) for each in self._nodes_of(node)]
-            self._extents[node] = (
-                1 + sum(visits for visits, _ in parts),
-                1 + max((deep for _, deep in parts), default=0),
-            )
-        if depth + self._extents[node][1] - 1 > _MAX_DEPTH:
-            raise MeshError(_TOO_MANY_NODES)
-        return self._extents[node]
 
     def _nodes_of(self, node: ElementTree.Element) -> Iterator[ElementTree.Element]:
         for part in node:
@@ -210,8 +188,17 @@ class _ColladaScene:
             elif part.tag == "node":
                 yield part
 
-    def _placed(self, node: ElementTree.Element, placement: np.ndarray) -> Iterator[tuple[Mesh, np.ndarray]]:
-        """Yield the meshes of a node and of those inside with their placements (4, 4)."""
+    def _placed(
+        self, node: ElementTree.Element, placement: np.ndarray, depth: int
+    ) -> Iterator[tuple[Mesh, np.ndarray]]:
+        """Yield the meshes of a node and of those inside with their placements (4, 4).
+
+        Raises:
+            MeshError: too many nodes, or too deep, as nodes are that contain themselves.
+        """
+        self._visited += 1
+        if self._visited > _MAX_NODES or depth > _MAX_DEPTH:
+            raise MeshError(_TOO_MANY_NODES)
         for part in node:
             if part.tag in _TRANSFORMS:
                 placement = placement @ _collada_transform(part)
@@ -219,7 +206,7 @@ class _ColladaScene:
             for mesh in self._geometry(part.get("url", ""), self._named(part, "url")):
                 yield mesh, placement
         for each in self._nodes_of(node):
-            yield from self._placed(each, placement)
+            yield from self._placed(each, placement, depth + 1)
 
     def _geometry(self, name: str, geometry: ElementTree.Element) -> list[Mesh]:
         """Return the meshes of a geometry; each is read once."""

@@ -83,12 +83,10 @@ class Expander:
 
     def _read(self, path: Path) -> Element:
         try:
-            root = read_document(path)
+            return read_document(path)
         except ModelError:
             self._fault = path, 0
             raise
-        self._arguments.announce(each for each in root.iter(f"{_PREFIX}arg"))
-        return root
 
     def _text(self, text: str, scope: Scope) -> str:
         value = self._value(text, scope)

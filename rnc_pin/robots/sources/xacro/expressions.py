@@ -47,9 +47,6 @@ class Function:
     def __call__(self, *arguments: Value, **named: Value) -> Value:
         return self._run(*arguments, **named)
 
-    def __repr__(self) -> str:
-        return f"{self.name}()"
-
 
 class Namespace:
     """Named values with attribute access: ``math.pi``."""
@@ -62,9 +59,6 @@ class Namespace:
         if name not in self._members:
             raise NameError(f"'{self.name}' has no '{name}'")
         return self._members[name]
-
-    def __repr__(self) -> str:
-        return f"namespace {self.name}"
 
 
 class Budget:
@@ -119,10 +113,9 @@ def _weight(value: Value, depth: int) -> int:
 
 _NUMBER = (bool, int, float)
 _MATH = (
-    *("acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "ceil", "copysign", "cos", "cosh", "degrees"),
-    *("dist", "erf", "erfc", "exp", "expm1", "fabs", "floor", "fmod", "fsum", "gamma", "gcd", "hypot", "isclose"),
-    *("isfinite", "isinf", "isnan", "isqrt", "ldexp", "lgamma", "log", "log10", "log1p", "log2", "pow", "radians"),
-    *("remainder", "sin", "sinh", "sqrt", "tan", "tanh", "trunc"),
+    *("acos", "asin", "atan", "atan2", "ceil", "copysign", "cos", "cosh", "degrees", "exp", "fabs", "floor", "fmod"),
+    *("hypot", "isclose", "isfinite", "isinf", "isnan", "log", "log10", "log2", "pow", "radians", "sin", "sinh"),
+    *("sqrt", "tan", "tanh", "trunc"),
 )
 _CONSTANTS = {"e": math.e, "inf": math.inf, "nan": math.nan, "pi": math.pi, "tau": math.tau}
 _GLOBAL = ("list", "dict", "len", "str", "float", "int", "bool", "min", "max", "round", "sorted", "range")
@@ -200,12 +193,6 @@ def builtins() -> dict[str, Value]:
 def mathematical() -> dict[str, Value]:
     """Functions and constants of ``math``, without functions whose result has no bounded length."""
     return _CONSTANTS | {name: Function(name, getattr(math, name)) for name in _MATH}
-
-
-def tokenize(text: str, sep: str = ",; ", skip_empty: bool = True) -> list[str]:
-    """Split a text at any of the separators."""
-    parts = re.split(f"[{re.escape(sep)}]", text) if sep else [text]
-    return [part for part in parts if part or not skip_empty]
 
 
 def attribute(owner: Value, name: str) -> Value:

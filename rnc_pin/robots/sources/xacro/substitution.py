@@ -7,11 +7,10 @@ import os
 import re
 import warnings
 from collections import ChainMap
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Protocol
-from xml.etree.ElementTree import Element
 
 import yaml
 
@@ -26,7 +25,6 @@ from rnc_pin.robots.sources.xacro.expressions import (
     builtins,
     evaluate,
     mathematical,
-    tokenize,
 )
 
 ENVIRONMENT = (
@@ -51,13 +49,6 @@ class Arguments(Mapping[str, Value]):
         self._texts = dict(given)
         self.given = tuple(given.values())
         self.asked: set[str] = set()
-        self._bare: dict[str, bool] = {}  # argument to whether no declaration that was read has a default
-
-    def announce(self, elements: Iterable[Element]) -> None:
-        """Note the ``<xacro:arg>`` of a file before it is expanded: a missing value is reported with all others."""
-        for element in elements:
-            name = element.get("name", "")
-            self._bare[name] = self._bare.get(name, True) and "default" not in element.attrib
 
     def declare(self, name: str, default: str | None) -> None:
         """Declare an argument; the default applies if the user gives no value."""
@@ -69,8 +60,8 @@ class Arguments(Mapping[str, Value]):
         """Return the text of an argument; a missing value raises ModelError."""
         self.asked.add(name)
         if name not in self._texts:
-            others = [each for each, bare in self._bare.items() if bare and each not in (name, *self._texts)]
-            raise ModelError(_no_values([name, *others]))
+            given = f"xacro_arguments={{'{name}': ...}} (--arg {name}=...)"
+            raise ModelError(f"argument '{name}' has no value: give it with {given}")
         return self._texts[name]
 
     def __getitem__(self, name: str) -> Value:
@@ -229,11 +220,9 @@ class Substitution:
         functions = {
             "load_yaml": Function("load_yaml", self._load_yaml),
             "abs_filename": Function("abs_filename", lambda name: str(self.path(name))),
-            "dotify": Function("dotify", dict),
         }
         members = functions | {
             "arg": Function("arg", self.arguments.text),
-            "tokenize": Function("tokenize", tokenize),
             "fatal": Function("fatal", _fail),
             "message": Function("message", _say_nothing),
             "print_location": Function("print_location", _say_nothing),
@@ -256,14 +245,6 @@ class Substitution:
         text = " ".join(map(str, words))
         warnings.warn(f"{self.files[0].name}: {text[:300]}", ModelWarning, stacklevel=2)
         return ""
-
-
-def _no_values(names: Sequence[str]) -> str:
-    noun, it, have = ("argument", "it", "has") if len(names) == 1 else ("arguments", "them", "have")
-    quoted = ", ".join(f"'{name}'" for name in names)
-    in_python = ", ".join(f"'{name}': ..." for name in names)
-    options = " ".join(f"--arg {name}=..." for name in names)
-    return f"{noun} {quoted} {have} no value: give {it} with xacro_arguments={{{in_python}}} ({options})"
 
 
 def _is_readable(name: str) -> bool:
