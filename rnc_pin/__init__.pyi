@@ -69,10 +69,7 @@ from .plants import Faults as Faults
 from .plants import ReducedPlant as ReducedPlant
 from .plants import UnilateralContact as UnilateralContact
 from .robots.robot import Robot as Robot
-from .simulation import ContactLoss as ContactLoss
 from .simulation import Outcome as Outcome
-from .simulation import OutputCrossing as OutputCrossing
-from .simulation import Phase as Phase
 from .simulation import SimulationOptions as SimulationOptions
 from .simulation import Stop as Stop
 from .simulation import Trajectory as Trajectory
@@ -80,7 +77,6 @@ from .simulation import free_motion as free_motion
 from .simulation import kinematic_rollout as kinematic_rollout
 from .simulation import preflight as preflight
 from .simulation import simulate as simulate
-from .simulation import simulate_phases as simulate_phases
 from .simulation import summarize as summarize
 from .simulation import tuned_tracker as tuned_tracker
 from .version import __version__ as __version__

@@ -133,9 +133,8 @@ class PrescribedMotion:
 
     Args:
         output: joint, frame, distance or any other output: ``rnc.JointPosition("pivot")``.
-        motion: its motion, a ``Reference`` of the output's size. Its time is that of the run or of the phase, which
-            starts at zero.
-        start_time: time of the motion at the start of the run or phase [s], to continue a motion in a later phase.
+        motion: its motion, a ``Reference`` of the output's size. Its time is that of the run, which starts at zero.
+        start_time: time of the motion at the start of the run [s], to continue a motion in a later run.
 
     Raises:
         ConstraintError: the motion has another size than the output, or its velocity is not the rate of its position,

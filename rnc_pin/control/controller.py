@@ -12,7 +12,6 @@ is optional.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
@@ -235,7 +234,7 @@ def command_towards(target: VelocityTarget, F: np.ndarray | None = None, T: np.n
     return Command(F, T, target.v2, target.x1, target.x2, target.estimates, target.prediction_error)
 
 
-@printed(until="s")
+@printed()
 class LimitedAcceleration(NamedTuple):
     """Limits of one entry of an acceleration.
 
@@ -246,7 +245,6 @@ class LimitedAcceleration(NamedTuple):
         lower, upper: smallest and largest acceleration [rad/s^2 or m/s^2].
         rounding: excess that counts as rounding, as a share of the larger limit. The acceleration of a run is a
             quotient of two samples, between which the inputs are held.
-        until: time up to which the limits hold [s], as those of a controller of one phase.
     """
 
     name: str
@@ -255,7 +253,6 @@ class LimitedAcceleration(NamedTuple):
     lower: float
     upper: float
     rounding: float = 1e-4
-    until: float = math.inf
 
 
 @printed()

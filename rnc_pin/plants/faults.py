@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.plants.plant import OF_CONTACTS, OF_INTEGRATION, Plant, continue_plant, energy_minus_work
+from rnc_pin.plants.plant import OF_CONTACTS, OF_INTEGRATION, Plant
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,6 @@ class Faults:
         dropped: fraction of samples that are lost; the previous sample is repeated.
         garbage: fraction of samples that are NaN.
         effort: input limit of every actuator [N or N m]; the loop knows it.
-        dead_zone: input below which an actuator has no effect [N or N m]; the loop does not know it.
-        friction: Coulomb friction of every actuator, with stiction [N or N m].
-        slip_time: time at which the plant starts to slip against its constraints [s].
-        slip_speed: slip speed along each constraint row [m/s or rad/s].
-        slip_duration: duration of the slip [s].
 
     Raises:
         ConfigurationError: a value is out of range.
@@ -54,14 +49,9 @@ class Faults:
     dropped: float = 0.0
     garbage: float = 0.0
     effort: float = np.inf
-    dead_zone: float = 0.0
-    friction: float = 0.0
-    slip_time: float = np.inf
-    slip_speed: float = 0.0
-    slip_duration: float = 0.05
 
     def __post_init__(self) -> None:
-        signed = ("position_bias", "velocity_bias", "slip_speed")
+        signed = ("position_bias", "velocity_bias")
         for name in (each.name for each in fields(self)):
             value = getattr(self, name)
             if np.isnan(value) or (name not in signed and value < 0):
@@ -73,10 +63,6 @@ class Faults:
         if self.counts == 0:
             raise ConfigurationError("fault counts: expected a positive number, found 0")
 
-    def slips(self, time: float) -> bool:
-        """True if the plant slips from a time on [s], for a sample."""
-        return self.slip_speed != 0 and self.slip_time <= time < self.slip_time + self.slip_duration
-
 
 class FaultyPlant:
     """Plant with sensor and actuator faults.
@@ -84,12 +70,9 @@ class FaultyPlant:
     Args:
         plant: the plant without faults.
         faults: its faults.
-        reduced: model that defines the configurations and actuators.
+        reduced: model that defines the configurations.
         dt: sampling period, the unit of ``jitter`` [s].
         seed: random seed of the noise; the sequence does not depend on other random numbers.
-
-    Raises:
-        ConfigurationError: friction is set, but the plant has no ``set_actuator_friction``.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -102,22 +85,13 @@ class FaultyPlant:
     """
 
     def __init__(self, plant: Plant, faults: Faults, reduced: ReducedModel, dt: float, seed: int = 0) -> None:
-        self.plant, self.faults, self._reduced, self.dt, self._seed = plant, faults, reduced, dt, seed
+        self.plant, self.faults, self.dt, self._seed = plant, faults, dt, seed
         self.model = reduced.robot.model
-        if faults.friction:
-            if not hasattr(plant, "set_actuator_friction"):
-                raise ConfigurationError(
-                    f"fault friction: {type(plant).__name__} has no method 'set_actuator_friction(limit)'; "
-                    "the plant has to integrate friction itself"
-                )
-            plant.set_actuator_friction(faults.friction)
         self._initialize()
 
     def _initialize(self) -> None:
-        self._time, self._generator = 0.0, np.random.default_rng(self._seed)
+        self._generator = np.random.default_rng(self._seed)
         self._delayed: deque[tuple[np.ndarray, np.ndarray]] = deque()
-        self._slip, self._slip_work = np.zeros(self.model.nv), 0.0
-        self.applied = self._transmitted = np.zeros(self._reduced.p)
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
         """Restart with the same noise."""
@@ -126,34 +100,14 @@ class FaultyPlant:
 
     def actual(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the true configuration (nq,) and velocity (nv,)."""
-        q, v = self.plant.read()
-        return q, v + self._slip
+        return self.plant.read()
 
     def __getattr__(self, name: str) -> object:
         """Forward optional attributes to the plant."""
-        if name in ("reduced", "takes_velocities", "effort", *OF_CONTACTS, *OF_INTEGRATION):
+        forwarded = "applied", "reduced", "external", "work", "takes_velocities", "effort"
+        if name in (*forwarded, *OF_CONTACTS, *OF_INTEGRATION):
             return getattr(self.plant, name)
         raise AttributeError(name)
-
-    @property
-    def work(self) -> float:
-        """Work done on the plant so far, including the work of slip against its constraints [J]."""
-        done = float(self.plant.work) + self._slip_work  # type: ignore[attr-defined]
-        if self._slip.any():
-            q, v = self.plant.read()
-            model: ReducedModel = self.plant.reduced  # type: ignore[attr-defined]
-            done += float(model.at(q, v=v + self._slip).energy - model.at(q, v=v).energy)
-        return done
-
-    @property
-    def external(self) -> np.ndarray | None:
-        """Generalized forces (nv,) besides ``applied``: damping, friction, and the loss in the dead zone."""
-        inner: np.ndarray | None = self.plant.external  # type: ignore[attr-defined]
-        difference = getattr(self.plant, "applied", self._transmitted) - self.applied
-        if not difference.any():
-            return inner
-        lost: np.ndarray = self._reduced.at(self.plant.read()[0]).B @ difference
-        return lost if inner is None else inner + lost
 
     # ------------------------------------------------------------------ sensors
 
@@ -191,25 +145,9 @@ class FaultyPlant:
     # ------------------------------------------------------------------ actuators
 
     def apply(self, T: np.ndarray) -> None:
-        """Apply inputs (p,) with actuator faults; ``applied`` includes only those that the loop knows."""
-        known = np.clip(T, -self.faults.effort, self.faults.effort)
-        passed = np.where(np.abs(known) < self.faults.dead_zone, 0.0, known)
-        self.plant.apply(passed)
-        self.applied = known + (getattr(self.plant, "applied", passed) - passed)  # plant limits are known
-        self._transmitted = passed
+        """Apply inputs (p,) within the limit of the actuators."""
+        self.plant.apply(np.clip(T, -self.faults.effort, self.faults.effort))
 
     def advance(self, dt: float) -> None:
-        """Advance the time by dt [s]; during slip the plant also moves against its constraints."""
+        """Advance the time by dt [s]."""
         self.plant.advance(dt)
-        begin, self._time = self._time, self._time + dt
-        faults = self.faults
-        if faults.slips(begin):
-            q, v = self.plant.read()
-            A = self._reduced.at(q).A
-            self._slip = np.linalg.pinv(A) @ np.full(len(A), faults.slip_speed)
-            balance = energy_minus_work(self.plant)
-            continue_plant(self.plant, self.plant, pin.integrate(self.model, q, dt * self._slip), v)
-            self.plant.apply(self._transmitted)
-            self._slip_work += energy_minus_work(self.plant) - balance
-        else:
-            self._slip = np.zeros(self.model.nv)

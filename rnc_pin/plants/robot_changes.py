@@ -151,11 +151,6 @@ class ChangingPlant:
         """Work done so far [J], including the switch: a payload adds energy, an impact removes some."""
         return float(self._current.work) + self._switch_energy  # type: ignore[attr-defined]
 
-    def set_actuator_friction(self, limit: float) -> None:
-        """Set the Coulomb friction of every actuator in both plants [N or N m]."""
-        for plant in (self._before, self._after):
-            plant.set_actuator_friction(limit)  # type: ignore[attr-defined]
-
     def _switch_if_due(self) -> None:
         if self._current is self._before and self._time >= self._switch_time - 1e-9:
             q, v = self._current.read()

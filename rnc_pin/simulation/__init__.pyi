@@ -19,12 +19,6 @@ from .limit_replay import LimitReplay as LimitReplay
 from .limit_replay import LimitUse as LimitUse
 from .limit_replay import obstacles_passed as obstacles_passed
 from .limit_replay import replay_limits as replay_limits
-from .phase_events import ContactLoss as ContactLoss
-from .phase_events import Event as Event
-from .phase_events import OutputCrossing as OutputCrossing
-from .phases import Phase as Phase
-from .phases import PhaseStart as PhaseStart
-from .phases import simulate_phases as simulate_phases
 from .preflight import FrictionDemand as FrictionDemand
 from .preflight import Margins as Margins
 from .preflight import grip_along as grip_along

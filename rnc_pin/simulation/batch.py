@@ -244,7 +244,7 @@ class _Batch:
             move(plant)
         except RncError:  # alone it raises the same error
             return False
-        self._q[place], self._y[place], _, _, chart, errors, _ = plant.checkpoint()
+        self._q[place], self._y[place], _, _, chart, errors = plant.checkpoint()
         self._charts[place], self._chart_calls[place] = chart, _chart(chart.evaluator)
         for all_runs, own in zip(self._errors, errors, strict=True):
             all_runs[place] = own
@@ -255,7 +255,7 @@ class _Batch:
         plant = self._plants[self._at[place]]
         errors = IntegrationErrors._make(each[place].item() for each in self._errors)
         now = self._q[place].copy(), self._y[place].copy(), None, self._T[place].copy()
-        plant.rollback(Checkpoint(*now, self._charts[place], errors, 0.0))
+        plant.rollback(Checkpoint(*now, self._charts[place], errors))
         return plant
 
     def _keep(self, staying: Array) -> None:

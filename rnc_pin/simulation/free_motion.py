@@ -16,12 +16,11 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.plants.reduced import ConstrainedDynamics
-from rnc_pin.simulation.phase_events import lift_off_monitor
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import provenance_of
 from rnc_pin.simulation.sampled_run import assembled_start
 from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, SimulationOptions
-from rnc_pin.simulation.stop import Progress, StopMonitor, complete_run
+from rnc_pin.simulation.stop import Progress, StopMonitor, complete_run, lift_off_monitor
 from rnc_pin.simulation.trajectory import Trajectory
 
 _AT_ONCE = 256  # samples that are recorded together

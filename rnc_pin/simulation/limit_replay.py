@@ -343,8 +343,8 @@ def _accelerations(run: Trajectory, limits: Sequence[LimitedAcceleration]) -> li
     spans[spans <= 0.0] = np.nan  # velocities jump between the samples of an impact
     rates = {each: np.diff(getattr(run, each), axis=0) / spans[:, None] for each in {each.quantity for each in limits}}
     found = []
-    for name, quantity, column, lower, upper, rounding, until in limits:
-        values = np.where(run.time[1:] <= until, rates[quantity][:, column], np.nan)
+    for name, quantity, column, lower, upper, rounding in limits:
+        values = rates[quantity][:, column]
         span = max((abs(each) for each in (lower, upper) if 0.0 < abs(each) < np.inf), default=1.0)
         excess = np.where(np.isfinite(values), np.maximum(values - upper, lower - values) / span, -1.0)
         at = int(excess.argmax())

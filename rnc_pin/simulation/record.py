@@ -81,8 +81,6 @@ class Record:
         """Braking motions of a program in inputs."""
         self.integration: IntegrationAccuracy | None = None
         """Estimated errors of the integration."""
-        self.start = 0.0
-        """Time of the first sample [s], at which the time of rheonomic constraints is zero."""
         self.own_force_units: dict[str, dict[str, str]] = {}
         """Units by name of the forces that the plant states itself, for each kind."""
 
@@ -254,7 +252,6 @@ class Record:
     def _derived(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, T: np.ndarray, bodies: Sequence[GroundBody]
     ) -> dict[str, np.ndarray]:
-        t = t - self.start
         reduced, rows = self.reduced, self._row_names()
         quantities = DerivedQuantities(reduced, rows, bodies)
         derived = quantities.empty(len(q))

@@ -138,7 +138,7 @@ class RunData(SummaryMixin):
 
     @property
     def phase(self) -> Int[Array, " N"]:
-        """Index of the phase of each sample; zero in a run under one set of constraints."""
+        """Index of the interval between events of contacts of each sample; zero without such events."""
         index = np.zeros(len(self.time), dtype=int)
         for number, each in enumerate(self.info.phases):
             index[each.first_sample :] = number

@@ -5,7 +5,7 @@ The keys of the JSON form are fixed, because other programs read the files too. 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from enum import StrEnum
 from functools import cache
@@ -207,16 +207,15 @@ class Provenance:
 
 @dataclass(frozen=True)
 class PhaseInfo:
-    """Phase of a run, with the impact at its start.
+    """Interval of a run between two events of its contacts, with the impact at its start.
 
     Attributes:
-        name: name of the phase.
+        name: contacts that are closed, or "flight".
         first_sample: index of its first sample.
         start: time of its first sample [s].
         impulses: impulse of each constraint row at its start [N s or N m s]; empty without an impact.
         energy_loss: kinetic energy that the impact removes [J].
-        end: event that ended the phase; None if its duration or the run ended it.
-        controller: controller of the phase and its gains.
+        end: event that ended the interval; None if the run ended it.
     """
 
     name: str
@@ -225,7 +224,6 @@ class PhaseInfo:
     impulses: Mapping[str, float] = field(default_factory=dict)
     energy_loss: Number = 0.0
     end: str | None = None
-    controller: Content | None = None
 
 
 @dataclass(frozen=True)
@@ -304,20 +302,6 @@ class IntegrationAccuracy:
     substeps: int
     enough: int
 
-    @classmethod
-    def together(cls, parts: Sequence[IntegrationAccuracy | None]) -> IntegrationAccuracy | None:
-        """Return the accuracy of a run of several parts; None if one part has none."""
-        found = [each for each in parts if each is not None]
-        if not found or len(found) < len(parts):
-            return None
-        return cls(
-            max(each.tolerance for each in found),
-            max(each.rate for each in found),
-            sum(each.total for each in found),
-            max(each.substeps for each in found),
-            max(each.enough for each in found),
-        )
-
     @property
     def is_kept(self) -> bool:
         """True if no sample exceeds the tolerance."""
@@ -344,7 +328,7 @@ class RunInfo:
         provenance: origin of the run.
         outcome: outcome of the run.
         message: reason of an early end, if any.
-        phases: phases of the run; empty for a run under one set of constraints.
+        phases: intervals between events of contacts; empty if the plant has none that open and close.
         fallback: use of fallback commands; None if there was none.
         missed_updates: updates of a predictive controller that were not used; None if there were none.
         braking: braking motions of a program in inputs; None if it always went on and they were verified.

@@ -20,7 +20,6 @@ from rnc_pin.plants import ContactEvent, Plant, ReducedPlant
 from rnc_pin.plants.plant import takes_velocities
 from rnc_pin.plants.reduced import IntegrationErrors, integrated_outputs
 from rnc_pin.simulation.judgement import judged_by
-from rnc_pin.simulation.phase_events import lift_off_monitor
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import (
     BrakingUse,
@@ -32,7 +31,7 @@ from rnc_pin.simulation.run_info import (
     provenance_of,
 )
 from rnc_pin.simulation.simulation_options import RunArguments, Sample, SimulationOptions
-from rnc_pin.simulation.stop import MODEL, Progress, StopMonitor
+from rnc_pin.simulation.stop import MODEL, Progress, StopMonitor, lift_off_monitor
 from rnc_pin.simulation.trajectory import Trajectory
 
 _EMPTY = np.zeros(0)
@@ -127,20 +126,15 @@ class PlantAdapter:
         """Generalized forces (nv,) in addition to the inputs; None without them."""
         return getattr(self.plant, "external", None)
 
-    def phases(self, start: float, dt: float) -> tuple[PhaseInfo, ...]:
-        """Intervals between the contact events of the plant, as phases of a run; empty if its contacts do not switch.
-
-        Args:
-            start: time of the first sample [s].
-            dt: sampling period [s].
-        """
+    def phases(self, dt: float) -> tuple[PhaseInfo, ...]:
+        """Intervals between the contact events of the plant for a sampling period; empty if contacts do not switch."""
         events: tuple[ContactEvent, ...] = getattr(self.plant, "contact_events", ())
         ends = [*(event.cause for event in events[1:]), None]
         return tuple(
             PhaseInfo(
                 " + ".join(event.closed) or "flight",
                 int(np.ceil(event.time / dt - _ROUNDING)),
-                start + event.time,
+                event.time,
                 dict(event.impulses),
                 event.energy_loss,
                 end,
@@ -173,7 +167,6 @@ class SampledRun:
 
     Args:
         arguments: arguments of the run.
-        start: time of the first sample in messages and in the record [s]; the time of the controller starts at zero.
 
     Attributes:
         controller: the controller.
@@ -186,7 +179,7 @@ class SampledRun:
         RncError: as ``simulate``.
     """
 
-    def __init__(self, arguments: RunArguments, start: float = 0.0) -> None:
+    def __init__(self, arguments: RunArguments) -> None:
         check_arguments(arguments)
         reduced, controller, q0, dt, samples, v2_0, plant, options = arguments
         self.controller = controller
@@ -196,7 +189,7 @@ class SampledRun:
         kind = VelocityInputLoop if takes_velocities(plant) else ControlLoop
         self.loop: ControlLoop = kind(reduced, controller, dt, **loop_options)
         self.stop, self._dt, self.samples = StopMonitor(options.stop, reduced.robot), dt, 0
-        self._start, self._lift_off = start, lift_off_monitor(options.stop, adapter.model, reduced)
+        self._lift_off = lift_off_monitor(options.stop, adapter.model, reduced)
         self._zeros = zeros = np.zeros(reduced.r)
         self._stretch, self._longest = 0, 0  # samples with a fallback command: now, and the most of those that ended
         self._reduced, self._accelerations = reduced, limited_accelerations(controller)
@@ -208,7 +201,6 @@ class SampledRun:
         self.loop.resume(LoopState(begin=0.0, controller=state))
         self.record = Record(reduced, samples, integrated_outputs(reduced), adapter.friction_names)
         self.record.own_force_units = adapter.own_force_units
-        self.record.start = start
 
     @property
     def plant(self) -> Plant:
@@ -227,14 +219,14 @@ class SampledRun:
             progress: receives the time and the component at work, for error messages.
         """
         adapter, loop = self._adapter, self.loop
-        progress.time = t = self._start + self.time
+        progress.time = t = self.time
         state = adapter.read_state(t)
         try:
             self.stop.check(t, state)
         except DivergenceError as error:
             raise _blamed(error, adapter.plant, state.v) from None
         try:
-            T = adapter.compute_input(loop, self.time)
+            T = adapter.compute_input(loop, t)
         except Exception:
             progress.active_component = loop.active_component
             raise
@@ -292,17 +284,6 @@ class SampledRun:
                 self.advance()
         return self.failure
 
-    def record_between(self, elapsed: float, integrals: np.ndarray, T: np.ndarray) -> None:
-        """Record the state of the plant at a time after the last sample, under its inputs, as the end of the run.
-
-        Args:
-            elapsed: time since the last sample [s].
-            integrals: integrals of the reducing velocities (r,).
-            T: applied inputs (p,).
-        """
-        t = self._start + self.time - self._dt + elapsed
-        self._add(t, self._adapter.read_state(t), T, integrals)
-
     def integration(self) -> IntegrationAccuracy | None:
         """Estimated errors of the integration since the start; None if the plant does not estimate them."""
         errors: IntegrationErrors | None = getattr(self.plant, "errors", None)
@@ -320,13 +301,13 @@ class SampledRun:
 
     def finish(self, outcome: Outcome, message: str | None = None) -> Trajectory:
         """Return the trajectory so far."""
-        self.record.phases = self._adapter.phases(self._start, self._dt)
+        self.record.phases = self._adapter.phases(self._dt)
         if self.record.fallback is not None:
             lasts = self._stretch * self._dt > self.loop.timeout or self._stretch > self._longest
             self.record.fallback = replace(self.record.fallback, at_the_end=lasts or self.loop.state.failed)
         self.record.integration = self.integration()
         self.record.missed_updates = _missed_updates(self.loop.state.controller)
-        self.record.braking = _braking(self.controller, self.loop.state.controller, self._start)
+        self.record.braking = _braking(self.controller, self.loop.state.controller)
         run = self.record.finish(self._dt, self._provenance, outcome, message)
         missed = missed_goals(self.controller, run.q[-1], run.v2[-1]) if len(run.time) else ()
         return judged_by(run, self._reduced, self._accelerations, missed)
@@ -347,16 +328,15 @@ def _missed_updates(state: object) -> MissedUpdates | None:
     return MissedUpdates(found.missed, found.updates) if found is not None and found.missed else None
 
 
-def _braking(controller: object, state: object, start: float) -> BrakingUse | None:
-    """Braking motions of a program in inputs, by its state, with times of the run, which starts at a time [s]."""
+def _braking(controller: object, state: object) -> BrakingUse | None:
+    """Braking motions of a program in inputs, by its state."""
     if not isinstance(controller, _Braking) or not hasattr(state, "braking"):
         return None
     count: BrakingCount = state.braking
     exceeded = controller.exceeded_limits(state)
     if not (count.braked or count.unverified or exceeded):
         return None
-    first, unverified = (None if each is None else start + each for each in (count.first, count.unverified_first))
-    return BrakingUse(*count._replace(first=first, unverified_first=unverified), exceeded)
+    return BrakingUse(*count, exceeded)
 
 
 def check_arguments(arguments: RunArguments) -> None:

@@ -7,12 +7,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.errors import DivergenceError, InputError, LimitError, RncError, SimulationError, SingularityError
+from rnc_pin.analysis import NormalForces
+from rnc_pin.errors import (
+    ConfigurationError,
+    DivergenceError,
+    InputError,
+    LimitError,
+    RncError,
+    SimulationError,
+    SingularityError,
+)
 from rnc_pin.interruption import interruptible, uninterrupted
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.run_info import Outcome
 from rnc_pin.simulation.trajectory import Trajectory
+
+_ROUNDING = 1e-6  # share of all forces below which a force counts as zero
 
 
 @dataclass(frozen=True)
@@ -103,6 +115,57 @@ class StopMonitor:
                 raise LimitError(
                     f"joint '{name}' left its range [{low:g}, {high:g}]: {state.q[index]:.4g} at t = {t:.3f} s"
                 )
+
+
+class LiftOffMonitor:
+    """Check that no contact with the ground pulls.
+
+    Args:
+        model: reduced model of the plant.
+        other: True if the states to check are those of another model, such as that of the controller.
+    """
+
+    def __init__(self, model: ReducedModel, other: bool = False) -> None:
+        self._model, self._other, self._forces = model, other, NormalForces(model)
+
+    def check(self, t: float, state: StateEvaluation, T: np.ndarray, external: np.ndarray | None) -> None:
+        """Raise an error if a contact pulls by more than rounding: contacts that share a force may have zero.
+
+        Raises:
+            LimitError: names the contact, the time and the force.
+        """
+        if self._other:
+            state = self._model.at(state.q, v=state.v)
+        forces = self._forces.at(state, T, external)
+        margin = _ROUNDING * max(float(np.abs(forces).sum()), _ROUNDING)
+        for name, force in zip(self._forces.names, forces, strict=True):
+            if force < -margin:
+                raise LimitError(
+                    f"contact '{name}' lifts off at t = {t:.3f} s: the model pulls with {-force:.3g} N, and "
+                    "the contact can only push"
+                )
+
+
+def lift_off_monitor(stop: Stop, model: ReducedModel | None, reduced: ReducedModel) -> LiftOffMonitor | None:
+    """Monitor for a stop condition; None if it is not asked for.
+
+    Args:
+        stop: stop conditions.
+        model: reduced model of the plant; None if it is unknown.
+        reduced: model of the states to check.
+
+    Raises:
+        ConfigurationError: the plant has no model, or the model has no contact with a normal force.
+    """
+    if not stop.lift_off:
+        return None
+    if model is None:
+        raise ConfigurationError(
+            "lift_off of a Stop: normal forces need the reduced model of the plant; in MuJoCo, contacts lift off"
+        )
+    if not NormalForces(model).names:
+        raise ConfigurationError("lift_off of a Stop: the model has no contact with a normal force")
+    return LiftOffMonitor(model, model is not reduced)
 
 
 _OUTCOMES = {SingularityError: Outcome.SINGULAR, DivergenceError: Outcome.DIVERGED, LimitError: Outcome.LIMIT}

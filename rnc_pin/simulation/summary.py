@@ -71,7 +71,7 @@ class Summary(Compared):
     ``verdict`` is "succeeded", "degraded" or "failed", with its ``findings`` and the kinds that are ``accepted``.
     ``first_finding`` fails or degrades the run; it is missing if no finding does.
     ``integration`` is missing if the plant does not estimate its error.
-    ``phases`` and ``impacts`` are in summaries of runs with phases.
+    ``phases`` and ``impacts`` are in summaries of runs whose contacts open and close.
     """
 
     scenario: str | None

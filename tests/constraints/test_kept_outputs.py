@@ -9,7 +9,6 @@ import scipy
 
 import rnc_pin as rnc
 from bodies import add_body, add_frame
-from rnc_pin.control import ZeroInput
 from rnc_pin.control.whole_body.tasks import DampingTask, OutputTask
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.planning import Harmonic, Hold, MinimumJerk
@@ -236,22 +235,6 @@ def test_controllers_with_a_model_follow_on_a_base_that_moves():
     program = rnc.control.VelocityQP(reduced, [hand, DampingTask(weight=1e-6)], [], dt=0.005)
     _, path = rnc.kinematic_rollout(reduced, program, robot.configuration(), 0.5, dt=0.005)
     assert abs(path[-1, 1] - driven.motion.at(0.5).position[0]) < 1e-9
-
-
-def test_a_motion_continues_over_phases(pendulum):
-    """Two phases with one shaken pivot are the run without phases; the second one reads the clock of the run."""
-    whole = rnc.simulate(pendulum.reduced, ZeroInput(pendulum.reduced), np.array([0.0, 0.3]), 0.2, 0.002)
-
-    def later(q, v, t):
-        motion = rnc.PrescribedMotion(rnc.JointPosition("pivot"), pendulum.shaken, start_time=t)
-        return rnc.Phase(rnc.NonholonomicSystem(pendulum.robot, [motion], ["hinge"]).reduce(), 0.1)
-
-    run = rnc.simulate_phases([rnc.Phase(pendulum.reduced, 0.1), later], np.array([0.0, 0.3]), 0.002)
-    np.testing.assert_allclose(run.q[-1], whole.q[-1], atol=1e-9)
-    np.testing.assert_allclose(run.contact_forces[-1], whole.contact_forces[-1], rtol=1e-6)
-    assert not run.info.phases[1].impulses
-    assert run.work[-1] == pytest.approx(whole.work[-1], abs=1e-8)
-    assert run.position_residual.max() < 1e-12
 
 
 def test_mujoco_refuses_a_prescribed_motion_by_name(pendulum):

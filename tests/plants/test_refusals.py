@@ -83,8 +83,6 @@ VELOCITIES, FORCES = rnc.control.ActuatorVelocityController, rnc.control.Compute
     (lambda: VelocityPlant(systems.mobile_manipulator(), substeps=0), INPUT, "substeps"),
     (lambda: rubbing(rnc.ReducedPlant(sleigh().reduce(), joint_friction=True)), INPUT, "dry friction is not smooth"),
     (rubbing, INPUT, "requires a ReducedModel or a ReducedPlant"),
-    (lambda: FaultyPlant(object(), rnc.Faults(friction=1.0), sleigh().reduce(), 0.01), WRONG,
-        "object has no method 'set_actuator_friction"),
     (lambda: rnc.Faults(dropped=2.0), WRONG, "fault dropped"),
     (lambda: rnc.Faults(position_noise=-1.0), WRONG, "fault position_noise"),
     (lambda: rnc.Faults(counts=0), WRONG, "fault counts"),

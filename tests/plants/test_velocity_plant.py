@@ -6,6 +6,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.plants import FaultyPlant, VelocityPlant
 
 
@@ -96,3 +97,29 @@ def test_loops_close_under_velocity_commands():
     assert np.abs(reduced.assembly.residual(q)).max() < 1e-11
     assert reduced.at(q).B.T @ v == pytest.approx(np.full(reduced.p, 0.7), abs=1e-6)
     assert np.abs(pin.difference(reduced.robot.model, q0, q)).max() > 0.1
+
+
+def test_a_scenario_runs_velocity_commands():
+    changes = {"controller": {"type": "redundancy", "tracker": "velocity", "k21": 2.0}, "simulation.dt": 0.02}
+    changes |= {"simulation.duration": 2.0, "reference.primary.minimum_jerk.by": [0.6, 0.3, 0.2]}
+    changes |= {"reference.primary.minimum_jerk.duration": 1.5, "comparisons": {}}
+    changes |= {"plant": {"type": "reduced", "servo_time": 0.02}}
+    run = Scenario.load("mobile-manipulator", changes).run()
+    assert run.outcome == rnc.Outcome.COMPLETED
+    assert np.abs(run.x2 - run.x2_desired)[-1, :2].max() < 5e-3
+
+
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"controller.tracker": "velocity"}, "'velocity' requires velocity servos: set plant.servo_time"),
+    ({"plant": {"type": "reduced", "servo_time": 0.02}}, "plant.servo_time: requires controller.tracker"),
+    ({"plant": {"type": "mujoco", "servo_time": 0.02}}, "'servo_time' belongs to the type 'reduced'"),
+    ({"plant": {"type": "reduced", "step": 0.02}}, "'step' belongs to the type 'mujoco'"),
+    ({"controller.tracker": "velocity", "plant": {"type": "reduced", "servo_time": 0.02},
+        "simulation.joint_damping": True}, "joint_damping: has no effect on ideal velocity servos"),
+    ({"controller.tracker": "velocity", "plant": {"type": "reduced", "servo_time": 0.02}, "faults": {"effort": 2.0}},
+        "effort is a limit of forces"),
+    ({"controller.tracker": "velocity", "controller.gravity_compensation": True}, "which gives no forces"),
+])  # fmt: skip
+def test_scenarios_that_mix_forces_and_velocities_are_refused(changes, words):
+    with pytest.raises(rnc.ConfigurationError, match=words):
+        Scenario.load("mobile-manipulator", {**changes, "comparisons": {}}).build()

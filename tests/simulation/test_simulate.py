@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import free_body
 from places import DATA
 from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.simulation import derived_quantities
@@ -292,3 +293,18 @@ def test_a_target_may_give_its_velocity_by_numbers_of_any_type(velocity):
     np.testing.assert_allclose(path[-1][:2], [1.0, 0.0], atol=1e-12)
     command = rnc.VelocityLoop(reduced, target, 0.1).step(0.0, q0, np.zeros(3))
     np.testing.assert_allclose(command.v, [1.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_a_run_stops_where_a_contact_would_pull():
+    """A pull that grows as 100 t lifts a ball of 2 kg from its rolling contact when it equals the weight."""
+    robot = free_body(2.0, 0.008, ball=[0, 0, 0])
+    rolling = rnc.NonholonomicSystem(robot, [rnc.RollingBall("ball", 0.1)], [rnc.FrameForce("ball", "z")]).reduce()
+    q0, options = (
+        robot.configuration({"root_joint": [0, 0, 0.1, 0, 0, 0, 1]}),
+        rnc.SimulationOptions(rnc.Stop(lift_off=True)),
+    )
+    with pytest.raises(rnc.LimitError, match=r"contact 'ball' lifts off at t = 0\.200 s") as caught:
+        rnc.simulate(rolling, Inputs(lambda t: [100.0 * t]), q0, 1.0, 0.01, options=options)
+    assert len(caught.value.trajectory.time) == 20
+    with pytest.raises(rnc.LimitError, match=r"lifts off at t = 0\.000 s"):
+        rnc.free_motion(rolling, q0, np.zeros(3), 0.1, inputs=[30.0], options=options)

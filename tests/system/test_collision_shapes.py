@@ -12,7 +12,7 @@ import rnc_pin as rnc
 from rnc_pin.collision import CollisionDistances
 
 FIXED = {"ball_on_plate", "space_robot", "disk_on_slope", "shaken_pendulum"}  # with a stand, or a base without mass
-APART = {"drifting_body", "rattleback"}  # a part of other robots; a stone that a mesh draws, with nothing to collide
+APART = {"rattleback"}  # a stone that a mesh draws, with nothing to collide
 FILES = sorted(file for file in (Path(__file__).parents[2] / "urdf").glob("*.urdf") if file.stem not in APART)
 MARKS = {"ball_on_plate": 0.006, "rolling_ball": 0.015, "rolling_hoop": 0.01, "chaplygin_ball": 0.021}
 """Marks that show the turning of a wheel extend beyond its rolling surface [m]. They are drawn only."""

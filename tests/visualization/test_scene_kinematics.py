@@ -34,7 +34,7 @@ def test_ground_carries_a_ball_after_its_landing(tmp_path):
     file.write_text(DROP)
     prepared = Scenario.load(str(file)).build()
     run = execute(prepared).trajectory
-    drawn = drawn_run(prepared.experiment.drawn_model, prepared.experiment.scenario, run)
+    drawn = drawn_run(prepared.experiment.drawn_model, prepared.experiment.scenario)
     forces = SwitchingForces(drawn.robot, drawn.switching, run.info.outputs.multipliers)
     states = list(recorded_states(drawn.robot, run))
     total = [sum(forces.force(k, state)[1] for k in range(len(forces.columns))) for state in (states[0], states[-1])]

@@ -106,8 +106,6 @@ def prepare_drive(source: Scenario, options: Mapping[str, Json], frames: Sequenc
     """
     name, folder = source.name, source.folder
     scenario = validate(source.raw, name)
-    if scenario.phases:
-        raise ConfigurationError(f"{name}: phases: a driven run has none; remove them")
     if scenario.contacts:
         raise ConfigurationError(f"{name}: contacts: a driven run has none that open and close; use 'constraints'")
     system = build_system(scenario, folder)

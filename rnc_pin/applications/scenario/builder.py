@@ -33,8 +33,6 @@ from rnc_pin.plants import Plant
 from rnc_pin.simulation import (
     PLOTTED_QUANTITIES,
     Outcome,
-    Phase,
-    PhaseStart,
     Provenance,
     SimulationOptions,
     TaskNames,
@@ -43,7 +41,6 @@ from rnc_pin.simulation import (
     provenance_of,
     sample_count,
     simulate,
-    simulate_phases,
 )
 from rnc_pin.verdict import Finding, FindingKind, Severity
 from rnc_pin.visualization import DrawnModel
@@ -95,8 +92,6 @@ class Experiment:
     """Goals of whole-body tasks."""
     ends: Mapping[str, float] = field(default_factory=dict)
     """Values at which references or the plan end after the run, by output."""
-    phases: tuple[Phase | PhaseStart, ...] = ()
-    """Phases of the run; ``reduced``, ``controller`` and ``plant`` are then those of the first."""
     model_warnings: tuple[str, ...] = ()
     """Warnings about the model, which building it gave."""
     start_findings: tuple[Finding, ...] = ()
@@ -104,8 +99,8 @@ class Experiment:
 
     @property
     def drawn_model(self) -> DrawnModel:
-        """Robot and obstacles to draw; the constraints only if they are the same throughout the run."""
-        return DrawnModel(self.reduced.robot, None if self.phases else self.reduced, self.obstacles)
+        """Robot, model and obstacles to draw."""
+        return DrawnModel(self.reduced.robot, self.reduced, self.obstacles)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -129,8 +124,6 @@ class Experiment:
     def run(self, options: SimulationOptions) -> Trajectory:
         """Simulate the run."""
         dt, start, v2_0 = self.simulation.dt, self.q0, self.v2_0
-        if self.phases:
-            return simulate_phases(self.phases, start, dt, v2_0=v2_0, options=options)
         duration, plant = self.simulation.duration, self.plant
         return simulate(self.reduced, self.controller, start, duration, dt, v2_0=v2_0, plant=plant, options=options)
 
@@ -138,7 +131,7 @@ class Experiment:
 def build_experiment(
     scenario: ScenarioFile, folder: Path, plans: Plans | None = None, reduced: ReducedModel | None = None
 ) -> Experiment:
-    """Build a run from a scenario without phases; ``build_phased`` builds the others.
+    """Build a run from a scenario.
 
     Args:
         scenario: a validated scenario.
@@ -148,8 +141,6 @@ def build_experiment(
     Raises:
         RncError: a part of the scenario does not fit the robot.
     """
-    if scenario.phases:
-        raise ConfigurationError("phases: only 'rnc-pin run' and sweeps support them")
     if scenario.outputs is None and scenario.controller is None and scenario.simulation is None:
         raise ConfigurationError("outputs: is missing, and so are controller and simulation; a run needs the last two")
     if scenario.simulation is None:
@@ -161,7 +152,7 @@ def build_experiment(
     except InputError as error:
         raise ConfigurationError(f"simulation: {error}") from None
     reduced = build_reduced(scenario, folder)[1] if reduced is None else reduced
-    check_plots(scenario, [reduced])
+    _check_plots(scenario, reduced)
     return experiment_at(scenario, folder, reduced, *start_of(scenario, reduced), plans)
 
 
@@ -358,9 +349,8 @@ def _initial(scenario: ScenarioFile, reduced: ReducedModel) -> np.ndarray:
         raise ConfigurationError(f"initial.q: {error}; joints named in initial.q stay: {', '.join(named)}") from None
 
 
-def check_plots(scenario: ScenarioFile, models: Sequence[ReducedModel]) -> None:
-    """Raise an error if a plot names an output that no model of the run has, and that is no quantity."""
-    names = tuple(name for reduced in models for name in (*reduced.reducing.names, *reduced.vertical.names))
-    valid = (*names, *PLOTTED_QUANTITIES)
+def _check_plots(scenario: ScenarioFile, reduced: ReducedModel) -> None:
+    """Raise an error if a plot names no output of the model, and no quantity."""
+    valid = (*reduced.reducing.names, *reduced.vertical.names, *PLOTTED_QUANTITIES)
     for plot, settings in scenario.plots.items():
         check_output_names(f"plots.{plot}.outputs", settings.outputs, valid)

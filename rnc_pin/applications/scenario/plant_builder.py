@@ -86,7 +86,7 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -
             "set the options of MuJoCo in 'plant'"
         )
 
-    servo_time = None if plant is None else plant.settings.servo_time
+    servo_time = None if plant is None else plant.servo_time
     _check_servos(scenario, servo_time)
     if scenario.contacts:
         _check_contacts(scenario)
@@ -116,24 +116,14 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -
     return FaultyPlant(true_plant, faults.faults, reduced, settings.dt, scenario.seed)
 
 
-def refuse_plants(scenario: ScenarioFile, what: str, why: str) -> None:
-    """Raise an error for plants that do not support contacts that appear and vanish.
-
-    Args:
-        scenario: the scenario.
-        what: name of these contacts in the message.
-        why: reason against MuJoCo.
-    """
-    plant = scenario.plant
-    if plant is not None and plant.type == "mujoco":
-        raise ConfigurationError(f"plant: 'mujoco' does not support {what}, because {why}; use 'reduced'")
-    if plant is not None and plant.settings.servo_time is not None:
-        raise ConfigurationError(f"plant.servo_time: velocity servos do not support {what}")
-
-
 def _check_contacts(scenario: ScenarioFile) -> None:
     """Raise an error for settings that do not support contacts that open and close."""
-    refuse_plants(scenario, "'contacts'", "it takes the bodies on the ground from 'constraints'")
+    plant = scenario.plant
+    if plant is not None and plant.type == "mujoco":
+        why = "it takes the bodies on the ground from 'constraints'"
+        raise ConfigurationError(f"plant: 'mujoco' does not support 'contacts', because {why}; use 'reduced'")
+    if plant is not None and plant.servo_time is not None:
+        raise ConfigurationError("plant.servo_time: velocity servos do not support 'contacts'")
     if scenario.faults is not None:
         raise ConfigurationError("faults: do not support 'contacts'")
     assert scenario.simulation is not None
@@ -157,11 +147,11 @@ def _check_servos(scenario: ScenarioFile, servo_time: float | None) -> None:
             "plant.servo_time: requires controller.tracker 'velocity', controller.velocities, or controller.type 'way'"
         )
     unused = [name for name in ("joint_damping", "joint_friction", "actuator_limits") if getattr(settings, name)]
-    if velocities and unused and scenario.plant is not None and scenario.plant.type == "reduced":
+    if velocities and unused:
         raise ConfigurationError(f"simulation.{unused[0]}: has no effect on ideal velocity servos; remove it")
     faults = None if scenario.faults is None else scenario.faults.faults
-    if velocities and faults is not None and (np.isfinite(faults.effort) or faults.dead_zone):
-        raise ConfigurationError("faults: effort and dead_zone are those of forces, and the plant takes velocities")
+    if velocities and faults is not None and np.isfinite(faults.effort):
+        raise ConfigurationError("faults: effort is a limit of forces, and the plant takes velocities")
 
 
 def _true_model(scenario: ScenarioFile, robot: Robot, changes: Sequence[MassErrors | TimedChange]) -> ReducedModel:

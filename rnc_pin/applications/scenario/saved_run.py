@@ -10,42 +10,25 @@ from pathlib import Path
 from rnc_pin.applications.scenario.builder import build_reduced
 from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario
-from rnc_pin.applications.scenario.phase_builder import captured_closures
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.scenario.schema.world import build_obstacles
 from rnc_pin.collision import Obstacle
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model import ConstraintKind, ReducedModel
-from rnc_pin.robots import Robot
+from rnc_pin.model import ReducedModel
 from rnc_pin.simulation import Provenance, Trajectory
 from rnc_pin.visualization import DrawnModel, Recording
 
 
-def drawn_run(drawn: DrawnModel, scenario: ScenarioFile, trajectory: Trajectory) -> DrawnModel:
-    """Add the constraints of phases and contacts to the subject of a page, so that it shows their forces.
+def drawn_run(drawn: DrawnModel, scenario: ScenarioFile) -> DrawnModel:
+    """Add the contacts that open and close to the subject of a page, so that it shows their forces.
 
     Args:
         drawn: robot, model and obstacles of the scenario.
         scenario: the scenario of the run.
-        trajectory: the run.
     """
-    kinds = [each.constraint for each in scenario.contacts]
-    if scenario.phases:
-        kinds = _of_phases(scenario, drawn.robot, trajectory)
-    return replace(drawn, switching=tuple(kinds)) if kinds else drawn
-
-
-def _of_phases(scenario: ScenarioFile, robot: Robot, trajectory: Trajectory) -> list[ConstraintKind]:
-    """Constraints of the phases that the run has reached, with loops closed as they were in the run."""
-    found: list[ConstraintKind] = []
-    for settings, phase in zip(scenario.phases, trajectory.info.phases, strict=False):
-        kinds = scenario.constraints if settings.constraints is None else settings.constraints
-        if settings.capture_distance is not None and phase.first_sample < len(trajectory.q):
-            kinds = captured_closures(kinds, robot, trajectory.q[phase.first_sample], settings.capture_distance)
-        found += kinds
-    return found
+    return replace(drawn, switching=tuple(each.constraint for each in scenario.contacts))
 
 
 def write_animation(scenario: Scenario, result: Result, path: Path) -> bool:
@@ -56,7 +39,7 @@ def write_animation(scenario: Scenario, result: Result, path: Path) -> bool:
     """
     content = scenario.content
     view = replace(content.view, hide=[*content.view.hide, "compared"])  # users can switch this layer on
-    drawn = drawn_run(scenario.experiment.drawn_model, content, result.trajectory)
+    drawn = drawn_run(scenario.experiment.drawn_model, content)
     Recording(drawn, result.trajectory, view, content.title or scenario.name, result.comparisons).save(path)
     return True
 
@@ -74,8 +57,7 @@ class Run:
     @property
     def drawn_model(self) -> DrawnModel:
         """Robot with its model and the obstacles, to draw."""
-        drawn = DrawnModel(self.reduced.robot, None if self.scenario.phases else self.reduced, self.obstacles)
-        return drawn_run(drawn, self.scenario, self.trajectory)
+        return drawn_run(DrawnModel(self.reduced.robot, self.reduced, self.obstacles), self.scenario)
 
     @property
     def title(self) -> str:

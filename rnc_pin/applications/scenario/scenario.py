@@ -22,7 +22,6 @@ from rnc_pin.applications.scenario.files import (
     read_yaml,
     with_options,
 )
-from rnc_pin.applications.scenario.phase_builder import build_phased
 from rnc_pin.applications.scenario.plan_builder import Plans
 from rnc_pin.applications.scenario.plant_builder import collected_model_warnings
 from rnc_pin.applications.scenario.schema import ScenarioFile
@@ -153,7 +152,7 @@ class Scenario(SummaryMixin):
 
     @cached_property
     def model(self) -> BuiltModel:
-        """System and reduced model of a scenario without phases, with the warnings about them."""
+        """System and reduced model, with the warnings about them."""
         with RncError.at(self._label), collected_model_warnings(self.show_warnings) as told:
             built = build_reduced(self.content, self.folder)
         return BuiltModel(*built, tuple(told))
@@ -161,8 +160,6 @@ class Scenario(SummaryMixin):
     @cached_property
     def experiment(self) -> Experiment:
         """Objects of the run."""
-        if self.content.phases:
-            return self._experiment(self.content, None)
         made = self._experiment(self.content, self.model.reduced)
         return replace(made, model_warnings=tuple(dict.fromkeys((*self.model.warnings, *made.model_warnings))))
 
@@ -196,8 +193,8 @@ class Scenario(SummaryMixin):
 
     @property
     def reduced(self) -> ReducedModel:
-        """Reduced model; in a scenario with phases that of the first."""
-        return self.experiment.reduced if self.content.phases else self.model.reduced
+        """Reduced model."""
+        return self.model.reduced
 
     @property
     def task(self) -> Task:
@@ -252,8 +249,6 @@ class Scenario(SummaryMixin):
 
     @cached_property
     def _start(self) -> tuple[np.ndarray, np.ndarray]:
-        if self.content.phases:
-            return self.experiment.q0, self.experiment.v2_0
         with RncError.at(self._label):
             return start_of(self.content, self.reduced)
 
@@ -264,10 +259,7 @@ class Scenario(SummaryMixin):
     def _experiment(self, content: ScenarioFile, reduced: ReducedModel | None, where: str = "") -> Experiment:
         with RncError.at(f"{self._label}: {where}" if where else self._label):
             with collected_model_warnings(self.show_warnings) as told:
-                if content.phases:
-                    experiment = build_phased(content, self.folder)
-                else:
-                    experiment = build_experiment(content, self.folder, self._plans, reduced)
+                experiment = build_experiment(content, self.folder, self._plans, reduced)
             return replace(experiment, model_warnings=tuple(told))
 
     @property

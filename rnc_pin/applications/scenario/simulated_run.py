@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from typing import NamedTuple
@@ -174,8 +173,8 @@ def _off_tracking(experiment: Experiment, configurations: np.ndarray) -> float |
 
 
 def _missed(experiment: Experiment, run: Trajectory) -> list[Finding]:
-    """Findings of the controller's own goal; that of the first phase does not last until the end."""
-    if not len(run.time) or experiment.phases:
+    """Findings of the controller's own goal."""
+    if not len(run.time):
         return []
     return missed_goal_findings(run, missed_goals(experiment.controller, run.q[-1], run.v2[-1]))
 
@@ -223,8 +222,6 @@ def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> Lim
     step = max(_REPLAY_STEP, float(run.time[-1]) / _REPLAYED)
     reduced, near = experiment.reduced, asked or 0.0
     within = max(REPLAY_DISTANCE, near)
-    # The controller is that of the first phase.
-    end = run.info.phases[1].start if experiment.phases and len(run.info.phases) > 1 else math.inf
     return replay_limits(
         reduced.robot,
         run,
@@ -233,7 +230,7 @@ def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> Lim
         within=within,
         exact=near,
         further=FurtherLimits(
-            [each._replace(until=end) for each in limited_accelerations(experiment.controller)],
+            limited_accelerations(experiment.controller),
             reduced.actuation.stated_limits,
         ),
     )
@@ -248,7 +245,7 @@ def _grip(experiment: Experiment, run: Trajectory) -> Grip | None:
             grip = Grip(reduced, program.friction)
     names = run.info.outputs
     same = grip is not None and names.normal_forces == grip.normal.names
-    return grip if same and names.contact_forces == reduced.all_constraints.names and not experiment.phases else None
+    return grip if same and names.contact_forces == reduced.all_constraints.names else None
 
 
 def _asked(experiment: Experiment) -> float | None:

@@ -347,8 +347,7 @@ class ScenarioRuns(Runs):
     def _scenario(self, options: Mapping[str, Json]) -> Scenario:
         """Build the objects of a run. Runs of this process with the same system and outputs share their model."""
         made = self._file.with_options(options)
-        model = None if made.content.phases else self._model(made)
-        return made.built_with(model=model, comparisons={}).build()
+        return made.built_with(model=self._model(made), comparisons={}).build()
 
     def _model(self, scenario: Scenario) -> BuiltModel:
         key = json.dumps([scenario.raw.get(each) for each in _STRUCTURE], default=repr)

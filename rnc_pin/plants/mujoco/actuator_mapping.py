@@ -99,26 +99,6 @@ class ActuatorMapping:
         return force, drawn
 
     @property
-    def joint_driven(self) -> list[int]:
-        """Actuators that wheels with joints replace, as columns of B."""
-        return [
-            column
-            for columns, drives in self._groups
-            for column in columns
-            if all(self._drives[drive].velocity_index is not None for drive in drives)
-        ]
-
-    def wheel_dofs(self, columns: Sequence[int]) -> list[int]:
-        """Return the indices in v of the wheels that replace some actuators."""
-        found = {
-            self._drives[drive].velocity_index
-            for own, drives in self._groups
-            for drive in drives
-            if set(own) & set(columns)
-        }
-        return sorted(index for index in found if index is not None)
-
-    @property
     def varies(self) -> bool:
         """True if ``joint_forces`` depends on the configuration."""
         return self._constant is None

@@ -15,10 +15,8 @@ from rnc_pin.plants.mujoco.engine import mujoco
 from rnc_pin.plants.mujoco.ground import Ground, add_ground
 from rnc_pin.plants.mujoco.joint_coordinates import RobotCoordinates
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
-from rnc_pin.plants.mujoco.velocity_servos import VelocityServos
 from rnc_pin.robots.sources.description import unlogged
 
-_FRICTION_SPEED = 1e-2  # speed scale of regularized friction on frames [rad/s or m/s]
 _ITERATIONS, _TOLERANCE = 50, 1e-12  # of the solver of contact forces
 _STEP_TOLERANCE = 1e-9  # tolerance of the number of steps
 
@@ -50,7 +48,6 @@ class MuJoCoPlant:
         casters: names of the added supports.
         wheel_driven: actuators whose inputs become wheel torques.
         applied: applied inputs (p,), after clipping.
-        servos: velocity servos; None if inputs are forces.
 
     Raises:
         ConfigurationError: a joint or constraint has no equivalent in MuJoCo, or no weight presses a wheel on the
@@ -88,24 +85,17 @@ class MuJoCoPlant:
         couplers = add_equalities(spec, tree, blocks, self.settings.step)
         self._set_options(spec.option)
         self._inputs = ActuatorMapping(reduced, contacts, q, plane.axes[2])
-        self.servos = None
-        if self.settings.servo_time is not None:
-            self.servos = VelocityServos(spec, reduced, self._inputs, self.settings, q)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         joints = tree.finish(self.model, self.data, self.settings.joint_damping)
         self._joints = RobotCoordinates(joints, robot.nq, robot.nv)
         self._equalities = [JointEquality(self.model, name, coupler) for name, coupler in couplers]
-        if self.servos is not None:
-            self.servos.compiled(self.model, self.data)
         self._ground = Ground(self.model, self.data, [*contacts, *support.casters], self.settings, plane)
         self.wheel_names = self._ground.names
         self._drawn_wheels = [self.wheel_names.index(name) for name in self._inputs.drawn]
         self.casters = tuple(each.name for each in support.casters)
         self.wheel_driven = self._inputs.wheel_driven
         self._limits = reduced.actuation.limits
-        self._regularized: list[int] = []
-        self._actuator_friction = 0.0
         self.applied = np.zeros(reduced.p)
 
     def _set_options(self, option: mujoco.MjOption) -> None:
@@ -127,8 +117,6 @@ class MuJoCoPlant:
             raise InputError(f"the state has shapes {q.shape} and {v.shape}, expected that of q and v of the robot")
         mujoco.mj_resetData(self.model, self.data)
         self.applied = np.zeros(self._reduced.p)
-        if self.servos is not None:
-            self.servos.reset(q)
         if self.stance == "free":
             self.data.qpos[2] += self._lift
         elif self.stance == "level":
@@ -153,37 +141,7 @@ class MuJoCoPlant:
             raise InputError(f"T has shape {T.shape}, expected {self.applied.shape}")
         if not np.isfinite(T).all():
             raise InputError(f"T is not finite: {T.tolist()}")
-        clips = self.settings.effort_limits and self.servos is None
-        self.applied = np.clip(T, -self._limits, self._limits) if clips else T
-        if self.servos is not None:
-            self.servos.command(self.read()[0], T)
-
-    @property
-    def takes_velocities(self) -> bool:
-        """True if inputs are velocities ``u = B^T v`` of the actuators, for servos."""
-        return self.servos is not None
-
-    @property
-    def effort(self) -> Float[Array, " p"]:
-        """Present efforts of the actuators; the inputs themselves without servos."""
-        return self.applied if self.servos is None else self.servos.effort(*self.read())
-
-    def set_actuator_friction(self, limit: float) -> None:
-        """Set the Coulomb friction of every actuator [N or N m].
-
-        On single joints it is MuJoCo's ``frictionloss``, with stiction. On frames, and on actuators of several joints,
-        it is regularized: it is evaluated at every step and grows with speed below 0.01 m/s or rad/s.
-        """
-        matrix, frames = self._reduced.actuation.constant, self._reduced.actuation.configured
-        self._actuator_friction, self._regularized = limit, []
-        B = self._reduced.at(self._reduced.robot.configuration()).B if matrix is None else matrix
-        for column, entries in enumerate(B.T):
-            alone = np.flatnonzero(entries)
-            dof = self._joints.dof(int(alone[0])) if len(alone) == 1 and column not in frames else None
-            if dof is None:
-                self._regularized.append(column)
-            else:
-                self.model.dof_frictionloss[dof] = limit * abs(entries[alone[0]])
+        self.applied = np.clip(T, -self._limits, self._limits) if self.settings.effort_limits else T
 
     def advance(self, dt: float) -> None:
         """Advance the time by dt [s].
@@ -193,9 +151,6 @@ class MuJoCoPlant:
         """
         steps = max(1, int(np.ceil(dt / self.settings.step - _STEP_TOLERANCE)))
         self.model.opt.timestep = dt / steps
-        if self.servos is not None:
-            self._advance_servos(self.servos, steps)
-            return
         q, _ = self.read()
         wheel_force, drawn = self._inputs.wheel_forces(q, self.applied)
         drive_forces = np.zeros(len(self.wheel_names))
@@ -207,33 +162,12 @@ class MuJoCoPlant:
                     force = wheel_force + self._inputs.joint_forces(self.read()[0], self.applied)
                 self._step(force, drive_forces)
 
-    def _advance_servos(self, servos: VelocityServos, steps: int) -> None:
-        """Advance by a number of steps with velocity servos."""
-        force, drive_forces = np.zeros(self._reduced.robot.nv), np.zeros(len(self.wheel_names))
-        velocity = None
-        with unlogged(mujoco):
-            for _ in range(steps):
-                if servos.needs_velocity:
-                    q, v = self.read()
-                    velocity = self._reduced.at(q).B.T @ v
-                    T = servos.forces(velocity)
-                    wheel_force, drawn = self._inputs.wheel_forces(q, T)
-                    force, drive_forces[self._drawn_wheels] = wheel_force + self._inputs.joint_forces(q, T), drawn
-                servos.write(self.model.opt.timestep, velocity)
-                self._step(force, drive_forces)
-
     def _step(self, force: np.ndarray, drive_forces: np.ndarray) -> None:
         applied = self.data.qfrc_applied
         applied[:] = 0.0
-        passive = self._reduced.reduction_data.forces
-        if self._regularized or passive:
+        if self._reduced.reduction_data.forces:
             q, v = self.read()
-            state = self._reduced.at(q, v=v)
-            if passive:
-                force = force + state.passive_force
-            if self._regularized:
-                directions = state.B[:, self._regularized]
-                force = force - directions @ (self._actuator_friction * np.tanh(v @ directions / _FRICTION_SPEED))
+            force = force + self._reduced.at(q, v=v).passive_force
         self._joints.add_force(self.data.qpos, force, applied)
         self._ground.prepare(drive_forces)
         for equality in self._equalities:

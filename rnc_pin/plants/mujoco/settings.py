@@ -40,8 +40,6 @@ class MuJoCoSettings:
         joint_limits: enforce the position limits of the robot file.
         joint_damping: apply the viscous joint damping of the robot file.
         effort_limits: clip inputs to the limits of the actuators.
-        servo_time: time constant of velocity servos [s]; inputs are then velocities. None for inputs that are forces.
-            Use integrator "implicitfast" for short time constants.
 
     Raises:
         ConfigurationError: a value is not a listed choice or not a valid number.
@@ -67,7 +65,6 @@ class MuJoCoSettings:
     joint_limits: bool = False
     joint_damping: bool = False
     effort_limits: bool = False
-    servo_time: float | None = None
 
     @property
     def contact_time_constant(self) -> float:
@@ -81,10 +78,8 @@ class MuJoCoSettings:
                 raise ConfigurationError(
                     f"MuJoCo: {name} '{value}' is not known{nearest(str(value), map(str, choices))}"
                 )
-        for name in ("step", "contact_time", "settling", "servo_time"):
-            value, positive = getattr(self, name), name in ("step", "servo_time")
-            if name == "servo_time" and value is None:
-                continue
+        for name in ("step", "contact_time", "settling"):
+            value, positive = getattr(self, name), name == "step"
             if not is_number(value) or value < 0 or (positive and value == 0):
                 expected = "a positive number" if positive else "a number from 0"
                 raise ConfigurationError(f"MuJoCo: {name}: expected {expected}, found {value!r}")

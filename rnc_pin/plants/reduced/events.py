@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Literal, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import scipy
 
@@ -11,8 +11,6 @@ from rnc_pin.plants.reduced.reduced_plant import ReducedPlant
 
 _PRECISION = 1e-12  # of the time of an event, relative to the end of its bracket
 _HALVINGS = 40
-
-Direction = Literal["falling", "rising", "either"]
 
 
 class EventStep(Protocol):
@@ -50,24 +48,17 @@ class ReducedStep:
 
 
 class Watched(NamedTuple):
-    """Value of the present state of a plant that crosses zero at an event.
+    """Value of the present state of a plant that falls through zero at an event.
 
     Attributes:
         value: function of the value.
-        direction: direction of the crossing that counts.
-        rate: function of its rate, for a falling value that may rise again within the step, such as a gap.
+        rate: function of its rate, for a value that may rise again within the step, such as a gap.
         rounding: absolute value that counts as zero where a step with a ``rate`` starts.
     """
 
     value: Callable[[], float]
-    direction: Direction = "falling"
     rate: Callable[[], float] | None = None
     rounding: float = 0.0
-
-    def crosses(self, before: float, after: float) -> bool:
-        """True if the value crosses zero between two times."""
-        falls, rises = before > 0 >= after, before < 0 <= after
-        return {"falling": falls, "rising": rises, "either": falls or rises}[self.direction]
 
 
 def first_event(step: EventStep, watched: Sequence[Watched]) -> tuple[float, int] | None:
@@ -82,7 +73,7 @@ def first_event(step: EventStep, watched: Sequence[Watched]) -> tuple[float, int
         if each.rate is not None:
             time = _fall(step, each, each.rate, before[index], rates[index])
             found += [] if time is None else [(time, index)]
-        elif each.crosses(before[index], after[index]):
+        elif before[index] > 0 >= after[index]:
             found.append((_crossing(step, each.value, 0.0, step.dt), index))
     return min(found, default=None)
 

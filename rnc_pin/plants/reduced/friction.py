@@ -49,7 +49,7 @@ class FrictionForces(NamedTuple):
 
 
 class DryFriction:
-    """Dry friction along velocity rows: joints and actuators.
+    """Dry friction in joints, along the rows of their velocities.
 
     A force f of a row with speed s has ``|f| <= limit``, and ``f = -limit sign(s)`` while the row moves. The forces
     minimize the kinetic energy at the end of a step, within these limits. They solve the stick-slip complementarity
@@ -66,29 +66,10 @@ class DryFriction:
     def __init__(self, reduced: ReducedModel, joints: bool) -> None:
         limits = np.array(reduced.robot.model.upperDryFrictionLimit) if joints else np.zeros(reduced.n)
         check_conserved(reduced, limits, "joint friction")
-        self._joints = np.flatnonzero(limits > 0)
-        self._rows = np.eye(reduced.n)[self._joints]
-        self.entries = self._joints.astype(float)
-        self._limits, self._p = limits[self._joints], reduced.p
-        self.limits = self._limits
-        self._actuators = False
-
-    def set_actuators(self, limit: float) -> None:
-        """Set the dry friction limit of every actuator [N or N m]."""
-        self._actuators = limit > 0
-        self.limits = np.concatenate([self._limits, np.full(self._p, limit)]) if self._actuators else self._limits
-
-    def rows(self, state: StateEvaluation) -> np.ndarray:
-        """Jacobian (k, nv) of the speeds."""
-        return np.vstack([self._rows, state.B.T]) if self._actuators else self._rows
-
-    def inputs(self, forces: np.ndarray) -> np.ndarray | float:
-        """Actuator part (p,) of the forces (k,)."""
-        return forces[len(self._joints) :] if self._actuators else 0.0
-
-    def external(self, forces: np.ndarray) -> np.ndarray | None:
-        """Generalized joint forces (nv,) of the forces (k,); None without joint friction."""
-        return forces[: len(self._joints)] @ self._rows if len(self._joints) else None
+        joints_with_friction = np.flatnonzero(limits > 0)
+        self.rows = np.eye(reduced.n)[joints_with_friction]
+        self.entries = joints_with_friction.astype(float)
+        self.limits = limits[joints_with_friction]
 
     def forces_in_step(self, state: StateEvaluation, w_dot: np.ndarray, linear: LinearPart, h: float) -> FrictionForces:
         """Compute friction forces for a step.
@@ -99,7 +80,7 @@ class DryFriction:
             linear: linear part of the motion.
             h: duration of the step [s].
         """
-        rows, limits = self.rows(state), self.limits
+        rows, limits = self.rows, self.limits
         growth = phi_functions(-h * linear.decay, 1)[1]
         modes = (rows @ state.R @ linear.modes).T
         speeds = rows @ state.v
@@ -125,7 +106,7 @@ class DryFriction:
         """Return the state after impulses that stop the selected rows (k,); the inertia determines the other rows."""
         if not which.any():
             return state
-        R, rows = state.R, self.rows(state)[which]
+        R, rows = state.R, self.rows[which]
         along = rows @ R
         moved = np.linalg.solve(state.H, along.T)
         together, speeds = along @ moved, rows @ state.v
@@ -186,7 +167,7 @@ class DissipativeStep:
         state = self._dynamics.at(q, y)
         linear, w_dot = self._linear(state, T)
         friction = self.friction.forces_in_step(state, w_dot, linear, INSTANT)
-        return friction.forces @ self.friction.rows(state)
+        return friction.forces @ self.friction.rows
 
     def advance(
         self, q: np.ndarray, y: np.ndarray, T: np.ndarray, h: float, steps: int
@@ -268,11 +249,11 @@ class DissipativeStep:
         difference; otherwise the integral of work would contain decays faster than the step.
         """
         r, dynamics = len(linear.decay), self._dynamics
-        inputs, external = T + self.friction.inputs(forces), self.friction.external(forces)
+        external = forces @ self.friction.rows if len(forces) else None
         stopped = partial(self.friction.stopped, which=sticking) if sticking.any() else None
         if stopped is None and external is None and dynamics.damping is None:
-            return dynamics.advance(q, y, inputs, h, 1)
-        smooth = dynamics.derivative(inputs, external, stopped)
+            return dynamics.advance(q, y, T, h, 1)
+        smooth = dynamics.derivative(T, external, stopped)
         if dynamics.damping is None:
             q, end, roughness = self._explicit.measured_step(smooth, q, y, h, r)
             return q, self._stopped(dynamics.at(q, end), end, sticking), roughness

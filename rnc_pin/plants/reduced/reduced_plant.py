@@ -29,8 +29,6 @@ class Checkpoint(NamedTuple):
     applied: np.ndarray
     chart: VelocityChart
     errors: IntegrationErrors
-    friction: float
-    """Dry friction limit of every actuator [N or N m]."""
 
 
 class _Step(NamedTuple):
@@ -96,7 +94,6 @@ class ReducedPlant(ReprMixin):
         self.joint_damping, self.actuator_limits, self.joint_friction = joint_damping, actuator_limits, joint_friction
         self.dynamics = ConstrainedDynamics(reduced, joint_damping, actuator_limits)
         self._dissipative = DissipativeStep(self.dynamics, DryFriction(reduced, joint_friction))
-        self._actuator_friction = 0.0
         self.errors = IntegrationErrors.initial(self._substeps)
         self.applied = np.zeros(reduced.p)
         self._q: np.ndarray
@@ -116,9 +113,7 @@ class ReducedPlant(ReprMixin):
     def twin(self) -> ReducedPlant:
         """Return another plant with the same model and options."""
         options = self.joint_damping, self.actuator_limits, self.joint_friction, *self._substeps
-        other = ReducedPlant(self.reduced, *options)
-        other.set_actuator_friction(self._actuator_friction)
-        return other
+        return ReducedPlant(self.reduced, *options)
 
     def reset(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> None:
         """Restart at configuration q (nq,) and velocity v (nv,); velocity against the constraints is removed.
@@ -166,14 +161,11 @@ class ReducedPlant(ReprMixin):
 
     def checkpoint(self) -> Checkpoint:
         """Return the present state for ``rollback``."""
-        chart = self.dynamics.chart
-        return Checkpoint(self._q, self._y, self._state, self.applied, chart, self.errors, self._actuator_friction)
+        return Checkpoint(self._q, self._y, self._state, self.applied, self.dynamics.chart, self.errors)
 
     def rollback(self, checkpoint: Checkpoint) -> None:
         """Return to the state of a ``checkpoint``, to the bit."""
-        self._q, self._y, self._state, self.applied, self.dynamics.chart, self.errors, friction = checkpoint
-        if friction != self._actuator_friction:
-            self.set_actuator_friction(friction)
+        self._q, self._y, self._state, self.applied, self.dynamics.chart, self.errors = checkpoint
 
     def apply(self, T: np.ndarray) -> None:
         """Hold the inputs T (p,), clipped to the actuator limits; ``applied`` has the result.
@@ -198,11 +190,6 @@ class ReducedPlant(ReprMixin):
     def keep_errors(self, errors: IntegrationErrors) -> None:
         """Go on with the estimated errors of a motion that this plant continues."""
         self.errors = errors.interrupted()
-
-    def set_actuator_friction(self, limit: float) -> None:
-        """Set the dry friction limit of every actuator [N or N m]; ``applied`` does not include it."""
-        self._actuator_friction = limit
-        self._dissipative.friction.set_actuators(limit)
 
     @property
     def dissipates(self) -> bool:

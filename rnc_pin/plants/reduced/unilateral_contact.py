@@ -260,7 +260,7 @@ class ContactRows:
             start, end = end, end + len(each.names)
             matrix[start:end], ground[start:end] = each.rows(state.position)
         if end < layout.size:
-            matrix[end:] = self._dry.rows(state)
+            matrix[end:] = self._dry.rows
         return matrix, ground
 
 

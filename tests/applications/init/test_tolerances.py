@@ -16,8 +16,7 @@ from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.errors import ModelError
 from rnc_pin.robots.robot_files import example_urdfs, find_urdf, shipped_directory
 
-BODIES = {"drifting_body.urdf"}  # parts of other robots; alone, nothing can drive them
-SHIPPED = sorted({path.name for path in shipped_directory().glob("*.urdf")} - BODIES)
+SHIPPED = sorted({path.name for path in shipped_directory().glob("*.urdf")})
 STRANGE = sorted(path.name for path in DIRT.glob("*.urdf"))
 SOME = ("double_pendulum", "iris")
 ZOO = [pytest.param(name, marks=pytest.mark.long) for name in sorted({*example_urdfs()} - {*SOME})]

@@ -14,7 +14,6 @@ from rnc_pin.applications.scenario.files import accept_option, parse_options, pl
 from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.pictures import picture_names
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.errors import ConfigurationError
 from rnc_pin.interruption import uninterrupted
 from rnc_pin.simulation import Observer
 
@@ -45,8 +44,6 @@ def run_scenario(
     if prepared.content.planner is not None:  # which takes most of the time before the run
         announce(f"{prepared.name}: planning the motion", as_json)
     prepared = prepared.build()
-    if show and prepared.experiment.phases:
-        raise ConfigurationError("--show: a live view does not support phases; omit it and open animation.html")
     for warning in prepared.experiment.warnings:
         warn(warning)
     name = prepared.name.strip(".") or "scenario"  # a file "...yaml" must not write into ".."

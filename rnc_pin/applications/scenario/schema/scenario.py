@@ -1,4 +1,4 @@
-"""Complete scenario: the run, its phases and its plots; its validation, and the JSON Schema for editors."""
+"""Complete scenario: the run and its plots; its validation, and the JSON Schema for editors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Annotated, Literal, TypeVar, cast
 from pydantic import BaseModel, BeforeValidator, Field, TypeAdapter, model_validator
 
 from rnc_pin.applications.scenario.controllers import TYPES, ControllerItem
-from rnc_pin.applications.scenario.schema.derived import PLAIN, Content, Entry, FileName, PartialCall, one_of
+from rnc_pin.applications.scenario.schema.derived import PLAIN, Content, Entry, FileName, PartialCall
 from rnc_pin.applications.scenario.schema.kinds import (
     ActuatorItem,
     ConstraintItem,
@@ -34,7 +34,6 @@ from rnc_pin.io import LIST, Json, Strict, validated
 from rnc_pin.model import ConstraintKind, NonholonomicSystem, NotNegative, OutputKind, Positive, ReducedModel
 from rnc_pin.plants import Faults, Payload, StuckJoint
 from rnc_pin.plants.mujoco import MuJoCoSettings
-from rnc_pin.simulation import ContactLoss, Event, OutputCrossing, Phase
 from rnc_pin.verdict import FindingKind
 from rnc_pin.visualization import View
 
@@ -44,55 +43,15 @@ LoopItem = Annotated[
     PartialCall[LoopSettings], Entry(LoopSettings, late=("limits",), optional=("fallback",), forms=_LOOP)
 ]
 """Control loop around the controller: velocity estimation, supervision and safe commands."""
-EventItem = Annotated[
-    Event,
-    one_of(
-        crossing=Entry(OutputCrossing, forms={"output": OutputItem}), contact_loss=Entry(ContactLoss, short="contact")
-    ),
-]
-
-
-_LONGEST = Field(description="Duration [s]; with ``until`` the longest one. By default that of ``simulation``.")
-_FORMS = {"duration": Annotated[Positive, _LONGEST], "until": EventItem | None, "pushing": dict[str, Literal[1, -1]]}
-_PHASE = Entry(Phase, late=("reduced", "controller", "impact", "plant"), forms=_FORMS, optional=("duration",))
-
-
-class PhaseSettings(_PHASE.model):  # type: ignore[name-defined, misc]
-    """Phase of a run. Its keys replace those of the scenario; times of its references start with the phase."""
-
-    constraints: list[ConstraintItem] | None = None
-    """Constraints of the phase; by default those of the scenario."""
-    outputs: Outputs | None = None
-    """Outputs of the phase; by default those of the scenario."""
-    task: TaskOutputs | None = None
-    """Roles of the outputs; by default those of the scenario."""
-    reference: References | None = None
-    """References of the phase; by default those of the scenario."""
-    controller: ControllerItem | None = None
-    """Controller of the phase; by default that of the scenario. Without both, there are no inputs."""
-    impact: list[ConstraintItem] = []
-    """Constraints that act only at the start of the phase, such as a contact that rebounds."""
-    capture_distance: Positive | None = None
-    """Largest distance [m] of the frames of a loop closure at which it joins them in the pose that they then have. By
-    default, frames have to coincide."""
-
-    def on(self, ground: GroundPlane) -> PhaseSettings:
-        """Phase whose constraints without a ground have this one."""
-        if not any(hasattr(each, "ground") for each in self.constraints or ()):
-            return self
-        return self.model_copy(update={"constraints": with_ground(self.constraints or (), ground)})
-
-    def build(self, reduced: ReducedModel, **others: object) -> Phase:
-        """Phase of a model; the arguments are those of ``Phase`` that the file does not give."""
-        return _PHASE.build(self, reduced=reduced, **others)
 
 
 class PlantSettings(_MUJOCO.model):  # type: ignore[name-defined, misc]
     """Simulated plant: the reduced model of rnc_pin, or the robot in MuJoCo."""
 
     type: Literal["reduced", "mujoco"] = "mujoco"
-    """"reduced": the reduced model of rnc_pin; of the other settings it has only ``servo_time``. "mujoco": MuJoCo with
-    the other settings."""
+    """"reduced": the reduced model of rnc_pin; it has only ``servo_time``. "mujoco": MuJoCo with the other settings."""
+    servo_time: Positive | None = None
+    """Time constant of ideal velocity servos [s], for a controller whose commands are velocities."""
 
     @model_validator(mode="before")
     @classmethod
@@ -104,6 +63,8 @@ class PlantSettings(_MUJOCO.model):  # type: ignore[name-defined, misc]
         others = sorted(self.model_fields_set - {"type", "servo_time"})
         if self.type == "reduced" and others:
             raise ValueError(f"'{others[0]}' belongs to the type 'mujoco'")
+        if self.type == "mujoco" and self.servo_time is not None:
+            raise ValueError("'servo_time' belongs to the type 'reduced'")
         _MUJOCO.read(self)  # check them here: the error then names the place in the file
         return self
 
@@ -222,8 +183,6 @@ class ScenarioFile(Strict):
     """Type and gains of the controller; a run requires it."""
     simulation: SimulationSettings | None = None
     """Duration and steps; a run requires it."""
-    phases: list[PhaseSettings] = []
-    """Phases of a run whose constraints appear and vanish, in order; their keys replace those of the scenario."""
     plant: PlantSettings | None = None
     """Simulated plant: "reduced" (default, the reduced model of rnc_pin) or "mujoco", or a mapping with settings."""
     faults: FaultSettings | None = None
@@ -276,8 +235,7 @@ class ScenarioFile(Strict):
         grounded = with_ground([*self.constraints, *contacts], plane)
         count = len(self.constraints)
         landing = [replace(each, constraint=kind) for each, kind in zip(self.contacts, grounded[count:], strict=True)]
-        phases = [each.on(plane) for each in self.phases]
-        return self.model_copy(update={"constraints": grounded[:count], "contacts": landing, "phases": phases})
+        return self.model_copy(update={"constraints": grounded[:count], "contacts": landing})
 
     @model_validator(mode="after")
     def _variant_exists(self) -> ScenarioFile:
