@@ -1,12 +1,9 @@
-"""Every built-in scenario, to its end where it has one: within 0.02 of every goal, with its invariants and gains."""
-
-import json
+"""Every built-in scenario, to its end where it has one: within 0.02 of every goal, with its invariants."""
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-import rnc_pin as rnc
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import built_in_names
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -36,23 +33,6 @@ ENOUGH = {  # [s]; of scenarios that go on and on, after which nothing new happe
 }
 
 
-GAINS = {  # in the record of a run, by the type of what its controller is made of
-    "VelocityTracker": {"gains", "target"},
-    "PositionTracker": {"gains"},
-    "JacobianTransposeController": {"tracker", "active"},
-    "ReducingOutputController": {"k2"},
-    "RedundancyController": {"k3", "k21"},
-    "UncertainController": {"alpha", "initial", "bounds", "controller"},
-    "SteeringController": {"k3", "k4", "k21"},
-    "UnicycleStabilizer": {"goal", "k", "rate"},
-    "SplitController": {"parts"},
-    "PlanFeedback": {"form", "cost", "outcome", "gains"},
-    "ActuatorVelocityController": {"limits", "target"},
-    "WayFollower": {"acceleration", "speed", "tube"},
-    "SetPointController": {"tolerance", "tube", "check", "weights"},
-    "StateFeedback": {"states", "K"},
-    "InverseDynamicsQP": {"tasks", "limits", "dt", "velocity_gain", "friction"},
-}
 PERIODS = {
     "free-flying-arm": 0.0035, "tiago": 0.004, "unicycle": 0.0055,  # whose gains do not suit a slower one
     # Whose samples cost most.
@@ -69,36 +49,12 @@ def summary_of(name, compared=False, **options):
     prepared = Scenario.load(
         name, {**options, "plots": {}} if compared else {**options, "comparisons": {}, "plots": {}}
     ).build()
-    its_gains_are_recorded(prepared)
     assert "controller.preset" in options or prepared.experiment.warnings == ()
     result = execute(prepared)
     assert result.error is None
     assert result.summary["outcome"] == "completed"
     assert result.summary["constraint_residual_max"] < 1e-8
     return result.summary
-
-
-def parts_of(description):
-    """A description and those inside it."""
-    yield description
-    for name, value in description.items():
-        if name in ("tasks", "limits"):
-            continue  # settings of a program, not gains
-        for each in value if isinstance(value, list) else [value]:
-            if isinstance(each, dict) and "type" in each:
-                yield from parts_of(each)
-
-
-def its_gains_are_recorded(prepared):
-    parts = list(parts_of(json.loads(json.dumps(prepared.experiment.provenance.to_json()["controller"]))))
-    for part in parts:
-        assert set(part) >= GAINS[part["type"]], part
-    trackers = [part["gains"] for part in parts if "gains" in part and part["type"] != "PlanFeedback"]
-    alone = ("ActuatorVelocityController", "InverseDynamicsQP", "PlanFeedback", "SetPointController", "StateFeedback")
-    assert trackers or parts[0]["type"] in alone  # which need no tracker
-    for gains in trackers:
-        assert set(gains) in ({"k", "beta", "sigma"}, {"k1", "k2", "gamma", "beta", "sigma"})
-        assert all(np.min(gain) > 0 for gain in gains.values())
 
 
 def ends_at_its_goals(summary):
@@ -148,67 +104,15 @@ def test_the_hand_reaches_from_one_room_into_a_shelf_in_another():
     respects_its_limits(result.summary)
 
 
-def test_free_motions_are_those_of_textbooks():
-    """The rattleback reverses its spin; a ball goes round at 2/7 of the rate of its turntable."""
-    options = {"comparisons": {}, "plots": {}}
-    short = {"simulation.duration": 1.0, "simulation.dt": 0.004, "simulation.substeps": 4}
-    stone = execute(Scenario.load("rattleback", {**options, **short})).trajectory
-    assert stone.v2[0, 2] == -5.0
-    # By Newton's and Euler's equations in benchmarks/validation/rolling_body.py; the plant's steps are constant.
-    assert stone.v2[-1, 2] == pytest.approx(4.83667908093643, abs=1e-3)
-    half = {"simulation.duration": 3.16, "simulation.dt": 0.04}
-    ball = execute(Scenario.load("ball-on-turntable", {**options, **half})).trajectory
-    angle = 2 / 7 * 3.5 * ball.time
-    circle = np.column_stack([0.9 * np.cos(angle) - 0.3, 0.9 * np.sin(angle)])
-    np.testing.assert_allclose(ball.q[:, :2], circle, atol=2e-4)
-    bowl = execute(Scenario.load("ball-in-bowl", {**options, "simulation.duration": 0.3})).trajectory
-    np.testing.assert_allclose(np.linalg.norm(bowl.q[:, :3] - [0, 0, 1.2], axis=1), 1.0, atol=1e-9)
-    assert np.ptp(bowl.energy) < 1e-5 * bowl.energy[0]
-    steps = {"simulation.duration": 3.0, "simulation.dt": 0.02, "simulation.substeps": 4}
-    racer = execute(Scenario.load("roller-racer", {**options, **steps})).trajectory
-    assert racer.v2[-1, 0] > 0.4  # forward, from rest, by the work of the hinge
-    assert np.ptp(racer.energy - racer.work) < 1e-6 * racer.energy[-1]
-
-
-def test_textbook_motions_without_goals():
-    """Cycloid of a disk on a slope, a momentum of Chaplygin's ball, a landing, an upright shaken pendulum."""
-    options = {"comparisons": {}, "plots": {}}
-    disk = execute(Scenario.load("disk-on-slope", {**options, "simulation.duration": 3.2})).trajectory
-    cycloid = np.column_stack([np.sin(disk.time) ** 2, disk.time - np.sin(2 * disk.time) / 2])
-    pull = 9.81 * np.sin(0.3) / 1.5  # of a homogeneous disk, (m + I / r^2) = 3/2 m
-    np.testing.assert_allclose(disk.x1, pull / 2 * cycloid, atol=1e-8)
-
-    ball = execute(Scenario.load("chaplygin-ball", {**options, "simulation.duration": 1.0})).trajectory
-    momenta = []  # about the contact, in the world
-    for q, w in zip(ball.q, ball.v2, strict=True):
-        turn = pin.Quaternion(q[3:7]).toRotationMatrix()
-        momenta.append(turn @ (np.array([0.03, 0.05, 0.07]) * w) + 2.0 * 0.3**2 * np.array([1, 1, 0]) * (turn @ w))
-    np.testing.assert_allclose(momenta, np.tile(momenta[0], (len(momenta), 1)), atol=1e-7)
-    assert np.ptp(ball.v2[:, 0]) > 2.0  # it tumbles
-
-    dropped = execute(Scenario.load("dropped-disk", {**options, "simulation.duration": 0.6})).trajectory
-    fall, after = np.sqrt(2 * 0.6 / 9.81), dropped.time - np.sqrt(2 * 0.6 / 9.81)
-    rolled = 0.25 * 12 / 3 * after  # the first landing turns two thirds of the spin into speed, and bounces by 0.6
-    height = 0.25 + after * (0.6 * 9.81 * fall - 9.81 / 2 * after)
-    np.testing.assert_allclose(dropped.q[after > 0][:, [0, 2]], np.column_stack([rolled, height])[after > 0], atol=2e-5)
-
-    skids = execute(Scenario.load("skidding-robot", {**options, "simulation.duration": 0.03})).trajectory
-    model = rnc.Robot.from_urdf("differential_drive.urdf", base="free").model
-    data, speeds = model.createData(), []
-    for sample in (0, 2):
-        pin.centerOfMass(model, data, skids.q[sample], skids.v[sample])
-        speeds.append(data.vcom[0].copy())
-    # Both wheels slide sideways under the weight of 22 kg that the caster, at 0.3 m, does not carry.
-    carried = 22 * 9.81 - 20 * 9.81 * 0.05 / 0.3
-    assert np.linalg.norm(speeds[1] - speeds[0]) / 0.02 == pytest.approx(0.3 * carried / 22, rel=5e-3)
-
-    upright = execute(Scenario.load("shaken-pendulum", {**options, "simulation.duration": 1.5})).trajectory
-    assert upright.q[:, 1].min() > 0.7  # cosine of the angle, from 0.3 rad
-    assert np.ptp(upright.energy - upright.work) < 1e-5 * np.ptp(upright.energy)
-    options["constraints"] = [{"prescribed_motion": {"output": {"joint": "shaker"}, "motion": {
-        "start": [0.0], "reference": {"hold": {}}}}}]  # fmt: skip
-    fallen = execute(Scenario.load("shaken-pendulum", {**options, "simulation.duration": 0.6})).trajectory
-    assert fallen.q[-1, 1] < 0.0
+@pytest.mark.parametrize("name", FREE)
+def test_what_moves_freely_keeps_its_rows_and_accounts_for_its_energy(name):
+    """Motions themselves are those of benchmarks/validation."""
+    run = execute(Scenario.load(name, {"comparisons": {}, "plots": {}, "simulation.duration": 0.3})).trajectory
+    assert run.outcome == "completed"
+    assert run.constraint_residual.max() < 1e-8
+    assert np.ptp(run.q, axis=0).max() > 0.005
+    if name not in ("dropped-disk", "skidding-robot"):  # which land and slide
+        assert np.ptp(run.energy - run.work) < 1e-4 * np.abs(run.energy).max()
 
 
 def test_figure_8():

@@ -10,8 +10,6 @@ import pytest
 import rnc_pin as rnc
 from browsing import children, place, shape_place, visit
 from patience import PATIENCE, eventually
-from rnc_pin.control import ReducingOutputController, VelocityGains, VelocityTracker
-from rnc_pin.planning import Hold
 from systems import space_robot, space_robot_in_joints
 
 DT = 0.02
@@ -87,12 +85,11 @@ def test_a_page_pauses_steps_and_tunes_a_loop(browser):
     assert view.problem is None
 
 
-@pytest.mark.parametrize("outputs", [None, [rnc.FrameSpeed("base"), rnc.FrameYaw("base")]])
-def test_a_loop_of_quasi_velocities_is_drawn(browser, outputs):
+def test_a_loop_of_quasi_velocities_is_drawn(browser):
     """A loop of one's own gives no integrals, so the values of these outputs are not known; the robot is."""
     robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
     wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
-    reduced = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce(outputs)
+    reduced = rnc.NonholonomicSystem(robot, wheels).reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
     with rnc.show(reduced, open_browser=False) as view:
         page, problems = visit(browser, view.url)
         view.update(robot.configuration({"root_joint": [0.4, 0.3, 0.0]}), [0.1, 0.2])
@@ -110,44 +107,6 @@ def test_a_state_that_is_not_drawn_says_why():
         assert eventually(lambda: isinstance(view.problem, rnc.SingularityError))
         view.update(reduced.robot.configuration({"joint_1": 0.3, "joint_2": 1.0, "joint_3": 0.5}), t=1.0)
         assert eventually(lambda: view.problem is None)
-
-
-def test_a_slider_makes_another_controller_which_continues_with_the_state():
-    """The run equals the one of a loop without a view whose gains change at the same sample."""
-    reduced = space_robot()
-    q0 = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
-    target = ReducingOutputController(reduced, Hold(reduced.at(q0).outputs()[1] + 0.1))
-
-    def tracker(k, beta):
-        return VelocityTracker(target, VelocityGains(k=k, beta=beta))
-
-    def run(controller_at):
-        plant, state = rnc.ReducedPlant(reduced), None
-        plant.reset(q0, np.zeros(reduced.robot.nv))
-        for sample in range(10):
-            q, v = plant.read()
-            measurement = reduced.at(q, v=v).measure(np.zeros(reduced.r))
-            controller = controller_at(sample, q)
-            state = controller.initial_state(measurement) if state is None else state
-            command, state = controller.step(DT * sample, measurement, state)
-            plant.apply(reduced.allocate(q, command.F))
-            plant.advance(DT)
-        return plant.read()[0]
-
-    expected = run(lambda sample, q: tracker(20.0, 10.0) if sample < 5 else tracker(35.0, 10.0))
-    ranges = {"k": (1.0, 50.0, 20.0), "beta": (0.0, 20.0, 10.0)}
-    with rnc.show(reduced, gains=ranges, controller=tracker, speed=0.0, open_browser=False) as view:
-
-        def shown(sample, q):
-            if sample == 5:
-                view._receive({"kind": "gain", "name": "k", "value": 35.0})
-            view.update(q, t=DT * sample)
-            return view.controller
-
-        first = view.controller
-        found = run(shown)
-        assert view.controller is not first
-    np.testing.assert_array_equal(found, expected)
 
 
 def test_gains_that_a_controller_refuses_leave_the_last_one():

@@ -8,7 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.control import PositionTracker, ReducingOutputController, VelocityGains, VelocityTracker
+from rnc_pin.control import ReducingOutputController, VelocityGains, VelocityTracker
 from rnc_pin.planning import Hold
 from systems import tiago
 from tolerances import ROUNDING
@@ -114,16 +114,11 @@ def _renamed():
     return (model,)
 
 
-def held_tiago():
+def test_a_tracker_that_knows_what_holds_the_robot_lets_nothing_drop():
     reduced = tiago()
     q0 = reduced.robot.configuration({"torso_lift_joint": 0.15, "arm_1_joint": 0.7, "arm_4_joint": 1.9})
-    x2 = reduced.at(q0).outputs()[1]
-    rest = np.zeros(reduced.r)
-    return reduced, q0, x2, reduced.inverse_dynamics(q0, rest, rest)
-
-
-def test_a_tracker_that_knows_what_holds_the_robot_lets_nothing_drop():
-    reduced, q0, x2, held = held_tiago()
+    x2, rest = reduced.at(q0).outputs()[1], np.zeros(reduced.r)
+    held = reduced.inverse_dynamics(q0, rest, rest)
     assert np.abs(held).max() > 100
     target = ReducingOutputController(reduced, Hold(x2))
     gains = VelocityGains.scaled(reduced, q0[None], 0.002)
@@ -134,17 +129,3 @@ def test_a_tracker_that_knows_what_holds_the_robot_lets_nothing_drop():
 
     assert dropped(VelocityTracker(target, gains, held)) < 1e-9
     assert dropped(VelocityTracker(target, gains)) > 1e-2
-
-
-def test_the_position_tracker_holds_too():
-    reduced, q0, x2, held = held_tiago()
-    tracker = PositionTracker(Hold(x2), gravity_compensation=held)
-    measurement = reduced.at(q0, np.zeros(reduced.r)).measure(integrals=x2)
-    command, _ = tracker.step(0.0, measurement, tracker.initial_state(measurement))
-    np.testing.assert_allclose(command.F, held, atol=1e-9)
-
-
-def test_scaled_gains_adapt_as_fast_as_asked():
-    reduced, q0, *_ = held_tiago()
-    gains = VelocityGains.scaled(reduced, q0[None], 0.002, rnc.control.GainDesign(adaptation=30.0))
-    np.testing.assert_allclose(gains.beta, 30.0 * gains.k)

@@ -7,9 +7,8 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body, add_frame
+from bodies import add_body
 from places import DIRT
-from simple_controllers import Idle
 from systems import ALL
 
 ROUNDED = 1.5708  # for pi / 2
@@ -30,8 +29,7 @@ def test_toed_wheels_keep_their_yaw():
     with pytest.warns(rnc.ModelWarning) as said:
         system = rnc.NonholonomicSystem(toed_wheels(), WHEELS, AXLES)
     assert len(said) == 1
-    words = r"rows that depend on others except for rounding (1.8e-07) are dropped: lateral(right_wheel)"
-    assert words in str(said[0].message)
+    assert "rows that depend on others except for rounding (1.8e-07) are dropped" in str(said[0].message)
     assert system.r == 2
     dropped = {row.name: row for row in system.dropped_rows}
     assert (
@@ -83,40 +81,6 @@ def test_heights_of_four_wheels_are_met_to_their_rounding():
     residual = np.abs(system.assembly.residual(q))
     assert np.sort(residual)[:3].max() < 1e-11
     assert 0 < residual.max() < 1e-5
-
-
-def five_bar(angle):
-    """Two arms of two links each, hinges about y made of an angle, to be joined at their tips."""
-    model = pin.Model()
-    model.name = "five-bar"
-    turned = pin.rpy.rpyToMatrix(-angle, 0, 0)
-    for side, x in (("left", -0.1), ("right", 0.1)):
-        place = pin.SE3(turned, np.array([x, 0.0, 0.0]))
-        bent = pin.SE3(pin.rpy.rpyToMatrix(angle - np.pi / 2, 0, 0), np.array([0.2, 0, 0]))
-        upper = add_body(model, f"{side}_hip", "RZ", 1.0, com=(0.1, 0, 0), moments=0.01, at=place)
-        lower = add_body(model, f"{side}_knee", "RZ", 1.0, upper, com=(0.1, 0, 0), moments=0.01, at=bent)
-        add_frame(model, f"{side}_tip", lower, (0.3, 0.0, 0.0))
-    return rnc.Robot(model)
-
-
-def test_a_loop_of_rounded_hinges_keeps_its_freedoms():
-    hips = ["left_hip", "right_hip"]
-    loop = [rnc.LoopClosure("left_tip", "right_tip", "point")]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        exact = rnc.NonholonomicSystem(five_bar(np.pi / 2), loop, hips)
-    with pytest.warns(rnc.ModelWarning, match="except for rounding") as said:
-        system = rnc.NonholonomicSystem(five_bar(ROUNDED), loop, hips)
-    assert len(said) == 1
-    assert (exact.r, system.r) == (2, 2)
-    start = {"left_hip": 2.2, "right_hip": 0.9, "left_knee": -1.0, "right_knee": 1.0}
-    q = system.assembled(system.robot.configuration(start), hold=hips)
-    np.testing.assert_allclose(q, exact.assembled(exact.robot.configuration(start), hold=hips), atol=1e-4)
-    assert np.abs(system.assembly.residual(q)).max() < 1e-5
-    run = rnc.simulate(system.reduce(map(rnc.JointPosition, hips)), Idle(2), q, 0.3, 0.01)
-    same = rnc.simulate(exact.reduce(map(rnc.JointPosition, hips)), Idle(2), exact.assembled(q), 0.3, 0.01)
-    np.testing.assert_allclose(run.q, same.q, atol=1e-3)
-    assert np.abs(run.q[-1] - run.q[0]).max() > 0.1  # it fell
 
 
 @pytest.mark.parametrize("name", ALL)
