@@ -15,7 +15,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.simulation import Sample, tracking_errors
-from rnc_pin.visualization.drawn_state import RATE, View, recorded_states
+from rnc_pin.visualization.drawn_state import View
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.recording import Recording
 
@@ -57,32 +57,6 @@ def row(page, label):
         ".find(line => line.cells[0].textContent === label).cells[1].textContent",
         label,
     )
-
-
-def test_a_recording_plays_in_a_browser_without_a_network(browser, robot, space_robot, tmp_path):
-    run = space_robot[1].trajectory
-    title = "Tip & <platform>"
-    recording = Recording(space_robot[0].experiment.reduced, run, VIEW, title)
-    page, problems = loaded(browser, recording, tmp_path / "page.html")
-    assert page.title() == title
-    page.wait_for_function("viewer.animator.time > 0.1", timeout=1000 * PATIENCE)  # it starts by itself
-    page.evaluate("viewer.animator.pause()")
-    assert page.evaluate("viewer.animator.duration") == pytest.approx(3.0)
-    shots, trails = [], []
-    frames = np.array([state.q for state in recorded_states(robot, run)])
-    for frame in (0, 70, 0):
-        page.evaluate(f"viewer.animator.seek({frame / RATE})")
-        shots.append(picture(page))
-        there = place(page, "robot", "visuals", "tip_0")
-        np.testing.assert_allclose(there, shape_place(robot, frames[frame], "tip_0"), atol=SINGLE_PRECISION)
-        pieces = "Object.values(viewer.scene_tree.find(['meshcat', 'path', 'tip', 'tip']).children)"
-        trails.append(page.evaluate(f"{pieces}.filter(piece => piece.object.visible).length"))
-    assert all(vivid(shot) > 1000 for shot in shots)
-    assert changed(shots[0], shots[1]) > 1000
-    assert changed(shots[0], shots[2]) < 100  # or the comparison above would mean nothing
-    assert trails[0] == trails[2] < 3 < 30 < trails[1]
-    assert problems == []
-    page.context.close()
 
 
 def test_the_player_plays_scrubs_and_changes_speed(browser, space_robot, tmp_path):
@@ -204,50 +178,6 @@ def keep_moving(live, times, q):
     for t in times:
         live(at(t, q + 0.1 * np.sin(t)))
         time.sleep(0.005)
-
-
-def test_the_live_page_of_a_run_shows_goals_forces_and_figures(browser, fire_truck):
-    prepared, _ = fire_truck
-    experiment = prepared.experiment
-    view = experiment.scenario.view
-    live = LiveView(
-        experiment.reduced, view, experiment.provenance.to_json(), speed=2.0, open_browser=False, title="Truck"
-    )
-    short = prepared.built_with(comparisons={}, experiment=experiment)
-    try:
-        page, problems = visit(browser, live.url)
-        assert live.wait_for_browser(PATIENCE)
-        result = execute(short, live)
-        layers = {"plan", "goal", "path", "tracks", "constraint forces"}
-        assert eventually(lambda: layers <= set(children(page)))
-        assert eventually(lambda: float(row(page, "time").split()[0]) > 5.5)
-        assert float(row(page, "error of tractor").split()[0]) < 0.01
-        assert page.text_content("#overlay h1") == "Truck"
-        live.close()  # which shows the last sample, if it has not been shown
-        wanted = shape_place(experiment.reduced.robot, result.trajectory.q[-1], "tractor_1")
-        there = ("robot", "visuals", "tractor_1")
-        assert eventually(lambda: np.allclose(place(page, *there), wanted, rtol=0, atol=SINGLE_PRECISION))
-        assert problems == []
-        page.context.close()
-    finally:
-        live.close()
-    assert live.problem is None
-
-
-def test_a_compared_run_in_the_same_place_does_not_flicker(browser, tmp_path):
-    """A camera that moves by a hair changes edges of the picture, and no surfaces."""
-    options = {"simulation.duration": 1.0, "simulation.dt": 0.01}
-    prepared = Scenario.load("space-robot", options).build()
-    result, changes = execute(prepared), []
-    for others in ({}, result.comparisons):
-        recording = Recording(prepared.experiment.reduced, result.trajectory, VIEW, "same", others)
-        page, problems = loaded(browser, recording, tmp_path / "page.html", begin=0.4)
-        first = picture(page)
-        page.evaluate("viewer.camera.position.multiplyScalar(1.00003); viewer.controls.update(); viewer.set_dirty()")
-        changes.append(changed(first, picture(page)))
-        assert problems == []
-        page.context.close()
-    assert changes[1] < 2 * changes[0] + 500
 
 
 def boxes(page, *selectors):

@@ -8,9 +8,6 @@ import pytest
 from scipy.special import ellipk
 
 import rnc_pin as rnc
-from bodies import add_body
-from rnc_pin.applications.scenario.files import read_yaml
-from rnc_pin.control import MomentumRegressor, UnknownMass
 from rnc_pin.planning import Hold, TaskReference
 from simple_controllers import Idle
 from tolerances import ROUNDING
@@ -50,10 +47,6 @@ def pendulum(kind, axis):
         link("bob", -LENGTH) + joint("hinge", "base", "bob", kind, axis),
         '<link name="tip"/>' + joint("tip_joint", "bob", "tip", at=f"0 0 {-LENGTH}"),
     )
-
-
-def slider(axis):
-    return (link("bob") + joint("slide", "base", "bob", "prismatic", axis),)
 
 
 def reduced_of(robot, vertical=(), reducing=None):
@@ -153,19 +146,6 @@ def test_analysis_of_one_joint(swing):
     assert margins.A4.value == pytest.approx(weight * np.sin(1.0) / (MASS * GRAVITY), abs=ROUNDING)
 
 
-def test_momentum_of_one_joint_is_regressed():
-    model = pin.Model()
-    for name in ("base", "arm"):
-        add_body(model, name, "RZ", pin.Inertia.FromSphere(2.0, 0.3), model.njoints - 1)
-    regressor = MomentumRegressor(rnc.Robot(model), "base", [UnknownMass("arm")])
-    q, v = np.array([0.3, 0.7]), np.array([-0.5, 1.0])  # without momentum: both spheres are alike
-    y, Y = regressor.regress(q, v)
-    assert (y.shape, Y.shape) == ((1,), (1, 1))
-    assert pytest.approx(y) == Y @ [2.0]
-    with pytest.raises(rnc.RncError, match="no body of known mass"):
-        MomentumRegressor(rnc.Robot(model), "base", [UnknownMass("base"), UnknownMass("arm")])
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("constraint", [
     rnc.NoSideSlip("tip", "x"),
@@ -177,27 +157,3 @@ def test_a_constraint_on_the_only_joint_leaves_no_motion(kind, constraint, tmp_p
     weightless = rnc.Robot.from_urdf(write(tmp_path, *pendulum(kind, "0 -1 0")), gravity=(0, 0, 0))
     with pytest.raises(rnc.ConstraintError, match="1 independent constraint rows leave no motion of 1 degrees"):
         rnc.NonholonomicSystem(weightless, [constraint])
-
-
-# ---------------------------------------------------------------------- the command
-
-CYLINDER = '<cylinder radius="0.1" length="0.04"/>'
-TYRE = f'<collision><origin rpy="1.5707963267948966 0 0"/><geometry>{CYLINDER}</geometry></collision>'
-
-
-@pytest.mark.parametrize(("parts", "steps"), [
-    (pendulum("revolute", "0 1 0"), [-0.2]),  # there is more room below
-    (slider("0 0 -1"), [-0.05]),
-    ([link("wheel", shape=TYRE) + joint("axle", "base", "wheel", "continuous", "0 -1 0")], [0.5, 0.4]),
-], ids=["pendulum", "slider", "wheel"])  # fmt: skip
-def test_init_inspect_and_run_of_one_joint(parts, steps, call, tmp_path, monkeypatch, no_pictures):
-    monkeypatch.chdir(tmp_path)
-    write(tmp_path, *parts)
-    for command in (
-        ("init", "robot.urdf"),
-        ("inspect", "robot.yaml", "--samples", 4),
-        ("run", "robot.yaml", "--set", "simulation.duration=0.1"),
-    ):
-        status, _, error = call(*command)
-        assert (status, error) == (0, "")
-    assert read_yaml(tmp_path / "robot.yaml")["reference"]["primary"]["minimum_jerk"]["by"] == steps
