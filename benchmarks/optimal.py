@@ -1,9 +1,8 @@
-"""Optimal control: processor time of an iteration, known optima, random problems, predictive control, and feedback.
+"""Optimal control: processor time of an iteration, known optima, costs beside those of many guesses, and peers.
 
-Run it by ``python -m benchmarks.optimal iteration|optima|predictive|peers|updates``, or with a number of problems by
-``python -m benchmarks.optimal parking|docking N``, or with numbers of problems and
-of guesses by ``python -m benchmarks.optimal restarts|restarts-parking|restarts-docking|restarts-satellite N M``. All
-run without a name.
+Run it by ``python -m benchmarks.optimal iteration|optima|peers|updates``, or with numbers of problems and of guesses by
+``python -m benchmarks.optimal restarts|restarts-parking|restarts-docking|restarts-satellite N M``. All run without a
+name.
 """
 
 from __future__ import annotations
@@ -22,24 +21,17 @@ from benchmarks.planned_models import car, docking, knife_edge, mobile_manipulat
 from benchmarks.whole_body import model as tiago
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import InfeasibleError
-from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.optimal import (
-    EffortCost,
     InputBound,
     OutputBound,
-    OutputCost,
-    PredictiveController,
     SolverSettings,
     VelocityBound,
-    VelocityCost,
 )
 from rnc_pin.optimal.bounds import GoalRows
 from rnc_pin.optimal.guesses import along
 from rnc_pin.optimal.planner import build_problem, initial_node
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
 from rnc_pin.planning.action_models import action_model
-from rnc_pin.plants.mujoco import MuJoCoPlant
 
 NODES, ROUNDS = 40, 7
 _RESTARTS = 100  # guesses among whose solutions the cheapest counts as the best known
@@ -113,34 +105,6 @@ def planned(reduced: rnc.ReducedModel, problem: Problem, **options: Any) -> rnc.
     return rnc.optimal.plan(reduced, **problem, settings=settings, feedback=regulator, **options)
 
 
-def problems(name: str, reduced: rnc.ReducedModel, draw: Draw, count: int) -> None:
-    """Plan random problems; print statistics every ten problems."""
-    generator = np.random.default_rng(0)
-    taken: list[float] = []
-    plans: list[rnc.optimal.MotionPlan] = []
-
-    for number in range(1, count + 1):
-        problem, begin = draw(generator), time.process_time()
-        try:
-            plans.append(planned(reduced, problem))
-        except InfeasibleError as error:
-            print(f"  {number}: {error}", flush=True)
-        taken.append(time.process_time() - begin)
-        if number % 10 == 0 or number == count:
-            _print_statistics(name, number, taken, plans)
-
-
-def _print_statistics(name: str, number: int, taken: list[float], plans: list[rnc.optimal.MotionPlan]) -> None:
-    times = f"processor time median {np.median(taken):.2f} s, most {max(taken):.2f} s"
-    print(f"{name}: {len(plans)} of {number} solved, {times}", flush=True)
-    if plans:
-        iterations = np.median([plan.info.iterations for plan in plans])
-        print(f"  iterations median {iterations:g}; violation after verification [m or rad]:", flush=True)
-        for kind in ("inputs", "feedback"):
-            found = [getattr(plan.info.verification, kind).violation for plan in plans]
-            print(f"    {kind}: median {np.median(found):.1e}, most {max(found):.1e}", flush=True)
-
-
 def _parking() -> tuple[rnc.ReducedModel, Draw]:
     """Parking of the car: goals beside, behind and ahead of it, with limits of speed and steering."""
     reduced = car()
@@ -152,12 +116,6 @@ def _parking() -> tuple[rnc.ReducedModel, Draw]:
         return {"q0": reduced.robot.configuration(), "goal": goal, "duration": 16.0, "bounds": bounds}
 
     return reduced, draw
-
-
-def docking_problems() -> None:
-    """Docking of a tractor with one and with two trailers; walls are not part of it."""
-    for trailers in (1, 2):
-        problems(f"docking, trailers {trailers}", *_docking(trailers), _count(40))
 
 
 def _docking(trailers: int) -> tuple[rnc.ReducedModel, Draw]:
@@ -226,53 +184,13 @@ def _count(usual: int) -> int:
     return int(sys.argv[2]) if len(sys.argv) > 2 else usual
 
 
-def predictive() -> None:
-    """Model-predictive control at 20 Hz in MuJoCo, whose wheels slip and whose contacts are soft."""
-    cases: dict[str, tuple[rnc.ReducedModel, list[object], list[float]]] = {
-        "car": (car(), [rnc.FramePosition("rear_axle", "xy"), rnc.FrameYaw("chassis")], [2.5, 0.6, 0.0]),
-        "mobile manipulator": (mobile_manipulator(), [rnc.FramePosition("tip", "xy")], [2.4, 0.3]),
-    }
-    print("model-predictive control at 20 Hz in MuJoCo, 20 nodes over 2.5 s, one iteration for each update")
-    for name, (reduced, outputs, target) in cases.items():
-        costs = [EffortCost(1e-3), VelocityCost(0.3, phase="both"), OutputCost(outputs, target, 10.0, "both")]
-        controller = _Timed(reduced, costs, 2.5, form="acceleration", bounds=[VelocityBound(-1.0, 1.0)])
-        start = reduced.robot.configuration()
-        plant = MuJoCoPlant(reduced, q0=start)
-        run = rnc.simulate(reduced, controller, start, 5.0, 0.01, plant=plant)
-        kinematics = Kinematics(reduced.robot).position(run.q[-1])
-        stack = OutputStack([each.bind(reduced.robot) for each in outputs])  # type: ignore[attr-defined]
-        error = np.abs(stack.value(kinematics) - target).max()
-        taken = 1e3 * np.array(controller.taken)
-        late = np.mean(taken > 50.0)
-        print(f"  {name:20s} update median {np.median(taken):.1f} ms, most {taken.max():.1f} ms of processor time, "
-              f"{late:.0%} above 50 ms; largest error at the end {error:.1e} [m or rad]", flush=True)  # fmt: skip
-
-
-class _Timed(PredictiveController):
-    """Controller that records the processor time of its samples with an update."""
-
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self.taken: list[float] = []
-
-    def step(self, t: float, measurement: Any, state: Any) -> Any:
-        begin = time.process_time()
-        command, after = super().step(t, measurement, state)
-        if after.next_update != state.next_update:
-            self.taken.append(time.process_time() - begin)
-        return command, after
-
-
 PARTS: dict[str, Callable[[], None]] = {
     "iteration": iteration,
     "optima": optima,
-    "parking": lambda: problems("parking", *_parking(), _count(100)),
-    "docking": docking_problems,
     "restarts": known_costs,
     "restarts-parking": lambda: restarts("parking", *_parking()),
     "restarts-docking": lambda: restarts("docking, two trailers", *_docking(2)),
     "restarts-satellite": lambda: restarts("turns of a satellite", *_turning_satellite()),
-    "predictive": predictive,
     "peers": peers,
     "updates": updates,
 }

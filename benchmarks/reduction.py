@@ -46,7 +46,7 @@ import platform
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -69,13 +69,8 @@ from rnc_pin.applications.scenario.scenario import Scenario
 
 ROUNDS, BATCH, BLOCK, TICKS, LAUNCHES = 15, 256, 64, 100, 5
 WIDTH = 192  # of the table, wherever it goes [characters]
-ONE_STATE, OF_BATCH, TERMS, TICK, COMMAND = (
-    2.5,
-    1.6,
-    4.0,
-    0.1,
-    0.3,
-)  # limits: ratios to bare calls and to the period; [s]
+ONE_STATE, OF_BATCH, TERMS = 2.5, 1.6, 4.0  # limits: ratios to bare calls
+TICK, COMMAND = 0.1, 0.3  # limits: share of the period; [s]
 DERIVATIVES, OF_BLOCK, TO_HAND = 100.0, 50.0, 1.5  # limits: [us] for one state and in a block; ratio to those by hand
 TIGHTER = {"space-robot": 0.05}  # TICK of single systems
 _COSTS = ("one_state", "of_batch", "terms", "derivatives", "of_block", "tick")  # of SystemCosts
@@ -111,7 +106,7 @@ class Cost:
 
     def record(self) -> dict[str, Any]:
         """For JSON."""
-        return {"us": self.us, "ratio": self.ratio, "limit": self.limit, "within": self.within}
+        return {**asdict(self), "within": self.within}
 
 
 @dataclass(frozen=True)
@@ -168,7 +163,7 @@ class CommandCost:
 
     def record(self) -> dict[str, Any]:
         """For JSON."""
-        return {"command": self.command, "seconds": self.seconds, "limit": self.limit, "within": self.within}
+        return {**asdict(self), "within": self.within}
 
 
 # ---------------------------------------------------------------------- measuring
@@ -264,11 +259,6 @@ def of_block(reduced: rnc.ReducedModel, states: States) -> Measurement:
     """A state's part in one ``state_derivatives`` of a block of states."""
     q, v2, T = (values[:BLOCK] for values in (states.q, states.v2, states.T))
     return used_by(lambda: rnc.state_derivatives(reduced, q, v2, T), len(q))
-
-
-def by_hand(rounds: int) -> list[DerivativeCost]:
-    """Costs of ``state_derivatives`` beside those written by hand."""
-    return [derivative_cost(name, rounds) for name in BY_HAND]
 
 
 def tick(experiment: Experiment, ticks: int = TICKS) -> Measurement:
@@ -433,7 +423,7 @@ def main(given: Sequence[str] | None = None) -> None:
     # No thread of the display's own while time is taken: it draws when a system is done.
     names = track(options.systems, "", auto_refresh=False, console=progress, disable=not progress.is_terminal)
     systems = [system_costs(name, options.rounds) for name in names]
-    compared = by_hand(options.rounds)
+    compared = [derivative_cost(name, options.rounds) for name in BY_HAND]
     commands, where = command_costs(min(LAUNCHES, options.rounds)), machine()
     if options.json is not None:
         text = json.dumps(report(systems, compared, commands, where, options.rounds), indent=1) + "\n"

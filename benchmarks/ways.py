@@ -1,11 +1,10 @@
 """Ways in drawn worlds that have one by construction.
 
-``python -m benchmarks ways [N] [WORLD ...] [--seconds S] [--beside K]``. A world begins with a
+``python -m benchmarks ways [N] [WORLD ...] [--seconds S]``. A world begins with a
 way through random configurations; obstacles are drawn around it and kept if the way stays free. TIAGo starts in one of
 three rooms with doors, and its hand reaches into a shelf in the last one; a way through both doors is known. The search
 does not know these ways. A success is a way within the seconds of processor time that a dense replay confirms:
-distances at samples without bounds between them. The first ways of cars are timed beside a program for OMPL that is
-written for cars: its space of Reeds and Shepp, and collisions of Pinocchio at samples.
+distances at samples without bounds between them.
 """
 
 from __future__ import annotations
@@ -38,7 +37,6 @@ _PIECES = 100  # steps of each random input
 _DENSE = 0.01  # [m or rad] between the samples of the replay
 _REACHED = 1e-6  # [m or rad] error at the goal
 _SHARED = 3.0  # time on the wall over that of the processor, at most
-_SAMPLED = 0.05  # [m] between the samples of the program that is written for cars
 _HAND, _DOORS = "arm_tool_link", (0.85, 1.1)  # [m] width of doors
 _CARRIED = {"torso_lift_joint": 0.15, "arm_1_joint": 0.2, "arm_2_joint": -1.34, "arm_3_joint": -0.2}
 _CARRIED |= {"arm_4_joint": 1.94, "arm_5_joint": -1.57, "arm_6_joint": 1.37}
@@ -281,76 +279,15 @@ def run(name: str, count: int, seconds: float) -> None:
     print(f"{name}: {share}{spread}", *bad, sep="\n", flush=True)
 
 
-def beside(count: int) -> None:
-    """Print the times to the first way of cars, beside those of a program that is written for cars."""
-    world = WORLDS["car in a lot"]
-    reduced = world.model()
-    times = []
-    for seed in range(count):
-        task = drawn(world, reduced, seed)
-        begin = time.process_time()
-        find_way(*(reduced, *task), clearance=_CLEARANCE, settings=WaySettings(shortcuts=0), seed=seed)
-        middle = time.process_time()
-        found = _written_for_cars(reduced, task, seed)
-        times.append((middle - begin, time.process_time() - middle if found else np.inf))
-    ours, theirs = np.median(times, axis=0)
-    print(f"first way of a car, median: find_way {ours:.2f} s, written for cars {theirs:.2f} s", flush=True)
-
-
-def _written_for_cars(reduced: rnc.ReducedModel, task: Task, seed: int) -> bool:
-    """True if OMPL's RRTConnect finds a way between poses of a car with straight wheels."""
-    from ompl import base as ob
-    from ompl import geometric as og
-    from ompl import util as ou
-
-    model, q = reduced.robot.model, task.start.copy()
-    geometry = reduced.robot.collision_model.copy()
-    links = range(geometry.ngeoms)
-    for each in task.obstacles:
-        index = geometry.addGeometryObject(pin.GeometryObject(each.name, 0, each.placement(0.0), each.shape))
-        for link in links:
-            geometry.addCollisionPair(pin.CollisionPair(link, index))
-    data, shapes = model.createData(), geometry.createData()
-    for request in shapes.collisionRequests:
-        request.security_margin = _CLEARANCE
-
-    def is_valid(state: ob.State) -> bool:
-        q[:4] = state.getX(), state.getY(), *_angle(state.getYaw())
-        return not pin.computeCollisions(model, data, geometry, shapes, q, True)
-
-    ou.setLogLevel(ou.LogLevel.LOG_NONE)
-    ou.RNG.setSeed(seed + 1)
-    space = ob.ReedsSheppStateSpace(find_steering(reduced, task.start).radius)
-    bounds = ob.RealVectorBounds(2)
-    bounds.setLow(-2.0 * WORLDS["car in a lot"].half)
-    bounds.setHigh(2.0 * WORLDS["car in a lot"].half)
-    space.setBounds(bounds)
-    setup = og.SimpleSetup(space)
-    setup.setStateValidityChecker(is_valid)
-    setup.getSpaceInformation().setStateValidityCheckingResolution(_SAMPLED / space.getMaximumExtent())
-    ends = []
-    for place in (task.start, task.goal):
-        ends.append(space.allocState())
-        ends[-1].setXY(*place[:2].tolist())
-        ends[-1].setYaw(float(np.arctan2(place[3], place[2])))
-    setup.setStartAndGoalStates(*ends)
-    setup.setPlanner(og.RRTConnect(setup.getSpaceInformation()))
-    setup.solve(30.0)
-    return bool(setup.haveExactSolutionPath())
-
-
 def main() -> None:
     """Run the worlds that the command line names."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("count", nargs="?", type=int, default=20, help="worlds of each kind")
     parser.add_argument("worlds", nargs="*", help=f"of {', '.join(WORLDS)}; all by default")
     parser.add_argument("--seconds", type=float, default=30.0)
-    parser.add_argument("--beside", type=int, default=30, help="worlds of the comparison")
     given = parser.parse_args()
     for name in given.worlds or WORLDS:
         run(name, given.count, given.seconds)
-    if given.beside:
-        beside(given.beside)
 
 
 if __name__ == "__main__":
