@@ -13,7 +13,6 @@ from .suspects import Suspect as Suspect
 from .unknowns import EncoderOffset as EncoderOffset
 from .unknowns import EncoderScale as EncoderScale
 from .unknowns import JointShift as JointShift
-from .unknowns import JointTilt as JointTilt
 from .unknowns import SensorPlace as SensorPlace
 from .unknowns import TimeShift as TimeShift
 from .unknowns import WheelRadius as WheelRadius

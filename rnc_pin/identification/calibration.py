@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +14,6 @@ from rnc_pin.identification.logs.channel import Channel, Correction
 from rnc_pin.identification.logs.log import Log
 from rnc_pin.identification.rolling_motion import RollingMotion
 from rnc_pin.identification.unknowns import SensorPlace, Unknown, UnknownNumber, corrections_of, radii_of
-from rnc_pin.identification.urdf_copy import write_places
 from rnc_pin.identification.window_fit import Fit, WindowFit, Windows, correlation_of, rotated
 from rnc_pin.model.coordinates import heading_of
 from rnc_pin.model.rows import ConstraintKind
@@ -105,24 +103,6 @@ class Calibration(SummaryMixin):
     def std(self) -> np.ndarray:
         """Standard deviations of the estimates (P,)."""
         return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def _moves_sensor(self) -> bool:
-        return any(name in ("x of the sensor", "y of the sensor", "yaw of the sensor") for name in self.names)
-
-    def write_urdf(self, source: str | Path, path: str | Path) -> None:
-        """Write a copy of the robot's URDF with the estimated places and tilts of joints and place of the sensor.
-
-        Radii are numbers of constraints, not of the file: ``system.kinds`` has them.
-
-        Args:
-            source: URDF that the robot was read from.
-            path: file to write.
-
-        Raises:
-            ConfigurationError: the source is not a URDF of this robot, or has no fixed joint of the sensor.
-        """
-        write_places(Path(source), Path(path), self.system.robot, self.sensor if self._moves_sensor else None)
 
     def _summary(self) -> ObjectSummary:
         every = zip(self.names, self.units, self.values, self.std, self.nominal, strict=True)
@@ -319,7 +299,7 @@ def _precision(
 def calibrated(
     system: NonholonomicSystem, parameters: Sequence[UnknownNumber], p: np.ndarray, sensor: str
 ) -> NonholonomicSystem:
-    """The system with estimated radii, places and tilts of joints, and place of the sensor."""
+    """The system with estimated radii, places of joints, and place of the sensor."""
     robot = copy(system.robot)
     model = robot.model = system.robot.model.copy()
     radii = radii_of(parameters, p)
@@ -327,10 +307,8 @@ def calibrated(
         kind = each.kind
         for virtual, share in each.displaced.items():
             place, by = model.jointPlacements[robot.joint_id(virtual.joint)], share * (value - each.nominal)
-            axis = np.eye(3)["xyz".index(virtual.axis)] * by
-            place = place * pin.SE3(pin.exp3(axis), np.zeros(3)) if virtual.turns else pin.SE3(
-                place.rotation, place.translation + axis
-            )  # fmt: skip
+            shift = np.eye(3)["xyz".index(virtual.axis)] * by
+            place = pin.SE3(place.rotation, place.translation + shift)
             model.jointPlacements[robot.joint_id(virtual.joint)] = place
         if isinstance(kind, SensorPlace):
             frame = model.frames[robot.frame_id(sensor)]

@@ -1,8 +1,8 @@
 """Constraint rows as functions of measured joints and of unknown parameters, with exact derivatives.
 
-An unknown place or tilt of a joint is a further joint that stands still: a prismatic joint in front of the joint's
-rotation, or a revolute one behind it. So its effect on any row is ``jacobian_dot`` for a unit rate of that joint, which
-each kind of row has in closed form. Rows on level ground are affine in the radius of a wheel.
+An unknown place of a joint is a further joint that stands still: a prismatic joint in front of the joint's rotation. So
+its effect on any row is ``jacobian_dot`` for a unit rate of that joint, which each kind of row has in closed form. Rows
+on level ground are affine in the radius of a wheel.
 """
 
 from __future__ import annotations
@@ -38,11 +38,9 @@ _SAMPLES = 4
 
 
 class Virtual(NamedTuple):
-    """Unit displacement of a joint's placement."""
+    """Unit shift of a joint's placement along an axis of the carrying body."""
 
     joint: str
-    turns: bool
-    """True for a rotation about an axis of the joint's frame, False for a shift along an axis of the carrying body."""
     axis: str
 
 
@@ -54,15 +52,11 @@ def extended_robot(robot: Robot, virtual: Sequence[Virtual]) -> Robot:
     for index in range(1, old.njoints):
         name, place = old.names[index], old.jointPlacements[index]
         parent, here = at[old.parents[index]], pin.SE3(np.eye(3), place.translation)
-        for turns, kind, rotation in (
-            (False, pin.JointModelPrismaticUnaligned, np.eye(3)),
-            (True, pin.JointModelRevoluteUnaligned, place.rotation),
-        ):
-            here = here * pin.SE3(rotation, np.zeros(3))
-            for number, each in enumerate(virtual):
-                if each.joint == name and each.turns == turns:
-                    axis = np.eye(3)["xyz".index(each.axis)]
-                    parent, here = new.addJoint(parent, kind(axis), here, f"virtual {number}"), pin.SE3.Identity()
+        for number, each in enumerate(virtual):
+            if each.joint == name:
+                slide = pin.JointModelPrismaticUnaligned(np.eye(3)["xyz".index(each.axis)])
+                parent, here = new.addJoint(parent, slide, here, f"virtual {number}"), pin.SE3.Identity()
+        here = here * pin.SE3(place.rotation, np.zeros(3))
         at[index] = new.addJoint(parent, old.joints[index], here, name)
         new.appendBodyToJoint(at[index], old.inertias[index], pin.SE3.Identity())
     for frame in list(old.frames)[1:]:

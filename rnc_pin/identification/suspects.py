@@ -35,7 +35,7 @@ NO_TIMES = np.zeros((0, 2))
 Assumption: TypeAlias = Literal["radius", "place", "encoder", "delay", "sensor", "slip"]
 """Kind of assumption of a model."""
 _ASSUMPTIONS: Mapping[str, Assumption] = {
-    "radius": "radius", "place": "place", "tilt": "place", "scale": "encoder", "offset": "encoder", "delay": "delay",
+    "radius": "radius", "place": "place", "scale": "encoder", "offset": "encoder", "delay": "delay",
     "slip": "slip",
 }  # fmt: skip
 

@@ -59,31 +59,7 @@ class WheelRadius:
 
 
 @dataclass(frozen=True)
-class JointPlacement:
-    """Unknown number of the placement of joints; a subclass has the words of its name.
-
-    Args:
-        joints: a joint, or joints with their shares.
-        axis: axis of the number.
-    """
-
-    joints: str | Mapping[str, float]
-    axis: Axis
-    words: ClassVar[tuple[str, str]]
-
-    @property
-    def name(self) -> str:
-        """Name of the parameter."""
-        what, where = self.words
-        return f"{what} of {', '.join(self.shares)} {where} {self.axis}"
-
-    @property
-    def shares(self) -> Mapping[str, float]:
-        """Change of each joint for a unit of the parameter."""
-        return _shares(self.joints, self.words[0])
-
-
-class JointShift(JointPlacement):
+class JointShift:
     """Place of a joint along an axis of the body that carries it [m]: a wheelbase, or the distance of a wheel.
 
     Several joints shift together by their shares. ``{"left": 0.5, "right": -0.5}`` along y is the track of two wheels:
@@ -98,22 +74,29 @@ class JointShift(JointPlacement):
         'place of left, right along y'
     """
 
-    words: ClassVar[tuple[str, str]] = ("place", "along")
+    joints: str | Mapping[str, float]
+    axis: Axis
 
+    @property
+    def name(self) -> str:
+        """Name of the parameter."""
+        return f"place of {', '.join(self.shares)} along {self.axis}"
 
-class JointTilt(JointPlacement):
-    """Rotation of a joint's placement about an axis of the joint [rad], relative to the file: camber, toe, rake.
+    @property
+    def shares(self) -> Mapping[str, float]:
+        """Shift of each joint for a unit of the parameter.
 
-    Args:
-        joints: a joint, or joints with their shares.
-        axis: axis of the joint's frame.
-
-    Example:
-        >>> rnc.identification.JointTilt("left", "z").name
-        'tilt of left about z'
-    """
-
-    words: ClassVar[tuple[str, str]] = ("tilt", "about")
+        Raises:
+            ConfigurationError: no joint, or a share that is zero or not finite.
+        """
+        shares = {self.joints: 1.0} if isinstance(self.joints, str) else self.joints
+        if (
+            not isinstance(shares, Mapping)
+            or not shares
+            or not all(np.isfinite(each) and each for each in shares.values())
+        ):
+            raise ConfigurationError(f"place of joints: expected a joint, or joints with shares, found {shares!r}")
+        return shares
 
 
 class EncoderScale(JointNumber):
@@ -184,7 +167,7 @@ class TimeShift:
         return f"delay of {self.of or 'the sensor'}"
 
 
-Unknown: TypeAlias = WheelRadius | JointShift | JointTilt | EncoderScale | EncoderOffset | SensorPlace | TimeShift
+Unknown: TypeAlias = WheelRadius | JointShift | EncoderScale | EncoderOffset | SensorPlace | TimeShift
 
 
 class UnknownNumber(NamedTuple):
@@ -236,14 +219,11 @@ def number_of(kind: Unknown, system: NonholonomicSystem, mount: np.ndarray) -> U
             raise ConfigurationError(f"{kind.name}: no wheel or ball rolls there")
         nominal = float(np.mean(radii))
         return UnknownNumber(kind, kind.name, "m", nominal, nominal, {}, kind.frames)
-    if isinstance(kind, JointShift | JointTilt):
-        turns = isinstance(kind, JointTilt)
+    if isinstance(kind, JointShift):
         for joint in kind.shares:
             if robot.joint_id(joint) == 1:
                 raise ConfigurationError(f"{kind.name}: '{joint}' is the base")
-        displaced = {Virtual(joint, turns, kind.axis): share for joint, share in kind.shares.items()}
-        if turns:
-            return UnknownNumber(kind, kind.name, "rad", 0.0, 1.0, displaced)
+        displaced = {Virtual(joint, kind.axis): share for joint, share in kind.shares.items()}
         axis = "xyz".index(kind.axis)
         places = {joint: model.jointPlacements[robot.joint_id(joint)].translation[axis] for joint in kind.shares}
         nominal = sum(share * places[joint] for joint, share in kind.shares.items())
@@ -274,10 +254,3 @@ def corrections_of(parameters: Sequence[UnknownNumber], p: np.ndarray, sensor: s
             name = (kind.of or sensor) if isinstance(kind, TimeShift) else str(getattr(kind, "joint", ""))
             found[name] = found.get(name, Correction()).model_copy(update={key: value})
     return found
-
-
-def _shares(joints: str | Mapping[str, float], what: str) -> Mapping[str, float]:
-    shares = {joints: 1.0} if isinstance(joints, str) else joints
-    if not isinstance(shares, Mapping) or not shares or not all(np.isfinite(each) and each for each in shares.values()):
-        raise ConfigurationError(f"{what} of joints: expected a joint, or joints with shares, found {joints!r}")
-    return shares

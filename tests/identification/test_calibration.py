@@ -11,15 +11,12 @@ from rnc_pin.identification import (
     EncoderOffset,
     EncoderScale,
     JointShift,
-    JointTilt,
     SensorPlace,
     TimeShift,
     WheelRadius,
 )
-from rnc_pin.identification.calibration import calibrated
 from rnc_pin.identification.logs import Channel
 from rnc_pin.identification.rolling_motion import RollingMotion
-from rnc_pin.identification.urdf_copy import write_places
 from rolled_logs import CAR, DIFFERENTIAL, MECANUM, TRICYCLE, VEHICLES
 
 
@@ -63,48 +60,6 @@ def test_the_calibrated_system_is_the_robot_with_the_numbers(tmp_path):
     assert found.system.reduce().r == 2
 
 
-def test_the_urdf_has_the_new_places(tmp_path):
-    """Shifts and tilts of joints behind fixed links that are turned, and the sensor's place."""
-    inertia = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-    source, target = tmp_path / "file.urdf", tmp_path / "new.urdf"
-    source.write_text(
-        f'<robot name="r"><!-- kept --><link name="base">{inertia}</link><link name="plate"/><link name="sensor"/>'
-        '<joint name="p" type="fixed"><parent link="base"/><child link="plate"/>'
-        '<origin xyz="0.1 0.2 0.3" rpy="0.1 0.2 0.7"/></joint>'
-        '<joint name="s" type="fixed"><parent link="plate"/><child link="sensor"/></joint>'
-        + "".join(f'<link name="{name}">{inertia}</link><joint name="{name}_joint" type="continuous">'
-                  f'<parent link="plate"/><child link="{name}"/><origin xyz="0 {y} 0" rpy="0 0.3 -0.7"/>'
-                  '<axis xyz="0 1 0"/></joint>' for name, y in (("left", 0.2), ("right", -0.2)))
-        + "</robot>"
-    )  # fmt: skip
-    robot = rnc.Robot.from_urdf(source, base="planar")
-    system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel(name, 0.1) for name in ("left", "right")])
-    unknown = [JointShift("left_joint", "y"), JointTilt("left_joint", "z"), SensorPlace("x"), SensorPlace("yaw")]
-    motion = RollingMotion(system, DIFFERENTIAL.log(0, duration=2.0), unknown, "sensor")
-    moved = calibrated(system, motion.parameters, np.array([0.5, 0.1, 0.4, 0.2]), "sensor").robot
-    write_places(source, target, moved, "sensor")
-    again = rnc.Robot.from_urdf(target, base="planar")
-    for name in ("left_joint", "right_joint"):
-        index = robot.joint_id(name)
-        np.testing.assert_allclose(
-            again.model.jointPlacements[index].homogeneous, moved.model.jointPlacements[index].homogeneous, atol=1e-9
-        )
-    frame = robot.frame_id("sensor")
-    placed = again.model.frames[frame].placement
-    np.testing.assert_allclose(placed.homogeneous, moved.model.frames[frame].placement.homogeneous, atol=1e-9)
-    assert np.arctan2(placed.rotation[1, 0], placed.rotation[0, 0]) == pytest.approx(0.2)
-    assert moved.model.jointPlacements[robot.joint_id("left_joint")].translation[1] == pytest.approx(0.5)
-    with pytest.raises(rnc.ConfigurationError, match="no joint 'left_joint' that moves"):
-        write_places(_without(source, tmp_path), target, moved, "sensor")
-
-
-def _without(source, folder):
-    """The file without its left wheel."""
-    path = folder / "other.urdf"
-    path.write_text(source.read_text().replace("left", "other"))
-    return path
-
-
 def test_slopes_of_the_path_are_those_of_differences(tmp_path):
     """All kinds of parameters together, at a point where none is zero."""
     sides = ("left", "right")
@@ -114,8 +69,7 @@ def test_slopes_of_the_path_are_those_of_differences(tmp_path):
         EncoderOffset("left_steer_joint"), EncoderScale("right_steer_joint"), EncoderScale("left_rear_joint"),
         SensorPlace("x"), SensorPlace("y"), SensorPlace("yaw"),
         TimeShift(), TimeShift("left_steer_joint"), TimeShift("right_rear_joint"),
-        JointTilt("left_front_joint", "x"), JointTilt("left_front_joint", "z"), JointTilt("left_steer_joint", "x"),
-        JointTilt({"left_steer_joint": 1.0, "right_steer_joint": -1.0}, "y"), JointShift("left_front_joint", "z"),
+        JointShift("left_front_joint", "z"),
     ]  # fmt: skip
     motion = RollingMotion(CAR.system(tmp_path), CAR.log(0, duration=10), unknown, "sensor")
     p = np.array([each.nominal for each in motion.parameters]) + 0.01 * np.random.default_rng(0).normal(
@@ -130,10 +84,9 @@ def test_slopes_of_the_path_are_those_of_differences(tmp_path):
 
 
 def test_rows_over_one_angle_are_interpolated_to_rounding(tmp_path, monkeypatch):
-    """A wheel whose axle is tilted: its rows are no trigonometric polynomials."""
     from rnc_pin.identification import row_geometry
 
-    unknown = [JointTilt("front_joint", "x"), JointTilt("front_joint", "z"), WheelRadius("front")]
+    unknown = [JointShift("front_joint", "x"), JointShift("front_joint", "y"), WheelRadius("front")]
     motion = RollingMotion(TRICYCLE.system(tmp_path), TRICYCLE.log(0), unknown, "sensor")
     p, times = np.array([0.3, 0.2, 0.12]), np.linspace(1, 29, 50)
     fast = motion.poses(p, times)

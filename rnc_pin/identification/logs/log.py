@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -14,13 +12,10 @@ from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.identification.logs.bags import is_bag, read_bag
 from rnc_pin.identification.logs.channel import Channel, Correction, LogMapping, Quantity
 from rnc_pin.identification.logs.tables import read_table
-from rnc_pin.io.json import Json, atomic_file
-from rnc_pin.io.safe_npz import ArchiveError, read_npz
+from rnc_pin.io.json import Json
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted
 from rnc_pin.robots.robot import Robot
-
-_LARGEST = 16 * 2**30  # size limit of the arrays of a saved log [bytes]
 
 
 class Log(SummaryMixin):
@@ -176,45 +171,6 @@ class Log(SummaryMixin):
         changed = Log(_corrected(each, corrections.get(each.of)) for each in self)
         changed.start += self.start
         return changed
-
-    def save(self, path: str | Path) -> None:
-        """Write the log to an NPZ archive.
-
-        Args:
-            path: the file.
-        """
-        content = [{"quantity": each.quantity, "of": each.of, "repairs": each.repairs} for each in self]
-        arrays: dict[str, Any] = {f"time_{k}": each.time for k, each in enumerate(self)}
-        arrays |= {f"values_{k}": each.values for k, each in enumerate(self)}
-        meta = np.array(json.dumps({"channels": content, "start": self.start}))
-        with atomic_file(Path(path)) as partial, partial.open("wb") as file:
-            np.savez_compressed(file, meta=meta, **arrays)
-
-    @classmethod
-    def load(cls, path: str | Path) -> Log:
-        """Read a file of ``save``.
-
-        Args:
-            path: the file.
-
-        Raises:
-            ConfigurationError: the file is missing, broken, or no log.
-        """
-        try:
-            arrays = read_npz(Path(path), text=("meta",), largest=_LARGEST)
-            meta = json.loads(str(arrays["meta"]))
-            log = cls(
-                Channel(each["quantity"], each["of"], arrays[f"time_{k}"], arrays[f"values_{k}"], (*each["repairs"],))
-                for k, each in enumerate(meta["channels"])
-            )
-            log.start = float(meta["start"])
-        except FileNotFoundError:
-            raise ConfigurationError(f"{path}: No such file or directory") from None
-        except ArchiveError as error:
-            raise ConfigurationError(f"{path}: {error}") from None
-        except (KeyError, TypeError, ValueError) as error:
-            raise ConfigurationError(f"{path}: no log of rnc_pin: {type(error).__name__} {error}") from None
-        return log
 
     def __iter__(self) -> Iterator[Channel]:
         return iter(self.channels.values())

@@ -9,7 +9,6 @@ import pytest
 
 import rnc_pin as rnc
 from places import ROOT
-from rnc_pin.identification.logs import Channel
 
 MEASURED = Path(os.environ.get("RNC_PIN_LOGS", ROOT.parent / "shared" / "data" / "logs"))
 TIME = 1_700_000_000.0 + np.arange(50) * 0.02
@@ -182,19 +181,6 @@ def test_a_counter_wraps_in_the_order_of_time(tmp_path):
     head, *lines = path.read_text().split("\n")[1:-2]
     path.write_text("\n".join([head, *np.random.default_rng(0).permutation(lines)]))
     check(rnc.Log.read(path, KEYS))
-
-
-def test_a_saved_log_is_the_same(tmp_path):
-    log = rnc.Log([Channel("position", "a", TIME, ANGLE[:, None]), Channel("effort", "b", TIME + 1, X[:, None])])
-    assert log.start == TIME[0]
-    log.save(tmp_path / "log")
-    again = rnc.Log.load(tmp_path / "log")
-    assert (repr(again), again.start) == (repr(log), log.start)
-    for one, other in zip(log, again, strict=True):
-        assert (one.time.tobytes(), one.values.tobytes()) == (other.time.tobytes(), other.values.tobytes())
-    (tmp_path / "no").write_bytes(b"no")
-    with pytest.raises(rnc.ConfigurationError, match=r"cannot be read as \.npz"):
-        rnc.Log.load(tmp_path / "no")
 
 
 def test_the_log_of_a_motion_has_what_sensors_would_see():
