@@ -135,8 +135,8 @@ def plane_below(ground: object, body: str) -> GroundPlane | None:
     """
     if ground is not None and not isinstance(ground, GroundPlane):
         raise ConstraintError(
-            f"ground of {body}: expected a GroundPlane, found {ground!r}; RollingBall and RollingBody roll on "
-            "curved grounds"
+            f"ground of {body}: expected a GroundPlane, found {ground!r}; RollingWheel, RollingBall and RollingBody "
+            "roll on curved grounds"
         )
     return None if ground is None or ground.is_default else ground
 

@@ -9,6 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints.ground_plane import GroundPlane, RollingRows, WheelDisk, on_carrier, plane_below
+from rnc_pin.constraints.rolling_body import RollingBody
+from rnc_pin.constraints.surfaces import CurvedGround, Torus, admit_ground
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.components import Entry, cross
 from rnc_pin.model.frame_rows import ConstantWrenchRows, DirectionRows, OffsetFrame, axis_index
@@ -42,14 +44,14 @@ class RollingWheel:
         lateral: True if the wheel resists sideways motion; False for a wheel that skids.
         vertical: True if the lowest point keeps its height. Use False on a planar base if the wheel is steered about an
             inclined axis: steering would lift the base, which a planar base cannot do.
-        ground: the plane; None for z = 0 at rest. "Lowest", "height" and "heading" refer to it. On curved ground, use a
-            ``RollingBody`` with a ``Torus``.
+        ground: a ``GroundPlane``, to which "lowest", "height" and "heading" refer; None for z = 0 at rest. On a curved
+            ground, such as the edge of a curb, the wheel is a ``RollingBody`` with a ``Torus``.
 
     Raises:
         ModelError: unknown frame.
         ConstraintError: the radius is not positive, no axis is given and the joint has none, the axis of the roller
-            is across the wheel, or the ground is no plane.
-        ConfigurationError: a roller for a wheel that skids.
+            is across the wheel, or the ground is of another kind.
+        ConfigurationError: a roller for a wheel that skids; a roller or fewer rows on curved ground.
         SingularityError: during evaluation, the wheel lies flat.
 
     Example:
@@ -67,7 +69,7 @@ class RollingWheel:
     roller: float | None = None
     lateral: bool = True
     vertical: bool = True
-    ground: GroundPlane | None = None
+    ground: GroundPlane | CurvedGround | None = None
 
     def bind(self, robot: Robot) -> Rows:
         if not (is_number(self.radius) and self.radius > 0):
@@ -79,9 +81,16 @@ class RollingWheel:
             )
         if self.roller is not None and not self.lateral:
             raise ConfigurationError(f"wheel '{self.frame}' has both roller and lateral=False: omit one of them")
-        disk = WheelDisk(self.frame, self.radius, _axle(self, robot), *_parts(self))
+        axle = _axle(self, robot)
+        if self.ground is not None and not isinstance(self.ground, GroundPlane):
+            ground = admit_ground(self.ground, f"wheel '{self.frame}'")
+            if self.roller is not None or not (self.lateral and self.vertical):
+                raise ConfigurationError(f"wheel '{self.frame}' on curved ground: takes no roller, lateral or vertical")
+            turned = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axle).matrix()
+            rim, rpy = Torus(self.radius), tuple(pin.rpy.matrixToRpy(turned).tolist())
+            return RollingBody(self.frame, rim, rpy=rpy, ground=ground).bind(robot)
         plane = plane_below(self.ground, f"wheel '{self.frame}'") or GroundPlane()
-        rows = RollingRows(disk, _friction(self), plane, robot)
+        rows = RollingRows(WheelDisk(self.frame, self.radius, axle, *_parts(self)), _friction(self), plane, robot)
         return on_carrier(rows, self.frame, self.ground, robot)
 
 

@@ -115,7 +115,7 @@ ConstraintItem = Annotated[
     one_of(
         momentum=Entry(MomentumConservation, short="joint"),
         no_side_slip=Entry(NoSideSlip, forms={"ground": _Plane}),
-        rolling_wheel=Entry(RollingWheel, forms={"ground": _Plane}),
+        rolling_wheel=Entry(RollingWheel, forms={"ground": GroundItem}),
         rolling_ball=Entry(RollingBall, forms={"ground": GroundItem}),
         rolling_body=Entry(RollingBody, forms={"shape": _Shape, "ground": GroundItem}),
         caster=Entry(Caster, forms={"ground": _Plane}),
