@@ -32,11 +32,11 @@ EXTRAS = {
         """python -c 'import trimesh, rnc_pin as rnc; trimesh.creation.box().export("x.glb"); """
         """rnc.collision.load_mesh_shape("x.glb")'""",
     ),
-    "mujoco": ("PAGE docs/mujoco.md", "rnc-pin run space-robot --plant mujoco --set simulation.duration=0.5"),
+    "mujoco": ("PAGE docs/mujoco.md", "rnc-pin run space-robot --set plant=mujoco --set simulation.duration=0.5"),
     "ompl": ("PAGE docs/ways.md",),
     "qp": ("PAGE docs/whole_body.md",),
     "robots": ("python -c 'import rtbdata'",),
-    "video": ("rnc-pin run space-robot --set simulation.duration=0.2", "rnc-pin replay runs/space-robot --frames f"),
+    "video": ("rnc-pin run space-robot --set simulation.duration=0.2", "rnc-pin replay runs/space-robot --video v.gif"),
     "dev": ("ruff --version", "mypy --version", "lint-imports --help"),
 }
 """Commands that the documentation of an extra promises. ``.ci/run`` itself runs those of ``test`` and ``docs``."""
@@ -48,13 +48,13 @@ MISSING = {
         """'import rnc_pin as rnc; rnc.Log.read("x.bag", {"topics": {"/j": {"joints": "all"}}})'"""
     ),
     "meshes": """touch x.ply && python -c 'import rnc_pin as rnc; rnc.collision.load_mesh_shape("x.ply")'""",
-    "mujoco": "rnc-pin run space-robot --plant mujoco",
+    "mujoco": "rnc-pin run space-robot --set plant=mujoco",
     "ompl": (
         """python -c 'import rnc_pin as rnc; robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar"); """
         """system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]); start = robot.configuration(); """
         """rnc.planning.find_way(system.reduce(), start, robot.configuration({"root_joint": [1, 0, 0]}), [])'"""
     ),
-    "video": "rnc-pin replay runs/space-robot --frames f",
+    "video": "rnc-pin replay runs/space-robot --video v.gif",
 }
 """Commands that name the extra in their last line where it is not installed."""
 PYTHONS = ("3.12", "3.13", "3.14")

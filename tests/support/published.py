@@ -155,7 +155,8 @@ def measured(name: str, folder: Path, remedied: bool = False) -> Finding:
         source = folder / source.name
         source.write_text(text)
     draft = folder / "draft.yaml"
-    short = ["--set", f"simulation.duration={DURATION}", "--accept", "goal"]  # the end of the reference comes later
+    # The end of the reference comes later.
+    short = ["--set", f"simulation.duration={DURATION}", "--set", "accept=[goal]"]
     commands = {
         "init": [str(source), "--out", str(draft)],
         "inspect": [str(draft), "--samples", str(SAMPLES), "--json"],

@@ -16,7 +16,6 @@ from click.shell_completion import CompletionItem
 from rnc_pin.applications.command_line import commands
 from rnc_pin.applications.command_line.messages import announce, print_json
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario, read_yaml
-from rnc_pin.finding_kinds import FindingKind
 from rnc_pin.interruption import interruptible_imports
 
 Given: TypeAlias = Any
@@ -39,22 +38,6 @@ _Command = TypeVar("_Command", bound=Callable[..., object])
 _json = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 _force = click.option("--force", is_flag=True, help="Write into a folder that rnc-pin did not create.")
 _debug = click.option("--debug", is_flag=True, expose_value=False, help="Show a traceback with an error.")
-
-
-_plant = click.option(
-    "--plant",
-    type=click.Choice(["reduced", "mujoco"]),
-    help="Plant: the reduced model, or the robot in MuJoCo (extra 'mujoco').",
-)
-
-
-_accept = click.option(
-    "--accept",
-    type=click.Choice([str(each) for each in FindingKind]),
-    multiple=True,
-    metavar="KIND",
-    help="Kind of finding that does not fail the run, such as lift_off or goal.",
-)
 
 
 def _command(name: str) -> Callable[..., Given]:
@@ -132,8 +115,6 @@ def list_scenarios(as_json: bool) -> None:
 @_scenario
 @click.option("--out", type=_PATH, help="Folder for results; runs/SCENARIO by default.")
 @_options
-@_plant
-@_accept
 @_showing
 @_written
 def run(**given: Given) -> int:
@@ -152,7 +133,6 @@ def run(**given: Given) -> int:
     "--frame", "frames", metavar="FRAME", multiple=True, help="Frame that can have a goal; guessed by default."
 )
 @click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after this time [s].")
-@_accept
 @click.option("--browser/--no-browser", default=True, help="Open the browser, or print the address only.")
 @_written
 def drive(**given: Given) -> int:
@@ -216,10 +196,6 @@ def schema() -> None:
 @click.option("--html", type=_PATH, help="Write one HTML file that plays offline.")
 @click.option("--video", type=_PATH, help="Write an .mp4 or .gif; needs ffmpeg.")
 @click.option("--rate", type=click.FloatRange(1, 60), default=25.0, help="Frames per second of a video.")
-@click.option("--plot", type=_PATH, help="Write plots: .png, .pdf or .svg.")
-@click.option("--output", "outputs", metavar="NAME", multiple=True, help="With --plot: an output or a quantity.")
-@click.option("--size", metavar="SIZE", help="With --plot: column, page or WIDTHxHEIGHT [inches].")
-@_accept
 @_force
 @_debug
 def replay(**given: Given) -> int:
@@ -245,10 +221,7 @@ def export(**given: Given) -> None:
 @click.option("--jobs", type=int, default=1, help="Local processes; -1 for all cores.")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on.")
 @click.option("--out", type=_PATH, required=True, help="Folder for results.")
-@click.option("--trajectories", is_flag=True, help="Write the trajectory of each run too.")
 @_options
-@_plant
-@_accept
 @_written
 def sweep(**given: Given) -> int:
     """Run a SCENARIO many times with values drawn from the distributions in its 'sweep'.

@@ -41,7 +41,7 @@ from rnc_pin.applications.init.wheel_detection import find_raised_wheels, find_w
 from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels, find_drawn_axles
 from rnc_pin.applications.init.wheeled_base import knife_edge_base, wheeled_base
 from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
-from rnc_pin.finding_kinds import FindingKind
+from rnc_pin.verdict import FindingKind
 
 _BaseBuilder = Callable[[], BaseAssumptions]
 

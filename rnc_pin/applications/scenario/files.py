@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os.path
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from functools import lru_cache
 from pathlib import Path
@@ -171,36 +171,6 @@ def with_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[s
 def mapping_of(value: object) -> dict[str, Json]:
     """Return a copy of a mapping in a scenario; an empty one for anything else."""
     return dict(value) if isinstance(value, Mapping) else {}
-
-
-def plant_option(scenario: str, plant: str | None) -> dict[str, Json]:
-    """Return the option that selects the plant of a scenario and keeps its plant settings.
-
-    Args:
-        scenario: a built-in name or a file.
-        plant: "reduced" or "mujoco"; None for no change.
-    """
-    if plant is None:
-        return {}
-    found = read_yaml(find_scenario(scenario)).get("plant")
-    return {"plant.type" if isinstance(found, Mapping) and plant == "mujoco" else "plant": plant}
-
-
-def accept_option(
-    scenario: str | Mapping[str, Json], options: Mapping[str, Json], kinds: Sequence[str]
-) -> dict[str, Json]:
-    """Return the option that accepts kinds of findings, in addition to those that a scenario or its options accept.
-
-    Args:
-        scenario: a built-in name, a file, or its mapping.
-        options: other options.
-        kinds: kinds of findings.
-    """
-    if not kinds:
-        return {}
-    raw = read_yaml(find_scenario(scenario)) if isinstance(scenario, str) else scenario
-    found = options.get("accept", raw.get("accept"))
-    return {"accept": [*(found if isinstance(found, list) else ()), *kinds]}
 
 
 def apply_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[str, Json]:

@@ -94,32 +94,30 @@ def _folder(origin: Provenance) -> Path:
     return find_scenario(origin.scenario).parent if origin.scenario in built_in_names() else Path()
 
 
-def compared(runs: Sequence[Run]) -> dict[str, Trajectory]:
-    """Return the runs after the first, by unique names.
+def _compared(runs: Sequence[Run]) -> dict[str, Trajectory]:
+    """Return the runs after the first, by unique names from those of their files.
 
     Raises:
         ConfigurationError: the runs have different robots.
     """
-    first = runs[0]
-    for other in runs[1:]:
+    first, names = runs[0], [_name(each.source) for each in runs]
+    found: dict[str, Trajectory] = {}
+    for name, other in zip(names[1:], runs[1:], strict=True):
         if other.reduced.robot.nq != first.reduced.robot.nq or other.reduced.robot.name != first.reduced.robot.name:
             raise ConfigurationError(
                 f"{other.source}: is of robot '{other.reduced.robot.name}', "
                 f"{first.source} of '{first.reduced.robot.name}': one scene shows one robot"
             )
-    return {name: run.trajectory for name, run in zip(run_names(runs)[1:], runs[1:], strict=True)}
+        shown = name if names.count(name) == 1 else str(other.source)
+        found[shown.replace("_", " ")] = other.trajectory
+    return found
 
 
-def run_names(runs: Sequence[Run]) -> list[str]:
-    """Unique names of runs, from those of their files."""
-    names = [
-        each.source.stem.removeprefix("trajectory_") if each.source.is_file() else each.source.name for each in runs
-    ]
-    shown = [name if names.count(name) == 1 else str(run.source) for name, run in zip(names, runs, strict=True)]
-    return [name.replace("_", " ") for name in shown]
+def _name(source: Path) -> str:
+    return source.stem.removeprefix("trajectory_") if source.is_file() else source.name
 
 
 def animation_of(runs: Sequence[Run]) -> Recording:
     """Return the animation of a run, with other runs as pale robots in it."""
     run = runs[0]
-    return Recording(run.drawn_model, run.trajectory, run.scenario.view, run.title, compared(runs))
+    return Recording(run.drawn_model, run.trajectory, run.scenario.view, run.title, _compared(runs))

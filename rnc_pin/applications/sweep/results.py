@@ -19,14 +19,12 @@ from rnc_pin.applications.sweep.runs import (
     Row,
     drawn_values,
     is_result_column,
-    trajectory_file,
     with_options_of_sweeps,
 )
 from rnc_pin.applications.sweep.sweep_folder import Specification, read_rows, read_specification
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.io import Json, atomic_file, dump_json
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted
-from rnc_pin.simulation import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -174,14 +172,6 @@ class SweepResults(SummaryMixin):
         options = {**with_options_of_sweeps(shared), **drawn_values(row)}
         words = [f"--set {shlex.quote(f'{key}={one_line_yaml(value)}')}" for key, value in options.items()]
         return f"rnc-pin run {shlex.quote(self.specification['scenario'])} {' '.join(words)}"
-
-    def trajectory(self, run: int) -> Trajectory:
-        """Read the trajectory of a run; a sweep writes them if it is asked to.
-
-        Args:
-            run: number of the run.
-        """
-        return Trajectory.load(trajectory_file(self.path, run))
 
     def to_csv(self, path: str | Path) -> None:
         """Write all rows as CSV; numbers have all their digits.

@@ -59,7 +59,6 @@ def sweep(
     out: str | Path,
     jobs: int | str = 1,
     options: Mapping[str, object] | None = None,
-    trajectories: bool = False,
     progress: SweepProgress | None = None,
     force: bool = False,
 ) -> SweepResults:
@@ -77,7 +76,6 @@ def sweep(
         out: folder of the results.
         jobs: processes; -1 for all cores. Or the address of a Dask scheduler to run on.
         options: options of a scenario that all runs share, by dotted key.
-        trajectories: write the trajectory of each run too.
         progress: called with the number of finished runs, and the number of all runs or None.
         force: replace another sweep in the folder, and write beside other files.
 
@@ -109,13 +107,12 @@ def sweep(
         draws = Draws(draws)
     seeded = draws if isinstance(draws, Draws) else None
     count = seeded.runs if seeded is not None else len(draws) if isinstance(draws, Sized) else None
-    runs, description = _source(build, seeded, options, path.absolute() if trajectories else None)
+    runs, description = _source(build, seeded, options)
     specification: dict[str, Json] = {
         "rnc_pin": __version__,
         "kernel": kernel,
         **description,
         "draws": {} if runs.draws is None else runs.draws.describe(),
-        "trajectories": trajectories,
         "runs": count,
     }
     with uninterrupted(), sweep_folder(path, specification, force) as file:
@@ -141,21 +138,21 @@ def sweep(
 
 
 def _source(
-    build: Build | str | Path, draws: Draws | None, options: Mapping[str, object] | None, folder: Path | None
+    build: Build | str | Path, draws: Draws | None, options: Mapping[str, object] | None
 ) -> tuple[Runs, dict[str, Json]]:
     """Source of the runs of a sweep, and its description."""
     if not isinstance(build, str | Path):
         if options:
             raise ConfigurationError("options: those of a scenario; a function takes values from its draws")
-        return FunctionRuns(build, None if draws is None else _stated(draws), folder), describe_function(build)
+        return FunctionRuns(build, None if draws is None else _stated(draws)), describe_function(build)
     scenario, shared = str(build), to_json_mapping(options or {}, "options")
     if draws is None:
-        return ScenarioRuns(scenario, shared, None, folder), describe_scenario(scenario, shared)
+        return ScenarioRuns(scenario, shared, None), describe_scenario(scenario, shared)
     if draws.distributions is not None:
         shared["sweep"] = to_json_mapping(draws.distributions, "distributions")
     if draws.seed is not None:
         shared["seed"] = draws.seed
-    return ScenarioRuns(scenario, shared, draws_of(scenario, shared), folder), describe_scenario(scenario, shared)
+    return ScenarioRuns(scenario, shared, draws_of(scenario, shared)), describe_scenario(scenario, shared)
 
 
 def _stated(draws: Draws) -> SeededDraws:

@@ -12,7 +12,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
-from pathlib import Path
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -91,15 +90,6 @@ def results_of(summary: Summary) -> Row:
 def refused(outcome: str, error: RncError) -> Row:
     """Columns of results of a run that could not start."""
     return {"outcome": outcome, "verdict": "failed", "finding": outcome, "message": str(error)}
-
-
-TRAJECTORIES = "trajectories"
-"""Folder of the trajectories in the folder of a sweep."""
-
-
-def trajectory_file(folder: Path, run: int) -> Path:
-    """File of the trajectory of a run, in the folder of its sweep."""
-    return folder / TRAJECTORIES / f"run_{run:07d}.npz"
 
 
 # ------------------------------------------------------------------ draws
@@ -198,11 +188,10 @@ class Runs(ABC):
 
     Args:
         draws: seeded draws; None if every run gets its values.
-        trajectories: folder of the sweep, for trajectories; None writes none.
     """
 
-    def __init__(self, draws: SeededDraws | None, trajectories: Path | None) -> None:
-        self.draws, self._trajectories = draws, trajectories
+    def __init__(self, draws: SeededDraws | None) -> None:
+        self.draws = draws
 
     def row(self, run: int, draw: Draw | None = None) -> Row:
         """Simulate a run and return its row.
@@ -224,15 +213,12 @@ class Runs(ABC):
         assert self.draws is not None
         return self.draws.of_run(run)
 
-    def _judged(self, run: int, trajectory: Trajectory, summary: Summary) -> Row:
-        """Columns of results of a simulated run, whose trajectory is written if it is wanted."""
-        if trajectory.outcome is Outcome.INTERRUPTED:
-            raise KeyboardInterrupt
-        if self._trajectories is not None:
-            path = trajectory_file(self._trajectories, run)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            trajectory.save(path)
-        return results_of(summary)
+
+def _judged(trajectory: Trajectory, summary: Summary) -> Row:
+    """Columns of results of a simulated run."""
+    if trajectory.outcome is Outcome.INTERRUPTED:
+        raise KeyboardInterrupt
+    return results_of(summary)
 
 
 Build: TypeAlias = Callable[[dict[str, Any]], "Mapping[str, object] | Trajectory"]
@@ -245,11 +231,10 @@ class FunctionRuns(Runs):
     Args:
         build: function of the drawn values.
         draws: as for ``Runs``.
-        trajectories: as for ``Runs``.
     """
 
-    def __init__(self, build: Build, draws: SeededDraws | None, trajectories: Path | None = None) -> None:
-        super().__init__(draws, trajectories)
+    def __init__(self, build: Build, draws: SeededDraws | None) -> None:
+        super().__init__(draws)
         self._build = build
 
     def _row(self, run: int, draws: Iterable[Draw]) -> Row:
@@ -263,7 +248,7 @@ class FunctionRuns(Runs):
             trajectory = error.trajectory
         summary = summarize(trajectory)
         add_verdict(summary, trajectory.verdict)
-        return {**row, **self._judged(run, trajectory, summary)}
+        return {**row, **_judged(trajectory, summary)}
 
 
 def _simulated(built: object) -> Trajectory:
@@ -297,7 +282,6 @@ class ScenarioRuns(Runs):
         scenario: a built-in name or a file.
         options: dotted keys and values that all runs share.
         draws: as for ``Runs``.
-        trajectories: as for ``Runs``.
     """
 
     def __init__(
@@ -305,9 +289,8 @@ class ScenarioRuns(Runs):
         scenario: str,
         options: Mapping[str, Json],
         draws: SeededDraws | None = None,
-        trajectories: Path | None = None,
     ) -> None:
-        super().__init__(draws, trajectories)
+        super().__init__(draws)
         self._file = replace(Scenario.read(scenario), show_warnings=False)
         self._options = dict(options)
         self._seed = self._file.with_options(self._options).content.seed
@@ -341,7 +324,7 @@ class ScenarioRuns(Runs):
                 result = execute(scenario)
             except RncError as error:
                 return {**row, "warnings": "; ".join(told), **refused("refused", error)}
-            return {**row, "warnings": "; ".join(told), **self._judged(run, result.trajectory, result.summary)}
+            return {**row, "warnings": "; ".join(told), **_judged(result.trajectory, result.summary)}
         return {**row, **refused("infeasible", failure)}
 
     def _scenario(self, options: Mapping[str, Json]) -> Scenario:

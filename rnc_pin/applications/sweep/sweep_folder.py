@@ -19,7 +19,7 @@ from typing import Any, TypeAlias, TypeGuard
 
 from rnc_pin.applications.scenario.files import find_scenario, is_built_in, read_yaml
 from rnc_pin.applications.scenario.output_folder import lock_folder, one_line_errors
-from rnc_pin.applications.sweep.runs import TEXTS, TRAJECTORIES, Row, is_number_column
+from rnc_pin.applications.sweep.runs import TEXTS, Row, is_number_column
 from rnc_pin.errors import ConfigurationError, short_text
 from rnc_pin.io import LARGEST, TEMPORARY_PREFIX, Json, atomic_file, open_regular, read_bytes
 
@@ -212,13 +212,12 @@ def _difference(place: str, old: object, new: object) -> tuple[str, object, obje
 
 def _clean(path: Path, everything: bool) -> None:
     """Delete files of killed sweeps, and with ``everything`` those of an earlier sweep."""
-    runs, trajectories = path / RUNS, path / TRAJECTORIES
-    for each in (runs, trajectories):
-        if each.is_symlink() or (each.exists() and each.is_file() != (each is runs)):
-            raise ConfigurationError(f"--out {path}: '{each.name}' is not a sweep's own; choose another folder")
-    old = [*path.glob(f"{TEMPORARY_PREFIX}*"), *trajectories.glob(f"{TEMPORARY_PREFIX}*")]
+    runs = path / RUNS
+    if runs.is_symlink() or (runs.exists() and not runs.is_file()):
+        raise ConfigurationError(f"--out {path}: '{RUNS}' is not a sweep's own; choose another folder")
+    old = [*path.glob(f"{TEMPORARY_PREFIX}*")]
     if everything:
-        old += [runs, *(path / name for name in REPORTS), *trajectories.glob("run_" + "[0-9]" * 7 + "*.npz")]
+        old += [runs, *(path / name for name in REPORTS)]
     for each in old:
         if each.is_file() or each.is_symlink():
             each.unlink()

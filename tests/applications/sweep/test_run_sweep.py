@@ -4,8 +4,6 @@ import itertools
 import json
 import os
 import signal
-import subprocess
-import sys
 import threading
 
 import joblib
@@ -13,7 +11,6 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from patience import PATIENCE, eventually
 from rnc_pin.applications.sweep import run_sweep
 from systems import sleigh
 
@@ -165,7 +162,6 @@ def test_another_sweep_in_the_folder_is_refused(whole, tmp_path):
     assert "its draws.seed is 4, not 5" in refusal(seed=5)
     assert "its draws.distributions.speed is [0.5, 1.5], not [0.5, 1.6]" in refusal(laws={**LAWS, "speed": [0.5, 1.6]})
     assert "holds a sweep of 12 runs, more than 11" in refusal(runs=11)
-    assert "its trajectories is False, not True" in refusal(trajectories=True)
     (tmp_path / "notes.txt").write_text("mine")
     assert "exists and holds no sweep" in refusal(out=tmp_path)
     assert before == {path: path.read_bytes() for path in whole.path.rglob("*") if path.is_file()}
@@ -204,33 +200,9 @@ def test_runs_that_fail_have_rows_too(tmp_path):
             "duration": 0.1, "dt": 0.01, "options": options,
         }  # fmt: skip
 
-    results = rnc.sweep(build, [{"n": n} for n in range(3)], out=tmp_path, trajectories=True)
+    results = rnc.sweep(build, [{"n": n} for n in range(3)], out=tmp_path)
     assert [row["outcome"] for row in results.rows()] == ["refused", "diverged", "completed"]
     assert results.row(0)["message"] == "no such robot"
     assert "test_run_sweep" in (tmp_path / "failures.txt").read_text()
-    assert results.trajectory(2).outcome is rnc.Outcome.COMPLETED
     table = json.loads((tmp_path / "sweep.json").read_text())
     assert (table["runs"], table["outcomes"]) == (3, {"completed": 1, "diverged": 1, "refused": 1})
-
-
-@pytest.mark.long
-def test_a_sweep_that_is_killed_again_and_again_has_all_runs_once(tmp_path):
-    call = "rnc.sweep('space-robot', 400, jobs=2, options={'simulation.duration': 0.02}, out=sys.argv[1])"
-    script = f"import sys, rnc_pin as rnc; {call}"
-    out, counts = tmp_path / "out", [0]
-    while counts[-1] < 400:
-        process = subprocess.Popen([sys.executable, "-c", script, str(out)])
-
-        def further(process=process):
-            return process.poll() is not None or (
-                (out / "specification.json").exists() and len(rnc.load_sweep(out)) > counts[-1] + 50
-            )
-
-        assert eventually(further, PATIENCE)
-        process.kill()
-        process.wait()
-        counts.append(len(rnc.load_sweep(out)))
-    assert counts == sorted(counts)
-    here = rnc.load_sweep(out)
-    there = rnc.sweep("space-robot", 400, options={"simulation.duration": 0.02}, out=tmp_path / "there")
-    assert rows_of(here) == rows_of(there)

@@ -17,25 +17,18 @@ CASES = {
 }
 
 
-def runs(scenario, folder=None, **options):
+def runs(scenario):
     draws = SeededDraws.of(CASES[scenario], seed=2)
-    shared = {"preflight": "warn", **QUICK, **options}
-    return ScenarioRuns(scenario, {**shared, "seed": 2}, draws, folder)
+    return ScenarioRuns(scenario, {"preflight": "warn", **QUICK, "seed": 2}, draws)
 
 
 @pytest.mark.parametrize("scenario", CASES)
-def test_a_shared_model_does_not_change_a_run(scenario, tmp_path):
-    together, alone = runs(scenario, tmp_path / "together"), [runs(scenario, tmp_path / "alone") for _ in range(3)]
+def test_a_shared_model_does_not_change_a_run(scenario):
+    together = runs(scenario)
     for run in range(3):
-        here, there = together.row(run), alone[run].row(run)
+        here, there = together.row(run), runs(scenario).row(run)
         assert {**here, "wall_time": 0} == {**there, "wall_time": 0}
         assert here["outcome"] == "completed", here["message"]
-        first, second = (
-            rnc.Trajectory.load(tmp_path / kind / "trajectories" / f"run_{run:07d}.npz")
-            for kind in ("together", "alone")
-        )
-        assert (first.q == second.q).all()
-        assert (first.T == second.T).all()
 
 
 def test_a_drawn_part_of_the_system_has_a_model_of_its_own():
@@ -63,12 +56,7 @@ def test_seeds_of_runs_with_faults_differ_and_others_have_that_of_the_scenario()
 
 LAWS = {
     "range": ([1.0, 3.0], stats.uniform(1.0, 2.0)),
-    "uniform": ({"uniform": [-1.0, 1.0]}, stats.uniform(-1.0, 2.0)),
     "normal": ({"normal": {"mean": 2.0, "std": 0.5}}, stats.norm(2.0, 0.5)),
-    "bounded": (
-        {"normal": {"mean": 0.0, "std": 2.0, "min": -1.0, "max": 5.0}}, stats.truncnorm(-0.5, 2.5, scale=2.0)
-    ),
-    "tail": ({"normal": {"mean": 1.0, "std": 1.0, "min": 6.5}}, stats.truncnorm(5.5, np.inf, loc=1.0)),
     "log": ({"log_uniform": [1e-4, 1e2]}, stats.loguniform(1e-4, 1e2)),
 }  # fmt: skip
 
@@ -102,9 +90,8 @@ def test_each_run_has_a_stream_of_its_own():
 REFUSED = {
     "reversed": ([2, 1], "x: minimum 2 is greater than maximum 1"),
     "log of zero": ({"log_uniform": [0, 1]}, "greater than 0, found 0"),
-    "far tail": ({"normal": {"mean": 0, "std": 1, "min": 9}}, "farther than 6 standard deviations"),
     "misspelt": ({"nrmal": {"mean": 0}}, "did you mean 'normal'?"),
-    "text": ("x", "expected a list or a mapping with one key of uniform"),
+    "text": ("x", "expected a list or a mapping with one key of normal"),
     "no deviation": ({"normal": {"mean": 0, "std": 0}}, "greater than 0"),
     "nothing to choose": ({"choice": []}, "at least 1 item"),
 }

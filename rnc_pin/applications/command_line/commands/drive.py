@@ -15,7 +15,7 @@ from rnc_pin.applications.drive.page import DrivePage
 from rnc_pin.applications.drive.preparation import PreparedDrive, prepare_drive, read_source, rebuild_drive
 from rnc_pin.applications.drive.run import CommandQueue, RealTimeClock, drive, record_of
 from rnc_pin.applications.scenario.execution import Result, data_names
-from rnc_pin.applications.scenario.files import accept_option, find_scenario, parse_options
+from rnc_pin.applications.scenario.files import find_scenario, parse_options
 from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.pictures import picture_names
 from rnc_pin.errors import ConfigurationError, RncError
@@ -40,7 +40,6 @@ def drive_robot(
     browser: bool,
     as_json: bool,
     force: bool,
-    accept: tuple[str, ...],
     **new: Unpack[NewDrive],
 ) -> int:
     """Drive a robot in the browser, or replay the commands of a drive; write its folder and return the exit status."""
@@ -50,13 +49,10 @@ def drive_robot(
     if replayed is not None:
         record = read_drive(replayed)
         _check_replay(new)
-        config = {**record.config, **accept_option(record.config, {}, accept)}
-        record = record.model_copy(update={"config": config})
         prepared = _rebuilt(record, replayed)
     else:
         given = parse_options(new["options"])
-        scenario = read_source(str(source), given)
-        prepared = prepare_drive(scenario.with_options(accept_option(scenario.raw, {}, accept)), given, new["frames"])
+        prepared = prepare_drive(read_source(str(source), given), given, new["frames"])
     for warning in prepared.scenario.experiment.warnings:
         warn(warning)
     names = [*data_names(), _COMMANDS, *picture_names(prepared.scenario)]

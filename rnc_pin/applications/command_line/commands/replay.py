@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TypedDict, Unpack, cast
+from typing import TypedDict, Unpack
 
 import click
 
 from rnc_pin.applications.command_line.messages import DONE, warn
 from rnc_pin.applications.command_line.report import print_summary, report_findings
 from rnc_pin.applications.scenario.output_folder import check_new_file, one_line_errors
-from rnc_pin.applications.scenario.saved_run import Run, animation_of, compared, load_run, run_names
-from rnc_pin.errors import ConfigurationError
-from rnc_pin.figures import Size, save
+from rnc_pin.applications.scenario.saved_run import Run, animation_of, load_run
 from rnc_pin.interruption import interruptible
 from rnc_pin.simulation import (
     FurtherLimits,
@@ -29,7 +25,7 @@ from rnc_pin.simulation import (
     summarize,
 )
 from rnc_pin.verdict import Verdict
-from rnc_pin.visualization import DrawnModel, LiveView, View, recorded_states, write_video
+from rnc_pin.visualization import DrawnModel, LiveView, Recording, View, recorded_states, write_video
 from rnc_pin.visualization.browser import is_loopback
 
 
@@ -63,9 +59,6 @@ class ReplayFiles(TypedDict):
     html: Path | None
     video: Path | None
     rate: float
-    plot: Path | None
-    outputs: tuple[str, ...]
-    size: str | None
     force: bool
 
 
@@ -75,69 +68,36 @@ def replay_runs(
     speed: float,
     browser: bool,
     host: str,
-    accept: tuple[str, ...],
     **files: Unpack[ReplayFiles],
 ) -> int:
     """Write the requested files of runs, show them, or print their summaries and verdicts. Return the exit status."""
-    judges = not show and not any((files["html"], files["video"], files["plot"]))
-    if accept and not judges:
-        raise ConfigurationError("--accept: a replay judges runs only if it prints their summaries; remove the option")
-    if files["plot"] is None and (files["outputs"] or files["size"]):
-        raise ConfigurationError("--output, --size: only a plot has them; add --plot FILE")
     runs = [load_run(source) for source in sources]
-    others = compared(runs)
-    _check_new(files)
-    _write(runs, others, files)
-    if show:
-        _show(runs[0], speed, browser, host)
-    return max([_judged(run, accept) for run in runs]) if judges else DONE
-
-
-def _check_new(files: ReplayFiles) -> None:
-    """Check that the files can be written, before anything is drawn."""
-    for option, path in {"--html": files["html"], "--video": files["video"], "--plot": files["plot"]}.items():
+    for option, path in (("--html", files["html"]), ("--video", files["video"])):
         if path is not None:
             check_new_file(option, path, files["force"])
+    if files["html"] or files["video"]:
+        _write(animation_of(runs), files)
+    if show:
+        _show(runs[0], speed, browser, host)
+    if show or files["html"] or files["video"]:
+        return DONE
+    return max([_judged(run) for run in runs])
 
 
-def _write(runs: list[Run], others: Mapping[str, Trajectory], files: ReplayFiles) -> None:
-    html, video = files["html"], files["video"]
-    plot, force = files["plot"], files["force"]
+def _write(recording: Recording, files: ReplayFiles) -> None:
+    html, video, force = files["html"], files["video"], files["force"]
     with one_line_errors():
-        if html is not None or video is not None:
-            recording = animation_of(runs)
         if html is not None:
             recording.save(html, force)
             click.echo(f"wrote {html} ({html.stat().st_size / 1e6:.1f} MB)")
         if video is not None:
             write_video(recording, video, files["rate"], replace=force)
             click.echo(f"wrote {video} ({video.stat().st_size / 1e6:.1f} MB)")
-        if plot is not None:
-            first, size = runs[0], files["size"]
-            figure = first.trajectory.plot(
-                files["outputs"] or None,
-                title=first.title if size is None else None,  # a figure of a paper has a caption
-                comparisons=others,
-                size=_figure_size(size),
-                labels=first.scenario.figures.labels,
-                name=run_names(runs)[0],
-            )
-            click.echo(f"wrote {save(figure, plot, force)}")
 
 
-def _figure_size(size: str | None) -> Size | None:
-    """Size of a figure from ``column``, ``page`` or ``WIDTHxHEIGHT`` [inches]; other texts are refused with it."""
-    match = re.fullmatch(r"([\d.]+)x([\d.]+)", size or "")
-    try:
-        return cast("Size | None", size) if match is None else (float(match[1]), float(match[2]))
-    except ValueError:
-        raise ConfigurationError(f"--size {size}: expected 'column', 'page' or WIDTHxHEIGHT in inches") from None
-
-
-def _judged(run: Run, accept: tuple[str, ...]) -> int:
+def _judged(run: Run) -> int:
     """Print the summary and the verdict of a run, and return the exit status."""
-    summary, found = summarize(run.trajectory), _verdict(run)
-    verdict = Verdict.of(found.findings, {*found.accepted, *accept})
+    summary, verdict = summarize(run.trajectory), _verdict(run)
     add_verdict(summary, verdict)
     print_summary(summary, run.trajectory.info.outputs)
     return report_findings(verdict, f"the run is in {run.source}")

@@ -10,7 +10,7 @@ from rich.console import Console
 from rnc_pin.applications.command_line.messages import FAILED, announce, warn
 from rnc_pin.applications.command_line.report import ProgressBar, keep_run, report_run
 from rnc_pin.applications.scenario.execution import Result, data_names, execute
-from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
+from rnc_pin.applications.scenario.files import parse_options
 from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.pictures import picture_names
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -30,17 +30,13 @@ def run_scenario(
     scenario: str,
     out: Path | None,
     options: tuple[str, ...],
-    plant: str | None,
     show: bool,
     as_json: bool,
     force: bool,
-    accept: tuple[str, ...],
     **watching: Unpack[Watching],
 ) -> int:
     """Run a scenario, write its folder and return the exit status."""
-    given = parse_options(options)
-    chosen = {**plant_option(scenario, plant), **given, **accept_option(scenario, given, accept)}
-    prepared = Scenario.load(scenario, chosen)
+    prepared = Scenario.load(scenario, parse_options(options))
     if prepared.content.planner is not None:  # which takes most of the time before the run
         announce(f"{prepared.name}: planning the motion", as_json)
     prepared = prepared.build()

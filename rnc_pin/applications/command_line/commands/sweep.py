@@ -11,7 +11,7 @@ from rich.console import Console
 
 from rnc_pin.applications.command_line.messages import DONE, FAILED, complain, print_json
 from rnc_pin.applications.command_line.report import ProgressBar, print_object
-from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
+from rnc_pin.applications.scenario.files import parse_options
 from rnc_pin.applications.sweep import SweepResults, sweep
 from rnc_pin.applications.sweep.results import SUCCESSFUL, SweepStatistics, failure_lines, sweep_statistics
 from rnc_pin.errors import SimulationError
@@ -23,7 +23,6 @@ class _Passed(TypedDict):
     """Options that ``sweep`` takes as they are."""
 
     jobs: int | str
-    trajectories: bool
     force: bool
 
 
@@ -32,14 +31,11 @@ def sweep_scenario(
     runs: int,
     out: Path,
     options: tuple[str, ...],
-    plant: str | None,
     as_json: bool,
-    accept: tuple[str, ...],
     **passed: Unpack[_Passed],
 ) -> int:
     """Run a scenario many times with drawn values, write a data set and return the exit status."""
-    given = parse_options(options)
-    chosen = {**plant_option(scenario, plant), **given, **accept_option(scenario, given, accept)}
+    chosen = parse_options(options)
     bar = ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json)
     reached = 0
     try:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Discriminator, Field, RootModel, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Field, RootModel, Tag
 
 from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.schema.derived import NAME, Content, Entry
@@ -70,7 +70,6 @@ def _positive(ends: list[float]) -> list[float]:
 
 
 Ends = Annotated[list[float], Field(min_length=2, max_length=2), AfterValidator(_ordered)]
-_MOST_DEVIATIONS = 6.0  # distance from the mean, in standard deviations, that a bound may leave out
 
 
 class UniformRange(RootModel[Ends]):
@@ -81,19 +80,6 @@ class UniformRange(RootModel[Ends]):
 
     def examples(self) -> Sequence[float]:
         return self.root
-
-
-class UniformDistribution(Strict):
-    """Uniform distribution, like a list of two numbers."""
-
-    uniform: UniformRange
-    """Minimum and maximum."""
-
-    def draw(self, generator: np.random.Generator) -> float:
-        return self.uniform.draw(generator)
-
-    def examples(self) -> Sequence[float]:
-        return self.uniform.root
 
 
 class LogUniformDistribution(Strict):
@@ -111,52 +97,24 @@ class LogUniformDistribution(Strict):
 
 
 class NormalSettings(Strict):
-    """Normal distribution, without the parts beyond its bounds."""
+    """Mean and standard deviation."""
 
     mean: float
-    """Mean, before bounds cut the distribution."""
+    """Mean."""
     std: Positive
-    """Standard deviation, before bounds cut the distribution."""
-    min: float | None = None
-    """Lower bound; none by default."""
-    max: float | None = None
-    """Upper bound; none by default."""
-
-    @model_validator(mode="after")
-    def _near(self) -> NormalSettings:
-        low, high = self.deviations
-        if low > high:
-            _ordered([self.min or 0.0, self.max or 0.0])
-        if low > _MOST_DEVIATIONS or high < -_MOST_DEVIATIONS:
-            raise ValueError(f"bounds are farther than {_MOST_DEVIATIONS:g} standard deviations from the mean")
-        return self
-
-    @property
-    def deviations(self) -> tuple[float, float]:
-        """Bounds as distances from the mean in standard deviations."""
-        low, high = (-math.inf if self.min is None else self.min), (math.inf if self.max is None else self.max)
-        return (low - self.mean) / self.std, (high - self.mean) / self.std
+    """Standard deviation."""
 
 
 class NormalDistribution(Strict):
-    """Normal distribution, optionally within bounds."""
+    """Normal distribution."""
 
     normal: NormalSettings
 
     def draw(self, generator: np.random.Generator) -> float:
-        from scipy.special import ndtr, ndtri  # runs without draws do not need them
-
-        settings, uniform = self.normal, generator.uniform()
-        low, high = settings.deviations
-        sign = 1.0
-        if low > 0.0:  # the distribution function loses its digits near one: use its mirror image
-            low, high, sign = -high, -low, -1.0
-        within = ndtri(ndtr(low) + uniform * (ndtr(high) - ndtr(low)))
-        return float(settings.mean + settings.std * sign * np.clip(within, max(low, -40.0), min(high, 40.0)))
+        return float(generator.normal(self.normal.mean, self.normal.std))
 
     def examples(self) -> Sequence[float]:
-        bounds = (each for each in (self.normal.min, self.normal.max) if each is not None)
-        return [*bounds] or [self.normal.mean]
+        return [self.normal.mean]
 
 
 class IntegerDistribution(Strict):
@@ -197,7 +155,6 @@ def _kind(raw: object) -> str:
 
 Distribution = Annotated[
     Annotated[UniformRange, Tag(LIST)]
-    | Annotated[UniformDistribution, Tag("uniform")]
     | Annotated[NormalDistribution, Tag("normal")]
     | Annotated[LogUniformDistribution, Tag("log_uniform")]
     | Annotated[IntegerDistribution, Tag("integers")]
