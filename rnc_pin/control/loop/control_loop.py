@@ -13,15 +13,12 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Controller
 from rnc_pin.control.loop.loop_state import LoopState, check_state, restore, write_state
 from rnc_pin.control.loop.measurements import (
-    FilteredVelocity,
     Guard,
     InvalidMeasurementError,
-    VelocityEstimator,
     VelocityObserver,
     is_time,
 )
 from rnc_pin.control.loop.options import (
-    ControllerOrFactory,
     LoopOptions,
     LoopSettings,
     admit_controller,
@@ -78,8 +75,7 @@ class ControlLoop(ReprMixin):
 
     Args:
         reduced: nominal model of the plant.
-        controller: a controller of this package or of the same protocol. Or a function from the first measurement to a
-            controller, so that its references start at the measured state.
+        controller: a controller of this package or of the same protocol.
         dt: nominal sampling period [s].
         options: options by name, the fields of ``LoopSettings``: ``velocity``, ``cutoff``, ``limits``, ``fallback``,
             ``timeout``, ``max_speed``, ``min_singular_value`` and ``brake``.
@@ -111,16 +107,14 @@ class ControlLoop(ReprMixin):
     def __init__(
         self,
         reduced: ReducedModel,
-        controller: ControllerOrFactory,
+        controller: Controller,
         dt: float,
         **options: Unpack[LoopOptions],
     ) -> None:
         check_number("dt", dt)
         self.reduced, self.dt = admit_model(reduced), dt
-        admit_controller(controller, of_measurement=True)
         self.settings = LoopSettings.of_options(options)
-        self._controller = controller if isinstance(controller, Controller) else None
-        self._factory = None if isinstance(controller, Controller) else controller
+        self._controller = admit_controller(controller)
         self.guard = Guard(reduced, self.settings.max_speed, self._estimator())
         self.limits = admit_limits(reduced, self.settings.limits)
         self._fallback_limits = reduced.actuation.limits if self.limits is None else self.limits
@@ -129,16 +123,13 @@ class ControlLoop(ReprMixin):
         self.active_component = "the model"
 
     def _settings(self) -> dict[str, object]:
-        return {"reduced": self.reduced, "controller": self._controller or self._factory, "dt": self.dt}
+        return {"reduced": self.reduced, "controller": self._controller, "dt": self.dt}
 
-    def _estimator(self) -> VelocityEstimator | None:
-        velocity, cutoff = self.settings.velocity, self.settings.cutoff
-        if velocity == "measured":
+    def _estimator(self) -> VelocityObserver | None:
+        if self.settings.velocity == "measured":
             return None
-        model, cutoff = self.reduced.robot.model, 0.3 / self.dt if cutoff is None else cutoff
-        if velocity == "filtered":
-            return FilteredVelocity(model, cutoff)
-        return VelocityObserver(model, cutoff, _TIME_TOLERANCE * max(self.timeout, _GAP * self.dt))
+        cutoff = 0.3 / self.dt if self.settings.cutoff is None else self.settings.cutoff
+        return VelocityObserver(self.reduced.robot.model, cutoff, _TIME_TOLERANCE * max(self.timeout, _GAP * self.dt))
 
     # ------------------------------------------------------------------ a step
 
@@ -206,8 +197,6 @@ class ControlLoop(ReprMixin):
             )
         self.active_component = "the controller"
         begin, own = (t if before.begin is None else before.begin), before.controller
-        if self._controller is None:
-            self._controller = self._make_controller(measurement)
         if before.begin is None and own is None:
             own = self._controller.initial_state(measurement)
         answer = self._controller.step(t - begin, measurement, own)
@@ -310,8 +299,6 @@ class ControlLoop(ReprMixin):
     def reset(self) -> None:
         """Clear the state: the next step is the first."""
         self.state, self.last = LoopState(), None
-        if self._factory is not None:
-            self._controller = None
 
     def resume(self, state: LoopState) -> None:
         """Continue from a state of this loop, or of a loop with the same controller and model.
@@ -352,16 +339,7 @@ class ControlLoop(ReprMixin):
         Raises:
             ConfigurationError: not a file of ``save``, of another controller or model, or with invalid values.
         """
-        state, controller = restore(Path(path), self.reduced, self._make_controller)
-        self.resume(state)
-        self._controller = self._controller if controller is None else controller
-
-    def _make_controller(self, measurement: Measurement) -> Controller:
-        """Return the controller; constructed from the first measurement if a function was given."""
-        if self._controller is not None:
-            return self._controller
-        assert self._factory is not None
-        return self._factory(measurement)
+        self.resume(restore(Path(path), self.reduced, self._controller))
 
 
 def _input_deficit(requested: np.ndarray, T: np.ndarray) -> np.ndarray | None:

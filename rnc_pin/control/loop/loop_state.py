@@ -21,7 +21,6 @@ from rnc_pin.errors import ConfigurationError, InputError, RncError, printable
 from rnc_pin.io.json import atomic_file
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.model.input_validation import ConfigurationValidator
-from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 
@@ -33,13 +32,13 @@ _MOST_BYTES = 64 * 2**20  # largest size of all arrays of a state [bytes]
 
 
 class VelocityEstimate(NamedTuple):
-    """State of a velocity estimator."""
+    """State of a velocity observer."""
 
     q: Float[Array, " nq"]
     v: Float[Array, " nv"]
     """Estimated velocity."""
-    other: Float[Array, " nv"]
-    """Filter: output of its first stage [rad/s, m/s]. Observer: estimated acceleration [rad/s^2, m/s^2]."""
+    acceleration: Float[Array, " nv"]
+    """Estimated acceleration [rad/s^2, m/s^2]."""
 
 
 @printed(invalid_since="s")
@@ -229,16 +228,16 @@ def _collect(value: object, known: dict[str, type]) -> None:
         _collect(each, known)
 
 
-def _read_state(path: Path, template: Callable[[Array], State]) -> LoopState:
-    """Read a file of ``write_state``.
+def _read_state(path: Path, initial_state: Callable[[Array], State]) -> tuple[LoopState, State]:
+    """Read a file of ``write_state``; also return the initial state of the controller at its configuration.
 
     Args:
         path: path of the file.
-        template: function from a configuration to an initial state of the controller; its tuple types are allowed.
+        initial_state: function from a configuration to an initial state of the controller; its tuple types are allowed.
 
     Raises:
         ConfigurationError: the file does not exist, has another format, or holds tuples of another controller.
-        RncError: ``template`` raises it at q.
+        RncError: ``initial_state`` raises it at q.
     """
     try:
         arrays = read_npz(path, text=[_STRUCTURE], largest=_MOST_BYTES)
@@ -246,8 +245,10 @@ def _read_state(path: Path, template: Callable[[Array], State]) -> LoopState:
         known: dict[str, type] = {each.__qualname__: each for each in (tuple, LoopState, VelocityEstimate)}
         fields = dict(zip(LoopState._fields, structure["items"], strict=True))
         q = _unpack(fields["q"], arrays, known)
+        initial: State = None
         if q is not None:
-            _collect(template(q), known)  # type: ignore[arg-type]  # checked with the whole state
+            initial = initial_state(q)  # type: ignore[arg-type]  # checked with the whole state
+            _collect(initial, known)
         state = _unpack(structure, arrays, known)
     except FileNotFoundError:
         raise ConfigurationError(f"no file '{path}'") from None
@@ -261,44 +262,34 @@ def _read_state(path: Path, template: Callable[[Array], State]) -> LoopState:
         raise ConfigurationError(f"{path}: not the state of a loop") from None
     if not isinstance(state, LoopState):
         raise ConfigurationError(f"{path}: not the state of a loop")
-    return state
+    return state, initial
 
 
-def restore(
-    path: Path, reduced: ReducedModel, make: Callable[[Measurement], Controller]
-) -> tuple[LoopState, Controller | None]:
-    """Return the state of a loop from a file, and its controller.
+def restore(path: Path, reduced: ReducedModel, controller: Controller) -> LoopState:
+    """Return the state of a loop from a file.
 
     Args:
         path: path of the file.
         reduced: model of the loop.
-        make: function from the first measurement to the controller.
+        controller: controller of the loop.
 
     Raises:
         ConfigurationError: the file does not exist, or its state does not fit this model and controller.
     """
-    controller: Controller | None = None
-    initial: State = None
 
     def initial_state(q: Array) -> State:
-        nonlocal controller, initial
-        measurement = reduced.at(q, v=np.zeros(reduced.n), t=0.0).measure(np.zeros(reduced.r))
-        controller = make(measurement)
-        initial = controller.initial_state(measurement)
-        return initial
+        return controller.initial_state(reduced.at(q, v=np.zeros(reduced.n), t=0.0).measure(np.zeros(reduced.r)))
 
     try:
-        state = _read_state(path, initial_state)
+        state, initial = _read_state(path, initial_state)
         check_state(state, reduced)
-        if controller is not None and not state.failed:
+        if state.q is not None and not state.failed:
             _check_trial_step(state, reduced, controller, initial)
     except ConfigurationError:
         raise
     except RncError as error:
         raise ConfigurationError(f"{path}: the state does not fit this loop: {error}") from None
-    if state.fault is not None:
-        state = state._replace(fault=printable(state.fault))
-    return state, controller
+    return state if state.fault is None else state._replace(fault=printable(state.fault))
 
 
 def _check_trial_step(state: LoopState, reduced: ReducedModel, controller: Controller, initial: State) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from math import isfinite
 from typing import NamedTuple
 
@@ -18,23 +17,27 @@ from rnc_pin.model.reduced_model import ReducedModel
 _UNIT_TOLERANCE = 0.1  # largest deviation of a (cos, sin) pair or quaternion from unit length
 
 
-class VelocityEstimator(ABC):
-    """Estimator of velocities from configurations.
+class VelocityObserver:
+    """Observer of position, velocity and acceleration from configurations, without lag at constant acceleration.
+
+    The fading-memory filter of second order (Morrison, "Introduction to Sequential Smoothing and Prediction", 1969): a
+    parabola fitted to the past by least squares, with weights that decay by ``theta = exp(-cutoff dt)`` per sample.
+    The observer does not use the inertia. Controllers get the measured position, not the estimated one.
 
     Args:
         model: Pinocchio model of the configurations.
         cutoff: cutoff frequency [rad/s].
+        gap: time between measurements after which the last acceleration says nothing, and the mean velocity counts [s].
     """
 
-    def __init__(self, model: pin.Model, cutoff: float) -> None:
-        self._model, self.cutoff = model, cutoff
+    def __init__(self, model: pin.Model, cutoff: float, gap: float = np.inf) -> None:
+        self._model, self.cutoff, self._gap = model, cutoff, gap
 
     def start(self, q: Float[Array, " nq"]) -> VelocityEstimate:
         """Return the initial estimate at q: zero velocity."""
         nothing = np.zeros(self._model.nv)
         return VelocityEstimate(q, nothing, nothing)
 
-    @abstractmethod
     def step(self, motion: VelocityEstimate, q: Float[Array, " nq"], elapsed: float) -> VelocityEstimate:
         """Return the estimate after a new measurement q.
 
@@ -43,43 +46,15 @@ class VelocityEstimator(ABC):
             q: measured configuration (nq,).
             elapsed: time since the last measurement [s].
         """
-
-
-class FilteredVelocity(VelocityEstimator):
-    """Finite differences through two first-order low-pass filters, each exact over the step. The lag is 2 / cutoff."""
-
-    def step(self, motion: VelocityEstimate, q: np.ndarray, elapsed: float) -> VelocityEstimate:
-        share = -np.expm1(-self.cutoff * elapsed)
-        inner = motion.other + share * (pin.difference(self._model, motion.q, q) / elapsed - motion.other)
-        return VelocityEstimate(q, motion.v + share * (inner - motion.v), inner)
-
-
-class VelocityObserver(VelocityEstimator):
-    """Observer of position, velocity and acceleration, without lag at constant acceleration.
-
-    The fading-memory filter of second order (Morrison, "Introduction to Sequential Smoothing and Prediction", 1969): a
-    parabola fitted to the past by least squares, with weights that decay by ``theta = exp(-cutoff dt)`` per sample.
-    The observer does not use the inertia. Controllers get the measured position, not the estimated one.
-
-    Args:
-        model, cutoff: as for ``VelocityEstimator``.
-        gap: time between measurements after which the last acceleration says nothing, and the mean velocity counts [s].
-    """
-
-    def __init__(self, model: pin.Model, cutoff: float, gap: float = np.inf) -> None:
-        super().__init__(model, cutoff)
-        self._gap = gap
-
-    def step(self, motion: VelocityEstimate, q: np.ndarray, elapsed: float) -> VelocityEstimate:
         if elapsed > self._gap:
             return VelocityEstimate(q, pin.difference(self._model, motion.q, q) / elapsed, np.zeros(self._model.nv))
         theta = np.exp(-self.cutoff * elapsed)
-        ahead = motion.v * elapsed + motion.other * (0.5 * elapsed**2)
+        ahead = motion.v * elapsed + motion.acceleration * (0.5 * elapsed**2)
         expected = pin.integrate(self._model, motion.q, ahead)
         miss = pin.difference(self._model, expected, q)
-        v = motion.v + motion.other * elapsed + 1.5 * (1.0 - theta) ** 2 * (1.0 + theta) / elapsed * miss
-        other = motion.other + (1.0 - theta) ** 3 / elapsed**2 * miss
-        return VelocityEstimate(pin.integrate(self._model, expected, (1.0 - theta**3) * miss), v, other)
+        v = motion.v + motion.acceleration * elapsed + 1.5 * (1.0 - theta) ** 2 * (1.0 + theta) / elapsed * miss
+        acceleration = motion.acceleration + (1.0 - theta) ** 3 / elapsed**2 * miss
+        return VelocityEstimate(pin.integrate(self._model, expected, (1.0 - theta**3) * miss), v, acceleration)
 
 
 # ------------------------------------------------------------------ validity
@@ -109,7 +84,7 @@ class Guard:
         estimator: velocity estimator; None if velocity is measured.
     """
 
-    def __init__(self, reduced: ReducedModel, max_speed: float, estimator: VelocityEstimator | None) -> None:
+    def __init__(self, reduced: ReducedModel, max_speed: float, estimator: VelocityObserver | None) -> None:
         self._robot, self._max_speed, self._estimator = reduced.robot, max_speed, estimator
 
     def check(self, before: LoopState, t: float, q: ArrayLike, v: ArrayLike | None) -> ValidMeasurement:
@@ -151,7 +126,7 @@ class Guard:
 
     def _velocity(self, v: ArrayLike | None) -> Array:
         if v is None:
-            raise InvalidMeasurementError("v is missing: measure it, or use velocity='filtered' or 'observer'")
+            raise InvalidMeasurementError("v is missing: measure it, or use velocity='observer'")
         v = _numbers("v", v, self._robot.nv)
         speed = np.abs(v).max(initial=0.0)
         if not speed < self._max_speed:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from math import isfinite
 from typing import Literal, TypedDict, TypeVar
@@ -14,12 +13,8 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Controller, State, VelocityTarget
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, nearest
 from rnc_pin.model.parameter_types import NotNegative, Positive, is_number
-from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-
-ControllerOrFactory = Controller | Callable[[Measurement], Controller]
-"""Controller, or a function from the first measurement to one."""
 
 _REMEDY = "put a controller of forces over it, such as rnc.control.VelocityTracker(it) or ComputedTorque(reduced, it)"
 _T = TypeVar("_T")
@@ -38,7 +33,7 @@ class GuardOptions(TypedDict, total=False):
 class LoopOptions(GuardOptions, total=False):
     """Keyword options of ``ControlLoop``: fields of ``LoopSettings``."""
 
-    velocity: Literal["measured", "filtered", "observer"]
+    velocity: Literal["measured", "observer"]
     limits: bool | Float[Array, " p"]
     fallback: Literal["hold", "brake", "zero", "raise"]
 
@@ -48,8 +43,8 @@ class LoopSettings:
     """Options of a control loop.
 
     Attributes:
-        velocity: "measured"; or estimated from configurations: "filtered" (two low-pass filters: smooth, with lag) or
-            "observer" (a fading-memory filter: no lag at constant acceleration).
+        velocity: "measured"; or "observer": estimated from configurations by a fading-memory filter, without lag at
+            constant acceleration.
         cutoff: cutoff frequency of the velocity estimate [rad/s]; 0.3 / dt by default.
         limits: True clips inputs to the effort limits of the actuators, False does not clip; or limits (p,). The safe
             command and held inputs are always clipped. With False their limits are those of the actuators.
@@ -66,7 +61,7 @@ class LoopSettings:
         ConfigurationError: an option has an invalid value.
     """
 
-    velocity: Literal["measured", "filtered", "observer"] = "measured"
+    velocity: Literal["measured", "observer"] = "measured"
     cutoff: Positive | None = None
     limits: bool | Float[Array, " p"] = True
     fallback: Literal["hold", "brake", "zero", "raise"] = "hold"
@@ -90,7 +85,7 @@ class LoopSettings:
 
     def __post_init__(self) -> None:
         check_choice("fallback", self.fallback, ("hold", "brake", "zero", "raise"))
-        check_choice("velocity", self.velocity, ("measured", "filtered", "observer"))
+        check_choice("velocity", self.velocity, ("measured", "observer"))
         for name in ("max_speed", "cutoff", "timeout", "min_singular_value", "brake"):
             value = getattr(self, name)
             if value is not None:
@@ -109,17 +104,15 @@ def admit_model(reduced: object) -> ReducedModel:
     raise ConfigurationError(f"expected a ReducedModel, found {type_name(reduced)}{hint}")
 
 
-def admit_controller(controller: _T, of_measurement: bool = False) -> _T:
+def admit_controller(controller: _T) -> _T:
     """Return the argument if it is a controller.
-
-    With ``of_measurement`` it may also be a function from the first measurement to a controller.
 
     Raises:
         ConfigurationError: it is neither.
     """
     if isinstance(controller, type):
         raise ConfigurationError(f"the controller is the class {controller.__name__}: pass an instance of it")
-    if isinstance(controller, Controller) or (of_measurement and callable(controller)):
+    if isinstance(controller, Controller):
         return controller
     raise ConfigurationError(
         "expected a controller with initial_state and step, such as those of rnc.control, "

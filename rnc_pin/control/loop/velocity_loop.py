@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Literal, NamedTuple, Unpack
 
 import numpy as np
@@ -12,15 +12,12 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.actuator_velocity import (
     ActuatorVelocityController,
-    check_velocity_actuation,
     driven_joints,
     velocity_from_actuators,
-    velocity_limits,
 )
-from rnc_pin.control.controller import KinematicController
+from rnc_pin.control.controller import Controller, KinematicController
 from rnc_pin.control.loop.control_loop import ControlLoop
 from rnc_pin.control.loop.options import (
-    ControllerOrFactory,
     GuardOptions,
     LoopOptions,
     admit_controller,
@@ -28,16 +25,12 @@ from rnc_pin.control.loop.options import (
     check_choice,
 )
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 
-KinematicControllerOrFactory = KinematicController | Callable[[Measurement], KinematicController]
-"""Kinematic controller, or a function from the first measurement to one."""
-
 _BASES = {"JointModelPlanar": (0, 1, 2), "JointModelFreeFlyer": (0, 1, 5)}
 """Entries of v that are the twist of a base joint."""
-_VELOCITIES = ("measured", "filtered", "observer", "commanded")
+_VELOCITIES = ("measured", "observer", "commanded")
 
 
 class BaseTwist(NamedTuple):
@@ -69,7 +62,7 @@ class VelocityInputLoop(ControlLoop):
     """Control loop whose inputs are velocities: effort limits do not apply, and "brake" lets velocities decay."""
 
     def __init__(
-        self, reduced: ReducedModel, controller: ControllerOrFactory, dt: float, **options: Unpack[LoopOptions]
+        self, reduced: ReducedModel, controller: Controller, dt: float, **options: Unpack[LoopOptions]
     ) -> None:
         super().__init__(reduced, controller, dt, **options)
         if self.limits is None:
@@ -91,9 +84,9 @@ class VelocityLoop(VelocityInputLoop):
 
     Args:
         reduced: kinematic model of the robot.
-        target: kinematic controller, such as ``RedundancyController``. Or a function from the first measurement to one.
+        target: kinematic controller, such as ``RedundancyController``.
         dt: nominal sampling period [s].
-        velocity: "measured"; "filtered" or "observer" as for ``ControlLoop``; or "commanded": the last command replaces
+        velocity: "measured"; "observer" as for ``ControlLoop``; or "commanded": the last command replaces
             the measured velocity, for robots that report positions only. Integrals of the reducing velocities then
             follow from positions.
         limits: True for the velocity limits of the robot's file, False for none; or limits (nv,) of the velocity v.
@@ -125,10 +118,10 @@ class VelocityLoop(VelocityInputLoop):
     def __init__(
         self,
         reduced: ReducedModel,
-        target: KinematicControllerOrFactory,
+        target: KinematicController,
         dt: float,
         *,
-        velocity: Literal["measured", "filtered", "observer", "commanded"] = "measured",
+        velocity: Literal["measured", "observer", "commanded"] = "measured",
         limits: bool | Float[Array, " nv"] = True,
         base: str | None = None,
         joints: Sequence[str] | None = None,
@@ -136,11 +129,11 @@ class VelocityLoop(VelocityInputLoop):
         **options: Unpack[GuardOptions],
     ) -> None:
         admit_model(reduced)
-        target = admit_controller(target, of_measurement=True)
+        admit_controller(target)
         check_choice("velocity", velocity, _VELOCITIES)
         self._commanded = velocity == "commanded"
         measured = "measured" if velocity == "commanded" else velocity
-        controller = _velocity_controller(reduced, target, limits)
+        controller = ActuatorVelocityController(reduced, target, limits)
         super().__init__(reduced, controller, dt, velocity=measured, limits=False, fallback=fallback, **options)
         robot = reduced.robot
         self._base = None if base is None else robot.frame_id(base)
@@ -199,17 +192,6 @@ class VelocityLoop(VelocityInputLoop):
         pin.forwardKinematics(model, data, q, v)
         twist = pin.getFrameVelocity(model, data, self._base, pin.ReferenceFrame.LOCAL)
         return BaseTwist(float(twist.linear[0]), float(twist.linear[1]), float(twist.angular[2]))
-
-
-def _velocity_controller(
-    reduced: ReducedModel, target: KinematicControllerOrFactory, limits: bool | Array
-) -> ControllerOrFactory:
-    """Return the controller of actuator velocities, or a function from the first measurement to it."""
-    if isinstance(target, KinematicController):
-        return ActuatorVelocityController(reduced, target, limits)
-    check_velocity_actuation(reduced)
-    limits = velocity_limits(reduced, limits)
-    return lambda measurement: ActuatorVelocityController(reduced, admit_controller(target(measurement)), limits)
 
 
 def _entry(reduced: ReducedModel, name: str) -> int:
