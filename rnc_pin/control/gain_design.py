@@ -1,14 +1,14 @@
 """Design of gains: of the trackers (8)-(9) and (10), and of the outer loops. Python and scenario files both use it.
 
-There are three presets. ``paper`` has the numbers of the paper. ``normalised`` needs a bound on H from the user.
-``scaled`` reads H over a region of configurations. Only this design reads an inertia, and only beforehand.
+There are two presets. ``paper`` has the numbers of the paper. ``scaled`` reads H over a region of configurations. Only
+this design reads an inertia, and only beforehand.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal, NamedTuple, Self, TypeVar
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 
 Gain = float | np.ndarray
-Preset = Literal["paper", "normalised", "scaled"]
+Preset = Literal["paper", "scaled"]
 
 
 class OuterGains(NamedTuple):
@@ -56,7 +56,6 @@ DEFAULT_OUTER_GAINS = OuterGains()
 """Gains of the outer loops unless the preset is "paper"; also the defaults of their constructors."""
 OUTER_GAINS: dict[Preset, OuterGains] = {
     "paper": OuterGains(k21=0.0, alpha=1.0, k=0.1, rate=0.2, tolerance=0.02, max_speed=(0.3, 0.3)),
-    "normalised": DEFAULT_OUTER_GAINS,
     "scaled": DEFAULT_OUTER_GAINS,
 }
 """Gains of the outer loops by preset."""
@@ -68,9 +67,7 @@ class GainDesign:
     """Choice of the gains of a tracker: a preset, and what it needs to know.
 
     Attributes:
-        preset: "paper", "normalised" or "scaled".
-        inertia_bound: for "normalised": upper bound of the reduced inertia, ``diag(inertia_bound) - H >= 0``
-            [kg, kg m^2]; a number, or one for each of these outputs.
+        preset: "paper" or "scaled".
         bandwidth: for "scaled": bandwidth of the velocity loop [rad/s]; by default the largest that sampling allows.
         adaptation: for "scaled": adaptation rate ``beta / k`` [1/s]; by default 1, and up to 20 where gravity loads the
             outputs.
@@ -85,7 +82,6 @@ class GainDesign:
     """
 
     preset: Preset = "scaled"
-    inertia_bound: Gain | None = None
     bandwidth: Positive | None = None
     adaptation: Positive | None = None
     delay: NotNegative | None = None
@@ -98,11 +94,6 @@ _SCALED = GainDesign()
 
 class TrackerGains:
     """Gains of an adaptive tracker."""
-
-    @classmethod
-    def paper(cls) -> Self:
-        """Return the gains of paper section 4, for every system: the defaults."""
-        return cls()
 
     def describe(self) -> Description:
         """Return the gains by name; dead zone and modes only if there are some."""
@@ -130,30 +121,6 @@ class VelocityGains(TrackerGains):
     sigma: NotNegative = 0.1
     dead_zone: Gain = 0.0
     modes: np.ndarray | None = None
-
-    @classmethod
-    def normalised(cls, bound: Gain | None, bandwidth: float = 4.0, adaptation: float = 1.0) -> VelocityGains:
-        """Return gains ``K = bandwidth D`` from a known bound ``H <= D = diag(bound)`` only.
-
-        With ``Hdot = V + V^T`` the error obeys ``d/dt (e^T H e / 2) = -e^T K e + e^T d``. Here d is the force that
-        adaptation has not learnt yet. As ``e^T K e = bandwidth e^T D e >= bandwidth e^T H e``, the error decays at
-        ``bandwidth`` or faster wherever the bound holds. Adaptation with ``beta = adaptation K`` preserves this
-        (Lemma 3). The fastest rate is ``bandwidth D / H``, for the lightest motion. Consider a bandwidth of 4/s, twice
-        the outer loop's, and a sampling period of 2 ms. The product of rate and period reaches
-        ``MAX_RATE_TIMES_PERIOD`` if H is 25
-        times less than its bound. Adaptation makes the loop unstable if H is 125 times less.
-
-        Args:
-            bound: on the reduced inertia, ``diag(bound) - H >= 0`` [force per acceleration]; a number, or one for
-                each reducing output (r,). For a diagonally dominant H, the absolute row sums are a bound.
-            bandwidth: lowest rate of the closed loop [1/s].
-            adaptation: ``beta / k`` [1/s].
-
-        Raises:
-            ConfigurationError: the bound is not positive.
-        """
-        k = bandwidth * _positive(bound)
-        return cls(k=k, beta=adaptation * k)
 
     @classmethod
     def scaled(
@@ -243,31 +210,6 @@ class PositionGains(TrackerGains):
     dead_zone: Gain = 0.0
 
     @classmethod
-    def normalised(cls, bound: Gain | None, gamma: float = 8.0, rate: float = 3.0) -> PositionGains:
-        """Return gains from a known bound ``H <= D = diag(bound)`` only.
-
-        With ``k1 = kappa1 D, k2 = kappa2 D`` every motion of ``H = D / rho``, rho at least 1, has the polynomial
-        ``s^3 + 2 gamma s^2 + rho (omega^2 s + 2 kappa2 gamma^3)`` with ``omega^2 = kappa1 gamma^4 + kappa2 gamma^2``.
-        It is stable at every rho for ``kappa1 > 0``. Its slow root tends to ``-rate = -2 kappa2 gamma^3 / omega^2`` as
-        H gets lighter. With ``omega = 4 rate`` that root is beyond ``-rate`` at the bound itself. Sampling every dt
-        matters once ``rho omega^2 > gamma / dt``: at 2 ms H may be 27 times less than its bound.
-
-        Args:
-            bound: on the inertia of the outputs, ``diag(bound) - H >= 0``; a number, or one for each output (k,).
-            gamma: rate of the filter [1/s].
-            rate: decay rate of the error [1/s]; below ``gamma / 2``.
-
-        Raises:
-            ConfigurationError: the bound is not positive, or the filter is too slow for the rate.
-        """
-        if not 0 < 2.0 * rate < gamma:
-            raise ConfigurationError(f"gamma has to be above twice the rate {rate:g}/s, found {gamma:g}/s")
-        diagonal, square = _positive(bound), (4.0 * rate) ** 2
-        kappa2 = rate * square / (2.0 * gamma**3)
-        kappa1 = (square - kappa2 * gamma**2) / gamma**4
-        return cls(k1=kappa1 * diagonal, k2=kappa2 * diagonal, gamma=gamma, beta=1.0 * diagonal)
-
-    @classmethod
     def scaled(
         cls,
         inertia: np.ndarray,
@@ -329,7 +271,7 @@ def design_velocity_gains(
 
     Raises:
         InfeasibleError: no gains fit both the inertia and the sampling.
-        ConfigurationError: an argument is not valid, or "normalised" has no bound.
+        ConfigurationError: an argument is not valid.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -344,8 +286,7 @@ def design_velocity_gains(
     check_known(design.preset, OUTER_GAINS, "preset")
     if design.preset == "scaled":
         return VelocityGains.scaled(reduced, configurations, dt, design, outputs=outputs, times=times)
-    paper = design.preset == "paper"
-    return _override(VelocityGains.paper() if paper else VelocityGains.normalised(design.inertia_bound), design)
+    return _override(VelocityGains(), design)
 
 
 def design_position_gains(
@@ -361,20 +302,16 @@ def design_position_gains(
             "scaled" calls it.
         configurations: region of the motion, (..., nq).
         dt: sampling period [s].
-        design: preset, bound, delay and overrides.
+        design: preset, delay and overrides.
 
     Raises:
         InfeasibleError: sampling is too slow for these rates.
-        ConfigurationError: an argument is not valid, or "normalised" has no bound.
+        ConfigurationError: an argument is not valid.
     """
     check_known(design.preset, OUTER_GAINS, "preset")
-    if design.preset == "paper":
-        gains = PositionGains.paper()
-    elif design.preset == "normalised":
-        gains = PositionGains.normalised(design.inertia_bound)
-    else:
-        gains = PositionGains.scaled(inertia(configurations), dt, delay=design.delay or 0.0)
-    return _override(gains, design)
+    if design.preset == "scaled":
+        return _override(PositionGains.scaled(inertia(configurations), dt, delay=design.delay or 0.0), design)
+    return _override(PositionGains(), design)
 
 
 _Gains = TypeVar("_Gains", VelocityGains, PositionGains)
@@ -394,16 +331,6 @@ def check_gains(**gains: Gain) -> None:
         values = np.asarray(gain)
         if values.dtype.kind not in "fiu" or not (np.isfinite(values) & (values >= 0)).all():
             raise ConfigurationError(f"gain {name}: expected numbers of at least 0, found {short_text(gain)}")
-
-
-def _positive(bound: Gain | None) -> np.ndarray:
-    """Return a bound on the inertia as an array; raise an error if it is not positive."""
-    if bound is None:
-        raise ConfigurationError("the preset 'normalised' needs an inertia_bound, a bound on the reduced inertia")
-    values = np.asarray(bound, dtype=float)
-    if not (np.isfinite(values).all() and (values > 0).all()):
-        raise ConfigurationError(f"a bound on the inertia has to be positive, found {values.tolist()}")
-    return values
 
 
 def _check_delay(delay: float) -> None:

@@ -97,7 +97,7 @@ class PositionTracker(DescribedMixin):
                 )
             angular = angular.angular
         self.reference = reference
-        self.gains = PositionGains.paper() if gains is None else gains
+        self.gains = PositionGains() if gains is None else gains
         self._has_dead_zone = bool(np.any(self.gains.dead_zone))
         self.outputs = np.arange(reference.size) if outputs is None else np.asarray(outputs, dtype=int)
         self.angular = np.zeros(reference.size, dtype=bool) if angular is None else np.asarray(angular, dtype=bool)

@@ -85,7 +85,7 @@ class VelocityTracker(DescribedMixin):
     ) -> None:
         check_target(target)
         self.target = target
-        self.gains = VelocityGains.paper() if gains is None else gains
+        self.gains = VelocityGains() if gains is None else gains
         if not isinstance(self.gains, VelocityGains):
             raise ConfigurationError(f"gains: expected VelocityGains, found {short_text(self.gains)}")
         check_gains(k=self.gains.k, beta=self.gains.beta, sigma=self.gains.sigma, dead_zone=self.gains.dead_zone)

@@ -163,7 +163,7 @@ def test_an_integral_that_a_task_needs_is_asked_for():
     redundant = RedundancyController(task, Hold(np.zeros(3)), Hold(np.zeros(1)), 1.0, 1.0)
     tracker = PositionTracker(Hold(np.zeros(4)))
     words = "a feedback gain acts on an output without a value: it is a quasi-velocity"
-    for controller in (tracker, VelocityTracker(redundant, VelocityGains.paper())):
+    for controller in (tracker, VelocityTracker(redundant, VelocityGains())):
         with pytest.raises(rnc.InputError, match=words):
             controller.step(0.0, seen, controller.initial_state(reduced.at(q, rest).measure(rest)))
         known = reduced.at(q, rest).measure(rest)

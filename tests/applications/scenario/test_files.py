@@ -254,7 +254,7 @@ BROKEN = {
         [PRIMARY, "frequency"]),
     "unknown controller": ({"controller.type": "redundency"}, ["controller.type: expected 'redundancy', 'red"]),
     "unknown preset": ({"controller.preset": "papr"},
-        ["controller.preset: expected 'paper', 'normalised' or 'scaled'"]),
+        ["controller.preset: expected 'paper' or 'scaled'"]),
     "gain in words": ({"controller.k": "high"}, ["controller.k: expected", "number", "'high'"]),
     "too few velocity gains": ({"controller.k": [1, 2]}, ["controller.k"]),
     "too many primary gains": ({"controller.k21": [1, 2, 3]}, ["controller.k21"]),

@@ -152,9 +152,8 @@ class ControllerSettings(Strict):
     type: str
     """Type of the controller."""
     preset: Preset = "scaled"
-    """Default gains. "paper": gains of the paper. "normalised": gains for an ``inertia_bound``. "scaled": gains scaled
-    to the reduced inertia H along the reference. Only "scaled" reads H. With unknown masses it reads H of the first
-    estimates."""
+    """Default gains. "paper": gains of the paper. "scaled": gains scaled to the reduced inertia H along the reference.
+    Only "scaled" reads H. With unknown masses it reads H of the first estimates."""
 
     @property
     def followed(self) -> frozenset[str]:
@@ -209,35 +208,11 @@ def preset_gains(kind: Callable[..., T], *names: str) -> Entry[T]:
     return part(kind, *names, optional=names)
 
 
-_BOUND = part(GainDesign, "inertia_bound")
 _RATES = part(GainDesign, "adaptation", "delay")
 _DEAD_ZONE, _ALPHA = preset_gains(VelocityGains, "dead_zone"), preset_gains(OuterGains, "alpha")
 
 
-class InertiaBoundSettings(ControllerSettings, _BOUND.model):  # type: ignore[name-defined, misc]
-    """Settings of controllers with an adaptive tracker, whose gains depend on the inertia."""
-
-    def bound(self, r: int) -> np.ndarray | None:
-        """Inertia bound of each reducing output, (r,); None without one.
-
-        Raises:
-            ConfigurationError: the number of values is not r.
-        """
-        bound = sized_gain("inertia_bound", self.inertia_bound, r)
-        return None if bound is None else np.broadcast_to(np.asarray(bound, dtype=float), (r,))
-
-    @model_validator(mode="after")
-    def _check_inertia_bound(self) -> InertiaBoundSettings:
-        if self.preset == "normalised" and self.inertia_bound is None:
-            raise wrong("inertia_bound", "is missing; the preset 'normalised' needs a bound on the reduced inertia")
-        if self.preset != "normalised" and self.inertia_bound is not None:
-            raise wrong("inertia_bound", "belongs to the preset 'normalised'")
-        if self.inertia_bound is not None and np.min(self.inertia_bound) <= 0:
-            raise wrong("inertia_bound", f"expected positive numbers, found {self.inertia_bound}")
-        return self
-
-
-class AdaptationSettings(InertiaBoundSettings, _RATES.model, _DEAD_ZONE.model, _ALPHA.model):  # type: ignore[name-defined, misc]
+class AdaptationSettings(ControllerSettings, _RATES.model, _DEAD_ZONE.model, _ALPHA.model):  # type: ignore[name-defined, misc]
     """Settings of controllers that learn disturbance forces, and unknown parameters of the kinematics."""
 
     scaled_only: ClassVar[tuple[str, ...]] = ("adaptation", "delay")

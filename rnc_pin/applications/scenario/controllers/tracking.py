@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from rnc_pin.applications.scenario.controllers.base import (
     AdaptationSettings,
-    InertiaBoundSettings,
+    ControllerSettings,
     preset_gains,
     sized_gain,
 )
@@ -62,7 +62,7 @@ PlatformItem = Annotated[PartialCall[UnicycleStabilizer], _PLATFORM]
 """Goal of a unicycle platform in the second phase."""
 
 
-class JacobianTransposeSettings(InertiaBoundSettings, _POSITION_GAINS.model, _ACTIVE.model):  # type: ignore[name-defined, misc]
+class JacobianTransposeSettings(ControllerSettings, _POSITION_GAINS.model, _ACTIVE.model):  # type: ignore[name-defined, misc]
     """Tracking of the primary outputs by the ``active`` actuators, without velocity measurements: (8)-(9)."""
 
     follows: ClassVar[frozenset[str]] = frozenset({"primary"})
@@ -72,17 +72,12 @@ class JacobianTransposeSettings(InertiaBoundSettings, _POSITION_GAINS.model, _AC
 
     def _build(self, context: ControllerContext) -> BuiltController:
         task, reduced, outputs = context.task, context.reduced, context.task.primary
-        bound = self.bound(reduced.r)
         with ConfigurationError.at("controller"):
             gains = design_position_gains(
                 partial(effective_inertia, reduced, outputs=outputs, active=self.active),
                 context.q0,  # undriven outputs drift, so the region of motion is unknown
                 context.simulation.dt,
-                GainDesign(
-                    self.preset,
-                    None if bound is None else bound[outputs],
-                    overrides=self.tracker_gains(PositionGains, len(outputs)),
-                ),
+                GainDesign(self.preset, overrides=self.tracker_gains(PositionGains, len(outputs))),
             )
         tracker = PositionTracker(context.primary, gains, outputs=outputs, angular=task.primary_coordinates)
         return BuiltController(JacobianTransposeController(reduced, tracker, self.active))
@@ -128,17 +123,14 @@ class TwoPhaseSettings(AdaptationSettings):
         """Gains of the hand's tracker and of the platform's tracker, from the inertia at the initial configuration."""
         reduced, primary, redundant = context.reduced, context.task.primary, context.task.redundant
         start, dt = context.q0[None], context.simulation.dt
-        dead_zone, bound = sized_gain("dead_zone", self.dead_zone, reduced.r), self.bound(reduced.r)
-
-        def design(part: np.ndarray) -> GainDesign:
-            return GainDesign(self.preset, None if bound is None else bound[part], delay=self.delay)
-
+        dead_zone, design = (
+            sized_gain("dead_zone", self.dead_zone, reduced.r),
+            GainDesign(self.preset, delay=self.delay),
+        )
         still = dead_zone[redundant] if isinstance(dead_zone, np.ndarray) else dead_zone
-        driven = replace(design(redundant), adaptation=self.adaptation, overrides={"dead_zone": still})
+        driven = replace(design, adaptation=self.adaptation, overrides={"dead_zone": still})
         with ConfigurationError.at("controller"):
-            hand = design_position_gains(
-                lambda q: reduced.at(q).H[..., primary, :][..., primary], start, dt, design(primary)
-            )
+            hand = design_position_gains(lambda q: reduced.at(q).H[..., primary, :][..., primary], start, dt, design)
             platform = design_velocity_gains(reduced, start, dt, driven, outputs=redundant)
         return hand, platform
 
@@ -191,7 +183,6 @@ class VelocityTrackerSettings(AdaptationSettings, _BANDWIDTH.model, _VELOCITY_GA
         with ConfigurationError.at("controller"):
             design = GainDesign(
                 self.preset,
-                self.bound(reduced.r),
                 self.bandwidth,
                 self.adaptation,
                 self.delay,

@@ -201,7 +201,7 @@ class ScenarioFile(Strict):
     """Seed of all random numbers."""
     comparisons: dict[str, dict[str, Content]] = {}
     """Additional runs for comparison: label to dotted keys and their values."""
-    presets: dict[Literal["paper", "normalised", "scaled"], dict[str, Content]] = {}
+    presets: dict[Literal["paper", "scaled"], dict[str, Content]] = {}
     """Values for each preset of the controller: preset to dotted keys and their values. Options of the command line
     take precedence."""
     variant: str | None = None

@@ -33,7 +33,7 @@ NEEDED = {
 }
 VALUES = {  # of every setting that some type has
     "preset": "scaled", "end": "continue", "gains": "plan", "tracker": "computed_torque", "gravity_compensation": False,
-    "adaptation": 3.0, "bandwidth": 20.0, "inertia_bound": 90.0, "delay": 0.01, "dead_zone": [0.1, 0.0, 0.2],
+    "adaptation": 3.0, "bandwidth": 20.0, "delay": 0.01, "dead_zone": [0.1, 0.0, 0.2],
     "posture": {}, "unknown": {"base": "platform", "initial": {"joint_1": 1.0}},
     "coordinates": ["joint_1", {"joint": "joint_2"}], "rates": ["joint_1"],
     "input_cost": {"joint_1": 2.0}, "v2": {"joint_1": 0.1}, "hold": ["joint_1"], "cyclic": ["joint_1"],
@@ -66,7 +66,7 @@ def test_every_setting_is_tried():
 @pytest.mark.parametrize("kind", TYPES)
 def test_a_type_takes_its_own_settings_and_no_other(kind):
     # What some mean nothing without.
-    beside = {"inertia_bound": {"preset": "normalised"}, "alpha": {"unknown": VALUES["unknown"]}}
+    beside = {"alpha": {"unknown": VALUES["unknown"]}}
     of_a_file = {("set_point", "limits"): {"effort": None}}  # those of the robot's file
     for name, usual in VALUES.items():
         needed = {key: value for key, value in beside.get(name, {}).items() if key in TYPES[kind].model_fields}
@@ -98,10 +98,6 @@ def test_null_takes_a_setting_away_so_that_a_comparison_may_change_the_type():
     ({"type": "two_phase"}, "controller.platform: is missing; expected goal pose and start time"),
     ({"type": "steering", "k3": "x"}, "controller.k3: expected a valid number"),
     ({"type": "two_phase", "preset": "paper", **NEEDED["two_phase"], "adaptation": 2}, "belongs to the preset"),
-    ({"type": "redundancy", "inertia_bound": 9}, "controller.inertia_bound: belongs to the preset 'normalised'"),
-    ({"type": "redundancy", "preset": "normalised"}, "controller.inertia_bound: is missing; the preset 'normal"),
-    ({"type": "redundancy", "preset": "normalised", "inertia_bound": [9, 0, 9]},
-        "inertia_bound: expected positive numbers, found"),
     ({"type": ["steering"]}, r"controller.type: expected 'redundancy', .* or 'none', found \['steering'\]"),
     ("steering", "controller: expected a mapping, found 'steering'"),
 ])  # fmt: skip
