@@ -129,7 +129,7 @@ def test_gains_by_hand_replace_those_of_the_preset(tmp_path):
 
 
 @pytest.mark.parametrize(("changes", "words"), [
-    ({"reference.redundant": {"hold": {}}}, "is not followed by a controller of type 'redundancy'; controller.sec"),
+    ({"reference.redundant": {"hold": {}}}, "is not followed by a controller of type 'redundancy'; controller.pos"),
     ({"controller": {"type": "jacobian_transpose", "active": ["joint_2", "joint_3"]}}, "reference.vertical: is not"),
 ])  # fmt: skip
 def test_a_reference_that_nothing_follows_is_refused(changes, words, tmp_path):

@@ -123,10 +123,8 @@ class TwoPhaseSettings(AdaptationSettings):
         """Gains of the hand's tracker and of the platform's tracker, from the inertia at the initial configuration."""
         reduced, primary, redundant = context.reduced, context.task.primary, context.task.redundant
         start, dt = context.q0[None], context.simulation.dt
-        dead_zone, design = (
-            sized_gain("dead_zone", self.dead_zone, reduced.r),
-            GainDesign(self.preset, delay=self.delay),
-        )
+        dead_zone = sized_gain("dead_zone", self.dead_zone, reduced.r)
+        design = GainDesign(self.preset, delay=self.delay)
         still = dead_zone[redundant] if isinstance(dead_zone, np.ndarray) else dead_zone
         driven = replace(design, adaptation=self.adaptation, overrides={"dead_zone": still})
         with ConfigurationError.at("controller"):
