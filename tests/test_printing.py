@@ -11,7 +11,7 @@ import rnc_pin as rnc
 from bodies import add_body, add_frame
 from rnc_pin import control
 from rnc_pin.planning import Hold
-from systems import bicycle, space_robot
+from systems import space_robot
 
 
 def cart() -> rnc.Robot:
@@ -35,22 +35,6 @@ def reduced(system):
     return system.reduce([rnc.FrameSpeed("left<b>"), rnc.FrameYaw("left<b>")], [rnc.FramePosition("left<b>", "xy")])
 
 
-@pytest.fixture(scope="module")
-def run(reduced):
-    q0 = reduced.robot.configuration()
-    options = rnc.SimulationOptions(meta={"scenario": "<a> & b"})
-    return rnc.free_motion(reduced, q0, [1.0, 0.5], 1.0, 0.1, np.array([2.0, 0.0]), options=options)
-
-
-def test_a_robot():
-    assert str(space_robot().robot).splitlines() == [
-        "Robot 'space_robot': 4 degrees of freedom, fixed base",
-        "  joints: platform, joint_1, joint_2, joint_3",
-    ]
-    assert str(cart()).splitlines()[0] == "Robot '<cart> & 'co'': 3 degrees of freedom, planar base"
-    assert "free base" in str(bicycle().robot)
-
-
 def test_a_system_says_which_rows_it_dropped_and_why(system):
     assert str(system).splitlines() == [
         "NonholonomicSystem of '<cart> & 'co'': 3 degrees of freedom less 1 independent row leave 2",
@@ -58,12 +42,6 @@ def test_a_system_says_which_rows_it_dropped_and_why(system):
         "  rows dropped: no_side_slip(right<b>.y) [a combination of no_side_slip(left<b>.y)]",
         "  actuators: force(left<b>.x), torque(left<b>.z)",
     ]
-
-
-def test_a_run(run):
-    assert repr(run) == "Trajectory of '<a> & b': completed, 1 s in 11 samples"
-    assert "force(left<b>.x) [2 N]" in str(run)
-    assert "singular value of E, smallest" in str(run)
 
 
 def test_a_run_that_failed_says_why(reduced):

@@ -156,9 +156,3 @@ def test_the_example_of_the_readme_loads_a_fifth_of_the_package():
     count = "import sys; print(sum(name.startswith('rnc_pin.') for name in sys.modules))"
     out, _ = imported([sys.executable, "-c", f"{example}\n{count}"])
     assert int(out.splitlines()[-1]) <= 110
-
-
-def test_a_star_takes_every_public_name():
-    taken = {}
-    exec("from rnc_pin import *", taken)
-    assert set(rnc.__all__) <= set(taken)

@@ -47,11 +47,3 @@ def test_an_amount_without_a_number_is_none_as_in_json():
     endless = Finding(FindingKind.GOAL, "x", float("nan"), "m", None, Severity.FAILS, "lost")
     assert endless.amount is None
     assert json.loads(json.dumps(endless.to_json(), allow_nan=False))["amount"] is None
-
-
-def test_it_prints_its_word_and_its_findings_by_weight():
-    assert str(Verdict.of([MISSED, AT_A_BOUND], ["goal"])).splitlines() == [
-        "degraded",
-        "  accepted: missed",
-        "  degrades: saturated",
-    ]

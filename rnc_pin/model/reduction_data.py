@@ -21,7 +21,6 @@ from rnc_pin.robots.robot import Robot
 
 _CHOOSE_AGAIN = 1e3  # dependence of a row above which other rows are selected, if there are any
 _TIE = 1e-6  # relative preference of an entry of v over the next one, to break ties
-_INDEPENDENT = 1e-3  # smallest singular value of entries that count as independent
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,21 +209,6 @@ def best_entries(rows: np.ndarray, r: int) -> list[int]:
     basis = null_space(rows)
     preference = 1.0 - _TIE * np.arange(len(basis))  # otherwise rounding decides ties, differently at each state
     return sorted(pivot_columns(preference * basis.T, r)[0])
-
-
-def completing_entries(
-    robot: Robot, rows: RowStack, entries: Sequence[int], count: int, configurations: np.ndarray
-) -> list[int]:
-    """Return ``count`` of the given entries of v whose rows complete a square matrix at a configuration, else none."""
-    kinematics = Kinematics(robot)
-    for q in configurations if 0 < count <= len(entries) else ():
-        with suppress(SingularityError):  # some row is undefined at q
-            basis = null_space(rows.jacobian(kinematics.position(q)))
-            if basis.shape[1] == count:
-                chosen = sorted(entries[k] for k in pivot_columns(basis[entries].T, count)[0])
-                if np.linalg.svd(basis[chosen], compute_uv=False)[-1] > _INDEPENDENT:
-                    return chosen
-    return []
 
 
 def row_scales(robot: Robot, rows: RowStack, reducing: OutputStack, configurations: np.ndarray) -> np.ndarray:

@@ -28,7 +28,6 @@ from rnc_pin.model.reduction_data import (
     ReductionData,
     VelocityRows,
     best_entries,
-    completing_entries,
     row_scales,
 )
 from rnc_pin.model.relative_rows import CouplingRow, is_loose, loose_mimics, mimic_rows
@@ -210,7 +209,7 @@ class NonholonomicSystem(SummaryMixin):
             raise ConstraintError(
                 f"{x2.size} reducing outputs ({', '.join(x2.names) or 'none'}), expected {self.r}: "
                 f"{self.n} degrees of freedom less {self.m} of the constraints"
-                f"{_still(x2, self.robot, self._samples) or self._completion(x2)}"
+                f"{_still(x2, self.robot, self._samples)}"
             )
         reduced = self._reduced(x2, x1, singularity_limit, free=False)
         self._check_regular(reduced)
@@ -248,16 +247,6 @@ class NonholonomicSystem(SummaryMixin):
         names, units = self.robot.velocity_names, self.robot.velocity_units
         rows = VelocityRows(np.eye(self.n)[best], [names[k] for k in best], [units[k] for k in best])
         return OutputStack([rows])
-
-    def _completion(self, x2: OutputStack) -> str:
-        """Hint at joints, actuated ones first, that complete too few outputs at a sampled configuration."""
-        names, missing = self.robot.velocity_names, self.r - x2.size
-        joints = [k for k, name in enumerate(names) if name in self.robot.joint_names]
-        driven = [k for k in joints if names[k] in self.actuation.names]
-        rows = RowStack.joined(self.constraints, x2)
-        found = (completing_entries(self.robot, rows, each, missing, self._samples) for each in (driven, joints))
-        chosen = next(filter(None, found), None)
-        return f"; {few([names[k] for k in chosen])} would complete them" if chosen else ""
 
     def _check_regular(self, reduced: ReducedModel) -> None:
         """Raise an error if the outputs are dependent at every sampled configuration: this is a modeling mistake."""

@@ -114,25 +114,6 @@ def test_results_repeat_to_the_bit_whatever_was_evaluated_in_between():
 
 
 @needs_library
-@pytest.mark.parametrize("wrong", ["list", "float32", "strided", "shape", "nan", "not of unit length"])
-def test_forward_dynamics_takes_and_refuses_what_an_evaluation_does(wrong):
-    reduced = tiago()
-    ((q, v2),) = random_states(reduced, 1)
-    T = np.ones(reduced.p)
-    expected = reduced.forward_dynamics(q, v2, T)
-    if wrong == "list":
-        np.testing.assert_array_equal(reduced.forward_dynamics(q.tolist(), v2.tolist(), T.tolist()), expected)
-    elif wrong == "float32":
-        assert reduced.forward_dynamics(q, v2.astype(np.float32), T).dtype == float
-    elif wrong == "strided":
-        np.testing.assert_array_equal(reduced.forward_dynamics(np.repeat(q, 2)[::2], v2, T), expected)
-    else:
-        bad = {"shape": q[:-1], "nan": np.full_like(q, np.nan), "not of unit length": 2 * q}[wrong]
-        with pytest.raises(rnc.InputError):
-            reduced.forward_dynamics(bad, v2, T)
-
-
-@needs_library
 def test_the_kernel_refuses_arrays_of_other_sizes():
     reduced = tiago()
     ((q, v2),) = random_states(reduced, 1)

@@ -60,23 +60,6 @@ def test_a_filled_array_replaces_its_formula_and_formulas_use_it():
     np.testing.assert_allclose(still.v, -plain.v, rtol=1e-12, atol=1e-15)
 
 
-@pytest.mark.parametrize("make", [mobile_manipulator, tiago])
-@pytest.mark.parametrize("measured", [False, True], ids=["on first use", "by one call"])
-def test_nothing_that_an_evaluation_returns_can_be_written(make, measured):
-    reduced = make()
-    ((q, v2),) = random_states(reduced, 1)
-    state = reduced.at(q, v2)
-    if measured:
-        state = reduced.evaluator.measured(np.array(state.q), np.array(state.v))
-    names = (
-        "M", "B", "E", "E_inverse", "A", "J1", "J2", "R", "A_star", "input_matrix", "H", "b", "v", "v2", "v1",
-        "row_velocities", "nonlinear_effects", "gamma", "E_dot", "R_dot", "J1_dot", "A_star_dot", "bias", "V", "G", "C",
-        "g",
-    )  # fmt: skip
-    assert [name for name in names if getattr(state, name).flags.writeable] == []
-    assert not any(each.flags.writeable for each in state.outputs())
-
-
 @needs_kernel
 def test_whole_calls_of_a_compiled_evaluator_are_those_of_numpy_where_it_declines():
     """Two velocities depend on each other so nearly that others replace them."""

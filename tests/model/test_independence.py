@@ -147,19 +147,3 @@ def test_of_rows_that_are_never_well_independent_the_best_at_its_worst_are_kept(
         assert len(set(tried)) > 1
         assert max(tried) < 1e-3
         np.testing.assert_allclose(worst(_choose(matrices, 3, 1e-9)), max(tried))
-
-
-def test_rows_that_depend_may_not_demand_something_else():
-    rows = np.array([[[1.0, 0], [0, 1], [2, -1]]])
-    for scale in (1.0, 1e-4, 1e5):
-        good = scale * np.array([[1.0, 0.5, 1.5]])
-        found = select_independent(rows, "abc", good)
-        assert found.kept == [0, 1]
-        assert found.dropped[0].reason == "a combination of a, b"
-        select_independent(rows, "abc", good + scale * np.array([[0, 0, 0.5 * TOLERANCE]]))
-        with pytest.raises(rnc.ConstraintError) as said:
-            select_independent(rows, "abc", good - scale * np.array([[0, 0, 5 * TOLERANCE]]))
-        assert "constraint row 'c' contradicts the others" in str(said.value)
-    words = "row 'c' contradicts the others: it requires 3, the others require 1.5"
-    with pytest.raises(rnc.ConstraintError, match=words):
-        select_independent(rows, "abc", np.array([[1.0, 0.5, 3.0]]))

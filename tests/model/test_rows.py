@@ -7,11 +7,9 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics
-from rnc_pin.model.reduction_data import VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import FrameAnchor, GroundContact, JointCoupler, Rows, check_defined
-from rnc_pin.simulation.ground_bodies import ground_bodies
-from systems import four_bar_robot, rolling_base, sleigh
+from systems import rolling_base, sleigh
 from textbook_systems import Flat, sliders
 
 # ---------------------------------------------------------------------- rows, stacks and couplings
@@ -90,26 +88,6 @@ def test_rows_say_nothing_of_what_they_have_not():
     assert (told.value.condition, told.value.q.shape) == (pytest.approx(2.0), (3,))
 
 
-def test_rows_that_are_constant_do_not_drift():
-    robot = four_bar_robot()
-    block = rnc.JointCoupling("coupler", "crank", 2.0).bind(robot)
-    kinematics = Kinematics(robot)
-    for shape in ((), (3,), (2, 3)):
-        q = np.broadcast_to(robot.configuration(), (*shape, robot.nq)).copy()
-        motion = kinematics.position(q).with_velocity(np.ones((*shape, robot.nv)))
-        assert block.bias_acceleration(motion).shape == (*shape, 1)
-        assert not block.bias_acceleration(motion).any()
-    assert block.bias_acceleration_gradient(None).tolist() == [[0.0] * robot.nv]
-
-
-def test_velocity_rows_are_combinations_without_a_value():
-    rows = VelocityRows(np.arange(6.0).reshape(2, 3), ["a", "b"], ["m/s", ""])
-    assert (rows.names, rows.units, rows.angular, rows.quasi) == (("a", "b"), ("m/s", ""), (False, False), True)
-    at = Kinematics(sliders()).position(np.zeros((5, 3)))
-    np.testing.assert_array_equal(rows.value(at), np.zeros((5, 2)))
-    assert rows.bias_acceleration_gradient(at).shape == (2, 3)
-
-
 def tilted(angle):
     """A body whose own x axis stands up, but for an angle."""
     model = pin.Model()
@@ -185,12 +163,6 @@ class _DriftingRow(Rows):
 def pushed_sleigh():
     robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
     return rnc.NonholonomicSystem(robot, [DriftingRunner()]).reduce()
-
-
-def test_a_kind_of_a_user_has_a_body_on_the_ground():
-    reduced = pushed_sleigh()
-    (body,) = ground_bodies(reduced)
-    np.testing.assert_allclose(body.left, _DriftingRow.across, atol=1e-15)
 
 
 def test_a_kind_of_a_user_glides_along_its_own_heading_in_mujoco():

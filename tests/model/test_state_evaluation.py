@@ -5,14 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 import pytest
-import scipy.linalg
 
 import rnc_pin as rnc
 from bodies import add_body, add_frame
 from rnc_pin.control import PositionTracker, RedundancyController, VelocityGains, VelocityTracker
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.compiled import evaluator_for
-from rnc_pin.model.independence import _choose
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.passive_forces import PassiveForces
@@ -22,7 +20,6 @@ from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.planning import Hold
-from simple_controllers import Memoryless
 from systems import ALL, mobile_manipulator, random_states, space_robot, spinning_space_robot, tiago, without_outputs
 from tolerances import KKT, ROUNDING
 
@@ -48,7 +45,11 @@ def test_one_velocity_at_many_configurations_and_many_at_one():
     for given in ((q, v2[0]), (q[0], v2)):
         expected = [reduced.forward_dynamics(p, w, T) for p, w in np.broadcast(*map(list_of, given))]
         np.testing.assert_allclose(reduced.forward_dynamics(*given, T), expected, atol=ROUNDING)
-    assert reduced.forward_dynamics(q[:0], v2[:0], np.zeros((0, 3))).shape == (0, 3)
+    for lead in ((0,), (2, 0)):  # no states
+        at = np.zeros((*lead, 4)), np.zeros((*lead, 3))
+        assert reduced.forward_dynamics(*at, np.zeros((*lead, 3))).shape == (*lead, 3)
+        assert reduced.terms(*at).R.shape == (*lead, 4, 3)
+        assert kinematic_gradient(reduced.at(at[0]), [0]).shape == (*lead, 1, 3, 1)
     with pytest.raises(rnc.InputError, match=r"q of shape \(6, 4\) and v2 of shape \(5, 3\) do not broadcast"):
         reduced.at(q, v2[:5])
     with pytest.raises(rnc.InputError, match="takes v2 or v, not both"):
@@ -86,19 +87,6 @@ def test_a_configuration_has_no_velocity():
 # ---------------------------------------------------------------------- as measured
 
 
-def test_a_run_records_what_was_measured():
-    reduced = space_robot()
-    q0 = reduced.robot.configuration({"joint_2": 1.8, "joint_3": -1.1})
-    x2 = reduced.at(q0).outputs()[1]
-    tracker = PositionTracker(Hold(x2 + np.array([0.1, 0.0, 0.0])))
-    run = rnc.simulate(reduced, tracker, q0, 0.2, 0.002)
-    for i in (0, 40, 100):
-        seen = reduced.at(run.q[i], v=run.v[i]).measure()
-        np.testing.assert_allclose(run.v1[i], seen.v1, atol=ROUNDING)
-        np.testing.assert_allclose(run.v2[i], seen.v2, atol=ROUNDING)
-        np.testing.assert_allclose(run.constraint_residual[i], seen.residual, atol=ROUNDING)
-
-
 # ---------------------------------------------------------------------- what has no value
 
 
@@ -131,24 +119,6 @@ def test_what_is_not_finite_is_refused_everywhere(make, bad):
         short = {name: good[name][:-1] for name in names.split()}
         with pytest.raises(rnc.InputError, match=r"has shape \(\d+,\), expected \(\.\.\., \d+\)"):
             functions[call](**short)
-
-
-def test_every_call_takes_many_states():
-    reduced = spinning_space_robot()
-    q, v2 = states_of(reduced, 4)
-    v = reduced.at(q, v2).v
-    for name, (call, *states) in {
-        "residual": (lambda q, v: reduced.at(q, v=v).residual, q, v),
-        "R_dot": (lambda q, v: reduced.at(q, v=v).R_dot, q, v),
-        "outputs": (lambda q: np.concatenate(reduced.at(q).outputs(), axis=-1), q),
-        "energy": (reduced.energy, q, v2),
-        "condition": (lambda q: reduced.at(q).condition, q),
-        "kinematic_gradient": (lambda q: kinematic_gradient(reduced.at(q), [0, 2]), q),
-    }.items():
-        many = call(*states)
-        for i in range(len(q)):
-            one = call(*(array[i] for array in states))
-            np.testing.assert_allclose(many[i], one, atol=ROUNDING, err_msg=name)
 
 
 def test_an_integral_that_a_task_needs_is_asked_for():
@@ -261,57 +231,6 @@ def test_a_linear_model_without_outputs_has_the_same_eigenvalues():
         np.testing.assert_allclose(rnc.linearize(free, q, T=T).eigenvalues, expected, atol=1e-7)
 
 
-def test_the_null_space_is_that_of_the_rows():
-    for name in ALL:
-        reduced = ALL[name]()
-        for q, _ in random_states(reduced, 2):
-            state = reduced.at(q)
-            basis = scipy.linalg.null_space(state.all_rows, rcond=1e-10)
-            assert basis.shape[1] == reduced.r
-            angle = scipy.linalg.subspace_angles(basis, state.R).max()
-            assert angle < 1e-9 * np.linalg.cond(state.R)
-
-
-def answers(reduced, q, v2, T, v):
-    """Terms of a model at states, by name."""
-    state = reduced.at(q, v2)
-    found = {name: getattr(state, name) for name in QUANTITIES}
-    found |= vars(reduced.terms(q, v2)) | vars(reduced.lagrangian_terms(q, v2))
-    found |= reduced.at(q, v2).measure(v2)._asdict() | reduced.at(q, v2).flow(T, np.ones(reduced.n))._asdict()
-    found |= {f"measured {name}": each for name, each in reduced.at(q, v=v).measure()._asdict().items()}
-    found |= {
-        "forward": reduced.forward_dynamics(q, v2, T),
-        "inverse": reduced.inverse_dynamics(q, v2, v2),
-        "inputs": reduced.allocate(q, v2) if reduced.p >= reduced.r else T,
-        "multipliers": reduced.multipliers(q, v2, T),
-        "contact_forces": reduced.at(q, v2).contact_forces(T),
-        "energy": reduced.energy(q, v2),
-        "gradient": kinematic_gradient(reduced.at(q), [0]),
-        "gradient of nothing": kinematic_gradient(reduced.at(q), []),
-        "condition": reduced.at(q).condition,
-        "singular value": reduced.at(q).smallest_singular_value,
-        "position": reduced.assembly.residual(q),
-    }
-    x1, x2 = reduced.at(q).outputs()
-    return found | {"x1 alone": x1, "x2 alone": x2}
-
-
-@pytest.mark.parametrize("name", ["fire_truck", "four_bar", "tiago", "tumbling_panda"])
-@pytest.mark.parametrize("lead", [(0,), (2, 0)])
-def test_no_states_have_answers_of_the_right_shapes(name, lead):
-    reduced = ALL[name]()
-    one = next(iter(random_states(reduced, 1)))[0]
-    sizes = (reduced.robot.nq, reduced.r, reduced.p, reduced.n)
-    q, v2, T, v = (np.zeros((2, size)) for size in sizes)
-    q[:] = one
-    expected = answers(reduced, q, v2, T, v)
-    for what, found in answers(reduced, *(np.zeros((*lead, size)) for size in sizes)).items():
-        if expected[what] is not None:
-            assert np.shape(found) == (*lead, *np.shape(expected[what])[1:]), what
-    assert reduced.at(one, np.zeros((*lead, reduced.r))).v.shape == (*lead, reduced.n)
-    assert reduced.at(np.zeros((*lead, reduced.robot.nq)), np.zeros(reduced.r)).v.shape == (*lead, reduced.n)
-
-
 # ---------------------------------------------------------------------- read-only
 
 
@@ -319,32 +238,14 @@ def test_quantities_are_computed_once_and_read_only():
     """One state and many: a caller that writes to a quantity gets an error and changes nothing."""
     reduced = tiago()
     q, v2 = states_of(reduced, 2)
-    for state in (reduced.at(q, v2), reduced.at(q[0], v2[0])):
+    one = reduced.at(q[0], v2[0])
+    for state in (reduced.at(q, v2), one, reduced.evaluator.measured(np.array(one.q), np.array(one.v))):
         for name in QUANTITIES:
             found = getattr(state, name)
             assert state.q.ndim > 1 or np.ndim(found) == 0 or found is getattr(state, name), name
             if isinstance(found, np.ndarray) and found.ndim > q.ndim - 1:
                 with pytest.raises(ValueError, match="read-only"):
                     found[...] = 0.0
-
-
-def test_a_controller_cannot_move_the_robot_by_its_measurement():
-    """In place, it gets an error; the run so far is kept."""
-    reduced = space_robot()
-
-    def write(t, measurement):
-        measurement.q[0] += 0.1
-        return rnc.control.Command(T=np.zeros(reduced.p))
-
-    q0 = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
-    with pytest.raises(rnc.SimulationError, match="read-only") as caught:
-        rnc.simulate(reduced, Memoryless(write), q0, 0.1, 0.01)
-    assert isinstance(caught.value.__cause__, ValueError)
-
-
-def test_rows_of_a_sample_next_to_a_singular_configuration_are_not_chosen():
-    good, bad = np.array([[1.0, 0.0], [0.0, 1.0], [0.6, 0.8]]), np.array([[0.0, 0.0], [0.0, 1.0], [0.0, 0.8]])
-    assert _choose(np.stack([bad, good]), 2, 1e-9) == _choose(np.stack([good]), 2, 1e-9) == [0, 1]
 
 
 N, MEET = 5, 0.3  # degrees of freedom; first coordinate at which the first two constraint rows are parallel

@@ -11,9 +11,8 @@ import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.model.reduction_data import best_entries
 from rnc_pin.model.relative_rows import is_loose
-from rnc_pin.model.rows import Rows, check_defined
 from rnc_pin.robots.sources.description import Mimic
-from systems import leaning_wheel, rolling_base, sleigh, space_robot, tiago
+from systems import rolling_base, space_robot, tiago
 from textbook_systems import Bound, Flat, Turning, coupling, sliders
 from tolerances import ROUNDING
 
@@ -48,14 +47,6 @@ def test_tiago_has_six_contact_rows_of_rank_three():
     assert reasons[1] == "a combination of lateral(wheel_left_link)"
 
 
-def test_two_knife_edges_on_one_axle_are_one_constraint():
-    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle"), rnc.NoSideSlip("base")])
-    assert system.m == 1
-    assert system.dropped_rows[0].name == "no_side_slip(base.y)"
-    assert system.dropped_rows[0].reason == "a combination of no_side_slip(axle.y)"
-
-
 # ---------------------------------------------------------------------- what is refused
 
 
@@ -74,6 +65,8 @@ def test_two_knife_edges_on_one_axle_are_one_constraint():
     (lambda: space(constraints=[rnc.Pfaffian(lambda q: np.eye(4)[:1] * (q[1] > 0), lambda q, v: np.zeros((1, 4)))]),
         rnc.ConstraintError, "rank of the constraints changes with the configuration, from 0 to 1"),
     (lambda: space().reduce([rnc.FramePosition("tip", "xx")]), rnc.ConfigurationError, "at most once"),
+    (lambda: rnc.NonholonomicSystem(rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar"),
+        [rnc.RollingWheel("axle", 0.2)]), rnc.ConstraintError, "has no single axis: give the axle with axis="),
 ])  # fmt: skip
 def test_what_does_not_fit_is_refused_in_one_line(make, error, words):
     with pytest.raises(error, match=words) as caught:
@@ -81,43 +74,7 @@ def test_what_does_not_fit_is_refused_in_one_line(make, error, words):
     assert "\n" not in str(caught.value)
 
 
-def test_gravity_along_a_conserved_momentum_is_refused():
-    robot = rnc.Robot.from_example("panda", base="free")
-    with pytest.raises(rnc.ConstraintError, match="gravity acts along it"):
-        rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("root_joint")])
-
-
-def test_a_wheel_without_an_axis_of_its_own_asks_for_one():
-    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-    with pytest.raises(rnc.ConstraintError, match="has no single axis: give the axle with axis="):
-        rnc.NonholonomicSystem(robot, [rnc.RollingWheel("axle", 0.2)])
-
-
-def test_a_wheel_that_lies_flat_is_said():
-    reduced = leaning_wheel()
-    flat = reduced.robot.configuration({"root_joint": [0, 0, 0, np.sin(np.pi / 4), 0, 0, np.cos(np.pi / 4)]})
-    with pytest.raises(rnc.SingularityError, match="lies flat"):
-        reduced.forward_dynamics(flat, np.zeros(3), np.zeros(3))
-
-
 # ---------------------------------------------------------------------- singular and wrong states
-
-
-def test_a_straight_arm_is_singular_and_names_the_rows():
-    reduced = space_robot()
-    q = reduced.robot.configuration()
-    for call in (
-        lambda: reduced.terms(q, np.zeros(3)),
-        lambda: reduced.forward_dynamics(q, np.zeros(3), np.zeros(3)),
-        lambda: reduced.at(q, np.zeros(3)).measure(),
-    ):
-        with pytest.raises(rnc.SingularityError) as caught:
-            call()
-        error = caught.value
-        assert error.condition > 1e8
-        assert error.time is None
-        np.testing.assert_array_equal(error.q, q)
-        assert error.rows == ("tip_x",)  # along x the arm cannot move in x
 
 
 def test_next_to_a_singular_configuration_the_answer_is_still_right():
@@ -147,39 +104,19 @@ def test_momentum_has_the_unit_of_the_motion_that_it_belongs_to(joint, units):
     assert rnc.MomentumConservation("base").bind(rnc.Robot(model)).units == units
 
 
-class Undefined:
-    """A row that is defined to the right of a line only."""
+@pytest.mark.parametrize(("line", "words"), [(0.0, None), (9.0, "row are undefined at every sampled configuration")])
+def test_rows_may_be_undefined_at_some_configurations(line, words):
+    def right_of_the_line(q):
+        if q[0] < line:
+            raise rnc.SingularityError("undefined", q=q, condition=np.inf, rows=("row",))
+        return np.eye(3)[1:2]
 
-    def __init__(self, line):
-        self.line = line
-
-    def bind(self, robot):
-        return UndefinedRows(self.line, robot)
-
-
-class UndefinedRows(Rows):
-    names, units, holonomic, on_ground, affine, joints = ("half",), ("m/s",), (False,), False, False, ()
-
-    def __init__(self, line, robot):
-        self.line, self.matrix = line, np.eye(robot.nv)[1:2]
-
-    def jacobian(self, at):
-        check_defined("to the left of the line", at.q, at.q[..., 0] - self.line, 0.0, self.names)
-        return np.broadcast_to(self.matrix, (*at.q.shape[:-1], *self.matrix.shape))
-
-    def jacobian_dot(self, at):
-        return np.zeros((*at.q.shape[:-1], *self.matrix.shape))
-
-    def bias_acceleration(self, at):
-        return self._zeros(at)
-
-
-def test_rows_that_are_undefined_at_some_configurations():
-    """Samples are taken where they are; nowhere at all is an error."""
-    robot = sleigh().robot
-    assert rnc.NonholonomicSystem(robot, [Undefined(0.0)]).r == 2
-    with pytest.raises(rnc.ConstraintError, match="constraints half are undefined at every sampled configuration"):
-        rnc.NonholonomicSystem(robot, [Undefined(1e9)])
+    given = sliders(), [Turning(["row"], right_of_the_line)]
+    if words is None:
+        assert rnc.NonholonomicSystem(*given).r == 2
+    else:
+        with pytest.raises(rnc.ConstraintError, match=words):
+            rnc.NonholonomicSystem(*given)
 
 
 def test_a_system_says_what_there_is_too_much_or_too_little_of():
@@ -455,30 +392,3 @@ def test_a_base_that_is_fixed_by_mistake_is_named(file, build, still):
     """It was explained by counts of outputs and rows."""
     with pytest.raises(rnc.RncError, match=still + LETS_IT_MOVE.format(file)):
         build(rnc.Robot.from_urdf(f"{file}.urdf"))
-
-
-def test_an_output_too_many_on_a_fixed_arm_says_nothing_about_its_base():
-    words = r"expected 4: 4 .* of the constraints; \w+, \w+ would complete them$"
-    with pytest.raises(rnc.ConstraintError, match=words):
-        space(constraints=[]).reduce([rnc.FramePosition("tip", "xy")])
-
-
-def cart_with_arm():
-    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-    return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")])
-
-
-@pytest.mark.parametrize(("make", "given"), [
-    (space, []),
-    (space, [rnc.JointPosition("joint_3")]),
-    (space, [rnc.FramePosition("tip", "xy")]),
-    (cart_with_arm, [rnc.FrameSpeed("base"), rnc.FrameYaw("base")]),
-    (cart_with_arm, [rnc.FramePosition("tip", "xy"), rnc.FrameYaw("base")]),
-])  # fmt: skip
-def test_the_joints_that_a_refusal_names_complete_the_outputs(make, given):
-    system = make()
-    with pytest.raises(rnc.ConstraintError, match=r"; [^;]* would complete them$") as caught:
-        system.reduce(given)
-    joints = str(caught.value).rpartition("; ")[2].removesuffix(" would complete them").split(", ")
-    assert system.reduce([*given, *map(rnc.JointPosition, joints)]).r == system.r
-    assert "platform" not in joints  # no actuator drives it

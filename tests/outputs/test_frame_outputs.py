@@ -189,28 +189,6 @@ def test_a_tilt_is_the_angle_above_the_horizon(axis, arm):
         np.testing.assert_allclose(reduced.at(q).outputs()[0], [np.arcsin(height)], atol=ROUNDING)
 
 
-@pytest.mark.parametrize("lean", [-1.2, 0.0, 0.3])
-def test_the_lean_of_a_disk(lean):
-    """Turned about the world's z by a heading, then about its own x by the lean, then about its axle."""
-    robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
-    reduced = free_of(robot, rnc.FrameTilt("disk"))  # the axle is y
-    turn = pin.utils.rotate("z", 0.8) @ pin.utils.rotate("x", lean) @ pin.utils.rotate("y", 2.1)
-    q = robot.configuration({"root_joint": [1, 2, 0.3, *pin.Quaternion(turn).coeffs()]})
-    own = pin.utils.rotate("y", 2.1).T
-    leaning, heading, rolling = own @ [0.7, 0, 0], turn.T @ [0, 0, 0.5], np.array([0, 9.0, 0])
-    state = reduced.at(q, np.r_[np.zeros(3), leaning + heading + rolling])
-    np.testing.assert_allclose(reduced.at(q).outputs()[0], [lean], atol=ROUNDING)
-    np.testing.assert_allclose(state.v1, [0.7], atol=ROUNDING)  # neither heading nor rolling matters
-
-
-def test_the_tilt_of_a_vertical_axis_has_no_rate():
-    robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
-    reduced = free_of(robot, rnc.FrameTilt("disk", "z"))
-    with pytest.raises(rnc.SingularityError, match="the tilt of a vertical axis has no rate") as caught:
-        _ = reduced.at(robot.configuration()).A_star
-    assert caught.value.rows == ("disk_tilt_z",)
-
-
 # ---------------------------------------------------------------------- FrameAngularVelocity
 
 
@@ -227,21 +205,6 @@ def test_an_angular_velocity_is_in_the_frames_own_axes(axis, arm):
         here = rotation(arm, "hand", q)
         turned = slope(arm.model, lambda p, here=here: pin.log3(here.T @ rotation(arm, "hand", p)), q, v)
         assert state.v1[0] == pytest.approx(turned[row], abs=FINITE_DIFFERENCE)
-
-
-def test_the_roll_rate_of_a_rolling_disk():
-    """Spin about the axle times the radius is the speed."""
-    robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
-    system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", 0.3, axis="y")])
-    reduced = system.reduce([rnc.FrameAngularVelocity("disk", axis) for axis in AXES])
-    q = reduced.assembled(robot.configuration())
-    np.testing.assert_allclose(reduced.at(q, [0, 4.0, 0]).v, [1.2, 0, 0, 0, 4.0, 0], atol=ROUNDING)
-
-
-def test_an_angular_velocity_has_no_value_but_its_integral(arm):
-    reduced = rnc.NonholonomicSystem(arm).reduce(vertical=[rnc.FrameAngularVelocity("hand", "x")])
-    q, v = states(arm, 1)[0]
-    assert not np.nan_to_num(reduced.at(q, v).measure().x1).any()
 
 
 def test_angular_velocities_about_world_axes(arm):
