@@ -22,7 +22,7 @@ from rnc_pin.constraints.ground_plane import wheel_level, wheel_wrenches
 from rnc_pin.constraints.rolling_body import contact_arm
 from rnc_pin.constraints.surface_contact import curved_gradient, curved_wrench
 from rnc_pin.constraints.surfaces import support_point
-from rnc_pin.math.components import cross, dot
+from rnc_pin.math.linear_algebra import cross, dot
 from rnc_pin.model.frame_rows import FLAT
 from rnc_pin.model.kernel_rows import AT_GROUND, INTEGERS, NUMBERS, Form, KernelForce, Value
 from rnc_pin.outputs.frame_outputs import level, tilt_wrench, yaw_wrench

@@ -11,7 +11,7 @@ from rnc_pin.analysis.contact_forces import ContactForceSet, dependent_groups, l
 from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.cone_margin import least_shares
-from rnc_pin.model.parameter_types import Positive, check_positive_settings
+from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items

@@ -25,7 +25,7 @@ from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.model.independence import DroppedRow
-from rnc_pin.model.parameter_types import is_count
+from rnc_pin.model.input_validation import is_count
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted, items, printed

@@ -11,8 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.math.components import Component
-from rnc_pin.math.linear_algebra import apply
+from rnc_pin.math.linear_algebra import Component, apply
 from rnc_pin.model.coordinates import Coordinates, left_jacobian
 from rnc_pin.model.kernel_rows import KernelRow
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states

@@ -14,9 +14,9 @@ from rnc_pin.constraints.surfaces import BodyShape, CurvedGround, Sphere, admit_
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, vector_product
 from rnc_pin.model.frame_rows import FLAT, ConstantWrenchRows, WrenchRows, point_name, triple
+from rnc_pin.model.input_validation import Positive, Vector, is_number
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.model.kinematics import Placement, PositionKinematics
-from rnc_pin.model.parameter_types import Positive, Vector, is_number
 from rnc_pin.model.rows import GroundContact, Rows, check_defined
 from rnc_pin.robots.robot import Robot
 

@@ -9,8 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints.surfaces import BodyShape, CurvedGround, CylindricalGround, Sphere, SphericalGround
-from rnc_pin.math.components import Entry, cross, dot
-from rnc_pin.math.linear_algebra import apply, cross_columns, vector_product
+from rnc_pin.math.linear_algebra import Entry, apply, cross, cross_columns, dot, vector_product
 from rnc_pin.model.frame_rows import WrenchRows, point_name
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.model.kinematics import Placement, PositionKinematics

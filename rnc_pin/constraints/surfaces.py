@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.model.frame_rows import axis_index, triple
-from rnc_pin.model.parameter_types import Axis, NotNegative, Positive, Vector, is_number
+from rnc_pin.model.input_validation import Axis, NotNegative, Positive, Vector, is_number
 
 _EYE = np.eye(3)
 _FINE = 48  # edges of drawn patches

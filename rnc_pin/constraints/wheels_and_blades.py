@@ -12,11 +12,11 @@ from rnc_pin.constraints.ground_plane import GroundPlane, RollingRows, WheelDisk
 from rnc_pin.constraints.rolling_body import RollingBody
 from rnc_pin.constraints.surfaces import CurvedGround, Torus, admit_ground
 from rnc_pin.errors import ConfigurationError, ConstraintError
-from rnc_pin.math.components import Entry, cross
+from rnc_pin.math.linear_algebra import Entry, cross
 from rnc_pin.model.frame_rows import ConstantWrenchRows, DirectionRows, OffsetFrame, axis_index
+from rnc_pin.model.input_validation import Axis, NotNegative, Positive, Vector, is_number
 from rnc_pin.model.kernel_rows import Form, KernelRow, wrench_rows
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics, Placement, PositionKinematics
-from rnc_pin.model.parameter_types import Axis, NotNegative, Positive, Vector, is_number
 from rnc_pin.model.rows import Friction, GroundContact, Rows
 from rnc_pin.robots.robot import Robot
 

@@ -22,7 +22,7 @@ from rnc_pin.control.typical_inertia import (
     no_gains,
 )
 from rnc_pin.errors import ConfigurationError, InfeasibleError, short_text
-from rnc_pin.model.parameter_types import NotNegative, Positive
+from rnc_pin.model.input_validation import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 

@@ -13,7 +13,7 @@ import scipy
 from rnc_pin.constraints import MomentumConservation
 from rnc_pin.control.estimation import EstimatedModel, ParametrizedCopy
 from rnc_pin.errors import ConfigurationError, ModelError
-from rnc_pin.model.parameter_types import Positive
+from rnc_pin.model.input_validation import Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 

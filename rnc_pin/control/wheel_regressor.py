@@ -15,7 +15,7 @@ import pinocchio as pin
 from rnc_pin.constraints.ground_plane import RollingRows
 from rnc_pin.control.estimation import EstimatedModel, ParametrizedCopy
 from rnc_pin.errors import ConfigurationError, SingularityError, nearest
-from rnc_pin.math.components import cross, dot
+from rnc_pin.math.linear_algebra import cross, dot
 from rnc_pin.model.kinematics import WORLD_AXES
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack

@@ -21,9 +21,8 @@ from rnc_pin.control.actuator_velocity import check_velocity_actuation, driven_j
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.coordinates import arc_chord
 from rnc_pin.model.frame_rows import FrameVelocityRows
-from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator, vector
+from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator, check_positive_settings, vector
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics
-from rnc_pin.model.parameter_types import check_positive_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.printing import ReprMixin

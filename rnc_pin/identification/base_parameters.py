@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.evaluator import ReducedRegressor
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.regressor import ReducedRegressor
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 
 _NAMED = 1e-6  # coefficient below which a parameter is not named

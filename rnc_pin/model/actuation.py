@@ -9,8 +9,8 @@ import numpy as np
 
 from rnc_pin.errors import ConstraintError, ModelError
 from rnc_pin.model.frame_rows import axis_index
+from rnc_pin.model.input_validation import Axis, Positive
 from rnc_pin.model.kinematics import OWN_AXES, PositionKinematics, VelocityKinematics, over_states
-from rnc_pin.model.parameter_types import Axis, Positive
 from rnc_pin.model.rows import admit_rows
 from rnc_pin.robots.joint_values import NO_LIMIT
 from rnc_pin.robots.robot import Robot

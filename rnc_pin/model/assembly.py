@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
-from rnc_pin.math.components import Component
+from rnc_pin.math.linear_algebra import Component
 from rnc_pin.model.independence import ROUNDING, TOLERANCE, block_row_scales, select_independent
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.rows import Rows

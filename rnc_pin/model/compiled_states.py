@@ -9,7 +9,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin import _kernel
-from rnc_pin.math.components import Component
+from rnc_pin.math.linear_algebra import Component
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations
 from rnc_pin.model.factorization import Factorization

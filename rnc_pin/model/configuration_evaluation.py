@@ -17,8 +17,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
-from rnc_pin.math.components import Component
-from rnc_pin.math.linear_algebra import apply, apply_transposed, inverse, product, weakest_rows
+from rnc_pin.math.linear_algebra import Component, apply, apply_transposed, inverse, product, weakest_rows
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.evaluator import ArraysAtQ, Evaluator, filled_for_q, solved_for_q
 from rnc_pin.model.factorization import Factorization, factorize, row_lengths

@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol, TypeVar, cast
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.math.components import Component
+from rnc_pin.math.linear_algebra import Component
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.reduction_data import ReductionData
@@ -60,6 +60,35 @@ class LagrangianTerms:
     C: Float[Array, "*batch nv nv"]
     g: Float[Array, "*batch nv"]
     B: Float[Array, "*batch nv p"]
+
+
+@printed()
+@dataclass(frozen=True)
+class ReducedRegressor:
+    """Columns of the reduced dynamics ``F = matrix @ p`` at states, for parameters p of the bodies.
+
+    The multipliers of all constraints are absent, because ``A R = 0``: those of wheels and of closed loops alike.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> reduced = rnc.NonholonomicSystem(robot, (), robot.joint_names[1:]).reduce()
+        >>> q, v2, v2_dot = robot.configuration({"joint_2": 1.0}), np.ones(4), np.zeros(4)
+        >>> regressor = reduced.regressor(q, v2, v2_dot)
+        >>> regressor.names[:2], regressor.matrix.shape
+        (('m of platform', 'm x of platform'), (4, 40))
+        >>> np.allclose(regressor.matrix @ regressor.parameters, reduced.inverse_dynamics(q, v2, v2_dot))
+        True
+    """
+
+    matrix: Float[Array, "*batch r columns"]
+    """Derivative of the reduced forces F with respect to the parameters."""
+    names: tuple[str, ...]
+    """Names of the columns: ten of each body, e.g. ``I_zz of joint_1``, then the motor inertias that the robot has.
+
+    Moments are about the origin of the body's joint, in its axes. A motor inertia is Pinocchio's ``armature``.
+    """
+    parameters: Float[Array, " columns"]
+    """Values of the parameters in the robot."""
 
 
 @printed()

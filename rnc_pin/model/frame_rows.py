@@ -15,11 +15,21 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.math.components import Component, Dual, Entry, components, cross, packed
-from rnc_pin.math.linear_algebra import apply, complex_step, product, vector_product
+from rnc_pin.math.linear_algebra import (
+    Component,
+    Dual,
+    Entry,
+    apply,
+    complex_step,
+    components,
+    cross,
+    packed,
+    product,
+    vector_product,
+)
+from rnc_pin.model.input_validation import Vector
 from rnc_pin.model.kernel_rows import AttachedFrame, Form, KernelRow, attached, component_rows, wrench_rows
 from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, Placement, PositionKinematics, VelocityKinematics
-from rnc_pin.model.parameter_types import Vector
 from rnc_pin.model.rows import Rows, check_defined
 from rnc_pin.robots.robot import Robot
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.math.components import Component
+from rnc_pin.math.linear_algebra import Component
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.robots.model_checks import joints_with_moving_axes
 from rnc_pin.robots.robot import Robot

@@ -17,13 +17,12 @@ from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.evaluator import LagrangianTerms, ReducedTerms
+from rnc_pin.model.evaluator import LagrangianTerms, ReducedRegressor, ReducedTerms
 from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.reduction_data import ReductionData
-from rnc_pin.model.regressor import ReducedRegressor, regressor_of
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, items
@@ -223,7 +222,7 @@ class ReducedModel(SummaryMixin):
             v2_dot: reduced accelerations (..., r).
             t: times (...) [s].
         """
-        return regressor_of(self.at(q, v2, t=t), self.robot, v2_dot)
+        return self.at(q, v2, t=t).regressor(v2_dot)
 
     def allocate(self, q: ArrayInput, F: ArrayInput) -> Float[Array, "*batch p"]:
         """Actuator inputs T with ``R^T B T = F``; those of least norm if they are not unique.

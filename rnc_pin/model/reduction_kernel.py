@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin import _kernel
-from rnc_pin.math.components import Component
+from rnc_pin.math.linear_algebra import Component
 from rnc_pin.model.kernel_rows import (
     INTEGERS,
     NUMBERS,

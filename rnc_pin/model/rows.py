@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import InputError, SingularityError
-from rnc_pin.math.components import Component, smallest
+from rnc_pin.math.linear_algebra import Component, smallest
 from rnc_pin.model.kernel_rows import Form, KernelRow
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.robots.robot import Robot

@@ -10,12 +10,13 @@ Paper (2)-(3), (6)-(7). All quantities have leading batch axes.
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import DivergenceError
-from rnc_pin.math.components import Component
 from rnc_pin.math.linear_algebra import (
+    Component,
     apply,
     apply_transposed,
     solve_positive_definite,
@@ -27,6 +28,7 @@ from rnc_pin.model.evaluator import (
     ArraysAtQ,
     ArraysAtV,
     Evaluator,
+    ReducedRegressor,
     ReducedTerms,
     StateDerivative,
     filled_for_v,
@@ -35,6 +37,9 @@ from rnc_pin.model.evaluator import (
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.passive_forces import ForceSums
 from rnc_pin.model.reduced_kinematics import ReducedKinematics
+
+_INERTIAL = ("m", "m x", "m y", "m z", "I_xx", "I_xy", "I_yy", "I_xz", "I_yz", "I_zz")
+"""Parameters of a body in Pinocchio's order: mass, first moments, moments of inertia about the origin of the joint."""
 
 
 class StateEvaluation(ReducedKinematics):
@@ -197,6 +202,30 @@ class StateEvaluation(ReducedKinematics):
         """Reduced forces ``F = H v2dot + V v2 + G``."""
         acceleration = self.v_dot(vector(v2_dot, self._data.r, "v2_dot"))
         return apply_transposed(self.R, apply(self.M, acceleration) + self.bias)
+
+    def regressor(self, v2_dot: ArrayInput) -> ReducedRegressor:
+        """Regressor ``R^T Y(q, v, vdot)``: the reduced forces are linear in the inertial parameters of the bodies.
+
+        Args:
+            v2_dot: reduced accelerations (..., r).
+        """
+        robot = self._data.robot
+        model, data = robot.model, robot.model.createData()
+        v_dot = self.v_dot(vector(v2_dot, self._data.r, "v2_dot"))
+        batch = v_dot.shape[:-1]
+        q, v = np.broadcast_to(self.q, (*batch, model.nq)), np.broadcast_to(self.v, (*batch, model.nv))
+        torques = np.empty((*batch, model.nv, 10 * (model.njoints - 1)))
+        for k in np.ndindex(batch):
+            torques[k] = pin.computeJointTorqueRegressor(model, data, q[k], v[k], v_dot[k])
+        driven = np.flatnonzero(model.armature)
+        motors = np.eye(model.nv)[:, driven] * v_dot[..., None, driven]
+        bodies = [f"{each} of {joint}" for joint in list(model.names)[1:] for each in _INERTIAL]
+        values = [each.toDynamicParameters() for each in list(model.inertias)[1:]]
+        return ReducedRegressor(
+            self.R.mT @ np.concatenate([torques, motors], axis=-1),
+            (*bodies, *(f"motor inertia of {robot.velocity_names[k]}" for k in driven)),
+            np.concatenate([*values, model.armature[driven]]),
+        )
 
     def acceleration(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch nv"]:
         """Full acceleration under inputs T (..., p) and external generalized forces (..., nv)."""

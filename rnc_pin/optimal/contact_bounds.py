@@ -19,7 +19,7 @@ from rnc_pin.analysis.contact_forces import ContactForceGradients, ContactForceS
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import ConfigurationError, RncError
-from rnc_pin.model.parameter_types import NotNegative, Positive
+from rnc_pin.model.input_validation import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.bounds import BoundKind, NodeBound
 from rnc_pin.optimal.node_data import NodeData, RowValues

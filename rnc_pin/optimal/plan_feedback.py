@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, listed
 from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
-from rnc_pin.model.parameter_types import Positive
+from rnc_pin.model.input_validation import Positive
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.costs import Weight, weights_of

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, ModelWarning, short_text
-from rnc_pin.model.parameter_types import NotNegative, check_settings, is_count, is_number
+from rnc_pin.model.input_validation import NotNegative, check_settings, is_count, is_number
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.bounds import (
     DISTANCE,

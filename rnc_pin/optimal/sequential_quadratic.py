@@ -18,7 +18,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import RncError, SimulationError
-from rnc_pin.model.parameter_types import Positive
+from rnc_pin.model.input_validation import Positive
 from rnc_pin.optimal.bounds import DISTANCE
 from rnc_pin.optimal.interior_point import Direction, InteriorPointSolver, LinearQuadratic
 from rnc_pin.optimal.transcription import Iterate, Transcription, Values, Violation

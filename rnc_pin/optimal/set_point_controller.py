@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, DescribedMixin, MissedGoal, VelocityTarget
 from rnc_pin.errors import RncError
-from rnc_pin.model.parameter_types import Positive, check_positive_settings
+from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.bounds import BoundKind, DistanceBound, FileLimits, Goal, InputBound, OutputBound

@@ -10,11 +10,11 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.math.components import Entry
+from rnc_pin.math.linear_algebra import Entry
 from rnc_pin.model.frame_rows import DirectionRows, FrameVelocityRows, axis_index
+from rnc_pin.model.input_validation import Axis
 from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, PositionKinematics
-from rnc_pin.model.parameter_types import Axis
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.robots.robot import Robot
 

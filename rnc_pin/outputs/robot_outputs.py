@@ -10,8 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, ConstraintError, ModelError
-from rnc_pin.math.components import Entry, components, dot
-from rnc_pin.math.linear_algebra import apply, complex_step
+from rnc_pin.math.linear_algebra import Entry, apply, complex_step, components, dot
 from rnc_pin.model.frame_rows import OffsetFrame, PointRows, axis_index, evaluated, rate_of
 from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.model.coordinates import wrapped
-from rnc_pin.model.parameter_types import Positive
+from rnc_pin.model.input_validation import Positive
 from rnc_pin.planning.reference_kinds import MinimumJerk, ViaPoints
 from rnc_pin.planning.references import InTurn, Reference
 from rnc_pin.planning.steering_detection import SteeringGeometry

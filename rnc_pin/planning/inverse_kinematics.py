@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError, short_text
-from rnc_pin.model.input_validation import ConfigurationValidator
+from rnc_pin.model.input_validation import ConfigurationValidator, is_count, is_number
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.parameter_types import is_count, is_number
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget, OutputTargets
 from rnc_pin.planning.bounded_descent import Descent, Residuals, TangentBounds, descend

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InputError, short_text
 from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
-from rnc_pin.model.parameter_types import Numbers, Positive, is_number
+from rnc_pin.model.input_validation import Numbers, Positive, is_number
 from rnc_pin.planning.references import Reference, ReferencePoint, ReferenceSummary
 
 _GROWN = np.array([1.0, 0.0, 0.0, 0.0])  # full amplitude, which no longer changes

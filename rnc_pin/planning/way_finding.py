@@ -15,7 +15,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, short_text
 from rnc_pin.extras import check_extra
-from rnc_pin.model.parameter_types import NotNegative, Positive, check_instances, is_count
+from rnc_pin.model.input_validation import NotNegative, Positive, check_instances, is_count
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
 from rnc_pin.planning.action_models import KinematicFlow

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.model.parameter_types import NotNegative, Positive
+from rnc_pin.model.input_validation import NotNegative, Positive
 from rnc_pin.model.rows import ConstantRows, ConstraintKind, Rows
 from rnc_pin.plants.plant import OF_CONTACTS, OF_INTEGRATION, Plant, continue_plant, energy_minus_work
 from rnc_pin.robots.robot import Robot

@@ -10,8 +10,8 @@ import pinocchio as pin
 
 from rnc_pin.control.controller import Command
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, SingularityError
+from rnc_pin.model.input_validation import is_number
 from rnc_pin.model.integrators import AdaptiveIntegrator
-from rnc_pin.model.parameter_types import is_number
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ReducedPlant

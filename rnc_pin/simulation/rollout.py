@@ -29,9 +29,8 @@ from rnc_pin.errors import InputError
 from rnc_pin.math.linear_algebra import weakest_rows
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.input_validation import vector
+from rnc_pin.model.input_validation import is_number, vector
 from rnc_pin.model.integrators import LieRungeKutta4
-from rnc_pin.model.parameter_types import is_number
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.task import Task

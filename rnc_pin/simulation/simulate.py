@@ -8,7 +8,7 @@ import numpy as np
 
 from rnc_pin.control.controller import Controller
 from rnc_pin.errors import InputError
-from rnc_pin.model.parameter_types import is_number
+from rnc_pin.model.input_validation import is_number
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants import Plant
 from rnc_pin.simulation.sampled_run import SampledRun

@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Controller, State, VelocityTarget
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, nearest
-from rnc_pin.model.parameter_types import NotNegative, Positive, is_number
+from rnc_pin.model.input_validation import NotNegative, Positive, is_number
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 

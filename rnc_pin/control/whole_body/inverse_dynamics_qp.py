@@ -23,8 +23,8 @@ from rnc_pin.control.whole_body.task_hierarchy import (
 )
 from rnc_pin.control.whole_body.tasks import ControlTask
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
+from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE, LieRungeKutta4
-from rnc_pin.model.parameter_types import Positive, check_positive_settings
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation

@@ -18,8 +18,8 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.coordinates import wrapped
+from rnc_pin.model.input_validation import NotNegative
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
-from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import ConstantRows, OutputKind

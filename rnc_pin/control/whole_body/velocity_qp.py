@@ -19,7 +19,7 @@ from rnc_pin.control.whole_body.task_hierarchy import (
 from rnc_pin.control.whole_body.tasks import ControlTask
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.parameter_types import NotNegative, check_positive_settings
+from rnc_pin.model.input_validation import NotNegative, check_positive_settings
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.model.parameter_types import is_number
+from rnc_pin.model.input_validation import is_number
 
 Integrator = Literal["implicitfast", "implicit", "Euler", "RK4"]
 Stance = Literal["auto", "free", "level"]

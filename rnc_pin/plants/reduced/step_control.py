@@ -12,7 +12,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.errors import InputError
-from rnc_pin.model.parameter_types import is_count, is_number
+from rnc_pin.model.input_validation import is_count, is_number
 
 MOST_SUBSTEPS = 1024
 """Largest number of substeps that a plant chooses."""

@@ -11,8 +11,8 @@ import pinocchio as pin
 
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.input_validation import NotNegative, is_number
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
-from rnc_pin.model.parameter_types import NotNegative, is_number
 from rnc_pin.model.rows import ConstraintKind, carrier_of
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system import NonholonomicSystem

@@ -6,9 +6,8 @@ import numpy as np
 
 from rnc_pin.control.actuator_velocity import check_velocity_actuation, velocity_from_actuators
 from rnc_pin.errors import DivergenceError, InputError, SingularityError
-from rnc_pin.model.input_validation import own_vector
+from rnc_pin.model.input_validation import is_count, is_number, own_vector
 from rnc_pin.model.integrators import LieRungeKutta4
-from rnc_pin.model.parameter_types import is_count, is_number
 from rnc_pin.model.reduced_model import ReducedModel
 
 _SETTLED = 20.0  # time after which velocities have settled, in time constants

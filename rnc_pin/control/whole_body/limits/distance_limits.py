@@ -18,7 +18,7 @@ from rnc_pin.control.whole_body.limits.control_limit import (
 )
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.frame_rows import axis_index
-from rnc_pin.model.parameter_types import NotNegative, Positive
+from rnc_pin.model.input_validation import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 

@@ -20,7 +20,7 @@ from rnc_pin.control.whole_body.limits.control_limit import (
     PlannedBraking,
 )
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.parameter_types import Numbers, Positive
+from rnc_pin.model.input_validation import Numbers, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.robots.joint_values import NO_LIMIT, known_velocity_limits
