@@ -21,20 +21,19 @@ SMOKE = ("rnc-pin run space-robot --set simulation.duration=0.5", "PAGE README.m
 BARE = (
     *SMOKE,
     "PAGE docs/sweeps.md",
+    "PAGE docs/logs.md",
     "rnc-pin inspect space-robot",
     "rnc-pin replay runs/space-robot --html again.html",
     "rnc-pin sweep space-robot --runs 4 --jobs 2 --out s --set simulation.duration=0.2",
 )
 EXTRAS = {
     "dask": ("PAGE docs/sweeps.md",),
-    "logs": ("PAGE docs/logs.md",),
     "meshes": (
         """python -c 'import trimesh, rnc_pin as rnc; trimesh.creation.box().export("x.glb"); """
         """rnc.collision.load_mesh_shape("x.glb")'""",
     ),
     "mujoco": ("PAGE docs/mujoco.md", "rnc-pin run space-robot --set plant=mujoco --set simulation.duration=0.5"),
     "ompl": ("PAGE docs/ways.md",),
-    "qp": ("PAGE docs/whole_body.md",),
     "robots": ("python -c 'import rtbdata'",),
     "video": ("rnc-pin run space-robot --set simulation.duration=0.2", "rnc-pin replay runs/space-robot --video v.gif"),
     "dev": ("ruff --version", "mypy --version", "lint-imports --help"),
@@ -43,10 +42,6 @@ EXTRAS = {
 ELSEWHERE = {"test", "docs"}
 MISSING = {
     "dask": "rnc-pin sweep space-robot --runs 2 --out s --scheduler tcp://127.0.0.1:1",
-    "logs": (
-        "touch x.bag && python -c "
-        """'import rnc_pin as rnc; rnc.Log.read("x.bag", {"topics": {"/j": {"joints": "all"}}})'"""
-    ),
     "meshes": """touch x.ply && python -c 'import rnc_pin as rnc; rnc.collision.load_mesh_shape("x.ply")'""",
     "mujoco": "rnc-pin run space-robot --set plant=mujoco",
     "ompl": (

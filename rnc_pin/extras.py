@@ -17,7 +17,6 @@ class _Package(NamedTuple):
 
 _PACKAGES = {
     "dask": _Package("Dask", "distributed"),
-    "logs": _Package("rosbags", "rosbags"),
     "meshes": _Package("trimesh", "trimesh"),
     "mujoco": _Package("MuJoCo", "mujoco"),
     "ompl": _Package("OMPL", "ompl"),

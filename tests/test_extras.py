@@ -33,7 +33,7 @@ def test_every_extra_that_a_file_names_exists():
         for found in NAMED.finditer(text):
             for extra in (found[1] or found[2]).split(","):
                 named.setdefault(extra, name)
-    assert {"mujoco", "logs", "test", "docs", "robots", "qp"} <= named.keys()
+    assert {"mujoco", "test", "docs", "robots"} <= named.keys()
     named.pop("nothing", None)  # of the test of documented commands
     assert {extra: name for extra, name in named.items() if extra not in DECLARED} == {}
 

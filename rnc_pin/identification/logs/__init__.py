@@ -1,4 +1,4 @@
-"""Measured logs: channels with their own time stamps, read from tables, archives and ROS bags."""
+"""Measured logs: channels with their own time stamps, read from tables and archives."""
 
 from rnc_pin.lazy_exports import lazy_exports
 

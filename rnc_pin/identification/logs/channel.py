@@ -80,21 +80,6 @@ class PoseColumns(Strict):
     """Quaternion w."""
 
 
-class Topic(Strict):
-    """Use of one topic of a bag."""
-
-    joints: dict[str, str] | Literal["all"] | None = None
-    """Names in a JointState to joints of the robot; ``all`` if they are the same."""
-    pose: str | None = None
-    """Frame whose pose an Odometry, PoseStamped or PoseWithCovarianceStamped gives."""
-    frames: dict[str, str] | None = None
-    """Child frames of a TFMessage to frames of the robot, whose poses it gives."""
-    parent: str | None = None
-    """Parent frame of the transforms to read; by default any, which has to be the same in all."""
-    stamp: Literal["header", "bag"] = "header"
-    """Time of a sample: that of the message's header, or that of its recording."""
-
-
 class Correction(Strict):
     """Correction of a measured joint, ``scale * position + offset``, or of the clock of a joint or frame.
 
@@ -125,7 +110,7 @@ class Correction(Strict):
 
 
 class LogMapping(Strict):
-    """Columns of a table, or topics of a bag, and the joints and frames that they belong to.
+    """Columns of a table, and the joints and frames that they belong to.
 
     Example:
         >>> mapping = rnc.logs.LogMapping.of({"joints": {"wheel": {"position": {"column": "ticks", "ticks": 4096}}}})
@@ -145,8 +130,6 @@ class LogMapping(Strict):
     """Joints of the robot and their columns."""
     frames: dict[str, PoseColumns] = {}
     """Frames of the robot and the columns of their poses."""
-    topics: dict[str, Topic] = {}
-    """Topics of a bag and their use."""
     corrections: dict[str, Correction] = {}
     """Corrections of measured joints and of clocks, by joint or frame, e.g. from a calibration."""
 
@@ -171,7 +154,7 @@ class LogMapping(Strict):
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise ConfigurationError(f"{mapping}: not YAML: {error}") from None
         if not isinstance(raw, dict):
-            raise ConfigurationError(f"{mapping}: expected a mapping with keys such as joints, frames or topics")
+            raise ConfigurationError(f"{mapping}: expected a mapping with keys such as joints or frames")
         return validated(cls, raw, str(mapping))
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, InputError, nearest
-from rnc_pin.identification.logs.bags import is_bag, read_bag
 from rnc_pin.identification.logs.channel import Channel, Correction, LogMapping, Quantity
 from rnc_pin.identification.logs.tables import read_table
 from rnc_pin.io.json import Json
@@ -58,18 +57,18 @@ class Log(SummaryMixin):
 
     @classmethod
     def read(cls, path: str | Path, mapping: str | Path | Mapping[str, Json] | LogMapping) -> Log:
-        """Read a table (``.csv``, ``.txt``, ``.npz``) or a bag (``.bag``, ``.mcap``, a ROS 2 folder).
+        """Read a table (``.csv``, ``.txt``, ``.npz``).
 
         Args:
-            path: the file or folder.
-            mapping: YAML file with the columns or topics of joints and frames, or its keys: ``rnc.logs.LogMapping``.
+            path: the file.
+            mapping: YAML file with the columns of joints and frames, or its keys: ``rnc.logs.LogMapping``.
 
         Raises:
-            ConfigurationError: a file, a column, a topic or a number cannot be read; one line says which.
+            ConfigurationError: a file, a column or a number cannot be read; one line says which.
         """
         path, keys = Path(path), LogMapping.of(mapping)
         try:
-            return cls(read_bag(path, keys) if is_bag(path) else read_table(path, keys)).corrected(keys.corrections)
+            return cls(read_table(path, keys)).corrected(keys.corrections)
         except InputError as error:
             raise ConfigurationError(f"{path}: {error}") from None
 

@@ -1,4 +1,4 @@
-"""Logs from tables, archives and bags that their own libraries write, and from motions."""
+"""Logs from tables and archives, and from motions."""
 
 import os
 from pathlib import Path
@@ -65,109 +65,6 @@ def test_an_archive(tmp_path):
         "frames": {"laser": {"x": "a[1]", "yaw": "yaw"}},
     }
     check(rnc.Log.read(tmp_path / "log.npz", keys))
-
-
-def write_bag(path, version):
-    """A bag of ROS 1, of ROS 2 in SQLite or in MCAP; wheel and laser have other rates and stamps than the recording."""
-    from rosbags.rosbag1 import Writer as Writer1
-    from rosbags.rosbag2 import StoragePlugin
-    from rosbags.rosbag2 import Writer as Writer2
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    store = get_typestore(Stores.ROS1_NOETIC if version == "bag" else Stores.ROS2_HUMBLE)
-    if version == "bag":  # the package of these messages is not in the store of ROS 1
-        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
-    types = store.types
-    plugin = {"mcap": StoragePlugin.MCAP, "sqlite": StoragePlugin.SQLITE3}
-    writer = Writer1(path) if version == "bag" else Writer2(path, version=9, storage_plugin=plugin[version])
-    serialize = store.serialize_ros1 if version == "bag" else store.serialize_cdr
-
-    def vector(kind, *values):
-        return types[f"geometry_msgs/msg/{kind}"](*values)
-
-    def header(stamp, frame=""):
-        time = types["builtin_interfaces/msg/Time"](int(stamp // 10**9), int(stamp % 10**9))
-        counted = {"seq": 0} if version == "bag" else {}
-        return types["std_msgs/msg/Header"](stamp=time, frame_id=frame, **counted)
-
-    def turned(yaw):
-        return vector("Quaternion", 0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
-
-    with writer:
-        kinds = {
-            "/joint_states": "sensor_msgs/msg/JointState", "/odom": "nav_msgs/msg/Odometry",
-            "/tf": "tf2_msgs/msg/TFMessage", "/pose": "geometry_msgs/msg/PoseStamped",
-            "/cmd_vel": "geometry_msgs/msg/Twist",
-        }  # fmt: skip
-        topics = {name: writer.add_connection(name, kind, typestore=store) for name, kind in kinds.items()}
-
-        def write(topic, stamp, *values, **named):
-            message = types[kinds[topic]](*values, **named)
-            writer.write(topics[topic], stamp, serialize(message, kinds[topic]))
-
-        covariance = np.zeros(36)
-        for k in range(50):
-            stamp = round(TIME[0]) * 10**9 + k * 20_000_000
-            recorded = stamp + 3_000_000
-            write("/joint_states", recorded, header(stamp), ["other", "left"], np.array([9.0, ANGLE[k]]),
-                  np.array([8.0, 15.0]), np.array([]))  # fmt: skip
-            place = vector("Pose", vector("Point", X[k], 0.0, 0.0), turned(YAW[k]))
-            twist = vector("Twist", vector("Vector3", 1.5, 0.0, 0.0), vector("Vector3", 0.0, 0.0, 1.0))
-            write(
-                "/odom", recorded, header(stamp, "odom"), "base_link", vector("PoseWithCovariance", place, covariance),
-                vector("TwistWithCovariance", twist, covariance),
-            )  # fmt: skip
-            write("/pose", recorded, header(stamp), place)
-            moved = vector("Transform", vector("Vector3", X[k], 0.0, 0.0), turned(YAW[k]))
-            write("/tf", recorded, [vector("TransformStamped", header(stamp, "/map"), "/laser_link", moved)])
-            write("/cmd_vel", recorded, vector("Vector3", 1.0, 0.0, 0.0), vector("Vector3", 0.0, 0.0, 0.5))
-    return path
-
-
-@pytest.mark.parametrize("version", ["bag", "sqlite", "mcap"])
-def test_a_bag_that_rosbags_writes(tmp_path, version):
-    pytest.importorskip("rosbags")
-    path = write_bag(tmp_path / ("log.bag" if version == "bag" else "log"), version)
-    topics = {
-        "/joint_states": {"joints": {"left": "wheel"}},
-        "/odom": {"pose": "base"},
-        "/tf": {"frames": {"laser_link": "laser"}, "parent": "map"},
-        "/pose": {"pose": "tool"},
-    }
-    paths = [path, *path.glob("*.mcap")] if path.is_dir() else [path]  # MCAP alone too
-    for each in paths:
-        log = rnc.Log.read(each, {"topics": topics})
-        np.testing.assert_allclose(log.channel("position", "wheel").values[:, 0], ANGLE)
-        np.testing.assert_allclose(log.channel("velocity", "wheel").values, 15.0)
-        assert "effort(wheel)" not in log.channels  # measured by no message
-        for frame in ("base", "laser", "tool"):
-            pose = log.channel("pose", frame)
-            np.testing.assert_allclose(pose.values[:, 0], X)
-            np.testing.assert_allclose(2 * np.arctan2(pose.values[:, 5], pose.values[:, 6]), YAW, atol=1e-12)
-            np.testing.assert_allclose(pose.time, TIME - TIME[0], atol=1e-6)
-    log = rnc.Log.read(path, {"topics": {"/pose": {"pose": "tool", "stamp": "bag"}}})  # the time of recording
-    np.testing.assert_allclose(np.diff(log.channel("pose", "tool").time), 0.02, atol=1e-6)
-
-
-def test_bags_that_do_not_fit_are_refused(tmp_path):
-    pytest.importorskip("rosbags")
-    path = write_bag(tmp_path / "log.bag", "bag")
-    broken = tmp_path / "broken.bag"
-    broken.write_bytes(path.read_bytes()[:3000])
-    cases = [
-        (path, {"/odm": {"pose": "base"}}, "no topic '/odm'; did you mean '/odom'?"),
-        (path, {"/tf": {"pose": "base"}}, "topic '/tf' with TFMessage: expected frames, found pose"),
-        (path, {"/cmd_vel": {"pose": "base"}}, "topic '/cmd_vel' has messages geometry_msgs/msg/Twist"),
-        (path, {"/joint_states": {"joints": {"lef": "wheel"}}},
-         "no message of /joint_states has a value that the mapping uses"),
-        (broken, {"/odom": {"pose": "base"}}, "cannot be read as a bag"),
-        (tmp_path / "none.bag", {"/odom": {"pose": "base"}}, "No such file or directory"),
-    ]  # fmt: skip
-    for file, topics, message in cases:
-        with pytest.raises(rnc.ConfigurationError) as error:
-            rnc.Log.read(file, {"topics": topics})
-        assert str(error.value).startswith(f"{file}: {message}"), error.value
-        assert "\n" not in str(error.value)
 
 
 def test_missing_cells_are_left_out(tmp_path):
