@@ -12,8 +12,8 @@ from typing import cast
 import numpy as np
 
 from rnc_pin.analysis import Grip
-from rnc_pin.applications.scenario.controllers import BuiltController, ControllerContext
-from rnc_pin.applications.scenario.controllers.context import TaskGoals, reduced_velocity, refuse_or_warn
+from rnc_pin.applications.scenario.controllers import ControllerContext
+from rnc_pin.applications.scenario.controllers.context import TaskGoals, reduced_velocity
 from rnc_pin.applications.scenario.controllers.feedback import check_output_names
 from rnc_pin.applications.scenario.controllers.tracking import VelocityTrackerSettings
 from rnc_pin.applications.scenario.plan_builder import Plans, Start, planned_path
@@ -25,19 +25,17 @@ from rnc_pin.collision import Obstacle, check_ignored_links
 from rnc_pin.control import Controller, ZeroInput, describe
 from rnc_pin.control.loop import LoopOptions
 from rnc_pin.control.whole_body import WholeBodyProgram, program_of
-from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, RncError
+from rnc_pin.errors import ConfigurationError, ConstraintError, InputError
 from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
 from rnc_pin.optimal import MotionPlan
-from rnc_pin.planning import Reference, Slowed
+from rnc_pin.planning import Reference
 from rnc_pin.plants import Plant
 from rnc_pin.simulation import (
     PLOTTED_QUANTITIES,
-    Outcome,
     Provenance,
     SimulationOptions,
     TaskNames,
     Trajectory,
-    iterate_time_scale,
     provenance_of,
     sample_count,
     simulate,
@@ -46,7 +44,6 @@ from rnc_pin.verdict import Finding, FindingKind, Severity
 from rnc_pin.visualization import DrawnModel
 
 _ROUNDED = 1e-4  # largest residual of holonomic rows that counts as rounding in the file
-_FOR_FEEDBACK = 0.05  # share of the friction that slowed references leave
 
 
 def build_system(scenario: ScenarioFile, folder: Path) -> NonholonomicSystem:
@@ -153,32 +150,8 @@ def build_experiment(
         raise ConfigurationError(f"simulation: {error}") from None
     reduced = build_reduced(scenario, folder)[1] if reduced is None else reduced
     _check_plots(scenario, reduced)
-    return experiment_at(scenario, folder, reduced, *start_of(scenario, reduced), plans)
+    q0, v2_0 = start_of(scenario, reduced)
 
-
-def start_of(scenario: ScenarioFile, reduced: ReducedModel) -> tuple[np.ndarray, np.ndarray]:
-    """Initial configuration (nq,) and initial reduced velocity (r,)."""
-    return _initial(scenario, reduced), reduced_velocity(reduced, scenario.initial.v2, "initial.v2")
-
-
-def experiment_at(
-    scenario: ScenarioFile,
-    folder: Path,
-    reduced: ReducedModel,
-    q0: np.ndarray,
-    v2_0: np.ndarray,
-    plans: Plans | None = None,
-) -> Experiment:
-    """Build a run from a given state. Without a controller, it has no inputs.
-
-    Args:
-        scenario: a validated scenario with ``simulation``.
-        folder: base of relative paths.
-        reduced: model of the scenario.
-        q0, v2_0: initial configuration (nq,) and initial reduced velocity (r,).
-        plans: optimal motions of other runs.
-    """
-    assert scenario.simulation is not None
     task = build_task(scenario, reduced)
     obstacles = build_obstacles(scenario.obstacles, folder)
     check_ignored_links(obstacles, reduced.robot)
@@ -197,27 +170,24 @@ def experiment_at(
     path = plan_path(scenario, reduced, task, q0)
     if path.primary is not None:
         references["primary"] = path.primary
-    built, context = _build_controller(
-        scenario,
-        ControllerContext(
-            reduced=reduced,
-            task=task,
-            **references,
-            given=given,
-            q0=q0,
-            simulation=scenario.simulation,
-            preflight=scenario.preflight,
-            slithering=path.slithering,
-            monitored=path.monitored,
-            v2_0=v2_0,
-            grip=_grip(scenario, reduced),
-            obstacles=obstacles,
-            plan=motion,
-            goal_tolerance=scenario.goal_tolerance,
-            outputs=scenario.listed_outputs,
-        ),
+    context = ControllerContext(
+        reduced=reduced,
+        task=task,
+        **references,
+        given=given,
+        q0=q0,
+        simulation=scenario.simulation,
+        preflight=scenario.preflight,
+        slithering=path.slithering,
+        monitored=path.monitored,
+        v2_0=v2_0,
+        grip=_grip(scenario, reduced),
+        obstacles=obstacles,
+        plan=motion,
+        outputs=scenario.listed_outputs,
     )
-    experiment = run(
+    built = scenario.controller.build(context)
+    return run(
         built.controller,
         build_plant(scenario, reduced, q0),
         warnings=(*doubted, *built.warnings, *_unmeasured(obstacles, reduced)),
@@ -233,30 +203,11 @@ def experiment_at(
         goals=built.goals,
         ends=_later_ends(scenario, context),
     )
-    if built.doubts and scenario.preflight == "refuse":
-        _check_goals(experiment, build_plant(scenario, reduced, q0))
-        return experiment
-    return replace(experiment, warnings=(*experiment.warnings, *built.doubts))
 
 
-def _check_goals(experiment: Experiment, plant: Plant) -> None:
-    """Simulate a run whose goals are in doubt: only the controller that will run tells whether it reaches them.
-
-    Raises:
-        InfeasibleError: the run misses a goal of the first priority, or does not reach its end.
-    """
-    assert experiment.goals is not None
-    options = SimulationOptions(stop=experiment.simulation.stop, loop=experiment.loop)
-    try:
-        run = replace(experiment, plant=plant).run(options)
-    except RncError as error:
-        raise InfeasibleError(f"goals cannot be reached: {error}") from None
-    if run.outcome is not Outcome.COMPLETED:
-        raise InfeasibleError(f"goals cannot be reached: the run ends early ({run.outcome.value})")
-    tolerance = experiment.scenario.goal_tolerance
-    missed = experiment.goals.misses(float(run.time[-1]), run.q[-1], run.v[-1], tolerance)
-    if missed:
-        raise InfeasibleError("; ".join(missed))
+def start_of(scenario: ScenarioFile, reduced: ReducedModel) -> tuple[np.ndarray, np.ndarray]:
+    """Initial configuration (nq,) and initial reduced velocity (r,)."""
+    return _initial(scenario, reduced), reduced_velocity(reduced, scenario.initial.v2, "initial.v2")
 
 
 def _shown_frame(scenario: ScenarioFile, reduced: ReducedModel) -> str:
@@ -283,7 +234,7 @@ def _grip(scenario: ScenarioFile, reduced: ReducedModel) -> Grip | None:
     if not isinstance(scenario.controller, VelocityTrackerSettings):
         raise ConfigurationError("grip: requires a controller over a velocity tracker, such as type 'redundancy'")
     with ConfigurationError.at("grip"):
-        return scenario.grip.build(reduced)
+        return scenario.grip.build(reduced=reduced)
 
 
 def _later_ends(scenario: ScenarioFile, context: ControllerContext) -> dict[str, float]:
@@ -297,40 +248,6 @@ def _later_ends(scenario: ScenarioFile, context: ControllerContext) -> dict[str,
             ends = reference.at(reference.duration).position.tolist()
             found |= zip(getattr(task, f"{role}_names"), ends, strict=True)
     return found
-
-
-def _build_controller(scenario: ScenarioFile, context: ControllerContext) -> tuple[BuiltController, ControllerContext]:
-    """Build the controller. With ``grip.slow`` its references are slowed down until no wheel slips."""
-    assert scenario.controller is not None
-    if scenario.grip is None or not scenario.grip.slow:
-        return scenario.controller.build(context), context
-    settings = scenario.controller
-    grip = scenario.grip.model_copy(update={"friction": scenario.grip.friction * (1.0 - _FOR_FEEDBACK)})
-    on_ice = replace(context, grip=grip.build(context.reduced))
-
-    def slowed(time_scale: float) -> BuiltController:
-        return settings.build(_slowed(on_ice, time_scale))
-
-    built, time_scale = iterate_time_scale(slowed, lambda each: each.time_scale)
-    refuse_or_warn(scenario.preflight, built.warnings)
-    if time_scale > 1.0:
-        said = f"references are slowed down by a factor of {time_scale:.4g} so that no wheel slips"
-        built = replace(built, warnings=(said, *built.warnings))
-    return built, _slowed(context, time_scale)
-
-
-def _slowed(context: ControllerContext, time_scale: float) -> ControllerContext:
-    """The context with slower references. The check before the run only warns."""
-    context = replace(context, preflight="warn")
-    if time_scale == 1.0:
-        return context
-    return replace(
-        context,
-        primary=Slowed(context.primary, time_scale),
-        redundant=Slowed(context.redundant, time_scale),
-        vertical=Slowed(context.vertical, time_scale),
-        monitored=context.monitored and (context.monitored[0], Slowed(context.monitored[1], time_scale)),
-    )
 
 
 def _initial(scenario: ScenarioFile, reduced: ReducedModel) -> np.ndarray:

@@ -200,10 +200,9 @@ def _goal_errors(experiment: Experiment, run: Trajectory, summary: Summary) -> d
 def _unfinished(experiment: Experiment, run: Trajectory) -> Iterator[Finding]:
     """Finding of a run that ends before its references: what it follows was kept, where they lead was not reached.
 
-    Who states the duration of a reference and a shorter one of the run wants that. Planned or slowed motions are longer
-    than the file says.
+    Who states the duration of a reference and a shorter one of the run wants that. A planned motion may be longer.
     """
-    grip, errors = experiment.scenario.grip, dict[str, float]()
+    errors = dict[str, float]()
     for kind in ("x2", "x1") if experiment.ends and len(run.time) else ():
         names = run.info.outputs.of(kind).names
         ends = np.array([experiment.ends.get(name, 0.0) for name in names])
@@ -213,8 +212,7 @@ def _unfinished(experiment: Experiment, run: Trajectory) -> Iterator[Finding]:
     if worst and errors[worst] > experiment.scenario.goal_tolerance:
         time, rest = float(run.time[-1]), f"{worst} is {errors[worst]:.3g} away from where its reference leads"
         message = f"the run ends at t = {time:.4g} s, before its references: {rest}"
-        wanted = experiment.scenario.planner is None and not (grip is not None and grip.slow)
-        severity = Severity.NOTE if wanted else Severity.DEGRADES
+        severity = Severity.NOTE if experiment.scenario.planner is None else Severity.DEGRADES
         yield Finding(FindingKind.GOAL, worst, errors[worst], "m or rad", time, severity, message)
 
 
@@ -239,7 +237,7 @@ def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> Lim
 def _grip(experiment: Experiment, run: Trajectory) -> Grip | None:
     """Stated friction of the ground; None without one, or if contacts appear and vanish."""
     stated, program, reduced = experiment.scenario.grip, experiment.program, experiment.reduced
-    grip = None if stated is None else stated.build(reduced)
+    grip = None if stated is None else stated.build(reduced=reduced)
     if grip is None and isinstance(program, InverseDynamicsQP) and program.friction is not None:
         with suppress(ConfigurationError):  # nothing grips
             grip = Grip(reduced, program.friction)

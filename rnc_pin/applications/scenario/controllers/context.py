@@ -99,32 +99,6 @@ class TaskGoals:
             found.append(GoalError(f"task {index} (posture of {', '.join(by_name)})", by_name, posture.priority))
         return found
 
-    def doubts(self, t: float, q: Float[Array, " nq"], tolerance: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Return doubts about goals of the first priority, and about lower ones, at the end of a coarse roll-out.
-
-        Programs are local methods: at an obstacle ahead, another step or the dynamics can choose the other way.
-        """
-        missed, given_up = [], []
-        for goal in self.errors(t, q):
-            if goal.largest <= tolerance:
-                continue
-            error = f"a coarse roll-out ends {goal.largest:.2g} from it at t = {t:.2f} s"
-            if goal.priority == self._first:
-                missed.append(f"{goal.title} may miss its goal within the limits: {error}")
-            else:
-                given_up.append(f"{goal.title} of priority {goal.priority} may give its goal up: {error}")
-        return tuple(missed), tuple(given_up)
-
-    def misses(
-        self, t: float, q: Float[Array, " nq"], v: Float[Array, " nv"] | None, tolerance: float
-    ) -> tuple[str, ...]:
-        """Return the goals of the first priority that a run misses at its end, a line each."""
-        return tuple(
-            f"{goal.title} misses its goal within the limits: error {goal.largest:.2g} at t = {t:.2f} s"
-            for goal in self.errors(t, q, v)
-            if goal.largest > tolerance and goal.priority == self._first
-        )
-
 
 def goal_values(call: PartialCall[ControlTask], reduced: ReducedModel, q: Array) -> tuple[Array, Coordinates]:
     """Values that the reference of a task describes, at a configuration (nq,)."""
@@ -173,7 +147,6 @@ class ControllerContext:
         slithering: reference of a trailer on the path of its tractor, which replaces ``vertical``.
         obstacles: bodies in the world, for the check before the run.
         plan: optimal motion of ``planner``, if the scenario has one.
-        goal_tolerance: error of a goal at the end of the run above which it is missed [m, rad].
         outputs: outputs of the scenario.
         monitored: indices in x1 and reference of vertical outputs that are not controlled; for the record only.
     """
@@ -193,7 +166,6 @@ class ControllerContext:
     grip: Grip | None = None
     obstacles: tuple[Obstacle, ...] = ()
     plan: MotionPlan | None = None
-    goal_tolerance: float = 0.02
     outputs: tuple[OutputKind, ...] = ()
 
     @property
@@ -211,38 +183,30 @@ class BuiltController:
         controller: ready to run.
         warnings: messages for the user.
         notes: entries for the record of the run.
-        time_scale: factor by which the references must be slowed down so that no wheel slips.
         goals: goals of whole-body tasks.
-        doubts: goals that a coarse roll-out misses. The run itself has to confirm them before they refuse it.
     """
 
     controller: Controller
     warnings: tuple[str, ...] = ()
     notes: Mapping[str, Json] = field(default_factory=dict)
-    time_scale: float = 1.0
     goals: TaskGoals | None = None
-    doubts: tuple[str, ...] = ()
 
 
-def refuse_or_warn(
-    preflight: Literal["warn", "refuse"], complaints: Sequence[str], further: Sequence[str] = ()
-) -> tuple[str, ...]:
+def refuse_or_warn(preflight: Literal["warn", "refuse"], complaints: Sequence[str]) -> tuple[str, ...]:
     """Return the warnings of the check before a run.
 
     Args:
         preflight: action.
         complaints: reasons against the run.
-        further: warnings that are no reason against it.
 
     Raises:
         InfeasibleError: there are complaints, and ``preflight`` refuses such a run.
     """
-    warnings = (*complaints, *further)
     if complaints and preflight == "refuse":
-        shown = 1 if sum(map(len, warnings)) > _LONGEST else len(warnings)
-        more = f"; and {len(warnings) - shown} more: 'preflight: warn' shows all" if shown < len(warnings) else ""
-        raise InfeasibleError("; ".join(warnings[:shown]) + more)
-    return warnings
+        shown = 1 if sum(map(len, complaints)) > _LONGEST else len(complaints)
+        more = f"; and {len(complaints) - shown} more: 'preflight: warn' shows all" if shown < len(complaints) else ""
+        raise InfeasibleError("; ".join(complaints[:shown]) + more)
+    return tuple(complaints)
 
 
 def reduced_velocity(reduced: ReducedModel, rates: Mapping[str, float], key: str) -> np.ndarray:
@@ -268,18 +232,14 @@ def check_motion(
     kinematic: KinematicController,
     task: Task | None = None,
     horizon: float | None = None,
-    goals: TaskGoals | None = None,
-    stands_in: bool = False,
-) -> tuple[Margins, tuple[str, ...], tuple[str, ...]]:
-    """Roll out a kinematic controller. Return the margins of the motion, complaints, and doubts about goals.
+) -> tuple[Margins, tuple[str, ...]]:
+    """Roll out a kinematic controller. Return the margins of the motion, and complaints.
 
     Args:
         context: inputs for building the controller.
         kinematic: computes the rates of the reducing outputs.
         task: task whose A4 the kinematic controller inverts, if any.
         horizon: duration of the motion to check [s]; by default that of the references of the scenario.
-        goals: goals of a controller that may give goals up.
-        stands_in: True if another controller will run, so that the motion may differ.
 
     Raises:
         InfeasibleError: there are complaints, and preflight refuses such a motion.
@@ -293,14 +253,8 @@ def check_motion(
         *margins.complaints(MIN_SINGULAR_VALUE),
         *(f"the reference passes through obstacle '{each.names[1]}': {each}" for each in passed),
     )
-    if stands_in:
-        complaints = tuple(f"{each} (in a roll-out by velocities, the run may differ)" for each in complaints)
-    doubts: tuple[str, ...] = ()
-    given_up: tuple[str, ...] = ()
-    if goals is not None and margins.singular is None:
-        doubts, given_up = goals.doubts(float(margins.time[-1]), margins.q[-1], context.goal_tolerance)
     try:
-        return margins, refuse_or_warn(context.preflight, complaints, given_up), doubts
+        return margins, refuse_or_warn(context.preflight, complaints)
     except InfeasibleError as error:
         weakest = margins.stack
         if weakest.value < MIN_SINGULAR_VALUE:

@@ -160,15 +160,15 @@ class VelocityTrackerSettings(AdaptationSettings, _BANDWIDTH.model, _VELOCITY_GA
 
         Args:
             context: inputs for building the controller.
-            kinematic, task, horizon, goals: as for ``check_motion``.
+            kinematic, task, horizon: as for ``check_motion``.
+            goals: goals of whole-body tasks.
 
         Raises:
             InfeasibleError: no gains fit the motion, or preflight refuses it.
         """
         reduced, q0 = context.reduced, context.q0
-        margins, complaints, doubts = check_motion(context, kinematic, task, horizon, goals)
-        time_scale = 1.0 if margins.grip is None else margins.grip.time_scale
-        built = partial(BuiltController, warnings=complaints, time_scale=time_scale, goals=goals, doubts=doubts)
+        margins, complaints = check_motion(context, kinematic, task, horizon)
+        built = partial(BuiltController, warnings=complaints, goals=goals)
         if self.tracker == "computed_torque":
             gain = sized_gain("k", self.k, reduced.r)
             k = {} if gain is None else {"k": gain}

@@ -17,7 +17,6 @@ from rnc_pin.applications.scenario.controllers.context import (
     BuiltController,
     ControllerContext,
     TaskGoals,
-    check_motion,
     goal_values,
     refuse_or_warn,
 )
@@ -158,15 +157,7 @@ class InverseDynamicsSettings(WholeBodySettings, _INPUTS.model):  # type: ignore
         problem = program.braking_problem(0.0, context.q0, v2)
         unsafe = () if problem is None else (f"no braking motion from the start keeps all limits: {problem}",)
         complaints = refuse_or_warn(context.preflight, unsafe)
-        doubts: tuple[str, ...] = ()
-        goals = TaskGoals(self.tasks, tasks, reduced)
-        if reduced.p >= reduced.r:  # with fewer actuators, the motion is not free to choose
-            kinematic = VelocityQP(reduced, tasks, limits)
-            _, found, doubts = check_motion(
-                context, kinematic, horizon=simulation.duration, goals=goals, stands_in=True
-            )
-            complaints += found
-        return BuiltController(program, complaints, goals=goals, doubts=doubts)
+        return BuiltController(program, complaints, goals=TaskGoals(self.tasks, tasks, reduced))
 
 
 def _task(call: PartialCall[ControlTask], context: ControllerContext) -> ControlTask:

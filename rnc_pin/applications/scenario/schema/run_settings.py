@@ -10,16 +10,17 @@ import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, RootModel, Tag
 
 from rnc_pin.analysis import Grip
-from rnc_pin.applications.scenario.schema.derived import NAME, Content, Entry
+from rnc_pin.applications.scenario.schema.derived import NAME, Content, Entry, PartialCall
 from rnc_pin.io import LIST, Strict
-from rnc_pin.model import Positive, ReducedModel
+from rnc_pin.model import Positive
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.simulation import Stop
 
 _FORMS = {"substeps": Annotated[int, Field(ge=1)] | None, "tolerance": Positive}
 _PLANT = Entry(ReducedPlant, late=("reduced",), forms=_FORMS)
 _STOP = Entry(Stop, late=("speed", "lift_off"))
-_GRIP = Entry(Grip, late=("reduced",))
+GripItem = Annotated[PartialCall[Grip], Entry(Grip, late=("reduced",))]
+"""Friction of the ground."""
 
 
 class SimulationSettings(_PLANT.model, _STOP.model):  # type: ignore[name-defined, misc]
@@ -41,20 +42,6 @@ class SimulationSettings(_PLANT.model, _STOP.model):  # type: ignore[name-define
     def stop(self) -> Stop:
         """Conditions that end the run early."""
         return _STOP.build(self, lift_off=self.on_lift_off == "stop")
-
-
-class GripSettings(_GRIP.model):  # type: ignore[name-defined, misc]
-    """Friction of the ground. A reference that needs more friction causes a warning, is refused, or is slowed down.
-
-    A run whose constraints need more friction fails.
-    """
-
-    slow: bool = False
-    """True to slow down all references by one factor until no wheel slips. 5 % of the friction are for feedback."""
-
-    def build(self, reduced: ReducedModel) -> Grip:
-        """Friction limits of the contacts of a model."""
-        return _GRIP.build(self, reduced=reduced)
 
 
 def _ordered(ends: list[float]) -> list[float]:

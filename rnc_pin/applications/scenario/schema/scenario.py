@@ -24,7 +24,7 @@ from rnc_pin.applications.scenario.schema.kinds import (
     with_ground,
 )
 from rnc_pin.applications.scenario.schema.motions import OptimalPlanner, References
-from rnc_pin.applications.scenario.schema.run_settings import Distribution, GripSettings, SimulationSettings
+from rnc_pin.applications.scenario.schema.run_settings import Distribution, GripItem, SimulationSettings
 from rnc_pin.applications.scenario.schema.world import ObstacleItem, RobotSource
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.control.loop import LoopSettings
@@ -189,7 +189,7 @@ class ScenarioFile(Strict):
     """Differences between the simulated plant and the model of the controller."""
     loop: LoopItem | None = None
     """Velocity estimation, supervision and safe commands of the control loop."""
-    grip: GripSettings | None = None
+    grip: GripItem | None = None
     """Friction of the ground; references before the run, and the forces of the run, are compared with it."""
     preflight: Literal["warn", "refuse"] = "warn"
     """Action if the check before the run finds a singular configuration on the reference, or a goal out of reach."""
