@@ -27,7 +27,6 @@ from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 _APART = 1e-4  # largest residual of holonomic rows that counts as rounding [m or rad]
 _DIFFERENT = 1e-6  # relative difference of velocities or momenta that counts as a contradiction
 _ROUNDED = 1e-4  # the same for rows that depend on others to the rounding of a file's numbers
-_SAME = 1e-9  # change of a velocity that counts as rounding, relative to the largest before [m/s or rad/s]
 _GAINED = 1e-9  # share of the kinetic energy that counts as rounding
 
 Restitution = float | Mapping[str, float]
@@ -64,17 +63,6 @@ class Impact(SummaryMixin):
     def loss(self) -> float:
         """Lost kinetic energy [J]."""
         return self.energy_before - self.energy_after
-
-    @property
-    def changes_velocity(self) -> bool:
-        """True if the velocity changes by more than rounding."""
-        before = float(np.abs(self.v_before).max(initial=0.0))
-        return bool(np.abs(self.v - self.v_before).max(initial=0.0) > _SAME * max(before, _SAME))
-
-    @property
-    def largest_impulse(self) -> float:
-        """Largest absolute impulse of a row [N s or N m s]; zero without rows."""
-        return max(map(abs, self.impulses.values()), default=0.0)
 
     def __reduce__(self) -> tuple[object, ...]:
         content = self.v_before, self.v, dict(self.impulses), self.energy_before, self.energy_after

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.assembly import Assembly, _out_of_reach
+from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.independence import ROUNDING
 from rnc_pin.model.kinematics import Kinematics
 from textbook_systems import Flat, coupling, sliders
@@ -65,14 +65,6 @@ def test_what_is_zero_enough_is_left_alone():
                 assembly.project(q)
 
 
-def test_it_gives_up_after_two_steps_in_a_row_that_hardly_help():
-    """Each leaves ``1 - k``: more than 0.999 of it, and that more than a millimetre."""
-    for k, start, steps in ((1.1e-3, 0.4, 100), (0.9e-3, 0.4, 2), (0.9e-3, 1.003e-3, 2), (0.9e-3, 1.0005e-3, 100)):
-        _, residual, closed = one_row(lambda x, k=k: k * x)._closest(np.array([start / k, 0.0, 0.0]))
-        assert residual[0] == pytest.approx(start * (1 - k) ** steps, rel=1e-9)
-        assert not closed
-
-
 def test_directions_that_hardly_move_a_row_are_not_corrected():
     """By a billionth of the longest, as inertia measures it; ranks are told from a hundred-millionth on."""
     for slope, closes in ((1.05e-9, True), (0.95e-9, False)):
@@ -111,14 +103,6 @@ def test_residuals_of_many_states_stand_one_under_the_other():
     np.testing.assert_array_equal(assembly.jacobian(at), [[1.0, 0, 0], [0, -2.0, 1.0], [0, 0, 1.0]])
     name, size = assembly.worst(np.array([1.5, 0.0, -4.0]))
     assert (name, size) == ("e", -5.0)
-
-
-def test_a_loop_is_out_of_reach_where_most_tries_end_equally_far():
-    """Twenty of them within a hundredth, and not next to zero."""
-    far = [0.3] * 15 + [0.302] * 5
-    assert _out_of_reach([*far, *np.linspace(0.31, 2.0, 5)])
-    assert not _out_of_reach([*far[:-1], *np.linspace(0.31, 2.0, 6)])
-    assert not _out_of_reach([each * 1e-3 for each in far])
 
 
 def test_assembling_takes_the_shortest_way_as_inertia_measures_it():
@@ -166,7 +150,7 @@ def test_what_contradicts_itself_is_met_half_way_and_told():
     words = r"satisfies coupling\(b, a\), coupling\(a, b\): coupling\(a, b\) has residual 0.52, limit 1e-11"
     with pytest.raises(rnc.ConstraintError, match="no configuration near q " + words):
         assembly.project(q)
-    words = r"from 25 random configurations: coupling\(a, b\) has residual 0.52, limit 1e-11$"
+    words = r"from any of 100 random configurations: coupling\(a, b\) has residual 0.52, limit 1e-11$"
     with pytest.raises(rnc.ConstraintError, match=words):
         assembly.random_configuration(np.random.default_rng(0))
     for wrong in (np.zeros(2), np.zeros((1, 3)), np.array([0.0, np.nan, 0.0])):
@@ -174,19 +158,13 @@ def test_what_contradicts_itself_is_met_half_way_and_told():
             assembly.project(wrong)
 
 
-def test_random_configurations_give_up_only_where_all_end_alike():
-    """A gap that nothing closes, each time another: all tries are made. Where no row is defined, none counts."""
-    robot = sliders()
-    stuck = Flat(np.zeros((1, 3)), ["stuck"], gap=lambda q: 1.0 + 0.1 * np.abs(q[..., :1]))
-    with pytest.raises(rnc.ConstraintError, match="from any of 100 random configurations: stuck has residual"):
-        Assembly(robot, [stuck]).random_configuration(np.random.default_rng(0))
-
+def test_random_configurations_need_rows_that_are_defined():
     def undefined(q):
         raise rnc.SingularityError("nowhere", q=q, condition=np.inf, rows=("one",))
 
     nowhere = Flat(np.eye(3)[:2], ["one", "two"], gap=undefined)
     with pytest.raises(rnc.ConstraintError, match=r"from any of 100 random configurations$"):
-        Assembly(robot, [nowhere]).random_configuration(np.random.default_rng(0))
+        Assembly(ROBOT, [nowhere]).random_configuration(np.random.default_rng(0))
 
 
 def test_rows_of_the_ground_that_no_joint_moves_are_left_alone():

@@ -119,31 +119,22 @@ def test_a_motion_into_a_singularity_keeps_what_it_has():
     assert run.outcome in (rnc.Outcome.SINGULAR, rnc.Outcome.DIVERGED)
 
 
-@pytest.mark.parametrize("arguments", [
-    {"duration": 0.0},
-    {"duration": 1.0, "dt": 2.0},
-    {"duration": 1.0, "tolerance": (1e-9, 0.0)},
-    {"duration": np.inf},
+@pytest.mark.parametrize(("arguments", "words"), [
+    ({"duration": 0.0}, "have to be positive"),
+    ({"dt": 2.0}, "have to be positive"),
+    ({"tolerance": (1e-9, 0.0)}, "have to be positive"),
+    ({"duration": np.inf}, "have to be positive"),
+    ({"options": rnc.SimulationOptions(loop={"brake": 1.0})}, "takes stop and meta only"),
+    ({"options": rnc.SimulationOptions(observer=print)}, "takes stop and meta only"),
+    ({"options": rnc.SimulationOptions(controller_state=1.0)}, "takes stop and meta only"),
+    ({"inputs": np.zeros(2)}, "T has shape"),
+    ({"v2": np.zeros(2)}, "v2 has shape"),
 ])  # fmt: skip
-def test_times_and_tolerances_that_make_no_sense_are_refused(arguments):
-    reduced = space_robot_in_joints()
-    with pytest.raises(rnc.InputError, match="have to be positive"):
-        rnc.free_motion(reduced, reduced.robot.configuration(), np.zeros(3), **arguments)
-
-
-def test_options_of_a_controller_are_refused():
-    reduced = space_robot_in_joints()
-    for options in ({"loop": {"brake": 1.0}}, {"observer": print}, {"controller_state": 1.0}):
-        with pytest.raises(rnc.ConfigurationError, match="takes stop and meta only"):
-            rnc.free_motion(reduced, np.zeros(4), np.zeros(3), 1.0, options=rnc.SimulationOptions(**options))
-
-
-def test_shapes_are_refused_by_name():
-    reduced = space_robot_in_joints()
-    with pytest.raises(rnc.InputError, match="T has shape"):
-        rnc.free_motion(reduced, reduced.robot.configuration(), np.zeros(3), 1.0, inputs=np.zeros(2))
-    with pytest.raises(rnc.InputError, match="v2 has shape"):
-        rnc.free_motion(reduced, reduced.robot.configuration(), np.zeros(2), 1.0)
+def test_arguments_of_a_free_motion_that_make_no_sense_are_refused(arguments, words):
+    given = {"q0": np.zeros(4), "v2": np.zeros(3), "duration": 1.0, **arguments}
+    q0, v2, duration = (given.pop(name) for name in ("q0", "v2", "duration"))
+    with pytest.raises(rnc.RncError, match=words):
+        rnc.free_motion(space_robot_in_joints(), q0, v2, duration, **given)
 
 
 @pytest.mark.skipif(rnc.kernel == "numpy", reason="NumPy has no rates of its own in local coordinates")

@@ -98,21 +98,6 @@ def test_a_question_is_answered_as_before_whatever_was_asked_of_other_states_bet
         near(QUESTIONS[first](here, frame), expected)
 
 
-@pytest.mark.parametrize("what", ["velocity", "acceleration", "jacobian_dot"])
-def test_a_second_velocity_at_one_configuration_leaves_the_first_as_it_is(what):
-    """Nonlinear effects of the second overwrite Pinocchio's velocities, whether anybody asks for those or not."""
-    robot = ROBOTS["tree"]
-    q, v = states(robot)
-    frame, position = frames(robot)[2], Kinematics(robot).position(q[0, 0])
-    first, ask = position.with_velocity(v[0, 0]), QUESTIONS[what]
-    expected = ask(Kinematics(robot).position(q[0, 0]).with_velocity(v[0, 0]), frame).copy()
-    near(ask(first, frame), expected)
-    second = position.with_velocity(v[0, 1])
-    near(ask(first, frame), expected)
-    near(ask(second, frame), ask(Kinematics(robot).position(q[0, 0]).with_velocity(v[0, 1]), frame))
-    near(ask(first, frame), expected)
-
-
 @pytest.mark.parametrize("states_at", [(1, 2), slice(None)], ids=["one", "many"])
 def test_kinematics_are_computed_once_and_cannot_be_changed(states_at):
     robot = ROBOTS["tree"]
