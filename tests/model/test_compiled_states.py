@@ -33,15 +33,6 @@ def test_frames_are_those_of_pinocchio(make):
     assert not here.placement(1).translation.flags.writeable
 
 
-def test_an_array_that_the_kernel_cannot_take_is_evaluated_by_pinocchio():
-    reduced = tiago()
-    state = reduced.at(reduced.robot.configuration(), np.zeros(reduced.r))
-    record = {"J": np.zeros((6, reduced.n), np.float32), "placements": state.arrays_at_q.kinematics["placements"]}
-    here = KnownKinematics(reduced.reduction_data.kinematics, state.q, 0.0, record)
-    frame = reduced.robot.model.nframes - 1
-    np.testing.assert_allclose(here.jacobian(frame), state.position.jacobian(frame), atol=1e-14)
-
-
 def test_the_rows_of_another_reduction_are_told_apart():
     """Vertical outputs leave E as it is; other velocities, rows or times do not."""
     data = tiago().reduction_data

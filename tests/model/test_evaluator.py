@@ -1,4 +1,4 @@
-"""The door to evaluators: what is filled comes first, and formulas give everything else."""
+"""Evaluators: what a compiled one declines, when it is compared, and the names of what it fills."""
 
 from copy import deepcopy
 from dataclasses import FrozenInstanceError, replace
@@ -12,52 +12,12 @@ from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model import reduced_kinematics
 from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.compiled_states import CompiledArraysAtQ, CompiledArraysAtV
-from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, _Filled
+from rnc_pin.model.evaluator import _Filled
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.state_evaluation import StateEvaluation
 from systems import mobile_manipulator, random_states, tiago
 
 needs_kernel = pytest.mark.skipif(_kernel.library is _kernel.NUMPY_ALONE, reason="NumPy evaluates every model")
-
-
-class Filled(ArraysAtQ):
-    """Arrays that no formula gives, so that it shows who is asked."""
-
-    def __init__(self, n, r):
-        self.M, self.H = np.full((n, n), 2.0), None
-        self.factors = np.arange(1.0, n + 1)
-
-    def velocity(self, at, v2):
-        return None if v2[0] < 0 else 7.0 * self.factors
-
-
-class FilledAtV(ArraysAtV):
-    def __init__(self, n):
-        self.nonlinear_effects = np.full(n, 5.0)
-
-
-class Filling(NumPyEvaluator):
-    def fill_at_q(self, at, same):
-        return Filled(self.data.n, self.data.r)
-
-    def fill_at_v(self, at, filled):
-        return FilledAtV(self.data.n)
-
-
-def test_a_filled_array_replaces_its_formula_and_formulas_use_it():
-    reduced = mobile_manipulator()
-    ((q, v2),) = random_states(reduced, 1)
-    v2 = np.abs(v2)
-    plain = StateEvaluation.at(NumPyEvaluator(reduced.reduction_data), q.copy(), v2)
-    state = StateEvaluation.at(Filling(reduced.reduction_data), q.copy(), v2)
-    np.testing.assert_array_equal(state.M, np.full((reduced.n, reduced.n), 2.0))
-    assert not state.H.flags.writeable
-    np.testing.assert_array_equal(state.R, plain.R)  # not filled
-    np.testing.assert_allclose(state.H, plain.R.T @ state.M @ plain.R, rtol=1e-12)  # None: the formula, of the filled M
-    np.testing.assert_array_equal(state.v, 7.0 * np.arange(1.0, reduced.n + 1))
-    np.testing.assert_array_equal(state.bias, np.full(reduced.n, 5.0))
-    still = StateEvaluation.at(Filling(reduced.reduction_data), q.copy(), -v2)  # the evaluator declines the velocity
-    np.testing.assert_allclose(still.v, -plain.v, rtol=1e-12, atol=1e-15)
 
 
 @needs_kernel

@@ -12,20 +12,6 @@ from rnc_pin.model.row_stack import OutputStack, RowStack
 from textbook_systems import Flat, Turning, sliders
 
 
-def test_rows_that_vanish_everywhere_have_no_length():
-    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
-    wheel = rnc.RollingWheel("left_wheel", 0.1).bind(robot)
-    lengths = row_scales(
-        robot,
-        RowStack([wheel, rnc.Caster("nose", 0.1).bind(robot)]),
-        OutputStack([]),
-        np.array([robot.random_configuration(np.random.default_rng(k)) for k in range(5)]),
-    )
-    assert lengths[-1] == 0.0
-    # Forwards 1 m/s of the base, 0.2 m of its turning and 0.1 m of the wheel's; sideways the base alone.
-    assert (lengths[:2] >= 1.0).all()
-
-
 def test_a_row_is_naturally_as_long_as_in_the_median_or_where_most_are_zero_at_its_longest():
     robot = sliders()
     sizes = np.array([[3.0, 0.0, 0.0, 6e-12], [1.0, 0.0, 5.0, 0.0], [2.0, 0.0, 0.0, 8e-12], [7.0, 4.0, 6.0, 0.0]])
@@ -51,7 +37,7 @@ def test_a_row_is_naturally_as_long_as_in_the_median_or_where_most_are_zero_at_i
     np.testing.assert_array_equal(row_scales(robot, RowStack([Turning("a", seldom)]), outputs, q[:2]), [0.0, 0.0])
 
 
-def test_parts_are_put_together_once_and_again_in_other_velocities():
+def test_a_reduction_is_put_together_again_in_other_velocities():
     robot = sliders("XXXX", (2.0, 3.0, 5.0, 7.0))
     rows = [Flat(np.arange(8.0).reshape(2, 4), "ab"), Flat([[1.0, 0, 0, -1.0]], "c")]
     outputs = OutputStack([VelocityRows(np.eye(4)[[1, 3]], ["x", "y"], ["m/s", "rad/s"])])
@@ -59,24 +45,11 @@ def test_parts_are_put_together_once_and_again_in_other_velocities():
     lengths = np.array([5.0, 7.0, 0.5, 2.0, 4.0])
     actuation = Actuation(["a"], robot)
     shared = (Kinematics(robot), PassiveForces((), robot))
-    for limit, free, kept, quick in (
-        (1e8, False, [0, 2], 1e6), (200.0, False, [0, 2], 4e4), (1e8, True, [1, 2], 1e6), (1e8, False, [0, 1, 2], 1e16),
-        (1e8, True, [0, 1, 2], 1e6),
-    ):  # fmt: skip
-        parts = ReductionData(
-            robot, RowStack(rows), tuple(kept), actuation, outputs, vertical, limit, lengths, *shared, free
-        )
-        assert (parts.n, parts.m, parts.r, parts.p) == (4, len(kept), 2, 1)
-        assert (parts.singularity_limit, parts.fast_limit) == (limit, pytest.approx(quick))
-        assert parts.fast_length == pytest.approx(((lengths[[*kept, 3, 4]]) ** 2).sum())
-        assert (parts.kept, parts.has_alternatives) == (tuple(kept), free or len(kept) < 3)
-        np.testing.assert_array_equal(parts.lengths, lengths[[*kept, 3, 4]])
-        np.testing.assert_array_equal(parts.constraint_scales, lengths[:3])
-        np.testing.assert_array_equal(parts.output_scales, lengths[3:])
-        whole = np.vstack([rows[0].matrix, rows[1].matrix])
-        np.testing.assert_array_equal(parts.template, np.vstack([whole[kept], np.eye(4)[[1, 3]]]))
-        assert parts.constraints.names == tuple("abc"[k] for k in kept)
     parts = ReductionData(robot, RowStack(rows), (0, 2), actuation, outputs, vertical, 1e5, lengths, *shared)
+    assert (parts.n, parts.m, parts.r, parts.p, parts.has_alternatives) == (4, 2, 2, 1, True)
+    assert (parts.fast_limit, parts.fast_length) == (pytest.approx(1e6), pytest.approx(25.0 + 0.25 + 4.0 + 16.0))
+    np.testing.assert_array_equal(parts.lengths, [5.0, 0.5, 2.0, 4.0])
+    np.testing.assert_array_equal(parts.template, [*rows[0].matrix[:1], *rows[1].matrix, *np.eye(4)[[1, 3]]])
     W = np.array([[0.6, 0, 0.8, 0], [0, 1.0, 0, 0]])
     for other, names, matrix, sizes, free in (
         (parts.in_velocities(W), ("w[0]", "w[1]"), W, [1.0, 1.0], False),

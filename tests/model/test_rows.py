@@ -7,9 +7,9 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics
-from rnc_pin.model.row_stack import OutputStack, RowStack
+from rnc_pin.model.row_stack import RowStack
 from rnc_pin.model.rows import FrameAnchor, GroundContact, JointCoupler, Rows, check_defined
-from systems import rolling_base, sleigh
+from systems import rolling_base
 from textbook_systems import Flat, sliders
 
 # ---------------------------------------------------------------------- rows, stacks and couplings
@@ -59,17 +59,6 @@ def test_a_stack_of_some_rows_is_what_its_blocks_say_one_by_one():
                     where, along = wheels[row > 4].lines_of_action(motion)
                     np.testing.assert_array_equal(points[..., place, :], where[..., row % 5, :])
                     np.testing.assert_array_equal(directions[..., place, :], along[..., row % 5, :])
-
-
-def test_outputs_know_which_are_angles_and_which_have_no_value():
-    robot = sleigh().robot
-    kinds = [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh"), rnc.FramePosition("sleigh", "xy")]
-    outputs = OutputStack([kind.bind(robot) for kind in kinds])
-    assert outputs.angular.tolist() == [False, True, False, False]
-    assert outputs.quasi.tolist() == [True, False, False, False]
-    q = np.stack([robot.configuration({"root_joint": (x, 0.3, 0.5)}) for x in (1.0, 2.0)])
-    values = outputs.value(Kinematics(robot).position(q))
-    np.testing.assert_allclose(values, [[0.0, 0.5, 1.0, 0.3], [0.0, 0.5, 2.0, 0.3]], atol=1e-12)
 
 
 def test_rows_say_nothing_of_what_they_have_not():
