@@ -187,8 +187,6 @@ class _Partials(NamedTuple):
     forces_v: Float[Array, "nv nv"]
     input_q: Float[Array, "nv nv"]
     """Of ``B T``."""
-    along: VelocityKinematics
-    """Kinematics for each unit velocity, (nv,) states."""
     error: float
     """Estimated error of finite differences."""
 
@@ -219,48 +217,7 @@ def _partials(reduced: ReducedModel, state: StateEvaluation, w: Array, T: Array)
     Ew_q = np.einsum("jab,b->aj", E_q, w) + drift_q
     error += B_error * float(np.abs(T).sum())
     input_q = np.einsum("jab,b->aj", B_q, T)
-    return _Partials(E_q, Ev_q, Ew_q, E_dot + Ev_q, forces, tau_q, tau_v, input_q, along, error)
-
-
-class ConstraintForceDerivatives(NamedTuple):
-    """Derivatives at one state, by q, v2 and T, of the motion and of the force that the constraints have to give.
-
-    The force is ``H* w + C* v + g* - B T - A^T f``, with forces f of all constraint rows that stay the same.
-    """
-
-    force: tuple[Float[Array, "nv nv"], Float[Array, "nv r"], Float[Array, "nv p"]]
-    v: tuple[Float[Array, "nv nv"], Float[Array, "nv r"]]
-    w: tuple[Float[Array, "nv nv"], Float[Array, "nv r"], Float[Array, "nv p"]]
-    """Of the full acceleration."""
-
-
-def constraint_force_derivatives(
-    reduced: ReducedModel, state: StateEvaluation, T: Array, forces: Float[Array, "k l"]
-) -> list[ConstraintForceDerivatives]:
-    """Derivatives for k choices of the forces of all l constraint rows, at one state.
-
-    The axes of joints must not depend on their own position.
-    """
-    reduced, state = _smooth_at(reduced, state)
-    motion = state_derivatives(reduced, state.q, state.v2, T)
-    found = _partials(reduced, state, state.v_dot(motion.v2_dot), T)
-    E_inverse, M = state.E_inverse, state.M
-    v_q, R = motion.v_q, state.R
-    w_q = R @ motion.v2_dot_q - E_inverse @ (found.Ew_q + found.Ew_v @ v_q)
-    w_v2 = R @ motion.v2_dot_v2 - E_inverse @ (found.Ew_v @ R)
-    w_T = R @ motion.v2_dot_T
-    rows_q = reduced.all_constraints.jacobian_dot(found.along)
-    if reduced.all_constraints.turning:
-        still = Kinematics(reduced.robot, _time(reduced, state)).position(state.q).with_velocity(np.zeros(reduced.n))
-        rows_q = rows_q - reduced.all_constraints.jacobian_dot(still)
-    same_q = found.forces_q - found.input_q + found.forces_v @ v_q + M @ w_q
-    by_v2, by_T = found.forces_v @ R + M @ w_v2, M @ w_T - state.B
-    return [
-        ConstraintForceDerivatives(
-            (same_q - np.einsum("jab,a->bj", rows_q, each), by_v2, by_T), (v_q, R), (w_q, w_v2, w_T)
-        )
-        for each in forces
-    ]
+    return _Partials(E_q, Ev_q, Ew_q, E_dot + Ev_q, forces, tau_q, tau_v, input_q, error)
 
 
 def _axes_are_constant(reduced: ReducedModel) -> bool:

@@ -17,7 +17,7 @@ from rnc_pin.math.linear_algebra import Component, Entry, cross, dot, packed_vec
 from rnc_pin.model.frame_rows import FLAT, DirectionRows, triple
 from rnc_pin.model.input_validation import Vector, is_number
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
-from rnc_pin.model.kinematics import Placement, PositionKinematics
+from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.relative_rows import RelativeRows
 from rnc_pin.model.rows import Friction, GroundContact, GroundSurface, Rows, carrier_of, check_defined
 from rnc_pin.robots.robot import Robot
@@ -286,15 +286,6 @@ class RollingRows(DirectionRows):
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         directions = self.wrenches(at)[..., :3]  # which checks that the wheel does not lie flat
         return np.broadcast_to(self._contact(at)[..., None, :], directions.shape), directions
-
-    def arm_gradient(self, place: Placement, turning: np.ndarray) -> np.ndarray:
-        a, n = (place.rotation @ self.axle)[:, None], np.asarray(self._normal)[:, None]
-        a_q = np.cross(turning, a, axis=0)
-        z, z_q = float(a[:, 0] @ n[:, 0]), n[:, 0] @ a_q
-        s = float(np.sqrt(1 - z * z))
-        # arm = radius (z (a - z n) / s - s n), with s^2 = 1 - z^2
-        along, along_q = (a - z * n) / s, (a_q - n * z_q) / s + (a - z * n) * (z * z_q / s**3)
-        return np.asarray(self.radius * (along * z_q + z * along_q + n * (z * z_q / s)))
 
     def mechanisms(self) -> tuple[GroundContact]:
         return (GroundContact(self.wheel, self.radius, self.axle, friction=self._friction),)

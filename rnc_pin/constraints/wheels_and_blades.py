@@ -16,7 +16,7 @@ from rnc_pin.math.linear_algebra import Entry, cross
 from rnc_pin.model.frame_rows import ConstantWrenchRows, DirectionRows, OffsetFrame, axis_index
 from rnc_pin.model.input_validation import Axis, NotNegative, Positive, Vector, is_number
 from rnc_pin.model.kernel_rows import Form, KernelRow, wrench_rows
-from rnc_pin.model.kinematics import OWN_AXES, Kinematics, Placement, PositionKinematics
+from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics
 from rnc_pin.model.rows import Friction, GroundContact, Rows
 from rnc_pin.robots.robot import Robot
 
@@ -195,9 +195,6 @@ class _NoSideSlipRow(DirectionRows):
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         placement = self._point.placement(at)
         return placement.translation[..., None, :].copy(), placement.rotation[..., :, self._axis][..., None, :].copy()
-
-    def arm_gradient(self, place: Placement, turning: np.ndarray) -> np.ndarray:
-        return np.cross(turning, (place.rotation @ self.directions[:, 1])[:, None], axis=0)
 
     def mechanisms(self) -> tuple[GroundContact]:
         center = np.asarray(self._edge.at, dtype=float)

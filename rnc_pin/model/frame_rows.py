@@ -225,27 +225,6 @@ class WrenchRows(Rows):
             (at.acceleration(self.frame), np.vstack([motion.acceleration, motion.angular_acceleration])),
         )
 
-    def point_gradient(self, at: PositionKinematics) -> np.ndarray | None:
-        J = at.jacobian(self.frame)
-        arm = self.arm_gradient(at.placement(self.frame), J[3:])
-        return None if arm is None else J[:3] + arm
-
-    def direction_gradients(self, at: PositionKinematics) -> np.ndarray:
-        place, J = at.placement(self.frame), at.jacobian(self.frame)
-        return np.stack([self._combined(self.wrench_rate(place, each))[:, :3] for each in J.T], axis=-1)
-
-    def arm_gradient(self, place: Placement, turning: np.ndarray) -> np.ndarray | None:
-        """Derivative (3, nv) of the vector from the frame's origin to the contact, at one state.
-
-        Args:
-            place: placement of the frame.
-            turning: angular part of its Jacobian (3, nv).
-
-        Returns:
-            None if there is no closed form.
-        """
-        return None
-
 
 def _carried(twist: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Velocity G (..., 6) of material with a twist (6,) at the frame's origin (..., 3)."""
@@ -274,9 +253,6 @@ class ConstantWrenchRows(WrenchRows):
 
     def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
         return np.zeros_like(self.matrix)
-
-    def arm_gradient(self, place: Placement, turning: np.ndarray) -> np.ndarray:
-        return np.zeros_like(turning)
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         return wrench_rows(Form.WORLD, attached(model, self.frame), self.matrix.tolist(), self.twist)

@@ -199,14 +199,6 @@ class Rows(ABC):
         """
         return None
 
-    def point_gradient(self, at: PositionKinematics) -> np.ndarray | None:
-        """Derivative (3, nv) by q of the common point of the lines of action, at one state; None if unknown."""
-        return None
-
-    def direction_gradients(self, at: PositionKinematics) -> np.ndarray | None:
-        """Derivatives (k, 3, nv) by q of the directions of the forces, at one state; None without closed form."""
-        return None
-
     def mechanisms(self) -> tuple[Mechanism, ...]:
         """Physical mechanisms that enforce the rows, for simulators and drawings; empty if none is known."""
         return ()

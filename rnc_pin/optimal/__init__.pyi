@@ -10,8 +10,6 @@ from .bounds import FileLimits as FileLimits
 from .bounds import InputBound as InputBound
 from .bounds import OutputBound as OutputBound
 from .bounds import VelocityBound as VelocityBound
-from .contact_bounds import GripBound as GripBound
-from .contact_bounds import NormalForceBound as NormalForceBound
 from .costs import AccelerationCost as AccelerationCost
 from .costs import CostKind as CostKind
 from .costs import EffortCost as EffortCost

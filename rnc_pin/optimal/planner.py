@@ -167,7 +167,6 @@ def _compare(what: str, bound: NodeBound, values: dict[str, float], room: float 
 
 # ------------------------------------------------------------------ planning
 
-_EXPENSIVE = (DISTANCE, "normal_force", "grip")  # bounds whose rows take most of the time of a solution
 _POINTS = 400  # of a way
 _USUAL = 5  # guesses among whose solutions the cheapest is chosen, where the straight line does not hold the rows
 _ROUNDING = 1e-6  # of a velocity along the straight line
@@ -301,7 +300,7 @@ def plan_motion(
 
 def _bends(problem: Transcription, line: Iterate) -> bool:
     """True if rows do not allow the straight line, and no bounds make each solution expensive."""
-    if any(bound.quantity in _EXPENSIVE for bound in problem.bounds):
+    if any(bound.quantity == DISTANCE for bound in problem.bounds):  # each solution takes long
         return False
     v = problem.model.manifold.difference(line.q[:-1], line.q[1:]) * problem.K / line.duration
     reduced = problem.model.reduced

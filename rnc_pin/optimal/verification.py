@@ -13,9 +13,7 @@ from rnc_pin.collision import continuous_distances
 from rnc_pin.errors import RncError
 from rnc_pin.model.numpy_evaluator import PlannedFeedback
 from rnc_pin.optimal.bounds import DistanceRows
-from rnc_pin.optimal.contact_bounds import ContactForceRows
 from rnc_pin.optimal.motion_plan import Integration, PlanVerification
-from rnc_pin.optimal.node_data import NodeData
 from rnc_pin.optimal.transcription import Iterate, Transcription
 from rnc_pin.planning.action_models import Nodes
 from rnc_pin.verdict import Finding, FindingKind, Severity
@@ -30,8 +28,6 @@ _KINDS = {
     "goal": FindingKind.GOAL,
     "velocity": FindingKind.VELOCITY,
     "output": FindingKind.POSITION,
-    "normal_force": FindingKind.LIFT_OFF,
-    "grip": FindingKind.SLIP,
 }
 
 
@@ -174,8 +170,6 @@ def _excesses(problem: Transcription, fine: Iterate, substeps: int, accuracy: fl
         values, low, high = rows[:, where], same.lower[:, where], same.upper[:, where]
         peaks = _peaks(values, substeps) if block.of_state and block is not problem.goal else np.zeros(values.shape)
         beyond = np.maximum(low - values, values - high) + peaks
-        if isinstance(block, ContactForceRows):
-            beyond[:-1] = _within_intervals(block, same, fine, substeps)
         for row, at in enumerate(beyond.argmax(axis=0).tolist()):
             amount, value = float(beyond[at, row]), float(values[at, row])
             if amount > 0:
@@ -186,27 +180,6 @@ def _excesses(problem: Transcription, fine: Iterate, substeps: int, accuracy: fl
     for bound in problem.bounds:
         if isinstance(bound, DistanceRows):
             yield from _too_near(bound, times, fine.q, accuracy)
-
-
-def _within_intervals(
-    block: ContactForceRows, problem: Transcription, fine: Iterate, substeps: int
-) -> Float[Array, "n k"]:
-    """Largest amounts by which forces are below their limits from each fine step to the next.
-
-    Forces jump with the inputs, so that each interval has an end of its own.
-    """
-    times = problem.times(fine.duration)
-    starts, ends = (
-        block.rows(NodeData(problem.model, Nodes(fine.q[at], fine.w[at]), fine.u, times[at]), False).value
-        for at in (slice(0, -1), slice(1, None))
-    )
-    last = ends[substeps - 1 :: substeps, None]
-    samples = np.concatenate([starts.reshape(-1, substeps, starts.shape[1]), last], axis=1)
-    found = block.lower - np.minimum(samples[:, :-1], samples[:, 1:])
-    inner = samples.reshape(-1, samples.shape[2])
-    peaks = _peaks(inner, substeps + 1).reshape(samples.shape)
-    peaks[:, -1] = 0.0
-    return np.asarray(np.maximum(found, block.lower - samples[:, :-1] + peaks[:, :-1]).reshape(starts.shape))
 
 
 def _peaks(values: Float[Array, "n k"], substeps: int) -> Float[Array, "n k"]:

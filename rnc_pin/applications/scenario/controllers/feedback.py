@@ -37,9 +37,7 @@ from rnc_pin.optimal import (
     BoundKind,
     DistanceBound,
     EffortCost,
-    GripBound,
     InputBound,
-    NormalForceBound,
     OutputBound,
     PlanFeedback,
     PredictiveController,
@@ -102,10 +100,6 @@ def bounds_of(settings: MotionProblem, reduced: ReducedModel, obstacles: Sequenc
     if bounds.output:
         check_output_names("bounds.output", bounds.output, (*reduced.reducing.names, *reduced.vertical.names))
         yield OutputBound(list(bounds.output), *_limits(bounds.output))
-    if bounds.normal_force is not None:
-        yield NormalForceBound(bounds.normal_force)
-    if bounds.grip is not None:
-        yield GripBound(bounds.grip)
     if settings.clearance is not None and (obstacles or settings.links):
         distances = CollisionDistances(reduced.robot, obstacles, PairSelection(links=settings.links))
         if distances.pairs:

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, model_validator
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, one_of, part
 from rnc_pin.control import SlitheringReference
 from rnc_pin.io import Numbers, Strict
-from rnc_pin.model import NotNegative, Positive, ReducedModel
+from rnc_pin.model import Positive, ReducedModel
 from rnc_pin.optimal import FileLimits, MotionPlan, OutputCost, SolverSettings, plan
 from rnc_pin.planning import RELATIVE_REFERENCES, CarPath, RelativeReference, SteeringGeometry
 
@@ -130,10 +130,6 @@ class BoundSettings(Strict):
     """Rates of reducing outputs."""
     output: dict[str, Limits] = {}
     """Outputs that have a value, such as joint angles."""
-    normal_force: NotNegative | None = None
-    """Smallest normal force of every contact with the ground [N]; null for none."""
-    grip: Positive | None = None
-    """Coefficient of friction of the ground: the contact forces stay in their cones; null for none."""
 
 
 _Kept = Annotated[Literal["file"] | None, AfterValidator(lambda said: said is not None)]
