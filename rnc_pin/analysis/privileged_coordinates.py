@@ -84,7 +84,7 @@ class PrivilegedCoordinates(ReprMixin):
         self.growth_vector = tuple(sum(w <= s for w in self.weights) for s in range(1, max(self.weights) + 1))
         self.linear = linear
         self._polynomials = tuple(polynomials)
-        self.chart, self._chart_names = PlacementChart(reduced.robot.model, q), reduced.robot.velocity_names
+        self.chart = PlacementChart(reduced.robot.model, q)
         for each in (self.q, self.linear):
             each.setflags(write=False)
 
@@ -135,16 +135,6 @@ class PrivilegedCoordinates(ReprMixin):
                     slope = coefficient * power[i] * np.prod(lower**rest, axis=1)
                     slopes[:, j] += slope[:, None] * slopes[:, i]
         return z, slopes
-
-    def __str__(self) -> str:
-        lines = []
-        for j, (name, weight) in enumerate(zip(self.names, self.weights, strict=True)):
-            terms = [_term(value, self._chart_names[k]) for k, value in enumerate(self.linear[j]) if value]
-            for powers, value in self.polynomials[j].items():
-                factors = [f"z{i + 1}" + (f"^{p}" if p > 1 else "") for i, p in enumerate(powers) if p]
-                terms.append(_term(value, " ".join(factors)))
-            lines.append(f"z{j + 1} ({name}), weight {weight}: " + " ".join(terms).removeprefix("+ "))
-        return "\n".join(lines)
 
 
 def privileged_coordinates(
@@ -364,8 +354,3 @@ def _monomials(weights: Sequence[int], degree: int) -> Array:
         return found
 
     return np.array(of(0, degree), dtype=int).reshape(-1, len(weights))
-
-
-def _term(value: float, name: str) -> str:
-    size = "" if abs(abs(value) - 1) < _ACCURATE else f"{abs(value):.6g} "
-    return f"{'-' if value < 0 else '+'} {size}{name}"

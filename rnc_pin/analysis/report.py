@@ -2,7 +2,8 @@
 
 By Frobenius' theorem, motion stays on leaves whose tangent space is the involutive closure of span(R). A row that
 vanishes on the closure, not only on span(R), is the differential of a function up to a factor, given the other rows.
-The m rows have ``n - dim(closure)`` such combinations.
+Besides, ``n - dim(closure)`` counts combinations of rows that are integrable, such as the difference of the rolling
+rows of two wheels on an axle.
 """
 
 from __future__ import annotations
@@ -11,9 +12,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
-import scipy
 
-from rnc_pin.analysis.growth import Growth, GrowthEvidence, generic_growth
+from rnc_pin.analysis.growth import GrowthEvidence, generic_growth
 from rnc_pin.analysis.redundancy_class import Redundancy, classify
 from rnc_pin.analysis.singularities import (
     Singularity,
@@ -31,30 +31,7 @@ from rnc_pin.model.task import Task
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted, items, printed
 
 _TOLERANCE = 1e-5  # for unit rows; the closure is as accurate as the brackets
-_TAKES_PART = 1e-3  # share of the largest entries below which those of a row are too small for a pivot
 _CLEAR = 1e6  # margin above which a closure is accurate enough to judge rows
-
-
-@dataclass(frozen=True)
-class Combination:
-    """A combination of constraint rows that is integrable.
-
-    Attributes:
-        coefficients: by row name, the largest is 1 or -1, the first is positive; at one configuration if they vary.
-        constant: True if the coefficients are the same at every sampled configuration.
-    """
-
-    coefficients: dict[str, float]
-    constant: bool
-
-    def __str__(self) -> str:
-        if not self.constant:
-            return f"a combination of {', '.join(self.coefficients)} whose coefficients vary"
-        text = ""
-        for name, value in self.coefficients.items():
-            size = "" if abs(abs(value) - 1) < _TOLERANCE else f"{abs(value):.4g} "
-            text += f"{(' - ' if value < 0 else ' + ') if text else ''}{size}{name}"
-        return text
 
 
 @printed()
@@ -66,14 +43,12 @@ class Integrability:
         growth_vector: dimensions of span(R) and its brackets, level by level.
         integrable: rows that vanish on the involutive closure.
         nonholonomic: the others.
-        combinations: all ``n - growth_vector[-1]`` independent integrable combinations, single rows among them.
         evidence: number of configurations with this growth vector, and its margin.
     """
 
     growth_vector: tuple[int, ...]
     integrable: tuple[str, ...]
     nonholonomic: tuple[str, ...]
-    combinations: tuple[Combination, ...]
     evidence: GrowthEvidence
 
 
@@ -98,49 +73,8 @@ def integrability(reduced: ReducedModel, configurations: Sequence[np.ndarray] | 
         growth_vector=generic,
         integrable=tuple(name for name, each in zip(names, flat, strict=True) if each),
         nonholonomic=tuple(name for name, each in zip(names, flat, strict=True) if not each),
-        combinations=_combinations(
-            rows, [growth for growth, _ in growths], np.argsort(leftover), names, reduced.n - generic[-1]
-        ),
         evidence=evidence,
     )
-
-
-def _combinations(
-    rows: Sequence[np.ndarray], growths: Sequence[Growth], order: np.ndarray, names: Sequence[str], count: int
-) -> tuple[Combination, ...]:
-    """Sparse basis of the ``count`` combinations c with ``c^T A`` zero on the closure; single rows come first."""
-    if not count:
-        return ()
-    spaces = [
-        np.linalg.svd(unit_rows(A) @ growth.closure)[0][:, -count:] for A, growth in zip(rows, growths, strict=True)
-    ]
-    pivots = _pivots(spaces[0], order, count)
-    spaces = [space / np.linalg.norm(A, axis=1)[:, None] for A, space in zip(rows, spaces, strict=True)]
-    reduced = np.stack([space @ np.linalg.pinv(space[pivots]) for space in spaces])  # (samples, m, count)
-    reduced[np.abs(reduced) < _TOLERANCE * np.abs(reduced).max(axis=1, keepdims=True)] = 0.0
-    result = []
-    for k in range(count):
-        taking_part = np.flatnonzero(reduced[:, :, k].any(axis=0))
-        parts = reduced[:, taking_part, k]
-        here = parts[np.argmax(np.abs(parts[:, 0]))]
-        constant = bool(np.abs(parts - parts[:, :1] * (here / here[0])).max() < _TOLERANCE * np.abs(parts).max())
-        scaled = here / (np.sign(here[0]) * np.abs(here).max())
-        coefficients = {names[int(row)]: float(value) for row, value in zip(taking_part, scaled, strict=True)}
-        result.append(Combination(coefficients, constant))
-    return tuple(result)
-
-
-def _pivots(space: np.ndarray, order: np.ndarray, count: int) -> list[int]:
-    """Pivot rows of a basis (m, count), in order of preference; their entries form a regular matrix.
-
-    Rows that hardly take part in any combination are no pivots: their entries are rounding, and directions of rounding.
-    """
-    sizes = np.linalg.norm(space, axis=1)
-    chosen: list[int] = []
-    for row in order[sizes[order] > _TAKES_PART * sizes.max()]:
-        if len(chosen) < count and scipy.linalg.svdvals(unit_rows(space[[*chosen, row]]))[-1] > 1e-3:
-            chosen.append(int(row))
-    return chosen
 
 
 _LEMMA_TOLERANCE = 1e-6
@@ -159,8 +93,6 @@ class Report(SummaryMixin):
         kept_rows, dropped_rows: constraint rows, the latter with reasons.
         integrable_rows: kept rows that vanish on the involutive closure of span(R); holonomic given the other rows.
         nonholonomic_rows: the other kept rows.
-        integrable_combinations: ``n - growth_vector[-1]`` independent integrable combinations of rows, as text;
-            includes ``integrable_rows``.
         growth_vector: dimensions of span(R) and its brackets, level by level, the largest over the samples.
         growth_evidence: number of samples that agree on the growth vector, its margin, and the other results.
         completely_nonholonomic: True if the growth vector reaches n.
@@ -194,7 +126,6 @@ class Report(SummaryMixin):
     dropped_rows: tuple[DroppedRow, ...]
     integrable_rows: tuple[str, ...]
     nonholonomic_rows: tuple[str, ...]
-    integrable_combinations: tuple[str, ...]
     growth_vector: tuple[int, ...]
     growth_evidence: GrowthEvidence
     completely_nonholonomic: bool
@@ -234,7 +165,6 @@ class Report(SummaryMixin):
         lines = [
             ("constraint rows", items(self.kept_rows, kinds)),
             ("rows dropped", [Item(each.name, each.reason) for each in self.dropped_rows]),
-            ("integrable combinations", items(self.integrable_combinations)),
             ("reach", [Item(reach, f"growth vector {vector}")]),
             (f"actuation, {counted(self.p, 'input')}", [Item(full + ", ".join(self.unactuated))]),
             ("redundancy", [Item(named, task.reason)]),
@@ -333,7 +263,6 @@ def analyze(
         dropped_rows=reduced.dropped_rows,
         integrable_rows=rows.integrable,
         nonholonomic_rows=rows.nonholonomic,
-        integrable_combinations=tuple(str(each) for each in rows.combinations),
         growth_vector=growth,
         growth_evidence=rows.evidence,
         completely_nonholonomic=growth[-1] == reduced.n,

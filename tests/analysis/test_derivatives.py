@@ -10,14 +10,11 @@ from kinds import ILL_SCALED, KINDS
 from random_systems import TOUCHING, recipes, reduced_of
 from rnc_pin.analysis.derivatives import _at_one_state as at_one_state
 from rnc_pin.analysis.derivatives import state_derivatives
-from rnc_pin.model.user_functions import directional_derivative, gradient
+from rnc_pin.model.user_functions import gradient
 from systems import (
     bicycle,
-    fire_truck,
-    mecanum,
     mobile_manipulator,
     random_states,
-    sleigh,
     spinning_space_robot,
     sprung_arm,
     tiago,
@@ -124,38 +121,6 @@ def test_the_error_of_differences_is_that_of_two_steps(affine, moving):
     assert found.difference_error == pytest.approx(estimate + 255 * abs(along_1 - exact), rel=0.05)
 
 
-def test_what_is_in_closed_form_has_no_error():
-    """Inputs or not, moving or not."""
-    reduced = sleigh()
-    for v2 in ([0.0, 0.0], [0.6, -1.3]):
-        found = state_derivatives(reduced, reduced.robot.configuration(), np.array(v2), np.array([3.0, -2.0]))
-        assert found.difference_error == 0.0
-
-
-def test_derivatives_know_actuators_that_are_a_function():
-    """Of the configuration: forces of a thruster on the sleigh, by hand."""
-    robot = sleigh().robot
-
-    def thruster(q):
-        c, s = q[2], q[3]  # of the heading, as a planar joint has it
-        return np.array([[1.0, 0.2 * c], [0.0, 0.3 * s], [0.1 * q[0], 1.0]])
-
-    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], thruster).reduce()
-    T = np.array([0.7, -0.4])
-    for q, v2 in random_states(reduced, 2):
-        found = state_derivatives(reduced, q, v2, T)
-        wanted = gradient(robot.model, lambda p, v2=v2: reduced.forward_dynamics(p, v2, T), q, 1e-3)
-        np.testing.assert_allclose(found.v2_dot_q, wanted, atol=1e-7)
-        assert 0 < found.difference_error < 1e-9
-
-
-def test_nothing_changes_along_no_way():
-    model = sleigh().robot.model
-    zero = directional_derivative(model, lambda q: np.outer(q, q), pin.neutral(model), np.zeros(3))
-    assert zero.shape == (4, 4)
-    assert not zero.any()
-
-
 # ---------------------------------------------------------------------- every built-in kind
 
 
@@ -192,15 +157,6 @@ def test_every_built_in_kind_is_in_closed_form(name):
         found = state_derivatives(reduced, q, v2, T)
         assert found.difference_error == 0.0
         check_differences(reduced, found, q, v2, T)
-
-
-@pytest.mark.parametrize("make", [fire_truck, mecanum, tiago])
-def test_derivatives_of_whole_robots_are_those_of_differences(make):
-    """Axles, rollers, and contact rows of which some are dropped."""
-    reduced = make()
-    for q, v2 in random_states(reduced, 2, seed=8):
-        T = np.linspace(-1.0, 2.0, reduced.p)
-        check_differences(reduced, state_derivatives(reduced, q, v2, T), q, v2, T, 1e-8)
 
 
 def test_forces_of_every_kind_are_in_closed_form():

@@ -97,14 +97,6 @@ def test_first_brackets_are_judged_by_their_directions(weak, apart, expected):
     np.testing.assert_allclose(found.closure.T @ found.closure, np.eye(expected[-1]), atol=1e-12)
 
 
-def test_what_hardly_leads_out_is_square_to_the_rest():
-    """Under ``x2' = 50000 x0' + 9 x0 x1'`` the bracket, along x2, is next to a generator."""
-    reduced = sliders_with_rows(lambda q: [[5e4, 9.0 * q[0]]], lambda q, v: [[0.0, 9.0 * v[0]]])
-    found = grow(reduced, np.array([0.2, -0.3, 0.1]))
-    assert found.vector == (2, 3)
-    np.testing.assert_allclose(found.closure.T @ found.closure, np.eye(3), atol=1e-14)
-
-
 def test_what_varies_fast_still_grows():
     """``x2' = sin(20 x0) x1'`` and ``x3' = cos(21 x0) x1'``: the second derivatives point elsewhere than the first."""
 
@@ -196,14 +188,6 @@ def test_the_largest_dimensions_are_generic_not_the_longest_vector(monkeypatch):
     )
 
 
-def test_a_level_of_rounding_errors_leaves_the_margin_of_the_others():
-    """The height of a leaning wheel does not grow: what is left after (3, 4, 5) is 1e-10 of the levels before."""
-    reduced = leaning_wheel()
-    found = growth.grow(reduced, random_states(reduced, 1, seed=3)[0][0])
-    assert found.vector == (3, 4, 5)
-    assert found.margin > 1e9
-
-
 def test_samples_with_the_last_dimension_are_shown_if_none_has_all(monkeypatch):
     told = {0: (2, 4, 5), 1: (2, 3, 6)}
     monkeypatch.setattr(growth, "grow", lambda _, q: growth.Growth(told[int(q[0])], np.eye(6), 1e6 * (1 + q[0]), False))
@@ -269,19 +253,6 @@ def test_the_rounding_of_a_file_is_no_direction_at_any_depth():
         lambda q, v: [[0.0, 1e-6 * v[0]], [0.0, 2e-6 * q[0] * v[0]], [0.0, v[0]]],
     )
     assert grow(reduced, np.array([0.3, 0.2, -0.1, 0.4, 0.1])).vector == (2, 3)
-
-
-def test_samples_next_to_singular_ones_do_not_decide():
-    reduced = tractor_trailers(3)
-    generator = np.random.default_rng(3)
-    near = [
-        reduced.robot.configuration({f"hitch_{k}": np.pi / 2 - gap for k in (1, 2, 3)}) for gap in (1e-3, 1e-5, 1e-8, 0)
-    ]
-    drawn = [reduced.random_configuration(generator, 0.8) for _ in range(6)]
-    evidence, agreeing = generic_growth(reduced, [*near, *drawn])
-    assert agreeing[0][0].vector == (2, 3, 4, 5, 6, 7)
-    assert evidence.agreeing >= 3
-    assert sum(count for _, count in evidence.others) == evidence.samples - evidence.agreeing > 0
 
 
 @pytest.mark.parametrize(("make", "expected"), [

@@ -6,7 +6,6 @@ import pytest
 import scipy.linalg
 
 import rnc_pin as rnc
-from rnc_pin.analysis.derivatives import state_derivatives
 from systems import four_bar
 from textbook_systems import (
     SIZE,
@@ -67,34 +66,11 @@ def test_deviation_is_the_state():
         assert own not in repr(found)
 
 
-def test_a_ball_near_the_axis_of_a_turntable_circles_at_two_sevenths_of_its_rate():
-    """Earnshaw 1844: the acceleration of its centre is 2/7 of the angular velocity of the table times its velocity."""
-    robot, table = rnc.Robot.from_urdf("rolling_ball.urdf", base="free"), rnc.GroundPlane(spin=1.4)
-    moving = rnc.RollingBall("ball", 0.2, ground=table)
-    reduced = rnc.NonholonomicSystem(robot, [moving]).reduce([rnc.FrameAngularVelocity("ball", a) for a in "xyz"])
-    found = rnc.linearize(
-        reduced,
-        robot.configuration({"root_joint": (0, 0, 0.2, 0, 0, 0, 1)}),
-        coordinates=[rnc.FramePosition("ball", "xy")],
-    )
-    # Place and spin hold anywhere: the rest of five states is one oscillation, and three that stay.
-    np.testing.assert_allclose(found.eigenvalues, [-0.4j, 0, 0, 0, 0.4j], atol=1e-9)
-    assert found.difference_error == 0.0
-
-
-def test_rows_of_a_user_say_how_good_their_differences_are():
-    from benchmarks.validation.ball import ball, contact_on_turntable
-
-    q = ball().robot.configuration({"root_joint": (0.3, 0, 0.2, 0, 0, 0, 1)})
-    state = np.array([1.0, 2.0, 3.0])
-    assert state_derivatives(ball(), q, state, np.empty(0)).difference_error == 0.0
-    assert 0 < state_derivatives(ball(contact=contact_on_turntable()), q, state, np.empty(0)).difference_error < 1e-10
-
-
 FIXED, MOVING = rnc.FramePosition("base", "z"), ["pitch", "root_joint[0]"]
 
 
 @pytest.mark.parametrize(("options", "error", "words"), [
+    ({"coordinates": [], "rates": []}, rnc.InputError, "coordinates and rates are both empty"),
     ({"T": [1.0, 1.0]}, rnc.ConstraintError, "not an equilibrium and not a steady motion"),
     ({"coordinates": []}, rnc.ConstraintError, "also depends on 'pitch'"),
     ({"rates": ["pitch"]}, rnc.ConstraintError, "also depends on 'base_speed_x'"),
@@ -129,14 +105,6 @@ def test_a_motion_is_steady_to_a_part_in_ten_to_the_eight():
         "not an equilibrium and not a steady motion: under T = [] "
         f"the rate of 'hinge_0' changes by {-1.03e-8 * SIZE:.3g} a second"
     )
-
-
-def test_a_state_of_nothing_is_refused():
-    reduced = rnc.NonholonomicSystem(rail_sliders(2), []).reduce()
-    with pytest.raises(rnc.InputError) as told:
-        rnc.linearize(reduced, np.zeros(2), coordinates=[], rates=[])
-    assert str(told.value) == "coordinates and rates are both empty: the state needs at least one entry"
-    assert rnc.linearize(reduced, np.zeros(2), coordinates=[]).state_names == ("s0", "s1")
 
 
 def test_coordinates_next_to_each_other_are_not_independent():
@@ -207,14 +175,6 @@ def test_a_coordinate_in_the_world_does_not_turn_with_the_body():
         rnc.linearize(reduced, reduced.robot.configuration(), [0.5, 2.0], coordinates=[rnc.FramePosition("body", "y")])
     missing = "not a closed system: the motion of body_y, body_speed_x, body_yaw also depends on 'root_joint[2]'"
     assert str(told.value) == missing
-
-
-def test_of_coordinates_that_move_the_fastest_is_named():
-    reduced = unicycle()
-    q = reduced.robot.configuration({"root_joint": (0.0, 0.0, 0.3)})
-    with pytest.raises(rnc.ConstraintError) as told:
-        rnc.linearize(reduced, q, [1.0, 0.0], coordinates=[rnc.FrameYaw("body"), rnc.FramePosition("body", "yx")])
-    assert str(told.value) == "coordinate 'body_x' moves in this motion: leave it out of the coordinates"
 
 
 @pytest.mark.parametrize("speed", [0.5, 3.0])

@@ -9,9 +9,8 @@ import rnc_pin as rnc
 from rnc_pin.analysis import NormalForces, first_lift_off
 from rnc_pin.analysis.normal_forces import balanced
 from rnc_pin.math.linear_algebra import nonnegative
-from rnc_pin.planning import MinimumJerk
 from rnc_pin.plants import FaultyPlant
-from rnc_pin.simulation import ReducedPlant, margins_along
+from rnc_pin.simulation import ReducedPlant
 from simple_controllers import Inputs
 
 WHEELS = ["left_wheel_joint", "right_wheel_joint"]
@@ -75,18 +74,6 @@ def test_a_run_names_the_first_contact_that_would_lift_off(base):
     np.testing.assert_allclose(lifted.normal_forces.sum(axis=1), 215.82, rtol=1e-6)
 
 
-def test_normal_forces_are_kept_in_files_and_drawn(tmp_path):
-    reduced, q = cart("planar")
-    run = rnc.simulate(reduced, Inputs(lambda _: [1.0, 0.5]), q, 0.05, 0.01)
-    run.save(tmp_path / "run.npz")
-    again = rnc.Trajectory.load(tmp_path / "run.npz")
-    np.testing.assert_array_equal(again.normal_forces, run.normal_forces)
-    assert again.info.outputs.normal_forces == run.info.outputs.normal_forces
-    panel = next(axes for axes in run.plot().axes if axes.get_ylabel() == "normal force [N]")
-    for line, column in zip(panel.get_lines(), run.normal_forces.T, strict=True):
-        np.testing.assert_array_equal(line.get_ydata(), column)
-
-
 def test_forces_are_those_of_the_masses_that_move():
     """A plant that is twice as heavy presses twice as much; another plant is not asked."""
     reduced, q = cart("planar")
@@ -111,25 +98,6 @@ def test_where_nothing_presses_on_the_ground_there_are_no_normal_forces():
     robot = rnc.Robot.from_urdf("space_robot.urdf")  # bolted to the world
     reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("tip")], robot.joint_names).reduce()
     assert NormalForces(reduced).names == ()
-
-
-def test_preflight_and_grip_report_a_caster_that_lifts_off():
-    """Grip looks at wheels, which hold; the caster ahead of them does not when the cart sets off too fast."""
-    reduced, q = cart("planar")
-    for duration, lifts in ((6.0, False), (0.9, True)):
-        reference = MinimumJerk(np.zeros(2), [12.0, 12.0], duration)
-        controller = rnc.control.ReducingOutputController(reduced, reference)
-        margins = margins_along(reduced, controller, q, duration)
-        assert (margins.lift_off is not None) == lifts
-        assert bool(margins.complaints()) == lifts
-        needed = margins_along(reduced, controller, q, duration, grip=rnc.Grip(reduced, friction=5.0)).grip
-        assert needed.used < 1.0
-        assert needed.lift_off == margins.lift_off
-        if lifts:
-            assert margins.lift_off.contact == "nose"
-            said = needed.complaints()[0]
-            assert said == margins.complaints()[0]
-            assert "contact 'nose' would lift off at t = 0." in said
 
 
 def test_four_supports_carry_what_they_can_without_pulling():
@@ -162,29 +130,6 @@ def test_the_first_lift_off_is_the_first_below_rounding():
     assert str(found) == "contact 'rear' would lift off at t = 2.00 s: the model pulls it down with up to 2 N"
     assert first_lift_off(times, np.full((4, 1), np.nan), ("front",)) is None
     assert first_lift_off(times, forces[:, :0], ()) is None
-
-
-SCENARIO = """
-robot: {urdf: differential_drive.urdf, base: planar}
-constraints:
-  - rolling_wheel: {frame: left_wheel, radius: 0.1}
-  - rolling_wheel: {frame: right_wheel, radius: 0.1}
-  - caster: {frame: nose, radius: 0.1}
-actuators: [left_wheel_joint, right_wheel_joint]
-outputs: {reducing: [{joint: left_wheel_joint}, {joint: right_wheel_joint}]}
-reference: {primary: {minimum_jerk: {to: [12, 12], duration: 0.9}}}
-controller: {type: reducing_outputs, tracker: computed_torque}
-simulation: {duration: 0.3, dt: 0.01}
-"""
-
-
-def test_the_command_line_says_so_at_the_end_of_a_run(call, tmp_path, no_pictures):
-    (tmp_path / "cart.yaml").write_text(SCENARIO)
-    status, out, said = call("run", tmp_path / "cart.yaml", "--out", tmp_path / "out", "--force")
-    assert status == 1, said
-    assert said.count("warning: contact 'nose' would lift off at t = 0.") == 1  # before the run
-    assert said.count("error: contact 'nose' would lift off at t = 0.") == 1  # after it
-    assert "normal force of nose, lowest" in out
 
 
 def test_forces_of_two_free_directions_are_the_projection_on_a_triangle():

@@ -99,22 +99,3 @@ def test_a_ball_in_a_bowl_keeps_its_spin_about_the_normal():
     R, v, v_dot = pose.rotation, state.v, state.v_dot(state.v2_dot([]))
     kept = (R @ v_dot[3:]) @ (center - pose.translation) - (R @ v[3:]) @ (R @ v[:3])
     assert kept == pytest.approx(0.0, abs=1e-10)
-
-
-def test_ground_that_cannot_carry_is_refused(robot):
-    with pytest.raises(rnc.ConfigurationError, match="radius of spherical ground has to be positive"):
-        rnc.SphericalGround(0.0)
-    with pytest.raises(rnc.ConfigurationError, match="axis of cylindrical ground has no length"):
-        rnc.CylindricalGround(1.0, (0, 0, 0))
-    with pytest.raises(rnc.ConfigurationError, match="spin of cylindrical ground: expected a finite number"):
-        rnc.CylindricalGround(1.0, spin=np.nan)
-    with pytest.raises(rnc.ConstraintError, match="ground of rolling body 'body': expected a GroundPlane, Spherical"):
-        rnc.RollingBody("body", EGG, ground=3.0).bind(robot)
-    tight = rnc.RollingBody("body", EGG, ground=rnc.SphericalGround(0.3)).bind(robot)
-    with pytest.raises(rnc.SingularityError, match="a body touches curved ground at more than one point"):
-        tight.jacobian(Kinematics(robot).position(robot.configuration({"root_joint": [0, 0, -0.2, 0, 0, 0, 1]})))
-
-
-def test_a_cylinder_is_upright_unless_an_axis_is_given():
-    np.testing.assert_array_equal(rnc.CylindricalGround(1.0).along, [0.0, 0.0, 1.0])
-    np.testing.assert_array_equal(rnc.CylindricalGround(1.0, axis=(3.0, 0.0, 4.0)).along, [0.6, 0.0, 0.8])

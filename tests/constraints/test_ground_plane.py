@@ -8,9 +8,9 @@ import rnc_pin as rnc
 from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.plants.mujoco import MuJoCoPlant
-from rolling import GRAVITY, rigid_body, slope
+from rolling import GRAVITY, rigid_body
 from row_kinds import MOVING, ON_PLANES, SLOPE
-from tolerances import FINITE_DIFFERENCE, ROUNDING
+from tolerances import ROUNDING
 
 
 @pytest.fixture(scope="module")
@@ -71,27 +71,6 @@ def test_a_knife_edge_moves_with_the_turntable_that_carries_it(robot):
     np.testing.assert_allclose(rows.jacobian(at) @ v, rows.rate(at), atol=ROUNDING)
     np.testing.assert_allclose(rows.lines_of_action(at)[0][0], point, atol=ROUNDING)
     np.testing.assert_allclose(rows.lines_of_action(at)[1][0], pose.rotation @ axes[0], atol=ROUNDING)
-
-
-def test_only_planes_carry_wheels_and_balls(robot):
-    for kind, what in (
-        (rnc.RollingWheel("body", 0.3, "y", ground=0.1), "wheel"),
-        (rnc.RollingBall("body", 0.3, 1), "rolling body"),
-    ):
-        with pytest.raises(rnc.ConstraintError, match=rf"ground of {what} 'body': expected a GroundPlane, .*found"):
-            kind.bind(robot)
-    assert rnc.RollingBall("body", 0.3, rnc.GroundPlane(point=(5.0, 3.0, 0.0))).bind(robot).ground is None
-
-
-def test_rates_of_a_wheel_whose_axle_is_across_x_are_numbers(robot):
-    """An axle along y, on a turntable: no component along x divides anything."""
-    rows = rnc.RollingWheel("body", 0.3, "y", ground=rnc.GroundPlane(spin=0.8)).bind(robot)
-    q, v = robot.configuration({"root_joint": (0.4, -0.2, 0.3, 0, 0, 0, 1)}), np.array([0.3, 0.2, 0.0, 0.1, 0.5, -0.4])
-    kinematics = Kinematics(robot)
-    at = kinematics.position(q).with_velocity(v)
-    for rate, of in ((rows.jacobian_dot, rows.jacobian), (rows.rate_dot, rows.rate)):
-        expected = slope(robot.model, lambda p, of=of: of(kinematics.position(p)), q, v)
-        np.testing.assert_allclose(rate(at), expected, atol=FINITE_DIFFERENCE)
 
 
 def test_a_scenario_names_the_ground_once():

@@ -9,9 +9,8 @@ import scipy
 
 import rnc_pin as rnc
 from bodies import add_body, add_frame
-from rnc_pin.control.whole_body.tasks import DampingTask, OutputTask
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.planning import Harmonic, Hold, MinimumJerk
+from rnc_pin.planning import Harmonic, Hold, InTurn, MinimumJerk
 from simple_controllers import Idle
 
 ANGLE = 0.4
@@ -45,27 +44,6 @@ def test_a_welded_joint_is_a_locked_one(robot):
     assert found[robot.velocity_names.index("joint_1")] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_hand_stays_on_its_wall(robot):
-    """The distance to the wall is kept over a free motion, and the force on the hand does no work."""
-    q0 = robot.configuration({"joint_1": 0.3, "joint_2": 0.5, "joint_3": 0.4})
-    frame = robot.model.frames[-1].name
-    place = rnc.FramePosition(frame, "x")
-    value = place.bind(robot).value(rnc.NonholonomicSystem(robot).reduce().at(q0).position)
-    reduced = rnc.NonholonomicSystem(robot, [rnc.FixedOutput(place, value)], robot.joint_names[1:]).reduce()
-    run = rnc.free_motion(reduced, q0, np.linspace(0.1, 0.3, reduced.r), 1.0, 0.1, tolerance=1e-10)
-    assert run.position_residual.max() < 1e-9
-    np.testing.assert_allclose(run.energy, run.energy[0], rtol=1e-9)
-    assert np.abs(run.contact_forces).max() > 1e-3
-
-
-def test_what_cannot_be_kept_is_refused(robot):
-    with pytest.raises(rnc.ConstraintError, match=r"fixed output joint_1: expected 1 numbers, found \[1, 2\]"):
-        rnc.FixedOutput(rnc.JointPosition("joint_1"), [1, 2]).bind(robot)
-    base = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    with pytest.raises(rnc.ConstraintError, match="a speed has no value; PrescribedMotion prescribes its rate"):
-        rnc.FixedOutput(rnc.FrameSpeed("sleigh", "x"), 0.0).bind(base)
-
-
 def test_an_impact_takes_the_time_of_a_prescribed_motion(robot):
     """A joint that starts to follow its motion at t jumps to the rate of this time."""
     swing = Harmonic([0.0], [0.3], 0.5)
@@ -77,18 +55,6 @@ def test_an_impact_takes_the_time_of_a_prescribed_motion(robot):
     assert jump.v[robot.velocity_names.index("joint_1")] == pytest.approx(swing.at(t).velocity[0], rel=1e-12)
     with pytest.raises(rnc.InputError, match="depend on time"):
         rnc.impact(reduced, q, np.zeros(robot.nv))
-
-
-def test_a_scenario_file_welds_a_joint(tmp_path):
-    text = (
-        "robot: {urdf: space_robot.urdf}\nconstraints:\n  - {momentum: platform}\n"
-        "  - {fixed_output: {output: {joint: joint_1}, value: 0.3}}\n"
-        "actuators: [joint_2, joint_3]\ncontroller: {type: none}\nsimulation: {duration: 0.02, dt: 0.01}\n"
-    )
-    (tmp_path / "welded.yaml").write_text(text)
-    scenario = rnc.Scenario.load(str(tmp_path / "welded.yaml"))
-    assert "fixed(joint_1)" in scenario.system.constraints.names
-    assert scenario.run().position_residual.max() < 1e-12
 
 
 LENGTH, MASS, GRAVITY = 0.4, 1.3, 9.81
@@ -211,15 +177,8 @@ def test_rates_of_the_rows_are_those_of_their_residual_over_time(name, rng):
         np.testing.assert_allclose(difference(rows.residual), 0.0, atol=1e-8)
 
 
-def test_a_motion_of_another_size_is_refused(pendulum):
-    with pytest.raises(rnc.ConstraintError, match=r"pivot: expected a Reference of size 1, found .* of size 2"):
-        rnc.PrescribedMotion(rnc.JointPosition("pivot"), Harmonic([0, 0], 1.0, 1.0)).bind(pendulum.robot)
-    with pytest.raises(rnc.ConstraintError, match=r"expected a Reference of size 1, found 0\.3"):
-        rnc.PrescribedMotion(rnc.JointPosition("pivot"), 0.3).bind(pendulum.robot)
-
-
 def test_controllers_with_a_model_follow_on_a_base_that_moves():
-    """Of the space robot, the first joint swings and the others follow a reference; then a scenario file says it."""
+    """Of the space robot, the first joint swings and the others follow a reference."""
     robot = rnc.Robot.from_urdf("space_robot.urdf")
     driven = rnc.PrescribedMotion(rnc.JointPosition("joint_1"), Harmonic([0.0], [0.4], 0.5))
     outputs = [rnc.JointPosition(name) for name in ("platform", "joint_2", "joint_3")]
@@ -231,28 +190,6 @@ def test_controllers_with_a_model_follow_on_a_base_that_moves():
     )
     np.testing.assert_allclose(run.x2[-1], [0.2, 0.1, -0.1], atol=2e-3)
     assert abs(run.q[-1, 1] - driven.motion.at(0.5).position[0]) < 1e-10
-    hand = OutputTask(rnc.JointPosition("joint_2"), Hold([0.1]), gain=5.0)
-    program = rnc.control.VelocityQP(reduced, [hand, DampingTask(weight=1e-6)], [], dt=0.005)
-    _, path = rnc.kinematic_rollout(reduced, program, robot.configuration(), 0.5, dt=0.005)
-    assert abs(path[-1, 1] - driven.motion.at(0.5).position[0]) < 1e-9
-
-
-def test_mujoco_refuses_a_prescribed_motion_by_name(pendulum):
-    mujoco = pytest.importorskip("rnc_pin.plants.mujoco")
-    with pytest.raises(rnc.RncError, match=r"prescribed\(pivot\)"):
-        mujoco.MuJoCoPlant(pendulum.reduced)
-
-
-# ---------------------------------------------------------------------- user-defined rows
-
-
-def test_a_wrong_rate_over_time_is_refused():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    with pytest.raises(rnc.ConstraintError, match=r"rate_dot\(q, v\).* row 'belt'"):
-        rnc.Pfaffian(
-            lambda q, t: np.eye(4)[:1], names=["belt"], rate=lambda q, t: np.array([t**2]),
-            rate_dot=lambda q, v, t: np.array([t]), rheonomic=True,
-        ).bind(robot)  # fmt: skip
 
 
 @pytest.mark.parametrize("smooth", [True, False])
@@ -273,33 +210,45 @@ def test_a_holonomic_row_of_the_user_may_move(smooth):
     assert np.ptp(run.energy - run.work) < 1e-9
 
 
+# ---------------------------------------------------------------------- refusals
+
+SWING = Harmonic([0.0], [0.3], 0.5)
+
+
+class Doubled:
+    """A swing of which one rate is twice what it should be."""
+
+    size, duration = 1, np.inf
+
+    def __init__(self, wrong):
+        self.wrong = wrong
+
+    def at(self, t):
+        point = SWING.at(t)
+        return point._replace(**{self.wrong: 2.0 * getattr(point, self.wrong)})
+
+
+def prescribed(motion):
+    return rnc.PrescribedMotion(rnc.JointPosition("joint_1"), motion)
+
+
+@pytest.mark.parametrize(("kind", "words"), [
+    (rnc.FixedOutput(rnc.JointPosition("joint_1"), [1, 2]), r"joint_1: expected 1 numbers, found \[1, 2\]"),
+    (rnc.FixedOutput(rnc.FrameSpeed("tip", "x"), 0.0), "a speed has no value; PrescribedMotion prescribes its rate"),
+    (prescribed(Harmonic([0, 0], 1.0, 1.0)), r"joint_1: expected a Reference of size 1, found .* of size 2"),
+    (prescribed(0.3), r"expected a Reference of size 1, found 0\.3"),
+    (prescribed(Doubled("velocity")), "joint_1: its velocity is not the rate of its position"),
+    (prescribed(Doubled("acceleration")), "joint_1: its acceleration is not the rate of its velocity"),
+    (rnc.Pfaffian(lambda q, t: np.eye(4)[:1], names=["belt"], rate=lambda q, t: np.array([t**2]),
+        rate_dot=lambda q, v, t: np.array([t]), rheonomic=True), r"rate_dot\(q, v\).* row 'belt'"),
+])  # fmt: skip
+def test_what_cannot_be_kept_is_refused(robot, kind, words):
+    with pytest.raises(rnc.ConstraintError, match=words):
+        kind.bind(robot)
+
+
 @pytest.mark.parametrize(
-    ("wrong", "words"), [("velocity", "rate of its position"), ("acceleration", "of its velocity")]
+    "motion", [SWING, Hold([0.3]), InTurn([MinimumJerk([0.0], [0.3], 0.4), MinimumJerk([0.3], [0.0], 0.4, begin=0.4)])]
 )
-def test_a_motion_with_rates_that_are_not_its_own_is_refused(wrong, words):
-    swing = rnc.planning.Harmonic([0.0], amplitude=[0.3], frequency=0.5)
-
-    class Doubled:
-        size, duration = 1, np.inf
-
-        def at(self, t):
-            point = swing.at(t)
-            return point._replace(**{wrong: 2.0 * getattr(point, wrong)})
-
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    rnc.PrescribedMotion(rnc.JointPosition("joint_1"), swing).bind(robot)
-    with pytest.raises(rnc.ConstraintError, match=f"prescribed motion of joint_1: its {wrong} is not the .*{words}"):
-        rnc.PrescribedMotion(rnc.JointPosition("joint_1"), Doubled()).bind(robot)
-
-
-@pytest.mark.parametrize(
-    "motion",
-    [
-        rnc.planning.Hold([0.3]),
-        rnc.planning.InTurn(
-            [rnc.planning.MinimumJerk([0.0], [0.3], 0.4), rnc.planning.MinimumJerk([0.3], [0.0], 0.4, begin=0.4)]
-        ),
-    ],
-)
-def test_motions_at_rest_and_in_turn_are_their_own(motion):
-    rnc.PrescribedMotion(rnc.JointPosition("joint_1"), motion).bind(rnc.Robot.from_urdf("space_robot.urdf"))
+def test_motions_at_rest_and_in_turn_are_their_own(robot, motion):
+    prescribed(motion).bind(robot)

@@ -9,7 +9,7 @@ from bodies import add_body
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.kinematics import Kinematics
 from rolling import rigid_body
-from row_kinds import ROLLING
+from row_kinds import EGG, ROLLING
 from tolerances import ROUNDING
 
 
@@ -47,31 +47,6 @@ def test_rows_are_the_velocity_of_the_lowest_point(name):
             assert slip[3] == pytest.approx(velocity[3:] @ normal - plane.spin, abs=ROUNDING)
 
 
-def test_a_body_without_pivoting_has_the_momentum_of_rolling_alone():
-    """A sphere without pivoting has two freedoms; with no gravity's moment it rolls straight on."""
-    robot = rigid_body(1.0, (0.02,) * 3)
-    reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBody("body", rnc.Sphere(0.3), pivoting=False)]).reduce()
-    assert reduced.r == 2
-    q0 = reduced.assembled(robot.configuration())
-    run = rnc.free_motion(reduced, q0, [0.4, 0.6], 1.0, 0.25)
-    steps = np.diff(run.q[:, :2], axis=0)
-    np.testing.assert_allclose(steps, np.tile(steps[0], (len(steps), 1)), atol=1e-9)
-
-
-def test_a_light_body_far_above_the_ground_is_put_on_it():
-    """Nearest by kinetic energy, it would turn instead: its moments are small."""
-    robot = rigid_body(1.0, (2e-4, 1.6e-3, 1.7e-3))
-    reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBody("body", rnc.Ellipsoid((0.2, 0.03, 0.02)))]).reduce()
-    generator = np.random.default_rng(0)
-    for _ in range(3):
-        q = robot.random_configuration(generator)
-        q[2] = generator.uniform(-4, 4)
-        assert (
-            np.abs(reduced.constraints.places[0].block.residual(Kinematics(robot).position(reduced.assembled(q)))).max()
-            < 1e-11
-        )
-
-
 def test_many_light_bodies_are_put_on_the_ground_at_the_first_draw():
     """By kinetic energy alone, each turned instead at every other draw, and all had to succeed at once."""
     model = pin.Model()
@@ -89,30 +64,37 @@ def test_many_light_bodies_are_put_on_the_ground_at_the_first_draw():
     np.testing.assert_allclose(found[2::7], heights, atol=1e-10)
 
 
-def test_what_does_not_roll_is_refused():
+@pytest.mark.parametrize(("make", "error", "words"), [
+    (lambda: rnc.Sphere(-0.1), rnc.ConstraintError, "radius of a sphere has to be positive"),
+    (lambda: rnc.Ellipsoid((0.1, 0.2)), rnc.ConstraintError, "semi-axes of an ellipsoid: expected three numbers"),
+    (lambda: rnc.Ellipsoid((0.1, 0.2, 0.0)), rnc.ConstraintError, "semi-axis of an ellipsoid has to be positive"),
+    (lambda: rnc.Torus(0.2, -0.1), rnc.ConstraintError, "tube of a torus"),
+    (lambda: rnc.RollingBody("body", 0.3), rnc.ConstraintError, "shape of rolling body 'body': expected Sphere"),
+    (lambda: rnc.RollingBody("bdy", rnc.Sphere(0.3)), rnc.ModelError, r"no frame 'bdy'.*did you mean 'body'"),
+    (lambda: rnc.GroundPlane((0, 0, 0)), rnc.ConfigurationError, "normal of the ground has no length"),
+    (lambda: rnc.GroundPlane(velocity=(0, 0, 1)), rnc.ConfigurationError, "found 1 m/s along its normal"),
+    (lambda: rnc.GroundPlane(spin=np.nan), rnc.ConfigurationError, "spin of the ground: expected a finite number"),
+    (lambda: rnc.GroundPlane(spin=True), rnc.ConfigurationError, "expected a finite number, found True"),
+    (lambda: rnc.GroundPlane(point=(0, 0)), rnc.ConfigurationError, "point of the ground: expected three"),
+    (lambda: rnc.SphericalGround(0.0), rnc.ConfigurationError, "radius of spherical ground has to be positive"),
+    (lambda: rnc.CylindricalGround(1.0, (0, 0, 0)), rnc.ConfigurationError, "axis of cylindrical ground has no length"),
+    (lambda: rnc.CylindricalGround(1.0, spin=np.nan), rnc.ConfigurationError, "spin of cylindrical ground: expected a"),
+    (lambda: rnc.RollingBody("body", EGG, ground=3.0), rnc.ConstraintError, "ground of rolling body 'body': exp"),
+    (lambda: rnc.RollingWheel("body", 0.3, "y", ground=0.1), rnc.ConstraintError, "ground of wheel 'body': expected"),
+    (lambda: rnc.RollingBall("body", 0.0), rnc.ConstraintError, "radius of ball 'body' has to be positive, found 0.0"),
+    (lambda: rnc.RollingWheel("body", None), rnc.ConstraintError, "radius of wheel 'body' has to be positive"),
+])  # fmt: skip
+def test_what_does_not_roll_is_refused(make, error, words):
+    with pytest.raises(error, match=words):
+        make().bind(rigid_body())
+
+
+@pytest.mark.parametrize(("kind", "height", "words"), [
+    (rnc.RollingBody("body", rnc.Torus(0.3)), 0.0, "touches the ground at more than one point"),
+    (rnc.RollingBody("body", EGG, ground=rnc.SphericalGround(0.3)), -0.2, "touches curved ground at more than one"),
+])  # fmt: skip
+def test_contacts_at_more_than_one_point_are_singular(kind, height, words):
     robot = rigid_body()
-    with pytest.raises(rnc.ConstraintError, match="radius of a sphere has to be positive"):
-        rnc.Sphere(-0.1)
-    with pytest.raises(rnc.ConstraintError, match="semi-axes of an ellipsoid: expected three numbers"):
-        rnc.Ellipsoid((0.1, 0.2))
-    with pytest.raises(rnc.ConstraintError, match="semi-axis of an ellipsoid has to be positive"):
-        rnc.Ellipsoid((0.1, 0.2, 0.0))
-    with pytest.raises(rnc.ConstraintError, match="tube of a torus"):
-        rnc.Torus(0.2, -0.1)
-    with pytest.raises(rnc.ConstraintError, match="shape of rolling body 'body': expected Sphere"):
-        rnc.RollingBody("body", 0.3).bind(robot)
-    with pytest.raises(rnc.ModelError, match=r"no frame 'bdy'.*did you mean 'body'"):
-        rnc.RollingBody("bdy", rnc.Sphere(0.3)).bind(robot)
-    for wrong, words in (
-        ({"normal": (0, 0, 0)}, "normal of the ground has no length"),
-        ({"velocity": (0, 0, 1)}, "velocity of the ground has to be along it, found 1 m/s along its normal"),
-        ({"spin": np.nan}, "spin of the ground: expected a finite number"),
-        ({"spin": True}, "spin of the ground: expected a finite number, found True"),
-        ({"spin": 10**400}, "spin of the ground: expected a finite number"),
-        ({"point": (0, 0)}, "point of the ground: expected three finite numbers"),
-    ):
-        with pytest.raises(rnc.ConfigurationError, match=words):
-            rnc.GroundPlane(**wrong)
-    flat = rnc.RollingBody("body", rnc.Torus(0.3)).bind(robot)
-    with pytest.raises(rnc.SingularityError, match="touches the ground at more than one point"):
-        flat.jacobian(Kinematics(robot).position(robot.configuration()))
+    q = robot.configuration({"root_joint": [0, 0, height, 0, 0, 0, 1]})
+    with pytest.raises(rnc.SingularityError, match=words):
+        kind.bind(robot).jacobian(Kinematics(robot).position(q))

@@ -8,31 +8,11 @@ import pytest
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.model.kinematics import Kinematics
 from rolling import rigid_body
 from systems import bicycle, random_states
 from textbook_systems import differential_drive
 
 RADIUS, MASS = 0.2, 3.0
-SOLID = 0.4 * MASS * RADIUS**2
-
-
-def ball(gravity=(0.0, 0.0, -9.81)):
-    model = pin.Model()
-    model.gravity.linear = np.array(gravity)
-    add_body(model, "root_joint", "FreeFlyer", MASS, moments=SOLID, frame="ball")
-    return rnc.Robot(model)
-
-
-def test_a_ball_needs_a_radius_and_a_frame():
-    for kind, error, words in (
-        (rnc.RollingBall("ball", 0.0), rnc.ConstraintError, "radius of ball 'ball' has to be positive, found 0.0"),
-        (rnc.RollingBall("ball", "0.1"), rnc.ConstraintError, "radius of ball 'ball' has to be positive, found '0.1'"),
-        (rnc.RollingWheel("ball", None), rnc.ConstraintError, "radius of wheel 'ball' has to be positive, found None"),
-        (rnc.RollingBall("bal", 1.0), rnc.ModelError, "did you mean 'ball'"),
-    ):
-        with pytest.raises(error, match=words):
-            rnc.NonholonomicSystem(ball(), [kind])
 
 
 # ---------------------------------------------------------------------- wheels on a steered fork
@@ -61,38 +41,6 @@ def test_wheels_on_a_raked_fork_touch_with_a_point_at_rest():
             ahead, behind = (placement(pin.integrate(model, q, sign * h * v), frame).act(lowest) for sign in (1, -1))
             np.testing.assert_allclose((ahead - behind) / (2 * h), 0.0, atol=1e-8)
     assert np.ptp(steered) > 1.0
-
-
-def test_an_upright_bicycle_turns_as_its_geometry_says():
-    """Closed form: at no lean the front wheel heads along tan(D) = cos(rake) tan(d) of a fork steered by d.
-
-    The yaw rate is then speed times tan(D) over the distance of the contacts, if the frame neither leans nor pitches.
-    """
-    model = pin.Model()
-    rake, radius, base = 0.35, 0.25, 1.1
-    # A planar base with a raked fork whose axis meets the front wheel's center: the center stays, the wheel tilts.
-    joint = add_body(model, "root_joint", "Planar", 5.0, com=(0.4, 0, 0), frame="axle")
-    steering = np.array([-np.sin(rake), 0.0, np.cos(rake)])
-    front = pin.SE3(np.eye(3), np.array([base, 0, radius]))
-    fork = add_body(model, "steer", pin.JointModelRevoluteUnaligned(steering), 1.0, joint, moments=0.1, at=front)
-    add_body(model, "wheel", "RY", 1.0, fork, moments=0.1, frame="wheel")
-    robot = rnc.Robot(model)
-    rows = rnc.RollingWheel("wheel", radius).bind(robot)
-    kinematics, generator = Kinematics(robot), np.random.default_rng(0)
-    for _ in range(5):
-        speed, angle, yaw = generator.uniform(0.5, 2), generator.uniform(-0.9, 0.9), generator.uniform(-3, 3)
-        q = robot.configuration({"root_joint": [1.0, 2.0, yaw], "steer": angle, "wheel": generator.uniform(-3, 3)})
-        # The wheel tilts about its heading, so its contact is beside the center.
-        heading = np.arctan(np.cos(rake) * np.tan(angle))
-        tilt = np.arcsin(-np.sin(rake) * np.sin(angle))  # of the axle above the horizontal
-        aside = radius * np.sin(tilt) * np.array([-np.sin(heading), np.cos(heading)])  # contact from center, base axes
-        x, y = base + aside[0], aside[1]
-        # The contact point of the base's motion (speed, yaw rate) must move along the heading.
-        yaw_rate = speed * np.sin(heading) / (x * np.cos(heading) + y * np.sin(heading))
-        along = (speed - yaw_rate * y) * np.cos(heading) + yaw_rate * x * np.sin(heading)
-        # The steering rests, so the wheel's rows are those of rolling at that speed.
-        v = np.array([speed, 0.0, yaw_rate, 0.0, along / radius])
-        np.testing.assert_allclose(rows.jacobian(kinematics.position(q)) @ v, 0.0, atol=1e-12)
 
 
 def test_a_caster_follows_its_trail():

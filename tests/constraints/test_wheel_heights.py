@@ -1,4 +1,4 @@
-"""Radii of wheels beside the heights of their centres and the shapes of their links."""
+"""Radii of wheels beside the heights of their centres."""
 
 import numpy as np
 import pytest
@@ -15,22 +15,21 @@ from rnc_pin.verdict import FindingKind, Severity
 from zoo import MECANUM, WHEELS, load
 
 
-def cart(height=0.17, shape="", turn="1.5707963267948966 0 0"):
-    """Two wheels at a height, on an axle along y; ``shape`` is their collision geometry."""
-    drawn = f'<collision><origin rpy="{turn}"/><geometry>{shape}</geometry></collision>' if shape else ""
+def cart(height=0.17):
+    """Two wheels at a height, on an axle along y."""
     inertial = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
     parts = [f'<link name="base">{inertial}</link>']
     for side, y in (("left", 0.3), ("right", -0.3)):
         parts.append(
-            f'<link name="wheel_{side}">{inertial}{drawn}</link>'
+            f'<link name="wheel_{side}">{inertial}</link>'
             f'<joint name="{side}" type="continuous"><parent link="base"/><child link="wheel_{side}"/>'
             f'<origin xyz="0 {y} {height}"/><axis xyz="0 1 0"/></joint>'
         )
     return f'<robot name="cart">{"".join(parts)}</robot>'
 
 
-def findings(folder, radius=0.25, base="planar", q=None, stated=None, ground=None, **of_cart):
-    (folder / "cart.urdf").write_text(cart(**of_cart))
+def findings(folder, radius=0.25, base="planar", q=None, stated=None, ground=None, height=0.17):
+    (folder / "cart.urdf").write_text(cart(height))
     robot = rnc.Robot.from_urdf(folder / "cart.urdf", base=base)
     sides = ("left", "right")
     wheels = [rnc.RollingWheel(f"wheel_{each}", radius, ground=ground) for each in sides]
@@ -92,12 +91,6 @@ def test_a_conveyor_at_zero_states_no_height(tmp_path):
     assert summary(findings(tmp_path, ground=conveyor)) == both("degrades", 0.08)
 
 
-def test_a_measured_wheel_may_be_at_any_height(tmp_path):
-    shape = '<cylinder radius="0.25" length="0.04"/>'
-    assert findings(tmp_path, shape=shape) == ()
-    assert summary(findings(tmp_path, shape=shape, stated=0.0)) == both("degrades", 0.08)
-
-
 def test_no_contact_is_claimed_of_a_base_in_the_air(tmp_path):
     high = {"root_joint": [0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 1.0]}
     assert findings(tmp_path, base="free", q=high) == ()
@@ -146,64 +139,6 @@ def test_a_run_with_a_radius_that_does_not_fit_is_degraded(tmp_path, radius, wor
     found = [each for each in verdict.findings if each.kind is FindingKind.MODEL and each.where]
     assert (verdict.word, [str(each.severity) for each in found]) == (word, severities)
     assert list(made.experiment.warnings) == [str(each) for each in found if each.severity is Severity.DEGRADES]
-
-
-# ---------------------------------------------------------------------- shapes
-
-
-@pytest.mark.parametrize("shape", ['<cylinder radius="0.17" length="0.04"/>', '<sphere radius="0.17"/>'])
-@pytest.mark.parametrize("base", ["planar", "free"])
-def test_a_radius_is_compared_with_the_shape_of_the_link(tmp_path, shape, base):
-    found = findings(tmp_path, radius=0.2, height=0.0, shape=shape, base=base)
-    assert summary(found) == both("degrades", 0.03)
-    assert found[0].message == "wheel_left: radius 0.2 m, but its collision shape has 0.17 m"
-    assert findings(tmp_path, radius=0.17, height=0.0, shape=shape, base=base) == ()
-
-
-@pytest.mark.parametrize("shape", ['<cylinder radius="0.1" length="0.04"/>', '<sphere radius="0.1"/>'])
-def test_a_round_shape_beside_the_axle_is_not_the_wheel(tmp_path, shape):
-    """Such as the housing of a hub, parallel to the axle."""
-    beside = '1.5707963267948966 0 0" xyz="0.05 0 0'
-    assert findings(tmp_path, radius=0.17, height=0.0, shape=shape, turn=beside) == ()
-
-
-def test_height_and_shape_are_one_finding(tmp_path):
-    found = findings(tmp_path, radius=0.2, shape='<sphere radius="0.17"/>')
-    assert summary(found) == both("degrades", 0.03)
-    assert found[0].message == (
-        "wheel_left: radius 0.2 m, but its centre is 0.17 m above the ground and its collision shape has 0.17 m: "
-        "the contact point is 0.03 m below the ground"
-    )
-
-
-def test_a_mesh_is_measured_about_the_axle(tmp_path):
-    angles = np.linspace(0, 2 * np.pi, 49)[:-1]
-    rim = [(0.17 * np.cos(a), y, 0.17 * np.sin(a)) for a in angles for y in (-0.02, 0.02)]
-    corners = [*rim, (0, -0.02, 0), (0, 0.02, 0)]
-    faces = [(2 * k + 1, 2 * ((k + 1) % 48) + 1, len(rim) + 1) for k in range(48)]
-    faces += [(2 * k + 2, 2 * ((k + 1) % 48) + 2, len(rim) + 2) for k in range(48)]
-    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a} {b} {c}" for a, b, c in faces]
-    (tmp_path / "rim.obj").write_text("\n".join(lines) + "\n")
-    shape = '<mesh filename="rim.obj"/>'
-    assert summary(findings(tmp_path, radius=0.2, height=0.0, shape=shape, turn="0 0 0")) == both("degrades", 0.03)
-
-
-def test_other_shapes_say_nothing(tmp_path):
-    for shape in ('<box size="0.3 0.04 0.3"/>', '<cylinder radius="0.1" length="0.6"/>'):
-        turn = "0 0 0"  # a cylinder along z is no wheel about y
-        assert findings(tmp_path, radius=0.2, height=0.0, shape=shape, turn=turn) == ()
-
-
-@pytest.mark.parametrize(("out", "compared"), [(0.158, False), (0.14, True)])
-def test_rollers_that_reach_beyond_their_hub_are_the_rim(tmp_path, out, compared):
-    rollers = "".join(
-        f'<collision><origin xyz="{out * np.cos(a)} 0 {out * np.sin(a)}"/><geometry><sphere radius="0.02"/></geometry>'
-        "</collision>"
-        for a in 2 * np.pi * np.arange(9) / 9
-    )
-    hub = f'<cylinder radius="0.17" length="0.04"/></geometry></collision>{rollers}<collision><geometry>'
-    hub += '<cylinder radius="0.03" length="0.04"/>'
-    assert len(findings(tmp_path, radius=0.2, height=0.0, shape=hub)) == (2 if compared else 0)
 
 
 # ---------------------------------------------------------------------- no false alarm

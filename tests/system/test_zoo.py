@@ -84,7 +84,6 @@ def test_growth_vectors_of_wheeled_robots(name, growth):
     reduced = zoo.KINDS["rolling wheels"](name)
     found = integrability(reduced, [zoo.states(reduced)[0][0]])
     assert found.growth_vector == growth
-    assert len(found.combinations) == reduced.n - growth[-1]
 
 
 @pytest.mark.long  # four seconds

@@ -30,7 +30,7 @@ from rnc_pin.verdict import Finding, Severity
 
 
 def start_findings(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -> tuple[Finding, ...]:
-    """Compare the radii of wheels with their heights and shapes at the initial configuration (nq,).
+    """Compare the radii of wheels with their heights at the initial configuration (nq,).
 
     The height of the ground is that of ``view.ground``, if the scenario states one; constraints may name their own.
     """

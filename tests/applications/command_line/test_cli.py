@@ -340,12 +340,10 @@ def test_inspect_takes_a_system_without_actuators_task_controller_or_simulation(
     assert (report["p"], report["actuation_rank"]) == (0, 0)
     assert report["unactuated"] == ["base_link_speed_x", "base_link_yaw"]
     assert report["growth_vector"] == [2, 3, 4]
-    assert report["integrable_combinations"] == ["rolling(wheel_left_link) - rolling(wheel_right_link)"]
     assert len(report["dropped_rows"]) == 3
     status, out, _ = call("inspect", file, "--samples", 4)
     assert status == 0
     assert "0 of 2 reduced forces, not fully actuated: base_link_speed_x, base_link_yaw" in told(out)
-    assert "integrable combinations rolling(wheel_left_link) - rolling(wheel_right_link)" in told(out)
     with file.open("a") as more:
         more.write("actuators: [wheel_left_joint]\n")  # it drives a combination of both
     status, out, _ = call("inspect", file, "--samples", 4)
