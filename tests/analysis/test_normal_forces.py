@@ -9,8 +9,9 @@ import rnc_pin as rnc
 from rnc_pin.analysis import NormalForces, first_lift_off
 from rnc_pin.analysis.normal_forces import balanced
 from rnc_pin.math.linear_algebra import nonnegative
+from rnc_pin.planning import MinimumJerk
 from rnc_pin.plants import FaultyPlant
-from rnc_pin.simulation import ReducedPlant
+from rnc_pin.simulation import ReducedPlant, margins_along
 from simple_controllers import Inputs
 
 WHEELS = ["left_wheel_joint", "right_wheel_joint"]
@@ -98,6 +99,19 @@ def test_where_nothing_presses_on_the_ground_there_are_no_normal_forces():
     robot = rnc.Robot.from_urdf("space_robot.urdf")  # bolted to the world
     reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("tip")], robot.joint_names).reduce()
     assert NormalForces(reduced).names == ()
+
+
+def test_preflight_and_grip_report_a_caster_that_lifts_off():
+    """Grip looks at wheels, which hold; the caster ahead of them does not when the cart sets off too fast."""
+    reduced, q = cart("planar")
+    for duration, lifts in ((6.0, False), (0.9, True)):
+        controller = rnc.control.ReducingOutputController(reduced, MinimumJerk(np.zeros(2), [12.0, 12.0], duration))
+        plain = margins_along(reduced, controller, q, duration)
+        needed = margins_along(reduced, controller, q, duration, grip=rnc.Grip(reduced, friction=5.0)).grip
+        assert needed.used < 1.0
+        assert needed.lift_off == plain.lift_off
+        assert needed.complaints() == plain.complaints()
+        assert [each[:34] for each in plain.complaints()] == ["contact 'nose' would lift off at t"] * lifts
 
 
 def test_four_supports_carry_what_they_can_without_pulling():
