@@ -8,11 +8,10 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body, add_frame
 from rnc_pin.analysis import lie_brackets
 from rnc_pin.analysis.lie_brackets import PIECES, BracketJets
 from systems import ALL, random_states
-from textbook_systems import sliders_with_rows, unicycle_with_trailers
+from textbook_systems import sliders_with_rows
 
 MOEBIUS = {1: 1, 2: -1, 3: -1, 4: 0, 5: -1, 6: 1, 7: -1, 8: 0}
 
@@ -74,34 +73,6 @@ def test_coefficients_are_those_of_a_closed_form():
         s = function[1] / (c * derivatives[1])
         assert 1e-3 < abs(s) < 1.0
         np.testing.assert_allclose(function, c * derivatives * s ** np.arange(order + 1), atol=1e-10)
-
-
-def in_plain_coordinates(count):
-    """The same trailers with x, y and yaw as joints of their own."""
-    moving = unicycle_with_trailers(count).robot.model
-    model = pin.Model()
-    for name, joint in (("x", pin.JointModelPX()), ("y", pin.JointModelPY()), ("yaw", pin.JointModelRZ())):
-        model.addJoint(model.njoints - 1, joint, pin.SE3.Identity(), name)
-    model.appendBodyToJoint(3, moving.inertias[1], pin.SE3.Identity())
-    for k in range(2, moving.njoints):
-        joint = add_body(model, moving.names[k], "RZ", moving.inertias[k], k + 1, at=moving.jointPlacements[k])
-    frames = ["body", *(f"axle_{k}" for k in range(1, count + 1))]
-    for name in frames:
-        frame = moving.frames[moving.getFrameId(name)]
-        add_frame(model, name, frame.parentJoint + 2, frame.placement)
-    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip(name) for name in frames])
-    return system.reduce([rnc.FrameSpeed("body"), rnc.FrameYaw("body")])
-
-
-def test_axes_that_turn_along_make_no_difference():
-    """At zero yaw a planar joint's axes are those of x, y and yaw, and so are brackets of any depth."""
-    hitches = {"hitch_1": 0.5, "hitch_2": -0.3}
-    found = []
-    for reduced in (unicycle_with_trailers(2), in_plain_coordinates(2)):
-        jets = BracketJets(reduced, reduced.robot.configuration(hitches))
-        found.append(jets.draw(5, 0.5, np.random.default_rng(7)).coefficients)
-        assert np.abs(found[-1][5]).max() > 1e-5
-    np.testing.assert_allclose(found[0], found[1], atol=1e-10)
 
 
 @pytest.mark.parametrize("name", ["fire_truck", "leaning_wheel", "free_flying_panda"])

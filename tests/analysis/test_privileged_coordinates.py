@@ -132,40 +132,6 @@ def satellite_with_rotors():
     return system.reduce([rnc.JointPosition("roll"), rnc.JointPosition("pitch")])
 
 
-def swimmer():
-    """Three links of length 2 at low Reynolds number: drag is twice as large across a link as along it (Purcell)."""
-    x, y, t, a, b = symbols = sp.symbols("x y t a b")
-    angles = [t + a, t, t + b]  # the middle link carries the base; a and b turn the outer ones
-    ends = sp.Matrix([sp.cos(t), sp.sin(t)])
-    centers = [
-        sp.Matrix([x, y]) - ends - sp.Matrix([sp.cos(angles[0]), sp.sin(angles[0])]),
-        sp.Matrix([x, y]),
-        sp.Matrix([x, y]) + ends + sp.Matrix([sp.cos(angles[2]), sp.sin(angles[2])]),
-    ]
-    total = sp.zeros(3, 5)
-    for center, angle in zip(centers, angles, strict=True):
-        J = center.jacobian(symbols).col_join(sp.Matrix([angle]).jacobian(symbols))
-        along = sp.Matrix([[sp.cos(angle), sp.sin(angle)], [-sp.sin(angle), sp.cos(angle)]])
-        drag = sp.diag(along.T * sp.diag(2, 4) * along, sp.Rational(4, 3))
-        total += J[:, :3].T * drag * J
-    turned = sp.diag(sp.Matrix([[sp.cos(t), -sp.sin(t)], [sp.sin(t), sp.cos(t)]]), 1, 1, 1)
-    rows = (total * turned).subs({x: 0, y: 0, t: 0})  # in the base's own axes, where no place and no heading matters
-    rates = sp.symbols("wa wb")
-    rows_dot = sum((rows.diff(s) * r for s, r in zip((a, b), rates, strict=True)), sp.zeros(3, 5))
-    value, slope = sp.lambdify([a, b], rows, cse=True), sp.lambdify([a, b, *rates], rows_dot, cse=True)
-    model, base = planar_model("swimmer")
-    for name, place in (("a", -1.0), ("b", 1.0)):
-        add_body(model, name, "RZ", 1.0, base, moments=0.1, at=(place, 0.0, 0.0))
-
-    drag_rows = rnc.Pfaffian(
-        lambda q: np.array(value(*q[4:]), dtype=float),
-        lambda q, v: np.array(slope(*q[4:], *v[3:]), dtype=float),
-    )
-    return rnc.NonholonomicSystem(rnc.Robot(model), [drag_rows]).reduce(
-        [rnc.JointPosition("a"), rnc.JointPosition("b")]
-    )
-
-
 def wheeled_car():
     """Wheels that roll, with angles that do not matter."""
     reduced = ackermann_car()
@@ -174,7 +140,6 @@ def wheeled_car():
 
 SYSTEMS = {
     "satellite with two rotors": lambda: (satellite_with_rotors(), None, ()),
-    "three-link swimmer": lambda: (swimmer(), {"a": 0.4, "b": 0.7}, ()),
     "fire truck": lambda: (fire_truck(), {"hitch": 0.3, "front_steering": 0.2, "rear_steering": -0.4}, ()),
     "two trailers at a right angle": lambda: (unicycle_with_trailers(2), {"hitch_1": np.pi / 2, "hitch_2": 0.2}, ()),
     "car with wheels": wheeled_car,
@@ -182,7 +147,6 @@ SYSTEMS = {
 }
 WEIGHTS = {
     "satellite with two rotors": (1, 1, 2, 3, 3),
-    "three-link swimmer": (1, 1, 2, 3, 3),
     "two trailers at a right angle": (1, 1, 2, 3, 5),
     "car with wheels": (1, 1, 2, 3),
     "mecanum": (1, 1, 1),

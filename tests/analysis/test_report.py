@@ -62,22 +62,6 @@ def bearing_of_the_tip(values):
     return values["joint_1"] + np.arctan2(np.sin(values["joint_2"]), 1 + np.cos(values["joint_2"]))
 
 
-def test_the_evidence_has_the_figures_of_the_geometry():
-    """The tip stands still while the base drives: A4 is minus the cosine of its bearing, less for its height."""
-    report = mobile_manipulator_report(64)
-    assert report.redundancy_class == "1"
-    # Over A3, the way to the tip in the world: the horizontal part of the distance, whatever the heading.
-    generator, height = np.random.default_rng(0), 0.48
-    drawn = [mobile_manipulator().robot.random_configuration(generator) for _ in range(64)]
-    conditions = np.array([mobile_manipulator().at(q).condition for q in drawn])
-    good = [mobile_manipulator().robot.joint_values(q) for q in np.array(drawn)[conditions <= np.median(conditions)]]
-    reach = np.array([2 * abs(np.cos(values["joint_2"] / 2)) for values in good])
-    across = reach / np.hypot(reach, height)
-    A4 = across * np.abs(np.cos([bearing_of_the_tip(values) for values in good]))
-    A4_values = report.redundancy.evidence.A4_singular_values
-    assert A4_values == pytest.approx((A4.min(), A4.max()))
-
-
 def test_the_mobile_manipulator_is_singular_with_a_straight_arm_and_with_the_tip_abeam():
     located = {each.matrix: each for each in mobile_manipulator_report(32).singularities}
     assert all(each.located for each in located.values())

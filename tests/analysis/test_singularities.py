@@ -5,7 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis.singularities import stack_singularities, task_singularities
-from systems import four_bar, sleigh
+from systems import four_bar
 from textbook_systems import rail_sliders
 
 
@@ -195,16 +195,3 @@ def test_a4_in_other_units_is_singular_at_the_same_place(unit):
     (found,) = task_singularities(reduced, task, ["s0"], configurations)
     assert found.located
     assert found.configuration["s2"] == pytest.approx(0.2, abs=1e-9)
-
-
-def test_a_reducing_output_that_stands_still_is_the_only_row():
-    """Constraint rows come first in E."""
-    configurations = np.array([[0.0, 0.0, w] for w in (1.3, 1.9, -0.7)])
-    (found,) = stack_singularities(steered(np.sin, np.cos), configurations)
-    assert found.rows == ("x22",)
-    assert found.configuration["s2"] == pytest.approx(np.pi / 2, abs=1e-9)
-
-
-def test_no_configuration_has_no_singular_ones():
-    reduced = sleigh()
-    assert stack_singularities(reduced, np.zeros((0, reduced.robot.nq))) == []

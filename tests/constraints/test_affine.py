@@ -7,43 +7,9 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.control import ComputedTorque, RedundancyController
-from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.planning import MinimumJerk
 from systems import drifting_manipulator, random_states, spinning_space_robot, tumbling_panda
 from tolerances import ROUNDING
-
-
-@pytest.mark.parametrize("make", [spinning_space_robot, drifting_manipulator, tumbling_panda])
-def test_free_motion_is_that_of_aba(make):
-    """The whole robot, nothing reduced, under the same joint torques: same path, same velocity, same momentum."""
-    reduced = make()
-    model, integrator = reduced.robot.model, LieRungeKutta4(reduced.robot)
-    data = model.createData()
-    # Clear of singular configurations, through which only the unreduced motion goes on.
-    start, v2 = random_states(reduced, 1, seed=3, condition=100 if reduced.m == 6 else 20)[0]
-    T, duration = 0.05 * np.cos(np.arange(reduced.p)), 0.5
-    B = reduced.lagrangian_terms(start, v2).B
-    assert reduced.actuation.constant is not None
-
-    def short(p, y):
-        return reduced.at(p, y).flow(T)[:2]
-
-    def full(p, w):
-        return w, pin.aba(model, data, p, w, B @ T)
-
-    gaps = []
-    for steps in (100, 200):
-        (q, w), (p, y) = (start, reduced.at(start, v2).v), (start, v2)
-        for _ in range(steps):
-            q, w = integrator.step(full, q, w, duration / steps)
-            p, y = integrator.step(short, p, y, duration / steps)
-        gaps.append(np.abs(pin.difference(model, p, q)).max() + np.abs(reduced.at(p, y).v - w).max())
-    assert np.linalg.norm(pin.difference(model, start, p)) > 0.1
-    # Two integrations of fourth order of one motion: they meet as the step shrinks.
-    assert gaps[1] < 1e-8
-    assert gaps[1] < gaps[0] / 8 or gaps[1] < 1e-11
-    # The same rows say that the momentum of the unreduced motion is what was given.
-    np.testing.assert_allclose(reduced.at(q, v=w).residual, 0, atol=1e-8)
 
 
 @pytest.mark.parametrize(("make", "axes", "given"), [

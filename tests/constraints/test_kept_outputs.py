@@ -177,21 +177,6 @@ def test_rates_of_the_rows_are_those_of_their_residual_over_time(name, rng):
         np.testing.assert_allclose(difference(rows.residual), 0.0, atol=1e-8)
 
 
-def test_controllers_with_a_model_follow_on_a_base_that_moves():
-    """Of the space robot, the first joint swings and the others follow a reference."""
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    driven = rnc.PrescribedMotion(rnc.JointPosition("joint_1"), Harmonic([0.0], [0.4], 0.5))
-    outputs = [rnc.JointPosition(name) for name in ("platform", "joint_2", "joint_3")]
-    reduced = rnc.NonholonomicSystem(robot, [driven], ["platform", "joint_2", "joint_3"]).reduce(outputs)
-    goal = MinimumJerk(np.zeros(3), [0.2, 0.1, -0.1], 0.5)
-    follow = rnc.control.ReducingOutputController(reduced, goal)
-    run = rnc.simulate(
-        reduced, rnc.control.ComputedTorque(reduced, follow, k=50.0), robot.configuration(), 0.5, dt=0.005
-    )
-    np.testing.assert_allclose(run.x2[-1], [0.2, 0.1, -0.1], atol=2e-3)
-    assert abs(run.q[-1, 1] - driven.motion.at(0.5).position[0]) < 1e-10
-
-
 @pytest.mark.parametrize("smooth", [True, False])
 def test_a_holonomic_row_of_the_user_may_move(smooth):
     """The first joint follows sin(2 t)."""

@@ -64,27 +64,6 @@ def test_four_bar_moves_as_in_closed_form(make):
     assert branches == {-1, 1}, "both ways to close the loop"
 
 
-def test_four_bar_accelerates_as_lagrange_says():
-    """Independent: ``H cddot + H' cdot^2 / 2 + U' = tau`` from the closed form's energy, differentiated numerically."""
-    reduced, model = four_bar(), four_bar().robot.model
-    data = model.createData()
-
-    def energies(crank, branch):
-        rocker, coupler, rocker_rate, coupler_rate = closed_form(crank, branch)
-        q = np.array([crank, coupler - crank, rocker])
-        v = np.array([1.0, coupler_rate - 1.0, rocker_rate])
-        return 2 * pin.computeKineticEnergy(model, data, q, v), pin.computePotentialEnergy(model, data, q)
-
-    for q, v2 in random_states(reduced, 6):
-        branch = min((-1, 1), key=lambda b: abs(turn(closed_form(q[0], b)[0] - q[2])))
-        h, tau = 1e-5, 0.7
-        (H, _), ahead, behind = energies(q[0], branch), energies(q[0] + h, branch), energies(q[0] - h, branch)
-        H_slope, U_slope = ((ahead[i] - behind[i]) / (2 * h) for i in (0, 1))
-        expected = (tau - 0.5 * H_slope * v2[0] ** 2 - U_slope) / H
-        np.testing.assert_allclose(reduced.forward_dynamics(q, v2, [tau])[0], expected, rtol=1e-6, atol=1e-6)
-        np.testing.assert_allclose(reduced.at(q).H[0, 0], H, rtol=1e-9)
-
-
 def test_a_planar_loop_keeps_two_rows_of_three_and_three_of_six():
     reduced = four_bar()
     assert reduced.m == 2
