@@ -17,9 +17,8 @@ from tools import tables  # noqa: E402
 
 
 def remarks(name: str, kind: str) -> str:
-    locked, coupled = len(zoo.massless_joints(name)), zoo.mimic_joints(name)
+    locked = len(zoo.massless_joints(name))
     words = [f"{locked} joints that move no mass are locked"] if locked else []
-    words += [f"{coupled} `<mimic>` joint{'s follow' if coupled != 1 else ' follows'}"] if coupled else []
     words += ["Mecanum wheels"] if name in zoo.MECANUM and kind == "rolling wheels" else []
     return "; ".join(words)
 
@@ -50,28 +49,20 @@ def systems() -> dict[str, list[tables.Row]]:
 
 
 def published_row(name: str) -> tables.Row:
-    """One robot, by the three commands; of a refusal also what becomes of it when its remedy is followed."""
+    """One robot, by the three commands."""
     robot = published.ROBOTS[name]
     with tempfile.TemporaryDirectory() as folder:
         found = published.measured(name, Path(folder))
-    if robot.remedy and not found.ran:
-        with tempfile.TemporaryDirectory() as folder:
-            after = published.measured(name, Path(folder), remedied=True)
-        refusal, found = found.refusal.rpartition("/")[2], after
-        old, new = (each.replace("\\", "") for each in robot.remedy)
-        ran = f"refused: {refusal}; `{new}` for `{old}`: {'yes' if after.ran else after.refusal}"
-    else:
-        ran = "yes" if found.ran else f"{list(found.statuses)[-1]}: {found.refusal}"
+    first = [published.shortened(each) for each in found.doubts[:1]]
+    kept, dropped = (len(found.report.get(f"{each}_rows", ())) for each in ("kept", "dropped"))
     row = {
         "robot": name,
         "package": robot.package,
         "base: kind drafted": found.kind.removeprefix("base "),
-        "doubts, and the first of them": (
-            f"{found.doubts}: {published.shortened(found.doubt)}" if found.doubts else "0"
-        ),
-        "rows kept": f"{found.kept} of {found.rows}",
-        "r": str(found.r),
-        "ran": ran,
+        "doubts, and the first of them": ": ".join([str(len(found.doubts)), *first]),
+        "rows kept": f"{kept} of {kept + dropped}",
+        "r": str(found.report.get("r", 0)),
+        "ran": found.refusal or "yes",
         "time": f"{found.seconds:.0f} s",
     }
     return {key: cell.replace("|", "/") for key, cell in row.items()}

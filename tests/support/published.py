@@ -7,8 +7,8 @@ import re
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from base_kind import comments, kind_words
 from rnc_pin.robots.robot_files import example_urdfs
@@ -18,27 +18,18 @@ DURATION = 1.0  # of the run [s]; init itself has tried its draft for longer
 LIMIT = 400  # for one command [s]
 
 _MESH = re.compile(r"""(<mesh\b[^>]*?filename\s*=\s*["'])[^"']*/""")
-_DOUBT = re.compile(r"CHECK|MEASURE")
 _EXAMPLES = "example-robot-data"
 
 
-@dataclass(frozen=True)
-class Published:
-    """Location of a description.
+class Published(NamedTuple):
+    """Location of a description: a package on PyPI, the folder that it installs, and a path in there.
 
-    Args:
-        package: on PyPI.
-        module: the folder that the package installs.
-        path: inside that folder; of example-robot-data the robot's name.
-        complaint: what ``init`` says, where it refuses the file.
-        remedy: pattern in the file and what to write instead, as the complaint asks for.
+    Of example-robot-data the path is the robot's name.
     """
 
     package: str
     module: str
     path: str
-    complaint: str = ""
-    remedy: tuple[str, str] | None = None
 
     def file(self) -> Path | None:
         """The file, or None where the package is not installed; nothing of the package is imported."""
@@ -54,35 +45,22 @@ class Published:
         return file is not None and file.is_file()
 
 
-@dataclass(frozen=True)
-class Finding:
+class Finding(NamedTuple):
     """Result of one description.
 
-    Args:
+    Attributes:
         kind: of draft, in its own words.
-        doubts: how many the draft has.
-        doubt: the one that matters most.
-        kept: independent rows.
-        rows: all of them.
-        r: degrees of freedom that are left.
-        statuses: of the commands that ran, by their names.
-        refusal: what the last of them said, where it failed.
-        seconds: that all of them took.
+        doubts: of the draft.
+        report: of ``inspect``; empty if it did not run.
+        refusal: the command that failed with what it said, or an empty string.
+        seconds: that all commands took.
     """
 
     kind: str
-    doubts: int
-    doubt: str
-    kept: int
-    rows: int
-    r: int
-    statuses: dict[str, int]
+    doubts: list[str]
+    report: dict[str, object]
     refusal: str
     seconds: float
-
-    @property
-    def ran(self) -> bool:
-        return list(self.statuses.values()) == [0, 0, 0]
 
 
 def _examples() -> dict[str, Published]:
@@ -127,31 +105,18 @@ _ELSEWHERE = """
     genesis-world genesis iiwa_mobile assets/urdf/kuka_iiwa/model_mobile.urdf
     scikit-robot skrobot r8_6 data/robot_descriptions/urdf/r8_6.urdf
 """  # package, module, name and path
-_REMEDIES = {  # what the package says of a file, and what to do to the file
-    "humanoid": ("of type 'spherical'; expected one of: fixed, revolute", ('type="spherical"', 'type="fixed"')),
-    "biped2d": ("lower value (-1.57.) is not a valid float", (r"1\.57\.", "1.57")),
-}
 ROBOTS: dict[str, Published] = _examples() | {
-    name: Published(package, module, path, *_REMEDIES.get(name, ()))
+    name: Published(package, module, path)
     for package, module, name, path in map(str.split, _ELSEWHERE.strip().splitlines())
 }
 
 
-def measured(name: str, folder: Path, remedied: bool = False) -> Finding:
-    """Draft, inspect and run a robot, without its meshes where it is a URDF, each by its own process.
-
-    Args:
-        name: in ROBOTS; its package is installed.
-        folder: empty, to work in.
-        remedied: after what the refusal asks for was done to the file.
-    """
-    robot = ROBOTS[name]
-    source = robot.file()
+def measured(name: str, folder: Path) -> Finding:
+    """Draft, inspect and run a robot of an installed package, each by its own process, without meshes of a URDF."""
+    source = ROBOTS[name].file()
     assert source is not None
     if source.suffix == ".urdf":
         text = _MESH.sub(r"\1package://gone/", source.read_text(errors="replace"))
-        if remedied and robot.remedy:
-            text = re.sub(*robot.remedy, text)
         source = folder / source.name
         source.write_text(text)
     draft = folder / "draft.yaml"
@@ -162,42 +127,20 @@ def measured(name: str, folder: Path, remedied: bool = False) -> Finding:
         "inspect": [str(draft), "--samples", str(SAMPLES), "--json"],
         "run": [str(draft), "--out", str(folder / "out"), *short],
     }
-    statuses: dict[str, int] = {}
-    refusal, report, begun = "", None, time.perf_counter()
+    refusal, report, begun = "", {}, time.perf_counter()
     for command, arguments in commands.items():
-        statuses[command], output, said = _rnc_pin(command, arguments, folder)
-        if statuses[command]:
-            refusal = said.strip().splitlines()[-1].removeprefix("rnc-pin: ") if said.strip() else "no message"
+        done = subprocess.run([sys.executable, "-m", "rnc_pin", command, *arguments], cwd=folder, text=True,
+                              env={**os.environ, "COLUMNS": "200"}, capture_output=True, timeout=LIMIT)  # fmt: skip
+        if done.returncode:
+            refusal = f"{command}: {done.stderr.strip().splitlines()[-1].removeprefix('rnc-pin: ')}"
             break
-        report = json.loads(output) if command == "inspect" else report
+        report = json.loads(done.stdout) if command == "inspect" else report
     seconds = time.perf_counter() - begun
-    kept, dropped, r = (len(report["kept_rows"]), len(report["dropped_rows"]), report["r"]) if report else (0, 0, 0)
-    kind, doubts = _read(draft.read_text()) if draft.exists() else ("", [])
-    worst = min(doubts, key=_rank, default="")
-    return Finding(kind, len(doubts), worst, kept, kept + dropped, r, statuses, refusal, seconds)
-
-
-def _rnc_pin(command: str, arguments: list[str], folder: Path) -> tuple[int, str, str]:
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "200"}
-    full = [sys.executable, "-m", "rnc_pin", command, *arguments]
-    try:
-        done = subprocess.run(full, cwd=folder, env=environment, capture_output=True, text=True, timeout=LIMIT)
-    except subprocess.TimeoutExpired:
-        return 124, "", f"{command} takes longer than {LIMIT} s"
-    return done.returncode, done.stdout, done.stderr
-
-
-def _read(draft: str) -> tuple[str, list[str]]:
-    """(kind, doubts) of a draft: what its comments say."""
-    doubts = [each.removeprefix("Assumed: ") for each in comments(draft) if each.startswith("Assumed: ")]
-    beside = [each.partition("  # ")[2] for each in draft.splitlines() if each[:1] == " "]
-    return kind_words(draft), doubts + [each for each in beside if _DOUBT.search(each)]
-
-
-def _rank(doubt: str) -> int:
-    """Rank of a doubt: does not run, assumed, to check, to measure."""
-    order = ("which does not run", "CHECK", "MEASURE")
-    return {0: 0, 1: 2, 2: 3}.get(next((k for k, each in enumerate(order) if each in doubt), -1), 1)
+    text = draft.read_text() if draft.exists() else ""
+    doubts = [each.removeprefix("Assumed: ") for each in comments(text) if each.startswith("Assumed: ")]
+    beside = [each.partition("  # ")[2] for each in text.splitlines() if each[:1] == " "]
+    doubts += [each for each in beside if "CHECK" in each or "MEASURE" in each]
+    return Finding(kind_words(text), doubts, report, refusal, seconds)
 
 
 def shortened(text: str, width: int = 100) -> str:
