@@ -11,7 +11,6 @@ from rnc_pin import extras
 
 DECLARED = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
 FOLDERS = ("rnc_pin", "docs", "examples", "benchmarks", "tests")
-ON_AN_INDEX = "rnc_pin" + "["
 NAMED = re.compile(r"\.\[([\w,-]+)\]['\"]|\bextras? (?:`{1,2}|')([\w-]+)(?:`|')")
 
 
@@ -22,11 +21,6 @@ def texts():
             yield path.relative_to(ROOT).as_posix(), path.read_text()
 
 
-def test_no_file_installs_rnc_pin_from_an_index():
-    """It is on none, so pip would find no matching distribution."""
-    assert [name for name, text in texts() if ON_AN_INDEX in text] == []
-
-
 def test_every_extra_that_a_file_names_exists():
     named = {}
     for name, text in texts():
@@ -34,7 +28,6 @@ def test_every_extra_that_a_file_names_exists():
             for extra in (found[1] or found[2]).split(","):
                 named.setdefault(extra, name)
     assert {"mujoco", "test", "docs", "robots"} <= named.keys()
-    named.pop("nothing", None)  # of the test of documented commands
     assert {extra: name for extra, name in named.items() if extra not in DECLARED} == {}
 
 

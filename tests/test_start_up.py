@@ -29,6 +29,8 @@ reduced = system.reduce([rnc.FramePosition("tip", "xy"), rnc.JointPosition("join
 reduced.forward_dynamics(np.array([0.0, -0.4, 1.8, -1.1]), np.zeros(3), np.zeros(3))
 """
 COMMAND = Path(sysconfig.get_path("scripts")) / "rnc-pin"
+DRAFT = "import pathlib, rnc_pin.applications.init as d; d.draft('differential_drive.urdf', pathlib.Path('.'))"
+DRAWING = {"matplotlib", "meshcat", "tornado"}
 HEAVY = {"joblib", "matplotlib", "meshcat", "numpy", "pinocchio", "pydantic", "scipy", "xacro"}
 
 
@@ -51,63 +53,25 @@ def completed(words):
     return {value for kind, _, value in offered if kind == "plain"}, {kind for kind, _, _ in offered}
 
 
-def test_the_package_imports_nothing_heavy_and_its_packages_are_there():
-    _, packages = imported([sys.executable, "-c", "import rnc_pin"])
-    assert not packages & HEAVY
-    code = "import rnc_pin as rnc; print(rnc.simulation.tracking_errors.__name__, rnc.control.Command.__name__)"
-    out, _ = imported([sys.executable, "-c", code])
-    assert out == "tracking_errors Command\n"
-
-
-@pytest.mark.parametrize("arguments", [
-    ["run", "--help"], ["list", "--json"], ["rnu"],
-], ids=" ".join)  # fmt: skip
-def test_the_command_line_imports_nothing_heavy(arguments):
-    _, packages = imported([COMMAND, *arguments])
-    assert not packages & HEAVY
-
-
-def test_reading_scenarios_imports_nothing_that_draws():
-    _, packages = imported([sys.executable, "-c", "import rnc_pin.applications.scenario.schema.scenario"])
-    assert {"pinocchio", "pydantic"} <= packages & HEAVY
-    assert not packages & {"matplotlib", "meshcat", "tornado"}
-
-
-def test_a_first_evaluation_imports_no_checks_of_shapes():
-    _, packages = imported([sys.executable, "-c", COLD_START])
-    assert {"numpy", "pinocchio"} <= packages
-    unneeded = {"jaxtyping", "matplotlib", "meshcat", "pydantic"}
-    if rnc.kernel == "c":
-        unneeded.add("email")  # SciPy imports it, which evaluates without the kernel
-    assert not packages & unneeded
-
-
-def test_annotations_mean_arrays_without_jaxtyping_and_shapes_with_it():
-    code = "from rnc_pin.array_shapes import Float; import numpy as np; print(Float[np.ndarray, 'N 3'] is np.ndarray)"
-    assert imported([sys.executable, "-c", code])[0] == "True\n"
-    assert imported([sys.executable, "-c", f"import jaxtyping; {code}"])[0] == "False\n"
+@pytest.mark.parametrize(("command", "unneeded"), [
+    ([sys.executable, "-c", "import rnc_pin"], HEAVY),
+    ([COMMAND, "run", "--help"], HEAVY),
+    ([COMMAND, "list", "--json"], HEAVY),
+    ([COMMAND, "rnu"], HEAVY),
+    ([sys.executable, "-c", "import rnc_pin.applications.scenario.schema.scenario"], DRAWING),
+    ([sys.executable, "-c", DRAFT], DRAWING),
+    # SciPy, which evaluates without the kernel, imports email.
+    ([sys.executable, "-c", COLD_START], {"jaxtyping", "pydantic", *DRAWING, *(["email"] if rnc.kernel == "c" else [])}),
+])  # fmt: skip
+def test_nothing_is_imported_before_it_is_needed(command, unneeded):
+    assert not imported(command)[1] & unneeded
 
 
 def test_running_scenarios_imports_only_linear_algebra_of_scipy():
-    code = (
-        "import sys, rnc_pin.applications.scenario.execution\n"
-        "print(*(m for m in sys.modules if m.count('.') == 1), sep='\\n')"
-    )
+    code = "import sys, rnc_pin.applications.scenario.execution; print(*(m for m in sys.modules if m.count('.') == 1))"
     out, _ = imported([sys.executable, "-c", code])
-    assert {name for name in out.split() if name.startswith("scipy.") and not name.startswith("scipy._")} <= {
-        "scipy.linalg",
-        "scipy.version",
-    }
-
-
-def test_a_draft_imports_nothing_that_draws_and_no_special_functions():
-    code = (
-        "import sys, pathlib, rnc_pin.applications.init as d; d.draft('differential_drive.urdf', pathlib.Path('.')); "
-        "print(*sys.modules, sep='\\n')"
-    )
-    out, _ = imported([sys.executable, "-c", code])
-    assert "rnc_pin.simulation.simulate" in out.split()
-    assert not {*out.split()} & {"matplotlib", "meshcat", "scipy.special"}
+    found = {name for name in out.split() if name.startswith("scipy.") and not name.startswith("scipy._")}
+    assert found <= {"scipy.linalg", "scipy.version"}
 
 
 def test_the_shell_learns_to_complete():
@@ -116,13 +80,10 @@ def test_the_shell_learns_to_complete():
     assert not packages & HEAVY
 
 
-def test_scenarios_are_completed_by_name_or_file():
+def test_commands_options_and_scenarios_are_completed():
     names, kinds = completed("rnc-pin inspect space")
     assert names == {name for name in built_in_names() if name.startswith("space")}
     assert "file" in kinds
-
-
-def test_commands_and_options_are_completed():
     assert completed("rnc-pin in") == ({"init", "inspect"}, {"plain"})
     assert {"--set", "--show"} <= completed("rnc-pin run --s")[0]
 
