@@ -30,6 +30,7 @@ reduced.forward_dynamics(np.array([0.0, -0.4, 1.8, -1.1]), np.zeros(3), np.zeros
 """
 COMMAND = Path(sysconfig.get_path("scripts")) / "rnc-pin"
 DRAFT = "import pathlib, rnc_pin.applications.init as d; d.draft('differential_drive.urdf', pathlib.Path('.'))"
+EVALUATION = ["email"] if rnc.kernel == "c" else []
 DRAWING = {"matplotlib", "meshcat", "tornado"}
 HEAVY = {"joblib", "matplotlib", "meshcat", "numpy", "pinocchio", "pydantic", "scipy", "xacro"}
 
@@ -61,7 +62,7 @@ def completed(words):
     ([sys.executable, "-c", "import rnc_pin.applications.scenario.schema.scenario"], DRAWING),
     ([sys.executable, "-c", DRAFT], DRAWING),
     # SciPy, which evaluates without the kernel, imports email.
-    ([sys.executable, "-c", COLD_START], {"jaxtyping", "pydantic", *DRAWING, *(["email"] if rnc.kernel == "c" else [])}),
+    ([sys.executable, "-c", COLD_START], {"jaxtyping", "pydantic", *DRAWING, *EVALUATION}),
 ])  # fmt: skip
 def test_nothing_is_imported_before_it_is_needed(command, unneeded):
     assert not imported(command)[1] & unneeded

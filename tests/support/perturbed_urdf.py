@@ -14,7 +14,6 @@ from rnc_pin.io.safe_read import parse_tree
 from rnc_pin.robots.sources.description import read_numbers
 
 LENGTH, ANGLE = 1e-3, np.deg2rad(0.1)  # standard deviation of the noise along and about each axis [m, rad]
-SMALL, LARGE = 0.1, 10.0
 
 # Syllables of few letters: no word that a reader of names may look for is inside.
 _CONSONANTS, _VOWELS, _SYLLABLES = "bdkmnvz", "aiu", 4
@@ -74,42 +73,6 @@ def without_drives(urdf: str, seed: int = 0) -> str | None:
     return _text(robot) if _remove_drives(robot) else None
 
 
-def scaled(urdf: str, scale: float) -> str:
-    """Return a URDF of a similar robot that moves alike under the same gravity, in sqrt(scale) times the time.
-
-    Lengths grow with the scale s, masses with s^3, inertias with s^5. Torques grow with s^4 and forces with s^3.
-    Angular velocities grow with s^-0.5 and linear ones with s^0.5. Damping is an effort at such a velocity, friction an
-    effort. Numbers in plugins stay.
-    """
-    robot = parse_tree(urdf)
-    for owner in _placed(robot):
-        _multiply(owner.find("origin"), xyz=scale)
-    for link in robot.findall("link"):
-        for mass in link.iterfind("inertial/mass"):
-            _multiply(mass, value=scale**3)
-        for inertia in link.iterfind("inertial/inertia"):
-            _multiply(inertia, **dict.fromkeys(inertia.attrib, scale**5))
-        for shape in (each for each in link.iter() if each.tag in ("box", "cylinder", "sphere", "capsule")):
-            _multiply(shape, size=scale, radius=scale, length=scale)
-        for mesh in link.iter("mesh"):
-            _write(mesh, "scale", scale * _numbers(mesh, "scale", "1 1 1"))
-    types = {joint.get("name"): joint.get("type") for joint in robot.findall("joint")}
-    for joint in robot.findall("joint"):
-        turns = joint.get("type") in _TYPES_WITH_ANGLES
-        value = 1.0 if turns else scale
-        effort, velocity = scale**4 / value, value / np.sqrt(scale)
-        _multiply(joint.find("limit"), lower=value, upper=value, effort=effort, velocity=velocity)
-        _multiply(joint.find("dynamics"), damping=effort / velocity, friction=effort)
-        _multiply(joint.find("safety_controller"), soft_lower_limit=value, soft_upper_limit=value)
-        _multiply(joint.find("calibration"), rising=value, falling=value)
-        mimic = joint.find("mimic")
-        if mimic is not None:
-            of = 1.0 if types.get(mimic.get("joint")) in _TYPES_WITH_ANGLES else scale
-            _write(mimic, "multiplier", value / of * _numbers(mimic, "multiplier", "1"))
-            _multiply(mimic, offset=value)
-    return _text(robot)
-
-
 def mirrored(urdf: str, seed: int = 0) -> str:
     """Return a URDF of the mirror image, left for right: y of the base and of every link is -y.
 
@@ -139,8 +102,6 @@ PERTURBATIONS: dict[str, Callable[[str, int], str | None]] = {
     "names": renamed,
     "order": shuffled,
     "no drives": without_drives,
-    "a tenth": lambda urdf, _: scaled(urdf, SMALL),
-    "ten times": lambda urdf, _: scaled(urdf, LARGE),
     "mirrored": mirrored,
 }
 """Perturbations by name: functions of a URDF and a seed."""

@@ -12,8 +12,6 @@ from typing import get_type_hints
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.state_evaluation import StateEvaluation
 
 EXPORTS = {name: export for name in rnc.__all__ if callable(export := getattr(rnc, name))}
 METHODS = {
@@ -98,20 +96,3 @@ def test_an_unknown_keyword_is_refused():
         assert all(each.kind is not inspect.Parameter.VAR_KEYWORD for each in parameters(call)), name
         with pytest.raises(TypeError):
             call(no_such_keyword=1)
-
-
-def test_what_is_missing_would_be_noticed():
-    def function(a, b):
-        """Nothing.
-
-        Args:
-            a: of two lines,
-                which are: here.
-        """
-
-    assert documented(function) == {"a"}
-
-
-def test_cached_and_forwarded_properties_are_documented_on_their_classes():
-    assert ConfigurationEvaluation.R.__doc__.startswith("Null-space basis")
-    assert StateEvaluation.R.__doc__ == ConfigurationEvaluation.R.__doc__

@@ -1,6 +1,5 @@
 """The page of errors has each message of the package, in a family with what to do."""
 
-import inspect
 import re
 
 import rnc_pin as rnc
@@ -46,36 +45,3 @@ def test_no_raised_message_is_missing():
     found = [text for name, _, text in raised if issubclass(getattr(rnc, name, int), rnc.RncError)]
     assert len(found) > 300
     assert [text for text in found if " ".join(text.split())[:60] not in shown] == []
-
-
-def test_messages_are_read_from_every_form_that_makes_them(tmp_path, monkeypatch):
-    module = tmp_path / "forms.py"
-    module.write_text(
-        inspect.cleandoc('''
-        class OddError(Exception):
-            """An error."""
-
-        def _hint(name):
-            return f"; did you mean '{name}'?"
-
-        def check(x, names):
-            words = [f"first part of {x}", "second"]
-            raise OddError("; ".join(words))
-
-        def other(x):
-            text = "a text " + "in two parts"
-            if x:
-                return OddError(text)
-            raise OddError(f"no joint '{x}'{_hint(x)}")
-
-        def forward(error):
-            raise OddError(str(error)) from None
-        ''')
-    )
-    monkeypatch.setattr(error_messages, "PACKAGE", tmp_path)
-    error_messages.error_classes.cache_clear()
-    try:
-        texts = [each.text for each in error_messages.messages()]
-    finally:
-        error_messages.error_classes.cache_clear()
-    assert texts == ["first part of …", "a text in two parts", "no joint '…'; did you mean '…'?"]

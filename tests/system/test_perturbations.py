@@ -16,15 +16,13 @@ from rnc_pin.robots.robot_files import shipped_directory
 pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
 
 
-@pytest.mark.parametrize(("name", "factor"), [(name, scale**5) for name, scale in (
-    ("noise", 1.0), ("names", 1.0), ("order", 1.0), ("a tenth", 0.1), ("ten times", 10.0), ("mirrored", 1.0),
-)])  # fmt: skip
-def test_a_changed_robot_turns_as_heavily(name, factor):
-    """Eigenvalues of the mass matrix of the revolute joints of an arm: those of a similar one grow with its size."""
+@pytest.mark.parametrize("name", ["noise", "names", "order", "mirrored"])
+def test_a_changed_robot_turns_as_heavily(name):
+    """Eigenvalues of the mass matrix of the revolute joints of an arm."""
     urdf = (shipped_directory() / "space_robot.urdf").read_text()
     models = [pin.buildModelFromXML(each) for each in (urdf, perturbed.PERTURBATIONS[name](urdf, 1))]
     M, changed = (pin.crba(model, model.createData(), pin.neutral(model)) for model in models)
-    found = np.linalg.eigvalsh(changed) / factor
+    found = np.linalg.eigvalsh(changed)
     np.testing.assert_allclose(found, np.linalg.eigvalsh(M), rtol=2e-2 if name == "noise" else 1e-9)
     assert urdf != perturbed.PERTURBATIONS[name](urdf, 1) != perturbed.PERTURBATIONS["noise"](urdf, 2)
 
