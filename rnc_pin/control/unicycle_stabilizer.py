@@ -11,15 +11,13 @@ give ``Vdot = -k e^2 cos^2(alpha) - c alpha^2`` for ``V = (e^2 + alpha^2 + h the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
 from rnc_pin.control.controller import DescribedMixin, VelocityTarget
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.errors import ConfigurationError, InputError
-from rnc_pin.math.linear_algebra import Component
 from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.reduced_kinematics import Measurement
 
@@ -31,32 +29,19 @@ _SERIES_ANGLE = 1e-3  # alpha [rad] below which quotients by alpha use their ser
 class DrivingState(NamedTuple):
     """State of the stabiliser: waiting, resting or driving, and the driving direction."""
 
-    mode: np.ndarray
-    """Time of the last start [s], NaN while it waits; 1 while it rests; 1 while it drives backwards: (..., 3)."""
-
-    @property
-    def since(self) -> Component:
-        """Time of the last start [s], NaN while it waits, (...)."""
-        return cast(Component, self.mode.T[0])
-
-    @property
-    def resting(self) -> np.ndarray:
-        """True while it rests, (...)."""
-        return cast(np.ndarray, self.mode.T[1] == 1.0)
-
-    @property
-    def backwards(self) -> np.ndarray:
-        """True while it drives backwards, (...)."""
-        return cast(np.ndarray, self.mode.T[2] == 1.0)
+    since: float
+    """Time of the last start [s]; NaN while it waits."""
+    resting: bool = False
+    backwards: bool = False
 
 
 class _PolarPose(NamedTuple):
-    """Pose in the coordinates of the control law, for forward or backward driving; arrays (B,) of many vehicles."""
+    """Pose in the coordinates of the control law, for forward or backward driving."""
 
-    distance: Component
-    alpha: Component
+    distance: float
+    alpha: float
     """From the heading to the line of sight (-pi, pi]."""
-    theta: Component
+    theta: float
     """From the goal's heading to the line of sight (-pi, pi]."""
 
 
@@ -128,108 +113,82 @@ class UnicycleStabilizer(DescribedMixin):
 
     def initial_state(self, measurement: Measurement) -> DrivingState:
         """Return the waiting state."""
-        self._pose(measurement.x1, measurement.x2)
-        return DrivingState(np.broadcast_to([np.nan, 0.0, 0.0], (*measurement.x2.shape[:-1], 3)))
+        self._pose(measurement)
+        return DrivingState(np.nan)
 
     def step(self, t: float, measurement: Measurement, state: DrivingState) -> tuple[VelocityTarget, DrivingState]:
-        pose, v2 = self._pose(measurement.x1, measurement.x2), np.asarray(measurement.v2, dtype=float)
-        state = self._update_mode(t, pose, v2, state)
-        x1, x2 = np.full(measurement.x1.shape, np.nan), np.full(v2.shape, np.nan)
-        x1[..., self.position], x2[..., 1] = self.goal[:2], self.goal[2]
-        drives = np.isfinite(state.since) & ~state.resting
-        if not drives.any():
-            still = np.zeros(v2.shape)
-            return VelocityTarget(v2=still, v2_dot=still, x1=x1, x2=x2), state
-        sign = _choose(state.backwards, -1.0, 1.0)
-        (v, w), (v_dot, w_dot) = self._limited(*self._law(self._polar_pose(pose, sign), v2, sign))
-        ramp, since = self.ramp_time or 1.0, t - state.since
-        starts = np.less(since, self.ramp_time)
-        share, growth = _choose(starts, since / ramp, 1.0), _choose(starts, 1.0 / ramp, 0.0)
-        desired = _vectors(_choose(drives, share * v, 0.0), _choose(drives, share * w, 0.0))
-        rates = _vectors(
-            _choose(drives, share * v_dot + growth * v, 0.0), _choose(drives, share * w_dot + growth * w, 0.0)
-        )
-        return VelocityTarget(v2=desired, v2_dot=rates, x1=x1, x2=x2), state
+        pose, v2 = self._pose(measurement), np.asarray(measurement.v2, dtype=float)
+        state = self._updated(t, pose, v2, state)
+        x1, x2 = np.full(measurement.x1.shape, np.nan), np.full(2, np.nan)
+        x1[self.position], x2[1] = self.goal[:2], self.goal[2]
+        if np.isnan(state.since) or state.resting:
+            return VelocityTarget(np.zeros(2), np.zeros(2), x1, x2), state
+        desired, rates = self._limited(*self._law(self._polar_pose(pose, state.backwards), v2, state.backwards))
+        since = t - state.since
+        if since < self.ramp_time:
+            share, growth = since / self.ramp_time, 1.0 / self.ramp_time
+            desired, rates = share * desired, share * rates + growth * desired
+        return VelocityTarget(desired, rates, x1, x2), state
 
-    def _pose(self, x1: np.ndarray, x2: np.ndarray) -> Sequence[Component]:
+    def _pose(self, measurement: Measurement) -> tuple[float, float, float]:
         """Position in the goal's axes, and the heading relative to the goal's in (-pi, pi]."""
-        dx, dy = (x1.T[place] - goal for place, goal in zip(self.position, self.goal, strict=False))
+        dx, dy = measurement.x1[self.position] - self.goal[:2]
         c, s = np.cos(self.goal[2]), np.sin(self.goal[2])
-        pose = c * dx + s * dy, c * dy - s * dx, wrapped(x2.T[1] - self.goal[2])
-        if not np.isfinite(pose[0] + pose[1] + pose[2]).all():
+        pose = float(c * dx + s * dy), float(c * dy - s * dx), float(wrapped(measurement.x2[1] - self.goal[2]))
+        if not np.isfinite(pose).all():
             raise InputError("the vehicle's position and heading have to be given in x1 and x2")
         return pose
 
-    def _update_mode(self, t: float, pose: Sequence[Component], v2: np.ndarray, state: DrivingState) -> DrivingState:
+    def _updated(self, t: float, pose: tuple[float, float, float], v2: np.ndarray, state: DrivingState) -> DrivingState:
         """New state: waiting, resting or driving, and the driving direction."""
         if t < self.begin:
             return state
-        since, resting, backwards = state.since, state.resting, state.backwards
-        off = np.maximum(np.hypot(pose[0], pose[1]), np.abs(pose[2]))
-        rests = (off < self.tolerance) & (np.abs(v2).max(axis=-1) < self.tolerance)
-        stays = ~rests & resting & (off < _WAKE_FACTOR * self.tolerance)
-        starts = ~rests & ~stays & (np.isnan(since) | resting)
-        forth, back = (self._angle_cost(self._polar_pose(pose, sign)) for sign in (1.0, -1.0))
-        now, other = _choose(backwards, back, forth), _choose(backwards, forth, back)
-        turns = other < _REVERSAL_RATIO * now
-        way = _choose(starts, back < forth, _choose(rests | stays, backwards, backwards != turns))
-        return DrivingState(_vectors(_choose(rests | starts, t, since), _choose(rests | stays, 1.0, 0.0), way))
+        off = max(np.hypot(pose[0], pose[1]), abs(pose[2]))
+        if off < self.tolerance and np.abs(v2).max() < self.tolerance:
+            return DrivingState(t, True, state.backwards)
+        if state.resting and off < _WAKE_FACTOR * self.tolerance:
+            return state
+        forth, back = (self._angle_cost(self._polar_pose(pose, way)) for way in (False, True))
+        if np.isnan(state.since) or state.resting:
+            return DrivingState(t, False, back < forth)
+        now, other = (back, forth) if state.backwards else (forth, back)
+        return state._replace(backwards=state.backwards != (other < _REVERSAL_RATIO * now))
 
-    def _polar_pose(self, pose: Sequence[Component], sign: Component) -> _PolarPose:
-        """Pose in the coordinates of the law; where the sign is -1, for backward driving, both headings turn by pi."""
+    def _polar_pose(self, pose: tuple[float, float, float], backwards: bool) -> _PolarPose:
+        """Pose in the coordinates of the law; for backward driving, both headings turn by pi."""
         x, y, heading = pose
-        about, e = _choose(np.less(sign, 0.0), np.pi, 0.0), np.hypot(x, y)
-        there = e < self.tolerance / 2  # at the goal, except for the heading
-        bearing = np.arctan2(-y, -x)
-        alpha = cast(np.ndarray, _choose(there, -heading, bearing - heading - about))
-        return _PolarPose(_choose(there, 0.0, e), wrapped(alpha), _choose(there, 0.0, wrapped(bearing - about)))
+        e = float(np.hypot(x, y))
+        if e < self.tolerance / 2:  # at the goal, except for the heading
+            return _PolarPose(0.0, -heading, 0.0)
+        bearing, about = np.arctan2(-y, -x), np.pi if backwards else 0.0
+        return _PolarPose(e, float(wrapped(bearing - heading - about)), float(wrapped(bearing - about)))
 
-    def _angle_cost(self, polar: _PolarPose) -> Component:
+    def _angle_cost(self, polar: _PolarPose) -> float:
         """Angle terms of 2 V."""
-        return polar.alpha * polar.alpha + self._h * (polar.theta * polar.theta)
+        return polar.alpha**2 + self._h * polar.theta**2
 
-    def _law(
-        self, polar: _PolarPose, v2: np.ndarray, sign: Component
-    ) -> tuple[tuple[Component, Component], tuple[Component, Component]]:
-        """Inputs (v, w) of the law, and their rates while the vehicle moves at v2; the sign is the direction."""
-        (e, alpha, theta), k, h = polar, self.k, self._h
-        speed, turn = sign * v2.T[0], v2.T[1]
+    def _law(self, polar: _PolarPose, v2: np.ndarray, backwards: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs (v, w) of the law, and their rates while the vehicle moves at v2."""
+        (e, alpha, theta), k, h, sign = polar, self.k, self._h, -1.0 if backwards else 1.0
+        speed, turn = sign * v2[0], v2[1]
         c, s = np.cos(alpha), np.sin(alpha)
         # Closer than ``tolerance``, bound the rate of the line of sight: the vehicle is about to rest.
-        far = np.maximum(e, self.tolerance)
-        theta_dot = speed * s * e / (far * far)
+        theta_dot = speed * s * e / max(e, self.tolerance) ** 2
         alpha_dot = theta_dot - turn
         v_dot = k * (-speed * c * c - e * s * alpha_dot)
-        series = np.abs(alpha) < _SERIES_ANGLE
-        divisor = _choose(series, 1.0, alpha)
-        share = _choose(series, 1.0 - 2.0 / 3.0 * (alpha * alpha), c * s / divisor)  # cos(alpha) sinc(alpha)
-        slope = _choose(series, -4.0 / 3.0 * alpha, (np.cos(2 * alpha) - c * s / divisor) / divisor)
+        if abs(alpha) < _SERIES_ANGLE:
+            share, slope = 1.0 - 2.0 / 3.0 * alpha**2, -4.0 / 3.0 * alpha
+        else:
+            share = c * s / alpha  # cos(alpha) sinc(alpha)
+            slope = (np.cos(2 * alpha) - share) / alpha
         weighted, weighted_dot = alpha + h * theta, alpha_dot + h * theta_dot
         w = self._c * alpha + k * share * weighted
         w_dot = self._c * alpha_dot + k * (slope * alpha_dot * weighted + share * weighted_dot)
-        return (sign * k * e * c, w), (sign * v_dot, w_dot)
+        return np.array([sign * k * e * c, w]), np.array([sign * v_dot, w_dot])
 
-    def _limited(
-        self, v2: tuple[Component, Component], v2_dot: tuple[Component, Component]
-    ) -> tuple[tuple[Component, Component], tuple[Component, Component]]:
+    def _limited(self, v2: np.ndarray, v2_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Inputs slowed below the limits along the same path, and their rates."""
-        (v, w), (v_dot, w_dot), (fast, turning) = v2, v2_dot, self.max_speed
-        scale = np.sqrt(1.0 + ((v / fast) * (v / fast) + (w / turning) * (w / turning)))
-        slows = (v * v_dot / fast**2 + w * w_dot / turning**2) / scale / scale
-        return (v / scale, w / scale), ((v_dot - v * slows) / scale, (w_dot - w * slows) / scale)
-
-
-def _choose(condition: np.ndarray, one: Component, other: Component) -> Component:
-    """One value where a condition holds, else the other one; of one vehicle without the cost of arrays."""
-    if isinstance(condition, np.ndarray):
-        return np.where(condition, one, other)
-    return one if condition else other
-
-
-def _vectors(*entries: Component) -> np.ndarray:
-    """Vector (k,) of numbers, or vectors (B, k) of arrays (B,)."""
-    return (
-        np.ascontiguousarray(np.array(np.broadcast_arrays(*entries), dtype=float).T)
-        if any(isinstance(entry, np.ndarray) for entry in entries)
-        else np.array(entries, dtype=float)
-    )
+        used = v2 / self.max_speed
+        scale = np.sqrt(1.0 + used @ used)
+        slows = used @ (v2_dot / self.max_speed) / scale**2
+        return v2 / scale, (v2_dot - v2 * slows) / scale

@@ -49,12 +49,12 @@ def test_a_unicycle_is_asked_for_what_the_law_says(backwards):
     k, rate, step = 0.7, 1.9, 1e-5
     stabilizer = unicycle(k=k, rate=rate)
     for x, y, turn, *v2 in np.random.default_rng(3).uniform(-1.5, 1.5, (25, 5)):
-        state = DrivingState(np.array([0.0, False, backwards], dtype=float))
+        state = DrivingState(0.0, False, backwards)
         desired, cost = law(x, y, turn, backwards, k, rate)
         if law(x, y, turn, not backwards, k, rate)[1] < 0.5 * cost:
             continue  # it turns about
         target, after = stabilizer.step(5.0, seen(x, y, turn, v2), state)
-        assert np.array_equal(after.mode, state.mode)
+        assert after == state
         np.testing.assert_allclose(target.v2, desired, rtol=1e-9)
         moved = [
             law(x + s * v2[0] * np.cos(turn), y + s * v2[0] * np.sin(turn), turn + s * v2[1], backwards, k, rate)[0]
@@ -70,9 +70,7 @@ def test_a_unicycle_that_heads_for_its_goal_has_no_gap_in_its_law(alpha):
     theta, e, k, rate = 0.3, 2.0, 0.5, 1.5
     x, y, turn = -e * np.cos(theta), -e * np.sin(theta), theta - alpha
     speed, spin = 0.4, 0.8
-    target, _ = unicycle(k=k, rate=rate).step(
-        1.0, seen(x, y, turn, (speed, spin)), DrivingState(np.array([0.0, False, False], dtype=float))
-    )
+    target, _ = unicycle(k=k, rate=rate).step(1.0, seen(x, y, turn, (speed, spin)), DrivingState(0.0, False, False))
     h, c, double = 1.2 * rate**2 / k**2, 2.2 * rate, 2 * alpha
     share = 1 - double**2 / 6 + double**4 / 120  # sin(2 alpha) / (2 alpha)
     slope = 2 * (-double / 3 + double**3 / 30)
@@ -87,7 +85,7 @@ def test_a_unicycle_that_heads_for_its_goal_has_no_gap_in_its_law(alpha):
 def test_a_unicycle_slows_its_whole_motion_down_to_its_limits():
     """By one factor, so that its path is the one without limits; the rate is exact there too."""
     free, held, step = unicycle(), unicycle(max_speed=(0.3, 0.7)), 1e-5
-    state = DrivingState(np.array([0.0, False, False], dtype=float))
+    state = DrivingState(0.0, False, False)
     for x, y, turn, speed, spin in np.random.default_rng(4).uniform(
         [-1.5, -0.2, -0.4, -1, -1], [-0.2, 0.2, 0.4, 1, 1], (8, 5)
     ):
@@ -106,7 +104,7 @@ def test_a_unicycle_slows_its_whole_motion_down_to_its_limits():
 def test_a_unicycle_takes_up_speed_softly():
     """In proportion to the time since it set out, until that is over; what it asks for then is the law's alone."""
     soft, at_once = unicycle(ramp_time=0.75), unicycle()
-    here, state = seen(-1.0, 0.3, 0.2, (0.3, -0.4)), DrivingState(np.array([2.0, False, False], dtype=float))
+    here, state = seen(-1.0, 0.3, 0.2, (0.3, -0.4)), DrivingState(2.0, False, False)
     full = at_once.step(2.0, here, state)[0]
     for share in (0.0, 0.25, 0.5, 0.999):
         target, _ = soft.step(2.0 + 0.75 * share, here, state)
@@ -124,10 +122,10 @@ def test_a_unicycle_waits_until_it_may_begin():
     stabilizer = unicycle(begin=1.5, ramp_time=1.0)
     here = seen(-1.0, 0.3, 0.2)
     state = stabilizer.initial_state(here)
-    assert np.array_equal(state.mode, [np.nan, False, False], equal_nan=True)
+    assert np.array_equal(state, [np.nan, False, False], equal_nan=True)
     for t, since in ((0.0, np.nan), (1.499, np.nan), (1.5, 1.5), (2.0, 1.5)):
         target, state = stabilizer.step(t, here, state)
-        assert np.array_equal(state.mode, [since, False, False], equal_nan=True)
+        assert np.array_equal(state, [since, False, False], equal_nan=True)
         assert target.v2.shape == target.v2_dot.shape == (2,)
         assert target.v2.any() == (t > 1.5)
         assert target.v2_dot.any() == np.isfinite(since)
@@ -143,7 +141,7 @@ def test_a_unicycle_waits_until_it_may_begin():
 def test_a_unicycle_rests_below_its_limit_and_wakes_at_twice_that(backwards):
     """Distance, heading and motion each; pushed away it sets out again at that time, the way its goal lies."""
     stabilizer = unicycle(tolerance=0.01, ramp_time=1.0)
-    drives, rests = (DrivingState(np.array([*each, backwards], dtype=float)) for each in ((0.0, False), (3.0, True)))
+    drives, rests = (DrivingState(*each, backwards) for each in ((0.0, False), (3.0, True)))
     inside, outside = 0.0099, 0.0101
     for at, rest in (
         (seen(inside * 0.6, inside * 0.8, 0.0), True),
@@ -164,11 +162,11 @@ def test_a_unicycle_rests_below_its_limit_and_wakes_at_twice_that(backwards):
             assert not target.v2_dot.any()
     for x, y, turn in ((0.0199, 0.0, 0.0), (0.0, -0.0199, 0.0), (0.0, 0.0, 0.0199)):
         target, state = stabilizer.step(5.0, seen(x, y, turn, (0.02, 0.0)), rests)
-        assert np.array_equal(state.mode, rests.mode)
+        assert state == rests
         assert not target.v2.any()
     for x in (0.0201, -0.0201):
         target, state = stabilizer.step(5.0, seen(x, 0.0, 0.0), rests)
-        assert state.mode.tolist() == [5.0, False, x > 0]
+        assert state == (5.0, False, x > 0)
         np.testing.assert_allclose(target.v2_dot, [-0.5 * x, 0.0], atol=ROUNDING)  # the law's k e, taken up in a second
 
 
@@ -181,16 +179,16 @@ def test_a_unicycle_turns_about_where_that_halves_what_its_angles_cost():
             x, y = -np.cos(b), -side * np.sin(b)
             for backwards in (False, True):
                 at = seen(-x if backwards else x, y, 0.0)
-                assert stabilizer.step(1.0, at, DrivingState(np.array([0.0, False, backwards], dtype=float)))[
-                    1
-                ].backwards == (backwards != about)
+                assert stabilizer.step(1.0, at, DrivingState(0.0, False, backwards))[1].backwards == (
+                    backwards != about
+                )
     for x, y, turn in np.random.default_rng(6).uniform(-3, 3, (40, 3)):  # both angles, each with its weight
         costs = [law(x, y, turn, way, 0.5, 1.5)[1] for way in (False, True)]
-        first = stabilizer.step(1.0, seen(x, y, turn), DrivingState(np.array([np.nan, False, False])))[1]
-        assert first.mode.tolist() == [1.0, False, costs[1] < costs[0]]
+        first = stabilizer.step(1.0, seen(x, y, turn), DrivingState(np.nan, False, False))[1]
+        assert first == (1.0, False, costs[1] < costs[0])
         for way in (False, True):
-            state = stabilizer.step(1.0, seen(x, y, turn), DrivingState(np.array([0.0, False, way], dtype=float)))[1]
-            assert state.mode.tolist() == [0.0, False, way != (costs[not way] < 0.5 * costs[way])]
+            state = stabilizer.step(1.0, seen(x, y, turn), DrivingState(0.0, False, way))[1]
+            assert state == (0.0, False, way != (costs[not way] < 0.5 * costs[way]))
             tried.add(bool(state.backwards != way))
     assert tried == {False, True}
 
@@ -199,7 +197,7 @@ def test_a_unicycle_turns_about_where_that_halves_what_its_angles_cost():
 def test_a_unicycle_at_its_goal_turns_only(backwards):
     """Nearer than half of ``close``; up to there it drives, and the line of sight turns as it would at ``close``."""
     stabilizer, close = unicycle(tolerance=0.1), 0.1
-    state = DrivingState(np.array([0.0, False, backwards], dtype=float))
+    state = DrivingState(0.0, False, backwards)
     for turn in (0.5, -0.5):
         target, _ = stabilizer.step(1.0, seen(0.03, 0.0396, turn, (0.2, 0.3)), state)
         share = np.cos(turn) * np.sinc(turn / np.pi)
@@ -211,7 +209,7 @@ def test_a_unicycle_at_its_goal_turns_only(backwards):
     e, theta, alpha = 0.0501, 0.2, 0.7
     x, y, turn = -e * np.cos(theta + away), -e * np.sin(theta + away), theta - alpha
     target, after = stabilizer.step(1.0, seen(x, y, turn, (0.2, 0.3)), state)
-    assert np.array_equal(after.mode, state.mode)
+    assert after == state
     desired, _ = law(x, y, turn, backwards, 0.5, 1.5)
     np.testing.assert_allclose(target.v2, desired, rtol=1e-9)
     speed = -0.2 if backwards else 0.2
