@@ -3,7 +3,6 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 import yaml
 
@@ -17,7 +16,6 @@ from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.planning import Hold
 from systems import random_states, space_robot
-from textbook_systems import acrobot, wheeled_pendulum
 
 
 class Counting:
@@ -73,55 +71,8 @@ def test_reducing_outputs_follow_at_their_gains(monitored):
     assert law.describe() == {"type": "ReducingOutputController", "k2": [1.7, 0.6]}
 
 
-def test_modes_out_of_reach_are_named():
-    """With both wheels on one motor the pendulum balances, but nothing turns it."""
-    robot = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
-    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
-    both = np.zeros((robot.nv, 1))
-    for side in ("left", "right"):
-        both[robot.velocity_indices(f"{side}_axle")] = 1.0
-    reduced = rnc.NonholonomicSystem(robot, wheels, both).reduce(
-        [rnc.FrameSpeed("base"), rnc.JointPosition("pitch"), rnc.FrameYaw("base")]
-    )
-    linear = rnc.linearize(reduced, robot.configuration(), coordinates=["pitch"])
-    with pytest.raises(rnc.ConstraintError, match=r"do not control a mode .* it moves base_yaw_dot$"):
-        rnc.lqr(linear, 1.0)
-    alone = rnc.linearize(reduced, robot.configuration(), coordinates=["pitch"], rates=["base_speed_x", "pitch"])
-    assert rnc.lqr(alone, 1.0).shape == (1, 3)
-    free = wheeled_pendulum(())
-    linear = rnc.linearize(free, free.robot.configuration(), coordinates=["pitch"])
-    with pytest.raises(rnc.ConstraintError, match="at least one actuator"):
-        rnc.lqr(linear, 1.0)
-
-
-def test_an_acrobot_is_balanced_upright():
-    reduced = acrobot()
-    found = rnc.equilibrium(reduced, [np.pi - 0.05, 0.1], hold=[])
-    linear = rnc.linearize(reduced, found.q, T=found.T)
-    run = rnc.simulate(
-        reduced, StateFeedback(linear, rnc.lqr(linear, 1.0)), found.q + np.array([0.01, 0.0]), 8.0, 0.005
-    )
-    np.testing.assert_allclose(run.q[-1], found.q, atol=1e-3)
-
-
 # ---------------------------------------------------------------------- scenario files
 
-PENDULUM = """
-robot: {urdf: wheeled_pendulum.urdf, base: planar}
-constraints:
-  - rolling_wheel: {frame: left_wheel, radius: 0.1}
-  - rolling_wheel: {frame: right_wheel, radius: 0.1}
-actuators: [left_axle, right_axle]
-outputs: {reducing: [{frame_speed: {frame: base}}, {joint: pitch}, {frame_yaw: base}]}
-task: {primary: [base_speed_x, base_yaw], redundant: [pitch]}
-initial: {q: {pitch: 0.1}}
-reference: {primary: {minimum_jerk: {by: [1.0, 0.5], duration: 5}}}
-controller:
-  type: state_feedback
-  coordinates: [pitch, {frame_yaw: base}]
-  state_cost: {pitch: 20, base_yaw: 5, base_speed_x: 5, pitch_dot: 1, base_yaw_dot: 1}
-simulation: {duration: 8, dt: 0.005}
-"""
 
 BICYCLE = """
 robot: {urdf: bicycle.urdf, base: free}
@@ -155,17 +106,6 @@ def written(tmp_path, text, **changes):
     return path
 
 
-def test_a_pendulum_that_leans_is_balanced_and_driven(tmp_path):
-    result = execute(Scenario.load(str(written(tmp_path, PENDULUM))))
-    assert result.error is None
-    run = result.trajectory
-    assert run.x2[0, 1] == pytest.approx(0.1)
-    assert abs(run.x2[-1, 1]) < 2e-3
-    assert run.x2[-1, 2] == pytest.approx(0.5, abs=0.01)
-    np.testing.assert_allclose(run.v2[-1], 0, atol=0.01)
-    assert run.info.provenance.controller["type"] == "StateFeedback"
-
-
 def test_a_bicycle_is_kept_upright_by_its_steering_alone(tmp_path):
     path = written(tmp_path, BICYCLE)
     planned = Scenario.load(str(path)).build()
@@ -196,23 +136,6 @@ def test_what_a_file_gets_wrong_is_said_in_a_line(tmp_path, changes, words):
     with pytest.raises(rnc.RncError, match=words) as caught:
         Scenario.load(str(written(tmp_path, BICYCLE, **changes))).build()
     assert "\n" not in str(caught.value)
-
-
-def balancing(scale):
-    """Gains of the wheeled pendulum, masses in other units and inputs weighed accordingly."""
-    robot = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
-    for joint, inertia in enumerate(robot.model.inertias):
-        robot.model.inertias[joint] = pin.Inertia(scale * inertia.mass, inertia.lever, scale * inertia.inertia)
-    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
-    system = rnc.NonholonomicSystem(robot, wheels, ["left_axle", "right_axle"])
-    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("pitch"), rnc.FrameYaw("base")])
-    linear = rnc.linearize(reduced, robot.configuration(), coordinates=["pitch"], rates=["base_speed_x", "pitch"])
-    return rnc.lqr(linear, {"pitch": 10.0, "base_speed_x": 1.0}, 1.0 / scale**2)
-
-
-@pytest.mark.parametrize("scale", [1e-9, 1e-4, 1e5, 1e9])
-def test_a_regulator_does_not_mind_units_of_mass(scale):
-    np.testing.assert_allclose(balancing(scale) / scale, balancing(1.0), rtol=1e-6)
 
 
 STATES = ("tilt", "arm", "speed", "tilt_dot", "wheel_dot", "yaw_dot")

@@ -7,8 +7,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from controlled_tasks import Cubic, task_at, truck_task
-from rnc_pin import _kernel
+from controlled_tasks import Cubic, task_at
 from rnc_pin.control import OuterGains, SteeringController
 from rnc_pin.model.reduced_kinematics import Measurement, kinematic_gradient
 from rnc_pin.planning import Hold
@@ -33,33 +32,6 @@ def test_gradient_of_the_kinematics_is_exact():
             np.testing.assert_allclose(
                 gradient[..., column], difference, atol=FINITE_DIFFERENCE * (1 + np.abs(A[0]).max())
             )
-
-
-def test_the_missing_rate_fades_at_k4():
-    """Along the kinematics, w - A3 v21 decays as exp(-k4 t): the whole point of backstepping."""
-    k4 = 6.0
-    reduced, path, _, controller, _ = truck_task(gains=OuterGains(k4=k4), damping=1e-6, max_rate=1e3)
-    q = reduced.robot.configuration(
-        {"root_joint": [-4.5, 1.9, -0.5], "rear_steering": 0.2, "hitch": 0.15, "front_steering": 0.05}
-    )
-    t, h = 3.0, 1e-4
-    v2 = np.array([*path.reference.at(t).velocity, 0.0])
-
-    def missing(q, t, v2):
-        m = reduced.at(q, v2).measure()
-        x1d = controller.vertical.at(t)
-        return x1d.velocity + 2.0 * (x1d.position - m.x1[[2]]) - m.v1[[2]]
-
-    # Two targets a moment apart, each with the primary rates followed exactly.
-    here = path.reference.at(t).position
-    integrals = np.array([here[0], 0.0, 0.0])
-    target, _ = controller.step(t, reduced.at(q, v2).measure(integrals), None)
-    moving = np.array([*v2[:2], target.v2[2]])
-    target, _ = controller.step(t, reduced.at(q, moving).measure(integrals), None)
-    ahead = pin.integrate(reduced.robot.model, q, h * reduced.terms(q, moving).v)
-    later = moving + h * np.array([*target.v2_dot[:2], 0.0])
-    before, after = missing(q, t, moving), missing(ahead, t + h, later)
-    np.testing.assert_allclose((after - before) / h, -k4 * before, rtol=0.01, atol=1e-3)
 
 
 # ---------------------------------------------------------------------- class 2
@@ -112,32 +84,6 @@ def test_steering_is_the_damped_least_squares_of_what_the_vertical_rates_miss(ma
         np.testing.assert_array_equal(target.x1[1], 0.77 if monitored else np.nan)
         np.testing.assert_array_equal(target.x2[primary], x21d.position)
         assert np.isnan(target.x2[[1, 2, 4]]).all()
-
-
-@pytest.mark.parametrize("library", [_kernel.library, _kernel.NUMPY_ALONE])
-def test_many_runs_are_steered_like_each_alone_and_the_first_singular_one_is_named(library, monkeypatch):
-    monkeypatch.setattr(_kernel, "library", library)
-    generator = np.random.default_rng(5)
-    gradient, chosen = generator.uniform(-1, 1, (3, 3, 6, 6)), PLACES[0] + PLACES[1]  # of three runs
-    law, *_ = steering(gradient, damping=0.0)
-    fields = {name: generator.uniform(-1, 1, (3, size)) for name, size in (("v2", 6), ("x1", 3), ("x2", 6))}
-    fields |= {name: generator.uniform(-1, 1, (3, 3, 6)) for name in ("A_star", "A_star_dot")}
-    q = np.array([[0.1], [0.2], [0.3]])
-
-    def slopes_of(runs):
-        return lambda q, along: np.moveaxis(gradient[runs][..., along], -1, -3).copy()
-
-    law._reduced.evaluator.output_slopes = slopes_of(slice(None))
-    together, _ = law.step(0.6, Measurement(q=q, **fields))
-    for run in range(3):
-        law._reduced.evaluator.output_slopes = slopes_of(run)
-        alone, _ = law.step(0.6, Measurement(q=q[run], **{name: value[run] for name, value in fields.items()}))
-        np.testing.assert_allclose(together.v2[run][chosen], alone.v2[chosen], rtol=1e-12)
-    gradient[1:] = 0.0
-    law._reduced.evaluator.output_slopes = slopes_of(slice(None))
-    with pytest.raises(rnc.SingularityError, match="b_4, b_1 cannot steer c_2, c_0: N is singular") as caught:
-        law.step(0.6, Measurement(q=q, **fields))
-    assert caught.value.q.tolist() == [0.2]
 
 
 def test_steering_takes_over_where_redundant_rates_move_nothing():

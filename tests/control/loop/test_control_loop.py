@@ -9,7 +9,6 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command
 from rnc_pin.control.loop.loop_state import VelocityEstimate, write_state
 from rnc_pin.control.loop.measurements import VelocityObserver
@@ -480,50 +479,3 @@ def test_the_velocity_tracker_recovers_from_clipped_actuators():
     assert (np.abs(run.T) >= limits - 1e-9).mean(axis=0).min() > 0.05  # clipped, each of them, and not for an instant
     assert late_error(run) < 2e-3
     assert late_error(swing(limits, anti_windup=False)) > 0.05
-
-
-@pytest.mark.long  # 14 s
-def test_tiago_recovers_at_four_fifths_of_its_largest_inputs():
-    """Of what is beyond the weight, which no controller can do without; without anti-windup it is off in the end."""
-    dt = 0.005
-    made = Scenario.load(
-        "tiago", {"comparisons": {}, "plots": {}, "simulation.dt": dt, "simulation.duration": 10.0}
-    ).experiment
-
-    def run(limits, controller=made.controller):
-        return rnc.simulate(
-            made.reduced, controller, made.q0, 10.0, dt, options=rnc.SimulationOptions(loop={"limits": limits})
-        )
-
-    free = run(False)
-    weight, peak = np.abs(free.T[-1]), np.abs(free.T).max(axis=0)
-    limits = weight + 0.8 * (peak - weight)
-    clipped = run(limits)
-    assert (np.abs(clipped.T) >= limits - 1e-9).mean(axis=0).max() > 0.2
-    assert max(rnc.summarize(clipped)["final_error"].values()) < 2e-3
-    unaware = run(limits, WithoutDeficit(made.controller))
-    assert max(rnc.summarize(unaware)["final_error"].values()) > 0.2
-
-
-def pushed(limit, aware=True):
-    """A mass on a rail that the position tracker moves a metre, its actuator clipped; it may not be told of that."""
-    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    rails = rnc.Pfaffian(lambda q: np.eye(3)[1:], lambda q, v: np.zeros((2, 3)), ["across", "turning"])
-    system = rnc.NonholonomicSystem(robot, [rails], [rnc.FrameForce("sleigh", "x")])
-    reduced = system.reduce([rnc.FramePosition("sleigh", "x")])
-    way = rnc.planning.MinimumJerk(np.zeros(1), [1.0], duration=1.0)
-    tracker = rnc.control.PositionTracker(way, rnc.control.PositionGains(beta=200.0))
-    tracker = tracker if aware else WithoutDeficit(tracker)
-    return rnc.simulate(
-        reduced, tracker, robot.configuration(), 8.0, DT, options=rnc.SimulationOptions(loop={"limits": limit})
-    )
-
-
-def test_the_position_tracker_recovers_from_a_clipped_actuator():
-    free = pushed(False)
-    assert np.abs(free.x2[-1] - 1.0) < 0.02
-    limit = 0.3 * np.abs(free.T).max(axis=0)
-    run = pushed(limit)
-    other = pushed(limit, aware=False)
-    assert np.abs(run.x2[-1] - 1.0) < 0.002
-    assert run.x2.max() - 1.0 < 0.5 * (other.x2.max() - 1.0)  # overshoots

@@ -51,18 +51,6 @@ def test_a_command_is_the_admissible_motion_of_the_target():
     assert command.u[:2] == pytest.approx([command.twist.forward, command.twist.yaw])
 
 
-def test_integrating_the_commands_moves_the_hand_along_its_reference():
-    reduced, target, q = arm_on_wheels()
-    loop = rnc.VelocityLoop(reduced, target, 0.002, velocity="commanded")
-    for sample in range(2500):
-        command = loop.step(0.002 * sample, q)
-        q = pin.integrate(reduced.robot.model, q, 0.002 * command.v)
-    goal = target.primary.at(5.0).position
-    assert loop.state.fault is None
-    assert reduced.at(q).outputs()[1][:2] == pytest.approx(goal[:2], abs=1e-4)
-    assert reduced.at(q).outputs()[0][0] == pytest.approx(target.vertical.at(5.0).position[0], abs=1e-4)
-
-
 def test_a_differential_drive_turns_its_wheels_by_the_textbook():
     reduced, _ = differential_drive()
     loop = rnc.VelocityLoop(reduced, constant([0.5, 0.8]), DT)
@@ -73,17 +61,6 @@ def test_a_differential_drive_turns_its_wheels_by_the_textbook():
     expected = [(0.5 - 0.8 * at[1]) / 0.1 for at in joints]
     assert command.joints == pytest.approx(expected)
     assert command.twist == pytest.approx((0.5, 0.0, 0.8), abs=1e-12)
-
-
-def test_a_mecanum_base_gets_a_sideways_twist_and_four_wheel_speeds():
-    reduced = systems.mecanum()
-    loop = rnc.VelocityLoop(reduced, constant([0.3, -0.2, 0.5]), DT)
-    q = reduced.robot.configuration({"root_joint": [1.0, 2.0, 0.4]})
-    command = loop.step(0.0, q, np.zeros(7))
-    assert command.twist == pytest.approx((0.3, -0.2, 0.5))
-    for speed, name, (x, y) in zip(command.joints, loop.joints, systems.CORNERS.values(), strict=True):
-        across = np.tan(systems.ROLLERS[name.removesuffix("_spin")]) * (-0.2 + 0.5 * x)
-        assert speed == pytest.approx((0.3 - 0.5 * y + across) / systems.WHEEL)
 
 
 def test_the_twist_of_another_frame_includes_its_lever():
@@ -207,47 +184,6 @@ def test_it_resumes_to_the_bit(tmp_path):
     assert not loop.command.v.any()
 
 
-def test_a_program_on_tiago_keeps_the_limits_of_the_file():
-    """Positions, velocities and rolling by Pinocchio, at the samples that the commands lead to.
-
-    Accelerations give way to the distance that joints need to stop: by the amounts that the program reports.
-    """
-    reduced = systems.tiago()
-    robot, model = reduced.robot, reduced.robot.model
-    q = robot.configuration({"torso_lift_joint": 0.2, "arm_1_joint": 0.5, "arm_2_joint": -0.5, "arm_4_joint": 1.5})
-    hand = robot.frame_id("arm_7_link")
-    start = reduced.at(q).position.placement(hand).translation
-    goal = np.add(start, [0.6, 0.3, 0.4])
-    goals = [rnc.control.tasks.OutputTask(rnc.FramePosition("arm_7_link"), rnc.planning.Hold(goal), gain=4.0)]
-    of = rnc.control.limits
-    bounds = [of.JointPositionLimit(), of.JointVelocityLimit(), of.AccelerationLimit(1.0)]
-    program = rnc.control.VelocityQP(reduced, goals, bounds, dt=DT)
-    loop = rnc.VelocityLoop(reduced, program, DT, velocity="commanded")
-    limited = np.flatnonzero(model.upperVelocityLimit < 1e3)
-    joints = [joint for joint in list(model.joints)[1:] if joint.nq == joint.nv]
-    entries = [joint.idx_q for joint in joints]
-    seen, last, gave_way, most = set(), np.zeros(reduced.r), 0.0, 0.0
-    for sample in range(200):
-        command = loop.step(DT * sample, q)
-        report = program.report(loop.state.controller)
-        seen |= set(report.active)
-        assert (np.abs(command.v)[limited] <= model.upperVelocityLimit[limited] + 1e-9).all()
-        v2 = reduced.at(q, v=command.v).v2
-        now = max((amount for name, amount in report.exceeded.items() if "acceleration" in name), default=0.0)
-        assert np.abs(v2 - last).max() <= 1.0 * DT + 0.5 * (gave_way + now) + 1e-6  # of the means of two samples
-        last, gave_way, most = v2, now, max(most, now)
-        q = pin.integrate(model, q, DT * command.v)
-        assert np.abs(reduced.at(q, v=command.v).residual).max() < 1e-12
-        beyond = np.maximum(model.lowerPositionLimit - q, q - model.upperPositionLimit)[entries]
-        assert beyond.max() <= 0.0
-    assert loop.state.fault is None
-    assert np.abs(reduced.at(q).position.placement(hand).translation - goal).max() < 0.01
-    assert most == pytest.approx(max(report.worst.values()))
-    assert most > 0.1
-    for kind in ("position", "velocity", "acceleration"):
-        assert [name for name in seen if name.endswith(kind)]
-
-
 def travelled(loop, times, slow=1.0, clock=lambda t: t, missing=lambda t: False):
     """Distance and turn of a base that follows twists at a share of their speed, by Euler steps of one millisecond."""
     robot, pose, done = loop.reduced.robot, np.zeros(3), np.zeros(2)
@@ -260,14 +196,6 @@ def travelled(loop, times, slow=1.0, clock=lambda t: t, missing=lambda t: False)
             pose += np.array([step[0] * np.cos(pose[2]), step[0] * np.sin(pose[2]), step[1]])
             done += step
     return done
-
-
-def test_without_measured_velocities_a_base_that_is_slower_than_its_commands_still_goes_as_far():
-    reduced, _ = differential_drive()
-    way = rnc.planning.MinimumJerk([0.0, 0.0], [1.0, 0.5], 2.0)
-    target = rnc.control.ReducingOutputController(reduced, way)
-    loop = rnc.VelocityLoop(reduced, target, DT, velocity="commanded")
-    assert travelled(loop, DT * np.arange(400), slow=0.6) == pytest.approx([1.0, 0.5], abs=2e-3)
 
 
 @pytest.mark.parametrize("fallback", ["zero", "brake"])

@@ -8,8 +8,7 @@ import scipy
 
 import rnc_pin as rnc
 from bodies import add_body
-from carts import WHEELS, cart_with_arm
-from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, ground_shape
+from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.control.whole_body import ControlSample, InverseDynamicsQP
 from rnc_pin.control.whole_body.limits import CollisionAvoidance
 from rnc_pin.control.whole_body.limits.distance_limits import approach_speed
@@ -55,25 +54,6 @@ def damped_run(reduced, limit, q, desired, duration):
         v2 = ahead
         path.append(q)
     return np.array(path)
-
-
-def test_an_arm_stops_above_the_floor_that_its_wheels_touch(tmp_path):
-    robot = cart_with_arm(tmp_path)
-    reduced = rnc.NonholonomicSystem(robot, []).reduce()
-    floor = Obstacle(ground_shape(), name="floor", ignored_links=WHEELS)
-    down = np.zeros(reduced.r)
-    down[list(reduced.reducing.names).index("shoulder")] = 0.8
-
-    def lowest(limit):
-        path = damped_run(reduced, limit, robot.configuration(), lambda t: down, 2.0)
-        check = CollisionDistances(robot, [floor], PairSelection(links=False))
-        assert not {pair.names[0] for pair in check.pairs} & set(WHEELS)
-        return min(check.smallest(q, beyond=0.1).min() for q in path)
-
-    selection = PairSelection(links=False)
-    assert lowest(CollisionAvoidance(0.03, 0.15, selection=selection)) < -0.2
-    kept = lowest(CollisionAvoidance(0.03, 0.15, obstacles=[floor], selection=selection))
-    assert 0.03 - 1e-4 < kept < 0.05
 
 
 def test_rows_are_the_damper():

@@ -7,9 +7,7 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body, add_frame
 from rnc_pin.control import ControlSample, InverseDynamicsQP, limits, tasks
-from rnc_pin.control.whole_body import inverse_dynamics_qp
 from rnc_pin.control.whole_body.limit_stack import ContactCones
-from rnc_pin.control.whole_body.task_hierarchy import solve_within
 from rnc_pin.planning import Hold, MinimumJerk
 from rnc_pin.plants.mujoco import MuJoCoPlant, MuJoCoSettings
 from systems import (
@@ -61,21 +59,6 @@ def test_the_velocity_error_of_a_task_decays_at_its_rate(reduced, task):
             rows = bound.rows(sample)
             errors.append(rows.jacobian @ (sample.end.R @ velocity + sample.end.b) - rows.rate)
         np.testing.assert_allclose(errors[1], np.exp(-RATE * DT) * errors[0], rtol=1e-6, atol=1e-8)
-
-
-def test_a_hand_follows_its_reference_and_the_rest_comes_to_rest():
-    reduced = mobile_manipulator()
-    q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": 1.0})
-    position = rnc.FramePosition("tip", "xy").bind(reduced.robot)
-    path = across(reduced, q0)
-    reach = tasks.OutputTask(rnc.FramePosition("tip", "xy"), path, gain=GAIN)
-    controller = InverseDynamicsQP(reduced, [reach], dt=DT, friction=0.2)
-    run = rnc.simulate(reduced, controller, q0, 2.0, dt=DT)
-    for k in range(0, len(run.time), 50):
-        found = position.value(reduced.at(run.q[k]).position)
-        np.testing.assert_allclose(found, path.at(run.time[k]).position, atol=1e-3)
-    assert np.abs(run.v[-1]).max() < 1e-2
-    assert np.abs(run.T[:, 2:]).max() <= 400.0 * (1 + 1e-12)
 
 
 def test_efforts_stay_within_the_file_and_say_so():
@@ -169,24 +152,6 @@ def test_friction_bounds_the_input_to_both_sides(wheeled, omega):
     np.testing.assert_allclose(sides, push + friction * 9.81 * level * np.array([-1.0, 1.0]), rtol=1e-9)
 
 
-def test_one_program_is_enough_far_from_limits_of_motion(monkeypatch):
-    """Near them the velocity at the end of the sample corrects the bounds, and a program is solved again."""
-    reduced, counted = space_robot(), []
-
-    def solved(*arguments, **options):
-        counted.append(arguments)
-        return solve_within(*arguments, **options)
-
-    monkeypatch.setattr(inverse_dynamics_qp, "solve_within", solved)
-    q0 = reduced.robot.configuration({"joint_2": 1.8, "joint_3": -1.1})
-    for limit in (50.0, 0.05):
-        slow = limits.JointVelocityLimit(["joint_2"], limit=limit, margin=0.0)
-        controller = InverseDynamicsQP(reduced, [hand("tip", [1.0, 0.5])], [slow], dt=0.05)
-        counted.clear()
-        controller.solve(0.0, q0, 0.01 * np.ones(reduced.r))
-        assert (len(counted) == 1) == (limit == 50.0)
-
-
 def test_the_pyramid_of_friction_touches_its_cone_at_eight_edges():
     """Opposite sides add up to twice their distance from the axis, neighbours to a friction force along an edge."""
     model = pin.Model()
@@ -248,14 +213,6 @@ def test_a_passive_joint_of_a_loop_keeps_its_velocity_limit():
     assert run.q[-1, 0] == pytest.approx(1.4, abs=0.02)
     assert fastest[0] > 1.3
     assert 0.99 < fastest[1] <= 1.0 + 1e-9  # a prediction that is too fast is not corrected
-
-
-def test_results_repeat_to_the_bit():
-    reduced = mobile_manipulator()
-    q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": 1.0})
-    controller = InverseDynamicsQP(reduced, [hand("tip", [1.5, -0.5])], dt=DT, friction=0.15)
-    first, second = (rnc.simulate(reduced, controller, q0, 0.05, dt=DT) for _ in range(2))
-    np.testing.assert_array_equal(first.T, second.T)
 
 
 def swinging_arm(folder, effort):

@@ -72,27 +72,6 @@ def test_random_goals_respect_the_limits_of_the_file(seed):
     assert np.abs(run.v[:, columns]).max() > 0.5
 
 
-def test_a_joint_that_runs_at_its_limit_stops_there_at_its_deceleration():
-    """Closed form: braking takes v^2 / (2 a), so the joint arrives after the time that a ramp down takes."""
-    reduced = space_robot_in_joints()
-    robot = reduced.robot
-    model = robot.model.copy()
-    places = [robot.model.joints[robot.joint_id(f"joint_{k}")].idx_q for k in (1, 2, 3)]
-    model.lowerPositionLimit[places], model.upperPositionLimit[places] = -1.0, 1.0
-    reduced = in_joints(floating_robot(model=model))
-    only = {"joints": ["joint_1"], "margin": 0.0}
-    bounds = [limits.JointPositionLimit(deceleration=2.0, **only), limits.JointVelocityLimit(limit=1.0, **only)]
-    goals = [tasks.PostureTask({"joint_1": 3.0}, gain=50.0)]
-    program = VelocityQP(reduced, goals, [*bounds, limits.AccelerationLimit(2.0)], dt=DT)
-    run = drive(reduced, program, robot.configuration(), 2.5, DT)
-    q, v = run.q[:, places[0]], run.v2[:, 0]
-    expected = np.clip(np.minimum(2.0 * run.time, 2.0 * (1.5 - run.time)), 0.0, 1.0)  # 0.5 s up, 0.5 s on, 0.5 s down
-    np.testing.assert_allclose(v, expected, atol=2.0 * DT)
-    assert q.max() <= 1.0 + 1e-12
-    np.testing.assert_allclose(q[-1], 1.0, atol=1e-9)
-    assert not program.report(run.states[-1]).worst
-
-
 @pytest.mark.parametrize(("fastest", "deceleration"), [(0.8, 3.2), (0.0, 1.5), (np.inf, 1.5)])
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_a_joint_stops_before_its_margin_at_its_own_deceleration(fastest, deceleration, way):
