@@ -197,15 +197,6 @@ class TestTricycle:
         assert half.errors["held out, nominal"].mean > 2.0
 
 
-def test_the_online_estimator_starts_from_a_calibration(tmp_path):
-    found = rnc.calibrate(DIFFERENTIAL.system(tmp_path), DIFFERENTIAL.log(2), DIFFERENTIAL.unknown, "sensor")
-    reduced = found.system.reduce([rnc.JointPosition("left_joint"), rnc.JointPosition("right_joint")])
-    radii = [rnc.control.UnknownRadius([side]) for side in ("left", "right")]
-    regressor = rnc.control.WheelRegressor(reduced, [*radii, rnc.control.UnknownTrack(["left", "right"])])
-    np.testing.assert_allclose(regressor.values_of(found.system), found.values[:3], rtol=1e-12)
-    np.testing.assert_allclose(regressor.values_of(DIFFERENTIAL.system(tmp_path)), [0.1, 0.1, 0.5], rtol=1e-12)
-
-
 @pytest.mark.parametrize("seed", [26, 33])
 def test_a_log_that_hardly_shows_a_number_converges(seed, tmp_path):
     """A car that steers little: its track and wheelbase change their paths over short windows less than the noise."""

@@ -13,23 +13,6 @@ from rnc_pin.identification.rolling_motion import RollingMotion
 from rolled_logs import DIFFERENTIAL, TRICYCLE, signal
 
 
-@pytest.mark.parametrize(("vehicle", "change", "name"), [
-    (DIFFERENTIAL, {"rl": 0.105}, "radius of left"),
-    (DIFFERENTIAL, {"rl": 0.105, "rr": 0.105}, "radius of left, right"),
-    (DIFFERENTIAL, {"track": 0.56}, "place of left_joint, right_joint along y"),
-    (DIFFERENTIAL, {"sy": 0.05}, "y of the sensor"),
-    (TRICYCLE, {"offset fork_joint": 0.05}, "offset of fork_joint"),
-    (TRICYCLE, {"sx": 1.0}, "x of the sensor"),
-])  # fmt: skip
-def test_the_wrong_number_is_named_first(vehicle, change, name, tmp_path):
-    other = replace(vehicle, true={**vehicle.nominal, **change})
-    found = rnc.compare(other.system(tmp_path), other.log(0), "sensor")
-    assert found.suspects[0].name == name
-    assert len(found.suspects) == 1  # the rest is noise
-    assert found.suspects[0].value == pytest.approx(next(iter(change.values())), abs=3e-3)
-    assert found.conclusion.startswith(f"the {name} fails first: ")
-
-
 def test_a_right_model_has_no_suspect(tmp_path):
     true = replace(TRICYCLE, true=TRICYCLE.nominal)
     found = rnc.compare(true.system(tmp_path), true.log(0), "sensor")
@@ -84,6 +67,9 @@ def test_the_assumption_that_fails_first_is_the_true_one(assumption, name, vehic
     found = rnc.compare(true.system(tmp_path), log if spoil is None else spoil(log, seed), "sensor")
     first = found.first
     assert (first and first.assumption, first and first.name) == (assumption, name), found
+    if name and change:
+        assert first.value == pytest.approx(next(iter(change.values())), abs=3e-3)
+        assert found.conclusion.startswith(f"the {name} fails first: ")
 
 
 def test_slip_is_that_of_the_closed_form(tmp_path):
@@ -109,20 +95,6 @@ def test_the_replay_is_the_measured_path_of_a_right_model(tmp_path):
     replay = found.replay
     np.testing.assert_allclose(replay.predicted, replay.measured, atol=1e-4)
     np.testing.assert_allclose(replay.q[:, :2], replay.predicted[:, :2])
-    # The front wheel and the fork are measured; the rear wheel rolls as far as its axle goes.
-    robot = true.system(tmp_path).robot
-    rear = np.unwrap(
-        np.arctan2(*replay.q[:, [robot.model.joints[robot.joint_id("rear_joint")].idx_q + k for k in (1, 0)]].T)
-    )
-    middle = replay.predicted[:, :2] + 0.4 * np.stack(
-        [-np.sin(replay.predicted[:, 2]), np.cos(replay.predicted[:, 2])], axis=1
-    )
-    along = np.sum(
-        np.diff(middle, axis=0)
-        * np.stack([np.cos(replay.predicted[:-1, 2]), np.sin(replay.predicted[:-1, 2])], axis=1),
-        axis=1,
-    )
-    np.testing.assert_allclose(rear[-1] - rear[0], along.sum() / 0.1, rtol=2e-2)
 
 
 @pytest.mark.skipif(not MEASURED.is_dir(), reason=f"measured logs are not in {MEASURED}")

@@ -211,21 +211,6 @@ def test_wrong_faults_are_one_line(call, faults, line):
     assert said.count("\n") == 1
 
 
-def test_estimators_learn_the_plant_not_the_model():
-    """Wheels of another size than the model has: what is measured tells, ``R v2`` of the model would not."""
-    true = experiment("wheels-uncertain")
-    wrong = {f"constraints__{wheel}__rolling_wheel__radius": 0.15 for wheel in (0, 1)}
-    believed = experiment("wheels-uncertain", simulation__dt=0.02, **wrong)
-    plant = ReducedPlant(true.reduced)
-    run = rnc.simulate(believed.reduced, believed.controller, true.q0, 10.0, 0.02, plant=plant)
-    assert run.outcome == "completed"
-    assert np.abs(run.prediction_error).max() > 0.05
-    radius, track = run.estimates[-1]
-    assert radius == pytest.approx(0.1, rel=0.02)
-    assert abs(track - 0.4) < 0.5 * abs(0.24 - 0.4)  # on its way
-    assert np.abs(run.slip).max() > 0.05  # of the wheels that are believed
-
-
 FAULTY = {
     "simulation.duration": 0.2,
     "faults": {"position_noise": 1e-4, "velocity_noise": 1e-3, "garbage": 0.05, "dropped": 0.05, "masses": 0.2},

@@ -203,18 +203,6 @@ def test_contact_forces_count_damping_and_friction():
     np.testing.assert_allclose(run.v2, 2.0, atol=1e-12)
     np.testing.assert_allclose(run.contact_forces, 0.0, atol=1e-10)
     np.testing.assert_allclose(run.multipliers, 0.0, atol=1e-10)
-    idle = rnc.simulate(
-        reduced, Inputs(lambda t: np.zeros(2)), q0, 0.2, 0.02, v2_0=v2, plant=ReducedPlant(reduced, **DAMPED)
-    )
-    rolling = [name.startswith("rolling") for name in idle.info.outputs.contact_forces]
-    pushing = idle.contact_forces[:, rolling].sum(axis=1)  # of both wheels, on the robot
-    mass = sum(inertia.mass for inertia in list(reduced.robot.model.inertias)[1:])
-    slowing = np.gradient(idle.v[:, 0], idle.time)
-    np.testing.assert_allclose(pushing[1:-1], mass * slowing[1:-1], rtol=1e-2)
-    plant = ReducedPlant(differential_drive(friction=0.3), **RUBBED)
-    rubbed = rnc.simulate(reduced, Inputs(lambda t: [0.3, 0.3]), q0, 0.2, 0.02, v2_0=v2, plant=plant)
-    np.testing.assert_allclose(rubbed.v2, 2.0, atol=1e-12)
-    np.testing.assert_allclose(rubbed.contact_forces, 0.0, atol=1e-10)
 
 
 def test_forces_of_least_energy_are_those_of_a_bounded_least_squares_program():

@@ -126,23 +126,6 @@ def test_billiard_ball_from_sliding_to_rolling():
     assert missed < plant.errors.total < 1e-5  # the estimate covers the event
 
 
-def test_moments_against_rolling_and_spin():
-    """``a = 5/7 c g / r`` until the ball rests, and ``5/2 c g / r^2`` of a ball that spins in place."""
-    radius, rolling, spinning = 0.1, 0.004, 0.001
-    robot = free_body(1.0, [0.4 * radius**2] * 3, ball=[0, 0, 0])
-    contact = rnc.UnilateralContact(
-        rnc.RollingBall("ball", radius), friction=0.5, rolling_friction=rolling, spin_friction=spinning
-    )
-    plant = rnc.ContactPlant(rnc.NonholonomicSystem(robot), [contact], tolerance=1e-6)
-    plant.reset(pose(z=radius), np.array([0.04, 0, 0, 0, 0.4, 0]))
-    assert run(plant, 0.2) < 1e-7
-    assert plant.read()[0][0] == pytest.approx(0.04**2 / (2 * 5 / 7 * rolling * G / radius), abs=1e-6)
-    assert np.abs(plant.read()[1]).max() < 1e-9
-    plant.reset(pose(z=radius), np.array([0, 0, 0, 0, 0, 2.0]))
-    run(plant, 0.05)
-    assert plant.read()[1][5] == pytest.approx(2.0 - 0.05 * 2.5 * spinning * G / radius**2, rel=1e-7)
-
-
 @pytest.mark.parametrize("friction", [0.1, 0.9])
 @pytest.mark.parametrize("e", [0.0, 0.5])
 def test_disk_that_lands_with_spin(friction, e):
@@ -257,23 +240,6 @@ def test_rod_of_painleve():
                 before = energy(plant)
 
 
-def test_random_drops_do_not_create_energy():
-    generator, landings = np.random.default_rng(3), 0
-    for _ in range(2):
-        friction, restitution = generator.uniform(0, 1), generator.uniform(0, 0.8)
-        plant, _ = block(friction, restitution=restitution, rest_speed=0.1, tolerance=1e-4)
-        rotation = pin.exp3(generator.normal(size=3))
-        plant.reset(pose(z=0.4, rotation=rotation), generator.normal(size=6))
-        before = energy(plant)
-        for _ in range(20):
-            plant.advance(0.02)
-            assert energy(plant) < before + 1e-4
-            before = min(before, energy(plant))
-        assert min(event.energy_loss for event in plant.contact_events) > -1e-9
-        landings += sum(cause.startswith("landing") for cause in causes(plant))
-    assert landings > 2
-
-
 def test_much_friction_is_the_rigid_model():
     """A leaning disk rolls along its curve as ``ReducedPlant`` integrates it."""
     robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
@@ -290,27 +256,6 @@ def test_much_friction_is_the_rigid_model():
             each.advance(0.01)
     np.testing.assert_allclose(np.concatenate(plant.read()), np.concatenate(rigid.read()), atol=3e-8)
     assert plant.sliding == ()
-
-
-def test_grip_predicts_the_first_slip():
-    """A torque that grows by 4 N m/s: ``Grip`` of the rigid model is used up when the plant begins to slide."""
-    robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
-    wheel, drive = rnc.RollingWheel("disk", 0.25, axis="y"), [rnc.FrameTorque("disk", "y")]
-    reduced = rnc.NonholonomicSystem(robot, [wheel], drive).reduce()
-    friction, rate, dt = 0.3, 40.0, 0.002
-    grip = rnc.Grip(reduced, friction)
-    contact = rnc.UnilateralContact(wheel, friction=friction)
-    plant = rnc.ContactPlant(rnc.NonholonomicSystem(robot, [], drive), [contact], tolerance=1e-5)
-    plant.reset(pose(z=0.25), np.zeros(6))
-    shares = []
-    while not plant.sliding and len(shares) < 200:
-        T = np.array([rate * dt * len(shares)])
-        q, v = plant.read()
-        state = reduced.at(q, v=v)
-        shares.append(float(np.max(grip.used_at(state, T))))
-        plant.apply(T)
-        plant.advance(dt)
-    assert shares[-2] <= 1.0 < shares[-1]
 
 
 def test_copies_continue():

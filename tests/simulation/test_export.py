@@ -59,15 +59,6 @@ def test_chosen_arrays_are_written_after_the_time(run, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
 
 
-def test_names_with_commas_and_quotes_stay_one_column(run, tmp_path):
-    outputs = replace(run.info.outputs, T=('a,"b', "front,", "rear\nsteering"))
-    replace(run, info=replace(run.info, outputs=outputs)).export(tmp_path / "run.csv", ["T"])
-    with open(tmp_path / "run.csv", newline="") as file:
-        header, *rows = csv.reader(file)
-    assert header == ["time [s]", 'T.a,"b [N]', "T.front, [N m]", "T.rear\nsteering [N m]"]
-    assert {len(row) for row in rows} == {4}
-
-
 def test_files_keep_the_names_and_those_without_have_numbers(run, tmp_path):
     run.save(tmp_path / "run.npz")
     assert rnc.Trajectory.load(tmp_path / "run.npz").info.outputs == run.info.outputs

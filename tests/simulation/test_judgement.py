@@ -208,14 +208,6 @@ def test_a_verdict_stays_with_the_file_of_its_run(tmp_path):
         assert np.isnan(file["q"]).all()
 
 
-def test_many_runs_are_judged_like_one(tmp_path):
-    robot = sliders(tmp_path, 'lower="-9" upper="9" velocity="0.6" effort="9"', WIDE)
-    reduced = rnc.NonholonomicSystem(robot, [], list(robot.joint_names)).reduce()
-    controller = Idle(2)
-    many = rnc.simulate(reduced, controller, robot.configuration(), 0.1, 0.01, v2_0=np.array([[0.5, 0], [0.7, 0]]))
-    assert [run.verdict.succeeded for run in many] == [True, False]
-
-
 def replay_of(*clearances, omitted=()):
     time = np.array([0.0, 1.0])
     return LimitReplay((), clearances, omitted, time, np.zeros((2, 0)), 0.2, 1e-3)
@@ -251,16 +243,6 @@ def test_thresholds():
     assert (found.kind, found.severity) == ("clearance", "fails")
     assert found.amount == pytest.approx(1.1e-4)
     assert distance_findings(replay_of(nearer)) == []
-
-
-def test_words():
-    base = ("base", "rack")
-    assert [str(each) for each in distance_findings(replay_of(Clearance(base, -0.29, 3.1, True)), 0.1)] == [
-        "base and rack penetrate each other by 0.29 m at t = 3.1 s"
-    ]
-    assert [str(each) for each in distance_findings(replay_of(Clearance(base, 0.04, 3.1, True)), 0.1)] == [
-        "base comes within 0.04 m of rack at t = 3.1 s, 0.1 m was asked for"
-    ]
 
 
 def test_a_pair_has_one_finding_with_its_deepest_value():

@@ -1,8 +1,6 @@
 """The record of a run: typed in the package, JSON under fixed keys in its file."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -64,12 +62,6 @@ def test_a_run_tells_its_file_what_it_knows(run, tmp_path):
     assert (written["note"], written["outcome"]) == (["anything", {"else": 1.5}], "completed")
 
 
-def test_a_mapping_of_ones_own_is_kept():
-    run = idle_run(meta={"scenario": "mine", "note": (1, 2)})
-    assert run.info.provenance == Provenance(scenario="mine", more={"note": [1, 2]})
-    assert (run.meta["scenario"], run.meta["note"]) == ("mine", [1, 2])
-
-
 def test_what_one_run_says_can_be_given_to_another(run):
     """Its names, its outcome and its verdict are its own; where it comes from is handed on."""
     assert run.verdict.succeeded
@@ -77,15 +69,6 @@ def test_what_one_run_says_can_be_given_to_another(run):
     again = idle_run(meta=ended.meta)
     assert again.info.verdict is None
     assert again.info == replace(run.info, verdict=None)
-
-
-def test_a_free_motion_knows_where_it_comes_from():
-    reduced = space_robot()
-    motion = rnc.free_motion(
-        reduced, reduced.robot.configuration({"joint_2": 1.0, "joint_3": 1.0}), np.full(3, 0.1), 0.1,
-        options=rnc.SimulationOptions(meta=FULL),
-    )  # fmt: skip
-    assert motion.info.provenance == FULL
 
 
 def test_a_run_that_fails_says_why():
@@ -145,40 +128,6 @@ def test_a_file_that_says_something_else_is_refused(parts, words, run, tmp_path)
 def test_what_could_not_be_written_is_refused_before_the_run(meta, error, words):
     with pytest.raises(error, match=words):
         idle_run(meta=meta, observer=lambda sample: pytest.fail("it ran"))
-
-
-def test_a_summary_is_told_from_the_record(run):
-    summary = rnc.summarize(run)
-    assert (summary["scenario"], summary["outcome"]) == ("mine", "completed")
-    assert set(summary["max_input"]) == {"joint_1", "joint_2", "joint_3"}
-    assert summary["versions"] == run.meta["versions"]
-    assert "message" not in summary
-
-
-def test_a_source_folder_without_metadata_runs_saves_and_plots(tmp_path):
-    """As with ``PYTHONPATH``: the version is unknown, and the run is not lost for it."""
-    script = f"""
-import importlib.metadata as metadata
-usual = metadata.Distribution.from_name.__func__
-def absent(cls, name):
-    if name.replace("-", "_") == "rnc_pin":
-        raise metadata.PackageNotFoundError(name)
-    return usual(cls, name)
-metadata.Distribution.from_name = classmethod(absent)
-metadata.entry_points = lambda **selected: metadata.EntryPoints(())
-import rnc_pin as rnc
-robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
-run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=0.2)
-run.save({str(tmp_path / "run.npz")!r})
-print(rnc.__version__, run.info.versions["rnc_pin"], len(run.plot().axes) > 0)
-from rnc_pin.applications.command_line.usage import cli
-cli(["--version"])
-"""
-    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path)
-    assert told.stderr == ""
-    assert told.stdout.splitlines() == ["unknown unknown True", f"rnc-pin, version unknown, kernel {rnc.kernel}"]
-    assert rnc.Trajectory.load(tmp_path / "run.npz").outcome == "completed"
 
 
 def test_what_a_run_will_say_is_looked_up_before_it_runs(monkeypatch):

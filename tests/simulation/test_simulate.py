@@ -16,7 +16,7 @@ from rnc_pin.simulation import derived_quantities
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import Provenance
 from simple_controllers import Idle, Inputs, Memoryless
-from systems import ALL, four_bar, mobile_manipulator, random_states, sleigh, space_robot, space_robot_in_joints
+from systems import ALL, four_bar, mobile_manipulator, random_states, space_robot, space_robot_in_joints
 from tolerances import REFERENCE_SIMULATION
 
 
@@ -278,21 +278,6 @@ def test_a_roll_out_keeps_loops_closed():
     _, path = rnc.kinematic_rollout(reduced, turn, q0, 1.2, 0.1)
     assert abs(reduced.at(path[-1]).outputs()[1] - crank) > 1.0
     assert np.abs(reduced.assembly.residual(path)).max() < 1e-10
-
-
-@pytest.mark.parametrize(
-    "velocity",
-    [np.array([1, 0]), [1, 0], np.array([1.0, 0.0], np.float32), np.eye(2)[:, 0]],
-    ids=["integers", "a list", "single precision", "a column"],
-)
-def test_a_target_may_give_its_velocity_by_numbers_of_any_type(velocity):
-    reduced = sleigh()
-    q0 = reduced.robot.configuration()
-    target = Memoryless(lambda *_: rnc.control.VelocityTarget(velocity, np.zeros(2)))
-    _, path = rnc.kinematic_rollout(reduced, target, q0, 1.0, 0.1)
-    np.testing.assert_allclose(path[-1][:2], [1.0, 0.0], atol=1e-12)
-    command = rnc.VelocityLoop(reduced, target, 0.1).step(0.0, q0, np.zeros(3))
-    np.testing.assert_allclose(command.v, [1.0, 0.0, 0.0], atol=1e-12)
 
 
 def test_a_run_stops_where_a_contact_would_pull():

@@ -34,7 +34,7 @@ class _Solved(NamedTuple):
     work: float
     force: np.ndarray | None  # mean generalized force (nv,) of contacts, friction and damping
     pushing: dict[int, float]  # mean normal force of each contact that touches [N]
-    sliding: frozenset[tuple[int, int]]  # keys of the friction groups that move
+    sliding: frozenset[int]  # keys of the friction groups that move
     rates: np.ndarray  # mean forces of the rows, (k,)
     slip: np.ndarray  # velocities of the rows relative to the ground, (k,)
     changes: bool = False  # True if a friction group begins or ceases to move, or turns back
@@ -136,7 +136,7 @@ class SlidingPlant:
     @property
     def sliding(self) -> frozenset[int]:
         """Numbers of the contacts that slide."""
-        return frozenset(number for number, kind in self._now.sliding if number >= 0 and not kind)
+        return frozenset(number for number in self._now.sliding if number >= 0)
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """Configuration (nq,) and velocity (nv,)."""
@@ -259,13 +259,13 @@ class SlidingPlant:
         work = start.work + h * 0.5 * float((start.v + v) @ outside)
         return _Solved(q, v, work, force, pushing, sliding, p / h, slip, changes)
 
-    def _slides(self, layout: RowLayout, slip: np.ndarray) -> frozenset[tuple[int, int]]:
+    def _slides(self, layout: RowLayout, slip: np.ndarray) -> frozenset[int]:
         """Keys of the friction groups that move at velocities (k,) of the rows."""
         limit = (_SLIDES * (1.0 + float(np.abs(self._now.v).max()))) ** 2
         moving = (slip[each.rows] @ slip[each.rows] > limit for each in layout.groups)
         return frozenset(key for key, moves in zip(layout.keys, moving, strict=True) if moves)
 
-    def _note(self, sliding: frozenset[tuple[int, int]]) -> list[Change]:
+    def _note(self, sliding: frozenset[int]) -> list[Change]:
         """Note which friction groups move, and return the contacts that begin to slide or to stick."""
         before = self.sliding
         self._now = self._present = self._now._replace(sliding=sliding)

@@ -13,7 +13,7 @@ from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.input_validation import NotNegative, is_number
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
-from rnc_pin.model.rows import ConstraintKind, carrier_of
+from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants.reduced.friction import DryFriction
@@ -21,7 +21,6 @@ from rnc_pin.robots.robot import Robot
 
 _SMALL = 1e-9  # entry of a height row that counts as zero
 _SAMPLES = 3
-_TURNING = ("turning_x", "turning_y", "turning_z")
 
 
 @dataclass(frozen=True)
@@ -40,9 +39,6 @@ class UnilateralContact:
             their gaps are slower, and without a limit of friction also their slips. So bouncing and rocking end after
             a finite time.
         friction: coefficient of Coulomb friction; None for no limit.
-        rolling_friction: largest moment against rolling over the normal force [m]; the body's angular velocity along
-            the ground counts.
-        spin_friction: the same for the angular velocity about the normal of the ground [m].
 
     Raises:
         ConfigurationError: a coefficient out of its range; when it is bound, a constraint without a gap, or friction of
@@ -58,11 +54,9 @@ class UnilateralContact:
     restitution: float = 0.0
     rest_speed: NotNegative = 0.01
     friction: NotNegative | None = None
-    rolling_friction: NotNegative = 0.0
-    spin_friction: NotNegative = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("restitution", "rest_speed", "friction", "rolling_friction", "spin_friction"):
+        for name in ("restitution", "rest_speed", "friction"):
             value, most = getattr(self, name), 1.0 if name == "restitution" else np.inf
             if name == "friction" and value is None:
                 continue
@@ -81,16 +75,15 @@ class BoundContact:
     Attributes:
         contact: the contact.
         name: frame of the constraint, or its height row.
-        names: names of the rows along which it acts: the height row, those that prevent slip, and angular velocities of
-            the body along the axes of the plane, the normal last, where moments act.
+        names: names of the rows along which it acts: the height row, and those that prevent slip.
         units: units of the forces along these rows.
-        friction: of slip, rolling and spin, the number of rows and the coefficient, infinite without a limit.
-        has_limit: True if a coefficient limits friction, or a moment of friction acts.
+        friction: number of the rows that prevent slip, and the coefficient, infinite without a limit.
+        has_limit: True if a coefficient limits friction.
         needs_coefficient: True if it prevents slip without a limit.
 
     Raises:
         ConfigurationError: the constraint has no height row, its ground is not a plane, no joint changes the gap, or
-            friction has no rows or a ground that moves.
+            friction has no rows.
     """
 
     def __init__(self, contact: UnilateralContact, robot: Robot) -> None:
@@ -116,22 +109,13 @@ class BoundContact:
                 f"contact '{self.name}': a {type(kind).__name__} has no rows along the ground for friction; a "
                 "RollingBall has them, also a small one for a corner or a foot"
             )
-        plane, rolling, spin = ground or GroundPlane(), contact.rolling_friction, contact.spin_friction
-        if (rolling or spin) and (plane.moves or carrier_of(plane) is not None):
-            raise ConfigurationError(
-                f"contact '{self.name}': rolling_friction and spin_friction require ground at rest in the world"
-            )
-        self.has_limit = contact.friction is not None or rolling > 0.0 or spin > 0.0
+        self.has_limit = contact.friction is not None
         self.needs_coefficient = bool(slips) and contact.friction is None
         slips = [] if contact.friction == 0.0 else slips
         self._order = [self._height, *slips]
-        self._frame = robot.frame_id(str(getattr(kind, "frame", "")))
-        self._turning = np.asarray(plane.axes)[0 if rolling else 2 : 3 if spin else 2]
-        turned = [f"{each}({self.name})" for each in _TURNING[0 if rolling else 2 : 3 if spin else 2]]
-        self.names = (*(rows.names[row] for row in self._order), *turned)
-        self.units = ("N",) * len(self._order) + ("N m",) * len(turned)
-        coefficient = np.inf if contact.friction is None else float(contact.friction)
-        self.friction = (len(slips), coefficient), (2 * (rolling > 0), float(rolling)), (int(spin > 0), float(spin))
+        self.names = tuple(rows.names[row] for row in self._order)
+        self.units = ("N",) * len(self._order)
+        self.friction = len(slips), np.inf if contact.friction is None else float(contact.friction)
         kinematics, generator = Kinematics(robot), np.random.default_rng(0)
         moments = (kinematics.position(robot.random_configuration(generator)) for _ in range(_SAMPLES))
         if max(float(np.abs(self.jacobian(at)).max()) for at in moments) < _SMALL:
@@ -142,12 +126,8 @@ class BoundContact:
 
     def rows(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         """Rows ``names`` (k, nv) with their velocities (k,): the gap first."""
-        rows, rates = self._rows.jacobian(at)[self._order], np.zeros(len(self.names))
-        if self._rows.affine:
-            rates[: len(self._order)] = self._rows.rate(at)[self._order]
-        if len(self._turning):
-            rows = np.vstack([rows, self._turning @ at.jacobian(self._frame)[3:]])
-        return rows, rates
+        rates = self._rows.rate(at)[self._order] if self._rows.affine else np.zeros(len(self.names))
+        return self._rows.jacobian(at)[self._order], rates
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         """Jacobian of the gap, (nv,)."""
@@ -172,7 +152,7 @@ class FrictionGroup(NamedTuple):
     Attributes:
         rows: the rows, which are neighbours.
         normal: row of the normal impulse; -1 without one, as of dry friction in a joint.
-        coefficient: coefficient of friction, or a length [m] for moments; infinite for no slip while the contact is
+        coefficient: coefficient of friction; infinite for no slip while the contact is
             closed.
         constant: impulse [N s or N m s].
     """
@@ -197,7 +177,7 @@ class RowLayout(NamedTuple):
         groups: friction; limits of joint friction are forces.
         names: names of the rows of contacts.
         units: units of the forces along them.
-        keys: of the groups, number of the contact, or -1, and kind of friction: 0 for slip.
+        keys: of the groups, number of the contact, or -1 and less for the joints.
     """
 
     contacts: list[BoundContact]
@@ -206,7 +186,7 @@ class RowLayout(NamedTuple):
     groups: list[FrictionGroup]
     names: list[str]
     units: list[str]
-    keys: list[tuple[int, int]]
+    keys: list[int]
 
 
 class ContactRows:
@@ -242,14 +222,14 @@ class ContactRows:
             found.names.extend(each.names)
             found.units.extend(each.units)
             k += 1
-            for kind, (size, coefficient) in enumerate(each.friction):
-                if size:
-                    found.groups.append(FrictionGroup(slice(k, k + size), first, coefficient))
-                    found.keys.append((number, kind))
-                    k += size
+            size, coefficient = each.friction
+            if size:
+                found.groups.append(FrictionGroup(slice(k, k + size), first, coefficient))
+                found.keys.append(number)
+                k += size
         for joint, limit in enumerate(self._dry.limits if joints else ()):
             found.groups.append(FrictionGroup(slice(k, k + 1), -1, 0.0, float(limit)))
-            found.keys.append((-1, joint))
+            found.keys.append(-1 - joint)
             k += 1
         return found._replace(size=k)
 
