@@ -80,27 +80,6 @@ def test_forces_and_motion_are_those_of_bodies_written_out(arm):
         np.testing.assert_allclose(F, terms.input_matrix @ T, rtol=1e-9, atol=1e-9)
 
 
-def test_blocks_of_states_are_the_single_states(arm):
-    states = random_states(arm, 3)
-    q, v2 = (np.stack(each) for each in zip(*states, strict=True))
-    T = np.ones(arm.p)
-    many, found = arm.forward_dynamics(q, v2, T), state_derivatives(arm, q, v2, T)
-    for k, (one_q, one_v2) in enumerate(states):
-        np.testing.assert_allclose(many[k], arm.forward_dynamics(one_q, one_v2, T), rtol=1e-12, atol=1e-12)
-        one = state_derivatives(arm, one_q, one_v2, T)
-        np.testing.assert_allclose(found.v2_dot_q[k], one.v2_dot_q, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(arm.energy(q, v2), [arm.energy(*each) for each in states], rtol=1e-13)
-
-
-def test_work_of_forces_in_the_plant_is_that_of_dampers_and_friction_alone():
-    """Springs store what they take."""
-    arm = of_arm(FORCES[:5])
-    q, v2 = random_states(arm, 1)[0]
-    run = rnc.free_motion(arm, q, v2, 0.5, 0.1)
-    assert np.ptp(run.energy - run.work) < 1e-9 * run.energy.max()
-    assert run.work[-1] < -0.01
-
-
 def test_forces_of_a_user_stay_in_python():
     assert of_arm([]).reduction_data.forces.kernel_forces() == []
     assert of_arm([FORCES[0], FORCES[-1]]).reduction_data.forces.kernel_forces() is None

@@ -50,9 +50,3 @@ def test_states_have_leading_axes():
     found = reduced.regressor(q, v2, v2_dot).matrix
     assert found.shape[:-1] == (3, 4, reduced.r)
     np.testing.assert_allclose(found[1, 2], reduced.regressor(q, v2[1, 2], v2_dot[1, 2]).matrix, atol=ROUNDING)
-
-
-def test_an_acceleration_of_another_size_is_refused():
-    reduced = differential_drive()
-    with pytest.raises(rnc.InputError, match=r"v2_dot has shape \(5,\), expected \(..., 2\)"):
-        reduced.regressor(reduced.robot.configuration(), np.zeros(2), np.zeros(5))

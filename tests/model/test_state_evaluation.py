@@ -169,15 +169,6 @@ def test_a_row_that_vanishes_is_singular(off):
     assert reduced.at(np.zeros(2)).condition < 3
 
 
-def test_a_motion_goes_through_a_row_that_vanishes():
-    """The plant does not care for the output that vanishes: joint 1 turns on at its constant rate."""
-    system = two_joints()
-    reduced = system.reduce([rnc.FramePosition("tip", "y"), rnc.JointPosition("j2")])
-    run = rnc.free_motion(reduced, np.zeros(2), np.array([1.0, 0.5]), 2.0, 0.1, tolerance=(1e-10, 1e-12))
-    np.testing.assert_allclose(run.q[:, 0], run.time, atol=1e-8)
-    np.testing.assert_allclose(run.x2[:, 0], np.sin(run.time), atol=1e-8)
-
-
 def test_a_continuous_joint_keeps_its_turns_however_seldom_it_is_sampled():
     model = pin.Model()
     add_body(model, "rotor", "RUBZ", pin.Inertia.FromSphere(1.0, 0.1))

@@ -14,7 +14,6 @@ from rnc_pin.model.relative_rows import is_loose
 from rnc_pin.robots.sources.description import Mimic
 from systems import rolling_base, space_robot, tiago
 from textbook_systems import Bound, Flat, Turning, coupling, sliders
-from tolerances import ROUNDING
 
 
 def space(**changes):
@@ -24,18 +23,6 @@ def space(**changes):
 
 
 # ---------------------------------------------------------------------- meaning
-
-
-def test_momentum_row_is_the_angular_momentum_about_the_pin():
-    reduced = space_robot()
-    model = reduced.robot.model
-    data = model.createData()
-    generator = np.random.default_rng(0)
-    for _ in range(5):
-        q, v = reduced.robot.random_configuration(generator), generator.normal(size=4)
-        pin.computeCentroidalMomentum(model, data, q, v)
-        about_pin = data.hg.angular + np.cross(data.com[0], data.hg.linear)
-        np.testing.assert_allclose(reduced.at(q, v=v).residual, about_pin[2:], atol=ROUNDING * 100)
 
 
 def test_tiago_has_six_contact_rows_of_rank_three():
