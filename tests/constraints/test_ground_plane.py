@@ -77,10 +77,10 @@ def test_a_scenario_names_the_ground_once():
     """Constraints with a ground of their own keep it; MuJoCo takes one at rest and refuses others by name."""
     raw = {
         "robot": {"urdf": "rolling_ball.urdf", "base": "free"},
-        "ground": {"normal": [0.0, 0.1, 1.0]},
+        "ground": {"plane": {"normal": [0.0, 0.1, 1.0]}},
         "constraints": [
             {"rolling_ball": {"frame": "ball", "radius": 0.2}},
-            {"caster": {"frame": "ball", "radius": 0.2, "ground": {"spin": 2.0}}},
+            {"caster": {"frame": "ball", "radius": 0.2, "ground": {"plane": {"spin": 2.0}}}},
         ],
         "outputs": {"reducing": [{"frame_speed": {"frame": "ball"}}]},
     }

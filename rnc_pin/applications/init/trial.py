@@ -17,7 +17,7 @@ import numpy as np
 from rnc_pin.applications.init.assumptions import DURATION, BaseAssumptions, Entry
 from rnc_pin.applications.init.evidence import DraftDecision
 from rnc_pin.applications.scenario.files import one_line_yaml
-from rnc_pin.applications.scenario.reference_builder import frame_poses
+from rnc_pin.applications.scenario.plan_builder import frame_poses
 from rnc_pin.errors import few, printable
 from rnc_pin.io import Json
 from rnc_pin.model import NonholonomicSystem

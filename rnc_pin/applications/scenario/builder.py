@@ -16,9 +16,8 @@ from rnc_pin.applications.scenario.controllers import ControllerContext
 from rnc_pin.applications.scenario.controllers.context import TaskGoals, reduced_velocity
 from rnc_pin.applications.scenario.controllers.feedback import check_output_names
 from rnc_pin.applications.scenario.controllers.tracking import VelocityTrackerSettings
-from rnc_pin.applications.scenario.plan_builder import Plans, Start, planned_path
+from rnc_pin.applications.scenario.plan_builder import Plans, Start, plan_path, planned_path, task_references
 from rnc_pin.applications.scenario.plant_builder import build_plant, start_findings, warnings_of
-from rnc_pin.applications.scenario.reference_builder import plan_path, task_references
 from rnc_pin.applications.scenario.schema import ScenarioFile, SimulationSettings
 from rnc_pin.applications.scenario.schema.world import build_obstacles
 from rnc_pin.collision import Obstacle, check_ignored_links

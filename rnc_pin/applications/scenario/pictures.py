@@ -1,6 +1,6 @@
 """Plots and animation of a run, one after the other.
 
-Matplotlib and Meshcat take a second to import: ``plot_files`` and ``saved_run`` are imported to draw with them.
+Matplotlib and Meshcat take a second to import: functions that draw import them.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 
 from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.schema.scenario import FigureSettings, PlotSettings
 from rnc_pin.errors import RncError, few
 from rnc_pin.interruption import interruptible
 
@@ -90,9 +91,9 @@ def _writer(name: str) -> Callable[[Scenario, Result, Path], bool]:
         from rnc_pin.applications.scenario.saved_run import write_animation
 
         return write_animation
-    from rnc_pin.applications.scenario.plot_files import write_plot
+    from rnc_pin.visualization import plot_limits  # noqa: F401 (imports Matplotlib before the plot)
 
-    return write_plot
+    return _write_plot
 
 
 def _drawn(scenario: Scenario, result: Result, path: Path) -> bool | str:
@@ -112,3 +113,65 @@ def _drawn(scenario: Scenario, result: Result, path: Path) -> bool | str:
         path.unlink(missing_ok=True)
         kind = "" if isinstance(error, RncError) else f"{type(error).__name__}: "
         return kind + (" ".join(str(error).split()) or "no reason given")
+
+
+# ------------------------------------------------------------------ plots
+
+
+def _write_plot(scenario: Scenario, result: Result, path: Path) -> bool:
+    """Write the plot that the file name means; False if there is nothing to draw."""
+    own = {"overview": _overview, "top_view": _top_view, "limits": _limits}
+    if scenario.experiment.plan is not None:
+        own["plan"] = _plan
+    if path.stem in own:
+        return own[path.stem](scenario, result, path)
+    return _plot(scenario.content.figures, result, scenario.content.plots[path.stem], path)
+
+
+def _plot(figures: FigureSettings, result: Result, settings: PlotSettings, path: Path) -> bool:
+    chosen = result.comparisons if settings.comparisons is None else settings.comparisons
+    shown = {label: result.comparisons[label] for label in chosen if label in result.comparisons}
+    size, title = settings.size or figures.size, settings.title
+    run = result.trajectory
+    run.plot(settings.outputs, title=title, comparisons=shown, size=size, labels=figures.labels, file=path)
+    return True
+
+
+def _overview(scenario: Scenario, result: Result, path: Path) -> bool:
+    content = scenario.content
+    result.trajectory.plot(title=content.title, labels=content.figures.labels, file=path)
+    return True
+
+
+def _top_view(scenario: Scenario, result: Result, path: Path) -> bool:
+    from rnc_pin.figures import Labels, save
+    from rnc_pin.simulation import ground_paths
+    from rnc_pin.visualization import plot_top_view
+
+    if not ground_paths(result.trajectory):
+        return False
+    experiment, figures = scenario.experiment, scenario.content.figures
+    obstacles, title = experiment.obstacles, experiment.scenario.title
+    robot = experiment.reduced.robot if obstacles else None  # beside obstacles, the room that the robot needs counts
+    labels = Labels(figures.labels)
+    save(plot_top_view(result.trajectory, title, result.comparisons, obstacles, robot, figures.size, labels), path)
+    return True
+
+
+def _limits(scenario: Scenario, result: Result, path: Path) -> bool:
+    from rnc_pin.figures import Labels, save
+    from rnc_pin.visualization import plot_limits
+
+    if result.limits is None or not (result.limits.uses or result.limits.clearances):
+        return False
+    figures = scenario.content.figures
+    save(plot_limits(result.limits, scenario.content.title, figures.size, Labels(figures.labels)), path)
+    return True
+
+
+def _plan(scenario: Scenario, result: Result, path: Path) -> bool:
+    figures, plan = scenario.content.figures, scenario.experiment.plan
+    assert plan is not None
+    labels = {name: text for name, text in figures.labels.items() if name in plan.label_names}
+    plan.plot(size=figures.size, labels=labels, file=path)
+    return True

@@ -11,7 +11,7 @@ import numpy as np
 from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.builder import Experiment
 from rnc_pin.applications.scenario.controllers.feedback import SetPointSettings
-from rnc_pin.applications.scenario.reference_builder import frame_poses
+from rnc_pin.applications.scenario.plan_builder import frame_poses
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.motions import MotionProblem
 from rnc_pin.control import State, limited_accelerations, missed_goals

@@ -23,7 +23,7 @@ QUICK = ["--no-browser", "--set", "simulation.dt=0.02"]
 
 def test_a_drive_is_a_normal_run_and_replays_bit_for_bit(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rnc_pin.applications.scenario.plot_files.write_plot", lambda *_: False)
+    monkeypatch.setattr("rnc_pin.applications.scenario.pictures._write_plot", lambda *_: False)
     status, out, said = call("drive", "mobile-manipulator", *QUICK, "--duration", 0.4, "--out", "one", "--json")
     assert status == 0, said
     assert "http://127.0.0.1:" in said

@@ -55,9 +55,7 @@ _ACTIVE = part(JacobianTransposeController, "active")
 _POSITION = Field(min_length=2, max_length=2, description="Names of the vertical outputs x and y of the platform.")
 _BEGIN = Annotated[NotNegative, Field(description="Start time of the second phase [s].")]
 _FORMS = {"goal": GoalPose, "position": Annotated[list[str], _POSITION], "begin": _BEGIN}
-_PLATFORM = part(
-    UnicycleStabilizer, "goal", "position", "begin", keys={"goal": "to"}, forms=_FORMS, required=("begin",)
-)
+_PLATFORM = part(UnicycleStabilizer, "goal", "position", "begin", keys={"goal": "to"}, forms=_FORMS)
 PlatformItem = Annotated[PartialCall[UnicycleStabilizer], _PLATFORM]
 """Goal of a unicycle platform in the second phase."""
 

@@ -30,7 +30,6 @@ import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
-    BeforeValidator,
     Discriminator,
     Field,
     GetCoreSchemaHandler,
@@ -42,7 +41,7 @@ from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from rnc_pin.errors import RncError, nearest
+from rnc_pin.errors import RncError
 from rnc_pin.io import Json, Numbers, Strict, attribute_texts
 
 if TYPE_CHECKING:
@@ -61,8 +60,6 @@ FileName = Annotated[str, AfterValidator(_file_name)]
 
 
 NAME, _OTHER = "name", "other"
-PLAIN = "without a key"
-"""Tag of a mapping of fields beside mappings with one key."""
 
 
 def _kind(raw: object) -> str:
@@ -123,10 +120,8 @@ class Entry(Generic[T]):
 
     Attributes:
         kind: dataclass, other class, or function.
-        short: a parameter whose value may replace the mapping.
-        only: a parameter whose value always replaces the mapping.
+        short: a parameter whose name in the file may replace the mapping.
         keys: parameter to key in the file, where the two differ.
-        required: parameters that a file must give although the class has a default.
         forms: parameter to its type in the file, where the two differ. ``Field(description=...)`` in the annotation
             replaces the text of the class.
         late: parameters that a builder gives, and no file.
@@ -137,9 +132,7 @@ class Entry(Generic[T]):
 
     kind: Callable[..., T]
     short: str | None = None
-    only: str | None = None
     keys: Mapping[str, str] = field(default_factory=dict)
-    required: tuple[str, ...] = ()
     forms: Mapping[str, object] = field(default_factory=dict)
     late: tuple[str, ...] = ()
     optional: tuple[str, ...] = ()
@@ -155,8 +148,7 @@ class Entry(Generic[T]):
 
     def given(self, said: object) -> dict[str, object]:
         """Arguments that a file gives, by name."""
-        if not isinstance(said, BaseModel):
-            return {str(self.only): said}
+        assert isinstance(said, BaseModel)
         found = {}
         for each in self.parameters:
             key = self.key(each.name)
@@ -214,18 +206,14 @@ class Entry(Generic[T]):
         default = list(default) if isinstance(default, tuple) else default
         if each.unlimited or each.name in self.optional:
             kind, default = _either([kind, None]), None
-        if default is MISSING or each.name in self.required:
+        if default is MISSING:
             default = ...
         if each.name in self.defaults:
             return _in_files(kind), Field(default, description=text, validate_default=True)
         return _in_files(kind), Field(default, description=text)
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        if self.only is None:
-            form = handler.generate_schema(self.model)
-        else:
-            (kind,) = (each.kind for each in self.parameters if each.name == self.only)
-            form = handler.generate_schema(kind)
+        form = handler.generate_schema(self.model)
         if self.short is not None:
             form = core_schema.no_info_before_validator_function(self._spelled_out, form)
         return core_schema.no_info_after_validator_function(self.read, form)
@@ -241,8 +229,6 @@ class Entry(Generic[T]):
 
     def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         form, texts = handler(core), descriptions(self.kind)
-        if self.only is not None:
-            return {**form, "description": texts.get(self.only, "")}
         if self.short is not None:
             return {"anyOf": [{"type": "string", "description": texts.get(self.short, "")}, form]}
         return form
@@ -285,32 +271,7 @@ def one_of(names: bool = False, /, **entries: type | Entry[object]) -> object:
             read as it is.
     """
     items = [_keyed(key, each) for key, each in entries.items()]
-    form: object = Annotated[_either([Annotated[str, Tag(NAME)]] * names + items), BY_KIND]
-    keyed: dict[str | None, Entry[object]] = {key: _entry(each) for key, each in entries.items() if not _is_model(each)}
-    return ReadAs(form, keyed)
-
-
-def plain_or(plain: type, /, **entries: type | Entry[object]) -> object:
-    """Return a reader of a dataclass ``{field: value, ...}``, or of another one as a mapping with its key."""
-
-    def tag(raw: object) -> str:
-        key = next(iter(raw)) if isinstance(raw, Mapping) and len(raw) == 1 else None
-        return key if key in entries else PLAIN
-
-    def known(raw: object) -> object:
-        names = [*Entry(plain).model.model_fields, *entries]  # the reader of one kind does not know the other kinds
-        mapping = raw if isinstance(raw, Mapping) else {}
-        for key in mapping:
-            if key in entries and len(mapping) > 1:
-                raise ValueError(f"'{key}' has no other key beside it, found {', '.join(map(str, mapping))}")
-            if key not in names:
-                raise ValueError(f"'{key}' is not known{nearest(str(key), names)}")
-        return raw
-
-    items = [Annotated[plain, Entry(plain), Tag(PLAIN)], *(_keyed(key, each) for key, each in entries.items())]
-    form: object = Annotated[_either(items), Discriminator(tag), BeforeValidator(known)]
-    keyed: dict[str | None, Entry[object]] = {key: _entry(each) for key, each in entries.items()}
-    return ReadAs(form, {None: Entry(plain), **keyed})
+    return ReadAs(Annotated[_either([Annotated[str, Tag(NAME)]] * names + items), BY_KIND])
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,8 +279,6 @@ class ReadAs:
     """Annotation of a value that a file writes in another form than its type."""
 
     form: object
-    entries: Mapping[str | None, Entry[object]] = field(default_factory=dict)
-    """Entry of each key; that of None has no key."""
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         return handler.generate_schema(self.form)

@@ -9,7 +9,7 @@ from typing import Annotated, cast
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from rnc_pin.applications.scenario.schema.derived import Entry, one_of, plain_or
+from rnc_pin.applications.scenario.schema.derived import Entry, one_of
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
 from rnc_pin.constraints import (
     AckermannSteering,
@@ -57,21 +57,20 @@ from rnc_pin.planning import Reference
 from rnc_pin.plants import UnilateralContact
 
 _Shape = Annotated[object, one_of(sphere=Sphere, ellipsoid=Ellipsoid, torus=Torus)]
-_Surfaces = plain_or(GroundPlane, sphere=SphericalGround, cylinder=CylindricalGround)
-GroundItem = Annotated[object, _Surfaces] | None
-_Plane = Annotated[GroundPlane, Entry(GroundPlane)] | None
+GroundItem = Annotated[object, one_of(plane=GroundPlane, sphere=SphericalGround, cylinder=CylindricalGround)] | None
+_Plane = Annotated[GroundPlane, one_of(plane=GroundPlane)] | None
 OutputItem = Annotated[
     OutputKind,
     one_of(
-        joint=Entry(JointPosition, only="joint"),
+        joint=Entry(JointPosition, short="joint"),
         frame_position=FramePosition,
-        frame_orientation=Entry(FrameOrientation, only="frame"),
-        frame_yaw=Entry(FrameYaw, only="frame"),
+        frame_orientation=Entry(FrameOrientation, short="frame"),
+        frame_yaw=Entry(FrameYaw, short="frame"),
         distance=Distance,
         center_of_mass=CenterOfMass,
         frame_speed=FrameSpeed,
-        frame_angular_velocity=Entry(FrameAngularVelocity, required=("axis",)),
-        frame_tilt=Entry(FrameTilt, required=("axis",)),
+        frame_angular_velocity=FrameAngularVelocity,
+        frame_tilt=FrameTilt,
     ),
 ]
 

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, TypeVar, cast
 from pydantic import BaseModel, BeforeValidator, Field, TypeAdapter, model_validator
 
 from rnc_pin.applications.scenario.controllers import TYPES, ControllerItem
-from rnc_pin.applications.scenario.schema.derived import PLAIN, Content, Entry, FileName, PartialCall
+from rnc_pin.applications.scenario.schema.derived import Content, Entry, FileName, PartialCall
 from rnc_pin.applications.scenario.schema.kinds import (
     ActuatorItem,
     ConstraintItem,
@@ -263,7 +263,7 @@ def validate(raw: Mapping[str, Json], source: str) -> ScenarioFile:
 
 
 _UNION_MEMBERS = {"float", "str", "list[float]", "constrained-list", "name", "unknown_masses", "unknown_wheels"}
-_UNION_MEMBERS |= {PLAIN, LIST}
+_UNION_MEMBERS |= {LIST}
 
 
 def _is_tag(part: str, previous: object) -> bool:
