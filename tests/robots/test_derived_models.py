@@ -110,16 +110,6 @@ def test_an_inertia_takes_the_place_of_a_links_own():
     assert energy(changed) - energy(light) == pytest.approx(own, abs=1e-8)
 
 
-def test_a_study_of_masses_is_a_line(tmp_path):
-    """The period of a pendulum does not depend on its mass, and energy is in proportion to it."""
-    robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, -9.81, 0))
-    q, v2 = robot.configuration({"joint_1": 0.4}), np.full(4, 0.3)
-    double = {link: 2 * mass for link, mass in masses_of(find_urdf("space_robot.urdf")).items()}
-    one, two = (rnc.NonholonomicSystem(each).reduce() for each in (robot, robot.with_masses(double)))
-    assert two.energy(q, v2) == pytest.approx(2 * one.energy(q, v2), rel=1e-12)
-    assert two.forward_dynamics(q, v2, []) == pytest.approx(one.forward_dynamics(q, v2, []), rel=1e-10)
-
-
 @pytest.mark.parametrize(("masses", "words"), [
     ({"link_4": 1.0}, "no link 'link_4' in robot 'space_robot'; did you mean 'link_"),
     ({3: 1.0}, "no link '3' in robot 'space_robot'"),

@@ -15,36 +15,6 @@ GRAVITY = (0.0, 0.0, -9.81)
 # ---------------------------------------------------------------------- what is in the files
 
 
-def rotor_on_a_pendulum(mass, rotor_mass="0", rotor_moment="0.02"):
-    body = '<inertial><origin xyz="{} 0 0"/><mass value="{}"/><inertia ixx="{m}" iyy="{m}" izz="{m}"'
-    body += ' ixy="0" ixz="0" iyz="0"/></inertial>'
-    joint = '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 0"/>'
-    joint += '<axis xyz="0 1 0"/><limit lower="-9" upper="9" effort="9" velocity="9"/></joint>'
-    return (
-        '<robot name="pendulum"><link name="ground"/>'
-        f'<link name="rod">{body.format("0.5", mass, m="0.1")}</link>'
-        f'<link name="rotor">{body.format("0", rotor_mass, m=rotor_moment)}</link>'
-        f"{joint.format('hinge', 'ground', 'rod', 0)}{joint.format('motor', 'rod', 'rotor', 0.5)}</robot>"
-    )
-
-
-def test_a_massless_rotor_has_the_equations_of_the_reaction_wheel_pendulum(tmp_path):
-    """Spong, Corke and Lozano (2001): the inertia matrix is [[m l^2 + I + J, J], [J, J]]."""
-    path = tmp_path / "pendulum.urdf"
-    path.write_text(rotor_on_a_pendulum(2.0))
-    with pytest.warns(rnc.ModelWarning, match="rotational inertia but zero mass behind motor"):
-        robot = rnc.Robot.from_urdf(path)
-    reduced = rnc.NonholonomicSystem(robot, [], ["motor"]).reduce(
-        [rnc.JointPosition("hinge"), rnc.JointPosition("motor")]
-    )
-    state = reduced.at([0.4, 1.0])
-    matrix = np.array([[2 * 0.25 + 0.1 + 0.02, 0.02], [0.02, 0.02]])
-    weight = np.array([-2 * 9.81 * 0.5 * np.cos(0.4), 0.0])  # a positive angle about y lowers the rod
-    np.testing.assert_allclose(state.H, matrix, atol=1e-14)
-    found = reduced.forward_dynamics([0.4, 1.0], [0.3, -2.0], [0.7])
-    assert found == pytest.approx(np.linalg.solve(matrix, [0, 0.7] - weight), rel=1e-12)
-
-
 @pytest.mark.parametrize(("file", "base", "nq", "nv"), [
     ("space_robot.urdf", "fixed", 4, 4),
     ("mobile_manipulator.urdf", "fixed", 2, 2),

@@ -125,20 +125,6 @@ def write(folder, text, name="cart.urdf"):
     return folder / name
 
 
-def test_wheels_in_two_axles_skid(tmp_path):
-    """The equivalent axle of a skid-steered base lies midway, where no frame is."""
-    other = wheel("back_left", "base", (-0.3, 0.2, 0)) + wheel("back_right", "base", (-0.3, -0.2, 0))
-    content, path = drafted(write(tmp_path, cart(PAIR, other)), tmp_path)
-    assert len(radii(content)) == 4
-    assert {"no_side_slip": {"frame": "base", "axis": "y", "at": [-0.15, 0, 0]}} in content["constraints"]
-    assert all(not each["rolling_wheel"]["lateral"] for each in content["constraints"] if "rolling_wheel" in each)
-    assert content["task"]["primary"] == ["base_speed_x", "base_yaw"]
-    assert "skid sideways" in path.read_text()
-    summary = outcome_of(path, 2.0)
-    assert summary["outcome"] == "completed"
-    assert abs(summary["final_output"]["base_y"]) < 0.05
-
-
 def test_the_radius_of_a_mesh(tmp_path):
     """A wheel that is a mesh: sixteen corners on a circle about its own y axis."""
     angles = np.linspace(0, 2 * np.pi, 16, endpoint=False)
@@ -152,19 +138,6 @@ def test_the_radius_of_a_mesh(tmp_path):
     ]
     content, _ = drafted(write(tmp_path, cart(*parts)), tmp_path)
     assert radii(content) == pytest.approx({"left": 0.123, "right": 0.123}, abs=1e-5)
-
-
-def test_wheels_without_a_shape_are_measured_by_their_height(tmp_path):
-    parts = [
-        '<link name="footprint"/>',
-        link("base", 10),
-        joint("lift", "footprint", "base", (0, 0, 0.08), kind="fixed"),
-    ]
-    for name, y in (("left_wheel", 0.2), ("right_wheel", -0.2)):
-        parts.append(link(name) + joint(f"{name}_joint", "base", name, (0, y, 0)))
-    content, path = drafted(write(tmp_path, robot(*parts, name="cart")), tmp_path)
-    assert radii(content) == {"left_wheel": 0.08, "right_wheel": 0.08}
-    assert "MEASURE the radius" in path.read_text()
 
 
 def test_arms_that_turn_on_and_on_are_no_wheels(tmp_path):

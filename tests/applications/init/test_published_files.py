@@ -70,13 +70,6 @@ def test_geometry_and_kinematics_decide(name, expected, tmp_path):
     run(path, {"simulation.duration": 0.05})
 
 
-def test_wheels_without_shapes_are_measured_by_their_inertia(tmp_path):
-    content, text, _ = drafted("skid_off_center", tmp_path)
-    assert [each["radius"] for each in entries(content, "rolling_wheel")] == pytest.approx([0.16] * 4, rel=1e-4)
-    assert "MEASURE the radius" in text
-    assert entries(content, "no_side_slip")[0]["at"] == [0.3, 0, 0]
-
-
 def test_a_skid_steered_base_turns_about_its_equivalent_axle(tmp_path):
     """Its origin is 0.3 m behind the middle, so that turning on the spot moves it sideways."""
     _, _, path = drafted("skid_off_center", tmp_path)
@@ -163,35 +156,19 @@ def test_joints_are_held_as_asked(tmp_path):
         drafted("wide_wheels", tmp_path, lock={"front_left": 0.0})
 
 
-@pytest.fixture
-def packaged(tmp_path):
-    """A robot whose mesh is in a package elsewhere; (its file, the folder of packages)."""
-    meshes = tmp_path / "packages" / "wheels_of_some" / "meshes"
+def test_packages_that_another_shell_would_not_find_are_recorded(tmp_path, call, monkeypatch):
+    meshes = tmp_path / "packages/wheels_of_some/meshes"
     meshes.mkdir(parents=True)
     (meshes / "wedge.stl").write_bytes((DIRT / "wedge.stl").read_bytes())
-    text = (DIRT / "wide_wheels.urdf").read_text()
     mesh = '<visual><geometry><mesh filename="package://wheels_of_some/meshes/wedge.stl"/></geometry></visual>'
-    robot = tmp_path / "robots" / "cart.urdf"
-    robot.parent.mkdir()
-    robot.write_text(text.replace("<collision>", f"{mesh}<collision>", 1))
-    return robot, tmp_path / "packages"
-
-
-def test_packages_of_the_environment_are_recorded(packaged, tmp_path, monkeypatch):
-    robot, packages = packaged
-    monkeypatch.setenv("ROS_PACKAGE_PATH", str(packages))
-    content, _, path = drafted(robot, tmp_path)
-    assert content["robot"]["package_dirs"] == ["packages/wheels_of_some"]
-    monkeypatch.delenv("ROS_PACKAGE_PATH")
-    assert not Scenario.load(str(path)).experiment.reduced.robot.stand_ins
-
-
-def test_package_dirs_are_recorded(packaged, tmp_path, call, monkeypatch):
-    robot, packages = packaged
+    text = (DIRT / "wide_wheels.urdf").read_text().replace("<collision>", f"{mesh}<collision>", 1)
+    (tmp_path / "cart.urdf").write_text(text)
     monkeypatch.chdir(tmp_path)
-    status, _, error = call("init", str(robot), "--package-dir", str(packages), "--out", "draft.yaml")
-    assert (status, error) == (0, "")
-    assert read_yaml(tmp_path / "draft.yaml")["robot"]["package_dirs"] == ["packages"]
-    status, _, error = call("init", str(robot), "--lock", "front_left_joint=x", "--out", "other.yaml")
+    assert call("init", "cart.urdf", "--package-dir", "packages", "--out", "a.yaml")[0] == 0
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "packages"))
+    assert call("init", "cart.urdf", "--out", "b.yaml")[0] == 0
+    assert read_yaml(tmp_path / "a.yaml")["robot"]["package_dirs"] == ["packages"]
+    assert read_yaml(tmp_path / "b.yaml")["robot"]["package_dirs"] == ["packages/wheels_of_some"]
+    status, _, error = call("init", "cart.urdf", "--lock", "front_left_joint=x", "--out", "c.yaml")
     assert status == 2
     assert "--lock front_left_joint=x: expected JOINT or JOINT=NUMBER" in error

@@ -88,20 +88,6 @@ def car(toe=0.0, rear=100.0, steering=10.0, rear_right=None):
     return robot(*parts, name="car")
 
 
-@pytest.mark.filterwarnings("error", "ignore:zmq:DeprecationWarning")
-def test_a_car_with_toe_in_moves(tmp_path, brief):
-    """Each axle line has one lateral row: two front wheels and the Ackermann row would lock it."""
-    text, content, path = drafted(car(toe=1e-3), tmp_path)
-    wheels = [each["rolling_wheel"] for each in content["constraints"] if "rolling_wheel" in each]
-    assert [each.get("lateral", True) for each in wheels] == [True, False, True, False]
-    assert content["actuators"] == ["rear_left_joint", "rear_right_joint", "steer_left_joint"]
-    assert content["task"]["primary"] == ["base_speed_x", "steer_left_joint"]
-    assert not any(word in text for word in ("nearly dependent", "Assumed", "CHECK"))
-    options = {"simulation.dt": 0.01, "controller.tracker": "computed_torque"}
-    q = execute(Scenario.load(str(path), options)).trajectory.q
-    assert np.linalg.norm(q[-1, :2] - q[0, :2]) == pytest.approx(0.5, rel=0.05)
-
-
 def cart():
     robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
     wheels = [rnc.RollingWheel("left_wheel", 0.2), rnc.RollingWheel("right_wheel", 0.2)]

@@ -7,7 +7,6 @@ import sys
 import warnings
 from pathlib import Path
 
-import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -40,36 +39,6 @@ def test_one_solid_is_the_same_in_every_format(name, content, tmp_path):
     found = read_mesh(write(tmp_path / name, content))
     expected = mesh.Mesh(solid.VERTICES, solid.TRIANGLES)
     np.testing.assert_allclose(corners_of(found), corners_of(expected), atol=SINGLE)
-
-
-@pytest.mark.parametrize("ending", ["stl", "obj", "ply", "glb"])
-def test_what_trimesh_writes_is_read(ending, tmp_path):
-    trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed: it is part of the extra 'test'")
-    theirs = trimesh.creation.annulus(0.1, 0.3, 0.2)
-    theirs.apply_translation([1.0, 2.0, 3.0])
-    theirs.export(tmp_path / f"m.{ending}")
-    found = read_mesh(tmp_path / f"m.{ending}")
-    assert len(found.triangles) == len(theirs.faces)
-    first, second, third = np.moveaxis(found.vertices[found.triangles], 1, 0)
-    assert np.einsum("ki,ki->", first, np.cross(second, third)) / 6 == pytest.approx(theirs.volume, rel=1e-5)
-    np.testing.assert_allclose([found.vertices.min(axis=0), found.vertices.max(axis=0)], theirs.bounds, atol=1e-6)
-
-
-def published(count):
-    root = Path(robot_files.find_example("panda")[1])
-    files = [path for path in sorted(root.rglob("*")) if path.suffix.lower() in (".stl", ".dae", ".obj")]
-    small = [path for path in files if path.stat().st_size < 1_000_000]
-    return [small[k] for k in np.random.default_rng(0).choice(len(small), count, replace=False)]
-
-
-@pytest.mark.parametrize("path", published(8), ids=lambda path: path.name)
-def test_published_meshes_are_as_the_loader_of_coal_reads_them(path):
-    found, theirs = read_mesh(path), coal.MeshLoader().load(str(path), np.ones(3))
-    others = np.array(theirs.vertices())
-    assert len(found.triangles) == theirs.num_tris
-    tolerance = 2e-6 * np.abs(others).max()
-    np.testing.assert_allclose(found.vertices.min(axis=0), others.min(axis=0), rtol=0, atol=tolerance)
-    np.testing.assert_allclose(found.vertices.max(axis=0), others.max(axis=0), rtol=0, atol=tolerance)
 
 
 @pytest.mark.parametrize(

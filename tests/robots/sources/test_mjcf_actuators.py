@@ -65,23 +65,3 @@ def test_bodies_without_names_are_drafted_and_passive_joints_are_not_driven(
     assert "tilt" not in draft["actuators"]
     assert {"left", "right", "pan"} <= set(draft["actuators"])
     assert call("run", "car.yaml", "--set", "simulation.duration=0.2", "--set", "plots={}", "--out", "out")[0] == 0
-
-
-def test_a_base_that_was_not_asked_for_is_not_said_to_be(call, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write(tmp_path / "arm.xml", ARM.format('<motor joint="a"/>').replace("<spatial name='s'/>", ""))
-    status, _, complaint = call("init", "arm.xml", "--out", "arm.yaml")
-    assert status == 0, complaint
-    draft, text = read_yaml(tmp_path / "arm.yaml"), (tmp_path / "arm.yaml").read_text()
-    assert ": asked for" not in text
-    assert draft["actuators"] == ["a"]
-    assert "neither an actuator nor a constraint moves them: b, c" in text
-    assert text.startswith("# ")
-    assert draft["title"] == "First draft for arm"
-
-
-def test_all_joints_are_driven_where_the_file_names_no_actuator(call, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write(tmp_path / "arm.xml", ARM.format(""))
-    assert call("init", "arm.xml", "--out", "arm.yaml")[0] == 0
-    assert read_yaml(tmp_path / "arm.yaml")["actuators"] == ["a", "b", "c"]

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.model.kinematics import Kinematics
-from tolerances import ROUNDING
 from urdf_parts import write
 
 TREE = """<mujoco><compiler angle="radian"/>{head}<worldbody><site name="w" pos="0.2 0.1 0" euler="0.1 0.2 0.3"/>
@@ -86,35 +84,3 @@ def test_a_loop_that_stays_open_is_warned_of(tmp_path):
         warnings.simplefilter("error")
         system = rnc.NonholonomicSystem(robot, [rnc.LoopClosure(*closure) for closure in robot.closures])
     assert system.m == 3
-
-
-FOUR_BAR = """<mujoco><worldbody>
-  <body name="crank"><joint name="j1" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 .3" size=".02" mass=".3"/>
-    <body name="coupler" pos="0 0 .3"><joint name="j2" axis="0 1 0"/>
-      <geom type="capsule" fromto="0 0 0 1 0 0" size=".02" mass="1"/></body></body>
-  <body name="rocker" pos="1 0 0"><joint name="j3" axis="0 1 0"/>
-    <geom type="capsule" fromto="0 0 0 0 0 .3" size=".02" mass=".3"/></body></worldbody>
-  <equality><connect body1="coupler" body2="rocker" anchor="1 0 0"/></equality>
-  <actuator><motor joint="j1"/></actuator></mujoco>"""
-
-
-def test_a_four_bar_linkage_is_drafted_closed_and_runs(call, tmp_path, monkeypatch, no_pictures):
-    """Its opposite sides are of equal length, so that the crank and the rocker stay parallel: j2 = -j1, j3 = j1."""
-    monkeypatch.chdir(tmp_path)
-    write(tmp_path / "bars.xml", FOUR_BAR)
-    status, _, complaint = call("init", "bars.xml", "--out", "bars.yaml")
-    assert (status, complaint) == (0, "")
-    draft = read_yaml(tmp_path / "bars.yaml")
-    (entry,) = draft["constraints"]
-    assert entry["loop_closure"] == {
-        "frame_a": "coupler", "frame_b": "rocker", "kind": "point", "offset_a": [1.0, 0.0, 0.0],
-        "offset_b": [0.0, 0.0, 0.3],
-    }  # fmt: skip
-    assert draft["actuators"] == ["j1"]
-    short = ["--set", "simulation.duration=1", "--set", "plots={}"]
-    status, _, complaint = call("run", "bars.yaml", *short, "--out", "out")
-    assert (status, complaint) == (0, "")
-    q = rnc.Trajectory.load(tmp_path / "out" / "trajectory.npz").q
-    assert np.abs(q[-1]).max() > 1e-3
-    np.testing.assert_allclose(q[:, 1], -q[:, 0], atol=100 * ROUNDING)
-    np.testing.assert_allclose(q[:, 2], q[:, 0], atol=100 * ROUNDING)
