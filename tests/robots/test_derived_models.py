@@ -125,9 +125,3 @@ def test_an_inertia_takes_the_place_of_a_links_own():
 def test_masses_that_make_no_sense_are_refused(masses, words):
     with pytest.raises(rnc.ModelError, match=re.escape(words)):
         rnc.Robot.from_urdf("space_robot.urdf").with_masses(masses)
-
-
-def test_masses_for_gaps_replace_no_inertia_that_is_there():
-    words = r"link 'panda_link1' has an inertia of its own .* robot\.with_masses\(\{'panda_link1': 3\.0\}\)"
-    with pytest.raises(rnc.ModelError, match=words):
-        rnc.Robot.from_example("panda", masses={"panda_link1": 3.0})

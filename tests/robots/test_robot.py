@@ -7,6 +7,7 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body
 from tolerances import ROUNDING
+from urdf_parts import INERTIAL
 
 SHIPPED = ["space_robot.urdf", "mobile_manipulator.urdf", "fire_truck.urdf"]
 GRAVITY = (0.0, 0.0, -9.81)
@@ -31,25 +32,18 @@ def test_sizes_on_each_base(file, base, nq, nv):
     assert ("root_joint" in robot.joint_names) == (base != "fixed")
 
 
-def inertia_behind(robot, joint):
-    """(mass, centre of mass, rotational inertia about it) of the body that a joint carries."""
-    inertia = robot.model.inertias[robot.joint_id(joint)]
-    return inertia.mass, inertia.lever.tolist(), inertia.inertia
-
-
 @pytest.mark.parametrize(("file", "base", "body", "links"), [
     ("space_robot.urdf", "fixed", "platform", ["joint_1", "joint_2", "joint_3"]),
     ("mobile_manipulator.urdf", "planar", "root_joint", ["joint_1", "joint_2"]),
 ])  # fmt: skip
 def test_case_studies_have_the_inertia_of_the_paper(file, base, body, links):
+    """M = J = 10, about the pin or the middle of the axle, and a point mass at the far end of each link of 1 m."""
     robot = rnc.Robot.from_urdf(file, base=base)
-    mass, lever, tensor = inertia_behind(robot, body)
-    # M = J = 10, about the pin or the middle of the axle.
-    assert (mass, lever, tensor[2, 2]) == (10.0, [0.0, 0.0, 0.0], 10.0)
-    for link in links:
-        mass, lever, tensor = inertia_behind(robot, link)
-        assert (mass, lever) == (10.0, [1.0, 0.0, 0.0])  # a point mass at the far end of a link of 1 m
-        assert not tensor.any()
+    own, *others = (robot.model.inertias[robot.joint_id(joint)] for joint in (body, *links))
+    assert (own.mass, own.lever.tolist(), own.inertia[2, 2]) == (10.0, [0.0, 0.0, 0.0], 10.0)
+    for each in others:
+        assert (each.mass, each.lever.tolist()) == (10.0, [1.0, 0.0, 0.0])
+        assert not each.inertia.any()
 
 
 def test_the_fire_truck_has_wheel_bases_of_one_metre():
@@ -114,6 +108,7 @@ def test_gravity_is_the_one_given_and_the_earths_otherwise():
 ], ids=["space_robot", "fire_truck", "panda", "continuous"])  # fmt: skip
 def test_a_locked_joint_is_gone_and_the_rest_moves_as_with_the_joint_held(load, lock):
     whole, locked = load(), load(lock=lock)
+    assert len(locked.visual_model.geometryObjects) == len(whole.visual_model.geometryObjects)
     assert set(locked.joint_names) == set(whole.joint_names) - set(lock)
     generator = np.random.default_rng(0)
     q, v = locked.random_configuration(generator), generator.uniform(-1, 1, locked.nv)
@@ -129,12 +124,6 @@ def test_a_locked_joint_is_gone_and_the_rest_moves_as_with_the_joint_held(load, 
     np.testing.assert_allclose(inertia, whole_inertia[np.ix_(moving, moving)], atol=ROUNDING)
     bias, whole_bias = pin.nle(locked.model, data, q, v), pin.nle(whole.model, whole_data, whole_q, whole_v)
     np.testing.assert_allclose(bias, whole_bias[moving], atol=ROUNDING)
-
-
-def test_a_locked_robot_is_drawn_whole():
-    whole = rnc.Robot.from_urdf("space_robot.urdf")
-    locked = rnc.Robot.from_urdf("space_robot.urdf", lock={"joint_2": 0.7})
-    assert len(locked.visual_model.geometryObjects) == len(whole.visual_model.geometryObjects)
 
 
 # ---------------------------------------------------------------------- configurations
@@ -187,19 +176,13 @@ def inertial(mass="1", moment="1"):
     return f'<inertial><mass value="{mass}"/>{tensor}</inertial>'
 
 
-BODY = inertial()
-
-
-def urdf(arm=BODY, joint_type="revolute", origin="0 0 0", more=""):
+def urdf(arm=INERTIAL, joint_type="revolute", origin="0 0 0", more=""):
     """A link on a hinge."""
-    return f"""<robot name="tiny">
-      <link name="ground"/>
-      <link name="arm">{arm}</link>
-      <joint name="hinge" type="{joint_type}">
-        <parent link="ground"/><child link="arm"/><origin xyz="{origin}"/><axis xyz="0 0 1"/>
-        <limit lower="-1" upper="1" effort="1" velocity="1"/>
-      </joint>{more}
-    </robot>"""
+    return (
+        f'<robot name="tiny"><link name="ground"/><link name="arm">{arm}</link><joint name="hinge" type="{joint_type}">'
+        f'<parent link="ground"/><child link="arm"/><origin xyz="{origin}"/><axis xyz="0 0 1"/>'
+        f'<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>{more}</robot>'
+    )
 
 
 SECOND_HINGE = """<link name="hand"/><joint name="wrist" type="continuous">
@@ -216,7 +199,7 @@ BAD_FILES = {
     "negative inertia": (urdf(inertial(moment="-1")), ["inertia behind joint 'hinge' is not positive"]),
     "joint that moves no mass": (urdf(arm=""), ["joint 'hinge' moves no mass"]),
     "last joint moves no mass": (urdf(more=SECOND_HINGE), ["joint 'wrist' moves no mass"]),
-    "two joints move one mass": (urdf(arm="", more=SECOND_HINGE.replace("/><joint", f">{BODY}</link><joint", 1)),
+    "two joints move one mass": (urdf(arm="", more=SECOND_HINGE.replace("/><joint", f">{INERTIAL}</link><joint", 1)),
         ["inertia matrix is singular", "can move without moving mass"]),
     "nothing moves": ('<robot name="tiny"><link name="ground"/></robot>', ["'tiny' has no moving joint"]),
 }  # fmt: skip

@@ -367,6 +367,23 @@ def test_an_option_says_that_an_axle_does_not_steer(drafted):
 # ---------------------------------------------------------------------- names
 
 
+UPRIGHT, DISK = "1.570796326794897 0 0", '<cylinder radius="0.1" length="0.04"/>'
+
+
+def fixed(name, at, shape="", mass=0.1, parent="base"):
+    return link(name, mass, shape) + joint(f"{name}_mount", parent, name, at, kind="fixed", effort=None)
+
+
+def cart(*more, limits=None, names=("l", "r"), name="unit_7"):
+    """Two wheels and a ball in front that is no joint."""
+    parts = [link("base", 10.0, BOX, at="0.02 0 0.05"), fixed("skid", (0.2, 0, -0.07), '<sphere radius="0.03"/>')]
+    for each, y in zip(names, (0.2, -0.2), strict=True):
+        turns = "continuous" if limits is None else "revolute"
+        parts.append(link(each, 0.5, '<cylinder radius="0.1" length="0.04"/>', turn=UPRIGHT))
+        parts.append(joint(f"{each}_joint", "base", each, (0, y, 0), kind=turns, limits=limits))
+    return robot(*parts, *more, name=name)
+
+
 def two_wheels(*more, tall=0.5, name="unit_7"):
     body = link("base_footprint", 10.0, '<box size="0.2 0.2 0.6"/>', at=f"0 0 {tall}")
     pair = (wheel(side, "base_footprint", (0, y, 0.1)) for side, y in (("l", 0.2), ("r", -0.2)))
@@ -386,44 +403,97 @@ def test_hinges_of_a_satellite_without_a_motor_are_held(drafted):
     assert content["robot"]["lock"] == {"hinge": 0.0}
 
 
-def test_parts_of_words_support_nothing(drafted):
-    """Neither the foot in footprint nor the roller in controller."""
-    box = link("controller_box", 0.2) + joint(
-        "controller_mount", "base_footprint", "controller_box", (0, 0, 0.3), kind="fixed", effort=None
-    )
-    kind, content, decided = drafted(two_wheels(box))
-    assert kind == "free: 2 wheels under a body that balances"
-    assert len(of(content, "rolling_wheel")) == 2
-    assert "Does the base balance on its two wheels?" in decided
-    assert drafted(two_wheels(box), balance=False)[0] == "planar: 2 wheels, differential drive"
-
-
-def test_a_support_without_a_shape_counts_if_it_is_low(drafted):
-    def support(height):
-        return link("caster_dummy", 0.2) + joint(
-            "c", "base_footprint", "caster_dummy", (0.1, 0, height), kind="fixed", effort=None
-        )
-
-    assert drafted(two_wheels(support(0.02)))[0] == "planar: 2 wheels, differential drive"
-    assert drafted(two_wheels(support(0.4)))[0] == "free: 2 wheels under a body that balances"
-    assert drafted(two_wheels(support(0.02)), balance=True)[0] == "free: 2 wheels under a body that balances"
-
-
 def four_wheels(*more, name="unit_7", wheels="w"):
     places = enumerate(((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)))
     parts = (wheel(f"{wheels}_{k}", "base", (x, y, 0)) for k, (x, y) in places)
     return robot(link("base", 10.0, BOX), *parts, *more, name=name)
 
 
-def test_a_camera_gives_no_wheel_rollers(drafted):
-    camera = link("omni_camera", 0.2) + joint(
-        "omni_camera_joint", "base", "omni_camera", (0, 0, 0.3), kind="fixed", effort=None
-    )
-    assert drafted(four_wheels(camera))[0] == "planar: 4 wheels, skid-steered"
-    assert drafted(four_wheels(camera), rollers=True)[0] == "planar: 4 Mecanum wheels"
-    assert drafted(four_wheels(wheels="mecanum_wheel"))[0] == "planar: 4 Mecanum wheels"
-    assert drafted(four_wheels(name="OmniRover"))[0] == "planar: 4 Mecanum wheels"
-    assert drafted(four_wheels(name="OmniRover"), rollers=False)[0] == "planar: 4 wheels, skid-steered"
+def arm_with(name, title="unit_7"):
+    parts = [link("base", 3.0, '<cylinder radius="0.1" length="0.1"/>')]
+    for k, (parent, child) in enumerate((("base", name), (name, "elbow"), ("elbow", "wrist"))):
+        axis, at = ("0 0 1", "0 1 0")[k % 2], (0, 0, 0.2 if k else 0.1)
+        parts += [link(child, 2.0, at="0 0 0.1"), joint(f"j{k}", parent, child, at, axis, "revolute", 80.0, (-2, 2))]
+    return robot(*parts, name=title)
+
+
+def on_rotors(joints):
+    """Rotors of motors carry the wheels; one of the names tells of a wheel: of the joint, or of a tyre on the axle."""
+    parts = [link("base", 10.0, BOX, at="0.02 0 0.05"), fixed("skid", (0.2, 0, -0.07), '<sphere radius="0.03"/>')]
+    for name, y in zip(joints, (0.2, -0.2), strict=True):
+        own = f"{name}_ring" if "wheel" in name else f"{name}_wheel_tyre"
+        parts += [
+            link(f"{name}_rotor", 0.5),
+            joint(name, "base", f"{name}_rotor", (0, y, 0)),
+            link(own, 0.3, DISK, turn=UPRIGHT),
+        ]
+        parts += [joint(f"{own}_mount", f"{name}_rotor", own, (0.001, 0, 0), kind="fixed", effort=None)]
+    return robot(*parts)
+
+
+def mates(mass):
+    """Without shapes and names; a file turned the inertia of one wheel, and its mate on the axle line tells what it is."""
+    wheels = []
+    for name, y, m, (x, yy, z) in (("one", 0.15, 0.3, (3e-4, 5e-4, 3e-4)), ("other", -0.15, mass, (3e-4, 3e-4, 5e-4))):
+        inertia = f'<inertia ixx="{x}" iyy="{yy}" izz="{z}" ixy="0" ixz="0" iyz="0"/>'
+        wheels += [f'<link name="{name}"><inertial><mass value="{m}"/>{inertia}</inertial></link>']
+        wheels += [joint(f"{name}_joint", "base", name, (0, y, 0.05))]
+    return robot(link("base", 5.0, at="0.02 0 0.05"), *wheels)
+
+
+def on_legs(beside):
+    """Errors of all joints of two legs add up: a fifth of a radius."""
+    body = link("base", 10.0, '<box size="0.2 0.2 0.3"/>', at="0 0 0.5")
+    return robot(body, wheel("l", "base", (beside / 2, 0.2, 0)), wheel("r", "base", (-beside / 2, -0.2, 0)))
+
+
+def diver(name, gear=False):
+    """Thrusters beside a hull: cylinders about the long axis, not below it; or wheels of a landing gear below."""
+    parts = [link("base", 10.0, '<box size="0.6 0.4 0.3"/>')]
+    for k, (x, y) in enumerate(((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2))):
+        parts.append(link(f"t{k}", 0.2, '<cylinder radius="0.05" length="0.1"/>', turn="0 1.5707963267948966 0"))
+        parts.append(joint(f"t{k}_joint", "base", f"t{k}", (x, y, -0.1), "1 0 0"))
+    wheels = [wheel(f"g{k}", "base", (0.2 - 0.4 * (k > 0), 0.1 * (k - 1), -0.15)) for k in range(3)]
+    return robot(*([parts[0], *wheels] if gear else parts), name=name)
+
+
+CONTROLLER = fixed("controller_box", (0, 0, 0.3), mass=0.2, parent="base_footprint")
+LOW, HIGH = (fixed("caster_dummy", (0.1, 0, height), mass=0.2, parent="base_footprint") for height in (0.02, 0.4))
+CAMERA = fixed("omni_camera", (0, 0, 0.3), mass=0.2)
+LOAD = fixed("load_balancer", (-0.05, 0, 0.4), '<box size="0.2 0.2 0.2"/>', mass=4.0)
+ONCE, DISKS = (-3.14, 3.14), ("part_3", "part_4")  # exporters write the limits of a wrist for wheels too
+BALANCES, DRIVES = "free: 2 wheels under a body that balances", "planar: 2 wheels, differential drive"
+SKIDS, MECANUM, ARM = "planar: 4 wheels, skid-steered", "planar: 4 Mecanum wheels", "fixed: no wheels were found"
+
+
+@pytest.mark.parametrize(("text", "wishes", "kind"), [
+    (two_wheels(CONTROLLER), {}, BALANCES),  # neither the foot in footprint nor the roller in controller supports it
+    (two_wheels(CONTROLLER), {"balance": False}, DRIVES),
+    (two_wheels(LOW), {}, DRIVES),
+    (two_wheels(HIGH), {}, BALANCES),
+    (two_wheels(LOW), {"balance": True}, BALANCES),
+    (cart(LOAD), {}, DRIVES),
+    *((on_legs(beside), {}, BALANCES) for beside in (0.0, 0.02)),
+    (four_wheels(CAMERA), {}, SKIDS),
+    (four_wheels(CAMERA), {"rollers": True}, MECANUM),
+    (four_wheels(wheels="mecanum_wheel"), {}, MECANUM),
+    (four_wheels(name="OmniRover"), {}, MECANUM),
+    (four_wheels(name="OmniRover"), {"rollers": False}, SKIDS),
+    (mates(0.3), {}, DRIVES),
+    (mates(0.9), {}, "planar: 1 wheel, one wheel"),
+    (on_rotors(("left_wheel", "right_wheel")), {}, DRIVES),
+    (on_rotors(("left", "right")), {}, DRIVES),
+    *((arm_with(name), {}, ARM) for name in ("shoulder_rotor", "work_space_center", "floating_tool")),
+    (arm_with("shoulder", "free_flyer"), {}, "free: no wheels, and a name"),
+    (cart(limits=ONCE, names=DISKS), {}, DRIVES),
+    (cart(limits=ONCE).replace('"r_joint" type="revolute"', '"r_joint" type="fixed"'), {}, ARM),  # one disk is a wrist
+    (cart(limits=(-2.0, 2.0)), {}, ARM),
+    (diver("mini_rov"), {}, "free"),
+    (diver("unit_7"), {}, "planar"),
+    (diver("mini_rov", gear=True), {}, "planar: 3 wheels"),
+])  # fmt: skip
+def test_names_and_options_decide_where_structure_leaves_it_open(text, wishes, kind, drafted):
+    assert drafted(text, **wishes)[0].startswith(kind)
 
 
 @pytest.mark.parametrize(("name", "wishes", "drives"), [
@@ -461,14 +531,46 @@ def test_wheels_in_line_do_not_skid_steer(drafted):
     assert drafted(robot(*parts), base="planar")[0].startswith("planar")
 
 
-def test_the_rear_axle_of_a_car_may_be_called_a_ring(drafted):
+def test_a_spare_wheel_is_not_the_ground(drafted):
+    """It has the only name of a wheel, and its axis is along the cart."""
+    shape = '<cylinder radius="0.1" length="0.04"/>'
+    spare = link("spare_wheel", 0.5, shape, turn="0 1.570796326794897 0")
+    spare += joint("spare", "base", "spare_wheel", (-0.35, 0, 0.2), "1 0 0", effort=0.0)
+    kind, content, _ = drafted(cart(spare))
+    assert kind == "planar: 2 wheels, differential drive"
+    assert content["actuators"] == ["l_joint", "r_joint"]
+
+
+def test_omni_wheels_beside_others_slide(drafted):
+    """A differential drive on two omni wheels in front; an option says that all wheels have rollers, or none."""
+    places = {"drive_l": (-0.2, 0.2, 0), "drive_r": (-0.2, -0.2, 0), "omni_l": (0.3, 0.2, 0), "omni_r": (0.3, -0.2, 0)}
+    text = robot(link("base", 10.0, BOX), *(wheel(name, "base", place) for name, place in places.items()))
+    kind, content, decided = drafted(text)
+    assert kind == "planar: 4 wheels, differential drive"
+    assert content["actuators"] == ["drive_l_joint", "drive_r_joint"]
+    assert decided["Do the wheels have rollers?"].answer == "only omni_l_joint, omni_r_joint, which slide"
+    rows = {
+        each["rolling_wheel"]["frame"]: each["rolling_wheel"].get("lateral", True) for each in content["constraints"]
+    }
+    assert rows == {"drive_l": True, "drive_r": False, "omni_l": False, "omni_r": False}
+    assert drafted(text, rollers=True)[0] == "planar: 4 Mecanum wheels"
+    assert drafted(text, rollers=False)[0] == "planar: 4 wheels, skid-steered"
+    rear = [wheel(f"omni_{side}", "base", (0, y, 0)) for side, y in (("l", 0.2), ("r", -0.2))]
+    front = pivot("turn", "base", (0.4, 0, 0)) + wheel("front", "turn", (0, 0, 0))
+    assert drafted(robot(link("base", 10.0, BOX), *rear, front))[0] == "planar: 3 wheels, steered like a car"
+
+
+@pytest.mark.parametrize("listed", [True, False])
+def test_a_pair_of_kingpins_steers_a_car(listed, drafted):
+    """A kingpin of a trailer is one joint behind the base; those of knuckles stand side by side."""
     parts = [link("base", 10.0, BOX)]
-    parts += [wheel("diff_ring", "base", (-0.3, 0, 0), shape='<cylinder radius="0.1" length="0.4"/>')]
     for side, y in (("l", 0.2), ("r", -0.2)):
-        parts += [pivot(f"k_{side}", "base", (0.3, y, 0)), wheel(f"f_{side}", f"k_{side}", (0, 0, 0))]
-    kind, content, _ = drafted(robot(*parts))
-    assert kind == "planar: 3 wheels, steered like a car"
-    assert content["actuators"] == ["diff_ring_joint", "k_l_joint"]
+        parts += [wheel(f"rear_{side}", "base", (-0.3, y, 0)), pivot(f"kingpin_{side}", "base", (0.3, y, 0))]
+        parts += [wheel(f"front_{side}", f"kingpin_{side}", (0, 0, 0))]
+    lists = transmissions("rear_l_joint", "rear_r_joint", "kingpin_l_joint") if listed else ""
+    kind, content, _ = drafted(robot(*parts, lists))
+    assert kind == "planar: 4 wheels, steered like a car"
+    assert content["actuators"] == ["rear_l_joint", "rear_r_joint", "kingpin_l_joint"]
 
 
 def test_side_gears_of_a_differential_are_no_rollers(drafted):
@@ -482,6 +584,81 @@ def test_side_gears_of_a_differential_are_no_rollers(drafted):
     kind, content, _ = drafted(robot(*parts))
     assert kind == "planar: 4 wheels, steered like a car"
     assert {each["frame"] for each in of(content, "rolling_wheel")} == {"rear_l", "rear_r", "f_l", "f_r"}
+
+
+# ---------------------------------------------------------------------- hitches
+
+
+@pytest.mark.parametrize(("effort", "lists", "kind", "is_open"), [
+    (0.0, "", "planar: 4 wheels, differential drive with 1 trailer", False),
+    (200.0, "", "planar: 4 wheels, differential drive with 1 trailer", True),
+    (200.0, transmissions("fl_joint", "fr_joint"), "planar: 4 wheels, differential drive with 1 trailer", False),
+    (200.0, transmissions("fl_joint", "fr_joint", "waist"), "planar: 4 wheels, steered like a car", None),
+], ids=["no effort", "effort", "not listed", "listed"])  # fmt: skip
+def test_a_pivot_with_an_effort_may_be_that_of_an_articulated_loader(effort, lists, kind, is_open, drafted):
+    """Two bodies with an axle each; what drives the joint between them decides, and init asks if nothing tells."""
+    parts = [link("front", 20.0, BOX), wheel("fl", "front", (0.3, 0.3, 0)), wheel("fr", "front", (0.3, -0.3, 0))]
+    parts += [link("rear", 20.0, BOX, at="-0.4 0 0")]
+    parts += [joint("waist", "front", "rear", (-0.1, 0, 0), "0 0 1", "revolute", effort, (-0.6, 0.6))]
+    parts += [wheel("rl", "rear", (-0.5, 0.3, 0)), wheel("rr", "rear", (-0.5, -0.3, 0))]
+    found, content, decided = drafted(robot(*parts, lists))
+    assert found == kind
+    question = decided.get("Is waist a free hitch?")
+    assert (question.is_open if question else None) == is_open
+    assert ("waist" in content["actuators"]) == (is_open is None)
+    if is_open:
+        (other,) = question.alternatives
+        assert other.command == "--driven waist"
+        assert drafted(robot(*parts), driven=["waist"])[0] == "planar: 4 wheels, steered like a car"
+
+
+# ---------------------------------------------------------------------- tracks and axles
+
+
+@pytest.mark.parametrize(("called", "listed"), [("road", True), ("u", False)])
+def test_sprockets_above_the_ground_drive_their_tracks(called, listed, drafted, tmp_path):
+    parts = [link("base", 50.0, '<box size="1.2 0.4 0.2"/>', at="0 0 0.15")]
+    for side, y in (("l", 0.3), ("r", -0.3)):
+        parts += [wheel(f"{called}_{side}{k}", "base", (-0.4 + 0.2 * k, y, 0)) for k in range(4)]
+        parts += [wheel(f"sprocket_{side}", "base", (0.6, y, 0.12), 0.08)]
+    sprockets = ["sprocket_l_joint", "sprocket_r_joint"]
+    kind, content, _ = drafted(robot(*parts, transmissions(*sprockets) if listed else ""))
+    assert kind == "planar: 8 wheels, on tracks, skid-steered"
+    assert content["actuators"] == sprockets
+    couplings = {each["joint_coupling"]["joint"]: each["joint_coupling"]["ratio"] for each in content["constraints"]
+                 if "joint_coupling" in each}  # fmt: skip
+    assert len(couplings) == 8
+    assert couplings["sprocket_l_joint"] == pytest.approx(0.1 / 0.08)
+    run = execute(Scenario.load(str(tmp_path / "unit.yaml"), {"simulation.dt": 0.01})).trajectory
+    assert run.verdict.succeeded, run.verdict.first  # both ends of a track carry
+    assert np.linalg.norm(run.q[-1, :2] - run.q[0, :2]) > 0.25
+
+
+def test_an_axle_far_from_the_sides_is_no_sprocket(drafted):
+    """Rollers of a conveyor above six wheels."""
+    wheels = [wheel(f"w{k}{s}", "base", (0.2 * k, y, 0)) for k in range(3) for s, y in (("l", 0.3), ("r", -0.3))]
+    rollers = [wheel(f"roll{k}", "base", (0.1 * k, 0, 0.3), 0.03) for k in range(3)]
+    kind, content, _ = drafted(robot(link("base", 20.0, BOX), *wheels, *rollers))
+    assert kind == "planar: 6 wheels, skid-steered"
+    assert len(content["actuators"]) == 9
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_steered_wheels_turn_about_the_fixed_axle_that_does_not_skid(reverse, drafted):
+    """A truck with two steered axles and three fixed ones: the middle one of these."""
+    parts = []
+    for k, x in enumerate((1.5, 1.0)):
+        for side, y in (("l", 0.4), ("r", -0.4)):
+            parts.append(pivot(f"k{k}{side}", "base", (x, y, 0)) + wheel(f"f{k}{side}", f"k{k}{side}", (0, 0, 0), 0.2))
+    for k, x in enumerate((-0.6, -1.1, -1.6)):
+        parts += [wheel(f"b{k}{side}", "base", (x, y, 0), 0.2) for side, y in (("l", 0.4), ("r", -0.4))]
+    parts = parts[::-1] if reverse else parts
+    kind, content, _ = drafted(robot(link("base", 200.0, '<box size="3.4 0.6 0.3"/>'), *parts))
+    assert kind == "planar: 10 wheels, steered like a car"
+    assert {each["ackermann"]["axle"][:2] for each in content["constraints"] if "ackermann" in each} == {"b1"}
+    lateral = [each["rolling_wheel"]["frame"] for each in content["constraints"] if "rolling_wheel" in each
+               and each["rolling_wheel"].get("lateral", True)]  # fmt: skip
+    assert sorted(each[:2] for each in lateral) == ["b1", "f0"]
 
 
 # ---------------------------------------------------------------------- land or space
@@ -537,3 +714,26 @@ def test_the_desired_path_belongs_to_the_point_that_is_drawn(drafted, tmp_path):
     (path,) = [each for each in ground_paths(result.trajectory) if each.desired is not None]
     np.testing.assert_allclose(path.points, path.desired, atol=0.01)
     assert np.linalg.norm(path.points[-1] - path.points[0]) == pytest.approx(0.5, abs=0.02)
+
+
+@pytest.mark.parametrize("turned", [False, True], ids=["propellers", "azimuth thrusters"])
+def test_a_boat_with_propellers_stays_on_the_water(turned, drafted):
+    parts = [link("base", 80.0, '<box size="2 0.8 0.5"/>')]
+    for side, y in (("l", 0.3), ("r", -0.3)):
+        parent, at = ("base", (-1, y, -0.2))
+        if turned:
+            parts.append(pivot(f"thruster_{side}", "base", at))
+            parent, at = f"thruster_{side}", (0, 0, -0.1)
+        parts += [link(f"screw_{side}", 0.3), joint(f"screw_{side}_joint", parent, f"screw_{side}", at, "1 0 0")]
+    kind, content, _ = drafted(robot(*parts, name="survey_boat"))
+    assert kind == "planar: a name of something that swims on the surface"
+    assert content["robot"].get("gravity") is None
+    assert [next(iter(each)) for each in content["actuators"][:3]] == ["force", "force", "torque"]
+
+
+@pytest.mark.parametrize(("mass", "is_open"), [(9.0, False), (3.0, True)])
+def test_half_of_the_mass_in_the_first_link_is_a_question(mass, is_open, drafted):
+    arm = link("arm", 2.0, at="0 0 0.2") + joint("turn", "base", "arm", (0, 0, 0.1), "0 1 0", "revolute", 9.0, (-1, 1))
+    kind, _, decided = drafted(robot(link("base", mass, BOX), arm))
+    assert kind.startswith("free: no wheels, and")
+    assert [each.is_open for each in decided.values()] == [is_open]
