@@ -12,7 +12,6 @@ from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.errors import ModelError
 from rnc_pin.robots.robot_files import find_urdf
 from urdf_parts import joint, link, robot, wheel
 
@@ -199,14 +198,6 @@ def test_two_axles_that_are_only_drawn_leave_the_base_its_turn(tmp_path):
     assert content["task"]["primary"] == ["base_speed_x", "base_yaw", "a"]
     assert "2 axles of one body cannot all roll in a turn" in path.read_text()
     assert outcome_of(path, 0.5)["outcome"] == "completed"
-
-
-def test_a_base_that_a_file_cannot_have_is_refused_in_the_files_words(tmp_path):
-    body = '<body name="{}"><joint/><geom size="1"/></body>'
-    (tmp_path / "two.xml").write_text(f"<mujoco><worldbody>{body.format('a')}{body.format('b')}</worldbody></mujoco>")
-    words = r"^\S*two.xml: base='free' moves one body, and in <worldbody> there are 2: a, b"
-    with pytest.raises(ModelError, match=words):
-        draft(str(tmp_path / "two.xml"), tmp_path, DraftOptions(base="free"))
 
 
 def test_a_name_with_control_characters_gives_a_draft_that_can_be_read(tmp_path):

@@ -100,17 +100,6 @@ def test_mecanum_wheels_move_sideways(tmp_path):
     assert trajectory.x2[-1][1] == pytest.approx(0.3, abs=0.02)
 
 
-def test_a_car_has_one_steering_freedom(tmp_path):
-    content, text, path = drafted("car_with_steering_wheel", tmp_path)
-    assert content["task"]["primary"] == ["base_link_speed_x", "steer_left", "steering_wheel"]
-    assert "steering_wheel" not in str(content["constraints"])
-    summary = run(path, HURRIED)
-    left, right = (summary["final_output"].get(name) for name in ("steer_left", "steer_right"))
-    assert left == pytest.approx(0.2, abs=0.02)
-    assert right is None
-    assert "WEIGH" not in text  # knuckles carry wheels
-
-
 def test_a_hitch_is_not_driven(tmp_path):
     content, text, _ = drafted("truck_and_trailer", tmp_path)
     assert content["actuators"] == ["rear_left", "rear_right", "turntable"]

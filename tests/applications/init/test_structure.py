@@ -432,7 +432,7 @@ def on_rotors(joints):
 
 
 def mates(mass):
-    """Without shapes and names; a file turned the inertia of one wheel, and its mate on the axle line tells what it is."""
+    """Without shapes and names: a file turned the inertia of one wheel, and its mate on the axle tells what it is."""
     wheels = []
     for name, y, m, (x, yy, z) in (("one", 0.15, 0.3, (3e-4, 5e-4, 3e-4)), ("other", -0.15, mass, (3e-4, 3e-4, 5e-4))):
         inertia = f'<inertia ixx="{x}" iyy="{yy}" izz="{z}" ixy="0" ixz="0" iyz="0"/>'

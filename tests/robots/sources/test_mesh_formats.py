@@ -51,6 +51,10 @@ def test_the_geometry_of_robots_is_that_of_pinocchios_own_loader(name, kind):
     theirs = pin.buildGeomFromUrdf(
         robot.model, str(path), getattr(pin.GeometryType, kind.upper()), None, [str(packages), str(path.parent)]
     )
+    assert_same_shapes(geometry, theirs)
+
+
+def assert_same_shapes(geometry, theirs):
     assert [shape.name for shape in geometry.geometryObjects] == [shape.name for shape in theirs.geometryObjects]
     for ours, other in zip(geometry.geometryObjects, theirs.geometryObjects, strict=True):
         assert type(ours.geometry) is type(other.geometry)
@@ -62,13 +66,8 @@ def test_the_geometry_of_robots_is_that_of_pinocchios_own_loader(name, kind):
         assert (ours.overrideMaterial, ours.meshTexturePath) == (other.overrideMaterial, other.meshTexturePath)
         for shape in (ours, other):
             shape.geometry.computeLocalAABB()
-        size = np.abs(other.geometry.aabb_local.max_).max()
-        np.testing.assert_allclose(
-            ours.geometry.aabb_local.min_, other.geometry.aabb_local.min_, rtol=0, atol=3e-6 * size
-        )
-        np.testing.assert_allclose(
-            ours.geometry.aabb_local.max_, other.geometry.aabb_local.max_, rtol=0, atol=3e-6 * size
-        )
+        boxes = [(each.geometry.aabb_local.min_, each.geometry.aabb_local.max_) for each in (ours, other)]
+        np.testing.assert_allclose(*boxes, rtol=0, atol=3e-6 * np.abs(boxes[1]).max())
 
 
 # ---------------------------------------------------------------------- what is refused
@@ -237,17 +236,7 @@ def test_mjcf_shapes_are_those_of_pinocchios_own_parser(tmp_path):
     text = mjcf('<mesh file="m.obj"/><mesh name="n" file="m.obj" scale="1 -2 3"/>', geoms)
     robot = rnc.Robot.from_mjcf(write(tmp_path / "r.xml", text))
     for kind, geometry in ((pin.VISUAL, robot.visual_model), (pin.COLLISION, robot.collision_model)):
-        theirs = pin.buildGeomFromMJCF(robot.model, str(tmp_path / "r.xml"), kind)
-        assert [shape.name for shape in geometry.geometryObjects] == [shape.name for shape in theirs.geometryObjects]
-        for ours, other in zip(geometry.geometryObjects, theirs.geometryObjects, strict=True):
-            assert (ours.meshPath, ours.parentJoint) == (other.meshPath, other.parentJoint)
-            assert ours.placement.isApprox(other.placement, 1e-12)
-            np.testing.assert_array_equal(ours.meshScale, other.meshScale)
-            np.testing.assert_array_equal(ours.meshColor, other.meshColor)
-            for shape in (ours, other):
-                shape.geometry.computeLocalAABB()
-            np.testing.assert_allclose(ours.geometry.aabb_local.min_, other.geometry.aabb_local.min_, atol=1e-6)
-            np.testing.assert_allclose(ours.geometry.aabb_local.max_, other.geometry.aabb_local.max_, atol=1e-6)
+        assert_same_shapes(geometry, pin.buildGeomFromMJCF(robot.model, str(tmp_path / "r.xml"), kind))
 
 
 TETRAHEDRON = "0 0 0 1 0 0 0 1 0 0 0 1"

@@ -167,14 +167,3 @@ def test_scenarios_couple_and_assemble(tmp_path):
     loose = replace(experiment, scenario=validate({**raw, "mimic": False}, "test")).scenario
     with pytest.warns(rnc.ModelWarning, match="move independently"), pytest.raises(rnc.ConstraintError, match="expect"):
         build_experiment(loose, tmp_path)
-
-
-def test_a_joint_that_the_file_fixes_holds_nobody(tmp_path):
-    robot = arm(tmp_path, b=mimic("a", -2, 0.1))
-    path = tmp_path / "arm.urdf"
-    path.write_text(path.read_text().replace('name="b" type="revolute"', 'name="b" type="fixed"'))
-    robot = rnc.Robot.from_urdf(path)
-    assert robot.joint_names == ("a", "c")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert rnc.NonholonomicSystem(robot).m == 0

@@ -3,14 +3,17 @@
 
 import os
 import sys
+import warnings
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.files import read_yaml
+from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.robots.sources.description import unlogged
-from urdf_parts import TETRAHEDRON
+from urdf_parts import TETRAHEDRON, write
 
 mujoco = pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
 
@@ -43,46 +46,43 @@ def written(folder, text):
     return folder / "robot.xml"
 
 
+def same_machine(path):
+    """Check joints, limits, losses, moments, gravity and sites against MuJoCo's; the robot."""
+    from mujoco_readings import difference
+
+    robot = rnc.Robot.from_mjcf(path, snap=False)
+    with unlogged(mujoco):
+        assert difference(robot, mujoco.MjModel.from_xml_path(str(path))) == ""
+    return robot
+
+
+def assert_meshes_are_drawn_where_mujoco_draws_them(robot, path):
+    """MuJoCo turns meshes to their principal axes."""
+    theirs = mujoco.MjModel.from_xml_path(str(path))
+    data, here, shapes = mujoco.MjData(theirs), robot.model.createData(), robot.visual_model
+    q = np.random.default_rng(0).uniform(-1, 1, robot.nq)
+    data.qpos[[int(theirs.joint(name).dofadr[0]) for name in robot.joint_names]] = q
+    mujoco.mj_forward(theirs, data)
+    drawn = pin.GeometryData(shapes)
+    pin.updateGeometryPlacements(robot.model, here, shapes, drawn, q)
+    meshes = [k for k in range(theirs.ngeom) if theirs.geom_type[k] == mujoco.mjtGeom.mjGEOM_MESH]
+    ours = [k for k, shape in enumerate(shapes.geometryObjects) if shape.meshPath.endswith(".obj") or len(meshes) == 1]
+    assert len(meshes) == len(ours) > 0
+    for mine, other in zip(ours, meshes, strict=True):
+        points = np.array(shapes.geometryObjects[mine].geometry.vertices())
+        points = points @ drawn.oMg[mine].rotation.T + drawn.oMg[mine].translation
+        turned = theirs.mesh_vert @ data.geom_xmat[other].reshape(3, 3).T + data.geom_xpos[other]
+        np.testing.assert_allclose(np.sort(points, axis=0), np.sort(turned, axis=0), atol=1e-6)
+
+
 @pytest.mark.filterwarnings("ignore:compiler attribute")
 def test_what_is_written_out_is_the_same_machine(folder, monkeypatch):
     monkeypatch.chdir(folder)  # MuJoCo writes a log of what this test asks it for
     path = written(folder, SHORT)
-    theirs = mujoco.MjModel.from_xml_path(str(path))
-    robot = rnc.Robot.from_mjcf(path)
-    model, data = robot.model, mujoco.MjData(theirs)
-    assert sum(inertia.mass for inertia in model.inertias) == pytest.approx(6.0, rel=1e-12)
+    robot = same_machine(path)
     assert sorted(robot.joint_names) == sorted(["root", "j0", "j1", "j2", "k0", "k1", "k2"])
-    entries = [int(theirs.joint(name).dofadr[0]) for name in robot.joint_names]
-    generator = np.random.default_rng(0)
-    for q in generator.uniform(-1, 1, (3, 7)):
-        data.qpos[entries] = q
-        mujoco.mj_forward(theirs, data)
-        M = np.zeros((7, 7))
-        for row, unit in zip(M, np.eye(7), strict=True):
-            mujoco.mj_mulM(theirs, data, row, unit)
-        here = model.createData()
-        np.testing.assert_allclose(pin.crba(model, here, q), M[np.ix_(entries, entries)], atol=1e-9)
-        gravity = pin.computeGeneralizedGravity(model, here, q)
-        np.testing.assert_allclose(gravity, data.qfrc_bias[entries], atol=1e-9)
-        pin.framesForwardKinematics(model, here, q)
-        for name in ("tip0", "tip2"):
-            place = here.oMf[model.getFrameId(name)].translation
-            np.testing.assert_allclose(place, data.site(name).xpos, atol=1e-9)
-        # Meshes are drawn where MuJoCo draws them, which turns them to their principal axes.
-        shapes = robot.visual_model
-        drawn = pin.GeometryData(shapes)
-        pin.updateGeometryPlacements(model, here, shapes, drawn)
-        meshes = [k for k in range(theirs.ngeom) if theirs.geom_type[k] == mujoco.mjtGeom.mjGEOM_MESH]
-        ours = [k for k, shape in enumerate(shapes.geometryObjects) if shape.meshPath.endswith(".obj")]
-        assert len(meshes) == len(ours) == 3
-        for mine, other in zip(ours, meshes, strict=True):
-            shape = shapes.geometryObjects[mine]
-            points = np.array(shape.geometry.vertices()) @ drawn.oMg[mine].rotation.T + drawn.oMg[mine].translation
-            turned = theirs.mesh_vert @ data.geom_xmat[other].reshape(3, 3).T + data.geom_xpos[other]
-            np.testing.assert_allclose(np.sort(points, axis=0), np.sort(turned, axis=0), atol=1e-6)
-    limits = dict(zip(robot.joint_names, model.upperPositionLimit, strict=True))
-    assert limits["j2"] == pytest.approx(np.pi / 3)
-    assert limits["k2"] > 1e9
+    assert sum(inertia.mass for inertia in robot.model.inertias) == pytest.approx(6.0, rel=1e-12)
+    assert_meshes_are_drawn_where_mujoco_draws_them(robot, path)
 
 
 @pytest.mark.parametrize(("text", "words"), [
@@ -108,17 +108,15 @@ def test_what_is_not_the_descriptions_own_is_not_read(text, words, folder):
     assert str(raised.value).isprintable()
 
 
-def test_pictures_that_are_made_are_nobodys_business(tmp_path, capfd):
+@pytest.mark.parametrize("asset", [
+    '<texture name="t" type="2d" width="9" height="9"/><material name="m" texture="t"/>',
+    '<texture type="skybox" builtin="gradient" width="9" height="9"/><material name="m" rgba="1 0 0 1"/>',
+], ids=["named", "sky"])  # fmt: skip
+def test_pictures_that_are_made_are_nobodys_business(asset, tmp_path, capfd):
     """Pinocchio's parser warns of them on standard output, where results are."""
-    asset = '<asset><texture name="t" type="2d" width="9" height="9"/><material name="m" texture="t"/></asset>'
-    robot = rnc.Robot.from_mjcf(written(tmp_path, BODY.format(asset, '<geom size="1" material="m"/>')))
-    assert len(robot.visual_model.geometryObjects) == 2
+    text = BODY.format(f"<asset>{asset}</asset>", '<geom size="1" material="m"/>')
+    assert len(rnc.Robot.from_mjcf(written(tmp_path, text)).visual_model.geometryObjects) == 2
     assert capfd.readouterr() == ("", "")
-
-
-def test_a_material_needs_no_picture_where_the_sky_has_no_name(tmp_path):
-    asset = '<asset><texture type="skybox" builtin="gradient" width="9" height="9"/><material name="m" rgba="1 0 0 1"/></asset>'
-    assert rnc.Robot.from_mjcf(written(tmp_path, BODY.format(asset, '<geom size="1" material="m"/>'))).nv == 1
 
 
 def test_files_of_folders_that_are_named_are_read(folder):
@@ -156,16 +154,6 @@ CLASSES = (
     'euler="10 20 30"/><joint axis="1 1 0"/><default class="inner"><joint pos="0.1 0.2 0" type="slide"/></default></default></default>'
 )
 HELD = '<inertial mass="2" pos="0 0 0.1" fullinertia="0.02 0.03 0.04 0.001 0 0"/><geom size="0.1" pos="0 0.4 0"/>'
-
-
-def same_machine(path):
-    """Check joints, limits, losses, moments, gravity and sites against MuJoCo's; the robot."""
-    from mujoco_readings import difference
-
-    robot = rnc.Robot.from_mjcf(path, snap=False)
-    with unlogged(mujoco):
-        assert difference(robot, mujoco.MjModel.from_xml_path(str(path))) == ""
-    return robot
 
 
 @pytest.mark.parametrize(
@@ -268,18 +256,6 @@ def test_what_meshes_weigh(head, body, folder):
     assert rnc.Robot.from_mjcf(path).model.inertias[1].mass == 1
 
 
-def test_joints_of_one_body_keep_their_names(tmp_path):
-    """A base on two slides and a hinge, as many files have it: each drives by itself."""
-    slides = (
-        '<joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/><joint name="turn"/>'
-    )
-    text = f'<mujoco><worldbody><body name="b">{slides}<geom size="1"/></body></worldbody></mujoco>'
-    robot = rnc.Robot.from_mjcf(written(tmp_path, text))
-    assert robot.joint_names == ("x", "y", "turn")
-    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("b")], ["turn"])
-    assert system.reduce([rnc.JointPosition("turn"), rnc.FramePosition("b", "x")]).r == 2
-
-
 @pytest.mark.parametrize("compiler", ["", '<compiler angle="radian"/>', '<compiler balanceinertia="true"/>'])
 def test_a_coupling_is_of_what_joints_have_moved(compiler, tmp_path):
     """MuJoCo's equality counts from where the file has the joints, their ``ref``."""
@@ -337,16 +313,10 @@ def test_a_mesh_with_a_pose_of_its_own_is_drawn_where_mujoco_has_it(weighed, fol
     path = written(
         folder,
         '<mujoco><compiler meshdir="parts"/><asset><mesh name="m" file="wedge.obj" refpos="1 2 3" refquat="1 2 0 1" '
-        f'scale="1 2 3"/></asset><worldbody><body><joint axis="1 2 3"/>{inertial}<geom type="mesh" mesh="m" pos="1 0 0" '
+        f'scale="1 2 3"/></asset><worldbody><body><joint name="j" axis="1 2 3"/>{inertial}<geom type="mesh" mesh="m" pos="1 0 0" '
         'euler="10 20 30"/></body></worldbody></mujoco>',
     )
-    robot, theirs = same_machine(path), mujoco.MjModel.from_xml_path(str(path))
-    (shape,) = robot.visual_model.geometryObjects
-    data = mujoco.MjData(theirs)
-    mujoco.mj_forward(theirs, data)
-    points = np.array(shape.geometry.vertices()) @ shape.placement.rotation.T + shape.placement.translation
-    turned = theirs.mesh_vert @ data.geom_xmat[0].reshape(3, 3).T + data.geom_xpos[0]
-    np.testing.assert_allclose(np.sort(points, axis=0), np.sort(turned, axis=0), atol=1e-6)
+    assert_meshes_are_drawn_where_mujoco_draws_them(same_machine(path), path)
 
 
 def test_bodies_and_shapes_stay_where_mujoco_would_discard_them(tmp_path):
@@ -380,3 +350,143 @@ def test_mujoco_is_given_no_plugins_sensors_or_pictures(tmp_path, monkeypatch):
     assert rnc.Robot.from_mjcf(path).model.upperEffortLimit[0] > 0
     assert len(given) == 1
     assert not any(word in given[0] for word in ("plugin", "texture", "sensor", "other"))
+
+
+# ---------------------------------------------------------------------- actuators
+
+CAPSULE = '<geom type="capsule" fromto="0 0 0 0 0 .4" size=".03" mass="1"/>'
+ARM = f"""<mujoco><worldbody><body><joint name="a" axis="0 1 0"/>{CAPSULE}
+  <site name="p"/><body pos="0 0 .4"><joint name="b" axis="0 1 0"/>{CAPSULE}<site name="q"/>
+    <body pos="0 0 .4"><joint name="c" axis="0 1 0"/>{CAPSULE}</body></body></body></worldbody>
+  <tendon><fixed name="t"><joint joint="b" coef="1"/><joint joint="c" coef="-1"/></fixed>
+  <spatial name="s"><site site="p"/><site site="q"/></spatial></tendon>
+  <actuator>{{}}</actuator></mujoco>"""
+
+
+@pytest.mark.filterwarnings("ignore:.*<tendon> is left out")
+@pytest.mark.parametrize(("actuators", "passive"), [
+    ("", ""),
+    ('<motor joint="a"/>', "bc"),
+    ('<position joint="a"/><velocity jointinparent="c"/>', "b"),
+    ('<general tendon="t"/>', "a"),
+    ('<general tendon="s"/><motor joint="a"/>', ""),  # the joints of a path are not told
+    ('<motor site="thruster"/>', ""),
+])  # fmt: skip
+def test_joints_without_an_actuator_have_no_effort(actuators, passive, tmp_path):
+    robot = rnc.Robot.from_mjcf(write(tmp_path / "r.xml", ARM.format(actuators)))
+    limits = dict(zip(robot.joint_names, robot.model.upperEffortLimit, strict=True))
+    assert "".join(name for name, limit in limits.items() if limit == 0) == passive
+
+
+def test_an_actuator_of_an_unknown_joint_is_refused(tmp_path):
+    with pytest.raises(rnc.ModelError, match=r"unknown transmission target 'aa' .*; did you mean 'a'"):
+        rnc.Robot.from_mjcf(write(tmp_path / "r.xml", ARM.format('<motor joint="aa"/>')))
+
+
+CAR = """<mujoco><worldbody><geom type="plane" size="5 5 .1"/>
+<body pos="0 0 .1">{free}<geom type="box" size=".2 .1 .03" mass="4"/>
+ <body pos="0 .12 0"><joint name="left" axis="0 1 0"/>{wheel}</body>
+ <body pos="0 -.12 0"><joint name="right" axis="0 1 0"/>{wheel}</body>
+ <body pos=".1 0 .03"><joint name="pan" axis="0 0 1"/><joint name="tilt" axis="0 1 0"/>
+   <geom type="box" size=".03 .03 .03" pos=".05 0 0" mass=".1"/></body>
+</body></worldbody><actuator>{actuators}</actuator></mujoco>"""
+WHEEL = '<geom type="cylinder" size=".1 .02" euler="90 0 0" mass=".5"/>'
+
+
+@pytest.mark.usefixtures("brief")
+@pytest.mark.parametrize("free", ["<freejoint/>", ""], ids=["free", "fixed"])
+def test_bodies_without_names_are_drafted_and_passive_joints_are_not_driven(
+    free, call, tmp_path, monkeypatch, no_pictures
+):
+    """Bodies have the same names with every base that is tried."""
+    monkeypatch.chdir(tmp_path)
+    actuators = '<motor joint="left"/><motor joint="right"/><position joint="pan"/>'
+    write(tmp_path / "car.xml", CAR.format(free=free, wheel=WHEEL, actuators=actuators))
+    status, _, complaint = call("init", "car.xml", "--out", "car.yaml")
+    assert status == 0
+    assert complaint.count("rnc-pin: warning: ") == ("its centre is 0 m above the ground" in complaint)  # of wheels
+    draft, text = read_yaml(tmp_path / "car.yaml"), (tmp_path / "car.yaml").read_text()
+    assert draft["robot"]["base"] == "planar"
+    assert "2 wheels, differential drive" in text
+    assert ": asked for" not in text
+    assert "tilt" not in draft["actuators"]
+    assert {"left", "right", "pan"} <= set(draft["actuators"])
+    assert call("run", "car.yaml", "--set", "simulation.duration=0.2", "--set", "plots={}", "--out", "out")[0] == 0
+
+
+# ---------------------------------------------------------------------- loops
+
+TREE = """<mujoco><compiler angle="radian"/>{head}<worldbody><site name="w" pos="0.2 0.1 0" euler="0.1 0.2 0.3"/>
+  <body name="a" pos="0.1 0 0.2" euler="0.3 -0.2 0.1"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+    <joint name="a1" axis="0 1 0"/><joint name="a2" axis="0 0 1" ref="0.2"/>
+    <body name="b" pos="0.4 0 0.1" euler="0 0.5 0"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+      <joint name="b1" axis="0 1 0"/><site name="s" pos="0.1 0.2 0.3" euler="0.4 0 0.2"/></body></body>
+  <body name="c" pos="1 0 0" quat="0.8 0.6 0 0"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+    <joint name="c1" axis="0 1 0"/><joint name="c2" type="slide" axis="1 0 0"/>
+    <site name="t" pos="0 0.1 0" euler="0 0.3 0"/></body>
+  <body name="hook" mocap="true"/></worldbody><equality>{equality}</equality></mujoco>"""
+
+LOOPS = {
+    "connect": '<connect body1="b" body2="c" anchor="0.1 0.2 0.3"/>',
+    "connect to the world": '<connect body1="b" anchor="0.1 0.2 0.3"/>',
+    "connect sites": '<connect site1="s" site2="t"/>',
+    "connect a site to the world": '<connect site1="w" site2="t"/>',
+    "weld": '<weld body1="b" body2="c"/>',
+    "weld to the world": '<weld body1="c"/>',
+    "weld with a pose": '<weld body1="b" body2="c" anchor="0.1 0 0.2" relpose="0.1 0.2 0.3 0.9 0.1 -0.2 0.3"/>',
+    "weld sites": '<weld site1="s" site2="t"/>',
+    "weld that turns": '<weld body1="b" body2="c" anchor="0.1 0 0.2" torquescale="0"/>',
+}
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_a_loop_is_as_far_from_closed_as_in_mujoco(name, tmp_path):
+    """The gap of three coordinates, at random configurations; and all angles at which MuJoCo has it closed."""
+    text = TREE.format(head="", equality=LOOPS[name])
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    robot = rnc.Robot.from_mjcf(write(tmp_path / "r.xml", text))
+    (closure,) = robot.closures
+    rows = rnc.LoopClosure(*closure).bind(robot)
+    generator = np.random.default_rng(0)
+    for scale in (0.0, 0.3, 1.0):
+        values = {joint: generator.uniform(-scale, scale) for joint in robot.joint_names}
+        values["a2"] += 0.2  # where the file has it
+        for joint, value in values.items():
+            data.qpos[model.joint(joint).qposadr[0]] = value
+        mujoco.mj_forward(model, data)
+        position = Kinematics(robot).position(robot.configuration(values))
+        gap = np.linalg.norm(data.efc_pos[:3])
+        # A weld's residual is a screw, whose length differs unless it is small; its points are checked by a connection.
+        frame_a, frame_b, kind, offset_a, offset_b, _ = closure
+        point = rnc.LoopClosure(frame_a, frame_b, "point", offset_a, offset_b).bind(robot)
+        assert np.linalg.norm(point.residual(position)) == pytest.approx(gap, abs=1e-9)
+        if kind == "frame":
+            angles = 2 * np.arcsin(min(1.0, np.linalg.norm(data.efc_pos[3:6])))
+            assert np.linalg.norm(rows.residual(position)[3:]) == pytest.approx(angles, abs=1e-6)
+
+
+def test_loops_that_are_not_active_or_moved_by_a_user_are_none(tmp_path):
+    equality = '<connect body1="b" body2="c" anchor="0 0 0" active="false"/><weld body1="hook" body2="b"/>'
+    assert rnc.Robot.from_mjcf(write(tmp_path / "r.xml", TREE.format(head="", equality=equality))).closures == ()
+
+
+@pytest.mark.parametrize(("equality", "words"), [
+    ('<connect body1="b" body2="d" anchor="0 0 0"/>', "unknown element 'd' in equality .*expected one of: a, "),
+    ('<weld site1="s" site2="r"/>', "unknown element 'r' in equality"),
+    ('<connect body1="b" anchor="0 0"/>', "<connect>: anchor takes 3 finite numbers"),
+    ('<weld body1="b" relpose="0 0 nan 1 0 0 0"/>', "relpose takes 7 finite numbers"),
+])  # fmt: skip
+def test_a_loop_of_nothing_is_refused_by_name(equality, words, tmp_path):
+    with pytest.raises(rnc.ModelError, match=words):
+        rnc.Robot.from_mjcf(write(tmp_path / "r.xml", TREE.format(head="", equality=equality)))
+
+
+def test_a_loop_that_stays_open_is_warned_of(tmp_path):
+    robot = rnc.Robot.from_mjcf(write(tmp_path / "r.xml", TREE.format(head="", equality=LOOPS["connect"])))
+    with pytest.warns(rnc.ModelWarning, match="loops that the file closes are open: b and c"):
+        rnc.NonholonomicSystem(robot)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        system = rnc.NonholonomicSystem(robot, [rnc.LoopClosure(*closure) for closure in robot.closures])
+    assert system.m == 3
