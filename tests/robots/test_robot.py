@@ -13,9 +13,6 @@ SHIPPED = ["space_robot.urdf", "mobile_manipulator.urdf", "fire_truck.urdf"]
 GRAVITY = (0.0, 0.0, -9.81)
 
 
-# ---------------------------------------------------------------------- what is in the files
-
-
 @pytest.mark.parametrize(("file", "base", "nq", "nv"), [
     ("space_robot.urdf", "fixed", 4, 4),
     ("mobile_manipulator.urdf", "fixed", 2, 2),
@@ -83,9 +80,6 @@ def test_an_example_robot_by_name(capfd):
     assert capfd.readouterr() == ("", "")
 
 
-# ---------------------------------------------------------------------- gravity and frozen joints
-
-
 def test_gravity_is_the_one_given_and_the_earths_otherwise():
     def torque(gravity):
         robot = rnc.Robot.from_example("double_pendulum_continuous", gravity=gravity)
@@ -126,9 +120,6 @@ def test_a_locked_joint_is_gone_and_the_rest_moves_as_with_the_joint_held(load, 
     np.testing.assert_allclose(bias, whole_bias[moving], atol=ROUNDING)
 
 
-# ---------------------------------------------------------------------- configurations
-
-
 @pytest.mark.parametrize(("load", "values", "expected"), [
     (lambda: rnc.Robot.from_urdf("space_robot.urdf"), None, [0, 0, 0, 0]),
     (lambda: rnc.Robot.from_urdf("space_robot.urdf"), {"joint_2": 7.0}, [0, 0, 7, 0]),
@@ -166,9 +157,6 @@ def test_random_configurations_are_seeded_normalised_and_within_limits(load):
             values = drawn[:, joint.idx_q]
             assert robot.model.lowerPositionLimit[joint.idx_q] <= values.min()
             assert values.max() <= robot.model.upperPositionLimit[joint.idx_q]
-
-
-# ---------------------------------------------------------------------- what is refused
 
 
 def inertial(mass="1", moment="1"):

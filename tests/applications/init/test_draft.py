@@ -59,8 +59,6 @@ def radii(content):
     return {wheel["frame"]: wheel["radius"] for wheel in wheels}
 
 
-# ---------------------------------------------------------------------- robots that others made
-
 BASES = {  # wheels and their radii, how many outputs, the base's
     "tiago_no_hand": ({"wheel_left_link": 0.0985, "wheel_right_link": 0.0985}, 12,
         ["base_link_speed_x", "base_link_yaw"]),
@@ -110,8 +108,6 @@ def test_a_floating_base_keeps_its_momentum(tmp_path):
     assert outcome_of(path, 0.2)["outcome"] == "completed"
 
 
-# ---------------------------------------------------------------------- robots made for this
-
 PAIR = wheel("left", "base", (0, 0.2, 0)) + wheel("right", "base", (0, -0.2, 0))
 
 
@@ -144,9 +140,6 @@ def test_arms_that_turn_on_and_on_are_no_wheels(tmp_path):
     content, _ = drafted(write(tmp_path, cart(PAIR, arm)), tmp_path)
     assert set(radii(content)) == {"left", "right"}
     assert content["actuators"] == ["left_joint", "right_joint", "elbow"]
-
-
-# ---------------------------------------------------------------------- the command
 
 
 def test_init_writes_what_inspect_and_run_accept(call, tmp_path, monkeypatch, no_pictures):

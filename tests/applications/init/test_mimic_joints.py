@@ -25,9 +25,6 @@ def following(text, leader, multiplier=1):
     return text.replace("</joint>", f'<mimic joint="{leader}" multiplier="{multiplier}"/></joint>')
 
 
-# ---------------------------------------------------------------------- URDF
-
-
 def gripper(*named, efforts=(5.0, 5.0), multiplier=-1):
     """Two wheels and a gripper, whose joint mirror mimics the joint grip; named joints have transmissions."""
     limits = (-0.02, 0.02) if multiplier else (-1, 1)
@@ -101,9 +98,6 @@ def test_wheels_on_a_belt_have_one_motor(named, end, tmp_path):
     assert content["task"]["primary"] == ["base_speed_x", "base_yaw"]
     assert f"Which wheels are driven? {', '.join(motors)} (" in text
     assert "Otherwise" not in text.partition("title:")[0].partition("Which wheels are driven?")[2].partition("\n# D")[0]
-
-
-# ---------------------------------------------------------------------- MJCF
 
 
 FINGERS = "".join(

@@ -128,9 +128,6 @@ def test_a_bicycle_stays_upright(tmp_path):
     assert result.summary["final_output"]["frame_x"] > 20
 
 
-# ---------------------------------------------------------------------- what is said of it
-
-
 def test_joints_that_move_no_mass(tmp_path):
     content, text, path = drafted("nothing_has_a_mass", tmp_path)
     assert content["robot"]["masses"]

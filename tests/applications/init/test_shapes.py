@@ -82,9 +82,6 @@ def test_a_body_keeps_no_part_of_the_geometry_that_lacks_a_mesh_and_the_base_doe
     assert robot.missing_meshes("visual") == {}
 
 
-# ---------------------------------------------------------------------- round shapes
-
-
 def radii(folder, shapes):
     text = draft(str(cart(folder, shapes)), folder)
     return [each["rolling_wheel"]["radius"] for each in yaml.safe_load(text)["constraints"] if "rolling_wheel" in each]

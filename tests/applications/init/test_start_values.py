@@ -85,9 +85,6 @@ def test_joints_outside_a_loop_start_as_before_and_a_loop_that_no_limit_admits_i
         draft(str(tmp_path / "finger.xml"), tmp_path, DraftOptions())
 
 
-# ---------------------------------------------------------------------- mimic joints
-
-
 def jaws(*followers, lower=0.0, upper=0.5):
     """A gripper: followers of the joint lead, each (multiplier, offset, lower, upper)."""
     parts = [link("base"), link("finger"), joint("lead", "base", "finger", (0, 0, 0), kind="revolute")]
@@ -137,8 +134,6 @@ def test_mimic_joints_in_a_circle_end_no_search(tmp_path):
     (tmp_path / "circle.urdf").write_text(robot(*parts))
     assert start_values(rnc.Robot.from_urdf(tmp_path / "circle.urdf")) == {"one_joint": 0.0, "other_joint": 0.0}
 
-
-# ---------------------------------------------------------------------- loops
 
 BEAM = '<geom type="capsule" fromto="0 0 0 {}" size="0.01"/>'
 
@@ -205,9 +200,6 @@ def test_a_loop_far_from_its_dead_centres_moves_as_usual(tmp_path):
     assert content["reference"]["primary"]["minimum_jerk"]["by"] == [0.2]
     assert "loop" not in text.partition("title:")[0]
     assert "initial" not in content or not content["initial"]["q"]
-
-
-# ---------------------------------------------------------------------- steering linkages
 
 
 def linkage(rack):

@@ -32,17 +32,24 @@ def of(content, kind):
     return [each[kind] for each in content["constraints"] if kind in each]
 
 
-# ---------------------------------------------------------------------- exactness of CAD
+def pair(name, parent, x, y=0.2, z=0.0, **more):
+    """A wheel on the left, with ``_l`` after the name, and one on the right."""
+    return "".join(wheel(f"{name}_{side}", parent, (x, sign * y, z), **more) for side, sign in (("l", 1), ("r", -1)))
+
+
+def knuckles(name, front, x, y=0.2, parent="base", toe=0.0, lean=0.0):
+    """Two pivots, and a wheel on each."""
+    parts = []
+    for side, sign in (("l", 1), ("r", -1)):
+        parts.append(pivot(f"{name}_{side}", parent, (x, sign * y, 0), lean=sign * lean))
+        parts.append(wheel(f"{front}_{side}", f"{name}_{side}", (0, 0, 0), toe=-sign * toe))
+    return "".join(parts)
 
 
 def car(offset=0.0, toe=0.0, lean=0.0):
     """A car of 0.55 m: offset of one wheel along the car [m], toe-in and lean of the kingpins [rad]."""
-    parts = [link("base", 10.0, BOX)]
-    for name, y, side in (("l", 0.2, 1), ("r", -0.2, -1)):
-        parts.append(wheel(f"rear_{name}", "base", (-0.275 + (offset if side > 0 else 0.0), y, 0)))
-        parts.append(pivot(f"knuckle_{name}", "base", (0.275, y, 0), lean=side * lean))
-        parts.append(wheel(f"front_{name}", f"knuckle_{name}", (0, 0, 0), toe=-side * toe))
-    return robot(*parts)
+    rear = wheel("rear_l", "base", (-0.275 + offset, 0.2, 0)) + wheel("rear_r", "base", (-0.275, -0.2, 0))
+    return robot(link("base", 10.0, BOX), rear, knuckles("knuckle", "front", 0.275, toe=toe, lean=lean))
 
 
 @pytest.mark.parametrize(("offset", "toe", "lean"), [
@@ -59,9 +66,6 @@ def test_workmanship_changes_no_car(offset, toe, lean, drafted, tmp_path):
     if toe == 0.01:
         options = {"reference.primary.minimum_jerk.duration": 1.5, "controller.tracker": "computed_torque"}
         assert moved(tmp_path, **options) == pytest.approx(0.5, rel=0.05)
-
-
-# ---------------------------------------------------------------------- what drives
 
 
 def truck(load_effort=10.0, extra=""):
@@ -143,9 +147,6 @@ def test_options_of_an_alternative_are_choices():
     assert with_choices(choices, ("--base", "planar")).base == "planar"
 
 
-# ---------------------------------------------------------------------- what carries what
-
-
 def turret(beside=0.0, arm=False):
     """A body on three casters; a pivot below it carries two driven wheels, on a suspension arm if asked."""
     parts = [link("body", 20.0, '<box size="0.5 0.5 0.2"/>', at="0 0 0.2")]
@@ -157,22 +158,8 @@ def turret(beside=0.0, arm=False):
         suspended = joint("arm_joint", "turn", "arm", (0.08, 0, 0), kind="revolute", limits=(-0.1, 0.1))
         parts, holder = [*parts, link("arm", 0.4), suspended], "arm"
     back = -beside - (0.08 if arm else 0.0)
-    parts += [wheel(f"drive_{side}", holder, (back, y, 0)) for side, y in (("l", 0.15), ("r", -0.15))]
-    driven = ["turn_joint", "drive_l_joint", "drive_r_joint"]
-    return robot(*parts, transmissions(*driven))
-
-
-@pytest.mark.parametrize("arm", [False, True], ids=["rigid", "on a suspension arm"])
-@pytest.mark.parametrize("beside", [0.0, 0.1], ids=["below its pivot", "beside its pivot"])
-def test_a_driven_turret_carries_the_body(beside, arm, drafted, tmp_path):
-    kind, content, _ = drafted(turret(beside, arm))
-    assert kind == "planar: 5 wheels, driven by a turret with 2 wheels"
-    assert content["actuators"] == ["drive_l_joint", "drive_r_joint", "turn_joint"]
-    assert len(content["outputs"]["reducing"]) == (2 if beside else 3)
-    if beside:  # the body moves in any direction
-        assert content["outputs"]["reducing"][0] == {"frame_position": {"frame": "body", "axes": "xy"}}
-    assert ("lock" in content["robot"]) == arm
-    assert moved(tmp_path, **{"controller.tracker": "computed_torque"}) > 0.1
+    driven = transmissions("turn_joint", "drive_l_joint", "drive_r_joint")
+    return robot(*parts, pair("drive", holder, back, 0.15), driven)
 
 
 def test_one_steered_wheel_on_casters_does_not_hold_the_heading(drafted, tmp_path):
@@ -188,70 +175,105 @@ def test_one_steered_wheel_on_casters_does_not_hold_the_heading(drafted, tmp_pat
     assert len(of(content, "rolling_wheel")) == 3
 
 
-def test_a_body_on_casters_may_turn_above_its_drive(drafted, tmp_path):
+def body_above_its_drive():
     """The driven wheels belong to the root, and the pivot above them carries the body with its casters."""
-    parts = [link("drive", 10.0, BOX), wheel("l", "drive", (0, 0.2, 0)), wheel("r", "drive", (0, -0.2, 0))]
-    parts.append(pivot("body", "drive", (0, 0, 0.1), turns_round=True))
-    parts += [caster(f"c{k}", "body", (x, y, -0.15)) for k, (x, y) in enumerate(((0.4, 0), (-0.3, 0.3), (-0.3, -0.3)))]
-    kind, content, _ = drafted(robot(*parts, transmissions("l_joint", "r_joint", "body_joint")))
-    assert kind == "planar: 5 wheels, differential drive"
-    assert content["actuators"] == ["l_joint", "r_joint", "body_joint"]
-    assert len(of(content, "rolling_wheel")) == 5
-    assert moved(tmp_path) > 0.05
+    casters = [caster(f"c{k}", "body", (x, y, -0.15)) for k, (x, y) in enumerate(((0.4, 0), (-0.3, 0.3), (-0.3, -0.3)))]
+    above = pivot("body", "drive", (0, 0, 0.1), turns_round=True)
+    driven = transmissions("drive_l_joint", "drive_r_joint", "body_joint")
+    return robot(link("drive", 10.0, BOX), pair("drive", "drive", 0), above, *casters, driven)
 
 
-@pytest.mark.parametrize("listed", [True, False], ids=["transmissions", "efforts"])
-def test_the_differential_of_a_rover_is_no_motor(listed, drafted, tmp_path):
+def bogies(listed):
     """Rockers and bogies carry six driven wheels; a bar across the body couples the rockers, and nothing drives it."""
     parts = [link("base", 20.0, BOX, at="0 0 0.2"), link("bar", 0.5)]
     parts.append(joint("bar_joint", "base", "bar", (0, 0, 0.4), "0 0 1", "revolute", 0.0, (-0.3, 0.3)))
-    wheels, steering = [], []
     for side, y in (("l", 0.3), ("r", -0.3)):
-        parts += [link(f"rocker_{side}"), link(f"bogie_{side}")]
         rocker, bogie, loose = f"rocker_{side}", f"bogie_{side}", ("0 1 0", "revolute", 0.0, (-1, 1))
-        parts.append(joint(f"{rocker}_joint", "base", rocker, (0, y, 0.2), *loose))
-        parts.append(joint(f"{bogie}_joint", rocker, bogie, (-0.2, 0, 0), *loose))
-        for end, carrier, x in (("f", rocker, 0.4), ("m", bogie, 0.2), ("b", bogie, -0.2)):
-            name = f"{end}{side}"
-            if end == "m":
-                parts.append(wheel(f"w_{name}", carrier, (x, 0, -0.2)))
-            else:
-                parts += [pivot(f"s_{name}", carrier, (x, 0, -0.2)), wheel(f"w_{name}", f"s_{name}", (0, 0, 0))]
-                steering.append(f"s_{name}_joint")
-            wheels.append(f"w_{name}_joint")
-    kind, content, _ = drafted(robot(*parts, transmissions(*wheels, *steering) if listed else ""))
-    assert kind == "planar: 6 wheels, steered like a car"
-    assert "bar_joint" not in content["actuators"]
-    assert len(of(content, "ackermann")) == 3
-    driven = {*content["actuators"]} & {*wheels}
-    assert driven == ({*wheels} if listed else {"w_ml_joint", "w_mr_joint"})
-    assert moved(tmp_path) > 0.05
+        parts += [link(rocker), joint(f"{rocker}_joint", "base", rocker, (0, y, 0.2), *loose)]
+        parts += [link(bogie), joint(f"{bogie}_joint", rocker, bogie, (-0.2, 0, 0), *loose)]
+        parts.append(wheel(f"w_m{side}", bogie, (0.2, 0, -0.2)))
+        for end, carrier, x in ((f"f{side}", rocker, 0.4), (f"b{side}", bogie, -0.2)):
+            parts += [pivot(f"s_{end}", carrier, (x, 0, -0.2)), wheel(f"w_{end}", f"s_{end}", (0, 0, 0))]
+    return robot(*parts, transmissions(*BOGIE_WHEELS, *(f"s_{end}_joint" for end in CORNERS)) if listed else "")
 
 
-def trailer_car(steered_trailer_first=True):
-    """A car whose trailer has a steered axle, which the file describes first."""
-    trailer = [
-        link("trailer", 5.0, at="-0.5 0 0"),
-        joint("tongue", "base", "trailer", (-0.5, 0, 0), "0 0 1", "revolute", 0.0, (-1, 1)),
-        pivot("axle_l", "trailer", (-0.6, 0.2, 0)),
-        pivot("axle_r", "trailer", (-0.6, -0.2, 0)),
-        wheel("tw_l", "axle_l", (0, 0, 0)),
-        wheel("tw_r", "axle_r", (0, 0, 0)),
-    ]
-    front = [
-        pivot("k_l", "base", (0.3, 0.2, 0)), pivot("k_r", "base", (0.3, -0.2, 0)), wheel("f_l", "k_l", (0, 0, 0)),
-        wheel("f_r", "k_r", (0, 0, 0)), wheel("b_l", "base", (-0.3, 0.2, 0)), wheel("b_r", "base", (-0.3, -0.2, 0)),
-    ]  # fmt: skip
-    return robot(link("base", 10.0, BOX), *(trailer + front if steered_trailer_first else front + trailer))
+CORNERS = ("fl", "fr", "bl", "br")
+BOGIE_WHEELS = [f"w_{end}{side}_joint" for side in "lr" for end in "mfb"]
 
 
-@pytest.mark.parametrize("first", [True, False])
-def test_a_steered_axle_of_a_trailer_does_not_steer_the_car(first, drafted, tmp_path):
-    kind, content, _ = drafted(trailer_car(first))
-    assert kind == "planar: 6 wheels, steered like a car with 1 trailer"
-    assert content["actuators"][-1] == "k_l_joint"
-    assert {*content["robot"]["lock"]} == {"axle_l_joint", "axle_r_joint"}
-    assert moved(tmp_path) > 0.05
+def trailer_car(steered_trailer_first):
+    """A car whose trailer has a steered axle."""
+    tongue = joint("tongue", "base", "trailer", (-0.5, 0, 0), "0 0 1", "revolute", 0.0, (-1, 1))
+    parts = [link("trailer", 5.0, at="-0.5 0 0") + tongue + knuckles("axle", "tw", -0.6, parent="trailer")]
+    parts += [knuckles("k", "f", 0.3) + pair("b", "base", -0.3)]
+    return robot(link("base", 10.0, BOX), *(parts if steered_trailer_first else parts[::-1]))
+
+
+def swerve(*places):
+    parts = [link("base", 20.0, BOX)]
+    for k, (x, y) in enumerate(places):
+        parts += [pivot(f"turn{k}", "base", (x, y, 0), turns_round=True), wheel(f"w{k}", f"turn{k}", (0, 0, 0))]
+    return robot(*parts, transmissions(*drives_of(len(places))))
+
+
+def drives_of(count):
+    return [f"{part}{k}_joint" for part in ("w", "turn") for k in range(count)]
+
+
+def tracks(called):
+    """Wheels of a track are called so, or they are many."""
+    first = pair("sprocket" if called == "idler" else "w", "base", -0.5, 0.25)
+    return robot(
+        link("base", 20.0, BOX), first, *(pair(f"{called}{k}", "base", -0.3 + 0.2 * k, 0.25) for k in range(4))
+    )
+
+
+def tracks_on_bogies():
+    """A sprocket and an idler above the ground hold the track of two bogies with two rollers each."""
+    parts = [link("base", 20.0, BOX), pair("sprocket", "base", 0.7, 0.25, 0.15)]
+    parts += [pair("idler", "base", -0.7, 0.25, 0.15, effort=None)]
+    for bogie, x, y in (("a", 0.3, 0.25), ("b", -0.3, 0.25), ("c", 0.3, -0.25), ("d", -0.3, -0.25)):
+        parts += [link(bogie), joint(f"{bogie}_joint", "base", bogie, (x, y, 0.1), effort=0.0)]
+        parts += [wheel(f"roller_{bogie}{k}", bogie, (at, 0, -0.1), effort=None) for k, at in enumerate((0.1, -0.1))]
+    return robot(*parts)
+
+
+TURRET, DRIVE = "planar: 5 wheels, driven by a turret with 2 wheels", ["drive_l_joint", "drive_r_joint"]
+SIX, TOWING = "planar: 6 wheels, steered like a car", "planar: 6 wheels, steered like a car with 1 trailer"
+HELD = {"lock": {"axle_l_joint", "axle_r_joint"}}
+
+
+@pytest.mark.parametrize(("text", "kind", "actuators", "counts"), [
+    (turret(), TURRET, [*DRIVE, "turn_joint"], {"reducing": 3}),
+    (turret(beside=0.1), TURRET, [*DRIVE, "turn_joint"], {"reducing": 2}),  # the body moves in any direction
+    (turret(beside=0.1, arm=True), TURRET, [*DRIVE, "turn_joint"], {"reducing": 2, "lock": {"arm_joint"}}),
+    (body_above_its_drive(), "planar: 5 wheels, differential drive", [*DRIVE, "body_joint"], {"rolling_wheel": 5}),
+    (bogies(True), SIX, {*BOGIE_WHEELS}, {"ackermann": 3}),
+    (bogies(False), SIX, {"w_ml_joint", "w_mr_joint"}, {"ackermann": 3}),
+    (trailer_car(True), TOWING, None, HELD),
+    (trailer_car(False), TOWING, None, HELD),
+    (swerve((0.3, 0.2), (-0.3, -0.2)), "planar: 2 wheels, 2 of them steered drives", drives_of(2), {}),
+    (swerve((0.0, 0.3), (0.0, -0.3)), "planar: 2 wheels, 2 of them steered drives", drives_of(2), {}),
+    (swerve((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)), "planar: 4 wheels, 4 of them steered drives",
+        drives_of(4), {}),
+    (tracks("idler"), "planar: 10 wheels, on tracks, skid-steered", 2, {"joint_coupling": 8}),
+    (tracks("w"), "planar: 10 wheels, on tracks, skid-steered", 2, {"joint_coupling": 8}),
+    (tracks_on_bogies(), "planar: 8 wheels, on tracks, skid-steered", ["sprocket_l_joint", "sprocket_r_joint"],
+        {"joint_coupling": 10}),
+])  # fmt: skip
+def test_bases_are_what_their_joints_make_them_and_move(text, kind, actuators, counts, drafted, tmp_path):
+    found, content, _ = drafted(text)
+    assert found == kind
+    if isinstance(actuators, set):
+        assert {each for each in content["actuators"] if each[0] == "w"} == actuators
+    elif actuators is not None:
+        assert actuators in (content["actuators"], len(content["actuators"]))
+    for key, count in counts.items():
+        if key == "lock":
+            assert {*content["robot"]["lock"]} == count
+        else:
+            assert len(content["outputs"]["reducing"] if key == "reducing" else of(content, key)) == count
+    assert moved(tmp_path, **{"controller.tracker": "computed_torque"}) > 0.05
 
 
 def rover(shuffled=False):
@@ -290,53 +312,6 @@ def test_all_steered_axles_turn_about_one_point(shuffled, drafted, tmp_path):
     np.testing.assert_allclose(centers, centers[0], rtol=1e-6)
 
 
-@pytest.mark.parametrize("places", [[(0.3, 0.2), (-0.3, -0.2)], [(0.0, 0.3), (0.0, -0.3)],
-                                    [(0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)]],
-                         ids=["two", "two side by side", "four"])  # fmt: skip
-def test_a_swerve_drive_has_driven_and_steered_wheels(places, drafted, tmp_path):
-    parts = [link("base", 20.0, BOX)]
-    for k, (x, y) in enumerate(places):
-        parts += [pivot(f"turn{k}", "base", (x, y, 0), turns_round=True), wheel(f"w{k}", f"turn{k}", (0, 0, 0))]
-    names = [f"{part}{k}_joint" for part in ("w", "turn") for k in range(len(places))]
-    kind, content, _ = drafted(robot(*parts, transmissions(*names)))
-    assert kind == f"planar: {len(places)} wheels, {len(places)} of them steered drives"
-    assert content["actuators"] == names
-    assert moved(tmp_path, **{"controller.tracker": "computed_torque"}) > 0.05
-
-
-@pytest.mark.parametrize("called", ["idler", "w"])
-def test_a_track_has_one_motor(called, drafted, tmp_path):
-    """Wheels of a track are called so, or they are many."""
-    parts = [link("base", 20.0, BOX)]
-    for side, y in (("l", 0.25), ("r", -0.25)):
-        parts += [wheel(f"sprocket_{side}" if called == "idler" else f"w{side}", "base", (-0.5, y, 0))]
-        parts += [wheel(f"{called}_{side}{k}", "base", (-0.3 + 0.2 * k, y, 0)) for k in range(4)]
-    kind, content, _ = drafted(robot(*parts))
-    assert "on tracks" in kind
-    assert len(content["actuators"]) == 2
-    assert len(of(content, "joint_coupling")) == 8
-    assert moved(tmp_path) > 0.05
-
-
-def test_rollers_of_a_track_may_hang_on_bogies(drafted, tmp_path):
-    """A sprocket and an idler above the ground hold the track of two bogies with two rollers each."""
-    parts = [link("base", 20.0, BOX)]
-    for side, y in (("l", 0.25), ("r", -0.25)):
-        parts += [wheel(f"sprocket_{side}", "base", (0.7, y, 0.15))]
-        parts += [wheel(f"idler_{side}", "base", (-0.7, y, 0.15), effort=None)]
-        for k, x in enumerate((0.3, -0.3)):
-            bogie = f"bogie_{side}{k}"
-            parts += [link(bogie), joint(f"{bogie}_joint", "base", bogie, (x, y, 0.1), effort=0.0)]
-            parts += [
-                wheel(f"roller_{side}{k}{n}", bogie, (at, 0, -0.1), effort=None) for n, at in ((0, 0.1), (1, -0.1))
-            ]
-    kind, content, _ = drafted(robot(*parts))
-    assert kind == "planar: 8 wheels, on tracks, skid-steered"
-    assert content["actuators"] == ["sprocket_l_joint", "sprocket_r_joint"]
-    assert len(of(content, "joint_coupling")) == 10
-    assert moved(tmp_path) > 0.05
-
-
 def test_motors_that_the_file_names_make_no_track(drafted):
     parts = [wheel(f"w{side}{k}", "base", (0.2 * k, y, 0)) for side, y in (("l", 0.25), ("r", -0.25)) for k in range(5)]
     names = [f"w{side}{k}_joint" for side in "lr" for k in range(5)]
@@ -362,9 +337,6 @@ def test_an_option_says_that_an_axle_does_not_steer(drafted):
     _, content, _ = drafted(robot(link("base", 20.0, BOX), *parts), passive=["front_joint"])
     assert content["actuators"][-1] == "back_joint"
     assert content["robot"]["lock"] == {"front_joint": 0.0}
-
-
-# ---------------------------------------------------------------------- names
 
 
 UPRIGHT, DISK = "1.570796326794897 0 0", '<cylinder radius="0.1" length="0.04"/>'
@@ -586,9 +558,6 @@ def test_side_gears_of_a_differential_are_no_rollers(drafted):
     assert {each["frame"] for each in of(content, "rolling_wheel")} == {"rear_l", "rear_r", "f_l", "f_r"}
 
 
-# ---------------------------------------------------------------------- hitches
-
-
 @pytest.mark.parametrize(("effort", "lists", "kind", "is_open"), [
     (0.0, "", "planar: 4 wheels, differential drive with 1 trailer", False),
     (200.0, "", "planar: 4 wheels, differential drive with 1 trailer", True),
@@ -610,9 +579,6 @@ def test_a_pivot_with_an_effort_may_be_that_of_an_articulated_loader(effort, lis
         (other,) = question.alternatives
         assert other.command == "--driven waist"
         assert drafted(robot(*parts), driven=["waist"])[0] == "planar: 4 wheels, steered like a car"
-
-
-# ---------------------------------------------------------------------- tracks and axles
 
 
 @pytest.mark.parametrize(("called", "listed"), [("road", True), ("u", False)])
@@ -659,9 +625,6 @@ def test_steered_wheels_turn_about_the_fixed_axle_that_does_not_skid(reverse, dr
     lateral = [each["rolling_wheel"]["frame"] for each in content["constraints"] if "rolling_wheel" in each
                and each["rolling_wheel"].get("lateral", True)]  # fmt: skip
     assert sorted(each[:2] for each in lateral) == ["b1", "f0"]
-
-
-# ---------------------------------------------------------------------- land or space
 
 
 def test_one_body_on_fixed_wheels_stays_on_the_ground(drafted):

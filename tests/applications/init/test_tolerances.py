@@ -80,8 +80,6 @@ def test_noise_changes_no_draft(name, tmp_path):
     )
 
 
-# ---------------------------------------------------------------------- a bicycle
-
 FORK = (DIRT / "raked_fork.urdf").read_text()
 
 

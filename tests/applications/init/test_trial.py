@@ -23,9 +23,6 @@ def drafted(text, folder):
     return path.read_text().replace("\n# ", " "), read_yaml(path), path
 
 
-# ---------------------------------------------------------------------- trackers
-
-
 def upright_arm():
     """Two links on top of each other: gravity pulls at no joint where they stand upright."""
     parts = [link("base")]
@@ -66,9 +63,6 @@ def test_what_remains_of_an_error_is_said(tmp_path, monkeypatch):
     assert "NOT CONFIRMED: its run misses its reference: elbow is off by" in text
     worst = max(execute(Scenario.load(str(path))).summary["max_error"].values())
     assert float(text.split("error is ")[1].split()[0]) == pytest.approx(worst, rel=0.05)
-
-
-# ---------------------------------------------------------------------- abilities
 
 
 def car(toe=0.0, rear=100.0, steering=10.0, rear_right=None):
@@ -152,9 +146,6 @@ def test_an_error_of_half_the_motion_fails():
     assert severities(0.1) == []
     assert severities(0.3) == [Severity.DEGRADES]
     assert severities(0.6) == [Severity.FAILS]
-
-
-# ---------------------------------------------------------------------- efforts
 
 
 def test_efforts_beyond_the_file_are_said(tmp_path, brief):

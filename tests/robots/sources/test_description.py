@@ -28,8 +28,6 @@ def urdf(mimic="", moments=(1, 1, 1), visual="", mass=2):
     return f'<robot name="arm">{links}{joints}</robot>'
 
 
-# ---------------------------------------------------------------------- MJCF
-
 MJCF = """<mujoco model="arm"><compiler angle="radian"/><option gravity="0 0 -9.81"/><worldbody>
   <geom type="plane" size="1 1 1"/>
   <body name="one" pos="0.5 0 0.1">{root}<joint name="shoulder" axis="0 1 0" range="-1 1" damping="0.2"/>
@@ -93,9 +91,6 @@ def test_equalities_of_joints_and_bodies_are_listed_and_others_are_named(tmp_pat
     assert [closure[:3] for closure in robot.closures] == [("one", "two", "point")]
 
 
-# ---------------------------------------------------------------------- joints that mimic others
-
-
 @pytest.mark.parametrize(
     ("of", "words"), [("sholder", "did you mean 'shoulder'"), ("elbow", "expected one of: shoulder")]
 )
@@ -103,9 +98,6 @@ def test_a_mimic_of_nobody_is_named_and_left_out(of, words, tmp_path):
     path = write(tmp_path / "arm.urdf", urdf(f'<mimic joint="{of}"/>'))
     with pytest.warns(rnc.ModelWarning, match=f"mimic of an invalid joint is ignored: 'elbow' of '{of}'; {words}"):
         assert rnc.Robot.from_urdf(path).mimics == ()
-
-
-# ---------------------------------------------------------------------- inertias
 
 
 @pytest.mark.parametrize(("moments", "possible"), [((1, 1, 2), True), ((0, 0, 0), True), ((1, 1, 2.1), False)])
@@ -118,8 +110,6 @@ def test_an_inertia_that_no_body_has_is_named(moments, possible, tmp_path):
         [] if possible else ["impossible rotational inertia behind shoulder, elbow"]
     )
 
-
-# ---------------------------------------------------------------------- packages
 
 MESH = '<visual><geometry><mesh filename="package://shapes/meshes/t.obj"/></geometry></visual>'
 
@@ -164,9 +154,6 @@ def test_a_package_is_found_as_xacro_names_it_although_the_file_is_none(name, tm
 @pytest.mark.parametrize("name", ["", "..", "a/b", "nowhere_at_all"])
 def test_a_package_of_no_name_is_not_found(name, tmp_path):
     assert Packages(tmp_path).folder(name) is None
-
-
-# ---------------------------------------------------------------------- xacro
 
 
 def test_a_xacro_file_is_the_robot_it_stands_for(tmp_path):

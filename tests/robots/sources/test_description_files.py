@@ -159,8 +159,6 @@ def test_no_content_of_files_elsewhere_is_drafted(call, tree, monkeypatch):
     assert "hush" in (tree / "draft.yaml").read_text()
 
 
-# ---------------------------------------------------------------------- MJCF
-
 MJCF = (
     "<mujoco>{head}<worldbody><body name='b'><joint name='j'/><geom type='mesh' mesh='m'/>"
     "<inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/></body></worldbody></mujoco>"
@@ -214,9 +212,6 @@ def test_a_mesh_of_an_mjcf_is_a_file(name, words, tree):
     head = f"<asset><mesh name='m' file='{name}'/></asset>"
     with pytest.raises(rnc.ModelError, match=words):
         rnc.Robot.from_mjcf(write(tree / "robot/r.xml", MJCF.format(head=head)))
-
-
-# ---------------------------------------------------------------------- the search for packages
 
 
 def test_the_search_upwards_stops_at_home_and_at_shared_folders(tmp_path, monkeypatch):

@@ -70,9 +70,6 @@ def assert_same_shapes(geometry, theirs):
         np.testing.assert_allclose(*boxes, rtol=0, atol=3e-6 * np.abs(boxes[1]).max())
 
 
-# ---------------------------------------------------------------------- what is refused
-
-
 def glb(change):
     document = json.loads(solid.gltf(inside=True))
     change(document)
@@ -213,9 +210,6 @@ def test_pinocchio_and_mujoco_are_given_no_files_of_meshes(tmp_path, monkeypatch
         assert shape.meshPath == str(tmp_path / "m.stl")
     assert len(given) == 2
     assert not any("m.stl" in text for text in given)
-
-
-# ---------------------------------------------------------------------- MJCF
 
 
 def mjcf(asset, geom='<geom type="mesh" mesh="m"/>', inertial='<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'):

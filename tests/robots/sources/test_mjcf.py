@@ -352,8 +352,6 @@ def test_mujoco_is_given_no_plugins_sensors_or_pictures(tmp_path, monkeypatch):
     assert not any(word in given[0] for word in ("plugin", "texture", "sensor", "other"))
 
 
-# ---------------------------------------------------------------------- actuators
-
 CAPSULE = '<geom type="capsule" fromto="0 0 0 0 0 .4" size=".03" mass="1"/>'
 ARM = f"""<mujoco><worldbody><body><joint name="a" axis="0 1 0"/>{CAPSULE}
   <site name="p"/><body pos="0 0 .4"><joint name="b" axis="0 1 0"/>{CAPSULE}<site name="q"/>
@@ -413,8 +411,6 @@ def test_bodies_without_names_are_drafted_and_passive_joints_are_not_driven(
     assert {"left", "right", "pan"} <= set(draft["actuators"])
     assert call("run", "car.yaml", "--set", "simulation.duration=0.2", "--set", "plots={}", "--out", "out")[0] == 0
 
-
-# ---------------------------------------------------------------------- loops
 
 TREE = """<mujoco><compiler angle="radian"/>{head}<worldbody><site name="w" pos="0.2 0.1 0" euler="0.1 0.2 0.3"/>
   <body name="a" pos="0.1 0 0.2" euler="0.3 -0.2 0.1"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>

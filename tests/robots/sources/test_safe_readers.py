@@ -38,9 +38,6 @@ def tree(count, kind="fixed", parent=lambda k: k, inside=""):
     return f'<robot name="r">{links}{joints}</robot>'
 
 
-# ---------------------------------------------------------------------- what would hang
-
-
 def nested(form, depth=9, width=9):
     lines = [f"a0: &a0 {'{x: 1}' if '<<' in form else '[x]'}"]
     lines += [f"a{k + 1}: &a{k + 1} {form.format(', '.join([f'*a{k}'] * width))}" for k in range(depth)]
@@ -135,9 +132,6 @@ def test_a_loop_out_of_reach_is_refused_at_once(count, tmp_path):
         rnc.NonholonomicSystem(robot, [anchor])
 
 
-# ---------------------------------------------------------------------- what was accepted without a word
-
-
 def arm(inside="", mass="1", moment="1", link="", limit=LIMIT):
     inertial = f'<inertial><mass value="{mass}"/><inertia ixx="{moment}" iyy="{moment}" izz="{moment}"'
     inertial += ' ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -191,8 +185,6 @@ def test_what_is_not_taken_as_written_is_warned_of(text, words, tmp_path):
         assert robot.model.lowerPositionLimit[0] < -1e100
 
 
-# ---------------------------------------------------------------------- MJCF
-
 GEOM = '<geom size="1" mass="1"/>'
 HINGE = '<joint name="j" type="hinge"/>'
 
@@ -224,9 +216,6 @@ def test_a_coupling_without_bound_is_refused(ratio, tmp_path):
     robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", tree(2, "continuous")))
     with pytest.raises(rnc.ConstraintError, match="constraint rows overflow"):
         rnc.NonholonomicSystem(robot, [rnc.JointCoupling("j0", "j1", ratio, 1.0)])
-
-
-# ---------------------------------------------------------------------- textures
 
 
 def collada(image):
@@ -268,9 +257,6 @@ def test_pages_take_along_images_of_the_robot_alone(image, shown, tmp_path):
         assert not hasattr(drawn, "img_resources")
 
 
-# ---------------------------------------------------------------------- names that no file can have
-
-
 LONG = "x" * 5000
 
 
@@ -306,9 +292,6 @@ def test_files_of_impossible_names_are_refused_in_one_line(name, text, tmp_path)
 def test_an_impossible_name_is_bad_input(load):
     with pytest.raises(rnc.RncError):
         load(Path(LONG))
-
-
-# ---------------------------------------------------------------------- errors that are not ours
 
 
 @pytest.fixture(scope="module")

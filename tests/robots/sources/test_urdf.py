@@ -46,9 +46,6 @@ def axis_of(robot, joint):
     return jacobian.reshape(6, robot.nv)[3:, robot.velocity_indices(joint).start]
 
 
-# ---------------------------------------------------------------------- rounded pi
-
-
 @pytest.mark.parametrize(("text", "twelfths"), [
     *[("1.57", 6), ("1.5708", 6), ("1.5707", 6), ("-1.570796", -6), ("1.570", 6), ("1.570000", 6), ("4.71", 18)],
     *[("3.14", 12), ("3.1416", 12), ("3.1415", 12), ("-3.14159265", -12), ("6.2832", 24), ("6.28", 24)],
@@ -140,9 +137,6 @@ def test_a_scenario_keeps_roundings_and_gives_masses():
         RobotSource(mjcf="rounded.xml", masses=masses)
 
 
-# ---------------------------------------------------------------------- axes
-
-
 def test_continuous_joints_about_negative_and_skew_axes_are_like_others():
     robot, said = loaded("negative_and_skew_axes.urdf", base="planar")
     assert said == []
@@ -152,8 +146,6 @@ def test_continuous_joints_about_negative_and_skew_axes_are_like_others():
     assert found == pytest.approx(values)
     assert loaded("negative_and_skew_axes.urdf", lock={"right_wheel_joint": 0.4})[0].nv == 1
 
-
-# ---------------------------------------------------------------------- masses
 
 REFUSED = {
     "massless_knuckle.urdf": "joints 'caster', 'steer' move no mass: give 2 links masses with masses={'fork': 0.1, "
@@ -242,9 +234,6 @@ def test_masses_that_are_none_are_refused(masses, words):
     assert words in refusal("massless_knuckle.urdf", masses=masses)
 
 
-# ---------------------------------------------------------------------- names
-
-
 def test_a_link_and_a_joint_of_one_name():
     whole, said = loaded("link_and_joint_of_one_name.urdf")
     assert said == []
@@ -280,9 +269,6 @@ def test_a_joint_with_the_name_of_the_bases(tmp_path):
     assert robot.joint_names == ("root_joint",)
 
 
-# ---------------------------------------------------------------------- packages
-
-
 @pytest.mark.parametrize("variable", ["ROS_PACKAGE_PATH", None])
 def test_packages_that_another_shell_would_not_find(variable, tmp_path, monkeypatch):
     for folder in ("near/robot/meshes", "far/parts"):
@@ -306,9 +292,6 @@ def test_packages_that_another_shell_would_not_find(variable, tmp_path, monkeypa
     assert packages.found == packages.far == {}
 
 
-# ---------------------------------------------------------------------- xacro
-
-
 def test_macros_and_expressions_inside_a_urdf_are_expanded():
     wide, _ = loaded("macros_inside.urdf", xacro_arguments={"track": 1.0})
     assert [pose.translation[1] for pose in list(wide.model.jointPlacements)[1:]] == [0.5, -0.5]
@@ -323,9 +306,6 @@ def test_a_call_of_a_macro_that_the_file_does_not_include_is_not_known(tmp_path)
     (tmp_path / "r.xacro").write_text(f'<robot name="r" {XACRO}><cart/></robot>')
     with pytest.raises(rnc.ModelError, match="<cart> is not known: a macro is called with its prefix, <xacro:cart>"):
         rnc.Robot.from_urdf(tmp_path / "r.xacro")
-
-
-# ---------------------------------------------------------------------- what is left out or written another way
 
 
 def limited(limit, tmp_path):
@@ -368,9 +348,6 @@ def test_joints_without_limits_move_without_end():
     assert robot.model.effortLimit[robot.velocity_indices("lift").start] == np.inf
     assert axis_of(robot, "wrist").tolist() == [1, 0, 0]
     assert np.isfinite(robot.random_configuration(np.random.default_rng(0))).all()
-
-
-# ---------------------------------------------------------------------- namespaces
 
 
 @pytest.mark.parametrize("namespace", [

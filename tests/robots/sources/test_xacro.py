@@ -185,9 +185,6 @@ def test_parameters_of_many_letters_are_read():
         assert len(read_macro(element, "m").parameters) == 1
 
 
-# ---------------------------------------------------------------------- what must not happen
-
-
 # What could do more than compute.
 MORE = ("().__class__", "(lambda: 1)()", "9**9**9", "'a' * 10**9", "str.mro()", "math.update(dict(pi=3))")  # fmt: skip
 
