@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -51,17 +51,12 @@ class DraftedScenario:
     """Draft of a scenario.
 
     Attributes:
-        write: function from the decisions to the text of the scenario file.
+        text: text of the scenario file.
         decisions: decisions behind it, with evidence and alternatives.
     """
 
-    write: Callable[[Iterable[DraftDecision]], str]
+    text: str
     decisions: tuple[DraftDecision, ...]
-
-    @property
-    def text(self) -> str:
-        """Text of the scenario file."""
-        return self.write(self.decisions)
 
     @property
     def questions(self) -> list[DraftDecision]:
@@ -89,18 +84,18 @@ def draft_with_decisions(source: str, folder: Path, wishes: DraftOptions | None 
     If its run exceeds a position or collides and a decision is open, another answer that leaves no doubts is taken.
     """
     choices = wishes or DraftOptions()
-    first = _heard(source, folder, choices)
+    taken = first = _tried(source, folder, choices)
     wrong = [str(each) for each in first.trial.findings if each.kind in (FindingKind.POSITION, FindingKind.COLLISION)]
     for decision in first.scenario.questions if wrong else ():
-        for other in decision.alternatives:
+        evidence = f"with the answer '{decision.answer}', its run has {wrong[0]}"
+        for other in decision.alternatives if taken is first else ():
+            decided = DraftDecision(decision.question, other.answer, LIKELY, evidence)
             with suppress(RncError):
-                found = _heard(source, folder, with_choices(choices, other.options))
-                if not found.trial.doubts:
-                    evidence = f"with the answer '{decision.answer}', its run has {wrong[0]}"
-                    decided = DraftDecision(decision.question, other.answer, LIKELY, evidence)
-                    scenario = replace(found.scenario, decisions=(*found.scenario.decisions, decided))
-                    return _said(found._replace(scenario=scenario))
-    return _said(first)
+                found = _tried(source, folder, with_choices(choices, other.options), [decided])
+                taken = first if found.trial.doubts else found
+    for message in dict.fromkeys(taken.warnings):
+        warnings.warn(message, ModelWarning, stacklevel=3)
+    return taken.scenario
 
 
 class _Draft(NamedTuple):
@@ -108,66 +103,66 @@ class _Draft(NamedTuple):
 
     scenario: DraftedScenario
     trial: Trial
-    warnings: tuple[str, ...]
+    warnings: list[str]
 
 
-def _heard(source: str, folder: Path, choices: DraftOptions) -> _Draft:
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        scenario, trial = _drafted(Source(source, folder, choices), folder)
-    messages = (str(each.message) for each in said if issubclass(each.category, ModelWarning))
-    return _Draft(scenario, trial, tuple(dict.fromkeys(messages)))
-
-
-def _said(found: _Draft) -> DraftedScenario:
-    for message in found.warnings:
-        warnings.warn(message, ModelWarning, stacklevel=4)
-    return found.scenario
-
-
-def _drafted(source: Source, folder: Path) -> tuple[DraftedScenario, Trial]:
-    robot, is_rigid = source.load_for_detection()
-    source.remember_packages(robot)
-    start, drives = start_values(robot), source.drive_evidence(robot)
-    at_start = RobotAtStart(robot, start, source.names(), drives, not source.is_mjcf, is_rigid)
+def _tried(name: str, folder: Path, choices: DraftOptions, decided: Iterable[DraftDecision] = ()) -> _Draft:
+    """Return the draft with the first kind of base whose run succeeds, else the best one."""
     failures: list[str] = []
     first: RncError | None = None
-    best: tuple[Trial, DraftedScenario, list[warnings.WarningMessage]] | None = None
-    for way in _candidate_bases(at_start, source):
-        mobility: BaseAssumptions | None = None
-        try:
-            mobility = way()
-            if at_start.loose:
-                mobility.lock.update(at_start.loose)
-                mobility.notes.append(f"locked, because nothing drives them: {', '.join(at_start.loose)}")
-            with warnings.catch_warnings(record=True) as heard:  # those of rejected candidates are not of interest
-                warnings.simplefilter("always")
+    best: _Draft | None = None
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        source = Source(name, folder, choices)
+        at_start = _at_start(source)
+        for way in _candidate_bases(at_start, source):
+            mobility: BaseAssumptions | None = None
+            begun = len(heard)
+            try:
+                mobility = way()
+                if at_start.loose:
+                    mobility.lock.update(at_start.loose)
+                    mobility.notes.append(f"locked, because nothing drives them: {', '.join(at_start.loose)}")
                 attempt = ScenarioCandidate(mobility, source, at_start, folder)
                 mobility.notes += [*source.remarks, *failures]
-                written = attempt.written()
-        except RncError as error:
-            first = first or error
-            if not any(str(error) in each for each in failures):
-                failures.append(f"not '{mobility.kind}', which does not run: {error}" if mobility else str(error))
-            continue
-        verdict = attempt.trial.verdict
-        if best is None or attempt.trial.rank < best[0].rank:
-            best = attempt.trial, DraftedScenario(written, tuple(mobility.decisions)), heard
-        if verdict.succeeded:
-            break
-        failures.append(f"not '{mobility.kind}': {verdict.first}")
+                mobility.decisions += decided
+                scenario = DraftedScenario(attempt.written(), tuple(mobility.decisions))
+            except RncError as error:
+                first = first or error
+                if not any(str(error) in each for each in failures):
+                    failures.append(f"not '{mobility.kind}', which does not run: {error}" if mobility else str(error))
+                continue
+            finally:
+                said = _messages(heard[begun:])
+                del heard[begun:]  # those of rejected candidates are not of interest
+            verdict = attempt.trial.verdict
+            if best is None or attempt.trial.rank < best.trial.rank:
+                best = _Draft(scenario, attempt.trial, said)
+            if verdict.succeeded:
+                break
+            failures.append(f"not '{mobility.kind}': {verdict.first}")
+    called = at_start.robot.name or source.name
     if best is not None:
-        trial, result, heard = best
-        for each in heard:
-            warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
-        if trial.doubts:
-            said = f"'{robot.name or source.name}' is drafted, but {'; '.join(trial.doubts)}"
-            warnings.warn(f"{said}: CHECK the draft", ModelWarning, stacklevel=2)
-        return result, trial
-    if source.options.base and isinstance(first, ModelError):
+        doubts = (
+            [f"'{called}' is drafted, but {'; '.join(best.trial.doubts)}: CHECK the draft"] if best.trial.doubts else []
+        )
+        return best._replace(warnings=[*_messages(heard), *best.warnings, *doubts])
+    if choices.base and isinstance(first, ModelError):
         raise first  # the file cannot have the base that the user asked for
     hint = "lock joints with --lock JOINT, or choose the base with --base"
-    raise ConfigurationError(f"no scenario can be drafted for '{robot.name or source.name}': {failures[0]}; {hint}")
+    raise ConfigurationError(f"no scenario can be drafted for '{called}': {failures[0]}; {hint}")
+
+
+def _messages(heard: Iterable[warnings.WarningMessage]) -> list[str]:
+    return [str(each.message) for each in heard if issubclass(each.category, ModelWarning)]
+
+
+def _at_start(source: Source) -> RobotAtStart:
+    """Return the robot of a file at its start values."""
+    robot, is_rigid = source.load_for_detection()
+    source.remember_packages(robot)
+    drives = source.drive_evidence(robot)
+    return RobotAtStart(robot, start_values(robot), source.names(), drives, not source.is_mjcf, is_rigid)
 
 
 def _candidate_bases(at_start: RobotAtStart, source: Source) -> Iterator[_BaseBuilder]:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
-from copy import copy
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,7 @@ from rnc_pin.applications.init.assumptions import (
     output_candidates,
     select_outputs,
 )
-from rnc_pin.applications.init.evidence import DraftDecision, mimic_drivers
+from rnc_pin.applications.init.evidence import mimic_drivers
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.source import Source
 from rnc_pin.applications.init.start_values import (
@@ -125,11 +124,8 @@ class ScenarioCandidate:
             q[3:7] = (pin.Quaternion(pitched) * pin.Quaternion(q[3:7])).coeffs()
         return self.system.assembled(q)
 
-    def written(self) -> Callable[[Iterable[DraftDecision]], str]:
-        """Return the scenario, tested by a run, with the controller that has the smallest tracking error.
-
-        Returns:
-            Function from the decisions of the draft to its text.
+    def written(self) -> str:
+        """Return the text of the scenario, tested by a run, with the controller that has the smallest tracking error.
 
         Raises:
             RncError: no controller completes the run.
@@ -137,7 +133,7 @@ class ScenarioCandidate:
         scenario, mobility = self._scenario(), self.mobility
         findings = model_findings(self.system, mobility, scenario["outputs"]["reducing"], self._against)
         failures = [_LOADED] if self._is_loaded() else []
-        best: tuple[Trial, Callable[[Iterable[DraftDecision]], str]] | None = None
+        best: tuple[Trial, str] | None = None
         for controller, dt, remark in self._controllers(is_loaded=bool(failures)):
             if best is not None and controller.get("tracker") == "adaptive":
                 continue  # a shorter period would not reduce its tracking error
@@ -151,7 +147,7 @@ class ScenarioCandidate:
             if best is None or trial.relative_error < best[0].relative_error:
                 trial = replace(trial, findings=(*findings, *trial.findings))
                 said = remark.format(*failures[:1])
-                best = trial, partial(write_draft, self.robot.name, copy(scenario), said, trial, mobility)
+                best = trial, write_draft(self.robot.name, scenario, said, trial, mobility)
             if trial.relative_error < FAR:
                 break
             failures.append(f"its run {trial.failure_text}")

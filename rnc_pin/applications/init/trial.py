@@ -260,14 +260,7 @@ class Drafted(TypedDict):
     simulation: NotRequired[Mapping[str, Json]]
 
 
-def write_draft(
-    name: str,
-    scenario: Drafted,
-    remark: str,
-    trial: Trial,
-    mobility: BaseAssumptions,
-    decisions: Iterable[DraftDecision],
-) -> str:
+def write_draft(name: str, scenario: Drafted, remark: str, trial: Trial, mobility: BaseAssumptions) -> str:
     """Return the text of a scenario file.
 
     Args:
@@ -276,13 +269,12 @@ def write_draft(
         remark: remark on the controller.
         trial: result of the trial run.
         mobility: assumptions about the base.
-        decisions: decisions behind them.
     """
     outputs = scenario["outputs"]
     lines = [
         *_remark(f"First draft for {name}, guessed from its file by rnc-pin init: read it before you believe it."),
         *(line for each in trial.verdict.findings for line in _remark(f"{_WORDS[each.severity]}: {each}.")),
-        *(line for each in decisions for line in _remark(f"{_label(each)}: {each}.")),
+        *(line for each in mobility.decisions for line in _remark(f"{_label(each)}: {each}.")),
         *(line for note in mobility.notes for line in _remark(f"Assumed: {note}.")),
         f"title: {one_line_yaml(f'First draft for {name}')}",
         *_remark(f"base {mobility.base or 'as in the file'}: {mobility.kind}"),
