@@ -232,14 +232,12 @@ class DriveController:
 
     def describe(self) -> Description:
         """Return the limits, and the names of the controls."""
-        program = self.program.describe()
         return {
             "type": type(self).__name__,
             "frames": list(self.controls.frames),
             "joints": list(self.controls.joints),
             "base": None if self.controls.base is None else self.controls.base.frame,
-            "limits": program["limits"],
-            "solver": program["solver"],
+            "limits": self.program.describe()["limits"],
         }
 
     def initial_state(self, measurement: Measurement) -> DriveState:

@@ -26,6 +26,11 @@ from rnc_pin.model.rows import ConstantRows, OutputKind
 from rnc_pin.outputs import CenterOfMass, FramePosition, FrameYaw
 from rnc_pin.planning.references import Reference
 
+__all__ = [
+    "BasePoseTask", "BoundTask", "CenterOfMassTask", "ControlTask", "DampingTask", "OutputTask", "PostureTask",
+    "SingularityTask", "TaskRows",
+]  # fmt: skip
+
 
 class TaskRows(NamedTuple):
     """Rows of a task at one sample: the program minimises ``weight (J v - rate)^2`` of each."""
