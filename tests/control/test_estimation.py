@@ -158,29 +158,6 @@ def test_a_controller_under_estimates_sees_their_kinematics_and_is_allocated_by_
     assert law.describe() == {"type": "UncertainController", "alpha": 0.5, "controller": {"type": "Watcher"}}
 
 
-def test_an_estimator_has_the_settings_of_the_documentation():
-    reduced = reduced_cart(two_wheeled_cart())
-    regressor = WheelRegressor(reduced, [UnknownRadius(["left"]), UnknownRadius(["right"])])
-    estimator = Estimator(reduced, regressor, [0.3, 20.0])
-    names = ("radius of left", "radius of right")
-    said = {"alpha": 1.0, "dead_zone": 0.0, "initial": dict(zip(names, (0.3, 20.0), strict=True))}
-    assert estimator.describe() == {**said, "bounds": [[0.05, 0.05], [20.0, 20.0]]}
-    m = reduced.at(np.array([0.4, 1.0, 2.0]), v=np.array([0.5, 7.0, 11.0])).measure()
-    state = estimator.initial_state()
-    assert (state.time, state.p.tolist()) == (None, [0.3, 20.0])
-    after, error = estimator.step(0.5, m, state)
-    assert (after.time, after.p.tolist()) == (0.5, [0.3, 20.0])  # no time has passed before the first sample
-    y, Y = regressor.regress(m.q, m.v)
-    np.testing.assert_allclose(error, y - Y @ [0.3, 20.0])
-    last, later = estimator.step(0.75, m, after)
-    assert later.tolist() == error.tolist()
-    assert (np.abs(last.p - [0.3, 20.0]) > 1e-3).all()
-    # Each radius has a row of its own: ``p + s Y E / (1 + s Y^2)``, within the bounds.
-    s, slope = 0.25, np.abs(Y).max(axis=0)
-    wanted = np.array([0.3, 20.0]) + s * (Y.T @ error) / (1 + s * slope**2)
-    np.testing.assert_allclose(last.p, np.clip(wanted, 0.05, 20.0), rtol=1e-12)
-
-
 def test_models_with_other_parameters_are_other_models():
     """Neither the given model nor a model or state with earlier parameters changes, also not what is read later."""
     reduced = reduced_cart(two_wheeled_cart(pin.JointModelPlanar()))

@@ -8,12 +8,6 @@ from scipy.optimize import brentq
 from rnc_pin.control.path_fit import PathPoint, chord_end_between, chord_end_fitted
 
 
-def bend(x):
-    """A polynomial of the path's degree: place, heading and curvature."""
-    y, slope, bent = 0.3 * x**2 - 0.2 * x**3 + 0.1 * x**5, 0.6 * x - 0.6 * x**2 + 0.5 * x**4, 0.6 - 1.2 * x + 2.0 * x**3
-    return y, np.arctan(slope), bent / (1 + slope**2) ** 1.5
-
-
 def curvature_of(d, dd):
     """Curvature of a plane curve by its derivatives."""
     return (d[0] * dd[1] - d[1] * dd[0]) / np.hypot(*d) ** 3
@@ -51,17 +45,6 @@ def test_the_end_of_a_chord_between_two_places_is_on_the_cubic_through_them():
             np.testing.assert_allclose(
                 point, [*curve(place), np.arctan2(d[1], d[0]), curvature_of(d, dd)], rtol=1e-11, atol=1e-12
             )
-
-
-@pytest.mark.parametrize("side", [-1e-9, 0.0, 1e-3])
-def test_a_chord_across_the_path_ends_where_the_path_begins(side):
-    """From a place beside the path there is no way along it that makes the chord shorter."""
-    begin, end = [0.5, -0.25, 0.3], (0.9, -0.05, 0.6)
-    normal, along = np.array([-np.sin(0.3), np.cos(0.3)]), np.array([np.cos(0.3), np.sin(0.3)])
-    px, py = np.array(begin[:2]) + 0.7 * normal - side * along
-    point = chord_end_between(begin, end, px, py, 1.0)
-    curve = hermite(begin, end)
-    np.testing.assert_allclose(point, [0.5, -0.25, 0.3, curvature_of(curve(0.0, 1), curve(0.0, 2))], atol=1e-12)
 
 
 def driven(count, spacing, noise, seed, turn=0.8):
@@ -166,25 +149,3 @@ def test_a_path_is_fitted_to_four_places_and_not_to_three():
             expected, count = fitted(bent, 2, near, kingpin, 0.8, window)
             assert count == 4
             np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-8)
-
-
-def test_a_fitted_path_is_left_alone_where_no_chord_ends_on_it():
-    """Across the path, or farther from the axle's place than the window."""
-    path = straight(*np.arange(-0.3, 0.31, 0.05)) * [1.0, 0.0, 0.0, 1.0]
-    near, window = PathPoint(0.02, 0.0, 0.0, 0.3), 0.2
-    for kingpin, L, left in (
-        ((0.02 - 1e-9, 0.8), 0.8, True),  # across
-        ((0.02 - 1e-9, -0.8), 0.8, True),
-        ((0.05, 0.8), 0.803, False),
-        ((0.05, -0.8), 0.803, False),
-        ((-0.78, 0.0), 0.8, True),  # before it
-        ((0.82, 0.0), 0.8, False),
-        ((0.82, 0.0), 0.97, False),
-        ((0.82, 0.0), 1.01, True),
-        ((0.82, 0.0), 0.61, False),
-        ((0.82, 0.0), 0.59, True),
-    ):
-        found = chord_end_fitted(path, 6, near, *kingpin, L, window)
-        assert (found is near) == left
-        if not left:
-            assert np.hypot(kingpin[0] - found.x, kingpin[1] - found.y) == pytest.approx(L, rel=1e-12)

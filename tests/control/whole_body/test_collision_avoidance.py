@@ -3,7 +3,6 @@
 import coal
 import numpy as np
 import pinocchio as pin
-import pytest
 import scipy
 
 import rnc_pin as rnc
@@ -159,12 +158,3 @@ def test_robot_retreats_from_a_person_in_motion():
     walk = rnc.planning.MinimumJerk([2.0, 0.0, 0.0, 0.0], [-0.5, 0.0, 0.0, 0.0], duration=5.0)
     person = Obstacle(coal.Capsule(0.2, 1.0), name="person", motion=walk)
     assert least_distance(person, 1.0) > 0.05 - 1e-3
-
-
-def test_unusable_settings_are_refused():
-    with pytest.raises(rnc.ConfigurationError, match="clearance < influence"):
-        CollisionAvoidance(clearance=0.2, influence=0.1)
-    assert CollisionAvoidance(clearance=0).clearance == 0
-    for name, value in [("clearance", -1e-3), ("rate", 0.0), *(("deceleration", each) for each in (np.inf, 0.0, -0.5))]:
-        with pytest.raises(rnc.ConfigurationError, match=f"{name} of CollisionAvoidance has to be .*, found {value}"):
-            CollisionAvoidance(**{name: value})

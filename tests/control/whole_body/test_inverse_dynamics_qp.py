@@ -9,9 +9,7 @@ from bodies import add_body, add_frame
 from rnc_pin.control import ControlSample, InverseDynamicsQP, limits, tasks
 from rnc_pin.control.whole_body.limit_stack import ContactCones
 from rnc_pin.planning import Hold, MinimumJerk
-from rnc_pin.plants.mujoco import MuJoCoPlant, MuJoCoSettings
 from systems import (
-    differential_drive,
     four_bar,
     free_flying_panda,
     mobile_manipulator,
@@ -173,46 +171,6 @@ def test_fewer_actuators_than_motions_need_nothing_special():
     controller = InverseDynamicsQP(reduced, [turn], dt=DT)
     run = rnc.simulate(reduced, controller, reduced.robot.configuration(), 1.0, dt=DT)
     assert run.x2[-1][list(reduced.reducing.names).index("base_yaw")] == pytest.approx(1.0, abs=1e-3)
-
-
-def test_wheels_on_ice_do_not_slip_in_mujoco():
-    reduced = differential_drive()
-    robot = reduced.robot
-    hurry = tasks.OutputTask(rnc.FrameSpeed("base"), MinimumJerk([0.0], [3.0], 0.5))
-    slips = []
-    for friction in (0.04, None):
-        controller = InverseDynamicsQP(reduced, [hurry], dt=DT, friction=friction)
-        plant = MuJoCoPlant(reduced, MuJoCoSettings(friction=(0.05, 0.0, 0.0)))
-        rnc.simulate(reduced, controller, robot.configuration(), 0.4, dt=DT, plant=plant)
-        slips.append(np.abs(plant.slip()).max())
-    assert slips[0] < 1e-2
-    assert slips[1] > 0.5
-
-
-@pytest.mark.parametrize(("settings", "words"), [
-    ({"dt": 0.0}, "dt: expected a positive"), ({"dt": 0.01, "friction": -1.0}, "friction: expected a positive"),
-])  # fmt: skip
-def test_settings_that_mean_nothing_are_refused(settings, words):
-    with pytest.raises(rnc.ConfigurationError, match=words):
-        InverseDynamicsQP(space_robot(), [], **settings)
-
-
-def test_a_passive_joint_of_a_loop_keeps_its_velocity_limit():
-    """The motor of a four-bar follows its reference as fast as the coupler may turn, and the loop stays closed."""
-    reduced = four_bar()
-    guess = reduced.robot.configuration({"crank": 0.8, "coupler": -0.5, "rocker": 1.2})
-    q0 = rnc.solve_ik(reduced, guess, {"crank": 0.8}).q
-    turn = tasks.OutputTask(rnc.JointPosition("crank"), MinimumJerk([0.8], [1.4], 0.5), gain=8.0)
-    slow = limits.JointVelocityLimit(["coupler"], limit=1.0, margin=0.0)
-    fastest = []
-    for given, duration in (([], 0.3), ([slow], 0.9)):
-        controller = InverseDynamicsQP(reduced, [turn], given, dt=0.01)
-        run = rnc.simulate(reduced, controller, q0, duration, dt=0.01)
-        assert run.position_residual.max() < 1e-12
-        fastest.append(np.abs(run.v[:, 1]).max())
-    assert run.q[-1, 0] == pytest.approx(1.4, abs=0.02)
-    assert fastest[0] > 1.3
-    assert 0.99 < fastest[1] <= 1.0 + 1e-9  # a prediction that is too fast is not corrected
 
 
 def swinging_arm(folder, effort):

@@ -270,35 +270,6 @@ def test_accelerations_of_joints_have_limits_by_name():
     np.testing.assert_array_equal(rows.upper, np.concatenate([each.upper for each in one_by_one]))
 
 
-def test_bad_limits_are_refused():
-    reduced = tiago()
-
-    def bound(limit):
-        VelocityQP(reduced, [], [limit])
-
-    for limit, words in [
-        (lambda: limits.JointPositionLimit(deceleration=-1.0),
-            "deceleration of JointPositionLimit has to be above 0, found -1.0"),
-        (lambda: limits.JointPositionLimit(margin=0.5),
-            "margin of JointPositionLimit has to be at least 0 and below 0.5, found 0.5"),
-        (lambda: limits.JointPositionLimit(joints=["wheel_left_joint"]), "no position limits"),
-        (lambda: limits.JointVelocityLimit(margin=1.0), "at least 0 and below 1, found 1.0"),
-        (lambda: limits.JointVelocityLimit(limit=0.0), "above 0, found 0.0"),
-        (lambda: limits.AccelerationLimit(0.0), "positive number or 12"),
-        (lambda: limits.AccelerationLimit([1.0, 2.0]), "positive number or 12"),
-        (lambda: limits.AccelerationLimit({}), "give one or more"),
-        (lambda: limits.AccelerationLimit({"arm_1_joint": 1.0}, joints=["arm_2_joint"]), "no 'joints'"),
-        (lambda: limits.AccelerationLimit({"arm_1_joint": -1.0}), "positive number or 1"),
-        (lambda: limits.BaseSpeedLimit("base_link", 0.0), "limit of BaseSpeedLimit"),
-        (lambda: limits.RegionLimit("base_link"), "give a box or a polygon"),
-        (lambda: limits.RegionLimit("base_link", box={"x": (1.0, 0.0)}), "x from 1.0 to 0.0 is empty"),
-        (lambda: limits.RegionLimit("base_link", polygon=[(0, 0), (1, 0), (1, 1), (0.9, 0.1)]), "convex polygon"),
-        (lambda: limits.RegionLimit("base_link", polygon=[(0, 0, 0), (1, 0, 0), (0, 1, 0)]), "convex polygon"),
-    ]:  # fmt: skip
-        with pytest.raises(rnc.ConfigurationError, match=words):
-            bound(limit())
-
-
 def test_braking_plans_half_of_the_efforts_less_the_load():
     """At least a tenth of that half; rows that nothing moves, or an actuator without a limit, brake at once."""
     effects = np.array([[2.0, -1.0, 0.0], [2.0, -1.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.0, 1.0], [0.0, 0.0, 0.0]])

@@ -157,20 +157,3 @@ def test_damping_bounds_the_velocity_near_a_singular_configuration():
         found = VelocityQP(reduced, [reach], damping=d).solve(sample).v2
         expected = np.linalg.solve(A.T @ A + d**2 * np.eye(reduced.r), A.T @ rows.rate)
         np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
-
-
-def test_bad_tasks_are_refused():
-    reduced = tiago()
-    yaw = rnc.FrameYaw("base_link")
-    for task, words in [
-        (tasks.PostureTask({}), "at least one joint"),
-        (tasks.CenterOfMassTask(Hold([0.0, 0.0]), "xx"), "each of x, y, z at most once"),
-        (tasks.CenterOfMassTask(Hold([0.0]), "xy"), "centre-of-mass reference has 1 values for 2"),
-        (tasks.BasePoseTask("base_link", Hold([0.0, 0.0])), "base pose reference has 2 values for 3"),
-        (tasks.OutputTask(yaw, Hold([0.0]), weight=[1.0, 2.0]), "weight of OutputTask has to be a number or 1"),
-        (tasks.OutputTask(yaw, Hold([0.0]), weight=np.inf), "weight of OutputTask has to be a number or 1"),
-    ]:
-        with pytest.raises(rnc.ConfigurationError, match=words):
-            VelocityQP(reduced, [task])
-    with pytest.raises(rnc.ModelError, match="no joint 'arm'"):
-        VelocityQP(reduced, [tasks.DampingTask(joints=["arm"])])

@@ -148,29 +148,3 @@ def test_desired_outputs_are_recorded_where_the_model_has_them():
     target, _ = program.step(0.0, here, program.initial_state(here))
     np.testing.assert_array_equal(target.x1, [1.5, 1.0, 1.2, np.nan])
     np.testing.assert_array_equal(target.x2, [np.nan, np.nan] + [0.1] * 10)
-
-
-def test_bad_input_is_refused():
-    reduced, program = tiago_program()
-    with pytest.raises(rnc.InputError, match="has no q"):
-        program.step(0.0, rnc.Measurement(v2=np.zeros(reduced.r)), program.initial_state(rnc.Measurement()))
-    with pytest.raises(rnc.InputError, match="takes one state"):
-        program.initial_state(rnc.Measurement(v2=np.zeros((2, reduced.r))))
-    with pytest.raises(rnc.ConfigurationError, match="dt: expected a positive number, found -1"):
-        VelocityQP(reduced, [], dt=-1.0)
-    with pytest.raises(rnc.ConfigurationError, match="cannot be negative"):
-        VelocityQP(reduced, [], damping=-1.0)
-    with pytest.raises(rnc.ConfigurationError, match="cannot be negative"):
-        VelocityQP(reduced, [], damping=float("inf"))
-    with pytest.raises(rnc.ConfigurationError, match="a task has to be a ControlTask, found FrameYaw"):
-        VelocityQP(reduced, [rnc.FrameYaw("base_link")])
-    with pytest.raises(rnc.ConfigurationError, match="a limit has to be a ControlLimit, found int"):
-        VelocityQP(reduced, [], [3])
-    with pytest.raises(rnc.ConfigurationError, match="gain of OutputTask has to be a number or 1 numbers"):
-        VelocityQP(reduced, [tasks.OutputTask(rnc.FrameYaw("base_link"), Hold([0.0]), gain=-1.0)])
-    with pytest.raises(rnc.ConfigurationError, match="reference has 2 values for 1 outputs"):
-        VelocityQP(reduced, [tasks.OutputTask(rnc.FrameYaw("base_link"), Hold([0.0, 0.0]))])
-    with pytest.raises(rnc.ModelError, match="no joint 'arm_8_joint'"):
-        VelocityQP(reduced, [], [limits.JointVelocityLimit(joints=["arm_8_joint"])])
-    with pytest.raises(rnc.ConfigurationError, match="has no velocity limit"):
-        VelocityQP(reduced, [], [limits.JointVelocityLimit(joints=["root_joint"])])
