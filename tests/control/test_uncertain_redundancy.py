@@ -11,33 +11,10 @@ import rnc_pin as rnc
 from controlled_tasks import estimating
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.control import (
-    Estimator,
-    MomentumRegressor,
-    RedundancyController,
-    UncertainController,
-    UnknownMass,
-    VelocityGains,
-    VelocityTracker,
-)
 from rnc_pin.control.estimation import adapt
-from rnc_pin.planning import Harmonic
 from rnc_pin.robots.robot_files import find_urdf
-from systems import floating_robot, in_tip_and_joint, random_states, space_robot
+from systems import floating_robot, in_tip_and_joint, random_states
 from tolerances import ROUNDING
-
-LINKS = [UnknownMass(f"joint_{i}", unit=10.0) for i in (1, 2, 3)]
-
-
-def uncertain(initial=(1.6, 0.4, 1.5), **changes):
-    reduced = space_robot()
-    q0 = reduced.robot.configuration({"joint_2": 1.4, "joint_3": -1.6})
-    _, x2 = reduced.at(q0).outputs()
-    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
-    tip = Harmonic(x2[:2], [0.3, 0.1], [0.2, 0.13], ramp=3.0)
-    controller = RedundancyController(task, tip, Harmonic([0.0], [0.15], 0.1, ramp=3.0), 2.0, 2.0)
-    regressor = MomentumRegressor(reduced.robot, "platform", LINKS)
-    return reduced, controller, q0, Estimator(reduced, regressor, initial, **changes)
 
 
 def heavier(folder):
@@ -60,24 +37,16 @@ def other_wheels(folder):
     return {"robot.urdf": "other.urdf", **radii}
 
 
-BOTH = pytest.mark.parametrize(
+@pytest.mark.parametrize("preset", ["scaled", "paper"])
+@pytest.mark.parametrize(
     ("name", "make"), [("space-robot-uncertain", heavier), ("wheels-uncertain", other_wheels)], ids=["masses", "wheels"]
 )
-
-
-def two_plants(name, make, preset, folder):
-    """A scenario, and the same with another robot under the same belief."""
-    quiet = {"comparisons": {}, "plots": {}, "controller.preset": preset, "simulation.duration": 1.0}
-    path = folder / "mine.yaml"
-    path.write_text(yaml.safe_dump(with_options(read_yaml(find_scenario(name)), {**make(folder), **quiet})))
-    return Scenario.load(name, quiet).experiment, Scenario.load(str(path)).experiment
-
-
-@pytest.mark.parametrize("preset", ["scaled", "paper"])
-@BOTH
 def test_two_plants_of_one_belief_get_the_same_inputs_at_the_same_measurement(name, make, preset, tmp_path):
     """Gains, controller and allocation together: what is unknown of the plant decides nothing."""
-    known, other = two_plants(name, make, preset, tmp_path)
+    quiet = {"comparisons": {}, "plots": {}, "controller.preset": preset, "simulation.duration": 1.0}
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(with_options(read_yaml(find_scenario(name)), {**make(tmp_path), **quiet})))
+    known, other = Scenario.load(name, quiet).experiment, Scenario.load(str(path)).experiment
     states = list(random_states(known.reduced, 5, condition=50.0))
     inputs, differ = [], []
     for experiment in (known, other):
@@ -106,25 +75,6 @@ def test_estimation_error_never_grows(gain):
         distances.append(np.linalg.norm(p - guess))
     assert (np.diff(distances) <= ROUNDING).all()
     assert distances[-1] < (0.9 if gain < 1 else 0.05) * distances[0]
-
-
-@pytest.mark.long  # half a minute; the scenario itself is run in every run of the tests
-def test_learning_makes_predictions_and_the_platform_better():
-    late_error, late_angle = {}, {}
-    for alpha in (0.0, 60.0):
-        reduced, controller, q0, estimator = uncertain(alpha=alpha)
-        _, region = rnc.kinematic_rollout(reduced, controller, q0, 10.0, 0.1)
-        tracker = VelocityTracker(controller, VelocityGains.scaled(reduced, region, 0.002))
-        run = rnc.simulate(reduced, UncertainController(estimator, tracker), q0, 24.0, 0.002)
-        late = run.time > 12.0
-        late_error[alpha] = np.sqrt(np.mean(run.prediction_error[late] ** 2))
-        late_angle[alpha] = np.sqrt(np.mean((run.x1_desired - run.x1)[late] ** 2))
-        assert run.estimates.shape == (len(run.time), 3)
-        if alpha:
-            wrong = np.linalg.norm(run.estimates - 1.0, axis=1)
-            assert (np.diff(wrong) < 1e-9).all()  # Lemma 4 in the loop
-    assert late_error[60.0] < 0.1 * late_error[0.0]
-    assert late_angle[60.0] < 0.5 * late_angle[0.0]
 
 
 def masses_as_believed(p):

@@ -7,19 +7,14 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
-from controlled_tasks import Rates
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import (
-    Estimator,
-    RedundancyController,
-    UncertainController,
     UnknownRadius,
     UnknownTrack,
     WheelRegressor,
 )
-from rnc_pin.planning import Harmonic, Hold
 from rnc_pin.robots.robot_files import find_urdf
 from systems import random_states
 from tolerances import ROUNDING
@@ -46,10 +41,6 @@ def own_and_track(wheels):
     return [UnknownRadius(wheels[:1]), UnknownRadius(wheels[1:]), UnknownTrack(wheels)]
 
 
-def shared_and_track(wheels):
-    return [UnknownRadius(wheels), UnknownTrack(wheels)]
-
-
 def test_the_estimated_model_is_the_other_robot(tmp_path):
     """A copy with shifted joints and rows of other radii against a URDF that was written so."""
     truth = np.array([0.13, 0.08, 0.55])
@@ -59,25 +50,6 @@ def test_the_estimated_model_is_the_other_robot(tmp_path):
         believed, true = model.at(q, v2).measure(), other.at(q, v2).measure()
         for name in ("v", "x1", "x2", "v1", "A_star", "A_star_dot"):
             np.testing.assert_allclose(getattr(believed, name), getattr(true, name), atol=ROUNDING)
-
-
-@pytest.mark.parametrize("unknown", [own_and_track, shared_and_track])
-def test_true_wheels_are_never_read(unknown, tmp_path):
-    """Two systems that differ in radii and track alone: one measurement gives one answer."""
-    targets = []
-    measurements = [drive().at(q, v2).measure() for q, v2 in random_states(drive(), 4)]
-    for reduced in (drive(), drive((0.17, 0.06), 0.9, tmp_path)):
-        task = rnc.Task.of(reduced, [], reduced.reducing.names)
-        controller = RedundancyController(task, Hold(np.zeros(0)), Harmonic(np.zeros(2), [0.3, 0.2], 0.1))
-        regressor = WheelRegressor(reduced, unknown(DRIVE))
-        guess = [0.15, 0.3] if unknown is shared_and_track else [0.15, 0.12, 0.3]
-        estimator = Estimator(reduced, regressor, guess, (0.02, 2.0), 20.0)
-        estimating = UncertainController(estimator, Rates(controller))
-        state = estimating.initial_state(measurements[0])
-        for k, measured in enumerate(measurements):
-            command, state = estimating.step(0.01 * k, measured, state)
-            targets.append(np.concatenate([command.v2_desired, command.T, command.estimates, command.prediction_error]))
-    np.testing.assert_allclose(targets[:4], targets[4:], rtol=ROUNDING, atol=ROUNDING)
 
 
 def wheels_of(unknown, folder):
