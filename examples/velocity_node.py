@@ -21,17 +21,18 @@ class HandController:  # (Node)
         outputs = [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.FrameYaw("base")]
         self.reduced = system.reduce(outputs, [rnc.Distance("base", "tip")])
         self.task = rnc.Task.of(self.reduced, ["tip_x", "tip_y", "base_yaw"], ["base_speed_x"])
-        self.loop = rnc.VelocityLoop(self.reduced, self.controller, DT, velocity="commanded", fallback="brake")
-        self.q = None
+        self.q = self.loop = None
 
-    def controller(self, measurement):  # the reference starts where the hand is at the first message
-        start = measurement.x2[self.task.primary]
+    def make_loop(self, q):  # the reference starts where the hand is at the first message
+        x1, x2 = self.reduced.at(q).outputs()
+        start = x2[self.task.primary]
         way = rnc.planning.MinimumJerk(start, start + np.array([0.8, 0.3, 0.4]), duration=3.0)
-        reach = rnc.planning.Hold(measurement.x1[self.task.vertical])
-        return rnc.control.RedundancyController(self.task, way, reach, k21=2.0)
+        target = rnc.control.RedundancyController(self.task, way, rnc.planning.Hold(x1[self.task.vertical]), k21=2.0)
+        return rnc.VelocityLoop(self.reduced, target, DT, velocity="commanded", fallback="brake")
 
     def on_state(self, pose, joints):  # self.create_subscription(...): odometry and joint states, synchronized
         self.q = self.reduced.robot.configuration({"root_joint": list(pose), **joints})
+        self.loop = self.loop or self.make_loop(self.q)
 
     def on_timer(self, now):  # self.create_timer(DT, ...)
         q, self.q = self.q, None  # without a new message the loop holds its command for 5 DT, then brakes
