@@ -79,13 +79,6 @@ def test_directions_that_hardly_move_a_row_are_not_corrected():
         assert assembly.rank(np.zeros(3)) == rank
 
 
-def test_rows_of_the_ground_that_nothing_moves_are_left_out_to_rounding():
-    for size, names in ((1.05e-12, ("a",)), (0.95e-12, ())):
-        row = Flat([[size, 0, 0]], "a", on_ground=True)
-        assert Assembly(ROBOT, [row]).names == names
-    assert Assembly(ROBOT, [Flat([[0.0, 0, 0]], "a")]).names == ("a",)
-
-
 def test_residuals_of_many_states_stand_one_under_the_other():
     blocks = [
         Flat(np.eye(3)[:2], "ab", holonomic=(True, False)),

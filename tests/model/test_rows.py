@@ -6,11 +6,11 @@ import pytest
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.model.kinematics import OWN_AXES, Kinematics
+from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.row_stack import RowStack
-from rnc_pin.model.rows import FrameAnchor, GroundContact, JointCoupler, Rows, check_defined
+from rnc_pin.model.rows import ConstantRows, FrameAnchor, GroundContact, JointCoupler, Rows, check_defined
 from systems import rolling_base
-from textbook_systems import Flat, sliders
+from textbook_systems import Bound, Flat, sliders
 
 # ---------------------------------------------------------------------- rows, stacks and couplings
 
@@ -119,52 +119,27 @@ def test_rates_are_right_down_to_a_limit(kind, robot_at, limit, words):
     np.testing.assert_array_equal(told.value.q, q)
 
 
-DRIFT = 0.2  # angle between the heading of the runner and the direction in which it glides [rad]
+class _DriftingRow(ConstantRows):
+    """A runner of a user that glides at an angle of 0.2 rad to its frame's x axis; velocities are in body axes."""
 
-
-class DriftingRunner:
-    """A kind of a user: a runner that glides at an angle to its frame's x axis."""
-
-    def bind(self, robot):
-        return _DriftingRow(robot)
-
-
-class _DriftingRow(Rows):
     names, units = ("drift(sleigh)",), ("m/s",)
-    across = np.array([-np.sin(DRIFT), np.cos(DRIFT), 0.0])
-
-    def __init__(self, robot):
-        self.frame = robot.frame_id("sleigh")
-
-    def jacobian(self, at):
-        return self.across[None] @ at.jacobian(self.frame, OWN_AXES)[..., :3, :]
-
-    def jacobian_dot(self, at):
-        return self.across[None] @ at.jacobian_dot(self.frame, OWN_AXES)[..., :3, :]
-
-    def bias_acceleration(self, at):
-        return at.acceleration(self.frame, OWN_AXES)[..., :3] @ self.across[:, None]
+    matrix = np.array([[-np.sin(0.2), np.cos(0.2), 0.0]])
 
     def mechanisms(self):
-        return (GroundContact("sleigh", axle=self.across, friction="lateral"),)
-
-
-def pushed_sleigh():
-    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    return rnc.NonholonomicSystem(robot, [DriftingRunner()]).reduce()
+        return (GroundContact("sleigh", axle=self.matrix[0], friction="lateral"),)
 
 
 def test_a_kind_of_a_user_glides_along_its_own_heading_in_mujoco():
     pytest.importorskip("mujoco")
     from rnc_pin.plants.mujoco import MuJoCoPlant
 
-    reduced = pushed_sleigh()
-    plant = MuJoCoPlant(reduced)
-    q = reduced.robot.configuration()
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    reduced = rnc.NonholonomicSystem(robot, [Bound(_DriftingRow())]).reduce()
+    plant, q = MuJoCoPlant(reduced), robot.configuration()
     plant.reset(q, reduced.at(q, np.array([1.0, 0.0])).v)
     plant.advance(0.2)
     _, v = plant.read()
-    assert abs(_DriftingRow.across[:2] @ v[:2]) < 0.02
+    assert abs(_DriftingRow.matrix[0, :2] @ v[:2]) < 0.02
     assert v[0] > 0.9
 
 
