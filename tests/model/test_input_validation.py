@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.input_validation import ConfigurationValidator, broadcast_states, check_finite, vector
+from rnc_pin.model.input_validation import ConfigurationValidator, check_finite, vector
 from systems import space_robot
 from textbook_systems import sliders
 
@@ -41,21 +41,6 @@ def test_configurations_are_admitted_by_shape_number_and_length():
             vector(wrong, 2, "v")
     with pytest.raises(rnc.InputError, match=r"v holds values that are not finite: \[nan, +1.\]"):
         vector([np.nan, 1.0], 2, "v")
-
-
-def test_one_configuration_goes_with_many_velocities():
-    q, v = np.arange(3.0), np.arange(8.0).reshape(4, 2)
-    wide, same = broadcast_states(q, v, "v")
-    np.testing.assert_array_equal(wide, np.tile(q, (4, 1)))
-    np.testing.assert_array_equal(same, v)
-    many, wide = broadcast_states(np.ones((4, 3)), v[0], "v")
-    assert many.shape == (4, 3)
-    np.testing.assert_array_equal(wide, np.tile(v[0], (4, 1)))
-    many, wide = broadcast_states(np.ones((2, 4, 3)), v, "v")
-    assert many.shape == (2, 4, 3)
-    np.testing.assert_array_equal(wide, np.stack([v, v]))
-    with pytest.raises(rnc.InputError, match=r"q of shape \(3, 3\) and v of shape \(4, 2\) do not broadcast"):
-        broadcast_states(np.ones((3, 3)), v, "v")
 
 
 @pytest.mark.parametrize("kinds", ["U", "XU", "UU"])

@@ -7,7 +7,6 @@ import pinocchio as pin
 import pytest
 
 from plain_kinematics import ROBOTS, Plain, near, states
-from rnc_pin.model.frame_rows import FrameVelocityRows
 from rnc_pin.model.kinematics import ALL, OWN_AXES, WORLD_AXES, Kinematics, over_states
 
 ROWS = (ALL, slice(1, 2), slice(4, 6), slice(2, 5), [0, 4, 2], [5])
@@ -143,16 +142,6 @@ def test_gradients_are_differences_along_the_tangent_space(robot):
             near(found.angular_velocity, velocity[3:])
             near(found.acceleration, acceleration[:3])
             near(found.angular_acceleration, acceleration[3:])
-            for axes, chosen in product((WORLD_AXES, OWN_AXES), ([1], [0, 1, 2], [4, 5], [5, 0], [3, 1, 2])):
-                rows = FrameVelocityRows(robot, robot.model.frames[frame].name, chosen, axes)
-                assert rows.units == tuple("m/s" if row < 3 else "rad/s" for row in chosen)
-                of = "ClassicalAcceleration" if axes is WORLD_AXES else "Acceleration"
-                near(rows.bias_acceleration_gradient(at), gradient(motion(of, axes))[chosen], chosen)
-                near(rows.jacobian(at), plain.jacobian(frame, axes)[chosen])
-                rate = plain.jacobian_dot(frame, axes)[chosen]
-                near(rows.jacobian_dot(at), rate)
-                near(rows.bias_acceleration(at), rate @ v[i])
-                near(rows.jacobian_dot(Kinematics(robot).position(q).with_velocity(v))[i], rate)
 
 
 def test_energy_in_gravity_is_that_of_the_centre_of_mass():

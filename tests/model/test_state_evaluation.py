@@ -397,98 +397,86 @@ def assert_close(there, here, what):
     np.testing.assert_allclose(there, here, rtol=1e-7, atol=1e-7 * (1 + np.abs(here).max(initial=0.0)), err_msg=what)
 
 
+@pytest.mark.parametrize("measured", [False, True], ids=["reduced velocity", "measured velocity"])
 @pytest.mark.parametrize("single", [True, False])
-def test_all_of_it_where_other_rows_had_to_be_chosen(system, single):
-    """R, the forces and all that follows do not depend on the choice; what is of the rows is of those in A."""
+def test_all_of_it_where_other_rows_had_to_be_chosen(system, single, measured):
+    """R, the forces and all that follows do not depend on the choice; what is of the rows is of those in A.
+
+    A measured velocity slips: gamma and rates are along it; R, b and A keep to the rows.
+    """
     q, v2 = states(system.generator, PLACES)
     T, damping = system.generator.normal(size=(2, 3, 4)), np.linspace(0.1, 0.9, N)
-    many = StateEvaluation.at(system.evaluator, q, v2)
+    slipping, integrals = (system.generator.normal(size=(2, 3, size)) for size in (N, 3))
     for i in np.ndindex(2, 3):
-        state, at = (StateEvaluation.at(system.evaluator, q[i], v2[i]), ()) if single else (many, i)
-        inputs = T[i] if single else T
+        where, at = (i, ()) if single else (..., i)
+        velocity = {"v": slipping[where]} if measured else {"v2": v2[where]}
+        state = StateEvaluation.at(system.evaluator, q[where], **velocity)
         found, calls, all_rows, all_rows_dot, all_rates, all_rates_dot, J2_dot = plain(
-            system, q[i], v2[i], T[i], damping
+            system, q[i], v2[i], T[i], damping, slipping[i] if measured else None
         )
         for name, here in found.items():
             assert_close(getattr(state, name)[at], here, name)
-        steady = StateEvaluation.at(system.steady, state.q)
-        assert_close(steady.B[at], system.steady.data.actuation.constant, "constant B")
-        kept = np.broadcast_to(state.kept, (2, 3, 2))[i]
+        kept, v = np.broadcast_to(state.kept, (2, 3, 2))[i], found["v"]
         default = PLACES[i] not in (0.0, 1e-6, 1e-5)
-        assert kept.tolist() == [0, 1] or not default
         assert (kept.tolist() == [0, 1]) == default
         A, A_dot = all_rows[kept], all_rows_dot[kept]
-        assert_close(state.A[at], A, "A")
-        assert_close(state.A_dot[at], A_dot, "A_dot")
-        assert_close(state.E[at], np.vstack([A, found["J2"]]), "E")
-        assert_close(state.E_dot[at], np.vstack([A_dot, J2_dot]), "E_dot")
+        of_rows = {
+            "A": A, "A_dot": A_dot, "E": np.vstack([A, found["J2"]]), "E_dot": np.vstack([A_dot, J2_dot]),
+            "mu": all_rates[kept], "residual": A @ v - all_rates[kept],
+            "gamma": np.concatenate([A_dot @ v - all_rates_dot[kept], J2_dot @ v]),
+        }  # fmt: skip
+        for name, here in of_rows.items():
+            assert_close(getattr(state, name)[at], here, name)
         assert_close(state.E_inverse[at] @ state.E[at], np.eye(N), "E_inverse")
-        assert_close(state.mu[at], all_rates[kept], "mu")
-        v = found["v"]
-        assert_close(state.gamma[at], np.concatenate([A_dot @ v - all_rates_dot[kept], J2_dot @ v]), "gamma")
-        assert_close(state.residual[at], np.zeros(2), "residual")
-        for call in ("v2_dot", "contact_forces"):
-            assert_close(getattr(state, call)(inputs)[at], calls[call], call)
-        for there, here in zip(state.flow(inputs, damping), calls["flow"], strict=True):
-            assert_close(there[at], here, "flow")
-        v2_dot = state.v2_dot(inputs)
-        for call in ("v_dot", "inverse_dynamics", "allocate"):
-            assert_close(getattr(state, call)(v2_dot)[at], calls[call], call)
-        multipliers = state.multipliers(inputs)[at]
-        if default:
-            assert_close(A.T @ multipliers, calls["left"], "multipliers")
-        else:
-            assert np.isnan(multipliers).all()
-        lengths = np.linalg.norm(state.E[at], axis=1)
-        natural = np.concatenate([system.parts.lengths[:0], np.array([1.1, 0.9, 1.3, 0.7])[kept], [1.0, 2.0, 0.5]])
-        scaled = state.E[at] / np.maximum(lengths, natural)[:, None]
+        natural = [*np.array([1.1, 0.9, 1.3, 0.7])[kept].tolist(), 1.0, 2.0, 0.5]
+        scaled = state.E[at] / np.maximum(np.linalg.norm(state.E[at], axis=1), natural)[:, None]
         assert_close(state.scaled_stack[at], scaled, "scaled_stack")
         values = np.linalg.svd(scaled, compute_uv=False)
         assert_close(np.asarray(state.condition)[at], values[0] / values[-1], "condition")
         assert_close(np.asarray(state.smallest_singular_value)[at], values[-1], "smallest_singular_value")
         assert np.asarray(state.regular)[at]
+        check_measurements(system, state, i, at, found, integrals, of_rows["residual"])
+        if not measured:
+            check_forces(state, at, T[where], damping, calls, A if default else None)
+            steady = StateEvaluation.at(system.steady, state.q)
+            assert_close(steady.B[at], system.steady.data.actuation.constant, "constant B")
 
 
-@pytest.mark.parametrize("single", [True, False])
-def test_all_of_it_of_a_velocity_as_measured(system, single):
-    """A measured velocity slips: gamma and rates are along it; R, b and A keep to the rows."""
-    q, v2 = states(system.generator, PLACES)
-    slipping = system.generator.normal(size=(2, 3, N))
-    integrals = system.generator.normal(size=(2, 3, 3))
-    for i in np.ndindex(2, 3):
-        where, at = (i, ()) if single else (..., i)
-        state = StateEvaluation.at(system.evaluator, q[where], v=slipping[where])
-        found, _, all_rows, all_rows_dot, all_rates, all_rates_dot, J2_dot = plain(
-            system, q[i], v2[i], np.zeros(4), np.zeros(N), slipping[i]
-        )
-        kept, v = np.broadcast_to(state.kept, (2, 3, 2))[i], slipping[i]
-        for name, here in found.items():
-            assert_close(getattr(state, name)[at], here, name)
-        assert_close(state.residual[at], all_rows[kept] @ v - all_rates[kept], "residual")
-        bias_acceleration = np.concatenate([all_rows_dot[kept] @ v - all_rates_dot[kept], J2_dot @ v])
-        assert_close(state.gamma[at], bias_acceleration, "gamma")
-        b, J1, J1_dot = found["b"], found["J1"], found["J1_dot"]
-        x1 = system.vertical.values.at(q[i])
-        x2 = [each.values.at(q[i])[0] for each in system.ends]
-        own = integrals[i][1]
-        given = integrals[i] if single else integrals
-        measured, without = state.measure(given), state.measure()
-        for measurement, quasi in ((measured, own), (without, np.nan)):
-            expected = {
-                "q": q[i], "v": v, "v2": found["v2"], "x1": x1, "x2": np.array([x2[0], quasi, x2[1]]), "v1": J1 @ v,
-                "A_star": found["A_star"], "A_star_dot": found["A_star_dot"], "v1_offset": J1 @ b,
-                "v1_offset_dot": J1_dot @ b + J1 @ found["b_dot"],
-                "residual": all_rows[kept] @ v - all_rates[kept],
-            }  # fmt: skip
-            for name, here in expected.items():
-                there = getattr(measurement, name)[at]
-                size = 1 + np.nanmax(np.abs(here))
-                np.testing.assert_allclose(there, here, rtol=1e-7, atol=1e-6 * size, err_msg=name)
-        for integral, quasi in ((given, own), (None, 0.0)):
-            y1, y2 = state.outputs(integral)
-            np.testing.assert_allclose(y1[at], x1, atol=1e-12)
-            np.testing.assert_allclose(y2[at], [x2[0], quasi, x2[1]], atol=1e-12)
-        assert (measured.force_deficit, measured.input_deficit) == (None, None)
+def check_forces(state, at, inputs, damping, calls, A):
+    """A is None where other rows than the default ones are in use, so that multipliers mean nothing."""
+    for call in ("v2_dot", "contact_forces"):
+        assert_close(getattr(state, call)(inputs)[at], calls[call], call)
+    for there, here in zip(state.flow(inputs, damping), calls["flow"], strict=True):
+        assert_close(there[at], here, "flow")
+    v2_dot = state.v2_dot(inputs)
+    for call in ("v_dot", "inverse_dynamics", "allocate"):
+        assert_close(getattr(state, call)(v2_dot)[at], calls[call], call)
+    multipliers = state.multipliers(inputs)[at]
+    if A is None:
+        assert np.isnan(multipliers).all()
+    else:
+        assert_close(A.T @ multipliers, calls["left"], "multipliers")
+
+
+def check_measurements(system, state, i, at, found, integrals, residual):
+    b, J1, J1_dot = found["b"], found["J1"], found["J1_dot"]
+    x1 = system.vertical.values.at(state.q[at])
+    x2 = [each.values.at(state.q[at])[0] for each in system.ends]
+    given = integrals[i] if at == () else integrals
+    for integral, quasi, without in ((given, integrals[i][1], 0.0), (None, np.nan, 0.0)):
+        measurement = state.measure(integral)
+        expected = {
+            "q": state.q[at], "v": found["v"], "v2": found["v2"], "x1": x1, "x2": np.array([x2[0], quasi, x2[1]]),
+            "v1": J1 @ found["v"], "A_star": found["A_star"], "A_star_dot": found["A_star_dot"], "v1_offset": J1 @ b,
+            "v1_offset_dot": J1_dot @ b + J1 @ found["b_dot"], "residual": residual,
+        }  # fmt: skip
+        for name, here in expected.items():
+            size = 1 + np.nanmax(np.abs(here))
+            np.testing.assert_allclose(getattr(measurement, name)[at], here, rtol=1e-7, atol=1e-6 * size, err_msg=name)
+        assert (measurement.force_deficit, measurement.input_deficit) == (None, None)
+        y1, y2 = state.outputs(integral)
+        np.testing.assert_allclose(y1[at], x1, atol=1e-12)
+        np.testing.assert_allclose(y2[at], [x2[0], without if integral is None else quasi, x2[1]], atol=1e-12)
 
 
 def test_what_was_found_goes_over_to_other_velocities_and_other_reductions(system):
