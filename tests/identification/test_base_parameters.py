@@ -8,7 +8,6 @@ from systems import floating_panda, four_bar
 
 
 def hinge():
-    """Body on a revolute joint about a horizontal z axis."""
     model = pin.Model()
     place = pin.SE3(pin.exp3(np.array([np.pi / 2, 0, 0])), np.zeros(3))
     joint = model.addJoint(0, pin.JointModelRZ(), place, "hinge")

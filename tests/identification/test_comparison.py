@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from measured_logs import COLUMNS, MEASURED, tricycle_system
 from rnc_pin.identification.calibration import PoseProblem
 from rnc_pin.identification.logs import Channel
 from rnc_pin.identification.rolling_motion import RollingMotion
@@ -26,7 +25,6 @@ def test_a_right_model_has_no_suspect(tmp_path):
 
 
 def _rate(seed, time):
-    """Rates (N,) of the left wheel of ``DIFFERENTIAL.log(seed)``."""
     return 4 * signal(np.random.default_rng(seed))(time) + 2
 
 
@@ -61,7 +59,6 @@ def _late(log, name, by):
     (None, None, TRICYCLE, {}, None),
 ])  # fmt: skip
 def test_the_assumption_that_fails_first_is_the_true_one(assumption, name, vehicle, change, spoil, seed, tmp_path):
-    """Table of confusion: each log has one fault or none, and noise."""
     true = replace(vehicle, true={**vehicle.nominal, **change})
     log = true.log(seed)
     found = rnc.compare(true.system(tmp_path), log if spoil is None else spoil(log, seed), "sensor")
@@ -95,12 +92,3 @@ def test_the_replay_is_the_measured_path_of_a_right_model(tmp_path):
     replay = found.replay
     np.testing.assert_allclose(replay.predicted, replay.measured, atol=1e-4)
     np.testing.assert_allclose(replay.q[:, :2], replay.predicted[:, :2])
-
-
-@pytest.mark.skipif(not MEASURED.is_dir(), reason=f"measured logs are not in {MEASURED}")
-def test_the_tricycle_fails_by_the_scale_of_its_steering(tmp_path):
-    found = rnc.compare(
-        tricycle_system(tmp_path), rnc.Log.read(MEASURED / "tricycle" / "dataset.txt", COLUMNS), "laser"
-    )
-    assert found.suspects[0].name == "scale of steering"
-    assert found.suspects[0].explained > 0.9

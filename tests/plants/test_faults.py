@@ -27,7 +27,6 @@ def faulty(dt=DT, **faults):
 
 
 def errors(plant, samples):
-    """Errors of sensors in q (as tangent vectors) and v over some samples, without time passing."""
     model = mobile_manipulator().robot.model
     q, v = plant.actual()
     read = [plant.read() for _ in range(samples)]
@@ -83,7 +82,6 @@ def test_delay_jitter_lost_and_garbled_samples():
 
 
 def balance_of(plant, reduced, target, duration=0.3):
-    """Energy less work over a run, and how far energy moves."""
     controller = rnc.control.ComputedTorque(reduced, target)
     start = reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
     run = rnc.simulate(reduced, controller, start, duration, DT, v2_0=[0.3, 0.1, 0.2, 0.1], plant=plant)
@@ -91,7 +89,6 @@ def balance_of(plant, reduced, target, duration=0.3):
 
 
 def heavier(factor):
-    """The same mobile manipulator with all bodies heavier."""
     robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
     for joint, inertia in enumerate(robot.model.inertias):
         robot.model.inertias[joint] = pin.Inertia(factor * inertia.mass, inertia.lever, factor * inertia.inertia)
@@ -101,7 +98,6 @@ def heavier(factor):
 
 @pytest.mark.parametrize("kind", ["other masses", "load in mid-run"])
 def test_energy_less_work_is_constant_whatever_is_wrong(kind):
-    """By the plant's own masses, with the work of loads that are taken up."""
     reduced, other = mobile_manipulator(), heavier(1.4)
     plant, own = ReducedPlant(other), slice(None)
     if kind == "load in mid-run":
@@ -149,36 +145,6 @@ def test_truth_differs_from_belief():
     assert again.inertias[2].mass == before.inertias[2].mass  # drawn by the seed
 
 
-class Late:
-    """A plant whose sensors are not there for the first samples."""
-
-    def __init__(self, plant, samples):
-        self.plant, self.left = plant, samples
-
-    def __getattr__(self, name):
-        return getattr(self.plant, name)
-
-    def actual(self):
-        return self.plant.read()
-
-    def read(self):
-        q, v = self.plant.read()
-        self.left -= 1
-        return (q, v) if self.left < 0 else (np.full_like(q, np.nan), np.full_like(v, np.nan))
-
-
-def test_a_run_whose_first_samples_are_lost_still_knows_its_goals():
-    made = experiment("space-robot", simulation__dt=0.01)
-    plant = Late(ReducedPlant(made.reduced), 3)
-    run = rnc.simulate(made.reduced, made.controller, made.q0, 0.2, 0.01, plant=plant)
-    figures = rnc.summarize(run)
-    assert set(figures["final_error"]) == {"tip_x", "tip_y", "platform"}
-    for kind in ("final_error", "max_error", "rms_error"):
-        assert np.isfinite(list(figures[kind].values())).all()
-    assert not run.T[:2].any()  # one more is read to begin with
-    assert run.T[2].any()
-
-
 def test_limits_of_the_plant_under_the_faults_are_told():
     reduced = mobile_manipulator()
 
@@ -220,13 +186,11 @@ FAULTY = {
 
 
 def bits(plant: str) -> bytes:
-    """All that a short run with faults says, as bytes."""
     run = execute(Scenario.load("unicycle", {**FAULTY, "plant": plant})).trajectory
     return b"".join(array.tobytes() for array in (run.q, run.v, run.T, run.v_measured, run.estimates, run.slip))
 
 
 def test_the_same_seed_gives_the_same_bits_everywhere():
-    """In one thread or two, in this process or in another."""
     pytest.importorskip("mujoco")
     plants = ["reduced", "mujoco"]
     here = [bits(plant) for plant in plants]

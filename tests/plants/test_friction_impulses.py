@@ -31,7 +31,6 @@ def test_conditions_with_a_coefficient_of_friction(seed):
 
 
 def test_conditions_without_slip():
-    """A closed contact does not slip, an open one has no force; where neither is possible, that is said."""
     refused = 0
     for seed in range(30):
         G, b, groups, impulses = problem(RigidImpulses, np.inf, seed)

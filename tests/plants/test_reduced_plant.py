@@ -17,15 +17,7 @@ def started(**options):
 
 @pytest.mark.parametrize("limits", [False, True])
 @pytest.mark.parametrize(
-    "given",
-    [
-        np.array([1, 2]),
-        [1, 2],
-        np.array([1.0, 2.0], np.float32),
-        np.array([1.0, 2.0], ">f8"),
-        np.array([[1.0, 9.0], [2.0, 9.0]])[:, 0],
-    ],
-    ids=["integers", "a list", "single precision", "other bytes", "a column"],
+    "given", [np.array([1, 2]), [1, 2], np.array([1.0, 2.0], ">f4"), np.array([[1.0, 9.0], [2.0, 9.0]])[:, 0]]
 )
 def test_numbers_of_any_type_move_the_plant_alike(given, limits):
     ends = []

@@ -20,7 +20,6 @@ def ball():
 
 
 def thrown(system, spin):
-    """Start of a flight, with a spin [rad/s]."""
     return system.robot.configuration({"root_joint": [0, 0, 2.0, 0, 0, 0, 1]}), np.r_[1.0, 0.0, 0.5, spin * DIRECTION]
 
 

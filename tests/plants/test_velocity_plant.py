@@ -11,7 +11,6 @@ from rnc_pin.plants import FaultyPlant, VelocityPlant
 
 
 def reach(reduced, duration=3.0):
-    """Class-1 task of the mobile manipulator: hand and heading move, the reach is kept."""
     task = rnc.Task.of(reduced, ["tip_x", "tip_y", "base_yaw"], ["base_speed_x"], ["distance_base_tip"])
     q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
     x1, x2 = reduced.at(q0).outputs()
@@ -97,16 +96,6 @@ def test_loops_close_under_velocity_commands():
     assert np.abs(reduced.assembly.residual(q)).max() < 1e-11
     assert reduced.at(q).B.T @ v == pytest.approx(np.full(reduced.p, 0.7), abs=1e-6)
     assert np.abs(pin.difference(reduced.robot.model, q0, q)).max() > 0.1
-
-
-def test_a_scenario_runs_velocity_commands():
-    changes = {"controller": {"type": "redundancy", "tracker": "velocity", "k21": 2.0}, "simulation.dt": 0.02}
-    changes |= {"simulation.duration": 2.0, "reference.primary.minimum_jerk.by": [0.6, 0.3, 0.2]}
-    changes |= {"reference.primary.minimum_jerk.duration": 1.5, "comparisons": {}}
-    changes |= {"plant": {"type": "reduced", "servo_time": 0.02}}
-    run = Scenario.load("mobile-manipulator", changes).run()
-    assert run.outcome == rnc.Outcome.COMPLETED
-    assert np.abs(run.x2 - run.x2_desired)[-1, :2].max() < 5e-3
 
 
 @pytest.mark.parametrize(("changes", "words"), [

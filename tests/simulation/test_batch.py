@@ -16,7 +16,6 @@ DT, DURATION, CLOSE = 0.01, 0.12, 1e-12
 
 
 def alone(*arguments, **options):
-    """A run, however it ends."""
     try:
         return rnc.simulate(*arguments, **options)
     except rnc.RncError as error:
@@ -24,7 +23,6 @@ def alone(*arguments, **options):
 
 
 def check_all(reduced, controller, q0, v2_0, plant=None, stop=None, duration=DURATION):
-    """Compare many runs with each of them alone; return them."""
     options = {"plant": plant, "options": rnc.SimulationOptions(**({} if stop is None else {"stop": stop}))}
     runs = rnc.simulate(reduced, controller, q0, duration, DT, v2_0=v2_0, **options)
     for place, run in enumerate(runs):
@@ -45,8 +43,6 @@ def check_all(reduced, controller, q0, v2_0, plant=None, stop=None, duration=DUR
 
 @pytest.fixture
 def none_alone(monkeypatch):
-    """Runs that are computed alone are an error."""
-
     def refuse(run, samples):
         raise AssertionError("a run is alone")
 
@@ -108,7 +104,6 @@ def test_a_task_of_redundant_outputs_and_its_angles():
 
 
 def test_each_run_has_the_steps_and_the_charts_that_its_motion_needs():
-    """Bodies that spin at several speeds turn over, and take one to eight steps in a sample."""
     robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
     reduced = rnc.NonholonomicSystem(robot).reduce()
     q0 = robot.configuration({"root_joint": [0, 0, 2.0, 0, 0, 0, 1]})
@@ -150,8 +145,6 @@ def test_limits_of_the_actuators_and_the_windup_of_each_run(controller):
 
 
 class Shy(Inputs):
-    """A controller that refuses high speeds."""
-
     def step(self, t, measurement, state):
         if measurement.v2[0] > 0.5:
             raise ValueError("too fast for me")

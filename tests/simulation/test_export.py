@@ -4,13 +4,11 @@ import csv
 from dataclasses import fields, replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.robots.joint_values import NamedModel
 
 
 @pytest.fixture(scope="module")
@@ -69,29 +67,10 @@ def test_files_keep_the_names_and_those_without_have_numbers(run, tmp_path):
 
 
 def test_units_of_constraint_forces_follow_those_of_their_rows():
-    """A momentum has no unit of force; a closed loop has forces and torques."""
     options = {"simulation.duration": 0.1, "comparisons": {}}
     run = execute(Scenario.load("space-robot", options)).trajectory
     assert run.info.outputs.multipliers_units == ("",)
     assert run.info.outputs.q == run.info.outputs.v == ("platform", "joint_1", "joint_2", "joint_3")
-
-
-def test_entries_of_a_configuration_have_names_and_units():
-    model = pin.Model()
-    joints = (
-        pin.JointModelFreeFlyer(), pin.JointModelRUBZ(), pin.JointModelPX(), pin.JointModelSpherical(),
-        pin.JointModelTranslation(), pin.JointModelRY(),
-    )  # fmt: skip
-    for k, joint in enumerate(joints):
-        parent = model.addJoint(k, joint, pin.SE3.Identity(), f"j{k}")
-        model.appendBodyToJoint(parent, pin.Inertia.Random(), pin.SE3.Identity())
-    entries = NamedModel(model).configuration_entries
-    assert len(entries) == model.nq
-    quaternion = [(f"[{each}]", "-") for each in ("qx", "qy", "qz", "qw")]
-    assert entries[:7] == tuple((f"j0{n}", u) for n, u in [("[x]", "m"), ("[y]", "m"), ("[z]", "m"), *quaternion])
-    assert entries[7:10] == (("j1[cos]", "-"), ("j1[sin]", "-"), ("j2", "m"))
-    assert entries[10:14] == tuple((f"j3{n}", u) for n, u in quaternion)
-    assert entries[14:] == (("j4[0]", "m"), ("j4[1]", "m"), ("j4[2]", "m"), ("j5", "rad"))
 
 
 def test_the_command_replaces_no_file_unasked(run, tmp_path, call):

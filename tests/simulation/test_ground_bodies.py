@@ -12,7 +12,6 @@ from systems import fire_truck, free_flying_panda, space_robot
 
 
 def poses(reduced, q):
-    """Names, and x, y and heading of each body at a configuration."""
     bodies, at = ground_bodies(reduced), reduced.at(q).position
     return {body.name: body.poses(at) for body in bodies}
 
@@ -31,7 +30,6 @@ def test_a_run_records_what_its_outputs_say():
 
 
 def test_a_steered_vehicle_is_its_chassis_not_its_forks():
-    """A snakeboard: both axles are steered, so that the board itself says where it looks."""
     reduced = Scenario.load("snakeboard").experiment.reduced
     q = reduced.robot.configuration({"root_joint": [1.0, 2.0, 0.5], "front_steering": 0.4, "back_steering": -0.2})
     assert {name: pose.round(12).tolist() for name, pose in poses(reduced, q).items()} == {"board": [1.0, 2.0, 0.5]}
@@ -48,7 +46,6 @@ def test_a_trailer_stands_on_its_axle_even_if_that_is_steered():
 
 
 def test_a_wheel_by_itself_looks_where_it_rolls():
-    """Its body turns about the axle, its heading does not."""
     robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
     system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", radius=0.3, axis="y")])
     reduced = system.reduce([rnc.FrameAngularVelocity("disk", axis) for axis in "xyz"])

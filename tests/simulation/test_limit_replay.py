@@ -72,7 +72,6 @@ def test_collisions_with_obstacles_are_found(run_of_panda):
 
 
 def run_through(robot, *places):
-    """Run through joint positions at 0, 0.5 and 1 s."""
     reduced = rnc.NonholonomicSystem(robot, []).reduce()
     run = rnc.free_motion(reduced, robot.configuration(), np.zeros(reduced.r), duration=1.0, dt=0.5)
     q = np.array([robot.configuration(dict(zip(("shoulder", "elbow"), each, strict=True))) for each in places])
@@ -80,7 +79,6 @@ def run_through(robot, *places):
 
 
 def test_an_arm_that_reaches_through_the_floor(tmp_path):
-    """Without a floor the replay is silent; with it, wheels may touch it and the arm may not."""
     robot = cart_with_arm(tmp_path)
     run = run_through(robot, (0.0, 0.0), (0.8, 0.0), (0.0, 0.0))
     assert not replay_limits(robot, run).collisions
@@ -110,7 +108,6 @@ def test_pairs_of_links_whose_distance_is_constant_are_not_the_nearest(tmp_path)
 
 
 def test_a_run_without_end_is_not_certain(tmp_path):
-    """The arm of a diverged run turns thousands of times between samples: the replay ends, and says so."""
     robot = cart_with_arm(tmp_path)
     run = run_through(robot, (0.0, 0.0), (1e7, -1e7), (-1e9, 1e9))
     wall = Obstacle(coal.Box(0.1, 9.0, 9.0), position=(1.13, 0.0, 0.0), name="wall")

@@ -1,7 +1,7 @@
 """The record of a run: typed in the package, JSON under fixed keys in its file."""
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +49,9 @@ def test_a_run_tells_its_file_what_it_knows(run, tmp_path):
     run.save(tmp_path / "run.npz")
     again = rnc.Trajectory.load(tmp_path / "run.npz")
     assert again.info == run.info
+    for each in fields(run):
+        np.testing.assert_array_equal(getattr(again, each.name), getattr(run, each.name))
+    assert [each.name for each in tmp_path.iterdir()] == ["run.npz"]
     assert again.meta == run.meta == json.loads(json.dumps(run.meta))
     assert again.info.provenance == FULL
     with np.load(tmp_path / "run.npz") as file:
@@ -63,7 +66,6 @@ def test_a_run_tells_its_file_what_it_knows(run, tmp_path):
 
 
 def test_what_one_run_says_can_be_given_to_another(run):
-    """Its names, its outcome and its verdict are its own; where it comes from is handed on."""
     assert run.verdict.succeeded
     ended = replace(run, info=replace(run.info, outcome=rnc.Outcome.SINGULAR, message="too far", goals=("joint_9",)))
     again = idle_run(meta=ended.meta)
@@ -80,7 +82,6 @@ def test_a_run_that_fails_says_why():
 
 
 def test_what_is_not_there_is_not_needed(run):
-    """Others write such files too: they name the outputs, and what they do not say is as if nothing were known."""
     needed = {key: run.meta[key] for key in ("names", "units", "angular")}
     outputs = run.info.outputs
     x1, x2 = (replace(columns, quasi=()) for columns in (outputs.x1, outputs.x2))

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import tracemalloc
 
 import numpy as np
 import pinocchio as pin
@@ -13,16 +12,12 @@ from bodies import free_body
 from places import DATA
 from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.simulation import derived_quantities
-from rnc_pin.simulation.record import Record
-from rnc_pin.simulation.run_info import Provenance
 from simple_controllers import Idle, Inputs, Memoryless
 from systems import ALL, four_bar, mobile_manipulator, random_states, space_robot, space_robot_in_joints
 from tolerances import REFERENCE_SIMULATION
 
 
 def integrate(reduced, q, v2, T, duration, steps):
-    """(q, v2) after a time under constant inputs."""
-
     def rate(p, y):
         v, v2_dot, _ = reduced.at(p, y).flow(T)
         return v, v2_dot
@@ -178,29 +173,8 @@ def test_times_that_make_no_sense_are_refused(arguments):
         rnc.ReducedPlant(reduced, substeps=0)
 
 
-def test_trajectory_survives_saving(tmp_path):
-    reduced = space_robot()
-    run = rnc.simulate(reduced, Idle(3), reduced.robot.configuration({"joint_2": 1.0, "joint_3": 1.0}), 0.1)
-    run.save(tmp_path / "run.npz")
-    again = rnc.Trajectory.load(tmp_path / "run.npz")
-    for name in ("time", "q", "v", "v2", "x1", "x2", "F", "T", "multipliers", "energy", "constraint_residual"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
-    assert again.meta == run.meta
-    assert [each.name for each in tmp_path.iterdir()] == ["run.npz"]
-
-
-def test_a_file_that_is_no_trajectory_is_refused_and_pickles_are_not_loaded(tmp_path):
-    path, pickled = tmp_path / "run.npz", tmp_path / "pickled.npz"
-    np.savez(pickled, time=np.array([print], dtype=object))
-    for content in (b"", b"rubbish", b"PK\x03\x04rubbish", pickled.read_bytes()):
-        path.write_bytes(content)
-        with pytest.raises(rnc.ConfigurationError, match="not a trajectory"):
-            rnc.Trajectory.load(path)
-
-
 @pytest.mark.parametrize("speed", [1e9, np.inf, np.nan])
 def test_a_step_without_bound_is_said_rather_than_taken(speed):
-    """A planar base, whose chart would be singular or not a number there."""
     reduced = mobile_manipulator()
     integrator = LieRungeKutta4(reduced.robot)
     with pytest.raises(rnc.DivergenceError, match=r"one step of 0\.1 s would move by"):
@@ -208,7 +182,6 @@ def test_a_step_without_bound_is_said_rather_than_taken(speed):
 
 
 def test_a_free_motion_knows_the_same_plant_and_the_same_end():
-    """A slider pushed by 3 N of which its actuator gives 2: it leaves its range at 1 m."""
     model = pin.Model()
     joint = model.addJoint(
         0, pin.JointModelPX(), pin.SE3.Identity(), "slide", np.array([2.0]), np.array([9.0]), *np.array([[-1.0], [1.0]])
@@ -234,42 +207,7 @@ def test_a_free_motion_knows_the_same_plant_and_the_same_end():
         rnc.Stop(speed=0)
 
 
-def tiago_record(samples):
-    """A run of TIAGo on its base, all joints turning, as its record has it at the end; nothing is simulated."""
-    robot = rnc.Robot.from_example("tiago", base="planar")
-    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("base_footprint")], []).reduce()
-    record = Record(reduced, samples, np.zeros(reduced.r, dtype=bool))
-    random = np.random.default_rng(0)
-    for name, array in record.arrays.items():
-        if not name.endswith("desired"):
-            array[:] = 0.1 * random.normal(size=array.shape)
-    record.arrays["time"][:] = 0.01 * np.arange(samples)
-    steps = record.arrays["v"]
-    record.arrays["q"][:] = [pin.integrate(robot.model, robot.configuration(), step) for step in steps]
-    record.arrays["v2_desired"][:] = record.arrays["v2"]
-    record.count = samples
-    return record
-
-
-def test_the_end_of_a_run_takes_bounded_memory(monkeypatch):
-    record = tiago_record(1000)
-    kept = {name: array.copy() for name, array in record.arrays.items()}
-    tracemalloc.start()
-    run = record.finish(0.01, Provenance())
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 30e6  # it was 157 MB
-    monkeypatch.setattr(derived_quantities, "_ROOM", 1e12)
-    record.arrays = kept
-    at_once = record.finish(0.01, Provenance())
-    for field in dataclasses.fields(run):
-        if field.name != "info":
-            values, whole = getattr(run, field.name), getattr(at_once, field.name)
-            np.testing.assert_allclose(values, whole, rtol=1e-9, atol=1e-9 * np.abs(whole[:1]).max(initial=1.0))
-
-
 def test_a_roll_out_keeps_loops_closed():
-    """Steps so coarse that the integrator alone would leave the loop open by more than this."""
     reduced = four_bar()
     q0 = reduced.assembled(reduced.robot.configuration({"crank": 0.3, "coupler": 0.5, "rocker": 1.5}))
     crank = reduced.at(q0).outputs()[1]
@@ -293,3 +231,17 @@ def test_a_run_stops_where_a_contact_would_pull():
     assert len(caught.value.trajectory.time) == 20
     with pytest.raises(rnc.LimitError, match=r"lifts off at t = 0\.000 s"):
         rnc.free_motion(rolling, q0, np.zeros(3), 0.1, inputs=[30.0], options=options)
+
+
+def test_blocks_of_samples_give_what_the_whole_run_gives(monkeypatch):
+    reduced, runs = space_robot_in_joints(), []
+    push = Inputs(lambda t: np.array([np.sin(3 * t), 0.5, -0.4]))
+    for length in (1000, 7):
+        monkeypatch.setattr(derived_quantities, "_BLOCK", length)
+        runs.append(rnc.simulate(reduced, push, reduced.robot.configuration({"joint_2": 1.0}), 0.3, 0.01))
+    for field in dataclasses.fields(runs[0]):
+        if field.name != "info":
+            values, whole = (getattr(run, field.name) for run in runs)
+            np.testing.assert_allclose(values, whole, rtol=1e-9, atol=1e-9 * np.abs(whole[:1]).max(initial=1.0))
+    longest = max(each.stop - each.start for each in derived_quantities.blocks(10**4, 50_000))
+    assert 1 < longest <= 16e6 / (8 * 50_000)  # bytes of a block

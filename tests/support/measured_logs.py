@@ -10,7 +10,7 @@ import numpy as np
 import rnc_pin as rnc
 from rnc_pin.identification import EncoderOffset, EncoderScale, JointShift, SensorPlace, TimeShift, WheelRadius
 
-MEASURED = Path(os.environ.get("RNC_PIN_LOGS", Path(__file__).parents[2] / "shared" / "data" / "logs"))
+MEASURED = Path(os.environ.get("RNC_PIN_LOGS", Path(__file__).parents[3] / "shared" / "data" / "logs"))
 """Folder of measured logs, which are no part of the project."""
 RADIUS = 0.1
 """Nominal radius of the tricycle's wheel [m]. Its log tells only the way for a turn of the encoder."""

@@ -29,9 +29,8 @@ class Vehicle:
         unknown: what a calibration estimates, in the order of ``true``.
         urdf: function from numbers to the text of the file.
         constraints: function from numbers to constraints.
-        motion: function from true numbers and two or three input signals (N,) to the twist (N, 3) of the base, and
+        motion: function from true numbers and two input signals (N,) to the twist (N, 3) of the base, and
             rates (N,) of joints or their angles, by name; angles are tuples of one array.
-        inputs: number of input signals.
     """
 
     nominal: Numbers
@@ -40,7 +39,6 @@ class Vehicle:
     urdf: Callable[[Numbers], str]
     constraints: Callable[[Numbers], list[object]]
     motion: Callable[[Numbers, list[np.ndarray]], tuple[np.ndarray, dict[str, object]]]
-    inputs: int = 2
 
     def system(self, folder, numbers: Numbers | None = None) -> rnc.NonholonomicSystem:
         """The robot of the file, or one with other numbers, written to a folder."""
@@ -56,7 +54,7 @@ class Vehicle:
         middle = time[:-1] + STEP / 2
         true = dict(self.true)
         # Inputs in the middle of steps: a second-order rule, far finer than the samples.
-        inputs = [signal(generator) for _ in range(self.inputs)] if inputs is None else inputs
+        inputs = [signal(generator) for _ in range(2)] if inputs is None else inputs
         twist, joints = self.motion(true, [each(middle) for each in inputs])
         heading = np.concatenate([[0.0], np.cumsum(twist[:, 2] * STEP)])
         turn = heading[:-1] + twist[:, 2] * STEP / 2
@@ -196,33 +194,4 @@ CAR = Vehicle(
     _car,
 )  # fmt: skip
 
-# ---------------------------------------------------------------------- Mecanum
-
-CORNERS = {"fl": (1, 1, 1), "fr": (1, -1, -1), "rl": (-1, 1, -1), "rr": (-1, -1, 1)}
-"""Signs of x and y of each wheel, and of the angle of its roller."""
-
-
-def _mecanum(p: Numbers, u: list[np.ndarray]) -> tuple[np.ndarray, dict[str, object]]:
-    vx, vy, w = 0.6 * u[0], 0.6 * u[1], 0.8 * u[2]
-    # Siegwart and Nourbakhsh: the wheel at (a, b) turns with (vx - w b + tan(roller) (vy + w a)) / r.
-    rates = {
-        f"{name}_joint": (vx - w * sy * p["half"] + roller * (vy + w * sx * 0.25)) / p["r"]
-        for name, (sx, sy, roller) in CORNERS.items()
-    }
-    return np.column_stack([vx, vy, w]), dict(rates)
-
-
-MECANUM = Vehicle(
-    {"r": 0.08, "half": 0.2, "sx": 0.1, "sy": 0.0},
-    {"r": 0.0785, "half": 0.215, "sx": 0.13, "sy": 0.02},
-    (WheelRadius(list(CORNERS)), JointShift({f"{name}_joint": float(sy) for name, (_, sy, _) in CORNERS.items()}, "y"),
-     SX, SY),
-    lambda p: _file(
-        p, *(("base", name, (sx * 0.25, sy * p["half"], 0.08), Y) for name, (sx, sy, _) in CORNERS.items())
-    ),
-    lambda p: [rnc.RollingWheel(name, p["r"], roller=roller * np.pi / 4) for name, (_, _, roller) in CORNERS.items()],
-    _mecanum,
-    3,
-)  # fmt: skip
-
-VEHICLES = {"differential drive": DIFFERENTIAL, "tricycle": TRICYCLE, "car": CAR, "Mecanum": MECANUM}
+VEHICLES = {"differential drive": DIFFERENTIAL, "tricycle": TRICYCLE, "car": CAR}

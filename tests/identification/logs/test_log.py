@@ -1,16 +1,11 @@
 """Logs from tables and archives, and from motions."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from places import ROOT
 
-MEASURED = Path(os.environ.get("RNC_PIN_LOGS", ROOT.parent / "shared" / "data" / "logs"))
 TIME = 1_700_000_000.0 + np.arange(50) * 0.02
 ANGLE = 0.3 * np.arange(50)
 TICKS = np.mod(np.round(ANGLE * 4096 / (2 * np.pi)), 4096)
@@ -22,7 +17,6 @@ KEYS = {
 
 
 def check(log):
-    """The log is that of the columns above."""
     assert log.duration == pytest.approx(0.98)
     wheel, laser = log.channel("position", "wheel"), log.channel("pose", "laser")
     np.testing.assert_allclose(wheel.values[:, 0], -0.5 * ANGLE, atol=2 * np.pi / 4096)
@@ -93,30 +87,3 @@ def test_the_log_of_a_motion_has_what_sensors_would_see():
     np.testing.assert_allclose(wheel.values[:, 0], v[0, start] * time, atol=1e-9)  # more than a turn
     assert log.channel("effort", "left_wheel_joint").values[-1, 0] == 4.0
     assert log.names("pose") == ("left_wheel",)
-
-
-@pytest.mark.skipif(not MEASURED.is_dir(), reason=f"measured logs are not in {MEASURED}")
-def test_measured_tables():
-    log = rnc.Log.read(
-        MEASURED / "tricycle" / "dataset.txt",
-        {
-            "separator": "space",
-            "time": 1,
-            "joints": {
-                "steering": {"position": {"column": 3, "ticks": 8192, "wrap": 8192, "scale": 0.1}},
-                "traction": {"position": {"column": 4, "ticks": 5000, "wrap": 4294967296}},
-            },
-            "frames": {"laser": {"x": 10, "y": 11, "yaw": 12}},
-        },
-    )
-    steering, traction = log.channel("position", "steering"), log.channel("position", "traction")
-    assert len(steering.time) == 2434
-    assert np.abs(steering.values).max() < 0.25  # it wraps at zero
-    # The counter overflows at 2^32 and goes on: from 4294859756 to 5543456.
-    turns = (5543456 + 2**32 - 4294859756) / 5000
-    assert traction.values[-1, 0] - traction.values[0, 0] == pytest.approx(2 * np.pi * turns)
-    arm = rnc.Log.read(
-        MEASURED / "tiago" / "tiago_effort.csv",
-        {"time": "t", "joints": {"torso_lift_joint": {"effort": "- torso_lift_joint_effort"}}},
-    )
-    assert arm.channel("effort", "torso_lift_joint").values[1, 0] == 1.653
