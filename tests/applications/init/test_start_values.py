@@ -195,13 +195,6 @@ def test_a_loop_with_little_room_moves_little(tmp_path):
     assert run.q[:, 2].min() > -0.01
 
 
-def test_a_loop_far_from_its_dead_centres_moves_as_usual(tmp_path):
-    text, content, _ = drafted(four_bar(1.5, "crank"), tmp_path)
-    assert content["reference"]["primary"]["minimum_jerk"]["by"] == [0.2]
-    assert "loop" not in text.partition("title:")[0]
-    assert "initial" not in content or not content["initial"]["q"]
-
-
 def linkage(rack):
     """A car whose tie rod couples the knuckles: one rod in one loop, or two rods to a rack in two loops."""
     rear, front = (

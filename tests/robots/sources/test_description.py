@@ -7,7 +7,6 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.robots.sources.description import Packages, package_name
 from tolerances import ROUNDING
 from urdf_parts import TETRAHEDRON, XACRO, write
@@ -154,21 +153,6 @@ def test_a_package_is_found_as_xacro_names_it_although_the_file_is_none(name, tm
 @pytest.mark.parametrize("name", ["", "..", "a/b", "nowhere_at_all"])
 def test_a_package_of_no_name_is_not_found(name, tmp_path):
     assert Packages(tmp_path).folder(name) is None
-
-
-def test_a_xacro_file_is_the_robot_it_stands_for(tmp_path):
-    text = (shipped_directory() / "space_robot.urdf").read_text().replace("<robot ", f"<robot {XACRO} ")
-    text = text.replace('<link name="ground">', '<xacro:arg name="length" default="1"/><link name="ground">')
-    text = text.replace(
-        '<origin xyz="1 0 0" rpy="0 0 0"/>',
-        '<origin xyz="${float(xacro.arg(\'length\'))} 0 0" rpy="0 ${pi - radians(180)} 0"/>',
-    )
-    path = write(tmp_path / "robot.urdf.xacro", text)
-    one, other = rnc.Robot.from_urdf("space_robot.urdf"), rnc.Robot.from_urdf(path)
-    assert one.model == other.model
-    longer = rnc.Robot.from_urdf(path, xacro_arguments={"length": 1.5})
-    assert longer.model.jointPlacements[3].translation.tolist() == [1.5, 0, 0]
-    assert rnc.Robot.from_urdf(path).model == one.model  # nothing is left of the call before
 
 
 def test_each_file_finds_its_own_packages(tmp_path):

@@ -10,7 +10,6 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.robots.sources.description import unlogged
 from urdf_parts import TETRAHEDRON, write
@@ -379,37 +378,6 @@ def test_joints_without_an_actuator_have_no_effort(actuators, passive, tmp_path)
 def test_an_actuator_of_an_unknown_joint_is_refused(tmp_path):
     with pytest.raises(rnc.ModelError, match=r"unknown transmission target 'aa' .*; did you mean 'a'"):
         rnc.Robot.from_mjcf(write(tmp_path / "r.xml", ARM.format('<motor joint="aa"/>')))
-
-
-CAR = """<mujoco><worldbody><geom type="plane" size="5 5 .1"/>
-<body pos="0 0 .1">{free}<geom type="box" size=".2 .1 .03" mass="4"/>
- <body pos="0 .12 0"><joint name="left" axis="0 1 0"/>{wheel}</body>
- <body pos="0 -.12 0"><joint name="right" axis="0 1 0"/>{wheel}</body>
- <body pos=".1 0 .03"><joint name="pan" axis="0 0 1"/><joint name="tilt" axis="0 1 0"/>
-   <geom type="box" size=".03 .03 .03" pos=".05 0 0" mass=".1"/></body>
-</body></worldbody><actuator>{actuators}</actuator></mujoco>"""
-WHEEL = '<geom type="cylinder" size=".1 .02" euler="90 0 0" mass=".5"/>'
-
-
-@pytest.mark.usefixtures("brief")
-@pytest.mark.parametrize("free", ["<freejoint/>", ""], ids=["free", "fixed"])
-def test_bodies_without_names_are_drafted_and_passive_joints_are_not_driven(
-    free, call, tmp_path, monkeypatch, no_pictures
-):
-    """Bodies have the same names with every base that is tried."""
-    monkeypatch.chdir(tmp_path)
-    actuators = '<motor joint="left"/><motor joint="right"/><position joint="pan"/>'
-    write(tmp_path / "car.xml", CAR.format(free=free, wheel=WHEEL, actuators=actuators))
-    status, _, complaint = call("init", "car.xml", "--out", "car.yaml")
-    assert status == 0
-    assert complaint.count("rnc-pin: warning: ") == ("its centre is 0 m above the ground" in complaint)  # of wheels
-    draft, text = read_yaml(tmp_path / "car.yaml"), (tmp_path / "car.yaml").read_text()
-    assert draft["robot"]["base"] == "planar"
-    assert "2 wheels, differential drive" in text
-    assert ": asked for" not in text
-    assert "tilt" not in draft["actuators"]
-    assert {"left", "right", "pan"} <= set(draft["actuators"])
-    assert call("run", "car.yaml", "--set", "simulation.duration=0.2", "--set", "plots={}", "--out", "out")[0] == 0
 
 
 TREE = """<mujoco><compiler angle="radian"/>{head}<worldbody><site name="w" pos="0.2 0.1 0" euler="0.1 0.2 0.3"/>

@@ -16,7 +16,6 @@ import rnc_pin as rnc
 from places import DIRT, ROOT
 from rnc_pin.applications.scenario.schema.world import RobotSource
 from rnc_pin.robots import UselessInertia
-from rnc_pin.robots.sources.description import Packages
 from rnc_pin.robots.sources.urdf_repairs import decimals, is_rounding, snapped_angle, snapped_direction
 from tolerances import ROUNDING
 from urdf_parts import TETRAHEDRON, XACRO, write
@@ -267,29 +266,6 @@ def test_a_joint_with_the_name_of_the_bases(tmp_path):
     with pytest.warns(rnc.ModelWarning, match="'world'"):
         robot = rnc.Robot.from_urdf(tmp_path / "robot.urdf", base="planar", lock={"left_wheel_joint": 0.1})
     assert robot.joint_names == ("root_joint",)
-
-
-@pytest.mark.parametrize("variable", ["ROS_PACKAGE_PATH", None])
-def test_packages_that_another_shell_would_not_find(variable, tmp_path, monkeypatch):
-    for folder in ("near/robot/meshes", "far/parts"):
-        (tmp_path / folder).mkdir(parents=True)
-    (tmp_path / "far/parts/wheel.xacro").write_text(f'<robot name="r" {XACRO}><link name="wheel"/></robot>')
-    mesh = '<visual><geometry><mesh filename="package://robot/meshes/base.stl"/></geometry></visual>'
-    (tmp_path / "near/robot/meshes/base.stl").write_text("")
-    (tmp_path / "near/robot/robot.urdf").write_text(
-        f'<robot name="r" {XACRO}><xacro:include filename="$(find parts)/wheel.xacro"/><link name="base">{mesh}</link>'
-        '<joint name="turn" type="continuous"><parent link="base"/><child link="wheel"/></joint></robot>'
-    )
-    options = {"masses": {"wheel": 1}}
-    if variable:
-        monkeypatch.setenv(variable, str(tmp_path / "far"))
-    else:
-        options["package_dirs"] = [tmp_path / "far"]
-    robot = rnc.Robot.from_urdf(tmp_path / "near/robot/robot.urdf", **options)
-    assert robot.packages == {"parts": tmp_path / "far/parts", "robot": tmp_path / "near/robot"}
-    assert robot.far_packages == {"parts": tmp_path / "far/parts"}
-    packages = Packages(tmp_path / "near/robot")
-    assert packages.found == packages.far == {}
 
 
 def test_macros_and_expressions_inside_a_urdf_are_expanded():

@@ -5,7 +5,6 @@ import contextlib
 import io
 import os
 import re
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -23,17 +22,6 @@ from rnc_pin.robots.sources.xacro.expressions import admit, builtins, evaluate
 from urdf_parts import XACRO
 
 HERE = ROOT / "tests"
-COLLECTIONS = (Path("/opt/robots/rtb_data/rtbdata"), Path("/opt/robots/igibson-2.2.2/igibson/examples/ros"))
-FOLDERS = [COLLECTIONS[0] / "xacro", COLLECTIONS[1] / "igibson-ros/turtlebot"]
-REAL = sorted(path for folder in COLLECTIONS for path in folder.rglob("*.xacro"))
-
-
-class Stubs(Packages):
-    """Finds ``kuka_kr6_support`` in a folder ``kuka_kr6``: the collections renamed some."""
-
-    def folder(self, name):
-        found = super().folder(name) or super().folder(name.removesuffix("_support"))
-        return found or super().folder(f"{name}_description") or self._beside.parent
 
 
 def by_the_library(path, arguments, packages):
@@ -67,17 +55,11 @@ def bare(element):
 
 
 def agree(path, arguments=()):
-    theirs = by_the_library(path, arguments, Stubs(path.parent, FOLDERS))
-    ours = by_us(path, dict(arguments), Stubs(path.parent, FOLDERS))
+    theirs = by_the_library(path, arguments, Packages(path.parent))
+    ours = by_us(path, dict(arguments), Packages(path.parent))
     if theirs is None or ours is None:
         return theirs is ours
     return bare(theirs) == bare(ours)
-
-
-def test_real_files_expand_as_by_the_library():
-    if not REAL:
-        pytest.skip("the collections of robots are not on this machine")
-    assert [str(path) for path in REAL if not agree(path)] == []
 
 
 def test_files_of_the_tests_expand_as_by_the_library():
