@@ -96,26 +96,6 @@ def test_the_driven_wheel_may_be_the_steered_one(given, confidence, drafted, tmp
     assert moved(tmp_path) > 0.05
 
 
-def test_an_unlisted_joint_has_no_motor(drafted):
-    parts = (
-        link("base", 10.0, BOX),
-        wheel("l", "base", (0, 0.2, 0)),
-        wheel("r", "base", (0, -0.2, 0)),
-        link("flap", 1.0),
-        joint("flap_joint", "base", "flap", (0.3, 0, 0.1), kind="revolute", limits=(-1, 1), effort=100.0),
-    )
-    _, content, decided = drafted(robot(*parts, transmissions("l_joint", "r_joint")))
-    assert content["actuators"] == ["l_joint", "r_joint"]
-    assert content["robot"]["lock"] == {"flap_joint": 0.0}
-    assert decided["Which joints beside the base have no motor?"].answer == "flap_joint"
-    listed = robot(*parts, transmissions("l_joint", "r_joint"))
-    for text, wishes in ((robot(*parts), {}), (listed, {"driven": ["flap_joint"]})):
-        _, content, _ = drafted(text, **wishes)
-        assert content["actuators"] == ["l_joint", "r_joint", "flap_joint"]
-    _, content, _ = drafted(robot(*parts), passive=["flap_joint"])
-    assert content["actuators"] == ["l_joint", "r_joint"]
-
-
 def test_options_name_joints_of_the_file(drafted):
     with pytest.raises(ModelError, match="--driven drive_join: no joint 'drive_join'; did you mean 'drive_joint'"):
         drafted(truck(), driven=("drive_join",))
@@ -262,36 +242,29 @@ HELD = {"lock": {"axle_l_joint", "axle_r_joint"}}
         {"joint_coupling": 10}),
 ])  # fmt: skip
 def test_bases_are_what_their_joints_make_them_and_move(text, kind, actuators, counts, drafted, tmp_path):
-    found, content, _ = drafted(text)
-    assert found == kind
+    assert_base(drafted(text), kind, actuators, counts)
+    assert moved(tmp_path, **{"controller.tracker": "computed_torque"}) > 0.05
+
+
+def assert_base(found, kind, actuators, counts):
+    words, content, _ = found
+    assert words.startswith(kind)
     if isinstance(actuators, set):
         assert {each for each in content["actuators"] if each[0] == "w"} == actuators
     elif actuators is not None:
         assert actuators in (content["actuators"], len(content["actuators"]))
     for key, count in counts.items():
         if key == "lock":
-            assert {*content["robot"]["lock"]} == count
+            assert {*content["robot"].get("lock", {})} == count
         else:
             assert len(content["outputs"]["reducing"] if key == "reducing" else of(content, key)) == count
-    assert moved(tmp_path, **{"controller.tracker": "computed_torque"}) > 0.05
 
 
-def rover(shuffled=False):
+def rover(shuffled):
     """Six wheels; the four at the corners are steered, and all are driven."""
-    parts = []
-    for x, end in ((0.5, "f"), (0.0, "m"), (-0.4, "b")):
-        for y, side in ((0.3, "l"), (-0.3, "r")):
-            if x:
-                steering = f"s_{end}{side}"
-                parts += [pivot(steering, "base", (x, y, 0)), wheel(f"w_{end}{side}", steering, (0, 0, 0))]
-            else:
-                parts.append(wheel(f"w_{end}{side}", "base", (x, y, 0)))
-    if shuffled:
-        parts.reverse()
-    wheels = [f"w_{end}{side}_joint" for end in "fmb" for side in "lr"]
-    return robot(
-        link("base", 20.0, BOX), *parts, transmissions(*wheels, *(f"s_{e}{s}_joint" for e in "fb" for s in "lr"))
-    )
+    parts = [knuckles("s_f", "w_f", 0.5, 0.3), pair("w_m", "base", 0, 0.3), knuckles("s_b", "w_b", -0.4, 0.3)]
+    named = [f"{name}_{side}_joint" for name in ("w_f", "w_m", "w_b", "s_f", "s_b") for side in "lr"]
+    return robot(link("base", 20.0, BOX), *(parts[::-1] if shuffled else parts), transmissions(*named))
 
 
 @pytest.mark.parametrize("shuffled", [False, True])
@@ -305,38 +278,11 @@ def test_all_steered_axles_turn_about_one_point(shuffled, drafted, tmp_path):
     result = execute(Scenario.load(str(tmp_path / "unit.yaml"), {"simulation.duration": 3, "simulation.dt": 0.01}))
     run = result.trajectory
     model = Scenario.load(str(tmp_path / "unit.yaml")).experiment.reduced.robot
-    angle = {name: model.joint_values(run.q[-1])[f"s_{name}_joint"] for name in ("fl", "fr", "bl", "br")}
-    assert abs(angle["fl"]) > 0.05
-    places = {"fl": (0.5, 0.3), "fr": (0.5, -0.3), "bl": (-0.4, 0.3), "br": (-0.4, -0.3)}
+    places = {"f_l": (0.5, 0.3), "f_r": (0.5, -0.3), "b_l": (-0.4, 0.3), "b_r": (-0.4, -0.3)}
+    angle = {name: model.joint_values(run.q[-1])[f"s_{name}_joint"] for name in places}
+    assert abs(angle["f_l"]) > 0.05
     centers = [y + x / np.tan(angle[name]) for name, (x, y) in places.items()]
     np.testing.assert_allclose(centers, centers[0], rtol=1e-6)
-
-
-def test_motors_that_the_file_names_make_no_track(drafted):
-    parts = [wheel(f"w{side}{k}", "base", (0.2 * k, y, 0)) for side, y in (("l", 0.25), ("r", -0.25)) for k in range(5)]
-    names = [f"w{side}{k}_joint" for side in "lr" for k in range(5)]
-    body = link("base", 20.0, BOX)
-    kind, content, _ = drafted(robot(body, *parts, transmissions(*names)))
-    assert kind == "planar: 10 wheels, skid-steered"
-    assert len(content["actuators"]) == 10
-    kind, content, _ = drafted(robot(body, *parts, transmissions("wl2_joint", "wr3_joint")))
-    assert kind == "planar: 10 wheels, on tracks, skid-steered"
-    assert content["actuators"] == ["wl2_joint", "wr3_joint"]
-    assert drafted(robot(body, *parts), driven=names)[0] == "planar: 10 wheels, skid-steered"
-
-
-def test_an_option_says_that_an_axle_does_not_steer(drafted):
-    """Of two steered axles the farther one leads; a swivel without motor and trail is held, and its wheel skids."""
-    parts = [wheel(f"m_{side}", "base", (0, y, 0)) for side, y in (("l", 0.3), ("r", -0.3))]
-    parts += [pivot("front", "base", (0.6, 0, 0)), wheel("f", "front", (0, 0, 0))]
-    parts += [pivot("back", "base", (-0.4, 0, 0)), wheel("b", "back", (0, 0, 0))]
-    _, content, decided = drafted(robot(link("base", 20.0, BOX), *parts))
-    assert content["actuators"][-1] == "front_joint"
-    (other,) = decided["Which axle steers?"].alternatives
-    assert other.command == "--passive front_joint"
-    _, content, _ = drafted(robot(link("base", 20.0, BOX), *parts), passive=["front_joint"])
-    assert content["actuators"][-1] == "back_joint"
-    assert content["robot"]["lock"] == {"front_joint": 0.0}
 
 
 UPRIGHT, DISK = "1.570796326794897 0 0", '<cylinder radius="0.1" length="0.04"/>'
@@ -360,19 +306,6 @@ def two_wheels(*more, tall=0.5, name="unit_7"):
     body = link("base_footprint", 10.0, '<box size="0.2 0.2 0.6"/>', at=f"0 0 {tall}")
     pair = (wheel(side, "base_footprint", (0, y, 0.1)) for side, y in (("l", 0.2), ("r", -0.2)))
     return robot(body, *pair, *more, name=name)
-
-
-def test_hinges_of_a_satellite_without_a_motor_are_held(drafted):
-    """A flexible boom with effort 0 is no actuator beside reaction wheels."""
-    parts = [link("bus", 10.0, '<box size="0.3 0.3 0.3"/>')]
-    for name, axis in (("x", "1 0 0"), ("y", "0 1 0"), ("z", "0 0 1")):
-        parts += [link(f"rotor_{name}", 0.1), joint(f"reaction_wheel_{name}", "bus", f"rotor_{name}", (0, 0, 0), axis)]
-    parts += [link("boom", 0.3, at="0.5 0 0")]
-    parts += [joint("hinge", "bus", "boom", (0.2, 0, 0), "0 0 1", "revolute", 0.0, limits=(-0.3, 0.3))]
-    kind, content, _ = drafted(robot(*parts))
-    assert kind.startswith("free")
-    assert content["actuators"] == [f"reaction_wheel_{name}" for name in "xyz"]
-    assert content["robot"]["lock"] == {"hinge": 0.0}
 
 
 def four_wheels(*more, name="unit_7", wheels="w"):
@@ -468,32 +401,102 @@ def test_names_and_options_decide_where_structure_leaves_it_open(text, wishes, k
     assert drafted(text, **wishes)[0].startswith(kind)
 
 
-@pytest.mark.parametrize(("name", "wishes", "drives"), [
-    ("caster", {}, True),
-    ("aux", {"passive": ["aux_joint"]}, True),
-    ("aux", {}, False),
-    ("caster", {"driven": ["caster_joint"]}, False),
-])  # fmt: skip
-def test_a_caster_drawn_as_a_joint_across_makes_no_omni_base(name, wishes, drives, drafted, tmp_path):
+def flap(*named):
+    turns = joint("flap_joint", "base", "flap", (0.3, 0, 0.1), kind="revolute", limits=(-1, 1), effort=100.0)
+    return robot(link("base", 10.0, BOX), pair("w", "base", 0), link("flap", 1.0), turns, transmissions(*named))
+
+
+def satellite():
+    """A flexible boom with effort 0 is no actuator beside reaction wheels."""
+    parts = [link("bus", 10.0, '<box size="0.3 0.3 0.3"/>'), link("boom", 0.3, at="0.5 0 0")]
+    parts += [joint("hinge", "bus", "boom", (0.2, 0, 0), "0 0 1", "revolute", 0.0, limits=(-0.3, 0.3))]
+    for name, axis in (("x", "1 0 0"), ("y", "0 1 0"), ("z", "0 0 1")):
+        parts += [link(f"rotor_{name}", 0.1), joint(f"reaction_wheel_{name}", "bus", f"rotor_{name}", (0, 0, 0), axis)]
+    return robot(*parts)
+
+
+def long_row(*named):
+    return robot(
+        link("base", 20.0, BOX), *(pair(f"w{k}", "base", 0.2 * k, 0.25) for k in range(5)), transmissions(*named)
+    )
+
+
+def two_steered_axles():
+    """Of two the farther one leads; a swivel without motor and trail is held, and its wheel skids."""
+    front = pivot("front", "base", (0.6, 0, 0)) + wheel("f", "front", (0, 0, 0))
+    back = pivot("back", "base", (-0.4, 0, 0)) + wheel("b", "back", (0, 0, 0))
+    return robot(link("base", 20.0, BOX), pair("m", "base", 0, 0.3), front, back)
+
+
+def with_axis_across(name):
     """A ball caster of which the file draws one axis."""
-    across = link(name, 0.1, '<cylinder radius="0.05" length="0.04"/>', turn="0 1.570796326794897 0")
     turning = joint(f"{name}_joint", "base_footprint", name, (-0.25, 0, 0.05), "1 0 0")
-    kind, content, _ = drafted(two_wheels(across, turning), **wishes)
-    if drives:
-        assert kind == "planar: 3 wheels, differential drive"
-        assert content["robot"]["lock"] == {f"{name}_joint": 0.0}
-        assert content["actuators"] == ["l_joint", "r_joint"]
-        assert moved(tmp_path) > 0.05
-    else:
-        assert kind == "planar: 3 omni wheels"
-        assert set(content["actuators"]) == {"l_joint", "r_joint", f"{name}_joint"}
+    shape = '<cylinder radius="0.05" length="0.04"/>'
+    return two_wheels(link(name, 0.1, shape, turn="0 1.570796326794897 0"), turning)
 
 
-@pytest.mark.parametrize("front", ["steering_wheel", "gear_hub"])
-def test_a_name_makes_no_front_wheel_of_a_bicycle_vanish(front, drafted):
-    kind, content, _ = drafted((DIRT / "raked_fork.urdf").read_text().replace("front_hub", front))
-    assert kind == "free: 2 wheels in line: a bicycle, which leans"
-    assert content["actuators"] == ["rear_hub", "steering"]
+def with_spare_wheel():
+    """It has the only name of a wheel, and its axis is along the cart."""
+    shape = link("spare_wheel", 0.5, DISK, turn="0 1.570796326794897 0")
+    return cart(shape, joint("spare", "base", "spare_wheel", (-0.35, 0, 0.2), "1 0 0", effort=0.0))
+
+
+def kingpins(*named):
+    """A kingpin of a trailer is one joint behind the base; those of knuckles stand side by side."""
+    body = link("base", 10.0, BOX) + pair("rear", "base", -0.3)
+    return robot(body, knuckles("kingpin", "front", 0.3), transmissions(*named))
+
+
+def live_axle():
+    """The ring carries gears; two of them, on the axle, carry the rear wheels."""
+    parts = [link("base", 10.0, BOX), link("ring", 0.3), joint("ring_joint", "base", "ring", (-0.3, 0, 0))]
+    for side, y in (("l", 0.01), ("r", -0.01)):
+        parts += [
+            link(f"spider_{side}", 0.1),
+            joint(f"spider_{side}_joint", "ring", f"spider_{side}", (y, 0, 0), "1 0 0"),
+        ]
+    return robot(*parts, pair("rear", "ring", 0), knuckles("k", "f", 0.3))
+
+
+def conveyor():
+    """Rollers above six wheels."""
+    rollers = [wheel(f"roll{k}", "base", (0.1 * k, 0, 0.3), 0.03) for k in range(3)]
+    return robot(link("base", 20.0, BOX), *(pair(f"w{k}", "base", 0.2 * k, 0.3) for k in range(3)), *rollers)
+
+
+FORK, LEANS = (DIRT / "raked_fork.urdf").read_text(), "free: 2 wheels in line: a bicycle, which leans"
+L_R, W_LR = ["l_joint", "r_joint"], ["w_l_joint", "w_r_joint"]
+REAR, CAR = ["rear_l_joint", "rear_r_joint"], "planar: 4 wheels, steered like a car"
+ROW = [f"w{k}_{side}_joint" for k in range(5) for side in "lr"]
+
+
+@pytest.mark.parametrize(("text", "wishes", "kind", "actuators", "counts"), [
+    (flap(*W_LR), {}, DRIVES, W_LR, {"lock": {"flap_joint"}}),
+    (flap(*W_LR), {"driven": ["flap_joint"]}, DRIVES, [*W_LR, "flap_joint"], {"lock": set()}),
+    (flap(), {}, DRIVES, [*W_LR, "flap_joint"], {}),
+    (flap(), {"passive": ["flap_joint"]}, DRIVES, W_LR, {}),
+    (satellite(), {}, "free", [f"reaction_wheel_{name}" for name in "xyz"], {"lock": {"hinge"}}),
+    (long_row(*ROW), {}, "planar: 10 wheels, skid-steered", 10, {}),
+    (long_row(), {"driven": ROW}, "planar: 10 wheels, skid-steered", 10, {}),
+    (long_row(ROW[4], ROW[7]), {}, "planar: 10 wheels, on tracks, skid-steered", {ROW[4], ROW[7]}, {}),
+    (two_steered_axles(), {}, CAR, ["m_l_joint", "m_r_joint", "front_joint"], {}),
+    (two_steered_axles(), {"passive": ["front_joint"]}, CAR, ["m_l_joint", "m_r_joint", "back_joint"],
+        {"lock": {"front_joint"}}),
+    (with_axis_across("caster"), {}, "planar: 3 wheels, differential drive", L_R, {"lock": {"caster_joint"}}),
+    (with_axis_across("aux"), {"passive": ["aux_joint"]}, "planar: 3 wheels, differential drive", L_R,
+        {"lock": {"aux_joint"}}),
+    (with_axis_across("aux"), {}, "planar: 3 omni wheels", 3, {}),
+    (with_axis_across("caster"), {"driven": ["caster_joint"]}, "planar: 3 omni wheels", 3, {}),
+    (with_spare_wheel(), {}, DRIVES, L_R, {}),
+    (kingpins(), {}, CAR, [*REAR, "kingpin_l_joint"], {}),
+    (kingpins(*REAR, "kingpin_l_joint"), {}, CAR, [*REAR, "kingpin_l_joint"], {}),
+    (live_axle(), {}, CAR, None, {"rolling_wheel": 4}),
+    (conveyor(), {}, "planar: 6 wheels, skid-steered", 9, {}),
+    (cart(limits=ONCE, names=DISKS), {}, DRIVES, ["part_3_joint", "part_4_joint"], {}),
+    *((FORK.replace("front_hub", name), {}, LEANS, ["rear_hub", "steering"], {}) for name in ("steering_wheel", "gear_hub")),
+])  # fmt: skip
+def test_motors_locks_and_wheels_of_a_draft(text, wishes, kind, actuators, counts, drafted):
+    assert_base(drafted(text, **wishes), kind, actuators, counts)
 
 
 def test_wheels_in_line_do_not_skid_steer(drafted):
@@ -501,16 +504,6 @@ def test_wheels_in_line_do_not_skid_steer(drafted):
     with pytest.raises(ConfigurationError, match=r"a_joint, b_joint stand in line: .* with --base planar"):
         drafted(robot(*parts))
     assert drafted(robot(*parts), base="planar")[0].startswith("planar")
-
-
-def test_a_spare_wheel_is_not_the_ground(drafted):
-    """It has the only name of a wheel, and its axis is along the cart."""
-    shape = '<cylinder radius="0.1" length="0.04"/>'
-    spare = link("spare_wheel", 0.5, shape, turn="0 1.570796326794897 0")
-    spare += joint("spare", "base", "spare_wheel", (-0.35, 0, 0.2), "1 0 0", effort=0.0)
-    kind, content, _ = drafted(cart(spare))
-    assert kind == "planar: 2 wheels, differential drive"
-    assert content["actuators"] == ["l_joint", "r_joint"]
 
 
 def test_omni_wheels_beside_others_slide(drafted):
@@ -530,32 +523,6 @@ def test_omni_wheels_beside_others_slide(drafted):
     rear = [wheel(f"omni_{side}", "base", (0, y, 0)) for side, y in (("l", 0.2), ("r", -0.2))]
     front = pivot("turn", "base", (0.4, 0, 0)) + wheel("front", "turn", (0, 0, 0))
     assert drafted(robot(link("base", 10.0, BOX), *rear, front))[0] == "planar: 3 wheels, steered like a car"
-
-
-@pytest.mark.parametrize("listed", [True, False])
-def test_a_pair_of_kingpins_steers_a_car(listed, drafted):
-    """A kingpin of a trailer is one joint behind the base; those of knuckles stand side by side."""
-    parts = [link("base", 10.0, BOX)]
-    for side, y in (("l", 0.2), ("r", -0.2)):
-        parts += [wheel(f"rear_{side}", "base", (-0.3, y, 0)), pivot(f"kingpin_{side}", "base", (0.3, y, 0))]
-        parts += [wheel(f"front_{side}", f"kingpin_{side}", (0, 0, 0))]
-    lists = transmissions("rear_l_joint", "rear_r_joint", "kingpin_l_joint") if listed else ""
-    kind, content, _ = drafted(robot(*parts, lists))
-    assert kind == "planar: 4 wheels, steered like a car"
-    assert content["actuators"] == ["rear_l_joint", "rear_r_joint", "kingpin_l_joint"]
-
-
-def test_side_gears_of_a_differential_are_no_rollers(drafted):
-    """The ring of a live axle carries gears; two of them, on the axle, carry the rear wheels."""
-    parts = [link("base", 10.0, BOX), link("ring", 0.3), joint("ring_joint", "base", "ring", (-0.3, 0, 0))]
-    for side, y in (("l", 0.2), ("r", -0.2)):
-        spider = f"spider_{side}"
-        parts += [wheel(f"rear_{side}", "ring", (0, y, 0)), link(spider, 0.1)]
-        parts += [joint(f"{spider}_joint", "ring", spider, (y / 20, 0, 0), "1 0 0")]
-        parts += [pivot(f"k_{side}", "base", (0.3, y, 0)), wheel(f"f_{side}", f"k_{side}", (0, 0, 0))]
-    kind, content, _ = drafted(robot(*parts))
-    assert kind == "planar: 4 wheels, steered like a car"
-    assert {each["frame"] for each in of(content, "rolling_wheel")} == {"rear_l", "rear_r", "f_l", "f_r"}
 
 
 @pytest.mark.parametrize(("effort", "lists", "kind", "is_open"), [
@@ -598,15 +565,6 @@ def test_sprockets_above_the_ground_drive_their_tracks(called, listed, drafted, 
     run = execute(Scenario.load(str(tmp_path / "unit.yaml"), {"simulation.dt": 0.01})).trajectory
     assert run.verdict.succeeded, run.verdict.first  # both ends of a track carry
     assert np.linalg.norm(run.q[-1, :2] - run.q[0, :2]) > 0.25
-
-
-def test_an_axle_far_from_the_sides_is_no_sprocket(drafted):
-    """Rollers of a conveyor above six wheels."""
-    wheels = [wheel(f"w{k}{s}", "base", (0.2 * k, y, 0)) for k in range(3) for s, y in (("l", 0.3), ("r", -0.3))]
-    rollers = [wheel(f"roll{k}", "base", (0.1 * k, 0, 0.3), 0.03) for k in range(3)]
-    kind, content, _ = drafted(robot(link("base", 20.0, BOX), *wheels, *rollers))
-    assert kind == "planar: 6 wheels, skid-steered"
-    assert len(content["actuators"]) == 9
 
 
 @pytest.mark.parametrize("reverse", [False, True])
