@@ -493,7 +493,8 @@ ROW = [f"w{k}_{side}_joint" for k in range(5) for side in "lr"]
     (live_axle(), {}, CAR, None, {"rolling_wheel": 4}),
     (conveyor(), {}, "planar: 6 wheels, skid-steered", 9, {}),
     (cart(limits=ONCE, names=DISKS), {}, DRIVES, ["part_3_joint", "part_4_joint"], {}),
-    *((FORK.replace("front_hub", name), {}, LEANS, ["rear_hub", "steering"], {}) for name in ("steering_wheel", "gear_hub")),
+    (FORK.replace("front_hub", "steering_wheel"), {}, LEANS, ["rear_hub", "steering"], {}),
+    (FORK.replace("front_hub", "gear_hub"), {}, LEANS, ["rear_hub", "steering"], {}),
 ])  # fmt: skip
 def test_motors_locks_and_wheels_of_a_draft(text, wishes, kind, actuators, counts, drafted):
     assert_base(drafted(text, **wishes), kind, actuators, counts)
