@@ -107,7 +107,6 @@ def test_of_a_surface_of_equilibria_the_nearest_is_found(guess, hold):
 
 
 def test_of_inputs_that_hold_the_smallest_are_taken():
-    """Three drives on two hinges, of unlike inertias."""
     B = np.array([[1.0, 0.5, -2.0], [0.0, 1.0, 3.0]])
     reduced = hanging_chain(B, 2)
     found = rnc.equilibrium(reduced, [0.4, -1.1])
@@ -118,7 +117,6 @@ def test_of_inputs_that_hold_the_smallest_are_taken():
 
 
 def test_what_does_not_rest_says_by_how_much():
-    """All joints held but one that cannot help: the rate of the last hinge, to three digits."""
     reduced = hanging_chain([], 2)
     q = np.array([0.2, 1.9])
     rates = reduced.forward_dynamics(q, np.zeros(2), np.zeros(0))
@@ -132,7 +130,6 @@ def test_what_does_not_rest_says_by_how_much():
 
 
 def test_a_gap_that_stays_is_told_in_metres():
-    """Every joint of an open loop held: the larger of the distances of its ends, and the row it is of."""
     robot = systems.four_bar().robot
     closure = rnc.LoopClosure("coupler_tip", "rocker_tip", "point")
     reduced = rnc.NonholonomicSystem(robot, [closure]).reduce([rnc.JointPosition("crank")])
@@ -198,7 +195,6 @@ def test_a_step_towards_an_equilibrium_is_that_of_newton(make):
 
 
 def test_what_rests_to_one_part_in_ten_to_the_ten_is_left_where_it_is():
-    """A little further on it is brought down; of the whole gravity, sideways too."""
     reduced = sideways_pendulum()
     near, far = (np.array([share * angle_of(1e-10 * RESTING)]) for share in (0.97, 1.03))
     np.testing.assert_array_equal(rnc.equilibrium(reduced, near).q, near)
@@ -225,7 +221,6 @@ def test_a_hinge_that_turns_under_gravity_is_no_steady_motion():
 
 @pytest.mark.parametrize(("gap", "closed"), [(0.97e-9, True), (1.03e-9, False), (2e-3, False)])
 def test_a_loop_that_a_motor_holds_has_to_be_closed(gap, closed):
-    """Every joint held: it rests, whatever its ends do, to a nanometre."""
     reduced = four_bar()
     robot = reduced.robot
     q = reduced.assembled(robot.configuration({"crank": 1.0, "coupler": -0.4, "rocker": 1.5}), hold=["crank"])

@@ -81,7 +81,6 @@ def test_preflight_warns_and_the_reference_is_slowed_until_it_holds(gripping):
 
 
 def test_a_second_factor_is_asked_of_the_slowed_reference(gripping):
-    """Demands of an error at the start do not slow down, so that the first factor is not enough."""
     task = rnc.Task.of(gripping, list(gripping.reducing.names), [])
     reference, grip = TaskReference(turn(), rnc.planning.Hold([])), rnc.Grip(gripping, friction=0.02)
     q0 = gripping.robot.configuration({"root_joint": [0.0, 0.0, 0.1]})
@@ -110,7 +109,6 @@ def test_what_is_no_grip_is_refused(gripping, friction):
 
 
 def test_a_scenario_is_warned_of_its_grip_or_refused():
-    """A unicycle whose wheels would slip on ice."""
     quiet = {"comparisons": {}, "simulation.duration": 4.0}
     needed = Scenario.load("unicycle", {**quiet, "grip": {"friction": 0.01}}).experiment.warnings
     assert "times the grip that" in needed[0]
@@ -125,10 +123,6 @@ def test_a_scenario_is_warned_of_its_grip_or_refused():
 
 @pytest.mark.parametrize(("grip", "word"), [({"friction": 0.1}, "failed"), ({"friction": 0.2}, "succeeded")])
 def test_a_run_that_needs_more_than_the_stated_friction_fails(grip, word):
-    """It once succeeded: only the references were compared.
-
-    The ground pushes the robot at its one wheel: along the ground, this force is the rate of the momentum.
-    """
     made = Scenario.load("unicycle", {"comparisons": {}, "plots": {}, "simulation.duration": 3.0, "grip": grip}).build()
     run = execute(made).trajectory
     assert run.verdict.word == word
@@ -217,7 +211,6 @@ def test_loads_of_a_cart_are_those_of_statics():
 
 @pytest.mark.parametrize("heading", [0.3, 2.0])
 def test_a_support_that_would_pull_carries_nothing(heading):
-    """The mast's weight far out: one of three supports would have to pull; the load is nothing there."""
     robot = cart_robot()
     mast = robot.model.getJointId("mast")
     robot.model.inertias[mast] = pin.Inertia(60.0, np.array([0.9, 0.0, 0.2]), np.eye(3))
@@ -247,7 +240,6 @@ def test_two_supports_balance_what_they_can():
 
 
 def test_a_wheel_that_lifts_off_in_a_turn_has_no_grip():
-    """Whatever it needs; the other one has the force of its rows over the load of its vertical row."""
     reduced, friction = cart("free"), 0.4
     grip = rnc.Grip(reduced, friction)
     assert grip.names == ("b", "a")
@@ -263,7 +255,6 @@ def test_a_wheel_that_lifts_off_in_a_turn_has_no_grip():
 
 @pytest.mark.parametrize("gravity", [0.0, 3.0])
 def test_without_weight_nothing_grips_that_has_to(gravity):
-    """No gravity, or one that lifts: loads are zero; at rest none is asked for."""
     reduced = cart(gravity=gravity)
     grip, q = rnc.Grip(reduced, 0.5), reduced.robot.configuration({"mast": 0.2})
     rest = np.zeros(2)

@@ -169,7 +169,6 @@ def test_next_to_a_singular_configuration_a_direction_is_in_doubt(x, vector, dou
 
 
 def test_the_largest_dimensions_are_generic_not_the_longest_vector(monkeypatch):
-    """Next to singular configurations some levels are smaller, so that the vector is longer."""
     told = {0: (2, 3, 3 + 1, 5), 1: (2, 3, 5), 2: (2, 3, 5), 3: (2, 3, 4)}
 
     def vector_of(reduced, q):
@@ -233,17 +232,6 @@ def test_a_growth_vector_that_is_not_found_is_refused():
         growth_vector(reduced, q, deepest=4)
     with pytest.raises(rnc.InputError, match="deepest: expected a positive integer, found 0"):
         growth_vector(reduced, q, deepest=0)
-
-
-@pytest.mark.parametrize("straight", [True, False])
-def test_seven_trailers_grow_by_one_a_level(straight):
-    """At regular points, the straight one included, the degree of nonholonomy is the dimension less one (Jean 1996)."""
-    reduced = unicycle_with_trailers(7)
-    angles = {} if straight else {f"hitch_{k}": 0.1 + 0.07 * k for k in range(1, 8)}
-    found = grow(reduced, reduced.robot.configuration(angles))
-    assert found.vector == tuple(range(2, 11))
-    assert not found.doubtful
-    assert found.margin > MARGIN
 
 
 def test_the_rounding_of_a_file_is_no_direction_at_any_depth():

@@ -1,13 +1,10 @@
 """Integrable rows of systems written down, from both sides of every limit."""
 
-import sys
-
 import numpy as np
 import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis import integrability
-from rnc_pin.analysis.growth import Growth
 from systems import free_flying_panda, leaning_wheel, random_states
 from textbook_systems import rail_sliders
 
@@ -66,18 +63,6 @@ def test_places_where_brackets_are_fewer_than_elsewhere_do_not_count(count):
         assert (found.growth_vector, found.nonholonomic) == ((2, 3), ("row",))
     found = integrability(reduced, places(0.0, size=3))
     assert (found.growth_vector, found.integrable) == ((2,), ("row",))
-
-
-def test_the_largest_dimension_of_each_level_is_generic(monkeypatch):
-    """Though no sample has them all; closures are those of the samples that end highest."""
-    whole, less = Growth((3, 4, 6), np.eye(6), 1e9, False), Growth((3, 5), np.eye(6)[:, :5], 1e9, False)
-    monkeypatch.setattr(sys.modules["rnc_pin.analysis.growth"], "grow", lambda reduced, q: less if q[0] > 0 else whole)
-    row = np.eye(6)[:3]
-    system = rnc.NonholonomicSystem(rail_sliders(6), [rnc.Pfaffian(lambda q: row, lambda q, v: 0 * row)])
-    reduced = system.reduce([rnc.JointPosition(f"s{k}") for k in (3, 4, 5)])
-    for x in ((1.0, -1.0), (-1.0, 1.0)):
-        found = integrability(reduced, places(*x, size=6))
-        assert (found.growth_vector, found.evidence.agreeing, found.integrable) == ((3, 5, 6), 0, ())
 
 
 def sorted_rows(reduced, seed=13):

@@ -165,10 +165,10 @@ def test_energy_changes_by_the_power_of_the_actuators(reduced, states):
         )
 
 
-def slides(A, A_dot, mu=None, mu_dot=None):
-    """Unit masses, of which the last moves at ``A(q) v2 + mu(q)``; the rates become these after they were checked."""
+def slides(A, A_dot, moving=False):
+    """Unit masses, of which the last moves at ``A(q) v2 + 0.4 + q1``; the rates change after they were checked."""
     told = right_rate
-    moves = () if mu is None else (lambda q: np.array([mu(q)]), lambda q, v: np.array([mu_dot(q, v)]))
+    moves = (lambda q: 0.4 + q[1:2], lambda q, v: v[1:2]) if moving else ()
     row = rnc.Pfaffian(
         lambda q: np.array([[*(-A(q)), 1.0]]), lambda q, v: np.array([[*(-told(q, v)), 0.0]]), ["row"], *moves
     )
@@ -194,14 +194,7 @@ def wrong_rate(q, v):
 @pytest.mark.parametrize("step", [5e-4, 0.05])
 def test_residuals_of_lemma_1_are_those_of_the_slides(moving, step):
     """``R = [1; A]``, so that ``H = 1 + A^T A`` and ``V = A^T Adot``, whatever is said to be the rate of A."""
-
-    def mu(q):
-        return moving * (0.4 + q[1])
-
-    def mu_dot(q, v):
-        return moving * v[1]
-
-    reduced = slides(slopes, wrong_rate, *((mu, mu_dot) if moving else ()))
+    reduced = slides(slopes, wrong_rate, moving)
     configurations = np.random.default_rng(5).normal(size=(4, 3))
     seed = 11
     found = lemma_1_residuals(reduced, configurations, seed, step)
@@ -211,7 +204,7 @@ def test_residuals_of_lemma_1_are_those_of_the_slides(moving, step):
         return np.eye(2) + np.outer(slopes(q), slopes(q))
 
     def V(q, v2):
-        v = np.array([*v2, slopes(q) @ v2 + mu(q)])
+        v = np.array([*v2, slopes(q) @ v2 + moving * (0.4 + q[1])])
         return v, np.outer(slopes(q), wrong_rate(q, v))
 
     rate, linear, ratio = [], [], []
@@ -235,7 +228,6 @@ def test_residuals_of_lemma_1_are_those_of_the_slides(moving, step):
 
 
 def test_lemma_1_holds_of_slides():
-    """And of a body without constraints, whose H does not change."""
     found = lemma_1_residuals(slides(slopes, right_rate), np.random.default_rng(5).normal(size=(4, 3)))
     assert max(found[name] for name in ("A R", "H - H^T", "Hdot - V - V^T", "V linear")) < 1e-9
     free = rnc.NonholonomicSystem(rail_sliders(1), []).reduce([rnc.JointPosition("s0")])

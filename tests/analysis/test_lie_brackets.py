@@ -77,7 +77,6 @@ def test_coefficients_are_those_of_a_closed_form():
 
 @pytest.mark.parametrize("name", ["fire_truck", "leaning_wheel", "free_flying_panda"])
 def test_the_first_coefficient_is_the_bracket_of_generators(name):
-    """However far the flow leads; and the fit knows its error."""
     reduced = ALL[name]()
     q, _ = random_states(reduced, 1, seed=4)[0]
     jets = BracketJets(reduced, q)

@@ -23,7 +23,6 @@ from textbook_systems import (
 
 @pytest.mark.parametrize("actuators", [("left_axle", "right_axle"), ()])
 def test_pendulum_on_wheels_falls_at_the_rate_of_the_closed_form(actuators):
-    """Fewer actuators than velocities, or none: the model does not ask for more."""
     reduced = wheeled_pendulum(actuators)
     found = rnc.linearize(reduced, reduced.robot.configuration(), coordinates=["pitch"])
     # Body 12 kg, 0.45 m up, 0.8 kg m^2; two wheels 1 kg, 0.005 kg m^2, 0.1 m.
@@ -93,7 +92,6 @@ def test_what_cannot_be_linearised_is_refused(options, error, words):
 
 
 def test_a_motion_is_steady_to_a_part_in_ten_to_the_eight():
-    """Of the whole gravity and the square of the speed."""
     reduced = sideways_pendulum()
     near, far = (np.array([share * angle_of(1e-8 * SIZE)]) for share in (0.97, 1.03))
     v2 = [SPEED]
@@ -179,7 +177,6 @@ def test_a_coordinate_in_the_world_does_not_turn_with_the_body():
 
 @pytest.mark.parametrize("speed", [0.5, 3.0])
 def test_a_coordinate_moves_above_a_hundred_millionth_of_the_motion(speed):
-    """Or of one a second; slower ones rest."""
     reduced, coordinates = unicycle(), [rnc.FrameYaw("body"), rnc.FramePosition("body", "y")]
     limit = 1e-8 * (1.0 + speed) / speed
     q = reduced.robot.configuration({"root_joint": (0.0, 0.0, 0.97 * limit)})
@@ -211,7 +208,6 @@ def test_a_loop_has_the_coordinates_that_it_leaves():
 
 
 def test_inputs_that_hold_are_the_smallest():
-    """Three drives for two velocities, on a slope."""
     model, _ = planar_model()
     model.gravity.linear = np.array([-2.0, 0.0, 0.0])
     slope = rnc.Robot(model)

@@ -40,18 +40,6 @@ def test_forces_from_the_motion_are_the_multipliers_of_a_free_base():
     assert (ours < 0).any()
 
 
-@pytest.mark.parametrize("base", ["planar", "free"])
-def test_the_weight_rests_on_the_supports_as_statics_say(base):
-    reduced, q = cart(base)
-    model, data = reduced.robot.model, reduced.robot.model.createData()
-    normal = NormalForces(reduced)
-    forces = normal.at(reduced.at(q, np.zeros(2)), np.zeros(2))
-    weight, ahead = G * pin.computeTotalMass(model), pin.centerOfMass(model, data, q)[0] - q[0]
-    assert normal.names == ("left_wheel", "right_wheel", "nose")
-    np.testing.assert_allclose(forces[2], weight * ahead / 0.3, rtol=1e-9)  # the nose is 0.3 m ahead of the axle
-    np.testing.assert_allclose(forces[:2], (weight - forces[2]) / 2, rtol=1e-9)
-
-
 def critical(reduced, q):
     """Torque of both wheels at which the nose carries nothing, from rest: forces are affine in inputs."""
     normal, rest = NormalForces(reduced), reduced.at(q, np.zeros(2))
@@ -76,7 +64,6 @@ def test_a_run_names_the_first_contact_that_would_lift_off(base):
 
 
 def test_forces_are_those_of_the_masses_that_move():
-    """A plant that is twice as heavy presses twice as much; another plant is not asked."""
     reduced, q = cart("planar")
     other, _ = cart("planar")
     for joint, inertia in enumerate(other.robot.model.inertias):
@@ -102,7 +89,6 @@ def test_where_nothing_presses_on_the_ground_there_are_no_normal_forces():
 
 
 def test_preflight_and_grip_report_a_caster_that_lifts_off():
-    """Grip looks at wheels, which hold; the caster ahead of them does not when the cart sets off too fast."""
     reduced, q = cart("planar")
     for duration, lifts in ((6.0, False), (0.9, True)):
         controller = rnc.control.ReducingOutputController(reduced, MinimumJerk(np.zeros(2), [12.0, 12.0], duration))

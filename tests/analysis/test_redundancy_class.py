@@ -25,7 +25,6 @@ from textbook_systems import prismatic, sliders_with_rows, turreted, unicycle
     ([[5, 0], [4, 0]], "1", None, "", "A4 = 0, and the values of x22 do not steer A3 v21 either"),
 ])  # fmt: skip
 def test_a_class_of_constant_blocks(A, redundant, expected, tracked, reason):
-    """Names, words and figures."""
     A, free = np.array(A, float), [int(k) for k in redundant]
     k, r = A.shape
     reduced = sliders_with_rows(lambda q: A)
@@ -48,8 +47,6 @@ def test_a_class_of_constant_blocks(A, redundant, expected, tracked, reason):
 
 
 def test_figures_are_those_of_the_columns_and_rows_of_the_task():
-    """The redundant output stands first, primary ones and vertical ones in another order than in the model."""
-
     def A(q):
         return [[1.5 + np.sin(q[1]), 7.0, 0.0], [0.0, 0.3 * q[2], -4.0]]
 
@@ -93,7 +90,6 @@ def test_how_a5_depends_on_x22_is_its_partial_derivative():
 @pytest.mark.parametrize("size", [0.5, 1.0, 20.0])
 @pytest.mark.parametrize("share", [0.97, 1.03])
 def test_a_part_in_ten_to_the_nine_of_the_largest_entry_moves_nothing(size, share):
-    """Or of one, where all are smaller."""
     weak = share * 1e-9 * max(1.0, size)
     reduced = sliders_with_rows(lambda q: [[size, weak], [0.3, 0.4]])
     task = rnc.Task.of(reduced, ["s0"], ["s1"])
@@ -105,8 +101,6 @@ def test_a_part_in_ten_to_the_nine_of_the_largest_entry_moves_nothing(size, shar
 
 @pytest.mark.parametrize("unit", [1.0, 1e-4, 1e7])
 def test_rows_are_of_full_rank_to_a_part_in_a_million(unit):
-    """At more than nine of ten configurations."""
-
     def matrices(*shares):
         return unit * np.stack([[[0.0, 1.0, 0.0], [0.0, 0.0, share * 1e-6]] for share in shares])
 

@@ -62,7 +62,6 @@ OSCILLATOR = [[0.3, 2.7, 0.0, 0.0], [-1.9, -0.3, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0
 ])  # fmt: skip
 @pytest.mark.parametrize("rate", [1.0, 1e5])
 def test_modes_that_cannot_be_held_are_named(A, B, cost, words, rate):
-    """However fast they are."""
     with pytest.raises(rnc.ConstraintError) as told:
         rnc.lqr(linear(rate * np.array(A), rate * np.array(B)), cost)
     assert str(told.value) == words
@@ -104,7 +103,6 @@ def told(system, *costs):
 
 @pytest.mark.parametrize("fast", [0.3, 3.0])
 def test_what_fades_by_itself_need_not_be_reached(fast):
-    """Faster than a hundred thousandth of the largest entry of A, or of one a second."""
     limit = 1e-5 * max(1.0, fast)
     B = [[0.0], [1.0]]
     assert told(linear(np.diag([-0.97 * limit, -fast]), B), 1.0) == NOT_REACHED + "x0"
@@ -114,7 +112,6 @@ def test_what_fades_by_itself_need_not_be_reached(fast):
 
 @pytest.mark.parametrize("fast", [0.3, 3.0])
 def test_what_grows_slowly_has_to_cost_something(fast):
-    """Faster growth is stopped at any cost."""
     limit = 1e-5 * max(1.0, fast)
     B = np.eye(2)
     message = told(linear(np.diag([0.97 * limit, -fast]), B), [0.0, 1.0])
@@ -154,7 +151,6 @@ def test_states_that_a_mode_hardly_moves_are_not_named(part, names):
 
 @pytest.mark.parametrize("unit", [1.0, 1e-14])
 def test_a_weight_is_negative_beyond_rounding(unit):
-    """A part in ten to the twelve of the largest entry."""
     system = linear([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]])
     with pytest.raises(rnc.ConfigurationError) as raised:
         rnc.lqr(system, unit * np.array([3.0, -1.03 * 3e-12]), unit)

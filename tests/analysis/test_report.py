@@ -42,7 +42,6 @@ def test_lemma_1_is_denied_to_wrong_rates():
 
 
 def test_a_system_that_does_not_reach_everything_says_how_much():
-    """A joint that a row keeps is never reached; brackets of higher order count too."""
     robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
     kinds = [rnc.NoSideSlip("base"), rnc.FixedOutput(rnc.JointPosition("joint_2"), 0.3)]
     report = rnc.analyze(rnc.NonholonomicSystem(robot, kinds).reduce(), samples=4)
@@ -157,7 +156,6 @@ def test_a_report_is_of_the_samples_it_says():
 
 
 def test_a_report_leaves_out_where_outputs_are_undefined():
-    """To one side of a wall, or everywhere."""
     wall = [-np.inf]
     ahead = ahead_of(wall)
     reduced = rnc.NonholonomicSystem(sleigh().robot, [rnc.NoSideSlip("sleigh")]).reduce([ahead, rnc.FrameYaw("sleigh")])

@@ -39,7 +39,6 @@ def test_each_singular_set_is_met_with_the_rows_that_are_dependent_there():
 
 
 def test_a_singular_set_is_looked_for_between_neighbours():
-    """Of samples of the other sign the nearest counts, whichever comes first."""
     first, second, far = np.zeros((3, 4))
     first[:], second[:], far[:] = (0, -0.4, 0, 1), (0, 0.5, 0, 1), (0, -4.0, 0, 1)
     for configurations in ([first, second, far], [far, second, first]):
@@ -78,8 +77,6 @@ def test_samples_and_ways_where_an_output_is_undefined_are_left_out():
 
 
 def test_a_way_that_meets_an_undefined_output_does_not_end_the_search():
-    """Of two samples of one sign each has its own nearest of the other; between the first two there is a wall."""
-
     def rows(q):
         if abs(q[0] - 0.5) < 0.1:
             raise rnc.SingularityError("undefined", q=q, condition=np.inf, rows=())

@@ -57,7 +57,6 @@ def test_trailers_in_a_circle_stand_at_the_angles_of_geometry(count, speed):
 
 
 def test_rates_that_are_not_given_are_found():
-    """Steering held, its rate has to be zero."""
     reduced = tractor_trailers(1)
     guess = reduced.robot.configuration({"front_steering": 0.3, "hitch_1": -0.2})
     found = rnc.equilibrium(reduced, guess, ["front_steering"], {"tractor_speed_x": 2.0})

@@ -74,7 +74,6 @@ def test_a_knife_edge_moves_with_the_turntable_that_carries_it(robot):
 
 
 def test_a_scenario_names_the_ground_once():
-    """Constraints with a ground of their own keep it; MuJoCo takes one at rest and refuses others by name."""
     raw = {
         "robot": {"urdf": "rolling_ball.urdf", "base": "free"},
         "ground": {"plane": {"normal": [0.0, 0.1, 1.0]}},
@@ -94,17 +93,3 @@ def test_a_scenario_names_the_ground_once():
     assert MuJoCoPlant(at_rest, q0=q0).wheel_names == ("ball",)
     with pytest.raises(rnc.ConfigurationError, match=r"MuJoCo: vertical\(ball\) rolls on a GroundPlane that"):
         MuJoCoPlant(turning, q0=q0)
-
-
-def test_the_drawing_of_a_plane_is_a_square_around_the_foot_of_a_point():
-    center = np.array([0.4, -1.0, 2.0])
-    vertices, triangles = SLOPE.mesh(center, 0.5)
-    normal = SLOPE.axes[2]
-    foot = center - normal * (normal @ (center - np.asarray(SLOPE.point)))
-    np.testing.assert_allclose(vertices.mean(axis=0), foot, atol=ROUNDING)
-    np.testing.assert_allclose(vertices @ normal, foot @ normal, atol=ROUNDING)
-    sides = np.roll(vertices, -1, axis=0) - vertices
-    next_side = np.roll(np.eye(4), 1, axis=1)
-    np.testing.assert_allclose(sides @ sides.T, np.eye(4) - next_side @ next_side, atol=ROUNDING)
-    for corners in vertices[triangles]:
-        assert np.cross(corners[1] - corners[0], corners[2] - corners[0]) @ normal == pytest.approx(1.0)

@@ -45,7 +45,6 @@ def test_a_welded_joint_is_a_locked_one(robot):
 
 
 def test_an_impact_takes_the_time_of_a_prescribed_motion(robot):
-    """A joint that starts to follow its motion at t jumps to the rate of this time."""
     swing = Harmonic([0.0], [0.3], 0.5)
     driven = rnc.PrescribedMotion(rnc.JointPosition("joint_1"), swing)
     reduced = rnc.NonholonomicSystem(robot, [driven], ["joint_2", "joint_3"]).reduce()
@@ -195,6 +194,22 @@ def test_a_holonomic_row_of_the_user_may_move(smooth):
     assert np.ptp(run.energy - run.work) < 1e-9
 
 
+def test_rows_that_demand_two_things_are_refused():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    row = np.eye(4)[:1]
+
+    def turning(speed, name):
+        return rnc.Pfaffian(
+            lambda q: row, lambda q, v: 0 * row, [name], rate=lambda q: np.array([speed]),
+            rate_dot=lambda q, v: np.zeros(1),
+        )  # fmt: skip
+
+    assert rnc.NonholonomicSystem(robot, [turning(0.5, "a"), turning(0.5, "b")]).m == 1
+    words = r"'b' contradicts the others: it requires 0.7, the others require 0.5"
+    with pytest.raises(rnc.ConstraintError, match=words):
+        rnc.NonholonomicSystem(robot, [turning(0.5, "a"), turning(0.7, "b")])
+
+
 # ---------------------------------------------------------------------- refusals
 
 SWING = Harmonic([0.0], [0.3], 0.5)
@@ -226,6 +241,12 @@ def prescribed(motion):
     (prescribed(Doubled("acceleration")), "joint_1: its acceleration is not the rate of its velocity"),
     (rnc.Pfaffian(lambda q, t: np.eye(4)[:1], names=["belt"], rate=lambda q, t: np.array([t**2]),
         rate_dot=lambda q, v, t: np.array([t]), rheonomic=True), r"rate_dot\(q, v\).* row 'belt'"),
+    (rnc.MomentumConservation("platform", [1.0, 2.0]), "takes 1 finite number, found"),
+    (rnc.MomentumConservation("platform", np.nan), "takes 1 finite number, found nan"),
+    (rnc.Pfaffian(lambda q: np.eye(4)[:1], rate_dot=lambda q, v: v[:1]), "only together"),
+    (rnc.Pfaffian(np.eye(4)[:1]), "'rows' of a Pfaffian constraint has to be a function.*found ndarray"),
+    (rnc.Pfaffian(lambda q: np.eye(4)[:1], rate=np.ones(1)), "'rate' of a Pfaffian constraint has to be"),
+    (rnc.Pfaffian(lambda q: np.eye(4)[:1], rate=lambda q: q[:1], residual=lambda q: q[:1]), "'residual', not both"),
 ])  # fmt: skip
 def test_what_cannot_be_kept_is_refused(robot, kind, words):
     with pytest.raises(rnc.ConstraintError, match=words):

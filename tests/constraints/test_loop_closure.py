@@ -222,7 +222,6 @@ def test_initial_configurations_that_violate_a_row_are_refused_and_rounding_is_n
 
 
 def test_closing_a_loop_is_quadratic(monkeypatch):
-    """Some steps of at most half a radian, then each doubles the digits."""
     reduced = four_bar()
     closed = reduced.assembled(reduced.robot.configuration({"crank": 1.0, "coupler": -0.4, "rocker": 1.5}))
     monkeypatch.setattr(assembly, "_STEPS", 8)

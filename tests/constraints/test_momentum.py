@@ -10,8 +10,10 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body, add_frame
 from random_systems import CONSTRAINTS, KINDS, Recipe, constraint, robot_of
-from systems import random_states, reacting
-from tolerances import KKT
+from rnc_pin.control import ComputedTorque, RedundancyController
+from rnc_pin.planning import MinimumJerk
+from systems import drifting_manipulator, random_states, reacting, spinning_space_robot, tumbling_panda
+from tolerances import KKT, ROUNDING
 
 SAID = "which is declared as conserved: omit the momentum"
 
@@ -229,3 +231,56 @@ def test_a_momentum_that_is_kept_where_nobody_knows():
     assert rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("disc")]).r == 1
     with pytest.raises(rnc.ConstraintError, match=r"'disc' has to be zero, .* JointModelPlanar on 'lift'"):
         rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("disc", [1.0, 0.0, 0.0])])
+
+
+# ---------------------------------------------------------------------- momenta that are not zero
+
+
+@pytest.mark.parametrize(("make", "axes", "given"), [
+    (tumbling_panda, [0, 1, 2, 3, 4, 5], [2.0, -1.0, 0.5, 0.3, 0.4, -0.6]),
+    (drifting_manipulator, [0, 1, 5], [3.0, -2.0, 5.0]),
+])  # fmt: skip
+def test_momentum_is_that_about_the_origin_of_the_world(make, axes, given):
+    reduced = make()
+    model, data = reduced.robot.model, reduced.robot.model.createData()
+    for q, v2 in random_states(reduced, 4):
+        pin.computeCentroidalMomentum(model, data, q, reduced.at(q, v2).v)
+        linear = data.hg.linear
+        about_origin = data.hg.angular + np.cross(data.com[0], linear)
+        np.testing.assert_allclose(np.concatenate([linear, about_origin])[axes], given, atol=1e-10)
+
+
+def test_a_pivot_keeps_its_angular_momentum():
+    """A top pinned at its center of mass, on a base turned in the world: Euler's equations in body axes."""
+    model = pin.Model()
+    placement = pin.SE3(pin.utils.rpyToMatrix(0.4, -0.7, 1.1), np.array([1.0, 2.0, 3.0]))
+    principal = np.array([1.0, 2.0, 3.0])
+    joint = add_body(model, "pivot", "Spherical", 5.0, moments=principal, at=placement)
+    add_body(model, "wheel", "RZ", 1.0, joint, moments=0.5)
+    momentum = np.array([0.5, -1.0, 2.0])
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("pivot", momentum)], ["wheel"])
+    reduced = system.reduce([rnc.JointPosition("wheel")])
+    for q, v2 in random_states(reduced, 4):
+        rotation = pin.Quaternion(q[:4]).toRotationMatrix()  # of the body in the pivot's fixed frame
+        own = rotation.T @ momentum
+        spin = np.array([0.0, 0.0, v2[0]])
+        np.testing.assert_allclose(reduced.at(q, v2).v[:3], (own - 0.5 * spin) / (principal + 0.5), atol=ROUNDING)
+
+
+def test_a_run_keeps_momentum_and_energy():
+    reduced = spinning_space_robot()
+    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
+    q0 = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
+    x1, x2 = reduced.at(q0).outputs()
+    # The platform turns by itself and is told to turn elsewhere: (12) has to count with the rate that it has anyway.
+    primary = MinimumJerk(x2[:2], x2[:2] + np.array([-0.2, 0.3]), 3.0)
+    target = RedundancyController(task, primary, MinimumJerk(x1, x1 + 0.4, 3.0), k3=3.0, k21=3.0)
+    run = rnc.simulate(reduced, ComputedTorque(reduced, target, 40.0), q0, 4.0, 0.005)
+    assert run.constraint_residual.max() < 1e-9
+    assert np.abs(run.v[0]).max() > 0.1, "it does not start at rest"
+    np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=1e-6)
+    final = rnc.summarize(run)["final_error"]
+    assert max(final.values()) < 1e-3
+    data, model = reduced.robot.model.createData(), reduced.robot.model
+    for q, v in zip(run.q[::80], run.v[::80], strict=True):
+        assert pin.crba(model, data, q)[0] @ v == pytest.approx(6.0, abs=1e-9)

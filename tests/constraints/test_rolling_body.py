@@ -48,7 +48,6 @@ def test_rows_are_the_velocity_of_the_lowest_point(name):
 
 
 def test_many_light_bodies_are_put_on_the_ground_at_the_first_draw():
-    """By kinetic energy alone, each turned instead at every other draw, and all had to succeed at once."""
     model = pin.Model()
     for k in range(4):
         add_body(model, f"base_{k}", "FreeFlyer", 1.0, moments=(2e-4, 1.6e-3, 1.7e-3), frame=f"stone_{k}")
