@@ -115,22 +115,6 @@ def straight(*distances):
     return np.column_stack([s, 0.05 * s**2, np.arctan(0.1 * s), s + 2.0])
 
 
-def test_a_path_is_fitted_only_where_places_on_both_sides_of_the_axle_are_within_the_window():
-    dense = 0.02 * np.arange(10)
-    ahead, behind = straight(-1.0, -0.3, *dense), straight(*(-dense[::-1]), 0.3, 1.0)
-    for path, older, share in ((ahead, 1, 0.9), (behind, 9, 0.1)):
-        near = PathPoint(*((1 - share) * path[older] + share * path[older + 1])[:3], 0.3)
-        kingpin = (near.x + 0.8 * np.cos(0.1), near.y + 0.8 * np.sin(0.1))
-        edge = max(np.hypot(*(path[place, :2] - near[:2])) for place in (older, older + 1))
-        reached = path[older, 3] + np.hypot(*(path[older, :2] - near[:2]))
-        edge = max(reached - path[older, 3], path[older + 1, 3] - reached)
-        assert chord_end_fitted(path, older, near, *kingpin, 0.8, edge * (1 - 1e-9)) is near
-        point = chord_end_fitted(path, older, near, *kingpin, 0.8, edge * (1 + 1e-9))
-        expected, count = fitted(path, older, near, kingpin, 0.8, edge * (1 + 1e-9))
-        assert count == 11
-        np.testing.assert_allclose(point, expected, rtol=1e-6, atol=1e-7)
-
-
 def test_a_path_is_fitted_to_four_places_and_not_to_three():
     """Of those within the window that head within a radian of its middle."""
     path = straight(-0.3, -0.1, 0.02, 0.1, 0.2, 0.5)
