@@ -19,15 +19,14 @@ class HandController:  # (Node)
         drives = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
         system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drives)
         outputs = [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.FrameYaw("base")]
-        self.reduced = system.reduce(outputs, [rnc.Distance("base", "tip")])
-        self.task = rnc.Task.of(self.reduced, ["tip_x", "tip_y", "base_yaw"], ["base_speed_x"])
-        self.q = self.loop = None
+        self.reduced, self.q, self.loop = system.reduce(outputs, [rnc.Distance("base", "tip")]), None, None
 
     def make_loop(self, q):  # the reference starts where the hand is at the first message
+        task = rnc.Task.of(self.reduced, ["tip_x", "tip_y", "base_yaw"], ["base_speed_x"])
         x1, x2 = self.reduced.at(q).outputs()
-        start = x2[self.task.primary]
+        start = x2[task.primary]
         way = rnc.planning.MinimumJerk(start, start + np.array([0.8, 0.3, 0.4]), duration=3.0)
-        target = rnc.control.RedundancyController(self.task, way, rnc.planning.Hold(x1[self.task.vertical]), k21=2.0)
+        target = rnc.control.RedundancyController(task, way, rnc.planning.Hold(x1[task.vertical]), k21=2.0)
         return rnc.VelocityLoop(self.reduced, target, DT, velocity="commanded", fallback="brake")
 
     def on_state(self, pose, joints):  # self.create_subscription(...): odometry and joint states, synchronized

@@ -8,6 +8,7 @@ import pytest
 import rnc_pin as rnc
 import systems
 from rnc_pin.control import Command
+from rnc_pin.control.loop import loop_state
 from rnc_pin.control.loop.loop_state import VelocityEstimate, write_state
 from rnc_pin.control.loop.measurements import VelocityObserver
 from rnc_pin.plants import FaultyPlant, ReducedPlant
@@ -93,6 +94,16 @@ def test_a_state_of_another_controller_is_refused(tmp_path):
         loop.load(tmp_path / "text.npz")
     with pytest.raises(rnc.ConfigurationError, match=r"no file '.*gone\.npz'"):
         loop.load(tmp_path / "gone.npz")
+
+
+def test_a_state_beyond_its_largest_size_is_none(tmp_path, monkeypatch):
+    reduced, tracker = sleigh()
+    loop = rnc.ControlLoop(reduced, tracker, DT)
+    drive(loop, started(reduced), [0.0, DT])
+    loop.save(tmp_path / "loop.npz")
+    monkeypatch.setattr(loop_state, "_MOST_BYTES", 100)
+    with pytest.raises(rnc.ConfigurationError, match=r"loop\.npz: not the state of a loop: arrays take more"):
+        loop.load(tmp_path / "loop.npz")
 
 
 def limited(effort=3.0):
