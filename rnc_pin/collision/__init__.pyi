@@ -5,15 +5,12 @@ from .continuous_distances import ContinuousDistances as ContinuousDistances
 from .continuous_distances import DistanceCurves as DistanceCurves
 from .continuous_distances import continuous_distances as continuous_distances
 from .occupied_cells import OccupancyMap as OccupancyMap
-from .occupied_cells import OccupiedCells as OccupiedCells
 from .occupied_cells import cells_around as cells_around
-from .occupied_cells import load_cells as load_cells
 from .occupied_cells import load_map as load_map
 from .pairs import LinkPair as LinkPair
 from .pairs import OmittedPair as OmittedPair
 from .pairs import PairDistances as PairDistances
 from .pairs import PairSelection as PairSelection
-from .pairs import read_disabled_pairs as read_disabled_pairs
 from .shapes import Obstacle as Obstacle
 from .shapes import ObstacleMotion as ObstacleMotion
 from .shapes import check_ignored_links as check_ignored_links

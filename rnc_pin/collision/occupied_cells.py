@@ -1,4 +1,4 @@
-"""Point clouds, meshes of any form and maps of ROS navigation as obstacles: occupied cells, merged into boxes."""
+"""Points and maps of ROS navigation as obstacles: occupied cells, merged into boxes."""
 
 from __future__ import annotations
 
@@ -20,59 +20,11 @@ from rnc_pin.errors import ConfigurationError, InputError, ModelError
 from rnc_pin.io.safe_read import load_yaml, read_bytes
 from rnc_pin.io.strict_mapping import Strict, validated, wrong
 from rnc_pin.printing import printed
-from rnc_pin.robots.sources.mesh_formats import FORMATS, Mesh, MeshError, read_mesh
-from rnc_pin.robots.sources.mesh_formats.readers import read_ply_points
 
 MOST_BOXES = 2000
 """Largest number of boxes; each is a pair with every shape of the robot."""
 
 _MOST_CELLS = 2**25  # of a grid
-_MOST_PIECES = 4_000_000  # of the triangles of a mesh
-_FINER = 4  # pieces of triangles are smaller than cells by this factor
-_CLOUDS = (".pcd", ".ply", ".xyz")
-_KINDS = {"F": "f", "I": "i", "U": "u"}  # of PCD, as numpy names them
-
-
-@printed(side="m")
-@dataclass(frozen=True)
-class OccupiedCells:
-    """Grid of cubes, some of which are occupied.
-
-    Attributes:
-        occupied: True (n, m, k) for occupied cubes, along x, y and z.
-        side: side of a cube [m].
-        origin: corner of the first cube (3,) [m].
-        name: name of its obstacles.
-    """
-
-    occupied: Bool[Array, "n m k"]
-    side: float
-    origin: Float[Array, " 3"]
-    name: str = "cells"
-
-    def obstacles(
-        self, position: ArrayLike = (0.0, 0.0, 0.0), yaw: float = 0.0, roll: float = 0.0, pitch: float = 0.0
-    ) -> tuple[Obstacle, ...]:
-        """Boxes that cover the occupied cubes exactly.
-
-        Args:
-            position: origin of the points' frame in the world (3,) [m].
-            yaw: rotation of the points' frame about the world's z [rad], after roll and pitch.
-            roll: rotation about x [rad].
-            pitch: rotation about y [rad].
-
-        Raises:
-            ModelError: there are too many boxes.
-        """
-        found = _few_boxes(self.occupied, f"cells '{self.name}'", "a larger 'side'")
-        # An obstacle checks the numbers, and knows the order of its angles.
-        frame = Obstacle(coal.Sphere(1.0), position, yaw, roll, pitch, self.name).placement(0.0)
-        boxes = []
-        for k, (first, size) in enumerate(zip(found[:, :3], found[:, 3:], strict=True)):
-            middle = frame.act(self.origin + self.side * (first + 0.5 * size))
-            shape = coal.Box(*(self.side * size).tolist())
-            boxes.append(Obstacle(shape, middle, yaw, roll, pitch, f"{self.name} {k + 1}"))
-        return tuple(boxes)
 
 
 def merged_boxes(filled: Bool[Array, "*n"]) -> Int[Array, "k m"]:
@@ -101,155 +53,48 @@ def _few_boxes(filled: Bool[Array, "*n"], title: str, remedy: str) -> Int[Array,
     return found
 
 
-def cells_around(points: ArrayLike, side: float, name: str = "cloud") -> OccupiedCells:
-    """Return the cubes that contain points.
+def cells_around(points: ArrayLike, side: float, name: str = "cells") -> tuple[Obstacle, ...]:
+    """Return boxes that cover the cubes with points in them exactly, such as those of a scanner.
 
     Args:
-        points: coordinates (n, 3) [m]; rows that are not finite, which scanners write for no return, are left out.
+        points: coordinates (n, 3) in the world [m]; rows that are not finite, which scanners write for no return, are
+            left out.
         side: side of a cube [m].
-        name: name of the obstacles.
+        name: name of the obstacles, which are numbered.
 
     Raises:
         InputError: wrong shapes, or a side that is not positive.
-        ModelError: there are no finite points, or too many cubes.
+        ModelError: there are no finite points, or too many cubes or boxes.
 
     Example:
         >>> pole = np.column_stack([np.zeros(50), np.zeros(50), np.linspace(0.01, 0.99, 50)])
-        >>> (box,) = rnc.collision.cells_around(pole, side=0.1).obstacles()
+        >>> (box,) = rnc.collision.cells_around(pole, side=0.1)
         >>> box.placement(0.0).translation.round(3)
         array([0.05, 0.05, 0.5 ])
     """
-    found = np.asarray(points, dtype=float)
-    if found.ndim != 2 or found.shape[1] != 3:
-        raise InputError(f"cells '{name}': points have shape {found.shape}, expected (n, 3)")
-    return _cells(found[np.isfinite(found).all(axis=1)], np.zeros((1, 3)), side, name)
-
-
-def load_cells(path: str | Path, side: float, scale: float = 1.0, name: str = "cells") -> OccupiedCells:
-    """Return the cubes that contain the points of a cloud, or the surface of a mesh.
-
-    A mesh may have any form: holes and hollows stay open if they are wider than two cubes. Its inside is not filled.
-
-    Args:
-        path: a cloud (.pcd, .xyz, or .ply without faces), or a mesh as for ``load_mesh_shape``.
-        side: side of a cube [m].
-        scale: factor of the coordinates.
-        name: name of the obstacles.
-
-    Raises:
-        InputError: a side or a scale that is not positive.
-        ModelError: the file cannot be read, has no points, or needs too many cubes.
-    """
-    path = Path(path)
-    title = f"cells '{name}': '{path.name}'"
-    ending = path.suffix.lower()
-    if ending not in (*_CLOUDS, *FORMATS):
-        raise ModelError(f"{title}: expected one of {', '.join(dict.fromkeys((*_CLOUDS, *FORMATS)))}")
-    if not 0.0 < scale < np.inf:
-        raise InputError(f"{title}: scale: expected a positive number, found {scale!r}")
-    try:
-        points = _points(path, ending)
-        if points is not None:
-            return cells_around(scale * points, side, name)
-        mesh = read_mesh(path)
-    except (OSError, MeshError, ValueError, KeyError, TypeError) as error:
-        raise ModelError(f"{title}: {error}") from None
-    _check_side(side, name)
-    pieces = _small(Mesh(scale * mesh.vertices, mesh.triangles), side / _FINER, title)
-    low = pieces.min(axis=1)
-    return _cells(low, (pieces.max(axis=1) - low), side, name)
-
-
-def _points(path: Path, ending: str) -> Float[Array, "n 3"] | None:
-    """Points of a cloud; None for a mesh."""
-    if ending not in _CLOUDS:
-        return None
-    content = read_bytes(path)
-    if ending == ".ply":
-        return read_ply_points(content)
-    return _pcd(content) if ending == ".pcd" else _table(content, (0, 1, 2))
-
-
-def _table(content: bytes, columns: tuple[int, ...]) -> Float[Array, "n 3"]:
-    """Columns of numbers between spaces or commas."""
-    text = io.StringIO(content.decode("ascii").replace(",", " "))
-    return np.loadtxt(text, usecols=columns, ndmin=2)
-
-
-def _pcd(content: bytes) -> Float[Array, "n 3"]:
-    """Points of a PCD file, as text or binary."""
-    head: dict[str, list[str]] = {}
-    start = 0
-    while "DATA" not in head:
-        end = content.find(b"\n", start, start + 4096)
-        if end < 0:
-            raise MeshError("has no line 'DATA' in its header")
-        words = content[start:end].decode("ascii", "replace").split()
-        if words:
-            head[words[0]] = words[1:]
-        start = end + 1
-    missing = [key for key in ("FIELDS", "SIZE", "TYPE", "POINTS") if key not in head]
-    if missing or not {"x", "y", "z"} <= set(head.get("FIELDS", [])):
-        raise MeshError(f"expected the header lines FIELDS, with x, y and z, SIZE, TYPE and POINTS; {missing} missing")
-    fields, count = head["FIELDS"], int(head["POINTS"][0])
-    repeats = [int(each) for each in head.get("COUNT", ["1"] * len(fields))]
-    first = [sum(repeats[: fields.index(axis)]) for axis in "xyz"]
-    if head["DATA"] == ["ascii"]:
-        found = _table(content[start:], (first[0], first[1], first[2]))
-        if len(found) != count:
-            raise MeshError(f"has {len(found)} points, its header says {count}")
-        return found
-    if head["DATA"] != ["binary"]:
-        raise MeshError(f"data are {' '.join(head['DATA'])}, expected 'ascii' or 'binary'")
-    kinds = [f"<{_KINDS[kind]}{size}" for kind, size in zip(head["TYPE"], head["SIZE"], strict=True)]
-    row = np.dtype([(f"{k}", kind, (times,)) for k, (kind, times) in enumerate(zip(kinds, repeats, strict=True))])
-    if not 0 <= count * row.itemsize <= len(content) - start:
-        raise MeshError("ends before its last point")
-    rows = np.frombuffer(content, row, count, start)
-    return np.column_stack([rows[f"{fields.index(axis)}"][:, 0].astype(float) for axis in "xyz"])
-
-
-def _small(mesh: Mesh, longest: float, title: str) -> Float[Array, "k 3 3"]:
-    """Corners of the triangles, which are halved until no side is longer."""
-    done, rest = [], mesh.vertices[mesh.triangles]
-    while len(rest):
-        sides = np.linalg.norm(rest - np.roll(rest, -1, axis=1), axis=2)
-        small = sides.max(axis=1) <= longest
-        done.append(rest[small])
-        rest, sides = rest[~small], sides[~small]
-        if sum(map(len, done)) + 2 * len(rest) > _MOST_PIECES:
-            raise ModelError(f"{title}: its surface has too many cubes: give a larger 'side'")
-        turned = (np.argmax(sides, axis=1)[:, None] + np.arange(3)) % 3  # the longest side first
-        a, b, c = np.swapaxes(np.take_along_axis(rest, turned[:, :, None], axis=1), 0, 1)
-        middle = 0.5 * (a + b)
-        rest = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
-    return np.concatenate(done)
-
-
-def _check_side(side: float, name: str) -> None:
+    title, given = f"cells '{name}'", np.asarray(points, dtype=float)
+    if given.ndim != 2 or given.shape[1] != 3:
+        raise InputError(f"{title}: points have shape {given.shape}, expected (n, 3)")
     if not 0.0 < side < np.inf:
-        raise InputError(f"cells '{name}': side: expected a positive number, found {side!r}")
-
-
-def _cells(low: Float[Array, "n 3"], size: Float[Array, "n 3"], side: float, name: str) -> OccupiedCells:
-    """Cubes that touch boxes with given smallest corners and sizes, which are smaller than a cube."""
-    _check_side(side, name)
-    if not len(low):
-        raise ModelError(f"cells '{name}': there are no points")
-    corners = [low + size * [x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)] if size.any() else [low]
-    places = np.floor(np.concatenate(corners) / side)
+        raise InputError(f"{title}: side: expected a positive number, found {side!r}")
+    places = np.floor(given[np.isfinite(given).all(axis=1)] / side)
+    if not len(places):
+        raise ModelError(f"{title}: there are no points")
     first = places.min(axis=0)
     count = places.max(axis=0) - first + 1.0
     if not count.prod() <= _MOST_CELLS:
-        raise ModelError(
-            f"cells '{name}': {count.prod():.3g} cubes, expected at most {_MOST_CELLS:,}: give a larger 'side'"
-        )
+        raise ModelError(f"{title}: {count.prod():.3g} cubes, expected at most {_MOST_CELLS:,}: give a larger 'side'")
     occupied = np.zeros(count.astype(int).tolist(), dtype=bool)
     occupied[tuple((places - first).astype(int).T)] = True
-    occupied.setflags(write=False)
-    origin = side * first
-    origin.setflags(write=False)
-    return OccupiedCells(occupied, float(side), origin, name)
+    found = _few_boxes(occupied, title, "a larger 'side'")
+    return tuple(
+        Obstacle(
+            coal.Box(*(side * box[3:]).tolist()),
+            position=side * (first + box[:3] + 0.5 * box[3:]),
+            name=f"{name} {k}",
+        )
+        for k, box in enumerate(found, start=1)
+    )
 
 
 # ------------------------------------------------------------------ maps

@@ -6,9 +6,7 @@ import ctypes
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree
 
 import coal
 import numpy as np
@@ -16,7 +14,6 @@ import pinocchio as pin
 
 from rnc_pin.array_shapes import Float, Int
 from rnc_pin.errors import ModelError, SimulationError, nearest
-from rnc_pin.io.safe_read import parse_tree, read_bytes
 
 
 class LinkPair(NamedTuple):
@@ -61,7 +58,7 @@ class PairSelection:
 
     Attributes:
         pairs: pairs of links to check, by name; None checks all pairs, except those that the other rules exclude.
-        disabled: pairs of links to omit, by name, such as the result of ``read_disabled_pairs``.
+        disabled: pairs of links to omit, by name.
         links: True to check links against each other; obstacles always count.
     """
 
@@ -115,29 +112,6 @@ def _checked(pairs: Iterable[tuple[str, str]], names: Sequence[str]) -> set[froz
                 raise ModelError(f"no link '{name}' with collision geometry{nearest(str(name), dict.fromkeys(names))}")
         found.add(frozenset(pair))
     return found
-
-
-def read_disabled_pairs(path: str | Path, names: Iterable[str]) -> tuple[tuple[str, str], ...]:
-    """Return the pairs of links that an SRDF file disables.
-
-    Args:
-        path: the file.
-        names: links of the robot with collision geometry; pairs with other links do not matter and are dropped.
-
-    Raises:
-        ModelError: the file cannot be read, or is not an SRDF.
-    """
-    valid = set(names)
-    try:
-        root = parse_tree(read_bytes(Path(path)))
-    except OSError as error:
-        raise ModelError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise ModelError(f"{path}: not well-formed XML: {error}") from None
-    if root.tag != "robot":
-        raise ModelError(f"{path}: not an SRDF: its root element is <{str(root.tag)[:40]}>, expected <robot>")
-    pairs = [(element.get("link1", ""), element.get("link2", "")) for element in root.iter("disable_collisions")]
-    return tuple(pair for pair in pairs if valid.issuperset(pair))
 
 
 # ------------------------------------------------------------------ measurement

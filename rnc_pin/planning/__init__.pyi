@@ -6,7 +6,6 @@ from .car_path import CarPath as CarPath
 from .car_path import Leg as Leg
 from .car_path import continued_back as continued_back
 from .car_path import path_distances as path_distances
-from .chained_form import FireTruckChart as FireTruckChart
 from .inverse_kinematics import IkResult as IkResult
 from .inverse_kinematics import IkSearch as IkSearch
 from .inverse_kinematics import solve_ik as solve_ik

@@ -6,8 +6,7 @@ configuration manifold. A planar base then drives an arc of constant curvature. 
     free                 all planned joints move independently: arms, Mecanum bases, bodies with thrusters
     differential drive   one row forbids side slip of the base: turn, drive straight, turn
     car                  the curvature of the base depends on one joint: shortest paths of Reeds and Shepp between
-                         straight wheels; the car stands while it steers. A car that does not drive backwards takes
-                         those of Dubins
+                         straight wheels; the car stands while it steers
 
 Wheels without limits, on which no row depends, follow: their angles are a result, and no part of a goal.
 """
@@ -27,7 +26,7 @@ from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import InfeasibleError, SingularityError
 from rnc_pin.model.coordinates import ConfigurationManifold, wrapped
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.planning.shortest_paths import Word, dubins_words, reeds_shepp_words
+from rnc_pin.planning.shortest_paths import Word, reeds_shepp_words
 from rnc_pin.robots.joint_values import NO_LIMIT
 
 _STEEPEST = np.deg2rad(80.0)  # largest steering angle of a joint without limits
@@ -60,12 +59,10 @@ class Steering(ABC):
     Attributes:
         kind: name of the family.
         radius: smallest turning radius [m]; zero if the base can turn on the spot.
-        reverse: True if motions can be driven in both directions.
     """
 
     kind: str
     radius = 0.0
-    reverse = True
 
     def __init__(self, reduced: ReducedModel, planned: Bool[Array, " nv"]) -> None:
         self.reduced, self.planned = reduced, planned
@@ -132,14 +129,10 @@ class _AxleSteering(Steering):
         reduced: the model.
         planned: as for ``Steering``.
         row: coefficients (3,) of the base's velocity in the row without side slip.
-        reverse: False if the base drives towards its own x, or its y if the axle is along x, and not backwards.
     """
 
-    def __init__(
-        self, reduced: ReducedModel, planned: Bool[Array, " nv"], row: Float[Array, " 3"], reverse: bool
-    ) -> None:
+    def __init__(self, reduced: ReducedModel, planned: Bool[Array, " nv"], row: Float[Array, " 3"]) -> None:
         super().__init__(reduced, planned)
-        self.reverse = reverse
         base = reduced.robot.model.joints[1]
         self.base, self._place = slice(base.idx_v, base.idx_v + 3), slice(base.idx_q, base.idx_q + 4)
         size = float(np.hypot(row[0], row[1]))
@@ -192,20 +185,18 @@ class DifferentialDrive(_AxleSteering):
         choices = []
         for length, bearing in ((away, np.arctan2(y, x)), (-away, np.arctan2(-y, -x))) if away > _SHORT else ((0, 0),):
             last = float(wrapped(turn - bearing))
-            if length >= 0.0 or self.reverse:
-                choices.append((abs(bearing) + abs(last), [(0.0, bearing), (length, 0.0), (0.0, last)]))
+            choices.append((abs(bearing) + abs(last), [(0.0, bearing), (length, 0.0), (0.0, last)]))
         for _, pieces in sorted(choices, key=lambda choice: choice[0]):
             yield _shared([self.driven(*piece) for piece in pieces], joints)
 
 
 class CarSteering(_AxleSteering):
-    """Shortest paths of Reeds and Shepp, or of Dubins, between configurations with straight wheels.
+    """Shortest paths of Reeds and Shepp between configurations with straight wheels.
 
     Args:
         reduced: the model.
         planned: as for ``Steering``.
         row: as for ``_AxleSteering``.
-        reverse: as for ``_AxleSteering``.
         joint: index of the velocity of the steering joint.
         q0: configuration (nq,) at which the curvature is evaluated; only the steering joint matters.
         room: part of the range of the steering joint that stays free at each end.
@@ -221,12 +212,11 @@ class CarSteering(_AxleSteering):
         reduced: ReducedModel,
         planned: Bool[Array, " nv"],
         row: Float[Array, " 3"],
-        reverse: bool,
         joint: int,
         q0: Float[Array, " nq"],
         room: float = 0.0,
     ) -> None:
-        super().__init__(reduced, planned, row, reverse)
+        super().__init__(reduced, planned, row)
         model = reduced.robot.model
         self._steering, self._q0 = joint, q0
         self._entry = next(int(each.idx_q) for each in list(model.joints)[1:] if each.idx_v == joint)
@@ -292,8 +282,7 @@ class CarSteering(_AxleSteering):
         x, y, turn = self.seen(start, goal)
         if np.hypot(x, y) < _SHORT and abs(turn) < _SHORT:
             return [[]]
-        words = reeds_shepp_words if self.reverse else dubins_words
-        return words(x / self.radius, y / self.radius, turn)
+        return reeds_shepp_words(x / self.radius, y / self.radius, turn)
 
     def _steered(self, word: Word, start: Array, goal: Array) -> Array:
         """Displacements along a path, the car stands where it steers."""

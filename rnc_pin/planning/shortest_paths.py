@@ -1,9 +1,8 @@
-"""Shortest paths of a car with turning radius 1, in closed form: Dubins (1957), and Reeds and Shepp (1990).
+"""Shortest paths of a car with turning radius 1, in closed form.
 
-L. E. Dubins, "On curves of minimal length with a constraint on average curvature", American Journal of Mathematics 79;
 J. A. Reeds and L. A. Shepp, "Optimal paths for a car that goes both forwards and backwards", Pacific Journal of
-Mathematics 145. A word is a list of segments: curvature (1 left, -1 right, 0 straight) and signed length. Every word is
-driven to its end, so that a wrong formula cannot give a length.
+Mathematics 145 (1990). A word is a list of segments: curvature (1 left, -1 right, 0 straight) and signed length. Every
+word is driven to its end, so that a wrong formula cannot give a length.
 """
 
 from __future__ import annotations
@@ -13,12 +12,6 @@ from math import acos, asin, atan2, cos, hypot, isclose, pi, sin, sqrt
 
 Word = list[tuple[int, float]]
 LEFT, STRAIGHT, RIGHT = 1, 0, -1
-
-
-def dubins_words(x: float, y: float, heading: float) -> list[Word]:
-    """Forward paths from the origin to a pose, in turning radii, the shortest first."""
-    found = [word for word in _dubins_words(x, y, heading) if _ends_at(word, x, y, heading)]
-    return sorted(found, key=word_length)
 
 
 def reeds_shepp_words(x: float, y: float, heading: float) -> list[Word]:
@@ -49,37 +42,6 @@ def word_length(word: Word) -> float:
 def _ends_at(word: Word, x: float, y: float, heading: float) -> bool:
     found = driven_pose(word)
     return hypot(found[0] - x, found[1] - y) < 1e-6 and isclose(cos(found[2] - heading), 1.0, abs_tol=1e-9)
-
-
-def _dubins_words(x: float, y: float, heading: float) -> Iterator[Word]:
-    """Words CSC and CCC; a reflection exchanges left and right."""
-    for first in (LEFT, RIGHT):
-        for middle in (STRAIGHT, -first):
-            for last in (LEFT, RIGHT) if middle == STRAIGHT else (first,):
-                yield from _tangent_circles(first, middle, last, x, y, heading)
-
-
-def _tangent_circles(first: int, middle: int, last: int, x: float, y: float, heading: float) -> Iterator[Word]:
-    """Forward words of three segments, from the centres of the first and the last circle."""
-    across, along = (y + last * cos(heading)) - first, x - last * sin(heading)
-    distance, direction = hypot(along, across), atan2(across, along)
-    if middle == STRAIGHT:
-        if first == last:
-            turns = [(direction, distance)]
-        elif distance < 2:
-            return
-        else:
-            straight = sqrt(distance**2 - 4)
-            turns = [(direction + first * atan2(2, straight), straight)]
-    else:
-        if distance > 4:
-            return
-        inner = 2 * asin(distance / 4)  # the shorter arc of the circle between both
-        turns = [(direction + first * arc / 2, arc) for arc in (inner, 2 * pi - inner)]
-    for bearing, length in turns:
-        begin = _forward(first * bearing)
-        after = first * begin + middle * length
-        yield [(first, begin), (middle, length), (last, _forward(last * (heading - after)))]
 
 
 def _reeds_shepp_words(x: float, y: float, heading: float) -> Iterator[Word]:
@@ -134,12 +96,6 @@ def _four_arcs(u: float, sign: int, xi: float, eta: float, heading: float) -> It
         t += pi
     t = _turn(t)
     yield [(LEFT, t), (RIGHT, u), (LEFT, v), (RIGHT, _turn(t - u + v - heading))]
-
-
-def _forward(angle: float) -> float:
-    """Angle from 0 to a whole turn, without turns that are only rounding."""
-    turn = angle % (2 * pi)
-    return 0.0 if 2 * pi - turn < 1e-9 else turn
 
 
 def _turn(angle: float) -> float:

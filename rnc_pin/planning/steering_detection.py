@@ -172,9 +172,7 @@ _SAMPLES = 6  # random configurations at which the rows are compared
 _EXACT = 1e-9  # largest difference of unit vectors that counts as rounding
 
 
-def find_steering(
-    reduced: ReducedModel, q0: Float[Array, " nq"], *, reverse: bool = True, room: float = 0.0
-) -> Steering:
+def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], *, room: float = 0.0) -> Steering:
     """Find the exact steering that the constraint rows of a reduced system allow.
 
     Random configurations decide, so that a property that holds there holds everywhere.
@@ -182,13 +180,11 @@ def find_steering(
     Args:
         reduced: the model.
         q0: a configuration (nq,).
-        reverse: False if a car or a differential drive does not drive backwards. Forwards is the direction of the
-            base's x axis, or of its y axis if it cannot drive along x.
         room: part of the range of a car's steering joint that stays free at each end, e.g. for feedback.
 
     Raises:
         ConfigurationError: no exact steering is known: trailers, momentum rows, closed loops, or rows that prescribe a
-            motion. Or a base that moves in all directions has no reverse.
+            motion.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("car.urdf", base="planar")
@@ -205,8 +201,6 @@ def find_steering(
     planned = ~samples.followers()
     places = np.flatnonzero(planned)
     if reduced.r == len(places):
-        if not reverse:
-            raise ConfigurationError("reverse: only cars and differential drives have a direction that is forwards")
         return FreeSteering(reduced, planned)
     base = reduced.robot.model.joints[1]
     if base.shortname() != "JointModelPlanar":
@@ -221,13 +215,13 @@ def find_steering(
         directions = np.array([each[0, on_base] for each in rows])
         if np.abs(directions * np.sign(directions @ directions[0])[:, None] - directions[0]).max() > _EXACT:
             _refuse(reduced, "the direction of the row without side slip changes")
-        return DifferentialDrive(reduced, planned, _axle(reduced, directions[0]), reverse)
+        return DifferentialDrive(reduced, planned, _axle(reduced, directions[0]))
     twists = np.array([np.linalg.svd(each[:, on_base])[2][-1] for each in rows])
     _, sizes, axes = np.linalg.svd(twists)
     steering = samples.steering_joints(slice(first, first + 3), planned)
     if count != 2 or sizes[2] > _EXACT * sizes[0] or len(steering) != 1:
         _refuse(reduced, "the motion of the base is not that of a car with one steering joint")
-    return CarSteering(reduced, planned, _axle(reduced, axes[2]), reverse, steering[0], q0, room)
+    return CarSteering(reduced, planned, _axle(reduced, axes[2]), steering[0], q0, room)
 
 
 def _axle(reduced: ReducedModel, row: Array) -> Array:

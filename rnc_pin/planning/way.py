@@ -33,16 +33,12 @@ class WayInfo:
         seconds: time of the search [s].
         edges: number of motions whose collisions were checked.
         goals: number of goal configurations.
-        first_duration: duration of the first way, before it was shortened [s].
-        history: number of checked motions and duration [s] of each way that was faster than those before, to this one.
     """
 
     steering: str
     seconds: float
     edges: int
     goals: int
-    first_duration: float
-    history: tuple[tuple[int, float], ...] = ()
 
 
 @dataclass(frozen=True, repr=False)
@@ -124,7 +120,7 @@ class Way(SummaryMixin):
     def _summary(self) -> ObjectSummary:
         lines: list[Line] = [
             ("length of the path of the base", items([f"{self.length:.3g} m"])),
-            ("duration", items([f"{self.duration:.3g} s, {self.info.first_duration:.3g} s before it was shortened"])),
+            ("duration", items([f"{self.duration:.3g} s"])),
             ("nodes", items([f"{len(self.q)}"])),
             ("residual of constraint rows", items([f"{self.residual:.1g}"])),
         ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge
@@ -52,7 +52,6 @@ class WaySettings:
         hold: names of joints that keep their positions.
         area: smallest and largest x, y and z (2, 3) of the base [m]; by default the box around start, goals and
             obstacles, with room to turn around it.
-        reverse: False if a car or a differential drive does not drive backwards, as for ``find_steering``.
 
     Raises:
         InputError: a number is out of range.
@@ -69,7 +68,6 @@ class WaySettings:
     motions: Annotated[int, Ge(1)] | None = None
     hold: Sequence[str] = ()
     area: ArrayLike | None = None
-    reverse: bool = True
 
     def __post_init__(self) -> None:
         if not 0.0 < self.seconds < np.inf:
@@ -152,17 +150,16 @@ def find_way(
         search = PropagatedSearch(KinematicFlow(reduced), planned, checker, places, area, speeds, budget)
     else:
         search = WaySearch(steering, checker, places, area, budget)
-    found = _fastest(search, reduced, speeds, settings, budget, seed)
-    if found is None:
+    motion = _fastest(search, reduced, speeds, settings, budget, seed)
+    if motion is None:
         raise _failure(search, checker, reduced, ends, budget)
-    motion = found.motion
     if steering is not None:
         motion = steering.completed(motion, start)
         follow = None if planned.all() else checker
         if follow is not None and not follow.holds_with(steering.along(start, motion.steps), ~planned):
             raise InfeasibleError("find_way: wheels that follow collide, because they are not round")
     kind = "propagated" if steering is None else steering.kind
-    info = WayInfo(kind, budget.elapsed, budget.motions, len(ends), found.first_duration, found.history)
+    info = WayInfo(kind, budget.elapsed, budget.motions, len(ends))
     return way_along(reduced, planned, checker, motion, info)
 
 
@@ -177,14 +174,6 @@ def _check_stands(obstacles: Sequence[Obstacle]) -> None:
             )
 
 
-class _Found(NamedTuple):
-    """Fastest motion, the duration [s] of the first one before it was shortened, and ``WayInfo.history``."""
-
-    motion: ExactMotion
-    first_duration: float
-    history: tuple[tuple[int, float], ...]
-
-
 def _fastest(
     search: WaySearch | PropagatedSearch,
     reduced: ReducedModel,
@@ -192,12 +181,12 @@ def _fastest(
     settings: WaySettings,
     budget: SearchBudget,
     seed: int,
-) -> _Found | None:
+) -> ExactMotion | None:
     """Fastest motion that searches find until the budget is over; None for none."""
     motion, every, attempt = search.direct(), list(reduced.robot.model.names)[1:], 0
     direct, tight = motion is not None, base_axes(reduced.robot.model) > 0
     best: ExactMotion | None = None
-    first, history = 0.0, list[tuple[int, float]]()
+    shortest = np.inf
     while True:
         if motion is None:
             # At first the joints of a mobile robot stay within the range of start and goals.
@@ -205,28 +194,24 @@ def _fastest(
             motion = search.run(held, most, seed + attempt)
             attempt += 1
         if motion is not None:
-            first = first or float(drive_times(motion.steps, speeds).sum())
             motion = search.shortened(motion, settings.shortcuts, seed)
             duration = float(drive_times(motion.steps, speeds).sum())
             if best is None:
                 budget.limit(settings.improve)
-            if best is None or duration < (1.0 - SHORTER) * history[-1][1]:
-                best = motion
-                history.append((budget.motions, duration))
+            if duration < (1.0 - SHORTER) * shortest:
+                best, shortest = motion, duration
             motion = None
         tight = tight and best is not None  # what led to a way may lead to a faster one
         if direct or budget.is_over:
             break
-    return None if best is None else _Found(best, first, tuple(history))
+    return best
 
 
 def _steering(reduced: ReducedModel, start: Array, settings: WaySettings) -> Steering | None:
     """Exact steering; None if none is known, so that motions have to be propagated."""
     try:
-        steering = find_steering(reduced, start, reverse=settings.reverse, room=_ROOM)
+        steering = find_steering(reduced, start, room=_ROOM)
     except ConfigurationError:
-        if not settings.reverse:
-            raise
         if reduced.affine:
             raise ConfigurationError("find_way: rows prescribe a motion, which cannot be driven backwards") from None
         if list(settings.hold):

@@ -62,8 +62,7 @@ class WaySpace:
                 continue
             kind, entry = joint.shortname(), int(joint.idx_q)
             if kind == "JointModelPlanar":
-                cars = ob.ReedsSheppStateSpace if steering.reverse else ob.DubinsStateSpace
-                plane = cars(steering.radius) if steering.radius else ob.SE2StateSpace()
+                plane = ob.ReedsSheppStateSpace(steering.radius) if steering.radius else ob.SE2StateSpace()
                 self._bound(plane, area[:, :2])
                 self._add("planar", entry, plane, 1.0)
             elif kind == "JointModelFreeFlyer":

@@ -1,36 +1,11 @@
-"""Pairs that an SRDF file disables, and numbers that PairMeasurement reads, against coal's and closed forms."""
+"""Numbers that PairMeasurement reads, against coal's and closed forms."""
 
 import coal
 import numpy as np
 import pytest
 
-import rnc_pin as rnc
-from rnc_pin.collision import read_disabled_pairs
 from rnc_pin.collision.pairs import LinkPair, PairMeasurement
 from rnc_pin.errors import SimulationError
-
-SRDF = """<robot name="r">
-  <group name="arm"/>
-  <disable_collisions link1="a" link2="b" reason="Never"/>
-  <disable_collisions link1="a" link2="elsewhere" reason="Never"/>
-</robot>"""
-
-
-def test_disabled_pairs_are_read(tmp_path):
-    file = tmp_path / "r.srdf"
-    file.write_text(SRDF)
-    assert read_disabled_pairs(file, ["a", "b", "c"]) == (("a", "b"),)
-
-
-@pytest.mark.parametrize(("text", "words"), [("<robot>", "not well-formed"), ("<sdf/>", "expected <robot>")])
-def test_other_files_are_refused(tmp_path, text, words):
-    file = tmp_path / "r.srdf"
-    file.write_text(text)
-    with pytest.raises(rnc.ModelError, match=words):
-        read_disabled_pairs(file, ["a"])
-    with pytest.raises(rnc.ModelError, match="cannot be read"):
-        read_disabled_pairs(tmp_path / "none.srdf", ["a"])
-
 
 SHAPES = [coal.Sphere(0.3), coal.Box(0.4, 0.6, 0.8), coal.Cylinder(0.2, 0.5), coal.Capsule(0.1, 0.7), coal.Sphere(0.2)]
 PAIRS = [LinkPair(a, b, (f"{a}", f"{b}")) for a in range(5) for b in range(a + 1, 5)]

@@ -9,7 +9,6 @@ import systems
 from benchmarks.planned_models import car, tractor
 from rnc_pin.planning import (
     CarPath,
-    FireTruckChart,
     Harmonic,
     Hold,
     MinimumJerk,
@@ -21,7 +20,7 @@ from rnc_pin.planning import (
     find_way,
 )
 from rnc_pin.planning.reference_kinds import RelativeMinimumJerk
-from systems import mecanum_box, with_box
+from systems import with_box
 
 WRONG, INPUT, NONE = rnc.ConfigurationError, rnc.InputError, rnc.InfeasibleError
 
@@ -60,10 +59,6 @@ def unsteered():
     return SteeringGeometry(reduced, robot.configuration(), "sleigh", speed=0, steering=1, largest=1.0)
 
 
-def chained(hitch):
-    return FireTruckChart().to_chain(np.array([0.0, 0.0, 0.0, 0.0, hitch, 0.0]))
-
-
 LEFT = rnc.collision.Obstacle(coal.Box(0.2, 40.0, 1.0), position=(1.5, 20.25, 0.0), name="left")
 CART = rnc.collision.Obstacle(coal.Box(0.6, 0.8, 1.0), name="cart", motion=MinimumJerk([0.0] * 4, [1.0] * 4, 2.0))
 REFUSALS = [
@@ -78,7 +73,6 @@ REFUSALS = [
     (lambda: path((1, 0, 0), duration=0.0), WRONG, "found 0, 1 and 0.785398"),
     (lambda: path((1, 0, 0), wheelbase=0.0), WRONG, "found 5, 0 and 0.785398"),
     (unsteered, WRONG, "moves while 'sleigh_yaw' turns and the vehicle stands"),
-    (lambda: chained(np.pi / 2), INPUT, "hitch angle is not within 90 degrees: outside the chained form"),
     (lambda: Hold([np.inf]), INPUT, r"value of a constant reference has to be finite, found \[inf\]"),
     (lambda: Hold(["far"]), INPUT, r"value of a constant reference: expected numbers, found \['far'\]"),
     (lambda: Hold({"tip": 1.0}), INPUT, "expected numbers, found a mapping with keys tip"),
@@ -122,9 +116,7 @@ REFUSALS = [
     (lambda: way(edge(), settings=WaySettings(area=[[0, 0], [1, 1]])), INPUT, "area"),
     (lambda: way(edge(), obstacles=[CART]), WRONG, r"obstacle 'cart' moves, .* \(obstacle.at_rest\(t\)\)"),
     (lambda: way(tractor(1), settings=WaySettings(hold=["hitch_1"])), WRONG, "hold needs an exact steering"),
-    (lambda: way(tractor(1), settings=WaySettings(reverse=False)), WRONG, "no exact steering is known"),
     (lambda: find_steering(tractor(1), tractor(1).robot.configuration()), WRONG, "no exact steering is known"),
-    (lambda: way(mecanum_box(), settings=WaySettings(reverse=False)), WRONG, "reverse: only cars and differential"),
 ]
 
 

@@ -141,15 +141,14 @@ def test_a_goal_of_outputs_is_reached():
     assert rows.value(at.position) == pytest.approx([4.0, 1.0], abs=1e-5)
 
 
-@pytest.mark.parametrize("reverse", [True, False])
 @pytest.mark.parametrize("seed", range(5))
-def test_without_obstacles_a_car_drives_the_shortest_path_of_ompl(seed, reverse):
+def test_without_obstacles_a_car_drives_the_shortest_path_of_ompl(seed):
     reduced = car()
     x, y, yaw = np.random.default_rng(seed).uniform([-3, -3, -3], 3)
-    settings = WaySettings(shortcuts=0, reverse=reverse)
+    settings = WaySettings(shortcuts=0)
     way = find_way(reduced, at_pose(reduced, 0.0, 0.0), at_pose(reduced, x, y, yaw), settings=settings)
     radius = 1.0 / np.tan(0.96)  # wheelbase of 1 m, limits of 1 and -1 rad; 2 % of their range stay for feedback
-    space = (ob.ReedsSheppStateSpace if reverse else ob.DubinsStateSpace)(radius)
+    space = ob.ReedsSheppStateSpace(radius)
     states = [space.allocState() for _ in range(2)]
     for state, pose in zip(states, ((0.0, 0.0, 0.0), (x, y, yaw)), strict=True):
         state.setXY(*pose[:2])
@@ -255,18 +254,6 @@ def test_a_way_that_stays_and_a_wrong_duration_are_told_as_without_a_way():
             rnc.optimal.plan(reduced, q, goal, wrong, guess=find_way(reduced, q, goal), **short)
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("car", 0), ("car", 1), ("differential drive", 0)])
-def test_who_does_not_reverse_drives_forwards_only(kind, seed):
-    reduced, start, goal, obstacles = TASKS[kind]()
-    if kind == "car":  # beside the parked cars: nobody enters such a gap forwards
-        goal = at_pose(reduced, 5.0, 1.0, 2.0)
-    way = find_way(reduced, start, goal, obstacles, settings=WaySettings(reverse=False), seed=seed)
-    assert way.v[:, 0].min() > -1e-12  # the base's own x; its origin is on the axle
-    assert way.v[:, 0].max() > 0.1
-    assert closest(way, obstacles) >= 0.01
-    assert way.residual < 1e-9
-
-
 @pytest.mark.parametrize("kind", [car, unicycle, mecanum_box])
 def test_half_a_turn_is_a_heading_like_any_other(kind):
     reduced = kind()
@@ -307,7 +294,6 @@ def test_a_trailer_drives_around_a_box_by_propagated_motions():
     assert closest(way, box) >= 0.01
     assert np.abs(pin.difference(reduced.robot.model, way.q[-1], goal)).max() < 1e-9
     assert way.info.steering == "propagated"
-    assert way.duration < way.info.first_duration
     halfway, h = 0.5 * (way.time[:-1] + way.time[1:])[::20], 1e-5
     halfway = halfway[np.diff(way.time)[::20] > 4.0 * h]  # the velocity jumps at some nodes
     assert len(halfway) > 20
@@ -387,13 +373,8 @@ def test_further_motions_lead_to_faster_ways_and_the_same_motions_to_the_same_wa
     first = find_way(reduced, start, goal, ROOMS, seed=3)
     ways = [find_way(reduced, start, goal, ROOMS, settings=WaySettings(improve=250), seed=3) for _ in range(2)]
     better = ways[0]
-    motions, durations = zip(*better.info.history, strict=True)
-    assert durations[0] == first.duration
-    assert len(durations) > 1
-    assert (np.diff(durations) < 0).all()
-    assert (np.diff(motions) > 0).all()
-    assert better.duration == durations[-1]
-    assert motions[-1] <= motions[0] + 260
+    assert better.duration < first.duration
+    assert first.info.edges < better.info.edges <= first.info.edges + 260
     assert np.array_equal(ways[0].q, ways[1].q)
     assert closest(better, ROOMS) > 0.01
     assert reintegrated(better) < 1e-9

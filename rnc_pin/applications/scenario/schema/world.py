@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 
 from rnc_pin.applications.scenario.schema.derived import Entry, one_of
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
-from rnc_pin.collision import Obstacle, ground_shape, load_cells, load_map, load_mesh_shape
+from rnc_pin.collision import Obstacle, ground_shape, load_map, load_mesh_shape
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.io import Strict
 from rnc_pin.model import Coordinates, Positive
@@ -193,33 +193,8 @@ class MapObstacle(Strict):
         return load_map(find_shipped(self.file, folder), name).obstacles(self.height, self.unknown, self.cells)
 
 
-class CellsObstacle(Strict):
-    """Cubes around the points of a cloud, or around the surface of a mesh of any form, merged into boxes."""
-
-    file: str
-    """Cloud (.pcd, .xyz; .ply with the extra ``meshes``) or mesh, relative to the scenario file."""
-    side: Positive
-    """Side of the cubes [m]."""
-    scale: Positive = 1.0
-    """Factor of the coordinates."""
-    name: str | None = None
-    """Unique name; its boxes are numbered. By default "cells" and its number."""
-    position: _Three = [0.0, 0.0, 0.0]
-    """Origin of the file's frame in the world [m]."""
-    yaw: float = 0.0
-    """Rotation of the file's frame about the world's z [rad], after roll and pitch."""
-    roll: float = 0.0
-    """Rotation about x [rad]."""
-    pitch: float = 0.0
-    """Rotation about y [rad]."""
-
-    def build(self, folder: Path, name: str) -> Sequence[Obstacle]:
-        cells = load_cells(folder / self.file, self.side, self.scale, name)
-        return cells.obstacles(self.position, self.yaw, self.roll, self.pitch)
-
-
 ObstacleItem = Annotated[
-    _Placed | MapObstacle | CellsObstacle,
+    _Placed | MapObstacle,
     one_of(
         box=BoxObstacle,
         sphere=SphereObstacle,
@@ -228,12 +203,11 @@ ObstacleItem = Annotated[
         mesh=MeshObstacle,
         ground=GroundObstacle,
         map=MapObstacle,
-        cells=CellsObstacle,
     ),
 ]
 
 
-def build_obstacles(items: Sequence[_Placed | MapObstacle | CellsObstacle], folder: Path) -> tuple[Obstacle, ...]:
+def build_obstacles(items: Sequence[_Placed | MapObstacle], folder: Path) -> tuple[Obstacle, ...]:
     """Build the obstacles of a scenario. Paths are relative to ``folder``.
 
     Raises:

@@ -338,14 +338,6 @@ def read_ply(content: bytes) -> Mesh:
     return _mesh_of(_scene(content, "ply"))
 
 
-def read_ply_points(content: bytes) -> np.ndarray | None:
-    """Points (n, 3) of a PLY file without faces; None if it has faces. Errors are as for ``read_ply``."""
-    _check_installed()
-    _check_header(content)
-    (found,) = _scene(content, "ply").geometry.values()
-    return None if len(getattr(found, "faces", ())) else np.asarray(found.vertices, dtype=float).reshape(-1, 3)
-
-
 def _check_installed() -> None:
     if find_spec("trimesh") is None:
         raise MeshError(missing_extra("meshes"))
