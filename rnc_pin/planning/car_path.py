@@ -1,4 +1,4 @@
-"""Path of a vehicle with front steering, from pose to pose in one or several legs: paper (22) and section 4.3."""
+"""Path of a vehicle with front steering, from pose to pose, one leg each: paper (22) and section 4.3."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from rnc_pin.planning.references import InTurn, Reference
 from rnc_pin.planning.steering_detection import SteeringGeometry
 
 _STEEPEST = np.deg2rad(75.0)
-FINE = 201  # samples of a leg in the final path
+FINE = 201  # points of a leg at which its curvature is checked
 _MARGIN = 0.99  # factor on the largest curvature: between samples the curvature may be slightly larger
 # Angles of charts from the mean heading, as parts of the angle that the limit of 75 degrees leaves.
 _OFFSETS = np.array([0.0, -0.25, 0.25, -0.5, 0.5, -0.8, 0.8])
@@ -103,44 +103,41 @@ class Leg:
         return times, poses, speeds, np.arctan(wheelbase * bend / (1 + slope**2) ** 1.5)
 
 
-def best_legs(
-    starts: Float[Array, "n 3"],
-    goals: Float[Array, "n 3"],
-    radius: float,
-    forward_only: bool = False,
-    samples: int = FINE,
-) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Return costs (n,) and charts (n,) of the best legs between pairs of poses; infinite cost if there is no leg.
+def best_leg(start: Float[Array, " 3"], goal: Float[Array, " 3"], radius: float, forward_only: bool = False) -> Leg:
+    """Return the cheapest leg between two poses.
 
     The cost is ``integral of 1 + (radius curvature)^2 along the leg``: its length plus a penalty on curvature. Without
     the penalty the best leg would turn as sharply as possible at both ends.
 
     Args:
-        starts: poses.
-        goals: poses.
+        start: (x, y, heading) of the rear axle's middle [m, m, rad].
+        goal: (x, y, heading) of the same point at the end.
         radius: smallest turning radius of the car [m].
-        forward_only: True excludes legs that back up.
-        samples: number of checked points on a leg; too few miss sharp bends.
+        forward_only: True forbids backing up.
+
+    Raises:
+        InfeasibleError: no leg is drivable.
     """
-    s, slopes, bends = _sampled(samples)
-    turn = wrapped(goals[:, 2] - starts[:, 2])
+    s, slopes, bends = _sampled(FINE)
+    turn = wrapped(goal[2] - start[2])
     room = _STEEPEST - np.abs(turn) / 2
-    costs, charts = np.full(len(starts), np.inf), np.zeros(len(starts))
-    for offset in _OFFSETS:
-        chart = starts[:, 2] + turn / 2 + offset * room
-        dx, dy, (first, last) = _in_chart(starts, goals, chart)
-        # Otherwise the end headings are outside the chart, or the leg has no extent.
-        able = np.flatnonzero((room > 0) & ((dx if forward_only else np.abs(dx)) > 1e-6 * radius))
-        dx, dy, first, last = (each[able, None] for each in (dx, dy, first, last))
-        slope = dy / dx * slopes[0] + first * slopes[1] + last * slopes[2]
-        square = 1 + slope**2
-        bend = (dy / dx * bends[0] + first * bends[1] + last * bends[2]) / dx
-        tightness = (bend * radius) ** 2 / square**3  # (radius curvature)^2
-        drivable = ((tightness <= _MARGIN**2) & (square <= 1 + np.tan(_STEEPEST) ** 2)).all(axis=1)
-        cost = np.abs(dx[:, 0]) * np.trapezoid(np.sqrt(square) * (1 + tightness), s, axis=1)
-        better = drivable & (cost < costs[able])
-        costs[able[better]], charts[able[better]] = cost[better], chart[able[better]]
-    return costs, charts
+    charts = start[2] + turn / 2 + _OFFSETS * room
+    dx, dy, (first, last) = (np.asarray(each) for each in _in_chart(start, goal, charts))
+    # Otherwise the end headings are outside the chart, or the leg has no extent.
+    able = np.flatnonzero((room > 0) & ((dx if forward_only else np.abs(dx)) > 1e-6 * radius))
+    charts, dx, dy, first, last = (each[able, None] for each in (charts, dx, dy, first, last))
+    slope = dy / dx * slopes[0] + first * slopes[1] + last * slopes[2]
+    square = 1 + slope**2
+    bend = (dy / dx * bends[0] + first * bends[1] + last * bends[2]) / dx
+    tightness = (bend * radius) ** 2 / square**3  # (radius curvature)^2
+    drivable = ((tightness <= _MARGIN**2) & (square <= 1 + np.tan(_STEEPEST) ** 2)).all(axis=1)
+    if not drivable.any():
+        raise InfeasibleError(
+            f"no {'forward ' if forward_only else ''}leg from {_words(start)} to {_words(goal)} with turns of at least "
+            f"{radius:.3g} m: allow more steering, give poses to go by (via), or plan the motion (rnc.optimal.plan)"
+        )
+    cost = np.abs(dx[:, 0]) * np.trapezoid(np.sqrt(square) * (1 + tightness), s, axis=1)
+    return Leg(start, goal, float(charts[np.argmin(np.where(drivable, cost, np.inf)), 0]))
 
 
 def _in_chart(start: Array, goal: Array, chart: Array) -> tuple[Array, Array, tuple[Array, Array]]:
@@ -175,15 +172,14 @@ def _to_segment(points: Array, path: Array, index: Array) -> Array:
 class CarPath:
     """Path from pose to pose. The vehicle rests with straight wheels at both ends and at stops in between.
 
-    The path is one leg if possible, else two or three (``plan_legs``), forwards or backwards. Each leg takes a time in
-    proportion to its length.
+    One leg leads from each pose to the next, forwards or backwards, in a time in proportion to its length.
 
     Args:
         start: (x, y, heading) of the rear axle's middle [m, m, rad].
         goal: (x, y, heading) of the same point at the end.
         duration: [s].
         wheelbase: distance between rear and front axle [m].
-        via: intermediate poses where the vehicle stops, in this order. If the path is infeasible, further ones follow.
+        via: intermediate poses where the vehicle stops, in this order.
         max_steering: largest steering angle of an equivalent front wheel in the middle [rad]. With the wheelbase it
             gives the smallest turning radius.
         forward_only: True forbids backing up.
@@ -197,7 +193,7 @@ class CarPath:
         times: (N,) [s]; ``poses``: (N, 3) on the path, headings without jumps.
 
     Raises:
-        InfeasibleError: no path was found, or the vehicle cannot steer as tightly.
+        InfeasibleError: no leg leads from a pose to the next, or the vehicle cannot steer as tightly.
         ConfigurationError: an argument is out of its range.
 
     Example:
@@ -227,7 +223,7 @@ class CarPath:
             )
         stops = [_pose(start, "start"), *(_pose(each, "via pose") for each in via), _pose(goal, "goal")]
         radius = wheelbase / np.tan(max_steering)
-        self.legs = [leg for a, b in pairwise(stops) for leg in plan_legs(a, b, radius, forward_only)]
+        self.legs = [best_leg(a, b, radius, forward_only) for a, b in pairwise(stops)]
         lengths = np.array([leg.length for leg in self.legs])
         self.length, self.duration = float(lengths.sum()), duration
         shares = np.concatenate([[0.0], np.cumsum(lengths) / self.length]) * duration
@@ -260,107 +256,6 @@ def _pose(value: ArrayLike, what: str) -> Array:
     if pose.shape != (3,) or not np.isfinite(pose).all():
         raise ConfigurationError(f"{what} of a path: expected x, y and heading, found {pose.tolist()}")
     return pose
-
-
-# ------------------------------------------------------------------ plan
-
-# Candidates for first and last legs, in turning radii; the middle leg covers longer distances.
-_DISTANCES = np.array([1.2, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 11.0])
-_BEARINGS = np.deg2rad([-60.0, -40.0, -20.0, 0.0, 20.0, 40.0, 60.0])
-_TURNS = np.deg2rad([-120.0, -90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0, 120.0])
-_COARSE = 25  # samples of a leg in the coarse search
-_CHECKED = 40  # number of cheapest paths whose legs are checked with fine sampling
-_STOP = 3.0  # cost of a stop, in turning radii
-_FEW = 13  # number of candidates for each turn at either end, if there is a middle leg
-
-
-def plan_legs(
-    start: Float[Array, " 3"], goal: Float[Array, " 3"], radius: float, forward_only: bool = False
-) -> list[Leg]:
-    """Return one leg if it is feasible, else the cheapest two or three (``best_legs``) over a lattice of stops.
-
-    The same poses always give the same legs.
-
-    Args:
-        start: (x, y, heading) of the rear axle's middle [m, m, rad].
-        goal: (x, y, heading) of the same point at the end.
-        radius: smallest turning radius of the car [m].
-        forward_only: True forbids backing up.
-
-    Raises:
-        ConfigurationError: start and goal are the same.
-        InfeasibleError: no feasible legs were found.
-    """
-    single = _joined(start, goal[None], radius=radius, forward_only=forward_only)
-    if single is not None:
-        return single[1]
-    if np.hypot(*(goal - start)[:2]) < 1e-6 * radius and abs(np.sin((goal - start)[2] / 2)) < 1e-9:
-        raise ConfigurationError("start and goal of the path are the same pose")
-    moves = _moves(forward_only) * [radius, radius, 1.0]
-    after, before = _ahead(start, moves), _behind(goal, moves)
-    once = _joined(start, np.concatenate([after, before]), goal, radius=radius, forward_only=forward_only)
-    # Compute the costs of first and last legs once each, and of middle legs for all pairs.
-    few = np.concatenate([np.flatnonzero(moves[:, 2] == turn)[:_FEW] for turn in _TURNS])
-    first, last = np.repeat(after[few], len(few), axis=0), np.tile(before[few], (len(few), 1))
-    middle, _ = best_legs(first, last, radius, forward_only, _COARSE)
-    out, _ = best_legs(np.broadcast_to(start, (len(few), 3)), after[few], radius, forward_only, _COARSE)
-    home, _ = best_legs(before[few], np.broadcast_to(goal, (len(few), 3)), radius, forward_only, _COARSE)
-    best = np.argsort(np.add.outer(out, home).ravel() + middle, kind="stable")[:_CHECKED]
-    twice = _joined(start, first[best], last[best], goal, radius=radius, forward_only=forward_only)
-    found = [each for each in (once, twice) if each is not None]
-    if not found:
-        what = "forward legs" if forward_only else "legs"
-        raise InfeasibleError(
-            f"no path of at most three {what} is found from {_words(start)} to {_words(goal)} with turns of at least "
-            f"{radius:.3g} m: allow more steering{' or backing up' if forward_only else ''}, or give poses to go by"
-        )
-    return min(found, key=lambda each: each[0] + _STOP * radius * len(each[1]))[1]
-
-
-def _joined(*stops: Array, radius: float, forward_only: bool) -> tuple[float, list[Leg]] | None:
-    """Cost and legs of the cheapest of n sequences of stops, each (3,) or (n, 3); None if none is feasible."""
-    poses = np.stack(np.broadcast_arrays(*stops))
-    if poses.shape[1] > _CHECKED:
-        coarse = np.sum([best_legs(a, b, radius, forward_only, _COARSE)[0] for a, b in pairwise(poses)], axis=0)
-        poses = poses[:, np.argsort(coarse, kind="stable")[:_CHECKED]]
-    each = [best_legs(a, b, radius, forward_only) for a, b in pairwise(poses)]
-    total = np.sum([costs for costs, _ in each], axis=0)
-    best = int(np.argmin(total))
-    if not np.isfinite(total[best]):
-        return None
-    return float(total[best]), [
-        Leg(poses[i, best], poses[i + 1, best], float(charts[best])) for i, (_, charts) in enumerate(each)
-    ]
-
-
-@cache
-def _moves(forward_only: bool) -> Float[Array, "n 3"]:
-    """Poses that one leg reaches from the origin at turning radius 1, cheapest first."""
-    grid = np.stack(np.meshgrid(_DISTANCES, _BEARINGS, _TURNS, indexing="ij"), axis=-1).reshape(-1, 3)
-    distance, bearing, turn = grid.T
-    poses = np.column_stack([distance * np.cos(bearing), distance * np.sin(bearing), turn])
-    if not forward_only:
-        poses = np.concatenate([poses, poses * [-1.0, 1.0, 1.0]])
-    costs, _ = best_legs(np.zeros_like(poses), poses, 1.0, forward_only)
-    return poses[np.argsort(costs, kind="stable")[: np.isfinite(costs).sum()]]
-
-
-def _ahead(pose: Array, moves: Array) -> Array:
-    """Poses (n, 3) reached by moves (n, 3) from a pose."""
-    return _placed(pose[2], moves) + pose
-
-
-def _behind(pose: Array, moves: Array) -> Array:
-    """Poses (n, 3) from which moves (n, 3) reach a pose."""
-    turned = pose[2] - moves[:, 2]
-    back = _placed(turned, moves)
-    return np.column_stack([pose[:2] - back[:, :2], turned])
-
-
-def _placed(heading: float | Array, moves: Array) -> Array:
-    c, n = np.cos(heading), np.sin(heading)
-    x, y, turn = moves.T
-    return np.column_stack([c * x - n * y, n * x + c * y, turn])
 
 
 def _words(pose: Array) -> str:

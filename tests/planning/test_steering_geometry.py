@@ -81,7 +81,7 @@ def test_the_speed_of_a_point_beside_the_middle(tmp_path):
 def test_a_car_with_two_steered_wheels_arrives(tmp_path):
     """The constraints, driven by the reference, end at the goal; by the angle of a middle wheel they miss it."""
     reduced = vehicle(tmp_path)
-    goal = np.array([1.0, 2.0, 0.4])
+    goal = np.array([4.0, 1.5, 0.4])
     misses = []
     for steering in (geometry(reduced, largest=np.tan(0.5) / WHEELBASE), None):
         path = CarPath((0, 0, 0), goal, 12.0, WHEELBASE, max_steering=0.5, geometry=steering)
@@ -115,7 +115,7 @@ def scenario(folder, **path):
             "reducing": [{"frame_speed": {"frame": "base"}}, {"joint": "steer_left"}],
             "vertical": [{"frame_position": {"frame": "base", "axes": "xy"}}, {"frame_yaw": "base"}],
         },
-        "reference": {"path": {"frame": "base", "to": [2.0, 1.5, 0.3], "duration": 10, "wheelbase": WHEELBASE, **path}},
+        "reference": {"path": {"frame": "base", "to": [4.0, 1.5, 0.3], "duration": 10, "wheelbase": WHEELBASE, **path}},
         "controller": {"type": "reducing_outputs", "tracker": "computed_torque", "preset": "scaled"},
         "simulation": {"duration": 11, "dt": 0.02},
     }
@@ -125,7 +125,7 @@ def scenario(folder, **path):
 
 def test_a_scenario_with_two_steered_wheels_arrives(tmp_path):
     found = execute(Scenario.load(scenario(tmp_path, max_steering=0.5))).summary["final_output"]
-    assert [found[f"base_{each}"] for each in ("x", "y", "yaw")] == pytest.approx([2.0, 1.5, 0.3], abs=0.01)
+    assert [found[f"base_{each}"] for each in ("x", "y", "yaw")] == pytest.approx([4.0, 1.5, 0.3], abs=0.01)
 
 
 def test_a_frame_that_slips_is_refused(tmp_path):
