@@ -46,9 +46,6 @@ class Series:
         compared: values of the compared runs by label, over their own time.
         is_integral: True for the integral of the named quantity.
         active: samples (N,) with a wide pale line, if any.
-        bounds: values with a dashed line in the colour of the series.
-        time: times (N,) [s] if they are not those of the figure.
-        is_held: True if each value holds until the next time.
     """
 
     name: str
@@ -57,9 +54,6 @@ class Series:
     compared: Mapping[str, np.ndarray] = field(default_factory=dict)
     is_integral: bool = False
     active: np.ndarray | None = None
-    bounds: tuple[float, ...] = ()
-    time: np.ndarray | None = None
-    is_held: bool = False
 
 
 @dataclass(frozen=True)

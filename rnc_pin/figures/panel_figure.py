@@ -231,17 +231,11 @@ def _draw(
 
 
 def _draw_series(axes: Axes, series: Series, k: int, count: int, time: np.ndarray) -> Line2D:
-    """Draw the k-th line of a panel with its active samples and bounds."""
-    own = time if series.time is None else series.time
-    line = st.line(axes, k, MAX_LINES if series.active is not None else count, own, series.values)
-    color = line.get_color()
-    if series.is_held:
-        line.set_drawstyle("steps-post")
+    """Draw the k-th line of a panel with its active samples."""
+    line = st.line(axes, k, MAX_LINES if series.active is not None else count, time, series.values)
     if series.active is not None and _is_active(series):
         marked = np.where(series.active, series.values, np.nan)
-        axes.plot(time, marked, color=color, lw=st.points(_ACTIVE_WIDTH), alpha=0.4, solid_capstyle="round")
-    for bound in series.bounds:
-        axes.axhline(bound, color=color, ls=st.DASHES[2], lw=st.points(0.9), alpha=0.8)
+        axes.plot(time, marked, color=line.get_color(), lw=st.points(_ACTIVE_WIDTH), alpha=0.4, solid_capstyle="round")
     return line
 
 

@@ -3,30 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.figures.panel import AXIS_NAMES, INTEGRAL_NAMES, Panel, Series, split_names
 from rnc_pin.io.json import atomic_file
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.planning.reference_kinds import PiecewisePolynomial
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, described, items, printed
 from rnc_pin.verdict import Finding, Verdict
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rnc_pin.figures import Size
-
-_SAMPLES = 400
-_NEAR = 2.0  # bounds farther away than this share of the range of a curve are not drawn
 _ARRAYS = ("time", "q", "w", "u", "K", "position", "velocity", "acceleration")
 
 
@@ -92,8 +84,6 @@ class PlanInfo:
     Attributes:
         form: form of the action model.
         input_names, state_names, output_names: names of inputs, states and outputs.
-        input_units, output_units: units of inputs and outputs; for a quasi-velocity, the unit of its integral.
-        integrals: outputs that are integrals of quasi-velocities.
         cost: cost of the problem.
         violation: largest violation of bounds, goal and dynamics at the nodes.
         violated: name of that row.
@@ -113,9 +103,6 @@ class PlanInfo:
     input_names: tuple[str, ...]
     state_names: tuple[str, ...]
     output_names: tuple[str, ...]
-    input_units: tuple[str, ...]
-    output_units: tuple[str, ...]
-    integrals: tuple[str, ...]
     cost: float
     violation: float
     violated: str
@@ -282,44 +269,6 @@ class MotionPlan(SummaryMixin):
         except (ArchiveError, ValueError, TypeError, KeyError) as error:
             raise ConfigurationError(f"{path}: not a plan: {error}") from None
 
-    @property
-    def label_names(self) -> tuple[str, ...]:
-        """Names that the labels of a figure can replace: outputs, inputs and axes."""
-        info, axes = self.info, _panels(self, self.info.output_names, self.time[:1])
-        return (*info.output_names, *info.input_names, *(panel.quantity for panel in axes), "time")
-
-    def plot(
-        self,
-        outputs: Sequence[str] | None = None,
-        *,
-        size: Size | None = None,
-        labels: Mapping[str, str] | None = None,
-        file: str | Path | None = None,
-    ) -> Figure:
-        """Return a figure of outputs, their rates and the inputs over time by unit; dashed lines are bounds.
-
-        Args:
-            outputs: names of the outputs; all by default.
-            size: size of the figure, as for ``rnc.Trajectory.plot``.
-            labels: text by name of an output, an input or an axis.
-            file: file to write: .png, .pdf or .svg. An existing one is replaced.
-
-        Raises:
-            ConfigurationError: unknown output, or the file has another ending.
-            InputError: the panels do not fit the size, or a label has an unknown name.
-        """
-        from rnc_pin.figures import Labels, Sheet, panel_figure, save  # Matplotlib takes a second to import
-
-        times = np.linspace(0.0, self.duration, _SAMPLES, endpoint=False)
-        panels, texts = _panels(self, list(outputs or self.info.output_names), times), Labels(labels or {})
-        if labels:
-            texts.check(self.label_names)
-        title = f"Plan: cost {self.info.cost:.4g}, {self.info.iterations} iterations" if size is None else None
-        figure = panel_figure(panels, times, Sheet.of(size), title=title, labels=texts)
-        if file is not None:
-            save(figure, file)
-        return figure
-
 
 def _info(given: dict[str, Any]) -> PlanInfo:
     stated = given.pop("verification")
@@ -347,56 +296,3 @@ def _check_shapes(arrays: dict[str, Array], info: PlanInfo) -> None:
     for name in _ARRAYS:
         if not np.isfinite(arrays[name]).all():
             raise ConfigurationError(f"not a plan: '{name}' is not finite")
-
-
-def _panels(plan: MotionPlan, outputs: Sequence[str], times: Array) -> list[Panel]:
-    """Panels of outputs, rates and inputs over time by unit, with their bounds. Rates that are inputs are not drawn."""
-    info, points = plan.info, [plan.reference(list(outputs)).at(float(t)) for t in times]
-    units = dict(zip(info.output_names, info.output_units, strict=True))
-    found: list[Panel] = []
-    for quantity, kind in (("output", "position"), ("velocity", "velocity")):
-        lines = dict(zip(outputs, np.array([getattr(each, kind) for each in points]).T, strict=True))
-        chosen = [name for name in outputs if quantity == "output" or name not in info.input_names]
-        axes = {name: _axis(quantity, units[name], name in info.integrals) for name in chosen}
-        series = {
-            name: Series(
-                name, lines[name], bounds=_near_bounds(plan, quantity, name, lines[name]),
-                is_integral=quantity == "output" and name in info.integrals,
-            )
-            for name in chosen
-        }  # fmt: skip
-        found += _panels_by_axis(axes, series)
-    held = {name: np.append(u, u[-1]) for name, u in zip(info.input_names, plan.u.T, strict=True)}
-    return found + _panels_by_axis(
-        {name: (AXIS_NAMES.get(unit, "input"), unit or "-") for name, unit in zip(held, info.input_units, strict=True)},
-        {
-            name: Series(name, u, bounds=_near_bounds(plan, "input", name, u), time=plan.time, is_held=True)
-            for name, u in held.items()
-        },
-    )
-
-
-def _axis(quantity: str, unit: str, integral: bool) -> tuple[str, str]:
-    """Quantity and unit of the axis of an output or of its rate."""
-    if quantity == "velocity":
-        return AXIS_NAMES.get(f"{unit}/s", "rate"), f"{'1' if unit == '-' else unit}/s"
-    return (INTEGRAL_NAMES if integral else AXIS_NAMES).get(unit, "value"), unit
-
-
-def _panels_by_axis(axes: Mapping[str, tuple[str, str]], series: Mapping[str, Series]) -> list[Panel]:
-    groups: dict[tuple[str, str], list[str]] = {}
-    for name, axis in axes.items():
-        groups.setdefault(axis, []).append(name)
-    return [
-        Panel(*axis, tuple(series[name] for name in part))
-        for axis, names in groups.items()
-        for part in split_names(names)
-    ]
-
-
-def _near_bounds(plan: MotionPlan, quantity: str, name: str, values: Array) -> tuple[float, ...]:
-    """Bounds near the values; others would only enlarge the axis."""
-    room = _NEAR * max(float(np.ptp(values)), 1e-9)
-    low, high = values.min() - room, values.max() + room
-    limits = [x for kind, bounded, *both in plan.info.bounds if (kind, bounded) == (quantity, name) for x in both]
-    return tuple(limit for limit in limits if low < limit < high)

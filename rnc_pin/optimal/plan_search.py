@@ -277,11 +277,6 @@ class PlanSearch:
             input_names=model.input_names,
             state_names=states,
             output_names=(*reduced.reducing.names, *reduced.vertical.names),
-            input_units=model.input_units,
-            output_units=tuple(
-                unit.removesuffix("/s") or "-" for unit in (*reduced.reducing.units, *reduced.vertical.units)
-            ),
-            integrals=tuple(reduced.reducing.names[k] for k in np.flatnonzero(reduced.reducing.quasi)),
             cost=found.cost,
             violation=found.violation.amount,
             violated=found.violation.name,

@@ -18,7 +18,6 @@ from rnc_pin.control.controller import (
     Description,
     LimitedAcceleration,
     MissedGoal,
-    VelocityTarget,
 )
 from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
 from rnc_pin.model.reduced_kinematics import Measurement
@@ -39,7 +38,7 @@ from rnc_pin.optimal.set_point import (
     stalls,
 )
 from rnc_pin.optimal.transcription import Iterate
-from rnc_pin.planning.action_models import Form, Nodes, action_model, check_velocity_form
+from rnc_pin.planning.action_models import Form, Nodes, action_model
 
 _LONGEST = 6  # how often the time until the next search doubles
 _HELD = 0.01  # of a limit; the force is held between two samples, so that the acceleration departs from its bound
@@ -100,7 +99,7 @@ class UpdateSchedule:
 
 @dataclass(eq=False, repr=False)
 class PredictiveController(DescribedMixin):
-    """Model-predictive control (MPC) of a reduced system, by forces or by velocities.
+    """Model-predictive control (MPC) of a reduced system.
 
     At every update, a fixed number of iterations improves the motion over the horizon. It starts from the last motion,
     shifted in time. Between updates, the feedback gains of the motion act on the measured state. An update that exceeds
@@ -112,7 +111,7 @@ class PredictiveController(DescribedMixin):
     updates, because they would turn the robot back. A set point that is missed at the end of a run is in its verdict.
 
     The motion starts at the state that is predicted for the end of the delay. The controller reads the model. Reads
-    from the measurement ``q, v2``; of a robot that takes velocities, ``v2`` before the first update only.
+    from the measurement ``q, v2``.
 
     Args:
         reduced: the model.
@@ -124,13 +123,9 @@ class PredictiveController(DescribedMixin):
         updates: schedule of the updates.
         goal: values by output or a configuration (nq,), which hold at the end of the horizon, at rest. The horizon has
             to be long enough to reach them; near the goal, motions are as short as the costs allow.
-        velocities: True for a kinematic controller, whose steps return velocities, for robots that take these: the
-            target of a ``VelocityLoop`` or an ``ActuatorVelocityController``. The form is "acceleration": bounds of
-            inputs limit the rates of the commands. An update starts at the last command, not at the measured velocity.
-            After the end of a motion, the command is zero.
 
     Raises:
-        ConfigurationError: the form is "kinematic", or velocities with another form than "acceleration".
+        ConfigurationError: the form is "kinematic".
 
     Warns:
         ModelWarning: quadratic costs at the end determine a set point beside which they stall.
@@ -149,7 +144,7 @@ class PredictiveController(DescribedMixin):
         (True, 1, 0)
     """
 
-    described = ("form", "velocities", "horizon", "nodes")
+    described = ("form", "horizon", "nodes")
 
     reduced: ReducedModel
     costs: Sequence[CostKind]
@@ -160,15 +155,10 @@ class PredictiveController(DescribedMixin):
     nodes: int = 20
     updates: UpdateSchedule = UpdateSchedule()
     goal: Goal | None = None
-    velocities: bool = False
 
     def __post_init__(self) -> None:
         if self.form == "kinematic":
-            text = (
-                "needs 'acceleration' or 'dynamic'; with velocities=True, the form 'acceleration' commands velocities"
-            )
-            raise ConfigurationError(f"form 'kinematic': a predictive controller {text}")
-        check_velocity_form(self.velocities, self.form)
+            raise ConfigurationError("form 'kinematic': a predictive controller needs 'acceleration' or 'dynamic'")
         reduced, goal = self.reduced, self.goal
         self._solver_settings, self._model = SolverSettings(nodes=self.nodes), action_model(reduced, self.form)
         start = initial_node(self._model, reduced.robot.configuration())
@@ -186,7 +176,7 @@ class PredictiveController(DescribedMixin):
     @property
     def limited_accelerations(self) -> tuple[LimitedAcceleration, ...]:
         """Accelerations that the bounds of the inputs limit in the form "acceleration", for the verdict of a run."""
-        if self.form != "acceleration" or self.velocities:
+        if self.form != "acceleration":
             return ()
         names = self._model.input_names
         return tuple(
@@ -227,16 +217,10 @@ class PredictiveController(DescribedMixin):
         gains = np.zeros((K, model.nu, model.nx))
         return PredictiveState(0.0, stand.q, stand.w, stand.u, gains, -np.inf, 0, 0)
 
-    def step(
-        self, t: float, measurement: Measurement, state: PredictiveState
-    ) -> tuple[Command | VelocityTarget, PredictiveState]:
+    def step(self, t: float, measurement: Measurement, state: PredictiveState) -> tuple[Command, PredictiveState]:
         now = Nodes(np.asarray(measurement.q)[None], np.asarray(measurement.v2)[None])
-        if self.velocities and state.updates:
-            now = now._replace(w=self._planned(t, state)[0].w)
         if t >= state.next_update - 1e-9:
             state = self._updated(t, now, state)
-        if self.velocities:
-            return self._velocity(t + self.updates.delay, state), state
         u = self._input(t + self.updates.delay, self._predicted(t, now, state), state)
         if self.form == "dynamic":
             return Command(T=u), state
@@ -317,18 +301,9 @@ class PredictiveController(DescribedMixin):
         k = min(int(since / self._h), len(state.u) - 1)
         return self._model.after(Nodes(state.q, state.w), state.u, k, since - k * self._h), k
 
-    def _velocity(self, t: float, state: PredictiveState) -> VelocityTarget:
-        """Velocity of the motion at a time, with its rate; zero after the end."""
-        planned, k = self._planned(t, state)
-        if t > state.begin + self._h * len(state.u) + 1e-9:
-            return VelocityTarget(v2=np.zeros(self._model.r), v2_dot=np.zeros(self._model.r))
-        return VelocityTarget(v2=planned.w[0], v2_dot=state.u[k])
-
     def _input(self, t: float, at: Nodes, state: PredictiveState) -> Array:
-        """Input with feedback at a time; without it for velocities, whose rates the bounds limit."""
+        """Input with feedback at a time."""
         planned, k = self._planned(t, state)
-        if self.velocities:
-            return state.u[k]
         return state.u[k] + state.gains[k] @ self._model.difference(planned, at)[0]
 
     def _shifted(self, begin: float, start: Nodes, state: PredictiveState) -> tuple[Iterate, Array | None]:

@@ -114,7 +114,7 @@ class ActionModel(ABC):
         form: name of the form.
         nv, nw, nx, nu: sizes of the tangent of q, of the velocity part of the state, of the whole state, and of the
             input.
-        input_names, input_units: names and units of the inputs.
+        input_names: names of the inputs.
     """
 
     form: Form
@@ -126,20 +126,11 @@ class ActionModel(ABC):
         self.nw = 0 if self.form == "kinematic" else reduced.r
         self.nx = self.nv + self.nw
         self.input_names: tuple[str, ...] = self._input_names()
-        self.input_units: tuple[str, ...] = self._input_units()
         self.nu = len(self.input_names)
 
     @abstractmethod
     def _input_names(self) -> tuple[str, ...]:
         """Names of the inputs."""
-
-    @abstractmethod
-    def _input_units(self) -> tuple[str, ...]:
-        """Units of the inputs; "" if unknown."""
-
-    def _rate_units(self) -> list[str]:
-        """Units of the reduced velocities."""
-        return [f"{unit.removesuffix('/s') or '1'}/s" for unit in self.reduced.reducing.units]
 
     @abstractmethod
     def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
@@ -235,9 +226,6 @@ class KinematicModel(ActionModel):
     def _input_names(self) -> tuple[str, ...]:
         return tuple(self.reduced.reducing.names)
 
-    def _input_units(self) -> tuple[str, ...]:
-        return tuple(self._rate_units())
-
     def velocity(self, at: Nodes, u: Array | None) -> Float[Array, "n r"]:
         if u is None:
             raise ConfigurationError("form 'kinematic': the velocity is an input, so the last state has none")
@@ -260,9 +248,6 @@ class AccelerationModel(ActionModel):
     def _input_names(self) -> tuple[str, ...]:
         return tuple(f"{name}_dot" for name in self.reduced.reducing.names)
 
-    def _input_units(self) -> tuple[str, ...]:
-        return tuple(f"{unit}^2" for unit in self._rate_units())
-
     def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
         return self.reduced.at(at.q, at.w).v, u
 
@@ -279,9 +264,6 @@ class DynamicModel(ActionModel):
 
     def _input_names(self) -> tuple[str, ...]:
         return tuple(self.reduced.actuation.names)
-
-    def _input_units(self) -> tuple[str, ...]:
-        return tuple(self.reduced.actuation.units)
 
     def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
         state = self.reduced.at(at.q, at.w)
@@ -307,16 +289,6 @@ def action_model(reduced: ReducedModel, form: str) -> ActionModel:
     if form == "dynamic" and not reduced.p:
         raise ConfigurationError("form 'dynamic': the system has no actuators; use 'acceleration' or 'kinematic'")
     return _FORMS[form](reduced)
-
-
-def check_velocity_form(velocities: bool, form: str) -> None:
-    """Refuse velocities as commands in another form than "acceleration".
-
-    Raises:
-        ConfigurationError: another form.
-    """
-    if velocities and form != "acceleration":
-        raise ConfigurationError(f"velocities: expected the form 'acceleration', found '{form}'")
 
 
 # ------------------------------------------------------------------ motions of the kinematic form

@@ -11,7 +11,6 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import rnc_pin as rnc
-import systems
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.figures import Labels, Panel, Series, Sheet, panel_figure
@@ -105,22 +104,6 @@ def test_a_size_without_room_is_refused_with_the_height_that_has_it(drive):
 def test_other_sizes_are_refused(drive, size):
     with pytest.raises(rnc.InputError, match=r"^size "):
         drive.plot("inputs", size=size)
-
-
-def test_no_axis_mixes_units():
-    """Outputs, rates and inputs of a plan and of a run: each line is in a panel of its own unit."""
-    reduced = systems.sleigh()
-    goal = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.3], rnc.FrameYaw("sleigh"): 0.3}
-    plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 2.0)
-    labels = [axes.get_ylabel() for axes in plan.plot().axes]
-    assert labels == [
-        *("distance [m]", "angle [rad]", "speed [m/s]", "angular velocity [rad/s]"),
-        *("acceleration [m/s$^{2}$]", "angular acceleration\n[rad/s$^{2}$]"),
-    ]
-    assert not any("SI" in label for label in labels)
-    check(plan.plot(size="column"))
-    with pytest.raises(rnc.InputError, match="nothing is named 'sleigh_yam'; did you mean 'sleigh_yaw'"):
-        plan.plot(labels={"sleigh_yam": "x"})
 
 
 def test_labels_replace_names_of_lines_axes_and_runs(drive):

@@ -52,19 +52,6 @@ def test_after_a_plan_that_ends_in_motion_the_velocity_falls_linearly_to_zero(fo
     assert np.abs(np.diff(run.v2, axis=0)).max() < 0.05  # no jump at the end of the plan
 
 
-def test_after_a_plan_that_continues_the_sleigh_drives_on_a_circle():
-    reduced, plan = curve("acceleration", **MOVING)
-    feedback = rnc.tvlqr(reduced, plan, end="continue")
-    state, u, _ = feedback.planned(plan.duration + 3.0)
-    (v, turn), (x, y, c, s) = plan.w[-1], plan.q[-1]
-    angle, radius = 3.0 * turn, v / turn
-    forward, left = radius * np.sin(angle), radius * (1 - np.cos(angle))
-    np.testing.assert_allclose(state.q[0, :2], [x + c * forward - s * left, y + s * forward + c * left], atol=1e-6)
-    assert not u.any()
-    feedback.planned(plan.duration + 0.1)  # earlier times are computed again
-    np.testing.assert_array_equal(feedback.planned(plan.duration + 3.0)[0].q, state.q)
-
-
 def test_regulator_is_the_dense_optimum():
     """The first input of the regulator minimises the whole quadratic cost, found by least squares."""
     reduced, plan = curve("acceleration")

@@ -97,22 +97,6 @@ def test_a_plan_and_its_verdict_survive_a_file(tmp_path):
         rnc.optimal.MotionPlan.load(tmp_path / "wrong.npz")
 
 
-def test_the_figure_shows_inputs_and_the_bounds_that_are_near():
-    reduced = systems.sleigh()
-    bounds = [rnc.optimal.VelocityBound({"sleigh_yaw": -50.0}, {"sleigh_speed_x": 0.8}), rnc.optimal.InputBound(-2.0)]
-    few = rnc.optimal.SolverSettings(nodes=10)
-    goal = sleigh_goal(1.0, 0.0, 0.0)
-    plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 2.0, bounds=bounds, settings=few)
-    axes = plan.plot(["sleigh_speed_x"]).axes
-    outputs, rates, *inputs = ([line.get_ydata() for line in each.get_lines()] for each in axes)
-    assert len(outputs) == 1
-    assert len(rates) == 2
-    np.testing.assert_allclose(rates[1], 0.8)
-    for k, lines in enumerate(inputs):  # of accelerations along x and about z, which share no axis
-        np.testing.assert_array_equal(lines[0][:-1], plan.u[:, k])
-    assert len(inputs) == 2
-
-
 def test_refinement_reduces_the_violation_after_verification():
     """Half the step: a quarter of the error of the integrator."""
     reduced, goal = systems.sleigh(), sleigh_goal(1.0, 0.5, 0.5)

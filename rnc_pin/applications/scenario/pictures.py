@@ -46,7 +46,7 @@ def picture_names(scenario: Scenario) -> list[str]:
     """Names of the pictures that a run can write."""
     content = scenario.content
     formats = {name: plot.formats or content.figures.formats for name, plot in content.plots.items()}
-    own = ["overview", "top_view", "limits", *(["plan"] if scenario.experiment.plan else [])]
+    own = ["overview", "top_view", "limits"]
     formats |= dict.fromkeys(own, content.figures.formats)
     return list(dict.fromkeys([*(f"{name}.{each}" for name, found in formats.items() for each in found), ANIMATION]))
 
@@ -121,8 +121,6 @@ def _drawn(scenario: Scenario, result: Result, path: Path) -> bool | str:
 def _write_plot(scenario: Scenario, result: Result, path: Path) -> bool:
     """Write the plot that the file name means; False if there is nothing to draw."""
     own = {"overview": _overview, "top_view": _top_view, "limits": _limits}
-    if scenario.experiment.plan is not None:
-        own["plan"] = _plan
     if path.stem in own:
         return own[path.stem](scenario, result, path)
     return _plot(scenario.content.figures, result, scenario.content.plots[path.stem], path)
@@ -166,12 +164,4 @@ def _limits(scenario: Scenario, result: Result, path: Path) -> bool:
         return False
     figures = scenario.content.figures
     save(plot_limits(result.limits, scenario.content.title, figures.size, Labels(figures.labels)), path)
-    return True
-
-
-def _plan(scenario: Scenario, result: Result, path: Path) -> bool:
-    figures, plan = scenario.content.figures, scenario.experiment.plan
-    assert plan is not None
-    labels = {name: text for name, text in figures.labels.items() if name in plan.label_names}
-    plan.plot(size=figures.size, labels=labels, file=path)
     return True

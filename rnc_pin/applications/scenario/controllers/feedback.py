@@ -184,7 +184,7 @@ _PLAN_STATES = (
 )
 _PLAN_INPUTS = 'Weights of the inputs of the plan for "tvlqr": one number, one for each, or a mapping by name.'
 _TVLQR = part(tvlqr, "state_cost", "input_cost", forms=_costs(_PLAN_STATES, _PLAN_INPUTS))
-_FEEDBACK = part(PlanFeedback, "bandwidth", "end")
+_FEEDBACK = part(PlanFeedback, "bandwidth")
 
 
 class PlanFeedbackSettings(ControllerSettings, _TVLQR.model, _FEEDBACK.model):  # type: ignore[name-defined, misc]
@@ -225,7 +225,7 @@ _PLANS = "form", "nodes", "seeds", "tolerance", "tube", "check", "state_cost", "
 _POINT = part(SetPointController, *_PLANS, forms=_FORM)
 _WAY = part(find_way, "clearance", "seed", defaults={"clearance": 0.05})
 _FOLLOWING = part(WayFollower, *WayFollower.described)
-_PREDICTIVE = part(PredictiveController, "horizon", "form", "nodes", "velocities", forms=_FORM)
+_PREDICTIVE = part(PredictiveController, "horizon", "form", "nodes", forms=_FORM)
 _COST = part(
     SetPointCost,
     "weight",
@@ -245,7 +245,7 @@ class _ToGoal(ControllerSettings):
     def _build(self, context: ControllerContext) -> BuiltController:
         with ConfigurationError.at("controller"):
             made = self._controller(context)
-            if isinstance(made, WayFollower) or made.velocities:
+            if isinstance(made, WayFollower) or (isinstance(made, SetPointController) and made.velocities):
                 servos = ActuatorVelocityController(context.reduced, cast(KinematicController, made))
                 return BuiltController(servos, ())
         return BuiltController(cast(Controller, made), ())
@@ -307,8 +307,6 @@ class PredictiveSettings(_ToSetPoint, _PREDICTIVE.model, _COST.model, _SCHEDULE.
 
 class WayFollowerSettings(_ToGoal, _WAY.model, _FOLLOWING.model):  # type: ignore[name-defined, misc]
     """A way to a goal at rest around the obstacles, found before the run and followed."""
-
-    velocities: ClassVar[bool] = True
 
     type: Literal["way"]
     """A way to a goal around obstacles that stand, and a controller that follows it. It commands velocities."""

@@ -47,7 +47,7 @@ def test_a_goal_that_is_missed_is_in_the_verdict(tmp_path):
 
 
 def test_velocities_of_a_plant_with_servos(tmp_path):
-    controller = {**PREDICTIVE, "form": "acceleration", "velocities": True}
+    controller = {**PLANNED, "form": "acceleration", "velocities": True}
     controller["bounds"] = {"velocity": {"sleigh_speed_x": [-0.5, 0.5]}}
     run = scenario(tmp_path, controller, plant={"type": "reduced", "servo_time": 0.02}).run()
     assert np.hypot(*run.q[-1, :2]) < 0.01
