@@ -1,12 +1,11 @@
 """Feedback along plans: the gains of a plan, or those of a time-varying linear-quadratic regulator.
 
-After the end of a plan, the motion stops within the accelerations of the plan, or goes on with the last velocities.
+After the end of a plan, the motion stops within the accelerations of the plan.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -14,7 +13,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, listed
-from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
+from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.model.input_validation import Positive
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -25,43 +24,34 @@ from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.planning.action_models import ActionModel, Form, KinematicModel, Nodes, action_model
 from rnc_pin.printing import ReprMixin
 
-End = Literal["stop", "continue"]
 _AT_REST = 1e-3  # part of an interval: a plan that brakes in less time ends at rest
 _ROUNDING = 1e-12  # part of the largest velocity of the plan that is rounding
 
 
 class PlanEnd:
-    """Motion after the end of a plan.
+    """Stop after the end of a plan.
 
-    ``"stop"``: the reduced velocities fall linearly to zero. No acceleration exceeds the largest of the plan, unless
+    The reduced velocities fall linearly to zero. No acceleration exceeds the largest of the plan, unless
     the stop would take longer than the plan. A plan that ends at rest stands still, and in the kinematic form the
-    velocity jumps to zero, as it jumps between intervals. ``"continue"``: the reduced velocities stay. The inputs are
+    velocity jumps to zero, as it jumps between intervals. The inputs are
     those of this motion; of an underactuated system, those that come nearest to it.
 
     Args:
         model: action model of the plan.
         plan: the plan.
-        end: "stop" or "continue".
 
     Attributes:
-        duration: time until the motion stands still [s]; infinite for "continue".
-
-    Raises:
-        ConfigurationError: unknown end.
+        duration: time until the motion stands still [s].
     """
 
-    def __init__(self, model: ActionModel, plan: MotionPlan, end: End = "stop") -> None:
-        if end not in ("stop", "continue"):
-            raise ConfigurationError(
-                f"end '{end}': expected 'stop' or 'continue'{nearest(str(end), ['stop', 'continue'])}"
-            )
+    def __init__(self, model: ActionModel, plan: MotionPlan) -> None:
         self._model, self._plan = model, plan
         self._driven = KinematicModel(model.reduced)
         self._h = float(plan.time[-1] - plan.time[-2])
         self._reached = 0, plan.q[-1:]
         self._input_of: tuple[int, Array] | None = None
         self._rates = np.zeros((1, model.r))
-        self.duration = np.inf if end == "continue" else self._braking(plan)
+        self.duration = self._braking(plan)
         self._stand: tuple[Nodes, Array] | None = None
 
     def at(self, since: float) -> tuple[Nodes, Array]:
@@ -70,9 +60,7 @@ class PlanEnd:
             if self._stand is None:
                 self._stand = self._standing()
             return self._stand
-        k = int(since / self._h)
-        if self.duration < np.inf:
-            k = min(k, round(self.duration / self._h) - 1)
+        k = min(int(since / self._h), round(self.duration / self._h) - 1)
         start = self._start(k)
         if self._input_of is None or self._input_of[0] != k:
             middle = Nodes(self._moved(start, k * self._h, self._h / 2), self._velocity((k + 0.5) * self._h))
@@ -108,7 +96,7 @@ class PlanEnd:
     def _start(self, k: int) -> Array:
         """Configuration (1, nq) at the start of the k-th interval.
 
-        Only the last one is kept, because the motion may go on for days. An earlier one is computed again.
+        Only the last one is kept; an earlier one is computed again.
         """
         reached, q = self._reached if self._reached[0] <= k else (0, self._plan.q[-1:])
         for each in range(reached, k):
@@ -140,17 +128,15 @@ class PlanFeedback(ReprMixin):
     It reads the model. The dynamic form commands inputs T; the others command the reduced force of the acceleration
     that results. Reads from the measurement ``q, v2``.
 
-    A plan that ends at rest stands still after its end. Other plans brake with ``end="stop"``: the planned reduced
-    velocities fall linearly to zero, within the largest accelerations of the plan, and at most in its duration. With
-    ``end="continue"`` they keep their last values. In the kinematic form the planned velocity jumps to zero.
+    A plan that ends at rest stands still after its end. Other plans brake: the planned reduced velocities fall linearly
+    to zero, within the largest accelerations of the plan, and at most in its duration. In the kinematic form the
+    planned velocity jumps to zero.
 
     Args:
         reduced: the model.
         plan: the plan.
         K: gains (intervals, inputs, states); those of the plan by default. The last ones hold after the end.
         bandwidth: decay rate of the velocity error in the kinematic form [1/s].
-        end: motion after a plan that does not end at rest: "stop" brakes within the accelerations of the plan,
-            "continue" keeps its last reduced velocities.
 
     Raises:
         ConfigurationError: plan, gains and model do not fit.
@@ -175,14 +161,13 @@ class PlanFeedback(ReprMixin):
         plan: MotionPlan,
         K: Float[Array, "K nu nx"] | None = None,
         bandwidth: Positive = 20.0,
-        end: End = "stop",
     ) -> None:
         self.plan, self.bandwidth = plan, bandwidth
         self._reduced, self._model = reduced, fitting_model(reduced, plan)
         self.K = np.array(plan.K if K is None else K, dtype=float)
         if self.K.shape != plan.K.shape or not np.isfinite(self.K).all():
             raise ConfigurationError(f"gains of shape {self.K.shape}: expected finite numbers {plan.K.shape}")
-        self.end, self._after = end, PlanEnd(self._model, plan, end)
+        self._after = PlanEnd(self._model, plan)
         names = (*reduced.reducing.names, *reduced.vertical.names)
         self._outputs = plan.reference() if plan.info.output_names == names else None
 
@@ -196,7 +181,6 @@ class PlanFeedback(ReprMixin):
             "intervals": len(self.plan.u),
             "cost": info.cost,
             "outcome": info.outcome,
-            "end": self.end,
             "bandwidth": self.bandwidth,
             "gains": listed(np.abs(self.K).max(axis=0)),
         }
@@ -236,7 +220,6 @@ def tvlqr(
     state_cost: Weight = 1.0,
     input_cost: Weight = 1.0,
     final_cost: Weight | None = None,
-    end: End = "stop",
 ) -> PlanFeedback:
     """Return a time-varying linear-quadratic regulator about a plan.
 
@@ -249,7 +232,6 @@ def tvlqr(
         state_cost: weights Q: a number, one for each state, or weights by name of ``plan.info.state_names``.
         input_cost: weights R in the same forms, positive.
         final_cost: weights of the last state; ten times Q by default.
-        end: "stop" or "continue", the motion after the end of the plan.
 
     Raises:
         ConfigurationError: a weight is negative, or names an unknown state; the plan does not fit the model.
@@ -271,7 +253,7 @@ def tvlqr(
     if not (R > 0).all():
         raise ConfigurationError("input_cost: every input needs a positive weight")
     K = regulator_gains(model, Nodes(plan.q[:-1], plan.w[:-1]), plan.u, np.diff(plan.time), (Q, R, last))
-    return PlanFeedback(reduced, plan, K, end=end)
+    return PlanFeedback(reduced, plan, K)
 
 
 def regulator_gains(

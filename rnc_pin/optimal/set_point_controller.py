@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, DescribedMixin, MissedGoal, VelocityTarget
-from rnc_pin.errors import RncError
+from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -25,7 +25,7 @@ from rnc_pin.optimal.plan_feedback import regulator_gains, tvlqr
 from rnc_pin.optimal.planner import plan_motion
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.set_point import AT_REST, SetPoint, nearer_plan
-from rnc_pin.planning.action_models import Form, KinematicModel, Nodes, action_model, check_velocity_form
+from rnc_pin.planning.action_models import Form, KinematicModel, Nodes, action_model
 
 _OF_FILE = FileLimits()
 _NEAR = 20.0  # times the tolerance: an error at which the feedback at rest moves the directions of weight one
@@ -137,7 +137,8 @@ class SetPointController(DescribedMixin):
     def __post_init__(self) -> None:
         numbers = ("tolerance", "tube", "check", "bandwidth", "braking")
         check_positive_settings(**{name: getattr(self, name) for name in numbers})
-        check_velocity_form(self.velocities, self.form)
+        if self.velocities and self.form != "acceleration":
+            raise ConfigurationError(f"velocities: expected the form 'acceleration', found '{self.form}'")
         self.set_point = self.goal if isinstance(self.goal, SetPoint) else SetPoint(self.reduced, self.goal)
         self._model = action_model(self.reduced, self.form)
         self._driven = KinematicModel(self.reduced) if self.velocities else self._model

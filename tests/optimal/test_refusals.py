@@ -87,16 +87,14 @@ REFUSALS = [
     (lambda: FileLimits(reserve=0.5), WRONG, r"reserve: expected a share from 0 to below 0\.5, found 0\.5"),
     (lambda: bound(VelocityCost({"sleigh_jaw": 1.0}), systems.sleigh(), "acceleration"), WRONG, "did you mean"),
     (lambda: bound(VelocityCost(-1.0), systems.sleigh(), "acceleration"), WRONG, "no weight may be negative"),
-    (lambda: rnc.tvlqr(systems.sleigh(), short_plan(), end="hold"), WRONG, "end 'hold': expected 'stop' or"),
     (lambda: rnc.tvlqr(systems.space_robot_in_joints(), short_plan()), WRONG, "the plan is for inputs"),
-    (lambda: short_plan().plot(["sleigh_z"]), WRONG, "no output 'sleigh_z'"),
+    (lambda: short_plan().reference("sleigh_z"), WRONG, "no output 'sleigh_z'"),
     (
         lambda: driven_configurations(systems.sleigh(), np.array([0, 0, 1, 0.0]), rnc.planning.Hold([1.0])),
         WRONG,
         "reference of 1 outputs: the model has 2",
     ),
-    (lambda: predictive(velocities=True), WRONG, "expected the form 'acceleration', found 'dynamic'"),
-    (lambda: predictive(form="kinematic"), WRONG, "velocities=True"),
+    (lambda: predictive(form="kinematic"), WRONG, "a predictive controller needs"),
     (lambda: SetPoint(systems.sleigh(), {PLACE: [0.0, 0.0]}), WRONG, "does not determine the position of root_joint"),
     (
         lambda: SetPoint(systems.differential_drive(), systems.differential_drive().robot.configuration()),

@@ -32,7 +32,7 @@ NEEDED = {
     "none": {},
 }
 VALUES = {  # of every setting that some type has
-    "preset": "scaled", "end": "continue", "gains": "plan", "tracker": "computed_torque", "gravity_compensation": False,
+    "preset": "scaled", "gains": "plan", "tracker": "computed_torque", "gravity_compensation": False,
     "adaptation": 3.0, "bandwidth": 20.0, "delay": 0.01, "dead_zone": [0.1, 0.0, 0.2],
     "posture": {}, "unknown": {"base": "platform", "initial": {"joint_1": 1.0}},
     "coordinates": ["joint_1", {"joint": "joint_2"}], "rates": ["joint_1"],
