@@ -24,6 +24,8 @@ _LONGEST = 0.5  # largest step [rad or m]
 _STEPS, _HALVINGS, _TRIES = 100, 12, 100
 _DRAWN_STEPS = 30  # from random configurations, where nearly all that arrive take less than ten
 _SAMPLES = 4
+_STALLED, _STALLS, _FAR = 0.999, 2, 1e-3  # a step stalls above this residual ratio; stalled steps; residual not small
+_ALIKE, _OF, _WITHIN = 20, 25, 1.01  # unreachable: so many of so many tries end within this ratio of the least residual
 
 
 class Assembly:
@@ -147,9 +149,9 @@ class Assembly:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Minimize the residual of the rows in a mask (h,), starting at q; return q and the residual of all rows."""
         here = self._kinematics.position(q, t)
-        residual = self._residual(here)
+        residual, stalls = self._residual(here), 0
         for _ in range(steps):
-            if np.abs(residual[rows]).max(initial=0.0) <= _EXACT:
+            if stalls == _STALLS or np.abs(residual[rows]).max(initial=0.0) <= _EXACT:
                 return q, residual
             step = self._step(here, residual, free, rows, by_inertia)
             step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-300))
@@ -161,6 +163,8 @@ class Assembly:
                 step = 0.5 * step
             else:
                 return q, residual
+            before, after = (float(np.linalg.norm(each[rows])) for each in (residual, left))
+            stalls = stalls + 1 if after > max(_FAR, _STALLED * before) else 0
             here, q, residual = ahead, ahead.q, left
         return q, residual
 
@@ -170,7 +174,7 @@ class Assembly:
         Raises:
             ConstraintError: the projection failed at every try.
         """
-        worst = ""
+        failures: list[float] = []
         for _ in range(_TRIES):
             with suppress(SingularityError):
                 drawn = self.robot.random_configuration(generator, spread)
@@ -179,9 +183,13 @@ class Assembly:
                     found, residual, closed = self._closest(drawn, by_inertia=False)
                 if closed:
                     return found
+                failures.append(float(np.linalg.norm(residual)))
                 row = int(np.argmax(np.abs(residual)))
                 worst = f": {self.names[row]} has residual {abs(residual[row]):.3g}, limit {_GOOD:.0e}"
-        raise ConstraintError(f"constraints cannot be satisfied from any of {_TRIES} random configurations{worst}")
+            if len(failures) == _OF and _out_of_reach(failures):
+                break
+        tries = f"any of {_TRIES} random configurations" if len(failures) != _OF else f"{_OF} random configurations"
+        raise ConstraintError(f"constraints cannot be satisfied from {tries}{worst if failures else ''}")
 
     def samples(self, count: int) -> np.ndarray:
         """Seeded random configurations and the neutral one, (count or count + 1, nq), which satisfy the rows.
@@ -264,3 +272,9 @@ class Assembly:
                 if all(np.isfinite(each).all() for each in whole):
                     samples.append(whole)
         return samples
+
+
+def _out_of_reach(failures: Sequence[float]) -> bool:
+    """Return True if most tries ended at the same residual, e.g. of a fully stretched loop that cannot close."""
+    least = min(failures)
+    return least > _FAR and sum(each <= _WITHIN * least for each in failures) >= _ALIKE

@@ -171,7 +171,7 @@ XACROS = {  # robot.urdf.xacro
     "condition in words": (xacro('<xacro:if value="maybe"/>'), "maybe", "boolean"),
     "xacro that runs a program": (xacro(radius="${(lambda: ().__class__.__base__.__subclasses__())()}"),
         "refuses to evaluate"),
-    "xacro that evaluates a program": (xacro(radius="$(eval map.mro)"), "refuses to evaluate", "'mro'"),
+    "xacro that evaluates a program": (xacro(radius="$(eval map.mro)"), "cannot evaluate 'map.mro'"),
     "xacro that would never end": (xacro(radius="${9**9**9**9}"), "refuses to evaluate"),
 }  # fmt: skip
 MJCFS = {  # robot.xml
