@@ -9,6 +9,7 @@ import struct
 from importlib.util import find_spec
 
 import numpy as np
+import trimesh
 
 VERTICES = np.array([[0.02, 0.05, 0.0], [0.3, 0.05, 0.0], [0.02, 0.25, 0.0], [0.02, 0.05, 0.1], [0.3, 0.25, 0.1]])
 TRIANGLES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 4], [1, 4, 3], [2, 3, 4]])
@@ -36,17 +37,8 @@ def obj() -> bytes:
     return f"mtllib none.mtl\no solid\n{vertices}vn 0 0 1\n{faces}{backward}".encode()
 
 
-def ply(order: str) -> bytes:
-    kind = {"<": "binary_little_endian", ">": "binary_big_endian"}.get(order, "ascii")
-    head = (
-        f"ply\nformat {kind} 1.0\ncomment c\nelement vertex {len(VERTICES)}\nproperty float x\nproperty float y\nproperty float z\n"
-        f"property uchar red\nelement face {len(TRIANGLES)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    if not order:
-        rows = [f"{x} {y} {z} 9" for x, y, z in VERTICES] + [f"3 {a} {b} {c}" for a, b, c in TRIANGLES]
-        return (head + "\n".join(rows) + "\n").encode()
-    points = b"".join(struct.pack(f"{order}3fB", *each, 9) for each in VERTICES)
-    return head.encode() + points + b"".join(struct.pack(f"{order}B3i", 3, *each) for each in TRIANGLES)
+def ply(encoding: str) -> bytes:
+    return trimesh.Trimesh(VERTICES, TRIANGLES, process=False).export(file_type="ply", encoding=encoding)
 
 
 def collada() -> bytes:
@@ -89,25 +81,13 @@ def gltf(inside: bool = False) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
-def inline() -> bytes:
-    numbers, indices = (" ".join(map(str, each.ravel())) for each in (VERTICES, TRIANGLES))
-    return f"""<mujoco><default><mesh scale="1 1 1"/></default><asset><mesh name="m" vertex="{numbers}"/><mesh name="n" vertex="{numbers}" face="{indices}"/></asset>
-<worldbody><body name="a"><joint name="j" axis="0 1 0"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom type="mesh" mesh="m"/><geom name="g" type="mesh" mesh="n"/>
-</body></worldbody></mujoco>""".encode()
-
-
-def weighed() -> bytes:
-    return inline().replace(b'<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>', b"")
-
-
 MESHES = {
     "STL": ("m.stl", [binary_stl(), text_stl()]),
     "OBJ": ("m.obj", [obj()]),
-    "PLY": ("m.ply", [ply(""), ply("<"), ply(">")]),
+    "PLY": ("m.ply", [ply("ascii"), ply("binary")]),
     "DAE": ("m.dae", [collada()]),
     "GLB": ("m.glb", [gltf()]),
     "glTF": ("m.gltf", [gltf(inside=True)]),
-    "inline mesh": ("m.xml", [inline(), *([weighed()] if find_spec("mujoco") else [])]),
 }
 """Kinds: the name of a file, and its content as it is."""
 

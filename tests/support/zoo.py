@@ -1,9 +1,8 @@
 """Every robot of example-robot-data under constraints that any can have."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -56,8 +55,7 @@ EXCUSED: dict[tuple[str, str], tuple[str, str]] = {
 WITHOUT_URDF = {"cassie": "described in SDF only, which the Pinocchio of the `pin` wheel does not read"}
 
 
-@dataclass(frozen=True)
-class Residuals:
+class Residuals(NamedTuple):
     """Worst figures of one system over its states, relative to size."""
 
     robot: str
@@ -155,17 +153,6 @@ def wheel_links(name: str) -> list[str]:
     return [link.get("name", "") for link in root.findall("link") if "wheel" in link.get("name", "").lower()]
 
 
-def root() -> Path:
-    """The folder of robots in the package."""
-    some = next(iter(example_urdfs().values()))
-    return next(each for each in some.parents if each.name == "robots" and each.parent.name == "example-robot-data")
-
-
-def folders() -> set[str]:
-    """Every robot's folder, less its ending."""
-    return {each.name.removesuffix("_description") for each in root().iterdir() if each.is_dir()}
-
-
 def states(reduced: rnc.ReducedModel, count: int = STATES) -> list[tuple[np.ndarray, np.ndarray]]:
     """Seeded random states, the best conditioned of a few times as many."""
     generator = np.random.default_rng(0)
@@ -174,14 +161,9 @@ def states(reduced: rnc.ReducedModel, count: int = STATES) -> list[tuple[np.ndar
     return [(drawn[k], generator.uniform(-1, 1, reduced.r)) for k in np.argsort(conditions)[:count]]
 
 
-@cache
 def residuals(name: str, kind: str) -> Residuals:
-    """The figures of one system of the zoo."""
-    return measured(KINDS[kind](name), name, kind)
-
-
-def measured(reduced: rnc.ReducedModel, name: str, kind: str) -> Residuals:
     """Check a reduction: A R = 0, Lemma 1, and Pinocchio's own constrained dynamics, which know no momentum row."""
+    reduced = KINDS[kind](name)
     robot = reduced.robot
     drawn = states(reduced)
     lemma = lemma_1_residuals(reduced, np.stack([q for q, _ in drawn]))

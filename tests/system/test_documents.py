@@ -33,11 +33,6 @@ def half_a_second(monkeypatch):
     monkeypatch.setattr(rnc, "simulate", cut_short)
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.name)
-def test_example_fits_on_a_screen(example):
-    assert len(example.read_text().splitlines()) <= (120 if example.name == "gymnasium_env.py" else 60)
-
-
 @pytest.mark.parametrize(
     "example",
     # tests/control/test_composite_controllers.py and tests/system/test_gymnasium_env.py run the others.
@@ -87,14 +82,6 @@ def test_the_site_fills_the_page(page, part):
     written = (ROOT / "docs" / f"{page}.md").read_text()
     assert part not in written
     assert part in docs_script("generated").filled(written)
-
-
-def test_the_reading_order_is_short():
-    """Ten files with the paper, of at most 2,500 lines together."""
-    page = ROOT / "docs" / "explanation" / "reading_order.md"
-    files = [(page.parent / each).resolve() for each in re.findall(r"\]\((\S+\.py)\)", page.read_text())]
-    assert len(files) == 10
-    assert sum(len(file.read_text().splitlines()) for file in files) <= 2500
 
 
 def test_the_readme_is_short_and_has_the_two_commands():
