@@ -1,5 +1,7 @@
 """Robots from files: what is in them, how names and joints are treated, and one line for whatever is wrong."""
 
+import warnings
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -274,3 +276,13 @@ def test_joints_that_are_not_added_branch_by_branch_are_refused():
     assert good.nv == 3
     with pytest.raises(rnc.ModelError, match=r"'right' was added between 'left' and 'hand'.*branch by branch"):
         robot([("left", ""), ("right", ""), ("hand", "left")])
+
+
+@pytest.mark.parametrize(("izz", "possible"), [("2", True), ("2.1", False)])
+def test_an_inertia_that_no_body_has_is_named(izz, possible, tmp_path):
+    (tmp_path / "arm.urdf").write_text(urdf(INERTIAL.replace('izz="1"', f'izz="{izz}"')))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        rnc.Robot.from_urdf(tmp_path / "arm.urdf")
+    words = [str(each.message).split(": ")[1] for each in said if each.category is rnc.ModelWarning]
+    assert words == ([] if possible else ["impossible rotational inertia behind hinge"])

@@ -1,123 +1,279 @@
-"""Robots from MJCF and xacro, packages without ROS, and what Pinocchio passes over in silence."""
+"""Files that a robot description may name: its own, its packages' and those of folders that the user names."""
 
-import warnings
+import os
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.robots.sources.description import Packages, package_name
-from tolerances import ROUNDING
+from rnc_pin.robots.sources.description import AllowedFolders, Packages, folders_above, package_name
 from urdf_parts import TETRAHEDRON, XACRO, write
 
+INERTIAL = '<inertial><mass value="{}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+REFUSED = r"outside the folders of the description: give its folder in package_dirs \(--package-dir\)"
 
-def urdf(mimic="", moments=(1, 1, 1), visual="", mass=2):
-    xx, yy, zz = moments
-    body = (
-        f'<inertial><origin xyz="0.3 0 0"/><mass value="{mass}"/>'
-        f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+def urdf(filename, tag="mesh", mass=1):
+    shape = f'<geometry><mesh filename="{filename}"/></geometry>'
+    if tag == "texture":
+        shape = (
+            f'<geometry><sphere radius="1"/></geometry><material name="m"><texture filename="{filename}"/></material>'
+        )
+    return (
+        f'<robot name="r" {XACRO}><link name="a"/><link name="b">{INERTIAL.format(mass)}<visual>{shape}'
+        '</visual></link><joint name="j" type="continuous"><parent link="a"/><child link="b"/>'
+        '<axis xyz="0 0 1"/></joint></robot>'
     )
-    joint = (
-        '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/>{}<origin xyz="0.5 0 0.1"/>'
-        '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="3" velocity="1"/><dynamics damping="0.2"/></joint>'
-    )
-    links = f'<link name="ground">{visual}</link><link name="one">{body}</link><link name="two">{body}</link>'
-    joints = joint.format("shoulder", "ground", "one", "") + joint.format("elbow", "one", "two", mimic)
-    return f'<robot name="arm">{links}{joints}</robot>'
 
 
-MJCF = """<mujoco model="arm"><compiler angle="radian"/><option gravity="0 0 -9.81"/><worldbody>
-  <geom type="plane" size="1 1 1"/>
-  <body name="one" pos="0.5 0 0.1">{root}<joint name="shoulder" axis="0 1 0" range="-1 1" damping="0.2"/>
-    <inertial pos="0.3 0 0" mass="2" diaginertia="1 1 1"/><geom type="sphere" size="0.05" contype="0"/>
-    <body name="two" pos="0.5 0 0.1"><joint name="elbow" axis="0 1 0" range="-1 1" damping="0.2"/>
-      <inertial pos="0.3 0 0" mass="2" diaginertia="1 1 1"/></body></body></worldbody>{more}</mujoco>"""
+def package(folder, name):
+    write(folder / "package.xml", f"<package><name>{name}</name></package>")
 
 
-def mjcf(root="", more=""):
-    return MJCF.format(root=root, more=more)
+def vertices(robot):
+    """Of the one mesh; zero where a box stands in for it or nothing is drawn."""
+    shapes = [each for each in robot.visual_model.geometryObjects if each.name not in robot.stand_ins]
+    return sum(each.geometry.num_vertices for each in shapes)
 
 
-@pytest.mark.parametrize("lock", [None, {"elbow": 0.4}], ids=["whole", "locked"])
-@pytest.mark.parametrize("gravity", [None, (0, 0, -1.62)], ids=["earth", "moon"])
-def test_one_arm_has_the_same_dynamics_as_mjcf_and_as_urdf(lock, gravity, tmp_path):
-    one = rnc.Robot.from_urdf(write(tmp_path / "arm.urdf", urdf()), lock=lock, gravity=gravity)
-    other = rnc.Robot.from_mjcf(write(tmp_path / "arm.xml", mjcf()), lock=lock, gravity=gravity)
-    assert one.joint_names == other.joint_names
-    generator = np.random.default_rng(0)
-    for _ in range(3):
-        q, v, a = (generator.uniform(-1, 1, one.nv) for _ in range(3))
-        torques = [pin.rnea(robot.model, robot.model.createData(), q, v, a) for robot in (one, other)]
-        np.testing.assert_allclose(*torques, rtol=0, atol=ROUNDING)
-    np.testing.assert_allclose(other.model.lowerPositionLimit, one.model.lowerPositionLimit)
-    np.testing.assert_allclose(other.model.damping, one.model.damping)
+@pytest.fixture
+def tree(tmp_path):
+    """A description, a mesh that is its own, and one elsewhere; links to the latter among its own."""
+    write(tmp_path / "robot/own.obj", TETRAHEDRON)
+    write(tmp_path / "private/secret.obj", TETRAHEDRON)
+    write(tmp_path / "private/secret.yaml", "password: hush")
+    write(tmp_path / "private/secret.xacro", urdf("own.obj", mass=7))
+    (tmp_path / "robot/link.obj").symlink_to(tmp_path / "private/secret.obj")
+    (tmp_path / "robot/linked").symlink_to(tmp_path / "private")
+    return tmp_path
 
 
-def test_gravity_of_an_mjcf_is_the_files(tmp_path):
-    """Pinocchio's parser leaves the option out."""
-    path = write(tmp_path / "arm.xml", mjcf().replace("-9.81", "-1.62"))
-    assert rnc.Robot.from_mjcf(path).model.gravity.linear.tolist() == [0, 0, -1.62]
+OUTSIDE = [
+    "file://{tree}/private/secret.obj", "{tree}/private/secret.obj", "../private/secret.obj", "link.obj",
+    "linked/secret.obj", "package://robot/../private/secret.obj", "package://robot//{tree}/private/secret.obj",
+    "package://robot/linked/secret.obj", "file://$(find robot)/../private/secret.obj", "$(find private)/secret.obj",
+    "package://private/secret.obj", "model://private/secret.obj",
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(("base", "first", "nv"), [
-    (None, "float", 8), ("fixed", "shoulder", 2), ("planar", "root_joint", 5), ("free", "root_joint", 8),
-])  # fmt: skip
-def test_a_base_takes_the_place_of_the_free_joint(base, first, nv, tmp_path):
-    text = (
-        '<mujoco><worldbody><body name="b"><freejoint name="float"/>'
-        '<geom size="0.1" mass="3"/>'
-        '<body name="one"><joint name="shoulder"/><geom pos="1 0 0" size="0.1" mass="1"/>'
-        '<body name="two"><joint name="elbow" axis="0 1 0"/><geom pos="1 0 0" size="0.1" mass="1"/>'
-        "</body></body></body></worldbody></mujoco>"
-    )
-    robot = rnc.Robot.from_mjcf(write(tmp_path / "arm.xml", text), base)
-    assert robot.joint_names[0] == first
-    assert robot.nv == nv
-
-
-def test_the_floor_of_an_mjcf_is_not_drawn_with_the_robot(tmp_path):
-    robot = rnc.Robot.from_mjcf(write(tmp_path / "arm.xml", mjcf()))
-    assert [shape.name for shape in robot.visual_model.geometryObjects] == ["oneGeom_0"]
-
-
-def test_equalities_of_joints_and_bodies_are_listed_and_others_are_named(tmp_path):
-    joint = '<joint joint1="elbow" joint2="shoulder" polycoef="0.1 -2 0 0 0"/>'
-    more = f'<equality>{joint}<connect body1="one" body2="two" anchor="0 0 0"/><tendon tendon1="t"/></equality>'
-    with pytest.warns(rnc.ModelWarning, match="<equality><tendon> is left out"):
-        robot = rnc.Robot.from_mjcf(write(tmp_path / "arm.xml", mjcf(more=more)))
-    assert robot.mimics == (("elbow", "shoulder", -2.0, 0.1),)
-    assert [closure[:3] for closure in robot.closures] == [("one", "two", "point")]
-
-
-@pytest.mark.parametrize(
-    ("of", "words"), [("sholder", "did you mean 'shoulder'"), ("elbow", "expected one of: shoulder")]
-)
-def test_a_mimic_of_nobody_is_named_and_left_out(of, words, tmp_path):
-    path = write(tmp_path / "arm.urdf", urdf(f'<mimic joint="{of}"/>'))
-    with pytest.warns(rnc.ModelWarning, match=f"mimic of an invalid joint is ignored: 'elbow' of '{of}'; {words}"):
-        assert rnc.Robot.from_urdf(path).mimics == ()
-
-
-@pytest.mark.parametrize(("moments", "possible"), [((1, 1, 2), True), ((0, 0, 0), True), ((1, 1, 2.1), False)])
-def test_an_inertia_that_no_body_has_is_named(moments, possible, tmp_path):
-    path = write(tmp_path / "arm.urdf", urdf(moments=moments))
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
+@pytest.mark.parametrize("tag", ["mesh", "texture"])
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_a_urdf_names_no_file_elsewhere(name, tag, tree):
+    path = write(tree / "robot/r.urdf", urdf(name.format(tree=tree), tag))
+    with pytest.raises(rnc.ModelError, match=REFUSED):
         rnc.Robot.from_urdf(path)
-    assert [str(each.message).split(": ")[1] for each in said if each.category is rnc.ModelWarning] == (
-        [] if possible else ["impossible rotational inertia behind shoulder, elbow"]
-    )
+    assert rnc.Robot.from_urdf(path, package_dirs=[tree / "private"]).nv == 1
 
 
-MESH = '<visual><geometry><mesh filename="package://shapes/meshes/t.obj"/></geometry></visual>'
+def test_a_mesh_elsewhere_is_drawn_once_its_folder_is_named(tree):
+    path = write(tree / "robot/r.urdf", urdf("../private/secret.obj"))
+    assert vertices(rnc.Robot.from_urdf(path, package_dirs=[tree / "private"])) == 4
 
 
-def names(robot):
-    return len(robot.visual_model.geometryObjects) - len(robot.stand_ins)
+@pytest.mark.parametrize("name", ["own.obj", "file://own.obj", "{tree}/robot/own.obj", "package://robot/own.obj"])
+def test_a_urdf_names_its_own_files(name, tree):
+    path = write(tree / "robot/r.urdf", urdf(name.format(tree=tree)))
+    assert vertices(rnc.Robot.from_urdf(path)) == 4
 
 
-@pytest.mark.parametrize(("package", "file", "options", "variable"), [
+def test_a_mesh_is_not_taken_from_the_working_directory(tree, monkeypatch):
+    """A wanted mass is measured from the box around the link's meshes; without one it is a ball of 0.05 m."""
+    monkeypatch.chdir(tree / "private")
+    path = write(tree / "robot/r.urdf", urdf("secret.obj").replace(INERTIAL.format(1), ""))
+    inertia = rnc.Robot.from_urdf(path, masses={"b": 1.0}).model.inertias[1].inertia
+    np.testing.assert_allclose(inertia, 0.4 * 0.05**2 * np.eye(3))
+
+
+@pytest.mark.parametrize("place", ["meshes/m.obj", "assets/deep/m.obj", "textures/m.obj", "Secrets/m.obj"])
+def test_beside_a_description_without_package_only_customary_folders_count(place, tmp_path):
+    write(tmp_path / "robot" / place, TETRAHEDRON)
+    path = write(tmp_path / "robot/urdf/r.urdf", urdf(f"../{place}"))
+    if place.startswith("Secrets"):
+        with pytest.raises(rnc.ModelError, match=REFUSED):
+            rnc.Robot.from_urdf(path)
+    else:
+        assert vertices(rnc.Robot.from_urdf(path)) == 4
+
+
+def test_the_package_of_a_description_is_its_own(tmp_path):
+    package(tmp_path / "checkout", "robot")
+    write(tmp_path / "checkout/any/where/m.obj", TETRAHEDRON)
+    for k, name in enumerate(("../../any/where/m.obj", "package://robot/any/where/m.obj")):
+        path = write(tmp_path / f"checkout/urdf/arms/r{k}.urdf", urdf(name))
+        assert vertices(rnc.Robot.from_urdf(path)) == 4
+
+
+def test_a_package_beside_may_not_be_a_link_to_one_elsewhere(tmp_path):
+    package(tmp_path / "private", "parts")
+    write(tmp_path / "private/m.obj", TETRAHEDRON)
+    path = write(tmp_path / "ws/robot/r.urdf", urdf("package://parts/m.obj"))
+    (tmp_path / "ws/parts").symlink_to(tmp_path / "private")
+    with pytest.raises(rnc.ModelError, match=REFUSED):
+        rnc.Robot.from_urdf(path)
+
+
+@pytest.mark.parametrize("inside", [
+    "<a x=\"${{xacro.load_yaml('{place}.yaml')['password']}}\"/>",
+    "<a x=\"${{load_yaml('{place}.yaml')['password']}}\"/>",
+    '<xacro:include filename="{place}.xacro"/>',
+    '<xacro:include filename="{place}.xacro" optional="true"/>',
+    '<xacro:include filename="{place}.xacro" ns="n"/>',
+])  # fmt: skip
+@pytest.mark.parametrize(
+    "place", ["{tree}/private/secret", "../private/secret", "linked/secret", "$(find private)/secret"]
+)
+def test_a_xacro_file_names_no_file_elsewhere(inside, place, tree):
+    content = inside.format(place=place.format(tree=tree))
+    path = write(tree / "robot/r.xacro", f'<robot name="r" {XACRO}>{content}</robot>')
+    with pytest.raises(rnc.ModelError, match=REFUSED) as raised:
+        rnc.Robot.from_urdf(path)
+    assert "hush" not in str(raised.value)
+
+
+def test_a_xacro_file_takes_what_the_user_names(tree, monkeypatch):
+    """In an argument, in a variable that it may read, or with its folder; of a folder in the former no file."""
+    secret = tree / "private/secret.xacro"
+    include = f'<robot name="r" {XACRO}><xacro:arg name="extra" default=""/><xacro:include filename="{{}}"/></robot>'
+    by_argument = write(tree / "robot/a.xacro", include.format("$(arg extra)"))
+    by_variable = write(tree / "robot/v.xacro", include.format("$(optenv ROBOT_EXTRA none.xacro)"))
+    inside = write(tree / "robot/i.xacro", include.format("$(arg extra)/secret.xacro"))
+    monkeypatch.setenv("ROBOT_EXTRA", str(secret))
+    assert rnc.Robot.from_urdf(by_argument, xacro_arguments={"extra": str(secret)}).model.inertias[1].mass == 7
+    assert rnc.Robot.from_urdf(by_variable).model.inertias[1].mass == 7
+    folder = {"extra": str(secret.parent)}
+    with pytest.raises(rnc.ModelError, match=REFUSED):
+        rnc.Robot.from_urdf(inside, xacro_arguments=folder)
+    assert rnc.Robot.from_urdf(inside, package_dirs=[secret.parent], xacro_arguments=folder).nv == 1
+
+
+def test_no_content_of_files_elsewhere_is_drafted(call, tree, monkeypatch):
+    monkeypatch.chdir(tree)
+    named = urdf("own.obj").replace('"j"', "\"${xacro.load_yaml('../private/secret.yaml')['password']}\"")
+    write(tree / "robot/r.xacro", named)
+    status, _, complaint = call("init", "robot/r.xacro", "--out", "draft.yaml")
+    assert status == 2
+    assert "--package-dir" in complaint
+    assert not (tree / "draft.yaml").exists()
+    status, _, complaint = call("init", "robot/r.xacro", "--package-dir", "private", "--out", "draft.yaml")
+    assert status == 0, complaint
+    assert "hush" in (tree / "draft.yaml").read_text()
+
+
+MJCF = (
+    "<mujoco>{head}<worldbody><body name='b'><joint name='j'/><geom type='mesh' mesh='m'/>"
+    "<inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/></body></worldbody></mujoco>"
+)
+
+
+@pytest.mark.parametrize("head", [
+    "<asset><mesh name='m' file='{tree}/private/secret.obj'/></asset>",
+    "<asset><mesh name='m' file='../private/secret.obj'/></asset>",
+    "<asset><mesh name='m' file='link.obj'/></asset>",
+    "<asset><mesh name='m' file='linked/secret.obj'/></asset>",
+    "<compiler meshdir='{tree}/private'/><asset><mesh name='m' file='secret.obj'/></asset>",
+    "<compiler assetdir='../private'/><asset><mesh name='m' file='secret.obj'/></asset>",
+    "<compiler meshdir='linked'/><asset><mesh name='m' file='secret.obj'/></asset>",
+    "<compiler meshdir='../private' strippath='true'/><asset><mesh name='m' file='robot/secret.obj'/></asset>",
+    "<asset><mesh name='m' file='own.obj'/><texture name='t' type='2d' file='../private/secret.obj'/></asset>",
+    "<asset><mesh name='m' file='own.obj'/><hfield name='h' size='1 1 1 1' file='../private/secret.obj'/></asset>",
+    "<compiler texturedir='../private'/><asset><mesh name='m' file='own.obj'/><texture name='t' type='2d' "
+    "file='secret.obj'/></asset>",
+])  # fmt: skip
+def test_an_mjcf_names_no_file_elsewhere(head, tree):
+    path = write(tree / "robot/r.xml", MJCF.format(head=head.format(tree=tree)))
+    with pytest.raises(rnc.ModelError, match=REFUSED):
+        rnc.Robot.from_mjcf(path)
+    if "hfield" not in head:  # none is read
+        assert vertices(rnc.Robot.from_mjcf(path, package_dirs=[tree / "private"])) == 4
+
+
+def test_a_default_of_an_mjcf_names_no_file(tree):
+    head = "<default><mesh file='../private/secret.obj'/></default><asset><mesh name='m'/></asset>"
+    with pytest.raises(rnc.ModelError, match=r"unrecognized attribute: 'file' \(element 'mesh'\)"):
+        rnc.Robot.from_mjcf(write(tree / "robot/r.xml", MJCF.format(head=head)))
+
+
+@pytest.mark.parametrize("head", [
+    "<asset><mesh name='m' file='own.obj'/></asset>",
+    "<asset><mesh name='m' file='{tree}/robot/own.obj'/></asset>",
+    "<compiler meshdir='{tree}/robot' strippath='true'/><asset><mesh name='m' file='any/own.obj'/></asset>",
+    "<compiler meshdir='../meshes' texturedir='.'/><asset><mesh name='m' file='m.obj'/></asset>",
+    "<asset><mesh name='m' file='own.obj'/><texture name='t' type='2d' file='/nowhere/t.png'/></asset>",
+])  # fmt: skip
+def test_an_mjcf_names_its_own_files(head, tree):
+    write(tree / "meshes/m.obj", TETRAHEDRON)
+    path = write(tree / "robot/r.xml", MJCF.format(head=head.format(tree=tree)))
+    assert vertices(rnc.Robot.from_mjcf(path)) == 4
+
+
+@pytest.mark.parametrize(("name", "words"), [("gone.obj", "no mesh"), ("pipe.obj", "no mesh")])
+def test_a_mesh_of_an_mjcf_is_a_file(name, words, tree):
+    os.mkfifo(tree / "robot/pipe.obj")
+    head = f"<asset><mesh name='m' file='{name}'/></asset>"
+    with pytest.raises(rnc.ModelError, match=words):
+        rnc.Robot.from_mjcf(write(tree / "robot/r.xml", MJCF.format(head=head)))
+
+
+def test_the_search_upwards_stops_at_home_and_at_shared_folders(tmp_path, monkeypatch):
+    home, deep = tmp_path / "home/me", tmp_path / "home/me/ws/robot/urdf"
+    deep.mkdir(parents=True)
+    monkeypatch.setenv("HOME", str(home))
+    assert list(folders_above(deep)) == [deep, deep.parent, deep.parents[1]]
+    assert list(folders_above(home)) == [home]
+    monkeypatch.setenv("HOME", "/nobody")
+    (tmp_path / "home").chmod(0o1777)
+    assert list(folders_above(deep)) == [deep, *deep.parents[:3]]
+
+
+def test_the_search_upwards_stops_after_eight_folders(tmp_path):
+    deep = tmp_path.joinpath(*"abcdefghijkl")
+    deep.mkdir(parents=True)
+    assert list(folders_above(deep)) == [deep, *deep.parents[:8]]
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder", "large", "broken", "deep", "other"])
+def test_a_package_is_a_folder_with_a_manifest_that_can_be_read(kind, tmp_path):
+    manifest = tmp_path / "package.xml"
+    if kind == "pipe":
+        os.mkfifo(manifest)
+    elif kind == "device":
+        manifest.symlink_to("/dev/zero")
+    elif kind == "folder":
+        manifest.mkdir()
+    else:
+        valid = "<package><name>r</name></package>"
+        texts = {"large": valid + " " * 2**20, "broken": "<package", "deep": "<package>" * 10_000, "other": "<robot/>"}
+        manifest.write_text(texts[kind])
+    assert package_name(tmp_path) is None
+
+
+def test_a_pipe_in_the_place_of_a_manifest_is_not_waited_for(tree):
+    os.mkfifo(tree / "package.xml")
+    os.mkfifo(tree / "robot/package.xml")
+    path = write(tree / "robot/r.urdf", urdf("package://robot/own.obj"))
+    assert vertices(rnc.Robot.from_urdf(path)) == 4
+
+
+def test_the_nearest_allowed_file_of_a_package_is_taken(tmp_path):
+    """A folder of the package's name without a manifest stands nearer."""
+    write(tmp_path / "ws/parts/robot/m.obj", "secret")
+    write(tmp_path / "ws/parts/m.obj", TETRAHEDRON)
+    package(tmp_path / "ws/parts", "parts")
+    write(tmp_path / "ws/robot/parts/other.obj", TETRAHEDRON)
+    found = Packages(tmp_path / "ws/robot").file("package://parts/m.obj")
+    assert found == tmp_path / "ws/parts/m.obj"
+
+
+def test_rings_of_links_and_impossible_names_are_in_no_folder(tmp_path):
+    (tmp_path / "ring").symlink_to(tmp_path / "ring")
+    allowed = AllowedFolders(tmp_path)
+    for name in ("ring", "a\0b", "../x", "/"):
+        with pytest.raises(rnc.ModelError, match=REFUSED):
+            allowed.admit(tmp_path / name, f"file '{name}'")
+    assert allowed.admit(tmp_path / "xxx", "file") == tmp_path / "xxx"
+
+
+@pytest.mark.parametrize(("place", "file", "options", "variable"), [
     ("ws/shapes", "ws/shapes/urdf/arm.urdf", {}, None),  # the file is in the package
     ("ws/shapes", "ws/arm_description/urdf/arm.urdf", {}, None),  # the package is beside the file's
     ("else/shapes", "arm.urdf", {"package_dirs": ["else"]}, None),
@@ -126,28 +282,27 @@ def names(robot):
     ("else/share/shapes", "arm.urdf", {}, ("AMENT_PREFIX_PATH", "else")),
     ("git-checkout", "git-checkout/urdf/arm.urdf", {}, None),  # by the name in its manifest
 ], ids=["inside", "beside", "folder", "itself", "ROS 1", "ROS 2", "another name"])  # fmt: skip
-def test_a_package_is_found(package, file, options, variable, tmp_path, monkeypatch):
+def test_a_package_is_found(place, file, options, variable, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    write(tmp_path / package / "meshes/t.obj", TETRAHEDRON)
-    if "arm_description" in file or package == "git-checkout":  # else the folder could be anybody's
-        write(tmp_path / package / "package.xml", "<package><name>shapes</name></package>")
-    path = write(tmp_path / file, urdf(visual=MESH))
+    write(tmp_path / place / "meshes/t.obj", TETRAHEDRON)
+    if "arm_description" in file or place == "git-checkout":  # else the folder could be anybody's
+        package(tmp_path / place, "shapes")
+    path = write(tmp_path / file, urdf("package://shapes/meshes/t.obj"))
     if variable:
         monkeypatch.setenv(*variable)
-    assert names(rnc.Robot.from_urdf(path, **options)) == 1
+    assert vertices(rnc.Robot.from_urdf(path, **options)) == 4
 
 
 @pytest.mark.parametrize("name", ["$(find shapes)/meshes/t.obj", "file://$(find  shapes )/meshes/t.obj"])
 def test_a_package_is_found_as_xacro_names_it_although_the_file_is_none(name, tmp_path):
-    text = urdf(visual=MESH.replace("package://shapes/meshes/t.obj", name))
     write(tmp_path / "checkout/meshes/t.obj", TETRAHEDRON)
-    path = write(tmp_path / "checkout/urdf/arm.urdf", text)
+    path = write(tmp_path / "checkout/urdf/arm.urdf", urdf(name).replace(XACRO, ""))
     robot = rnc.Robot.from_urdf(path)
     with pytest.warns(rnc.ModelWarning, match=r"1 mesh was not found: package 'shapes' \(1\); give the folder"):
-        assert names(robot) == 0
-    write(tmp_path / "checkout/package.xml", "<package><name>shapes</name></package>")
+        assert vertices(robot) == 0
+    package(tmp_path / "checkout", "shapes")
     package_name.cache_clear()
-    assert names(rnc.Robot.from_urdf(path)) == 1
+    assert vertices(rnc.Robot.from_urdf(path)) == 4
 
 
 @pytest.mark.parametrize("name", ["", "..", "a/b", "nowhere_at_all"])
@@ -157,8 +312,8 @@ def test_a_package_of_no_name_is_not_found(name, tmp_path):
 
 def test_each_file_finds_its_own_packages(tmp_path):
     for number in (1, 2):
-        write(tmp_path / f"{number}/parts/package.xml", "<package><name>parts</name></package>")
-        write(tmp_path / f"{number}/parts/arm.xacro", urdf(mass=number).replace("<robot ", f"<robot {XACRO} "))
+        package(tmp_path / f"{number}/parts", "parts")
+        write(tmp_path / f"{number}/parts/arm.xacro", urdf("own.obj", mass=number))
         text = f'<robot name="r" {XACRO}><xacro:include filename="$(find parts)/arm.xacro"/></robot>'
         robot = rnc.Robot.from_urdf(write(tmp_path / f"{number}/mine/robot.xacro", text))
         assert robot.model.inertias[1].mass == number

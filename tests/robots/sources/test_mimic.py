@@ -167,3 +167,9 @@ def test_scenarios_couple_and_assemble(tmp_path):
     loose = replace(experiment, scenario=validate({**raw, "mimic": False}, "test")).scenario
     with pytest.warns(rnc.ModelWarning, match="move independently"), pytest.raises(rnc.ConstraintError, match="expect"):
         build_experiment(loose, tmp_path)
+
+
+@pytest.mark.parametrize(("of", "words"), [("aa", "did you mean 'a'"), ("b", "expected one of: a, c")])
+def test_a_mimic_of_nobody_is_named_and_left_out(of, words, tmp_path):
+    with pytest.warns(rnc.ModelWarning, match=f"mimic of an invalid joint is ignored: 'b' of '{of}'; {words}"):
+        assert arm(tmp_path, b=mimic(of)).mimics == ()

@@ -454,3 +454,36 @@ def test_a_loop_that_stays_open_is_warned_of(tmp_path):
         warnings.simplefilter("error")
         system = rnc.NonholonomicSystem(robot, [rnc.LoopClosure(*closure) for closure in robot.closures])
     assert system.m == 3
+
+
+@pytest.mark.parametrize(("base", "first", "nv"), [
+    (None, "float", 8), ("fixed", "shoulder", 2), ("planar", "root_joint", 5), ("free", "root_joint", 8),
+])  # fmt: skip
+def test_a_base_takes_the_place_of_the_free_joint(base, first, nv, tmp_path):
+    text = (
+        '<mujoco><worldbody><body name="b"><freejoint name="float"/>'
+        '<geom size="0.1" mass="3"/>'
+        '<body name="one"><joint name="shoulder"/><geom pos="1 0 0" size="0.1" mass="1"/>'
+        '<body name="two"><joint name="elbow" axis="0 1 0"/><geom pos="1 0 0" size="0.1" mass="1"/>'
+        "</body></body></body></worldbody></mujoco>"
+    )
+    robot = rnc.Robot.from_mjcf(written(tmp_path, text), base)
+    assert robot.joint_names[0] == first
+    assert robot.nv == nv
+
+
+def test_the_floor_of_an_mjcf_is_not_drawn_with_the_robot(tmp_path):
+    text = BODY.format("", "").replace("<worldbody>", '<worldbody><geom type="plane" size="1 1 1"/>')
+    robot = rnc.Robot.from_mjcf(written(tmp_path, text))
+    assert [shape.name for shape in robot.visual_model.geometryObjects] == ["bGeom_0"]
+
+
+def test_equalities_of_joints_and_bodies_are_listed_and_others_are_named(tmp_path):
+    equality = (
+        '<joint joint1="b1" joint2="a1" polycoef="0.1 -2 0 0 0"/><tendon tendon1="t"/>'
+        '<connect body1="a" body2="b" anchor="0 0 0"/>'
+    )
+    with pytest.warns(rnc.ModelWarning, match="<equality><tendon> is left out"):
+        robot = rnc.Robot.from_mjcf(written(tmp_path, TREE.format(head="", equality=equality)))
+    assert robot.mimics == (("b1", "a1", -2.0, 0.1),)
+    assert [closure[:3] for closure in robot.closures] == [("a", "b", "point")]
