@@ -136,13 +136,6 @@ def turret(behind=0.0):
     return _base(*parts, driven=["turn_joint", *wheels], wheels=wheels)
 
 
-def tracks():
-    """Five wheels on each side, coupled by a track."""
-    places = {f"w_{side}{k}": (0.2 * k - 0.4, y) for side, y in (("l", 0.25), ("r", -0.25)) for k in range(5)}
-    parts, wheels = _fixed(**places)
-    return _base(*parts, driven=[], wheels=wheels)
-
-
 KINDS = {
     "differential drive": differential(),
     "tricycle, driven in front": tricycle(),

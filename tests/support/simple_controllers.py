@@ -1,4 +1,4 @@
-"""Controllers of tests: given inputs, none, or another controller that is told less."""
+"""Controllers of tests: given inputs, or none."""
 
 import numpy as np
 
@@ -30,17 +30,3 @@ class Idle(Inputs):
 
     def __init__(self, p):
         super().__init__(lambda _: np.zeros(p))
-
-
-class WithoutDeficit:
-    """Controller that does not learn that its actuators are saturated, so that it has no anti-windup."""
-
-    def __init__(self, controller):
-        self._controller = controller
-
-    def initial_state(self, measurement):
-        return self._controller.initial_state(measurement)
-
-    def step(self, t, measurement, state):
-        unaware = measurement._replace(force_deficit=None, input_deficit=None)
-        return self._controller.step(t, unaware, state)

@@ -12,7 +12,7 @@ from rnc_pin.control.loop import loop_state
 from rnc_pin.control.loop.loop_state import VelocityEstimate, write_state
 from rnc_pin.control.loop.measurements import VelocityObserver
 from rnc_pin.plants import FaultyPlant, ReducedPlant
-from simple_controllers import Memoryless, WithoutDeficit
+from simple_controllers import Memoryless
 
 DT = 0.01
 GOAL = np.array([1.0, 0.5])
@@ -439,29 +439,3 @@ def test_inputs_that_the_loop_and_the_plant_take_away_are_missing_together():
     loop.report_applied_input(np.array([10.0, -3.0]))  # more than the loop itself let through
     assert loop.state.input_deficit is None
     rnc.ControlLoop(reduced, controller, DT).report_applied_input(np.zeros(2))  # ignored before the first step
-
-
-def swing(limits, anti_windup=True):
-    """The space robot on its way with the tip and a steady platform; actuators clipped as asked."""
-    reduced = systems.space_robot_in_joints()
-    q0 = reduced.robot.configuration({"joint_1": 0.3, "joint_2": 0.6, "joint_3": 0.4})
-    way = rnc.planning.MinimumJerk(reduced.at(q0).outputs()[1], [1.3, -0.4, 0.9], duration=1.5)
-    target = rnc.control.ReducingOutputController(reduced, way)
-    tracker = rnc.tuned_tracker(reduced, target, q0, 1.5, dt=0.003, design=rnc.control.GainDesign(adaptation=5.0))
-    controller = tracker if anti_windup else WithoutDeficit(tracker)
-    return rnc.simulate(reduced, controller, q0, 5.0, 0.003, options=rnc.SimulationOptions(loop={"limits": limits}))
-
-
-def late_error(run):
-    late = run.time > 4.0
-    return np.abs(run.x2 - run.x2_desired)[late].max()
-
-
-def test_the_velocity_tracker_recovers_from_clipped_actuators():
-    """At half of the largest inputs; without anti-windup it goes on swinging."""
-    free = swing(limits=False)
-    limits = 0.5 * np.abs(free.T).max(axis=0)
-    run = swing(limits)
-    assert (np.abs(run.T) >= limits - 1e-9).mean(axis=0).min() > 0.05  # clipped, each of them, and not for an instant
-    assert late_error(run) < 2e-3
-    assert late_error(swing(limits, anti_windup=False)) > 0.05

@@ -3,11 +3,10 @@
 import coal
 import numpy as np
 import pinocchio as pin
-import scipy
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
+from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.control.whole_body import ControlSample, InverseDynamicsQP
 from rnc_pin.control.whole_body.limits import CollisionAvoidance
 from rnc_pin.control.whole_body.limits.distance_limits import approach_speed
@@ -25,34 +24,6 @@ def differential_drive_with_arm():
     outputs = [rnc.FrameSpeed("base_link"), rnc.FrameYaw("base_link"), *map(rnc.JointPosition, arm)]
     start = {"torso_lift_joint": 0.3, "arm_1_joint": 0.7, "arm_2_joint": -0.5, "arm_3_joint": -1.2, "arm_4_joint": 1.9}
     return rnc.NonholonomicSystem(robot, wheels).reduce(outputs), robot.configuration(start)
-
-
-def nearest_allowed(wanted, rows, lower):
-    """Point nearest to a wanted one with ``rows x >= lower``: least-distance programming of Lawson and Hanson."""
-    shift = lower - rows @ wanted
-    matrix, right = np.vstack([rows.T, shift]), np.r_[np.zeros(len(wanted)), 1.0]
-    weights, _ = scipy.optimize.nnls(matrix, right)
-    residual = matrix @ weights - right
-    return wanted - residual[:-1] / residual[-1]
-
-
-def damped_run(reduced, limit, q, desired, duration):
-    """Configurations at all samples, under a velocity that changes linearly within a sample."""
-    bound, v2, path = limit.bind(reduced), np.zeros(reduced.r), [q]
-    for k in range(round(duration / DT)):
-        sample = ControlSample(reduced, k * DT, q, v2, DT)
-        rows, lower, _, _ = bound.rows(sample)
-        R, b = sample.end.R, sample.end.b
-        wanted = desired(sample.time)
-        ahead = wanted
-        if len(rows):
-            ahead = nearest_allowed(wanted, rows @ R, lower - rows @ b)
-        for share in (0.125, 0.375, 0.625, 0.875):
-            state = reduced.at(q, v2 + share * (ahead - v2))
-            q = pin.integrate(reduced.robot.model, q, 0.25 * DT * state.v)
-        v2 = ahead
-        path.append(q)
-    return np.array(path)
 
 
 def test_rows_are_the_damper():
@@ -79,36 +50,6 @@ def test_neighbours_keep_half_of_their_distance():
     at_start = bound.distances.at(q0).distance
     np.testing.assert_allclose(bound.clearances, np.minimum(0.1, 0.5 * at_start))
     assert (bound.clearances < 0.1).any()
-
-
-def test_sampled_control_keeps_the_clearance():
-    """Base and arm want to move through a table, a person that walks by, and the robot itself."""
-    reduced, q0 = differential_drive_with_arm()
-    generator = np.random.default_rng(1)
-    walk = rnc.planning.MinimumJerk([1.2, -0.9, 0.5, 0.0], [0.9, 0.9, 0.5, 0.0], duration=3.0)
-    around = [
-        Obstacle(coal.Box(0.5, 1.2, 0.1), position=(1.3, 0.2, 0.6), yaw=0.2, name="table"),
-        Obstacle(coal.Capsule(0.15, 1.0), name="person", motion=walk),
-    ]
-    amplitude = np.r_[0.0, 0.5, 0.05, generator.uniform(0.3, 0.8, 4)]
-    phase = generator.uniform(-0.5, 0.5, reduced.r)
-    forward = np.r_[0.3, np.zeros(6)]
-
-    def desired(t):
-        return forward + amplitude * np.sin(1.5 * t + phase)
-
-    check = CollisionDistances(reduced.robot, around, q0=q0)
-
-    limit = CollisionAvoidance(clearance=0.02, influence=0.2, rate=5.0, obstacles=around, q0=q0)
-    clearances = limit.bind(reduced).clearances
-
-    def smallest(limit):
-        path = damped_run(reduced, limit, q0, desired, 2.5)
-        return min((check.smallest(q, k * DT, beyond=0.1) - clearances).min() for k, q in enumerate(path))
-
-    nothing = CollisionAvoidance(selection=PairSelection(links=False))
-    assert smallest(nothing) < -0.04
-    assert -1e-4 < smallest(limit) < 5e-3  # normals turn within a sample
 
 
 def test_an_approach_needs_no_more_than_its_deceleration():
