@@ -48,15 +48,25 @@ def test_a_singular_set_is_looked_for_between_neighbours():
     assert found.configuration["s1"] == pytest.approx(-np.pi, abs=1e-9)
 
 
-@pytest.mark.parametrize(("part", "rows"), [(0.02, ("a", "b")), (0.5, ("a", "b", "c"))])
-def test_rows_that_hardly_take_part_are_not_named(part, rows):
-    """``b = a + part * c`` in the middle."""
-    reduced = rnc.NonholonomicSystem(rail_sliders(3), []).reduce(
-        [rates_of(lambda q: [[1, 0, 0], [1, q[1], part], [0, 0, 1]], ["a", "b", "c"])]
-    )
-    (found,) = stack_singularities(reduced, np.array([[0.1, 0.7, 0.3], [0.2, -0.4, 0.1]]))
-    assert found.located
-    assert found.rows == rows
+@pytest.mark.parametrize(("rows", "samples", "expected"), [
+    # Rows that hardly take part are not named: b is a, and a little or much of c, in the middle.
+    (lambda q: [[1, 0, 0], [1, q[1], 0.02], [0, 0, 1]], [[0.1, 0.7, 0.3], [0.2, -0.4, 0.1]], {"ab": {}}),
+    (lambda q: [[1, 0, 0], [1, q[1], 0.5], [0, 0, 1]], [[0.1, 0.7, 0.3], [0.2, -0.4, 0.1]], {"abc": {}}),
+    # Of two sets that share rows both are found: a and b agree where q1 is zero, and c is in their plane where q2 is.
+    (lambda q: [[1, 0, 0], [1, q[1], 0], [1, 1, q[2]]],
+        [[0.1, y, z] for y, z in ((0.7, 0.3), (-0.4, 0.3), (0.7, -0.2), (0.1, 0.5))],
+        {"abc": {"s2": 0.0}, "ab": {"s1": 0.0}}),
+    # Of one set the point with most rows: b is a + q0 c where q1 is zero, and at small q0 the part of c is small.
+    (lambda q: [[1, 0, 0], [1, q[1], q[0]], [0, 0, 1]],
+        [[0.01, 0.5, 0.0], [0.01, -0.5, 0.0], [0.9, 0.5, 0.0], [0.9, -0.5, 0.0]], {"abc": {"s0": 0.9}}),
+])  # fmt: skip
+def test_each_set_is_named_once_by_the_rows_that_take_part(rows, samples, expected):
+    reduced = rnc.NonholonomicSystem(rail_sliders(3), []).reduce([rates_of(rows, ["a", "b", "c"])])
+    found = {"".join(each.rows): each for each in stack_singularities(reduced, np.array(samples))}
+    assert found.keys() == expected.keys()
+    for name, where in expected.items():
+        assert found[name].located
+        assert {joint: found[name].configuration[joint] for joint in where} == pytest.approx(where, abs=1e-9)
 
 
 def test_samples_and_ways_where_an_output_is_undefined_are_left_out():
@@ -88,29 +98,6 @@ def test_a_way_that_meets_an_undefined_output_does_not_end_the_search():
     assert found.located
     assert found.configuration["s0"] > 4.9
     assert abs(found.configuration["s1"]) < 1e-9
-
-
-def test_two_singular_sets_that_share_rows_are_both_found():
-    """a and b agree where q1 is zero, and c lies in their plane where q2 is."""
-    reduced = rnc.NonholonomicSystem(rail_sliders(3), []).reduce(
-        [rates_of(lambda q: [[1, 0, 0], [1, q[1], 0], [1, 1, q[2]]], ["a", "b", "c"])]
-    )
-    samples = [[0.1, y, z] for y, z in ((0.7, 0.3), (-0.4, 0.3), (0.7, -0.2), (0.1, 0.5))]
-    found = {each.rows: each for each in stack_singularities(reduced, np.array(samples))}
-    assert set(found) == {("a", "b", "c"), ("a", "b")}
-    assert abs(found["a", "b", "c"].configuration["s2"]) < 1e-9
-    assert abs(found["a", "b"].configuration["s1"]) < 1e-9
-
-
-def test_of_one_singular_set_the_point_with_most_rows_is_told():
-    """``b = a + q0 c`` where q1 is zero: at small q0, c has a small part in the same dependence."""
-    reduced = rnc.NonholonomicSystem(rail_sliders(3), []).reduce(
-        [rates_of(lambda q: [[1, 0, 0], [1, q[1], q[0]], [0, 0, 1]], ["a", "b", "c"])]
-    )
-    samples = [[0.01, 0.5, 0.0], [0.01, -0.5, 0.0], [0.9, 0.5, 0.0], [0.9, -0.5, 0.0]]
-    (found,) = stack_singularities(reduced, np.array(samples))
-    assert found.rows == ("a", "b", "c")
-    assert found.configuration["s0"] == pytest.approx(0.9)
 
 
 def test_rows_of_a_long_chain_all_take_part():
