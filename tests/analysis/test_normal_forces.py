@@ -6,6 +6,7 @@ import pytest
 from scipy.optimize import minimize
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.analysis import NormalForces, first_lift_off
 from rnc_pin.analysis.normal_forces import balanced
 from rnc_pin.math.linear_algebra import nonnegative
@@ -86,6 +87,11 @@ def test_where_nothing_presses_on_the_ground_there_are_no_normal_forces():
     robot = rnc.Robot.from_urdf("space_robot.urdf")  # bolted to the world
     reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("tip")], robot.joint_names).reduce()
     assert NormalForces(reduced).names == ()
+    for rail in ("PX", "PY"):  # that carries what turns on it
+        model = pin.Model()
+        add_body(model, "turn", "RZ", 1.0, add_body(model, "rail", rail, 1.0), frame="body")
+        reduced = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body", at=(0.3, 0, 0))]).reduce()
+        assert NormalForces(reduced).names == ()
 
 
 def test_preflight_and_grip_report_a_caster_that_lifts_off():
