@@ -116,36 +116,6 @@ def test_of_inputs_that_hold_the_smallest_are_taken():
     assert found.residual < 1e-9
 
 
-def test_what_does_not_rest_says_by_how_much():
-    reduced = hanging_chain([], 2)
-    q = np.array([0.2, 1.9])
-    rates = reduced.forward_dynamics(q, np.zeros(2), np.zeros(0))
-    worst = int(np.argmax(np.abs(rates)))
-    with pytest.raises(rnc.ConstraintError) as told:
-        rnc.equilibrium(reduced, q, hold=["hinge_0", "hinge_1"])
-    assert str(told.value) == (
-        "no equilibrium found near the guess: at best the rate of "
-        f"'{reduced.reducing.names[worst]}' changes by {rates[worst]:.3g} a second"
-    )
-
-
-def test_a_gap_that_stays_is_told_in_metres():
-    robot = systems.four_bar().robot
-    closure = rnc.LoopClosure("coupler_tip", "rocker_tip", "point")
-    reduced = rnc.NonholonomicSystem(robot, [closure]).reduce([rnc.JointPosition("crank")])
-    for crank, rocker in ((1.0, 2.2), (0.2, 1.5)):
-        q = robot.configuration({"crank": crank, "coupler": -0.4, "rocker": rocker})
-        data = robot.model.createData()
-        pin.framesForwardKinematics(robot.model, data, q)
-        a, b = (data.oMf[robot.frame_id(name)] for name in ("coupler_tip", "rocker_tip"))
-        gap = np.abs(a.rotation.T @ (b.translation - a.translation))[[0, 2]]
-        assert np.ptp(gap) > 0.01
-        with pytest.raises(rnc.ConstraintError) as told:
-            rnc.equilibrium(reduced, q, hold=robot.joint_names)
-        said = f"closure_{'xz'[int(np.argmax(gap))]}(coupler_tip, rocker_tip) is left {gap.max():.3g} from zero"
-        assert str(told.value).endswith(f", and {said}")
-
-
 def driven_bicycle():
     """One that nothing keeps upright."""
     robot = systems.bicycle().robot
