@@ -15,8 +15,8 @@ pytestmark = pytest.mark.usefixtures("brief")
 DT = 0.04
 # Place of the axle whose wheels have no pivot, ahead of the frame "base"; a twist with vy = -x w suits it.
 AXLE = {
-    "differential drive": 0.0, "tricycle, driven in front": -0.4, "tricycle, driven behind": -0.4, "forklift": 0.3,
-    "car": -0.3, "car with trailer": -0.3, "six wheels, four steered": 0.0,
+    "differential drive": 0.0, "tricycle, driven in front": -0.4, "forklift": 0.3,
+    "car": -0.3, "car with trailer": -0.3,
 }  # fmt: skip
 STEERED = {
     "differential drive": 0,

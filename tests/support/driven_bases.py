@@ -73,12 +73,11 @@ def differential():
     return _base(*parts, swivel, driven=wheels, wheels=wheels)
 
 
-def tricycle(driven_front=True):
+def tricycle():
     """Two wheels behind, one in front on a pivot with limits."""
     back, wheels = _fixed(left=(-0.4, 0.2), right=(-0.4, -0.2))
     front, more = _steered(front=(0.5, 0.0))
-    motors = ["front_joint"] if driven_front else ["left_joint", "right_joint"]
-    return _base(*back, *front, driven=[*motors, "turn_front_joint"], wheels=wheels | more)
+    return _base(*back, *front, driven=["front_joint", "turn_front_joint"], wheels=wheels | more)
 
 
 def forklift():
@@ -101,14 +100,6 @@ def car(trailer=False):
         ]
     driven = ["left_joint", "right_joint", "turn_fl_joint"]
     return _base(*back, *front, *towed, driven=driven, wheels=wheels | more)
-
-
-def rover():
-    """Six wheels, of which the four at the corners are steered."""
-    middle, wheels = _fixed(ml=(0.0, 0.3), mr=(0.0, -0.3))
-    corners, more = _steered(fl=(0.5, 0.3), fr=(0.5, -0.3), bl=(-0.4, 0.3), br=(-0.4, -0.3))
-    table = wheels | more
-    return _base(*middle, *corners, driven=[*table, *(each.pivot for each in more.values())], wheels=table)
 
 
 def swerve(*places, turns_round=True):
@@ -139,11 +130,9 @@ def turret(behind=0.0):
 KINDS = {
     "differential drive": differential(),
     "tricycle, driven in front": tricycle(),
-    "tricycle, driven behind": tricycle(driven_front=False),
     "forklift": forklift(),
     "car": car(),
     "car with trailer": car(trailer=True),
-    "six wheels, four steered": rover(),
     "four-wheel steering": swerve((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2), turns_round=False),
     "two steered drives": swerve((0.3, 0.2), (-0.3, -0.2)),
     "two steered drives side by side": swerve((0.0, 0.3), (0.0, -0.3)),
