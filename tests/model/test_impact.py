@@ -51,25 +51,16 @@ def test_two_point_masses_stick_or_rebound():
         assert jump.loss == pytest.approx(loss, abs=1e-12)
 
 
-def test_landing_wheels_spin_up():
-    """Dropped wheels: vertical momentum is lost; friction impulses turn wheels that did not turn."""
+def test_landing_wheels_spin_up_and_share_the_lateral_impulse():
     robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
-    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
-    system = rnc.NonholonomicSystem(robot, wheels)
+    system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")])
     q, v = robot.configuration(), np.array([0.7, 0.2, 0.0, 0.0, 0.0])
-    jump = rnc.impact(system, q, v)
-    M = pin.crba(robot.model, robot.model.createData(), q)
-    M = np.triu(M) + np.triu(M, 1).T
-    A = np.array([[1.0, 0.0, 0.0, -0.1, 0.0], [1.0, 0.0, 0.0, 0.0, -0.1], [0.0, 1.0, 0.0, 0.0, 0.0]])
-    track = np.abs(system.reduce().at(q).all_rows[:, 2]).max()
-    A[:2, 2] = [-track, track]
-    kkt = np.block([[M, -A.T], [A, np.zeros((3, 3))]])
-    expected = np.linalg.solve(kkt, np.concatenate([M @ v, np.zeros(3)]))
-    np.testing.assert_allclose(jump.v, expected[:5], atol=ROUNDING)
-    assert jump.v[1] == pytest.approx(0.0, abs=1e-12)
-    lateral = [jump.impulses[f"lateral({side}_wheel)"] for side in ("left", "right")]
-    assert lateral[0] == pytest.approx(lateral[1])  # dependent rows share by least norm
-    assert sum(lateral) == pytest.approx(expected[7], rel=1e-9)
+    jump, state = rnc.impact(system, q, v), system.reduce().at(q)
+    kkt = np.block([[state.M, -state.A.T], [state.A, np.zeros((3, 3))]])
+    np.testing.assert_allclose(jump.v, np.linalg.solve(kkt, [*state.M @ v, 0, 0, 0])[:5], atol=ROUNDING)
+    left, right = (jump.impulses[f"lateral({side}_wheel)"] for side in ("left", "right"))
+    assert left == pytest.approx(right)  # dependent rows share by least norm
+    assert left + right == pytest.approx((state.M @ (jump.v - v))[1], rel=1e-9)
 
 
 def test_nothing_happens_if_constraints_hold_or_vanish(bar, pinned):
