@@ -164,43 +164,6 @@ def test_json_is_all_that_is_printed_of_a_run_into_its_default_folder(call, tmp_
     assert set(files) == {path.name for path in folder.iterdir()} - {".rnc_pin"}
 
 
-def test_a_run_says_what_it_is_doing_and_how_long_it_took(first_run):
-    """Of simulation, comparison and pictures, before each; at the end the whole time, of which the run is a part."""
-    process, folder = first_run
-    lines = process.stdout.splitlines()
-    assert [line for line in lines if line.endswith(" ...")] == [
-        "space-robot: reading the scenario ...",
-        "space-robot: simulating 0.2 s and 1 comparison ...",
-        "space-robot: drawing 6 pictures ...",
-    ]
-    elapsed = float(lines[-1].removeprefix("done in ").split(" s,")[0])
-    assert elapsed > parsed((folder / "summary.json").read_text())["wall_time"]
-
-
-def test_a_run_says_that_it_plans_its_motion(call, tmp_path, no_pictures):
-    status, out, _ = call("run", "docking", *BARE, "--out", tmp_path / "out")
-    assert status in (0, 1)  # the goal is not reached in so short a run
-    said = [line for line in out.splitlines() if line.endswith(" ...")]
-    assert said[1] == "docking: planning the motion ..."
-    assert said[2].startswith("docking: simulating ")
-
-
-def test_printed_figures_have_units(first_run):
-    """Those of the arrays in the file."""
-    process, folder = first_run
-    meta = parsed(str(arrays(folder / "trajectory.npz")["meta"]))
-    text = process.stdout
-    for name, unit in zip(meta["names"]["x2"], meta["units"]["x2"], strict=True):
-        assert f"{name} [{unit}]" in text or name not in parsed((folder / "summary.json").read_text())["final_error"]
-    for line in text.splitlines():
-        if line.startswith("input "):
-            assert line.endswith(" N m")
-        if line.startswith("constraint residual"):
-            assert line.endswith(" m/s or rad/s")
-    assert "tip_x [m]" in text
-    assert "input joint_1, largest" in text
-
-
 def test_progress_tells_runs_and_pictures_apart(tmp_path, monkeypatch):
     # Drawing takes long, and its progress comes before it.
     monkeypatch.setattr("rnc_pin.applications.scenario.pictures._writer", lambda name: lambda *_: True)
@@ -303,7 +266,7 @@ def test_inspect_answers_every_question_on_one_page(call):
         "primary motions tip_x, tip_y ", "redundant motions joint_1 ", "actuators joint_1, joint_2, joint_3",
         "momentum(platform) [nonholonomic]", "completely nonholonomic [growth vector (3, 4),", "3 of 3 reduced forces",
         "class 1 [A4 has full row rank]", "E: momentum(platform), tip_x, tip_y, joint_1 [singular, e.g. at platform =",
-        "A4: platform [singular, e.g. at platform =", "Lemma 1 holds, residuals A R ", "|H| ~ d^-2.0, |V| ~ d^-4.0",
+        "A4: platform [singular, e.g. at platform =", "Lemma 1 holds, residuals A R ",
     ):  # fmt: skip
         assert words in told(out), words
     assert len(out.splitlines()) <= 50
@@ -344,10 +307,6 @@ def test_inspect_takes_a_system_without_actuators_task_controller_or_simulation(
     status, out, _ = call("inspect", file, "--samples", 4)
     assert status == 0
     assert "0 of 2 reduced forces, not fully actuated: base_link_speed_x, base_link_yaw" in told(out)
-    with file.open("a") as more:
-        more.write("actuators: [wheel_left_joint]\n")  # it drives a combination of both
-    status, out, _ = call("inspect", file, "--samples", 4)
-    assert status == 0
 
 
 def test_inspect_looks_at_the_vertical_outputs_that_the_task_names(call):
@@ -496,30 +455,19 @@ SET_DURATION = ["run", "space-robot", "--set", "duration=-1"]
 USAGE = {
     "no command": ([], "command"),
     "unknown command": (["rnu"], "No such command 'rnu'"),
-    "unknown option": (["run", "space-robot", "--ot", "x"], "No such option '--ot'"),
     "no scenario": (["run"], "Missing argument 'SCENARIO'"),
-    "no system": (["inspect"], "Missing argument 'SYSTEM'"),
-    "nothing to replay": (["replay"], "Missing argument 'SOURCE...'"),
-    "two scenarios": (["run", "space-robot", "other"], "unexpected extra argument"),
     "misspelt scenario": (["run", "space-robt"], "did you mean 'space-robot'?"),
-    "misspelt system": (["inspect", "space-robt"], "did you mean 'space-robot'?"),
     "option without value": (["run", "space-robot", "--set", "seed"], "option 'seed': expected key=value"),
     "option of an unknown key": (["run", "space-robot", "--set", "sede=1"], "did you mean 'seed'?"),
     "file as folder": (["run", "space-robot", "--out", "/dev/null"], "--out /dev/null: is a file"),
     "no such trajectory": (["replay", "nowhere.npz"], "no file 'nowhere.npz'"),
     "page in no folder": (["replay", "RUN", "--html", "nowhere/page.html"], "does not exist"),
     "page that is a folder": (["replay", "RUN", "--html", ".", "--force"], "--html .:"),
-    "sweep of no runs": (["sweep", "space-robot", "--runs", "0", "--out", "x"], "'--runs'"),
-    "sweep of some runs": (["sweep", "space-robot", "--runs", "some", "--out", "x"], "'--runs'"),
     "sweep without count": (["sweep", "space-robot", "--out", "x"], "Missing option '--runs'"),
-    "sweep without folder": (["sweep", "space-robot", "--runs", "2"], "Missing option '--out'"),
     "sweep on no process": (["sweep", "space-robot", "--runs", "2", "--jobs", "0", "--out", "x"], "--jobs 0"),
-    "inspect without samples": (["inspect", "space-robot", "--samples", "0"], "'--samples'"),
     "key of two levels below": (SET_DURATION, "did you mean 'planner.duration' or 'simulation.duration'?"),
     "key of a level below": (["run", "space-robot", "--set", "dt=0"],
         "'dt' is not known; did you mean 'simulation.dt'?"),
-    "key of a part": (["run", "space-robot", "--set", "reducing=[]"], "did you mean 'outputs.reducing'?"),
-    "no duration": (["run", "space-robot", "--set", "simulation.duration=-1"], "expected greater than 0, found -1"),
     "key of no part": (["run", "space-robot", "--set", "durations=1"], "'durations' is not known"),
 }  # fmt: skip
 
@@ -536,13 +484,6 @@ def test_wrong_usage_is_one_line_and_status_2(arguments, words, call, tmp_path, 
     assert words in error
     assert len(error) < 300
     assert list(tmp_path.iterdir()) == []  # nothing is written before everything is checked
-
-
-def test_wrong_usage_in_a_shell():
-    command = [COMMAND, "run", "space-robt"]
-    process = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
-    assert (process.returncode, process.stdout) == (2, "")
-    assert "did you mean 'space-robot'?" in the_line(process.stderr)
 
 
 @pytest.mark.parametrize("arguments", [["--debug", "run", "nowhere"], ["run", "nowhere", "--debug"]])
