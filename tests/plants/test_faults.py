@@ -81,13 +81,6 @@ def test_delay_jitter_lost_and_garbled_samples():
     assert np.mean([np.array_equal(a, b) for a, b in pairwise(reads)]) == pytest.approx(0.5, abs=0.1)
 
 
-def balance_of(plant, reduced, target, duration=0.3):
-    controller = rnc.control.ComputedTorque(reduced, target)
-    start = reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
-    run = rnc.simulate(reduced, controller, start, duration, DT, v2_0=[0.3, 0.1, 0.2, 0.1], plant=plant)
-    return run, run.energy - run.work, np.ptp(run.energy)
-
-
 def heavier(factor):
     robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
     for joint, inertia in enumerate(robot.model.inertias):
@@ -103,7 +96,10 @@ def test_energy_less_work_is_constant_whatever_is_wrong(kind):
     if kind == "load in mid-run":
         plant, own = ChangingPlant(ReducedPlant(reduced), plant, 0.1), slice(10, None)
     target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(np.zeros(4)), k2=0.0)
-    run, balance, moved = balance_of(FaultyPlant(plant, rnc.Faults(), reduced, DT), reduced, target)
+    controller, plant = rnc.control.ComputedTorque(reduced, target), FaultyPlant(plant, rnc.Faults(), reduced, DT)
+    start = reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
+    run = rnc.simulate(reduced, controller, start, 0.3, DT, v2_0=[0.3, 0.1, 0.2, 0.1], plant=plant)
+    moved, balance = np.ptp(run.energy), run.energy - run.work
     assert moved > 1e-2
     np.testing.assert_allclose(balance, balance[0], atol=1e-7 * moved)
     expected = [other.at(q, v=v).energy for q, v in zip(run.q, run.v, strict=True)]

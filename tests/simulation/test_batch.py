@@ -64,7 +64,6 @@ CONTROLLERS = {
     "position": lambda reduced: PositionTracker(hold(reduced).reference, angular=reduced.reducing.coordinates),
     "none": ZeroInput,
 }
-together = pytest.mark.usefixtures("none_alone")
 
 
 def needs_kernel(reduced):
