@@ -7,11 +7,11 @@ import pytest
 
 import rnc_pin as rnc
 from controlled_tasks import ARM_START, Cubic, learnt_over
-from rnc_pin.control import JacobianTransposeController, PositionGains, PositionTracker, effective_inertia
+from rnc_pin.control import PositionGains, PositionTracker
 from rnc_pin.control.position_tracker import PositionState
 from rnc_pin.model.reduced_kinematics import Measurement
-from rnc_pin.planning import Harmonic, Hold, MinimumJerk
-from systems import space_robot, space_robot_in_joints
+from rnc_pin.planning import Harmonic, Hold
+from systems import space_robot_in_joints
 
 
 def in_joints():
@@ -92,20 +92,6 @@ def test_rate_free_form_is_the_papers_laws_with_rates():
 
 
 # ---------------------------------------------------------------------- section 4.1
-
-
-def test_first_joint_off_the_platform_does_not_move():
-    reduced = space_robot()
-    q0 = reduced.robot.configuration(ARM_START)
-    goal = MinimumJerk(reduced.at(q0).outputs()[1][:2], [1.15, 0.6], 4.0)
-    tip, active = np.array([0, 1]), ["joint_2", "joint_3"]
-    gains = PositionGains.scaled(effective_inertia(reduced, q0, tip, active)[None], 0.004)
-    controller = JacobianTransposeController(reduced, PositionTracker(goal, gains, outputs=tip), active)
-    run = rnc.simulate(reduced, controller, q0, 8.0, 0.004)
-    assert np.abs(run.x1 - run.x1[0]).max() < 1e-9
-    assert (run.T[:, 0] == 0).all()
-    assert np.ptp(run.x2[:, 2]) > 0.1  # the first joint turns freely
-    assert max(rnc.summarize(run)["final_error"].values()) < 0.02
 
 
 WHERE, ANGULAR = np.array([2, 0]), np.array([False, True])
