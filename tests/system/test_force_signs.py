@@ -51,20 +51,6 @@ def test_driven_wheels_push_the_robot_forward_and_a_turn_to_its_inside():
     assert across > 0
 
 
-def test_impulses_are_forces_over_a_short_time():
-    """A body that falls flat on the ground: its impulses push up, and are the change of the momentum."""
-    reduced = drive()
-    q = reduced.assembled(reduced.robot.configuration())
-    down = np.zeros(reduced.robot.nv)
-    placement = reduced.at(q, np.zeros(reduced.r)).position.placement(reduced.robot.frame_id("base"))
-    down[:3] = placement.rotation.T @ [0.0, 0.0, -1.0]
-    hit = rnc.impact(reduced, q, down)
-    mass = sum(each.mass for each in list(reduced.robot.model.inertias)[1:])
-    up = sum(value for name, value in hit.impulses.items() if name.startswith("vertical"))
-    assert up == pytest.approx(mass, rel=0.05)
-    assert hit.impulses["vertical(nose)"] > 0
-
-
 @pytest.mark.parametrize("base", ["free", "planar"])
 def test_forces_of_rows_are_what_the_equations_of_motion_leave(base):
     reduced, generator = drive(base), np.random.default_rng(1)

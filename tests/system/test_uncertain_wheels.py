@@ -10,11 +10,7 @@ import rnc_pin as rnc
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.control import (
-    UnknownRadius,
-    UnknownTrack,
-    WheelRegressor,
-)
+from rnc_pin.control import UnknownRadius, UnknownTrack, WheelRegressor
 from rnc_pin.robots.robot_files import find_urdf
 from systems import random_states
 from tolerances import ROUNDING
