@@ -115,14 +115,10 @@ def test_a_killed_worker_ends_the_sweep_in_one_error_and_the_same_call_continues
     assert beside == [1, 2]
 
 
-def test_a_worker_of_another_release_is_refused():
-    work = run_sweep._Work(b"", "", ("0.0", "numpy"), None)
+def test_workers_of_another_release_and_what_cannot_be_pickled_are_refused(tmp_path):
+    work, lock = run_sweep._Work(b"", "", ("0.0", "numpy"), None), threading.Lock()
     with pytest.raises(rnc.ConfigurationError, match=r"the sweep 0\.0 with 'numpy'"):
         run_sweep.worker_row(work, 0, None)
-
-
-def test_what_cannot_be_pickled_is_refused(tmp_path):
-    lock = threading.Lock()
     with pytest.raises(rnc.InputError, match="build cannot be pickled"):
         rnc.sweep(lambda draw: lock, [{}], jobs=2, out=tmp_path / "out")
 

@@ -15,7 +15,6 @@ from rnc_pin.applications.scenario.pictures import draw_pictures
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.collision import CollisionDistances
 from rnc_pin.simulation import run_figure
-from rnc_pin.visualization.drawn_state import DrawnModel
 from rnc_pin.visualization.plots import draw_obstacles
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.scene_bodies import corners_over_time, outline, surface_points
@@ -114,15 +113,18 @@ def test_summary_has_the_smallest_distance_and_the_worst_limits(tmp_path, monkey
     assert {"limits.png", "animation.html"} <= {*drawn.written}
 
 
-def test_pictures_show_a_floor_without_making_room_for_it(tmp_path, monkeypatch):
+def test_pages_and_pictures_have_the_obstacles_their_motion_and_a_floor_that_takes_no_room(tmp_path):
     text = BESIDE + "  - ground: {name: floor, ignored_links: [panda_link0]}"
     ready = prepared(tmp_path, text, **{"simulation.duration": 0.1})
     run, drawn = execute(ready).trajectory, ready.experiment.drawn_model
-    window = Recording(drawn, run)._scene.window.latest
-    assert ("meshcat/obstacles/floor", "set_object") in window
+    commands = Recording(drawn, run)._scene.window.latest
+    assert {(f"meshcat/obstacles/{name}", "set_object") for name in ("floor", "post")} <= {*commands}
+    placed = umsgpack.unpackb(commands["meshcat/obstacles/post", "set_transform"])
+    np.testing.assert_allclose(placed["matrix"][12:15], [0.3, 0.55, 0.5])
+    animation = umsgpack.unpackb(commands["", "set_animation"])
+    assert "/meshcat/obstacles/cylinder 2" in {each["path"] for each in animation["animations"]}
     (floor,) = (each for each in drawn.obstacles if each.unbounded)
-    points = surface_points(floor.shape)
-    assert points[:, 2].max() == 0.0
+    assert surface_points(floor.shape)[:, 2].max() == 0.0
     assert np.ptp(corners_over_time(drawn.obstacles, [0.0]), axis=0).max() < 3.0
     figure = Figure()
     assert len(draw_obstacles(figure.subplots(), drawn.obstacles, run.time)) == 1
@@ -135,19 +137,6 @@ def test_obstacles_without_collision_geometry_are_reported(tmp_path):
     given = {"robot.urdf": str(tmp_path / "bare.urdf"), "obstacles": [{"sphere": {"radius": 0.1}}], "comparisons": {}}
     ready = Scenario.load("unicycle", given).build()
     assert any("no collision geometry" in each for each in ready.experiment.warnings)
-
-
-def test_page_has_the_obstacles_and_their_motion(tmp_path):
-    ready = prepared(tmp_path, BESIDE, **{"simulation.duration": 0.4})
-    experiment, run = ready.experiment, execute(ready).trajectory
-    drawn = DrawnModel(experiment.reduced.robot, experiment.reduced, experiment.obstacles)
-    commands = Recording(drawn, run)._scene.window.latest
-    assert ("meshcat/obstacles/post", "set_object") in commands
-    placed = umsgpack.unpackb(commands["meshcat/obstacles/post", "set_transform"])
-    np.testing.assert_allclose(placed["matrix"][12:15], [0.3, 0.55, 0.5])
-    animation = umsgpack.unpackb(commands["", "set_animation"])
-    moved = {each["path"] for each in animation["animations"]}
-    assert "/meshcat/obstacles/cylinder 2" in moved
 
 
 @pytest.mark.parametrize(
