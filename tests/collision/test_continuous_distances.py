@@ -62,43 +62,6 @@ def test_a_thin_wall_between_two_samples_is_found():
     assert found.time[found.smallest.argmin()] == pytest.approx(2.0 + 2.0 * 1.3 / 3.0, abs=0.1)
 
 
-def test_samples_within_a_segment_count():
-    """Measured samples are far from the wall; the motion between them goes to it and back."""
-    wall = Obstacle(coal.Box(0.1, 4.0, 2.0), position=(1.5, 0.0, 0.0), name="wall")
-    robot, distances = unicycle_beside(wall)
-    time = np.linspace(0.0, 2.0, 81)
-    q = driven(robot, np.stack([1.3 * np.sin(0.5 * np.pi * time) ** 2, 0.1 * time, 0.3 * np.sin(3.0 * time)], axis=1))
-    every = continuous_distances(distances, time, q, within=0.2)
-    few = continuous_distances(distances, time, q, within=0.2, samples=np.array([0, 80]))
-    assert every.smallest.min() < 0.0 < at_samples(few).min()
-    near = every.smallest < 0.2
-    np.testing.assert_allclose(few.smallest[near], every.smallest[near], atol=2 * every.tolerance)
-
-
-def test_an_obstacle_that_passes_between_two_samples_is_found():
-    sweep = rnc.planning.Harmonic([0.0, 3.0, 0.0, 0.0], [0.0, 3.0, 0.0, 0.5], 0.5)  # there and back in 2 s
-    ball = Obstacle(coal.Sphere(0.1), name="ball", motion=sweep)
-    robot, distances = unicycle_beside(ball)
-    q = driven(robot, np.zeros((2, 3)))
-    found = continuous_distances(distances, np.array([0.0, 2.0]), q)
-    assert at_samples(found).min() > 2.0
-    assert found.smallest.min() < -0.1
-    assert found.time[found.smallest.argmin()] == pytest.approx(1.5, abs=0.1)
-
-
-def test_few_distances_are_measured_along_a_wall():
-    """A straight motion along a wall keeps its distance: both ends of the motion are enough."""
-    wall = Obstacle(coal.Box(20.0, 0.1, 2.0), position=(5.0, 0.5, 0.0), name="wall")
-    robot, distances = unicycle_beside(wall)
-    q = driven(robot, np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0]]))
-    measured, measure = [], distances.measure
-    distances.measure = lambda placed, places, pairs: (measured.extend(pairs), measure(placed, places, pairs))[1]
-    found = continuous_distances(distances, np.array([0.0, 9.0]), q, within=1.0)
-    assert len(measured) == 2 * len(distances.pairs)
-    np.testing.assert_allclose(found.smallest, at_samples(found)[0])
-    assert found.constant.all()
-
-
 def test_few_samples_are_measured_where_bodies_are_far_or_slow():
     """An arm that swings past a wall: most of its 2001 samples need no measurement, and the nearest one is found."""
     robot = rnc.Robot.from_example("panda")
@@ -131,17 +94,6 @@ def test_a_wheel_that_spins_fast_beside_a_wall_is_certain():
     found = continuous_distances(distances, np.array([0.0, 1.0]), q, within=1.0)
     assert not found.uncertain.any()
     np.testing.assert_allclose(found.smallest, found.curves.of(np.arange(len(distances.pairs)))[0], atol=COAL)
-
-
-def test_same_motion_gives_the_same_bits():
-    motion = drawn_motion(7)
-    found = [
-        continuous_distances(CollisionDistances(motion.robot, motion.obstacles, q0=motion.q[0]), motion.time, motion.q)
-        for _ in range(2)
-    ]
-    for key in ("smallest", "time"):
-        assert getattr(found[0], key).tobytes() == getattr(found[1], key).tobytes()
-    assert at_samples(found[0]).tobytes() == at_samples(found[1]).tobytes()
 
 
 def test_tolerance_follows_the_size_of_the_robot():

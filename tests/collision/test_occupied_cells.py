@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.collision import CollisionDistances, cells_around, load_map
+from rnc_pin.collision import cells_around, load_map
 from rnc_pin.collision.occupied_cells import merged_boxes
 
 
@@ -104,16 +104,6 @@ def test_unknown_cells_are_obstacles_if_asked(tmp_path):
     grid = load_map(written_map(tmp_path, [[254, 150, 0]]))
     assert len(grid.obstacles()) == 1
     assert np.ravel(grid.obstacles(unknown=True)[0].shape.halfSide)[0] == 0.5  # both cells are one box
-
-
-def test_a_robot_keeps_its_distance_from_a_map(tmp_path):
-    robot = rnc.Robot.from_urdf("car.urdf", base="planar")
-    pixels = np.full((10, 20), 254)
-    pixels[:, 12] = 0  # x from 5 to 5.5
-    obstacles = load_map(written_map(tmp_path, pixels, y=-2.5)).obstacles()
-    distances = CollisionDistances(robot, obstacles)
-    here, ahead = (distances.smallest(robot.configuration({"root_joint": [x, 0, 0]}), 0.0, 9.0).min() for x in (0, 1))
-    assert here - ahead == pytest.approx(1.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(("change", "message"), [

@@ -6,7 +6,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, ground_shape, load_mesh_shape
+from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, load_mesh_shape
 from rnc_pin.collision.shapes import hull_of
 
 ANGLES = np.linspace(0.0, 2 * np.pi, 400, endpoint=False)
@@ -106,10 +106,3 @@ def test_flat_mesh_gets_a_thickness(tmp_path):
     file = tmp_path / "sheet.obj"
     file.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n")
     assert 0.0 < load_mesh_shape(file).computeVolume() < 2e-3
-
-
-def test_floor_is_a_half_space():
-    floor = Obstacle(ground_shape(), position=(0, 0, 0.2), name="floor", ignored_links=["wheel"])
-    assert floor.unbounded
-    assert floor.ignored_links == ("wheel",)
-    assert not Obstacle(coal.Sphere(1)).unbounded

@@ -1,7 +1,5 @@
 """Limits of the robot's file in plans: kept by default, replaced row by row, and refused at once."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -81,30 +79,6 @@ def test_a_reserve_ends_where_the_start_or_the_goal_is(tmp_path):
     """The lift starts at its lower limit and ends at the upper one."""
     plan = lift_plan(forklifts.forklift(tmp_path), 1.4)
     assert plan.q[[0, -1], 4].tolist() == pytest.approx([0.0, 1.4], abs=1e-6)
-
-
-def test_a_run_along_the_steering_limit_of_the_file_keeps_it(tmp_path):
-    """The car shifts by its length in 5 s. Its steering is at the limit, and feedback exceeds it without a reserve."""
-    car = (
-        (Path(__file__).parents[2] / "urdf" / "car.urdf")
-        .read_text()
-        .replace('lower="-1.0" upper="1.0"', 'lower="-0.6" upper="0.6"')
-    )
-    (tmp_path / "car.urdf").write_text(car)
-    (tmp_path / "run.yaml").write_text("""
-robot: {urdf: car.urdf, base: planar}
-constraints: [{no_side_slip: {frame: front_axle}}, {no_side_slip: {frame: rear_axle}}]
-actuators: [{force: {frame: rear_axle, axis: x}}, front_steering]
-outputs:
-  reducing: [{frame_speed: {frame: rear_axle, axis: x}}, {joint: front_steering}]
-  vertical: [{frame_position: {frame: rear_axle, axes: xy}}, {frame_yaw: chassis}]
-planner: {type: optimal, goal: {rear_axle_x: 2.0, rear_axle_y: 0.9, chassis_yaw: 0}, duration: 5, nodes: 20, seeds: 0}
-controller: {type: plan_feedback, state_cost: 20}
-simulation: {duration: 5, dt: 0.01}
-""")
-    for reserve, word in ((0.005, "succeeded"), (0.0, "failed")):
-        run = rnc.Scenario.load(tmp_path / "run.yaml", {"planner.limits.reserve": reserve}).run()
-        assert run.verdict.word == word, run.verdict.first
 
 
 def test_velocities_of_joints_that_are_no_outputs_hold():

@@ -98,15 +98,6 @@ def test_far_from_the_optimum_a_subproblem_is_solved_less_precisely():
     np.testing.assert_allclose(early.u, exact.u, atol=0.05)
 
 
-def test_a_known_start_does_not_end_before_the_dynamics_hold():
-    """Known multipliers have a small complementarity at once, whatever the gap between the intervals is."""
-    solver, problem = InteriorPointSolver(), subproblem(0.5, end=[0.2, -0.1])
-    solver.solve(problem, damping=0.0, weight=1e5)
-    problem.gap[:] *= 3.0
-    found = solver.solve(problem, damping=0.0, weight=1e5)
-    np.testing.assert_allclose(found.u.ravel(), dense_solution(problem), atol=2e-4)
-
-
 def test_multipliers_of_another_subproblem_do_no_harm():
     """Bounds that act elsewhere, and a weight that is not enough for the last multipliers."""
     solver = InteriorPointSolver()

@@ -61,18 +61,11 @@ def test_a_plan_that_its_verification_does_not_confirm_is_refused_with_the_plan(
     assert plan.info.outcome == "unverified"
     assert not plan.verdict.succeeded
     q, _ = forklifts.replay(plan, reduced.robot.model)
-    missed = np.abs(q[-1, :2] - plan.q[-1, :2])
-    nearest = forklifts.smallest_distance(q, RACK, SIZE)
-    found = {each.kind: each for each in plan.verdict.findings}
-    assert found.keys() <= {FindingKind.GOAL, FindingKind.CLEARANCE, FindingKind.COLLISION}
-    by_goal = [each.amount for each in plan.verdict.findings if each.where in ("base_x", "base_y")]
-    for axis, name in enumerate(("base_x", "base_y")):
-        stated = [each.amount for each in plan.verdict.findings if each.where == name]
-        assert stated == (pytest.approx([missed[axis]], abs=2e-2) if missed[axis] > 2e-2 else stated)
-    near = [each for each in plan.verdict.findings if each.kind in (FindingKind.CLEARANCE, FindingKind.COLLISION)]
-    assert by_goal or near
+    kinds = {each.kind for each in plan.verdict.findings}
+    assert kinds <= {FindingKind.GOAL, FindingKind.CLEARANCE, FindingKind.COLLISION}
+    near = [each.amount for each in plan.verdict.findings if each.kind != FindingKind.GOAL]
     if near:
-        assert max(each.amount for each in near) == pytest.approx(CLEARANCE - nearest, abs=2e-2)
+        assert max(near) == pytest.approx(CLEARANCE - forklifts.smallest_distance(q, RACK, SIZE), abs=2e-2)
 
 
 def test_corners_between_nodes_are_kept_by_larger_distances_at_the_nodes_next_to_them(tmp_path):
@@ -182,20 +175,6 @@ def test_guesses_pass_a_wall_across_the_line_on_both_sides(place, names):
         assert len(beside)
         assert ((beside > place + 1.0) if name.startswith("left") else (beside < place - 1.0)).all()
         assert min(distances.at(q, 0.0).distance.min(initial=np.inf) for q in motion.q) > 0.0
-
-
-@pytest.mark.long
-def test_a_plan_passes_a_wall_that_the_straight_line_meets():
-    reduced, distances, goal = across(-0.3)
-    problem = {"form": "kinematic", "bounds": [DistanceBound(distances, 0.02)], "feedback": None}
-    plan = rnc.optimal.plan(
-        reduced, reduced.robot.configuration(), goal, 8.0, seeds=1, settings=SolverSettings(nodes=24), **problem
-    )
-    assert (plan.info.guess, plan.info.guesses) == ("left of wall", 2)
-    assert plan.verdict.succeeded
-    beside = plan.q[np.abs(plan.q[:, 0] - 1.5) < 0.2, 1]
-    assert len(beside)
-    assert (beside > 0.7 + 0.2).all()
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-import scipy
 
 import rnc_pin as rnc
 from bodies import add_body
@@ -42,25 +41,6 @@ def test_each_of_three_slides_stops_at_its_own_limit():
     assert found.error == pytest.approx(np.hypot(2.9, 1.8), abs=1e-9)
 
 
-def test_bounds_of_coupled_joints_satisfy_the_conditions_of_optimality():
-    model = slides([pin.JointModelPX()] * 4)
-    generator, high, active = np.random.default_rng(3), np.array([0.3, 0.4, 0.5, 0.6]), 0
-    bounds = TangentBounds(model, -high, high, np.zeros(4, dtype=bool))
-    for _ in range(8):
-        J, goal = generator.normal(size=(4, 4)), generator.normal(size=4)
-        q = descend(linear(J, goal), bounds, np.zeros(4)).q
-        slope, at_limit = J.T @ (goal - J @ q), np.abs(q) >= high - 1e-12
-        np.testing.assert_allclose(slope[~at_limit], 0.0, atol=1e-9)
-        assert (slope[at_limit] * np.sign(q[at_limit]) > 0).all()
-        active += at_limit.sum()
-    assert 8 < active < 24
-
-
-def test_joints_that_all_meet_their_limits_go_there():
-    bounds = TangentBounds(slides([pin.JointModelPX()] * 2), -np.ones(2), np.ones(2), np.zeros(2, dtype=bool))
-    np.testing.assert_array_equal(descend(linear(np.eye(2), np.array([9.0, -9.0])), bounds, np.zeros(2)).q, [1.0, -1.0])
-
-
 def test_an_equality_of_coupled_joints_satisfies_the_conditions_of_optimality():
     """Joints within their limits have one slope; the others would go beyond."""
     model, high = slides([pin.JointModelPX()] * 4), np.array([0.3, 0.4, 0.5, 0.6])
@@ -77,21 +57,6 @@ def test_an_equality_of_coupled_joints_satisfies_the_conditions_of_optimality():
         shared = slope[~at_limit].mean()
         np.testing.assert_allclose(slope[~at_limit], shared, atol=1e-8)
         assert ((slope - shared)[at_limit] * np.sign(found.q[at_limit]) > 0).all()
-
-
-def test_an_equality_within_bounds_shifts_all_free_joints_alike():
-    """The nearest point with a given sum is ``clip(goal - shift)``."""
-    high, goal, total = np.array([0.3, 0.4, 0.5, 0.6]), np.array([0.9, -0.2, 0.1, -0.7]), -0.45
-    bounds = TangentBounds(slides([pin.JointModelPX()] * 4), -high, high, np.zeros(4, dtype=bool))
-    shift = scipy.optimize.brentq(lambda each: np.clip(goal - each, -high, high).sum() - total, -2.0, 2.0, xtol=1e-15)
-
-    def evaluate(q):
-        return Residuals(goal - q, np.eye(4), np.array([q.sum() - total]), np.ones((1, 4)))
-
-    found = descend(evaluate, bounds, np.zeros(4))
-    np.testing.assert_allclose(found.q, np.clip(goal - shift, -high, high), atol=1e-9)
-    assert (np.abs(found.q) == high).sum() == 2
-    assert found.residual < 1e-12
 
 
 def test_eight_stalled_steps_in_a_row_end_a_descent():

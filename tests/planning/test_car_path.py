@@ -10,7 +10,7 @@ from scipy.integrate import quad
 import rnc_pin as rnc
 from polynomials import in_axes, powers
 from rnc_pin.planning import CarPath
-from rnc_pin.planning.car_path import Leg, best_leg, continued_back, path_distances
+from rnc_pin.planning.car_path import Leg, best_leg, path_distances
 
 WHEELBASE, LIMIT = 1.3, 0.6
 
@@ -106,26 +106,6 @@ def test_a_speed_output_that_is_twice_the_speed_goes_twice_the_distance():
         np.testing.assert_allclose(path.reference.at(t).position, expected, atol=1e-6)
 
 
-def test_a_path_may_steer_by_45_degrees_unless_told():
-    """Just wide enough for a turning radius of the wheelbase, and not for one that is larger by a tenth."""
-    s = np.linspace(0, 1, 201)
-    goal = np.array([4.0, 1.6, 0.0])
-    dx, quintic = in_axes(np.zeros(3), goal, 0.0)
-    tightest = np.abs(powers(s, 2) @ quintic / dx**2 / np.hypot(1, powers(s, 1) @ quintic / dx) ** 3).max()
-    path = CarPath(np.zeros(3), goal, 3.0, 0.9 / tightest)
-    assert path.length == CarPath(np.zeros(3), goal, 3.0, 0.9 / tightest, max_steering=np.pi / 4).length
-    with pytest.raises(rnc.InfeasibleError):
-        CarPath(np.zeros(3), goal, 3.0, 1.6 / tightest)
-
-
-def test_the_stretch_behind_a_path_is_sampled_as_its_longest_step():
-    poses = np.array([[1.0, 2.0, 0.5], [1.1, 2.0, 0.5], [1.1, 2.3, 0.5], [1.3, 2.3, 0.5]])
-    back = np.array([1.0, 0.75, 0.5, 0.25])  # 1 m in steps of at most 0.3 m
-    expected = [1.0, 2.0] - back[:, None] * [np.cos(0.5), np.sin(0.5)]
-    np.testing.assert_allclose(continued_back(poses, 1.0), np.concatenate([expected, poses[:, :2]]))
-    assert len(continued_back(poses[:1], 1.7)) == 1002  # a thousandth of the stretch where there is no step
-
-
 def test_distances_are_those_of_all_segments():
     """Segments of unequal lengths, points before, beside, between and after."""
     turn = 3.0 * (np.arange(40) + np.random.default_rng(2).uniform(-0.2, 0.2, 40)) / 40
@@ -163,18 +143,6 @@ def test_a_leg_is_driven_as_its_quintic_says():
     np.testing.assert_allclose(steering, np.arctan(wheelbase * curvature), atol=1e-10)
     length, _ = quad(lambda x: np.hypot(1, (powers([x], 1) @ quintic / dx).item()), 0, 1)
     assert leg.length == pytest.approx(abs(dx) * length, rel=1e-5)
-
-
-def test_legs_turn_by_less_than_twice_what_a_chart_holds():
-    """150 degrees between start and goal: just below there may be a leg, just above there is none."""
-    for degrees, found in ((140.0, True), (151.0, False), (-140.0, True), (-151.0, False)):
-        turn = np.deg2rad(degrees)
-        goal = np.array([40.0 * np.cos(turn / 2), 40.0 * np.sin(turn / 2), turn])
-        if found:
-            assert best_leg(np.zeros(3), goal, 0.1).length > 40.0
-        else:
-            with pytest.raises(rnc.InfeasibleError):
-                best_leg(np.zeros(3), goal, 0.1)
 
 
 def bending_cost(leg, radius):

@@ -9,10 +9,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from bodies import add_body
 from rnc_pin.collision import CollisionDistances, Obstacle
-from rnc_pin.model.task import OutputTargets
-from rnc_pin.planning.inverse_kinematics import _Problem
 
 
 def arm():
@@ -56,34 +53,6 @@ def test_no_joint_makes_a_full_turn_from_the_start():
     assert near.converged
     meant = rnc.solve_ik(reduced, q0, {rnc.JointPosition("joint_1"): 30.0})  # here the turns are the target
     assert meant.q[0] == pytest.approx(30.0)
-
-
-def test_full_turns_are_taken_back_and_random_starts_stay_near():
-    """Of a body that floats behind a hinge: its position by a metre, its orientation anyhow."""
-    model = pin.Model()
-    for parent, (name, kind) in enumerate((("hinge", "RX"), ("floating", "FreeFlyer"), ("slide", "Translation"))):
-        add_body(model, name, kind, 1.0, parent)
-    reduced = rnc.NonholonomicSystem(rnc.Robot(model), []).reduce()
-    problem = _Problem(reduced, OutputTargets(reduced, {rnc.JointPosition("hinge"): 0.3}), [], True, None, 0.0)
-    q0 = reduced.robot.configuration({"hinge": 0.3})
-    for turns in (1, 2, -3):
-        np.testing.assert_allclose(
-            problem.with_fewest_turns(q0 + 2 * np.pi * turns * np.eye(11)[0], q0), q0, atol=1e-14
-        )
-    starts = [problem.random_start(q0, np.random.default_rng(seed)) for seed in range(20)]
-    moved = np.abs([pin.difference(reduced.robot.model, q0, start) for start in starts])
-    apart = np.abs([pin.log6(pin.XYZQUATToSE3(start[1:8])).vector[:3] for start in starts])
-    assert 0.9 < apart.max() <= np.sqrt(3.0)
-    assert 0.9 < moved[:, 7:].max() <= 1.0
-    assert moved[:, [0, 4, 5, 6]].max(axis=0).min() > 1.5
-
-
-def test_a_result_prints_what_is_missing():
-    reduced = arm()
-    text = str(rnc.solve_ik(reduced, reduced.robot.configuration(), {rnc.FramePosition("tip", "xy"): [9.0, 1.0]}))
-    assert text.startswith("no solution found, the nearest, after 20 starts")
-    assert "not reached: tip" in text
-    assert "at a limit" not in text
 
 
 def test_a_target_out_of_reach_is_reported_with_its_distance():
@@ -171,19 +140,6 @@ def test_reachable_poses_of_published_robots_are_reached(name):
         assert np.linalg.norm(pin.log6(data.oMf[robot.frame_id(frame)].actInv(goal)).vector) < 3e-6
 
 
-def test_poses_beyond_the_arm_are_reported():
-    robot = rnc.Robot.from_example("ur5_robot")
-    reduced, generator = rnc.NonholonomicSystem(robot).reduce(), np.random.default_rng(2)
-    for seed in range(3):
-        goal = random_pose(robot, "tool0", generator)
-        away = goal.translation / np.linalg.norm(goal.translation) * 2.0
-        position, orientation = rnc.FramePosition("tool0"), rnc.FrameOrientation("tool0")
-        targets = {position: away, orientation: goal.rotation}
-        result = rnc.solve_ik(reduced, robot.configuration(), targets, search=rnc.IkSearch(starts=4, seed=seed))
-        assert not result.converged
-        assert result.unreachable["tool0"] > 2.0 - 1.1  # it reaches 0.95 m from a shoulder 0.09 m above the ground
-
-
 def test_rolling_rows_are_ignored_and_named():
     reduced = systems.mobile_manipulator()
     q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
@@ -238,24 +194,6 @@ def test_obstacles_are_avoided_and_reported():
     blocked = rnc.solve_ik(reduced, q0, target, collisions=inside, search=rnc.IkSearch(starts=3))
     assert not blocked.converged
     assert blocked.collisions or blocked.unreachable
-
-
-def test_a_goal_behind_a_wall_is_approached_as_near_as_the_weights_say():
-    """A ball of radius r on a slider: ``(goal - x)^2 + 9 (clearance + 1 mm - (wall - r - x))^2`` is least."""
-    model = pin.Model()
-    joint = add_body(model, "slider", "PX", pin.Inertia.FromSphere(1.0, 0.1))
-    frame = model.addFrame(pin.Frame("ball", joint, pin.SE3.Identity(), pin.FrameType.BODY))
-    shapes = pin.GeometryModel()
-    shapes.addGeometryObject(pin.GeometryObject("ball", joint, frame, pin.SE3.Identity(), coal.Sphere(0.1)))
-    robot = rnc.Robot(model, collision_model=shapes)
-    wall = Obstacle(coal.Box(0.2, 2.0, 2.0), position=(1.1, 0.0, 0.0), name="wall")  # its face is at 1
-    reduced, distances = rnc.NonholonomicSystem(robot).reduce(), CollisionDistances(robot, [wall])
-    goal = {rnc.FramePosition("ball", "x"): [0.95]}
-    found = rnc.solve_ik(
-        reduced, robot.configuration(), goal, collisions=distances, clearance=0.02, search=rnc.IkSearch(starts=1)
-    )
-    assert not found.converged
-    assert found.q[0] == pytest.approx((0.95 + 9 * (1.0 - 0.1 - 0.02 - 1e-3)) / 10, abs=1e-7)
 
 
 def test_equal_seeds_give_equal_bits():

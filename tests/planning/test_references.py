@@ -100,12 +100,6 @@ def test_via_points_begin_when_the_first_says_and_may_be_numbers():
         np.testing.assert_allclose(reference.at(t).position, [point], atol=ROUNDING)
     for t in (2.0, 1.9, 5.0):
         assert_same(reference.at(t)[1:3], 0.0, 0.0)
-    columns = ViaPoints(times, np.column_stack([points, np.negative(points), times]))
-    for t in (2.3, 3.3, 4.9):
-        for whole, one in zip(columns.at(t), reference.at(t), strict=True):
-            np.testing.assert_allclose(whole[:2], [one[0], -one[0]], atol=1e-9)
-    two = ViaPoints([0.0, 1.0], [0.0, 1.0]).at(0.3)  # from rest to rest: the quintic
-    np.testing.assert_allclose(two.position, [10 * 0.027 - 15 * 0.0081 + 6 * 0.00243], atol=ROUNDING)
 
 
 def test_a_harmonic_grows_by_the_step_of_degree_seven():

@@ -47,6 +47,11 @@ def edge():
     return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
 
 
+def on_a_conveyor():
+    robot, belt = rnc.Robot.from_urdf("unicycle.urdf", base="planar"), rnc.GroundPlane(velocity=(0.0, 0.3, 0.0))
+    return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle", ground=belt)]).reduce()
+
+
 def way(reduced, start=(0.0, 0.0), goal=(3.0, 0.0), obstacles=(), settings=WaySettings(), **options):  # noqa: B008
     return find_way(reduced, at_pose(reduced, *start), at_pose(reduced, *goal), obstacles, settings=settings, **options)
 
@@ -110,6 +115,7 @@ REFUSALS = [
         NONE,
         "beyond the position limit of joint 'front_steering' by 0.5",
     ),
+    (lambda: way(on_a_conveyor()), WRONG, "rows prescribe a motion"),
     (lambda: WaySettings(seconds=0.0), INPUT, "seconds: expected a positive"),
     (lambda: WaySettings(goals=0), INPUT, "goals: expected an"),
     (lambda: way(edge(), clearance=-0.1), INPUT, "clearance: expected a number of at least 0"),

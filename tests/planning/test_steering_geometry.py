@@ -3,12 +3,9 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-import yaml
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.applications.scenario.execution import execute
-from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import InfeasibleError
 from rnc_pin.planning import CarPath, SteeringGeometry
 
@@ -99,38 +96,9 @@ def _driven(reduced, reference, steps=1000):
     return np.array(reduced.robot.joint_values(q)["root_joint"])
 
 
-def scenario(folder, **path):
-    (folder / "car.urdf").write_text(car_urdf())
-    wheels = [
-        {"rolling_wheel": {"frame": f"{end}_{side}_link", "radius": RADIUS}}
-        for end in ("rear", "front")
-        for side in ("left", "right")
-    ]
-    linkage = {"ackermann": {"left": "steer_left", "right": "steer_right", "axle": "base"}}
-    content = {
-        "robot": {"urdf": "car.urdf", "base": "planar"},
-        "constraints": [*wheels, linkage],
-        "actuators": ["rear_left", "rear_right", "steer_left"],
-        "outputs": {
-            "reducing": [{"frame_speed": {"frame": "base"}}, {"joint": "steer_left"}],
-            "vertical": [{"frame_position": {"frame": "base", "axes": "xy"}}, {"frame_yaw": "base"}],
-        },
-        "reference": {"path": {"frame": "base", "to": [4.0, 1.5, 0.3], "duration": 10, "wheelbase": WHEELBASE, **path}},
-        "controller": {"type": "reducing_outputs", "tracker": "computed_torque", "preset": "scaled"},
-        "simulation": {"duration": 11, "dt": 0.02},
-    }
-    (folder / "car.yaml").write_text(yaml.safe_dump(content))
-    return str(folder / "car.yaml")
-
-
-def test_a_scenario_with_two_steered_wheels_arrives(tmp_path):
-    found = execute(Scenario.load(scenario(tmp_path, max_steering=0.5))).summary["final_output"]
-    assert [found[f"base_{each}"] for each in ("x", "y", "yaw")] == pytest.approx([4.0, 1.5, 0.3], abs=0.01)
-
-
 def test_a_frame_that_slips_is_refused(tmp_path):
     with pytest.raises(rnc.ConfigurationError, match="frame 'nose' cannot drive a path: it slips sideways"):
-        Scenario.load(scenario(tmp_path, frame="nose", max_steering=0.5)).build()
+        geometry(vehicle(tmp_path), "nose")
 
 
 def test_a_curvature_beyond_the_range_of_the_joint_is_refused(tmp_path):

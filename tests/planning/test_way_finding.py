@@ -16,7 +16,6 @@ from bodies import add_body
 from places import ROOT
 from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.planning import WaySettings, find_way
-from rnc_pin.planning.exact_steering import ExactMotion
 from rnc_pin.planning.steering_detection import planned_velocities
 from rnc_pin.planning.way import intervals_along, motion_along
 from rnc_pin.planning.way_checking import way_checker
@@ -105,16 +104,6 @@ def test_a_way_is_exact_and_free_between_its_nodes_too(kind):
     assert pin.difference(reduced.robot.model, way.at(way.duration), way.q[-1]) == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.parametrize("moving", [{"velocity": (0.0, 0.3, 0.0)}, {"spin": 0.5}], ids=["conveyor", "turntable"])
-def test_ground_that_moves_is_refused(moving):
-    robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
-    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle", ground=rnc.GroundPlane(**moving))]).reduce()
-    with pytest.raises(rnc.ConfigurationError, match="its rows prescribe a motion"):
-        rnc.planning.find_steering(reduced, robot.configuration())
-    with pytest.raises(rnc.ConfigurationError, match="rows prescribe a motion"):
-        find_way(reduced, robot.configuration(), at_pose(reduced, 1.0, 1.0))
-
-
 def test_an_arm_moves_around_an_obstacle():
     robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
     reduced = rnc.NonholonomicSystem(robot, []).reduce()
@@ -187,14 +176,6 @@ def test_wheels_that_follow_count_and_distances_of_the_base_have_been_decided_be
     motion = steering.along(start, completed.steps)
     assert not checker.is_free(motion)
     assert checker.holds_with(motion, ~steering.planned) == holds
-
-
-def test_the_same_seed_gives_the_same_way_and_another_one_does_not():
-    task = TASKS["car"]()
-    first, again, other = (find_way(*task, seed=seed) for seed in (3, 3, 4))
-    assert np.array_equal(first.q, again.q)
-    assert np.array_equal(first.time, again.time)
-    assert not np.array_equal(first.q, other.q)
 
 
 def test_shortcuts_make_a_way_faster_and_keep_it_free():
@@ -349,22 +330,6 @@ def test_without_ompl_there_is_one_clear_line(monkeypatch):
     monkeypatch.setattr(rnc_pin.extras, "find_spec", lambda name: None)
     with pytest.raises(rnc.ConfigurationError, match=r"find_way: OMPL is not installed: pip install '\.\[ompl\]'"):
         find_way(*TASKS["car"]())
-
-
-def test_a_way_prints_what_it_is():
-    text = str(find_way(*TASKS["car"]()))
-    assert text.startswith("Way by car steering\n")
-    assert "narrowest place" in text
-
-
-def test_a_robot_that_stays_is_free_unless_it_stands_too_near():
-    reduced = unicycle()
-    checker, stays = (
-        way_checker(reduced.robot, at_pose(reduced, 0.0, 0.0), gap(1.0), None, 0.01),
-        np.zeros((1, reduced.n)),
-    )
-    assert checker.is_free(ExactMotion(np.array(2 * [at_pose(reduced, 1.5, 0.0)]), stays))
-    assert not checker.is_free(ExactMotion(np.array(2 * [at_pose(reduced, 1.5, 0.5)]), stays))
 
 
 def test_further_motions_lead_to_faster_ways_and_the_same_motions_to_the_same_way():
