@@ -67,23 +67,6 @@ def test_penetration_of_a_box_is_the_way_out():
     np.testing.assert_allclose(found.jacobian[0], [0.0, 1.0], atol=1e-9)
 
 
-def test_moving_obstacle_contributes_its_own_rate():
-    """Relative to a wall that turns about z, the ball's distance has the closed form of a line."""
-    turn = rnc.planning.MinimumJerk([1.0, 0.0, 0.0, 0.0], [1.4, 0.0, 0.0, 0.9], duration=2.0)
-    wall = Obstacle(coal.Box(0.2, 50.0, 2.0), name="wall", motion=turn)
-    distances = CollisionDistances(ball_on_rails(), [wall])
-    q, v, t = np.array([0.1, 0.3]), np.array([0.5, -0.7]), 1.1
-
-    def closed(t, q):
-        x, y, _, yaw = turn.at(t).position
-        return np.cos(yaw) * (x - q[0]) + np.sin(yaw) * (y - q[1]) - 0.2
-
-    found = distances.at(q, t)
-    assert found.distance == pytest.approx([closed(t, q)], abs=1e-9)
-    difference = (closed(t + STEP, q + STEP * v) - closed(t - STEP, q - STEP * v)) / (2 * STEP)
-    assert found.rates(v) == pytest.approx([difference], abs=1e-6)
-
-
 def support(shape, direction):
     """Largest coordinate of a shape along a direction of its own frame."""
     if isinstance(shape, coal.Box):
@@ -154,21 +137,6 @@ def test_rates_agree_with_differences(name, request):
     assert every.size > 1000
     assert np.quantile(every, 0.99) < 1e-3
     assert np.median(every) < 1e-6
-
-
-def test_broad_phase_omits_only_far_pairs(tiago):
-    distances = CollisionDistances(tiago, obstacles((0.6, 0.0, 0.6)))
-    generator = np.random.default_rng(7)
-    for t in (0.0, 1.0, 2.0):
-        q = tiago.random_configuration(generator, 1.0)
-        whole, near = distances.at(q, t), distances.at(q, t, within=0.2)
-        inside = whole.distance < 0.2
-        np.testing.assert_array_equal(near.pairs, whole.pairs[inside])
-        np.testing.assert_array_equal(near.distance, whole.distance[inside])
-        bounds = distances.smallest(q, t, beyond=0.2)
-        np.testing.assert_array_equal(bounds[whole.distance < 0.2], whole.distance[inside])
-        assert (bounds <= whole.distance + 1e-9).all()
-        assert 0 < inside.sum() < inside.size / 2
 
 
 def test_results_do_not_depend_on_the_history(tiago):

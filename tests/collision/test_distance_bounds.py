@@ -29,6 +29,9 @@ def test_pairs_that_approach_along_a_path_are_measured_in_time():
         whole = every.at(q, t)
         inside = whole.distance < WITHIN
         np.testing.assert_array_equal(near.pairs, whole.pairs[inside])
+        bounds = used.smallest(q, t, beyond=WITHIN)
+        np.testing.assert_allclose(bounds[inside], whole.distance[inside], atol=1e-6)
+        assert (bounds <= whole.distance + 1e-6).all()
         for key in ("distance", "drift"):
             np.testing.assert_allclose(getattr(near, key), getattr(whole, key)[inside], atol=1e-6)
         separate = inside & (whole.distance > 1e-3)  # the normal of a penetration may jump

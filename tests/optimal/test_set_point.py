@@ -258,20 +258,3 @@ def test_a_goal_at_the_end_of_the_horizon_holds():
     run, distance, turn = driven(reduced, controller, 0.3, 0.0)
     assert max(distance, turn) < 5e-3
     assert run.verdict.succeeded
-
-
-def test_a_first_motion_of_a_car_without_bounds_keeps_the_steering_limit_of_its_file():
-    """Guesses that steer by 90 degrees are singular, and led to no motion."""
-    robot = rnc.Robot.from_urdf("car.urdf", base="planar")
-    rows = [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("rear_axle")]
-    drives = [rnc.FrameForce("rear_axle", "x"), "front_steering"]
-    reduced = rnc.NonholonomicSystem(robot, rows, drives).reduce(
-        [rnc.FrameSpeed("rear_axle"), rnc.JointPosition("front_steering")]
-    )
-    model = action_model(reduced, "acceleration")
-    point = rnc.optimal.SetPoint(reduced, robot.configuration())
-    q = robot.configuration({"root_joint": [0.0, 0.3, 0.0]})
-    found = first_motion(model, point, standing(model, q, 4.0, 12), [InputBound(-2.0, 2.0)], seed=0)
-    assert found is not None
-    assert np.abs(found.w).max() > 0.1
-    assert np.abs(found.q[:, 4]).max() <= 1.0 + 1e-3

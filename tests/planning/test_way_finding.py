@@ -224,17 +224,6 @@ def test_a_way_that_no_iteration_improves_is_the_plan_itself():
     assert closest(way, obstacles) - 1e-6 <= min(near.smallest(q, 0.0, 0.2).min() for q in plan.q)
 
 
-def test_a_way_that_stays_and_a_wrong_duration_are_told_as_without_a_way():
-    reduced = car()
-    q, goal = at_pose(reduced, 0.0, 0.0), at_pose(reduced, 2.0, 1.0)
-    settings, short = rnc.optimal.SolverSettings(nodes=4), {"seeds": 1, "solutions": 2}
-    stays = rnc.optimal.plan(reduced, q, q, 1.0, guess=find_way(reduced, q, q), settings=settings, **short)
-    assert np.abs(stays.u).max() < 1e-9
-    for wrong in ("soon", -1.0):
-        with pytest.raises(rnc.InputError, match="duration: expected"):
-            rnc.optimal.plan(reduced, q, goal, wrong, guess=find_way(reduced, q, goal), **short)
-
-
 @pytest.mark.parametrize("kind", [car, unicycle, mecanum_box])
 def test_half_a_turn_is_a_heading_like_any_other(kind):
     reduced = kind()

@@ -60,21 +60,6 @@ def test_a_run_plans_and_tracks_its_plan(tmp_path):
     )
 
 
-def test_a_file_bounds_the_grip_of_its_plan(tmp_path):
-    """A blade sideways: with 0.6 of the friction that the plan without the bound uses."""
-    goal, planner = {"sleigh_x": 0.5, "sleigh_y": 0.3, "sleigh_yaw": 1.0}, {"form": "dynamic", "nodes": 12}
-
-    def planned(grip):
-        bounds = {"velocity": {}, "grip": grip}
-        made = Scenario.load(written(tmp_path, planner=planner | {"goal": goal, "bounds": bounds})).build().experiment
-        plan = made.plan
-        assert plan.info.bounds == (("grip", "sleigh", 0.0, np.inf),)
-        return rnc.Grip(made.reduced, 1.0).used(plan.q[:-1], plan.w[:-1], plan.u).max()
-
-    free = planned(10.0)
-    assert planned(float(0.6 * free)) == pytest.approx(0.6 * free, rel=0.01)
-
-
 def test_existing_trackers_follow_the_outputs_of_the_plan_and_equal_plans_are_shared(tmp_path):
     tracker = {"type": "reducing_outputs", "tracker": "computed_torque", "state_cost": None}
     damper = {"damper": {"output": {"frame_yaw": "sleigh"}, "damping": 1.0}}
