@@ -36,7 +36,7 @@ PACKAGES = ("model", "constraints", "outputs", "control", "planning", "analysis"
 # Tests of these packages. Those of commands, browsers and readers take minutes and execute few of their lines.
 TESTS = (
     *(f"tests/{name}" for name in PACKAGES), "tests/forces", "tests/simulation/test_simulate.py",
-    "tests/simulation/test_many_runs.py",
+    "tests/simulation/test_batch.py",
     "tests/optimal/test_plan_feedback.py", "tests/optimal/test_predictive_control.py",
     "tests/system/test_single_joint.py", "tests/robots/test_vehicles.py",
     "tests/system/test_regular_motion.py", "tests/system/test_wheel_rows.py", "tests/system/test_rounded_rows.py",

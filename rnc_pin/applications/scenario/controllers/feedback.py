@@ -308,6 +308,8 @@ class PredictiveSettings(_ToSetPoint, _PREDICTIVE.model, _COST.model, _SCHEDULE.
 class WayFollowerSettings(_ToGoal, _WAY.model, _FOLLOWING.model):  # type: ignore[name-defined, misc]
     """A way to a goal at rest around the obstacles, found before the run and followed."""
 
+    velocities: ClassVar[bool] = True
+
     type: Literal["way"]
     """A way to a goal around obstacles that stand, and a controller that follows it. It commands velocities."""
     goal: Annotated[dict[str, float], Field(min_length=1)]
