@@ -23,7 +23,7 @@ def test_ball_bounces_on_a_slope():
     """The ground of the file is that of the contacts: along the normal it falls with ``g cos(slope)``."""
     slope, e = 0.2, 0.5
     normal = [float(np.sin(slope)), 0.0, float(np.cos(slope))]
-    built = build_experiment(validate({**BALL, "ground": {"normal": normal}}, "ball.yaml"), Path())
+    built = build_experiment(validate({**BALL, "ground": {"plane": {"normal": normal}}}, "ball.yaml"), Path())
     assert isinstance(built.plant, rnc.ContactPlant)
     run = rnc.simulate(built.reduced, built.controller, built.q0, 0.6, 0.02, plant=built.plant)
     g = 9.81 * np.cos(slope)
