@@ -9,7 +9,6 @@ from .panel import Panel as Panel
 from .panel import Series as Series
 from .panel import Sheet as Sheet
 from .panel import Size as Size
-from .panel import readable_name as readable_name
 from .panel_figure import PlaneView as PlaneView
 from .panel_figure import panel_figure as panel_figure
 from .style import LegendEntry as LegendEntry

@@ -5,7 +5,6 @@ from .actuation import Actuator as Actuator
 from .actuation import FrameForce as FrameForce
 from .actuation import FrameTorque as FrameTorque
 from .configuration_evaluation import ConfigurationEvaluation as ConfigurationEvaluation
-from .configuration_evaluation import scaled_rows as scaled_rows
 from .coordinates import Coordinates as Coordinates
 from .coordinates import heading_of as heading_of
 from .coordinates import wrapped as wrapped

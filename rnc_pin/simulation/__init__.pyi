@@ -8,7 +8,6 @@ from rnc_pin.verdict import Verdict as Verdict
 
 from .export import export_run as export_run
 from .free_motion import free_motion as free_motion
-from .judgement import PENETRATION as PENETRATION
 from .judgement import SHORTFALL as SHORTFALL
 from .judgement import distance_findings as distance_findings
 from .judgement import judge as judge
@@ -22,7 +21,6 @@ from .limit_replay import replay_limits as replay_limits
 from .preflight import FrictionDemand as FrictionDemand
 from .preflight import Margins as Margins
 from .preflight import grip_along as grip_along
-from .preflight import iterate_time_scale as iterate_time_scale
 from .preflight import margins_along as margins_along
 from .preflight import preflight as preflight
 from .preflight import within_grip as within_grip

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 
@@ -24,7 +23,6 @@ _LARGEST_TIME_SCALE = 64.0
 _CLOSE = 1e-3
 _TRIES = 6
 _FEWEST = 5  # smallest number of configurations for accelerations by differences
-_Attempt = TypeVar("_Attempt")
 
 
 @printed()
@@ -145,41 +143,17 @@ def within_grip(
     """
     follow = controller or partial(class_1_controller, task)
 
-    def attempt(time_scale: float) -> tuple[TaskReference, FrictionDemand]:
-        slowed = reference
-        if time_scale != 1.0:
-            slowed = TaskReference(Slowed(reference.primary, time_scale), Slowed(reference.vertical, time_scale))
+    slowed, time_scale = reference, 1.0
+    for _ in range(_TRIES):  # one factor may not suffice: the feedback of an initial error does not slow down
         rollout = kinematic_rollout(reduced, follow(slowed), q0, slowed.duration, dt * time_scale)
-        return slowed, grip_along(reduced, grip, *rollout)
-
-    (slowed, demand), _ = iterate_time_scale(attempt, lambda result: result[1].time_scale)
+        demand = grip_along(reduced, grip, *rollout)
+        if demand.time_scale == 1.0 or not np.isfinite(demand.time_scale):
+            break
+        time_scale *= demand.time_scale
+        slowed = TaskReference(Slowed(reference.primary, time_scale), Slowed(reference.vertical, time_scale))
     if demand.time_scale > 1.0:
         raise InfeasibleError("; ".join(demand.complaints()))
     return slowed
-
-
-def iterate_time_scale(
-    attempt: Callable[[float], _Attempt], further: Callable[[_Attempt], float]
-) -> tuple[_Attempt, float]:
-    """Slow a motion down until no contact slips.
-
-    One factor may not suffice, because the feedback of an initial error does not slow down.
-
-    Args:
-        attempt: the motion at a time scale.
-        further: time scale that an attempt still needs; 1 if no contact slips.
-
-    Returns:
-        The last attempt, and the product of all time scales.
-    """
-    time_scale = 1.0
-    for _ in range(_TRIES):
-        motion = attempt(time_scale)
-        factor = further(motion)
-        if factor == 1.0 or not np.isfinite(factor):
-            break
-        time_scale *= factor
-    return motion, time_scale
 
 
 @printed()

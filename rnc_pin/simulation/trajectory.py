@@ -3,18 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
-from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-import pinocchio as pin
-
-from rnc_pin.errors import InputError
-from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.run_data import RunData
-from rnc_pin.simulation.run_info import RunInfo
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,31 +28,6 @@ class Trajectory(RunData):
         >>> bool(np.ptp(run.energy) < 1e-9 * run.energy[0])  # no input, so energy is constant
         True
     """
-
-    @classmethod
-    def of_motion(cls, robot: Robot, time: np.ndarray, q: np.ndarray) -> Trajectory:
-        """Return a run of which only the motion is known, e.g. a measured one, for pages and pictures.
-
-        Velocities are those between samples. Unknown numbers are NaN, and unknown rows and outputs have no columns.
-
-        Args:
-            robot: the robot.
-            time: times (N,) [s].
-            q: configurations (N, nq).
-
-        Raises:
-            InputError: wrong shapes, or fewer than two samples.
-        """
-        time, q = np.asarray(time, dtype=float), np.asarray(q, dtype=float)
-        if time.ndim != 1 or len(time) < 2 or q.shape != (len(time), robot.nq):
-            raise InputError(f"{time.shape} times with configurations {q.shape}, expected (N,), (N, {robot.nq}), N > 1")
-        steps = [pin.difference(robot.model, a, b) for a, b in pairwise(q)]
-        v = np.stack(steps) / np.diff(time)[:, None]
-        known: dict[str, Any] = {"time": time, "q": q, "v": np.vstack([v, v[-1:]]), "info": RunInfo()}
-        empty, unknown = np.zeros((len(time), 0)), np.full(len(time), np.nan)
-        one_column = {"energy", "work", "constraint_residual", "position_residual", "singular_value"}
-        others = {each.name: unknown if each.name in one_column else empty for each in fields(cls)}
-        return cls(**{**others, **known})
 
     def plot(
         self,

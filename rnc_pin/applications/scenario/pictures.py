@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -91,8 +92,7 @@ def _writer(name: str) -> Callable[[Scenario, Result, Path], bool]:
         from rnc_pin.applications.scenario.saved_run import write_animation
 
         return write_animation
-    from rnc_pin.visualization import plot_limits  # noqa: F401 (imports Matplotlib before the plot)
-
+    import_module("rnc_pin.visualization.plots")  # with Matplotlib, before the plot
     return _write_plot
 
 

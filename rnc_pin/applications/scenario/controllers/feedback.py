@@ -245,7 +245,7 @@ class _ToGoal(ControllerSettings):
     def _build(self, context: ControllerContext) -> BuiltController:
         with ConfigurationError.at("controller"):
             made = self._controller(context)
-            if isinstance(made, WayFollower) or (isinstance(made, SetPointController) and made.velocities):
+            if getattr(self, "velocities", False):
                 servos = ActuatorVelocityController(context.reduced, cast(KinematicController, made))
                 return BuiltController(servos, ())
         return BuiltController(cast(Controller, made), ())

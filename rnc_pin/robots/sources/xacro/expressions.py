@@ -36,13 +36,12 @@ class Function:
     """Function that expressions may call. It computes a value and has no side effects.
 
     Args:
-        name: name in expressions.
         run: implementation; it refuses arguments that would take too long.
         cost: steps of each call, in addition to those for its arguments.
     """
 
-    def __init__(self, name: str, run: Callable[..., Value], *, cost: int = 1) -> None:
-        self.name, self._run, self.cost = name, run, cost
+    def __init__(self, run: Callable[..., Value], *, cost: int = 1) -> None:
+        self._run, self.cost = run, cost
 
     def __call__(self, *arguments: Value, **named: Value) -> Value:
         return self._run(*arguments, **named)
@@ -183,8 +182,8 @@ _KINDS: Mapping[str, type] = {each.__name__: each for each in (bool, dict, float
 
 def builtins() -> dict[str, Value]:
     """Predefined names of ``${...}``; a new dictionary for each file."""
-    python: dict[str, Value] = {name: Function(name, run) for name, run in _FUNCTIONS.items()}
-    python |= {name: Function(name, kind) for name, kind in _KINDS.items()}
+    python: dict[str, Value] = {name: Function(run) for name, run in _FUNCTIONS.items()}
+    python |= {name: Function(kind) for name, kind in _KINDS.items()}
     mathematics = mathematical()
     known = {"math": Namespace("math", mathematics), "python": Namespace("python", python)}
     return mathematics | {name: python[name] for name in _GLOBAL} | known
@@ -192,7 +191,7 @@ def builtins() -> dict[str, Value]:
 
 def mathematical() -> dict[str, Value]:
     """Functions and constants of ``math``, without functions whose result has no bounded length."""
-    return _CONSTANTS | {name: Function(name, getattr(math, name)) for name in _MATH}
+    return _CONSTANTS | {name: Function(getattr(math, name)) for name in _MATH}
 
 
 def attribute(owner: Value, name: str) -> Value:
@@ -207,7 +206,7 @@ def attribute(owner: Value, name: str) -> Value:
             return owner.member(name)
         method = _method(owner, name)
         if method is not None:
-            return Function(name, method, cost=admit(owner))
+            return Function(method, cost=admit(owner))
         if isinstance(owner, dict) and name in owner:
             return owner[name]
         if isinstance(owner, dict):

@@ -131,7 +131,7 @@ class Substitution:
             ("optenv", self._optional_variable),
             ("find", self._found),
         ):
-            self._commands[name] = Function(name, run)
+            self._commands[name] = Function(run)
 
     def value(self, text: str, names: Mapping[str, Value]) -> Value:
         """Return a text with all substitutions; a text of a single expression keeps its type."""
@@ -218,16 +218,16 @@ class Substitution:
 
     def _xacro(self) -> dict[str, Value]:
         functions = {
-            "load_yaml": Function("load_yaml", self._load_yaml),
-            "abs_filename": Function("abs_filename", lambda name: str(self.path(name))),
+            "load_yaml": Function(self._load_yaml),
+            "abs_filename": Function(lambda name: str(self.path(name))),
         }
         members = functions | {
-            "arg": Function("arg", self.arguments.text),
-            "fatal": Function("fatal", _fail),
-            "message": Function("message", _say_nothing),
-            "print_location": Function("print_location", _say_nothing),
-            "warning": Function("warning", self._warn),
-            "error": Function("error", self._warn),
+            "arg": Function(self.arguments.text),
+            "fatal": Function(_fail),
+            "message": Function(_say_nothing),
+            "print_location": Function(_say_nothing),
+            "warning": Function(self._warn),
+            "error": Function(self._warn),
         }
         return {**functions, "xacro": Namespace("xacro", members)}
 
