@@ -108,6 +108,8 @@ def test_forces_that_are_missing(B, rank, missing, unit):
     reduced = rnc.NonholonomicSystem(rail_sliders(3), [], drives).reduce([rnc.JointPosition(f"s{k}") for k in range(3)])
     report = rnc.analyze(reduced, samples=12)
     assert (report.actuation_rank, report.unactuated) == (rank, missing)
+    words = f", not fully actuated: {', '.join(missing)}" if missing else ""
+    assert f"{rank} of 3 reduced forces{words}\n" in str(report)
 
 
 def ahead_of(wall):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import rnc_pin as rnc
 import systems
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.planning.action_models import Nodes, action_model
@@ -73,6 +74,17 @@ def test_a_turn_beyond_the_series_has_the_derivatives_of_pinocchio():
 def parts(found):
     """All arrays of the derivatives of a step."""
     return (found.x, found.u, found.h, *found.after, *found.flow)
+
+
+def test_only_the_dynamic_form_needs_actuators():
+    reduced = rnc.NonholonomicSystem(systems.sleigh().robot, [rnc.NoSideSlip("sleigh")]).reduce()
+    for form, states in (("kinematic", 3), ("acceleration", 5)):
+        model = action_model(reduced, form)
+        assert (model.form, model.nx, model.nu) == (form, states, 2)
+    with pytest.raises(rnc.ConfigurationError, match="form 'dynamic': the system has no actuators; use 'accel"):
+        action_model(reduced, "dynamic")
+    with pytest.raises(rnc.ConfigurationError, match="form 'kinematics': expected one of kinematic, acc"):
+        action_model(reduced, "kinematics")
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -66,6 +66,7 @@ def test_eight_stalled_steps_in_a_row_end_a_descent():
     slow = descend(far, bounds, np.zeros(1), progress=0.999)
     assert slow.steps == 8
     assert 0 < slow.q[0] < 8.0
+    assert descend(far, bounds, np.full(1, 100.0)).steps == 0  # it begins at its goal
     whole = descend(far, bounds, np.zeros(1))
     assert whole.error < 1e-12
     assert 100 <= whole.steps < 120

@@ -9,7 +9,10 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from bodies import add_body
 from rnc_pin.collision import CollisionDistances, Obstacle
+from rnc_pin.planning import inverse_kinematics
+from rnc_pin.planning.bounded_descent import Descent
 
 
 def arm():
@@ -53,6 +56,27 @@ def test_no_joint_makes_a_full_turn_from_the_start():
     assert near.converged
     meant = rnc.solve_ik(reduced, q0, {rnc.JointPosition("joint_1"): 30.0})  # here the turns are the target
     assert meant.q[0] == pytest.approx(30.0)
+
+
+def test_random_starts_are_half_a_turn_or_a_metre_around_and_within_limits(monkeypatch):
+    model, starts = pin.Model(), []
+    for k, kind in enumerate(("RZ", "RZ", "RZ", "Translation")):
+        add_body(model, f"joint_{k}", kind, 1.0, k, frame=f"body_{k}")
+    model.lowerPositionLimit[:3], model.upperPositionLimit[:3] = [-20.0, -1.0, -0.2], [20.0, 9.0, 0.5]
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model)).reduce()
+
+    def stay(evaluate, bounds, q, *rest, **options):
+        starts.append(q)
+        return Descent(q, 1.0, 0.0, 0)
+
+    monkeypatch.setattr(inverse_kinematics, "descend", stay)
+    q0 = np.array([5.0, 1.0, 0.0, 4.0, -3.0, 7.0])
+    rnc.solve_ik(reduced, q0, {rnc.FramePosition("body_3", "x"): 99.0}, search=rnc.IkSearch(starts=400))
+    drawn = np.array(starts[1:400])
+    low = np.array([5.0 - np.pi, -1.0, -0.2, 3.0, -4.0, 6.0])
+    high = np.array([5.0 + np.pi, 1.0 + np.pi, 0.5, 5.0, -2.0, 8.0])
+    assert ((low <= drawn) & (drawn <= high)).all()
+    assert (np.ptp(drawn, axis=0) > 0.97 * (high - low)).all()
 
 
 def test_a_target_out_of_reach_is_reported_with_its_distance():
