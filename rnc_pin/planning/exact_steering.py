@@ -31,6 +31,7 @@ from rnc_pin.robots.joint_values import NO_LIMIT
 
 _STEEPEST = np.deg2rad(80.0)  # largest steering angle of a joint without limits
 _GRID = 161  # steering angles at which the curvature is evaluated
+_ROUNDED = 1e-12  # error of a curvature, relative to the largest one, that rounding may cause
 _SHORT = 1e-12  # displacement [m or rad] that is left out
 _TURN = 1.7  # [rad]; longest turn of one displacement, below a half turn about any axis
 _LAST_TURNS = {"JointModelPlanar": 1, "JointModelFreeFlyer": 3}  # velocities that turn; all of other circles and balls
@@ -238,6 +239,10 @@ class CarSteering(_AxleSteering):
         for side in (-1, 0, 1):
             wanted = np.clip(side * largest, ends.min(), ends.max())
             miss = curvatures - wanted
+            nearest = first + int(np.argmin(np.abs(miss[first : last + 1])))
+            if abs(miss[nearest]) < _ROUNDED * largest:  # as at an end, where a rounded curvature has no change of sign
+                self._angles[side] = float(angles[nearest])
+                continue
             at = next(k for k in range(first, last) if miss[k] * miss[k + 1] <= 0.0)
             root = scipy.optimize.brentq(
                 lambda angle, wanted=wanted: self._curvature(angle) - wanted, angles[at], angles[at + 1], xtol=1e-14

@@ -376,6 +376,6 @@ def test_a_base_has_three_velocities_in_the_plane_and_enough_motors():
 def test_a_twist_is_three_numbers():
     reduced = ackermann_car()
     controller = TwistController(reduced, "base")
-    for twist in ([1.0, 0.0], [1.0, 0.0, np.inf], [None] * 3, ["a", 0, 0], [1, np.nan, 0]):
+    for twist in ([1.0, 0.0], [[1.0, 0.0, 0.0]], [1.0, 0.0, np.inf], [None] * 3, ["a", 0, 0], [1, np.nan, 0]):
         with pytest.raises(rnc.InputError, match=r"twist is \(vx, vy, wz\)"):
             controller.step(start(reduced), twist, controller.initial_state())

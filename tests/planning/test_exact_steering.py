@@ -1,0 +1,97 @@
+"""Exact motions of bases whose axle stands anywhere: they arrive, keep the rows, and are as long as closed forms."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from bodies import add_body, add_frame
+from rnc_pin.planning import find_steering
+from rnc_pin.planning.shortest_paths import reeds_shepp_words, word_length
+from textbook_systems import planar_model
+
+WHEELBASE = 1.2
+AXLE = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, 2.3), np.array([0.3, -0.2, 0.0]))
+ASIDE = AXLE.inverse().translation[1]
+"""The axle's point nearest to the origin of the base, to the left of the middle between the wheels [m]."""
+
+
+def vehicle(steered):
+    """A base with an arm, whose axle is turned and beside its origin; a steered wheel is ahead of it or none."""
+    model, body = planar_model()
+    add_frame(model, "axle", body, AXLE)
+    add_frame(model, "point", body, AXLE * pin.SE3(np.eye(3), np.array([0.0, ASIDE, 0.0])))
+    add_body(model, "arm", "RZ", 1.0, body)
+    if steered:
+        ahead = AXLE * pin.SE3(np.eye(3), np.array([WHEELBASE, 0.0, 0.0]))
+        entry = model.joints[add_body(model, "wheel", "RZ", 1.0, body, at=ahead, frame="front")].idx_q
+        model.lowerPositionLimit[entry], model.upperPositionLimit[entry] = -0.6, 0.9
+    rows = [rnc.NoSideSlip(frame) for frame in (("axle", "front") if steered else ("axle",))]
+    return rnc.NonholonomicSystem(rnc.Robot(model), rows).reduce()
+
+
+def pose(reduced, q):
+    """Placement of the point, and its heading."""
+    data = reduced.robot.model.createData()
+    pin.framesForwardKinematics(reduced.robot.model, data, q)
+    placement = data.oMf[reduced.robot.frame_id("point")]
+    return placement, pin.rpy.matrixToRpy(placement.rotation)[2]
+
+
+@pytest.mark.parametrize(("steered", "room"), [(False, 0.0), (True, 0.0), (True, 0.1)])
+@pytest.mark.parametrize("seed", range(3))
+def test_every_motion_arrives_along_the_rows_by_the_shortest_way(steered, room, seed):
+    reduced, generator = vehicle(steered), np.random.default_rng(seed)
+    model, ends = reduced.robot.model, []
+    for _ in range(2):
+        bent = {"wheel": generator.uniform(-0.4, 0.4)} if steered else {}
+        base, arm = generator.uniform(-3.0, 3.0, 3), generator.uniform(-1.0, 1.0)
+        ends.append(reduced.robot.configuration({"root_joint": base, "arm": arm} | bent))
+    start, goal = ends
+    steering, (first, here), (second, there) = (
+        find_steering(reduced, start, room=room),
+        *(pose(reduced, q) for q in ends),
+    )
+    seen = first.actInv(second).translation[:2]
+    lengths, turns, axle = [], [], rnc.FrameSpeed("point").bind(reduced.robot)
+    for motion in steering.motions(start, goal):
+        np.testing.assert_allclose(pin.difference(model, motion.q[-1], goal), 0.0, atol=1e-9)
+        lengths.append(0.0)
+        for q, step, after in zip(motion.q, motion.steps, motion.q[1:], strict=False):
+            np.testing.assert_allclose(reduced.at(q).A @ step, 0.0, atol=1e-9)
+            np.testing.assert_allclose(pin.difference(model, pin.integrate(model, q, step), after), 0.0, atol=1e-9)
+            assert step[3] * (goal[4] - start[4]) >= 0.0  # the arm never turns back
+            lengths[-1] += abs(float((axle.jacobian(reduced.at(q).position) @ step)[0]))
+        turns.append(np.abs(motion.steps[:, 2]).sum())
+    if steered:
+        radius = max(abs(WHEELBASE / np.tan(angle) - ASIDE) for angle in (-0.6 + 1.5 * room, 0.9 - 1.5 * room))
+        assert steering.radius == pytest.approx(radius)
+        words = [radius * word_length(word) for word in reeds_shepp_words(*seen / radius, there - here)]
+        np.testing.assert_allclose(lengths, words[:3], atol=1e-9)
+        found = [radius * word_length(word) for _, word in steering.paths(start, goal)]
+        np.testing.assert_allclose(found, words, atol=1e-9)
+    else:
+        bearing = np.arctan2(*seen[::-1])
+        ways = (np.array([bearing, there - here - bearing]) + each for each in (0.0, np.pi))
+        expected = [np.abs((way + np.pi) % (2 * np.pi) - np.pi).sum() for way in ways]
+        np.testing.assert_allclose(turns, sorted(expected))
+        np.testing.assert_allclose(lengths, np.linalg.norm(seen))
+
+
+def test_long_turns_are_divided_and_long_slides_are_not():
+    """Into turns of at most 1.7 rad: of a base, a ball, an endless joint; a joint with a number for its angle tells."""
+    model, body = planar_model()
+    for name, kind in (("ball", "Spherical"), ("endless", "RUBZ"), ("arm", "RZ")):
+        add_body(model, name, kind, 1.0, body)
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model)).reduce()
+    steps = np.zeros((6, 8))
+    steps[range(6), [0, 1, 2, 4, 6, 7]] = 9.0, -9.0, -5.0, 1.8, 6.9, 9.0
+    steps[2, 0] = 4.0
+    steering, start = find_steering(reduced, reduced.robot.configuration()), reduced.robot.configuration()
+    found = steering.along(start, steps)
+    counts = [1, 1, 3, 2, 5, 1]
+    np.testing.assert_allclose(found.steps, np.repeat(steps / np.array(counts)[:, None], counts, axis=0))
+    end = start
+    for step in steps:
+        end = pin.integrate(model, end, step)
+    np.testing.assert_allclose(found.q[-1], end, atol=1e-12)

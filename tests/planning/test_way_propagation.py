@@ -1,0 +1,106 @@
+"""Trees of propagated motions and the equations of Newton's method, beside dense ones."""
+
+import numpy as np
+import pytest
+import scipy
+
+from benchmarks.planned_models import tractor
+from rnc_pin.planning.action_models import KinematicFlow
+from rnc_pin.planning.way_propagation import PropagatedSearch, _banded, _Tree
+from rnc_pin.planning.way_search import SearchBudget
+
+COARSE = 5
+
+
+def search_of(count):
+    """A search of a tractor with a trailer, and ``count`` configurations of it."""
+    reduced, generator = tractor(1), np.random.default_rng(3)
+    q = np.array([reduced.random_configuration(generator, 0.4) for _ in range(count)])
+    area = np.array([[-9.0, -9.0, -9.0], [9.0, 9.0, 9.0]])
+    every = np.ones(reduced.n, dtype=bool)
+    return PropagatedSearch(KinematicFlow(reduced), every, None, q[:2], area, np.ones(5), SearchBudget(9.0)), q
+
+
+@pytest.mark.parametrize(("count", "n"), [(1, 3), (2, 2), (4, 3)])
+def test_a_band_holds_a_block_tridiagonal_matrix(count, n):
+    generator = np.random.default_rng(0)
+    diagonal, beside = generator.normal(size=(count, n, n)), 0.3 * generator.normal(size=(count - 1, n, n))
+    diagonal = diagonal @ diagonal.mT + 3.0 * np.eye(n)
+    dense = scipy.linalg.block_diag(*diagonal)
+    for k, block in enumerate(beside):
+        rows, columns = slice(k * n, (k + 1) * n), slice((k + 1) * n, (k + 2) * n)
+        dense[rows, columns], dense[columns, rows] = block, block.T
+    right = generator.normal(size=count * n)
+    np.testing.assert_allclose(
+        scipy.linalg.solveh_banded(_banded(diagonal, beside), right), np.linalg.solve(dense, right), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("loose", [1.0, 7.0])
+@pytest.mark.parametrize("open_directions", [5, 3])
+def test_a_change_is_the_least_one_that_meets_the_nodes(loose, open_directions):
+    """The dense least-norm solution of ``A_k dq_k + B_k du_k - dq_k+1 = missed_k``, with the start fixed."""
+    search, nodes = search_of(4)
+    generator = np.random.default_rng(1)
+    inputs, wanted = generator.normal(size=(2, 3, 2))
+    missed, turned = 0.1 * generator.normal(size=(3, 5)), scipy.linalg.qr(generator.normal(size=(5, 5)))[0]
+    search._open, closed = np.split(turned, [open_directions], axis=1)
+    shots = search._flow.shots(nodes[:-1], inputs, COARSE)
+    A, B = shots.by_start, shots.by_input
+    middle, size = np.sqrt(loose) * np.eye(5), 5 - open_directions
+    rows = np.zeros((15, 6 + 10 + size))  # of du, dq_1 and dq_2 in units of sqrt(loose), and the closed part of dq_3
+    for k in range(3):
+        rows[5 * k : 5 * k + 5, 2 * k : 2 * k + 2] = B[k]
+    rows[:5, 6:11], rows[5:10, 6:11] = -middle, A[1] @ middle
+    rows[5:10, 11:16], rows[10:, 11:16], rows[10:, 16:] = -middle, A[2] @ middle, -closed
+    rest = missed - np.einsum("kij,kj->ki", B, wanted)
+    least = np.linalg.lstsq(rows, rest.ravel(), rcond=None)[0]
+    places, changed = nodes.copy(), inputs.copy()
+    search._change(places, changed, shots, missed, wanted, loose)
+    np.testing.assert_allclose(changed - inputs - wanted, least[:6].reshape(3, 2), atol=1e-9)
+    moved = search._flow.manifold.difference(nodes, places)
+    expected = [np.zeros(5), *(least[6:16].reshape(2, 5) * np.sqrt(loose)), closed @ least[16:]]
+    np.testing.assert_allclose(moved, expected, atol=1e-9)
+
+
+def test_two_trees_that_meet_are_one_path_from_the_start_to_the_goal(monkeypatch):
+    """The tree of the goal is driven backwards: each node leads to the next by the input between them."""
+    search, (start, _) = search_of(2)
+    generator, flow = np.random.default_rng(2), search._flow
+
+    def moved(q, inputs):
+        return flow.along(q[None], inputs[None], np.array([60]))[0][[0, 30, 60]]
+
+    edges = [np.repeat(each[None], 2, axis=0) for each in 0.15 * generator.normal(size=(5, 2))]
+    trees, q = [_Tree(start[None]), None], start
+    for k in range(2):
+        motion = moved(q, 2.0 * edges[k][0])
+        trees[0].add(motion, k, edges[k])
+        q = motion[-1]
+    backwards = [q]
+    for k in range(2, 5):
+        backwards.append(moved(backwards[-1], -2.0 * edges[k][0])[-1])
+    search._goals, search._reachable, q = backwards[-1:], [np.eye(5)], backwards[-1]
+    trees[1] = _Tree(q[None])
+    for parent, k in enumerate((4, 3, 2)):
+        motion = moved(q, 2.0 * edges[k][0])
+        trees[1].add(motion, parent, edges[k])
+        q = motion[-1]
+    monkeypatch.setattr(search, "_exact", lambda nodes, inputs: (nodes, inputs))
+    nodes, inputs = search._joined(trees, (2, 3))
+    np.testing.assert_array_equal(nodes[[0, -1]], [start, backwards[-1]])
+    assert len(inputs) == 10
+    ends = flow.along(nodes[:-1], inputs, np.full(10, 30))
+    np.testing.assert_allclose([end[-1] for end in ends], nodes[1:], atol=1e-8)
+
+
+def test_random_motions_are_as_long_as_a_tenth_of_a_metre_to_a_metre():
+    """Half of them move one coordinate at a time; the largest velocity of a joint counts."""
+    search, q = search_of(2)
+    drawn = np.array([search._drawn(q[0], np.random.default_rng(k)) for k in range(40)])
+    sizes = np.abs(drawn @ search._flow.reduced.at(q[0]).R.T).max(axis=3)
+    assert (0.1 <= sizes.min() < 0.11, 0.99 < sizes.max() <= 1.0) == (True, True)
+    single = (drawn != 0.0).sum(axis=3)
+    assert (single[:, :12] == 1).all()
+    assert (single[:, 12:] == 2).all()
+    assert {tuple(each) for each in np.sign(drawn[:, :12]).reshape(-1, 2)} == {(1, 0), (-1, 0), (0, 1), (0, -1)}
