@@ -104,3 +104,19 @@ def test_random_motions_are_as_long_as_a_tenth_of_a_metre_to_a_metre():
     assert (single[:, :12] == 1).all()
     assert (single[:, 12:] == 2).all()
     assert {tuple(each) for each in np.sign(drawn[:, :12]).reshape(-1, 2)} == {(1, 0), (-1, 0), (0, 1), (0, -1)}
+
+
+def test_distances_count_a_radian_of_a_joint_as_half_a_metre():
+    """The base counts a radian as a metre; targets and motions are within the limits of 1.2 and 1.57 rad."""
+    search, (start, _) = search_of(2)
+    steps = 0.1 * np.array([[3, 4, 0, 0, 0], [0, 0, 2, 0, 0], [0, 0, 0, 6, 8]])
+    q = search._flow.manifold.integrate(np.tile(start, (3, 1)), steps)
+    np.testing.assert_allclose(search._distances(q, start), [0.5, 0.2, 0.5])
+    search._goals = q[[0, 1, 0]]
+    for away, nearest in ((0.8, 0.4), (0.9, 0.4), (0.4, 0.2)):
+        search._note(search._flow.manifold.integrate(q[1:2], away * np.eye(5)[4:])[0])
+        assert search.nearest.distance == pytest.approx(nearest)
+    np.testing.assert_array_equal(search._box[:, [0, 1, 4, 5]], [[-9, -9, -1.2, -1.57], [9, 9, 1.2, 1.57]])
+    motions = np.tile(start, (5, 2, 1))
+    motions[:, 1, 4:] = [[1.2, -1.57], [-1.2, 1.57], [1.21, 0.0], [-1.21, 0.0], [0.0, 1.58]]
+    assert search._within(motions).tolist() == [True, True, False, False, False]
