@@ -64,34 +64,24 @@ def test_a_change_is_the_least_one_that_meets_the_nodes(loose, open_directions):
 
 
 def test_two_trees_that_meet_are_one_path_from_the_start_to_the_goal(monkeypatch):
-    """The tree of the goal is driven backwards: each node leads to the next by the input between them."""
-    search, (start, _) = search_of(2)
-    generator, flow = np.random.default_rng(2), search._flow
-
-    def moved(q, inputs):
-        return flow.along(q[None], inputs[None], np.array([60]))[0][[0, 30, 60]]
-
-    edges = [np.repeat(each[None], 2, axis=0) for each in 0.15 * generator.normal(size=(5, 2))]
-    trees, q = [_Tree(start[None]), None], start
-    for k in range(2):
-        motion = moved(q, 2.0 * edges[k][0])
-        trees[0].add(motion, k, edges[k])
-        q = motion[-1]
-    backwards = [q]
-    for k in range(2, 5):
-        backwards.append(moved(backwards[-1], -2.0 * edges[k][0])[-1])
-    search._goals, search._reachable, q = backwards[-1:], [np.eye(5)], backwards[-1]
-    trees[1] = _Tree(q[None])
-    for parent, k in enumerate((4, 3, 2)):
-        motion = moved(q, 2.0 * edges[k][0])
-        trees[1].add(motion, parent, edges[k])
-        q = motion[-1]
-    monkeypatch.setattr(search, "_exact", lambda nodes, inputs: (nodes, inputs))
+    """Numbers in place of configurations, and tenths as inputs: the tree of the goal is driven backwards."""
+    search, _ = search_of(2)
+    trees = [_Tree(np.array([[0.0]])), _Tree(np.array([[70.0], [90.0]]))]
+    for tree, parent, way in (
+        (0, 0, (0, 1, 2)),
+        (0, 1, (2, 3, 4)),
+        (1, 1, (90, 8, 7)),
+        (0, 0, (0, 50)),
+        (1, 2, (7, 6, 5)),
+    ):
+        trees[tree].add(np.array(way, dtype=float)[:, None], parent, np.array(way[-2:], dtype=float)[:, None] / 10)
+    search._goals, search._reachable = np.array([[70.0], [90.0]]), [np.eye(2), np.eye(1)]
+    monkeypatch.setattr(search, "_exact", lambda nodes, inputs: (nodes.ravel(), inputs.ravel()))
     nodes, inputs = search._joined(trees, (2, 3))
-    np.testing.assert_array_equal(nodes[[0, -1]], [start, backwards[-1]])
-    assert len(inputs) == 10
-    ends = flow.along(nodes[:-1], inputs, np.full(10, 30))
-    np.testing.assert_allclose([end[-1] for end in ends], nodes[1:], atol=1e-8)
+    np.testing.assert_array_equal(nodes, [0, 1, 2, 3, 4, 6, 7, 8, 90])
+    np.testing.assert_allclose(inputs, [0.1, 0.2, 0.3, 0.4, -0.5, -0.6, -0.7, -0.8])
+    assert (search._goal, search._open.shape) == (90.0, (1, 1))
+    assert search._joined(trees, (0, 1)) is None
 
 
 def test_random_motions_are_as_long_as_a_tenth_of_a_metre_to_a_metre():
