@@ -1,38 +1,50 @@
 """Braking motions of a program in inputs: rolled out on the model, before a sample is executed.
 
 A state is *safe* if its braking motion keeps all limits until rest, and if efforts can hold the robot there. A program
-that only enters safe states never meets limits that it cannot keep: at each sample, the braking motion that was
-verified one sample before is left. This is a predictive safety filter with a backup law (K. P. Wabersich and
-M. N. Zeilinger, Automatica 129 (2021) 109597). The backup law removes as much kinetic energy in each sample as limits
-allow, so its stopping distance follows from load and effort along the whole motion, without a bound on either.
+that only enters safe states never meets limits that it cannot keep: the braking motion that was verified for the end of
+the last sample is left. It is kept from sample to sample, and followed where no other one is verified. This is a
+predictive safety filter with a backup law (K. P. Wabersich and M. N. Zeilinger, Automatica 129 (2021) 109597).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
+import daqp
 import numpy as np
+import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
+from rnc_pin.control.whole_body.limit_stack import ContactBounds, ContactCones, LimitStack
+from rnc_pin.control.whole_body.limits.control_limit import ControlSample, LimitRows
 from rnc_pin.errors import DivergenceError, SingularityError
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 _KEPT = 1e-8  # [rad, m, and per second] excess over a limit that is rounding
 _SHARE = 0.5  # of the program's inputs beside those of a braking motion
 _REST = 1e-6  # [rad/s, m/s] speed that counts as rest
+_BUDGET = 40  # decisions of the braking law in a sample
+_STEP = 3.0  # time to rest over the duration for which inputs of the law are held
+_LEAST = 1e-14  # effect of an input on the energy, relative to the sum of all
+_FREE_COST = 1e-9  # of inputs that do not change the energy, relative to the others
+_INSIDE = 0.1  # part of the ground's conditions and of limits by rows that the law leaves unused
+_SAME = 1e-6  # [rad, m, and per second] difference to the predicted state at which a kept motion is followed
+_BEYOND = 1e-3  # [rad/s, m/s] motion that limits ask for, in which the program goes on without a verified motion
+_CHANGED = 1e-2, 5e-2, 0.1  # change of configuration, velocity and time [s] after which verification is tried again
+_SOLVED, _INFINITE = 1, 1e30  # of the solver
 
 
 class BrakedSample(NamedTuple):
-    """Sample of a braking motion on the model."""
+    """Sample on the model."""
 
     T: Float[Array, " p"]
     q: Float[Array, " nq"]
     """Configuration at its end."""
     v2: Float[Array, " r"]
     """Reduced velocity at its end."""
-    speed: float
-    """Largest entry of the full velocity at its end [rad/s, m/s]."""
     exceeded: Float[Array, " k"]
     """Amount by which its end exceeds each limit."""
 
@@ -40,10 +52,23 @@ class BrakedSample(NamedTuple):
 class BrakingMotion(NamedTuple):
     """Braking motion from a state."""
 
-    first: BrakedSample
-    """Its first sample; without inputs if the model is singular there."""
+    q: Float[Array, " nq"]
+    v2: Float[Array, " r"]
+    inputs: Float[Array, "m p"]
+    """Inputs of its samples; the last ones hold the robot at rest."""
     problem: str | None
     """Reason why it does not keep all limits until rest; None if it does."""
+
+
+class BackupMotion(NamedTuple):
+    """What is left of a verified braking motion, or the state at which none was found."""
+
+    motion: BrakingMotion | None = None
+    """Verified motion from the predicted end of the last sample."""
+    failed: tuple[float, Float[Array, " nq"], Float[Array, " r"]] | None = None
+    """Time [s], configuration and reduced velocity at the last attempt, if it was in vain."""
+    problem: str = ""
+    """Reason of it."""
 
 
 class BrakingCount(NamedTuple):
@@ -73,87 +98,231 @@ class BrakingCount(NamedTuple):
         return self._replace(unverified=self.unverified + 1, unverified_first=first[0], problem=first[1])
 
 
+class Decision(NamedTuple):
+    """Sample to execute."""
+
+    sample: BrakedSample
+    backup: BackupMotion
+    count: BrakingCount
+
+
 class Braking:
     """Braking motions of one program.
 
+    The law removes as much kinetic energy as efforts and ground allow, with inputs that are held over a part of the
+    time to rest. So a motion takes few decisions. Its inputs are those that are executed: limits are checked at the end
+    of every sample.
+
     Args:
-        braked: sample of the braking motion from time, configuration and reduced velocity.
-        names: names of the limits (k,).
+        reduced: the model.
+        limits: limits of motion.
+        contacts: conditions of the ground.
+        integrated: configuration and reduced velocity at the end of a sample, from its start and inputs.
+        names: names of all limits (k,); those of motion come first, those of the ground last.
         dt: duration of a sample [s].
         longest: longest braking motion [s].
     """
 
     def __init__(
-        self, braked: Callable[[float, Array, Array], BrakedSample], names: Sequence[str], dt: float, longest: float
+        self,
+        reduced: ReducedModel,
+        limits: LimitStack,
+        contacts: ContactCones,
+        integrated: Callable[[StateEvaluation, Array], tuple[Array, Array]],
+        names: tuple[str, ...],
+        dt: float,
+        longest: float,
     ) -> None:
-        self._braked, self._names, self._dt, self._longest = braked, names, dt, longest
+        self._reduced, self._limits, self._contacts, self._integrated = reduced, limits, contacts, integrated
+        self._names, self._dt, self._longest = names, dt, longest
+        self._efforts = np.minimum(reduced.actuation.limits, _INFINITE)
 
     def decide(
         self,
-        state: tuple[float, Array, Array],
+        start: StateEvaluation,
+        t: float,
         before: Array,
         planned: BrakedSample,
         under: Callable[[Array], BrakedSample],
+        rows: LimitRows,
+        ground: ContactBounds,
+        backup: BackupMotion,
         count: BrakingCount,
-    ) -> tuple[BrakedSample, BrakingCount]:
-        """Return the sample to execute, and the count with it.
+    ) -> Decision:
+        """Return the sample to execute.
 
-        It is the planned one if a braking motion follows it; otherwise the braking motion of this state, or half of
-        the way between both. Without a verified motion, it is the planned one.
+        It is the planned one if a braking motion from its end is verified. Otherwise it is the next sample of the kept
+        motion, or half of the way to the planned one. Without a verified motion, it is the planned one.
 
         Args:
-            state: time [s], configuration (nq,) and reduced velocity (r,) at its start.
-            before: amount by which the state exceeds each limit (k,).
+            start: state at its start.
+            t: time of its start [s].
+            before: amount by which this state exceeds each limit (k,).
             planned: sample of the program.
             under: sample under given inputs (p,).
+            rows: limits of motion of this sample.
+            ground: conditions of the ground at the start.
+            backup: motion that is kept.
             count: samples so far.
         """
-        t = state[0]
-        problem = self._problem_after(t, planned, before)
-        if problem is None:
-            return planned, count
-        first, unkept = self.motion(*state, before)
-        if unkept is not None:
-            return planned, count.with_unverified(t, unkept)
+        kept = backup.motion
+        if kept is not None and not self._continues(kept, start):
+            kept, before = None, np.maximum(before, self.exceeded(start, t))
+        if kept is None and backup.failed is not None and not _changed(backup.failed, (t, start.q, start.v2)):
+            return Decision(planned, backup, count.with_unverified(t, backup.problem))
+        after = self._after(t, planned, before, ground)
+        if after.problem is None:
+            return Decision(planned, BackupMotion(after), count)
+        if self._excludes_rest(rows):
+            failed = BackupMotion(None, (t, start.q, start.v2), after.problem)
+            return Decision(planned, failed, count.with_unverified(t, after.problem))
+        if kept is None:
+            kept = self.motion(start, t, before, ground)
+            if kept.problem is not None:
+                failed = BackupMotion(None, (t, start.q, start.v2), kept.problem)
+                return Decision(planned, failed, count.with_unverified(t, kept.problem))
+        first = under(kept.inputs[0])
+        if (problem := self._broken(first.exceeded, np.maximum(before, _KEPT))) is not None:  # an obstacle came nearer
+            failed = BackupMotion(None, (t, start.q, start.v2), problem)
+            return Decision(planned, failed, count.with_unverified(t, problem))
         mixed = under(first.T + _SHARE * (planned.T - first.T))  # otherwise the robot stops and goes
-        chosen = first if self._problem_after(t, mixed, before) else mixed
-        return chosen, count.with_braked(t, problem)
+        further = self._after(t, mixed, before, ground)
+        count = count.with_braked(t, after.problem)
+        if further.problem is None:
+            return Decision(mixed, BackupMotion(further), count)
+        rest = kept.inputs[1:] if len(kept.inputs) > 1 else kept.inputs
+        return Decision(first, BackupMotion(BrakingMotion(first.q, first.v2, rest, None)), count)
 
-    def motion(self, t: float, q: Array, v2: Array, before: Array) -> BrakingMotion:
+    def motion(self, start: StateEvaluation, t: float, before: Array, ground: ContactBounds) -> BrakingMotion:
         """Roll out the braking motion from a state until rest.
 
         Args:
-            t: time [s].
-            q: configuration (nq,).
-            v2: reduced velocity (r,).
-            before: amount by which the state exceeds each limit (k,). A motion that does not increase it is verified
-                too: a joint beyond its limit may rest or return.
+            start: the state.
+            t: its time [s].
+            before: amount by which it exceeds each limit (k,). A motion that does not increase it is verified too: a
+                joint beyond its limit may rest or return.
+            ground: conditions of the ground, at this state or near it.
         """
-        first, rests = BrakedSample(np.zeros(0), q, v2, np.inf, before), False
-        for number in range(max(1, round(self._longest / self._dt)) + 1):
-            try:
-                sample = self._braked(t, q, v2)
-            except (SingularityError, DivergenceError) as error:
-                return BrakingMotion(first, str(error))
-            first = first if number else sample
-            broken = self._broken(sample, before)
-            if broken is not None:
-                return BrakingMotion(first, broken)
-            rested, rests = rests, sample.speed <= _REST
-            if rested and rests:  # efforts hold the robot: it was at rest before this sample too
-                return BrakingMotion(first, None)
-            t, q, v2 = t + self._dt, sample.q, sample.v2
-        return BrakingMotion(first, f"the robot does not come to rest within {self._longest:g} s")
+        inputs: list[Array] = []
+        decided: list[tuple[Array, Array, Array]] = []
+        state, held, problem = start, 1, f"the robot does not come to rest within {self._longest:g} s"
+        allowed = np.maximum(before, _KEPT)
+        try:
+            for _ in range(_BUDGET):
+                T, to_rest = self._law(state, t, held * self._dt, ground)
+                decided.append((state.q, state.v, T))
+                if to_rest <= 0.0:
+                    inputs.append(T)
+                    problem = self._ground_problem(decided, allowed)
+                    break
+                if (len(inputs) + held) * self._dt > self._longest + self._dt:
+                    break
+                for _ in range(held):
+                    state, exceeded = self._sample(state, t, T)
+                    t += self._dt
+                    inputs.append(T)
+                    if (found := self._broken(exceeded, allowed)) is not None:
+                        return BrakingMotion(start.q, start.v2, np.array(inputs), found)
+                held = max(1, int(min(to_rest - self._dt * held, self._longest) / (_STEP * self._dt)))
+        except (SingularityError, DivergenceError) as error:
+            problem = str(error)
+        return BrakingMotion(start.q, start.v2, np.array(inputs), problem)
 
-    def _problem_after(self, t: float, reached: BrakedSample, before: Array) -> str | None:
-        """First limit that a sample exceeds itself, or that no braking motion after it keeps; None if all hold."""
-        broken = self._broken(reached, before)
-        return broken or self.motion(t + self._dt, reached.q, reached.v2, before).problem
+    def exceeded(
+        self, state: StateEvaluation, t: float, sample: ControlSample | None = None, mean: Array | None = None
+    ) -> Float[Array, " k"]:
+        """Amount by which a state exceeds each limit of motion."""
+        found = np.zeros(len(self._names))
+        rows = None if sample is None else self._limits.rows(sample, braking=True)
+        found[: len(self._limits.names)] = self._limits.exceeded(state, t, rows, mean)
+        return found
 
-    def _broken(self, sample: BrakedSample, before: Array) -> str | None:
-        """First limit that a sample exceeds more than the state before."""
-        beyond = sample.exceeded > np.maximum(before, _KEPT)
+    def _law(self, state: StateEvaluation, t: float, h: float, ground: ContactBounds) -> tuple[Array, float]:
+        """Inputs that leave the least kinetic energy after a time h, and the time to rest; zero at rest."""
+        effects, adverse = state.row_accelerations(np.eye(self._reduced.r))
+        v2, p = state.v2, self._reduced.p
+        offset = v2 / h + adverse
+        size = p + ground.unknowns
+        metric = state.input_matrix.T @ effects
+        scales = 1.0 / np.sqrt(np.maximum(metric.diagonal(), _LEAST * np.trace(metric)))  # light joints and heavy ones
+        hessian = _FREE_COST * np.eye(size)
+        hessian[:p, :p] += metric * scales * scales[:, None]
+        gradient = np.zeros(size)
+        gradient[:p] = scales * (state.input_matrix.T @ offset)
+        limited = self._limits.rows(ControlSample(self._reduced, t, state.q, v2, h), braking=True)
+        J, spare = limited.jacobian @ state.R, _INSIDE * np.abs(ground.upper)
+        judged = self._limits.judged_by_rows[limited.places]
+        room = np.where(judged, 0.5 * _INSIDE * (limited.upper - limited.lower), 0.0)
+        own = np.zeros((len(J), size))
+        own[:, :p], passive = J @ effects, J @ offset
+        box = np.concatenate([self._efforts / scales, np.full(ground.unknowns, _INFINITE)])
+        rows = np.vstack([ground.rows, own])
+        rows[:, :p] *= scales
+        lower = np.concatenate([-box, np.full(len(spare), -_INFINITE), (limited.lower + room) / h - passive])
+        upper = np.concatenate([box, ground.upper - spare, (limited.upper - room) / h - passive])
+        for count in (len(rows), len(ground.rows)):  # limits that no inputs keep are named where they are checked
+            stop = size + count
+            kinds = np.zeros(stop, dtype=np.int32)
+            x, _, status, _ = daqp.solve(hessian, gradient, rows[:count], upper[:stop], lower[:stop], kinds)
+            if status == _SOLVED:
+                break
+        else:
+            raise DivergenceError("no efforts brake within the conditions of the ground")
+        T = np.clip(scales * x[:p], -self._efforts, self._efforts)
+        change = effects @ T + adverse
+        moving = np.abs(state.v).max(initial=0.0) > _REST
+        if not moving and np.abs(v2 + h * change).max(initial=0.0) <= _REST:
+            return T, 0.0
+        power = -float(v2 @ state.H @ change)
+        return T, float(v2 @ state.H @ v2) / power if power > 0.0 else self._longest
+
+    def _sample(self, start: StateEvaluation, t: float, T: Array) -> tuple[StateEvaluation, Array]:
+        """End of a sample, and the amount by which it exceeds each limit of motion."""
+        q, v2 = self._integrated(start, T)
+        end = self._reduced.at(q, v2, t=t + self._dt)
+        mean = np.asarray(pin.difference(self._reduced.robot.model, start.q, q)) / self._dt
+        sample = (
+            ControlSample(self._reduced, t, start.q, start.v2, self._dt) if self._limits.judged_by_rows.any() else None
+        )
+        return end, self.exceeded(end, t + self._dt, sample, mean)
+
+    def _ground_problem(self, decided: list[tuple[Array, Array, Array]], allowed: Array) -> str | None:
+        """Condition of the ground that inputs violate at their states."""
+        if not self._contacts.names:
+            return None
+        q, v, T = (np.array(each) for each in zip(*decided, strict=True))
+        excess = np.zeros(len(self._names))
+        excess[len(self._names) - len(self._contacts.names) :] = self._contacts.excess(self._reduced.at(q, v=v), T)
+        return self._broken(excess, allowed)
+
+    def _continues(self, kept: BrakingMotion, start: StateEvaluation) -> bool:
+        """True if a state is the one that a motion starts from."""
+        apart = pin.difference(self._reduced.robot.model, kept.q, start.q)
+        return max(np.abs(apart).max(initial=0.0), np.abs(start.v2 - kept.v2).max(initial=0.0)) <= _SAME
+
+    def _excludes_rest(self, rows: LimitRows) -> bool:
+        """True if limits ask for motion: an obstacle comes nearer, or the robot is beyond a limit."""
+        asked = np.maximum(rows.lower, -rows.upper)
+        return bool((asked[~self._limits.judged_by_rows[rows.places]] > _BEYOND).any())
+
+    def _after(self, t: float, reached: BrakedSample, before: Array, ground: ContactBounds) -> BrakingMotion:
+        """Braking motion from the end of a sample; its problem is that of the sample if this exceeds a limit."""
+        broken = self._broken(reached.exceeded, np.maximum(before, _KEPT))
+        if broken is not None:
+            return BrakingMotion(reached.q, reached.v2, np.zeros((0, len(reached.T))), broken)
+        t += self._dt
+        return self.motion(self._reduced.at(reached.q, reached.v2, t=t), t, before, ground)
+
+    def _broken(self, exceeded: Array, allowed: Array) -> str | None:
+        """First limit that is exceeded by more than is allowed."""
+        beyond = exceeded > allowed
         if not beyond.any():
             return None
         worst = int(np.argmax(beyond))
-        return f"{self._names[worst]} gives way by {sample.exceeded[worst]:.2g}"
+        return f"{self._names[worst]} gives way by {exceeded[worst]:.2g}"
+
+
+def _changed(last: tuple[float, Array, Array], now: tuple[float, Array, Array]) -> bool:
+    """True if a state has changed so much that another attempt may succeed."""
+    q, v2, time = _CHANGED
+    return bool(now[0] - last[0] > time or np.abs(now[1] - last[1]).max() > q or np.abs(now[2] - last[2]).max() > v2)

@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, elapsed_time, listed
-from rnc_pin.control.whole_body.braking_motion import BrakedSample, Braking, BrakingCount
+from rnc_pin.control.whole_body.braking_motion import BackupMotion, BrakedSample, Braking, BrakingCount
 from rnc_pin.control.whole_body.limit_stack import ContactBounds, ContactCones, ProgramBounds
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, ControlSample, LimitRows
 from rnc_pin.control.whole_body.task_hierarchy import (
@@ -51,6 +51,8 @@ class InverseDynamicsState(NamedTuple):
     """Largest such amount since the start."""
     braking: BrakingCount = BrakingCount()
     """Samples that brake, and samples without a verified braking motion."""
+    backup: BackupMotion = BackupMotion()
+    """Verified braking motion from the predicted end of the last sample."""
 
 
 class _SampleProgram(NamedTuple):
@@ -149,7 +151,8 @@ class InverseDynamicsQP(WholeBodyProgram):
         rests = reduced.p >= reduced.r and not reduced.affine  # others cannot be brought to rest in general
         self._braking: Braking | None = None
         if rests and braking_time is not None and self._limits.names:
-            self._braking = Braking(self._braked, self.limit_names, dt, braking_time)
+            ahead = lambda state, T: self._integrated(state, T, 1)  # noqa: E731
+            self._braking = Braking(reduced, self._limits, self._contacts, ahead, self.limit_names, dt, braking_time)
         self._forces = [np.arange(stops[0], stops[1]), np.arange(stops[1], stops[2])]
 
     def describe(self) -> Description:
@@ -176,16 +179,18 @@ class InverseDynamicsQP(WholeBodyProgram):
         elapsed_time(t, state.time)
         q, v2 = self._configuration(measurement), measurement.v2
         program, found = self._decided(t, q, v2, state.multipliers)
-        exceeded, count = state.exceeded, state.braking
+        exceeded, count, backup = state.exceeded, state.braking, state.backup
         if self._braking is not None:
             start = program.sample.start
-            before = self._exceeded_at(start, t) if state.time is None else exceeded
+            before = self._braking.exceeded(start, t) if state.time is None else exceeded
             planned = self._reached(program, found)
 
             def under(T: Array) -> BrakedSample:
                 return self._reached(program, found._replace(T=T, end=None))
 
-            chosen, count = self._braking.decide((t, start.q, start.v2), before, planned, under, count)
+            chosen, backup, count = self._braking.decide(
+                start, t, before, planned, under, program.rows, program.contacts, backup, count
+            )
             exceeded = chosen.exceeded
             if chosen is not planned:
                 found = found._replace(T=chosen.T, v2=chosen.v2, excess=exceeded)
@@ -193,7 +198,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         worst = np.maximum(state.worst_excess, found.excess)
         command = Command(T=found.T, v2_desired=found.v2, x1_desired=x1, x2_desired=x2)
         beyond = exceeded, np.maximum(state.worst_exceeded, exceeded)
-        return command, InverseDynamicsState(t, found.multipliers, found.excess, worst, *beyond, count)
+        return command, InverseDynamicsState(t, found.multipliers, found.excess, worst, *beyond, count, backup)
 
     def solve(self, t: float, q: Array, v2: Array, multipliers: Array | None = None) -> InputSolution:
         """Solve the program of one sample.
@@ -229,7 +234,8 @@ class InverseDynamicsQP(WholeBodyProgram):
         """
         if self._braking is None:
             return None
-        return self._braking.motion(t, q, v2, self._exceeded_at(self._reduced.at(q, v2, t=t), t)).problem
+        start = self._reduced.at(q, v2, t=t)
+        return self._braking.motion(start, t, self._braking.exceeded(start, t), self._contacts.at(start)).problem
 
     def exceeded_limits(self, state: InverseDynamicsState) -> dict[str, float]:
         """Return the limits of motion that the run exceeds by the model since its start, with the largest amounts."""
@@ -329,20 +335,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         exceeded[: len(self._limits.names)] = self._limits.exceeded(end, program.sample.time, program.rows, mean)
         ground = self._forces[1]
         exceeded[ground] = found.excess[ground]
-        return BrakedSample(found.T, end.q, end.v2, float(np.abs(end.v).max(initial=0.0)), exceeded)
-
-    def _braked(self, t: float, q: Array, v2: Array) -> BrakedSample:
-        """Sample that removes as much kinetic energy as the limits allow."""
-        program = self._program(t, q, v2)
-        root = np.linalg.cholesky(program.sample.start.H).T
-        rest = TaskLevel(root @ program.gain, -root @ program.offset)
-        return self._reached(program, self._solved(program, [rest]))
-
-    def _exceeded_at(self, state: StateEvaluation, t: float) -> Float[Array, " k"]:
-        """Amount by which a state exceeds each limit of motion."""
-        found = np.zeros(len(self.limit_names))
-        found[: len(self._limits.names)] = self._limits.exceeded(state, t)
-        return found
+        return BrakedSample(found.T, end.q, end.v2, exceeded)
 
     def _levels(
         self, now: ControlSample, sample: ControlSample, offset: Array, gain: Array

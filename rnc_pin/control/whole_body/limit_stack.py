@@ -12,8 +12,9 @@ from numpy import ndarray as Array
 
 from rnc_pin.analysis.contact_forces import ContactForceSet
 from rnc_pin.array_shapes import Float, Int
-from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, ControlSample, LimitRows
+from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, ControlSample, LimitRows
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
@@ -106,7 +107,27 @@ class ContactCones:
         inverse = right[:rank].T @ (left[:, :rank] / values[:rank]).T
         # All contact forces: constant part, gain of T, gain of z.
         unknowns = np.column_stack([inverse @ needed[0], inverse @ (needed[1:] - needed[0]).T, right[rank:].T])
-        forces = self._forces.selection @ unknowns
+        whole = self._conditions @ unknowns
+        return ContactBounds(whole[:, 1:], -whole[:, 0], unknowns.shape[1] - 1 - p)
+
+    def excess(self, states: StateEvaluation, T: Float[Array, "N p"]) -> Float[Array, " k"]:
+        """Largest amount by which each condition fails at states (N,) under inputs, for the best forces."""
+        effects, needed = self._forces.equations(states, T)
+        found = np.zeros(len(self.names))
+        for (left, values, right), need in zip(map(np.linalg.svd, effects), needed, strict=True):
+            rank = int((values > _RANK * values[0]).sum())
+            forces = self._conditions @ (right[:rank].T @ ((left[:, :rank].T @ need) / values[:rank]))
+            free = self._conditions @ right[rank:].T
+            if (forces > 0.0).any() and free.shape[1]:
+                nearest = nearest_point(np.zeros(free.shape[1]), free, np.full(len(forces), -np.inf), -forces)
+                forces = forces if nearest is None else forces + free @ nearest.point
+            np.maximum(found, forces, out=found)
+        return found
+
+    @cached_property
+    def _conditions(self) -> Float[Array, "k y"]:
+        """Conditions on all contact forces: rows that are not positive."""
+        forces = self._forces.selection
         rows = [-forces[self._carrying, 0]]
         for place, along in self._gripping:
             sides = 2 if along == 1 else _SIDES
@@ -116,8 +137,7 @@ class ContactCones:
                 across = across + np.sin(angles)[:, None] * forces[place, 2]
             inside = self._friction * (1.0 if sides == 2 else np.cos(np.pi / sides))
             rows.append(across - inside * forces[place, 0])
-        whole = np.vstack(rows)
-        return ContactBounds(whole[:, 1:], -whole[:, 0], unknowns.shape[1] - 1 - p)
+        return np.vstack(rows)
 
 
 _VELOCITY_COST = 1e-4  # of a velocity, beside the cost 1 of exceeding a limit
@@ -159,6 +179,7 @@ class LimitStack:
     Attributes:
         names: name of each row, (k,).
         averaged: mask of the rows whose bounds hold for the mean velocity over the sample too, (k,).
+        judged_by_rows: mask of the rows that a velocity exceeds if it violates them in its sample, (k,).
     """
 
     def __init__(self, limits: Sequence[ControlLimit], reduced: ReducedModel) -> None:
@@ -175,12 +196,21 @@ class LimitStack:
         hard = np.repeat([each.hard for each in limits], sizes).astype(bool)
         self._groups = [np.flatnonzero(hard), *(np.flatnonzero(~hard & (ranks == p)) for p in sorted({*ranks[~hard]}))]
         self._nv, self._affine = reduced.n, reduced.affine
+        by_rows = [type(each).exceeded_by is BoundLimit.exceeded_by for each in self._bound]
+        self.judged_by_rows = np.repeat(by_rows, sizes).astype(bool)
 
-    def rows(self, sample: ControlSample) -> LimitRows:
-        """Return the limits at the end of a sample on the full velocity, without idle rows."""
+    def rows(self, sample: ControlSample, braking: bool = False) -> LimitRows:
+        """Return the limits at the end of a sample on the full velocity, without idle rows.
+
+        Args:
+            sample: the sample.
+            braking: True for the rows of a braking motion.
+        """
         J, lower, upper, places = [], [], [], []
         for limit, where in zip(self._bound, self._places, strict=True):
-            rows = limit.rows(sample)
+            rows = limit.braking_rows(sample) if braking else limit.rows(sample)
+            if rows is None:
+                continue
             J.append(rows.jacobian)
             lower.append(rows.lower)
             upper.append(rows.upper)

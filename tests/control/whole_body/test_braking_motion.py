@@ -10,7 +10,6 @@ from bodies import add_body
 from places import ROOT
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import InverseDynamicsQP, limits, tasks
-from rnc_pin.control.whole_body.braking_motion import BrakedSample, Braking
 from rnc_pin.planning import Hold, MinimumJerk
 from rnc_pin.simulation import FindingKind, replay_limits
 
@@ -107,10 +106,13 @@ def test_a_start_that_cannot_stop_is_named_and_the_run_does_not_succeed():
 
 
 def test_a_load_beyond_the_efforts_is_no_rest():
-    """A motion at rest for one sample is verified only if the next sample keeps it at rest."""
-
-    def falling(t, q, v2):
-        return BrakedSample(np.zeros(1), q, v2 + 0.1, float(abs(v2[0] + 0.1)), np.zeros(1))
-
-    found = Braking(falling, ["x"], 0.1, 1.0).motion(0.0, np.zeros(1), np.array([-0.1]), np.zeros(1))
-    assert found.problem == "the robot does not come to rest within 1 s"
+    """A lift that rises is at rest for an instant before it falls."""
+    model = pin.Model()
+    add_body(model, "lift", "PZ", 1.0, moments=0.1)
+    model.lowerPositionLimit[:], model.upperPositionLimit[:] = -100.0, 100.0
+    model.upperVelocityLimit[:] = 100.0
+    for effort, problem in ((9.0, "the robot does not come to rest within 2 s"), (10.0, None)):
+        model.upperEffortLimit[:] = effort
+        reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], ["lift"]).reduce()
+        program = InverseDynamicsQP(reduced, [tasks.DampingTask()], [limits.JointPositionLimit()], dt=0.02)
+        assert program.braking_problem(0.0, np.zeros(1), np.array([1.0])) == problem

@@ -93,6 +93,14 @@ class BoundLimit(ABC):
     def rows(self, sample: ControlSample) -> LimitRows:
         """Return the rows at the end of a sample. An idle row has infinite bounds, or is not among ``places``."""
 
+    def braking_rows(self, sample: ControlSample) -> LimitRows | None:
+        """Return rows that a braking motion plans with, which take little time; None if it is checked only.
+
+        Args:
+            sample: part of the motion with constant inputs, of several samples of the controller.
+        """
+        return self.rows(sample)
+
     def exceeded_by(
         self, state: StateEvaluation, time: float, mean: Float[Array, " nv"] | None = None
     ) -> Float[Array, " k"] | None:

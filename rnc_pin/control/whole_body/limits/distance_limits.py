@@ -206,6 +206,9 @@ class BoundCollisionAvoidance(BoundLimit):
         lower = -approach_speed(room, self._rate, self._decelerations(near, sample)) - near.drift
         return LimitRows(near.jacobian, lower, np.full(len(lower), np.inf), near.pairs)
 
+    def braking_rows(self, sample: ControlSample) -> None:
+        return None
+
     def exceeded_by(self, state: StateEvaluation, time: float, mean: np.ndarray | None = None) -> np.ndarray:
         near, found = self.distances.at(state, time, self._nearest), np.zeros(len(self.names))
         found[near.pairs] = self.clearances[near.pairs] - near.distance

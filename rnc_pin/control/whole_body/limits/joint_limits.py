@@ -212,6 +212,12 @@ class _BoundPositions(BoundLimit):
         upper, lower = velocity_to_stop(room, limits[2], sample.dt)
         return LimitRows(self._jacobian, -lower, upper)
 
+    def braking_rows(self, sample: ControlSample) -> LimitRows:
+        q, v = sample.start.q[self._q], sample.start.v[self._v]
+        room = np.maximum([self._limits[1] - q, q - self._limits[0]], 0.0)
+        upper, lower = np.maximum(2.0 * room / sample.dt - [v, -v], 0.0)
+        return LimitRows(self._jacobian, -lower, upper)
+
     def exceeded_by(self, state: StateEvaluation, time: float, mean: Array | None = None) -> Array:
         q, (lower, upper) = state.q[self._q], self._ends
         return np.maximum(q - upper, lower - q)
