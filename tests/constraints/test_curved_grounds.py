@@ -85,6 +85,28 @@ def test_searches_start_at_the_nearest_points_of_spheres_and_cylinders():
     np.testing.assert_allclose(np.cross(place - foot, DRUM.gradient(foot)), 0.0, atol=ROUNDING)
 
 
+@pytest.mark.parametrize("size", [0.3, 0.8, 50.0])
+@pytest.mark.parametrize("ground", [BOWL, BALL, DRUM, rnc.GroundPlane((0.3, -0.2, 0.8), (0.2, 0.4, -0.3))])
+def test_drawn_patches_have_the_area_and_the_centroid_of_caps_tubes_and_squares(ground, size):
+    place = np.array([0.7, -0.4, 0.9])
+    if isinstance(ground, rnc.SphericalGround):
+        angle = min(size / ground.radius, 1.4)
+        area = 2 * np.pi * ground.radius**2 * (1 - np.cos(angle))
+        middle = ground.center + 0.5 * (1 + np.cos(angle)) * (ground.below(place) - ground.center)
+    elif isinstance(ground, rnc.CylindricalGround):
+        area = 4 * np.pi * ground.radius * size
+        middle = ground.point + ground.along * (ground.along @ (place - ground.point))
+    else:
+        area, middle = 4 * size**2, place - ground.height(place) * ground.axes[2]
+    vertices, triangles = ground.mesh(place, size)
+    level = ground.height if isinstance(ground, rnc.GroundPlane) else ground.level
+    np.testing.assert_allclose([level(each) for each in vertices], 0.0, atol=1e-11)
+    first, *others = vertices[triangles.T]
+    areas = 0.5 * np.linalg.norm(np.cross(*(each - first for each in others)), axis=1)
+    assert areas.sum() == pytest.approx(area, rel=5e-3)
+    np.testing.assert_allclose(areas @ vertices[triangles].mean(axis=1) / areas.sum(), middle, atol=3e-3)
+
+
 def test_the_smaller_relative_curvature():
     basis = np.array([[2.0, 1.0, 0.0], [0.0, 1.0, 3.0], [1.0, 0.0, 1.0]])
     many = np.stack([basis @ np.diag([1.0, *pair]) @ np.linalg.inv(basis) for pair in ((0.3, 2.0), (5.0, -0.7))])

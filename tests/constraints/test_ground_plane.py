@@ -73,6 +73,12 @@ def test_a_knife_edge_moves_with_the_turntable_that_carries_it(robot):
     np.testing.assert_allclose(rows.lines_of_action(at)[1][0], pose.rotation @ axes[0], atol=ROUNDING)
 
 
+def test_the_material_of_a_turntable_turns_about_its_point():
+    table = rnc.GroundPlane(point=(0.3, -0.2, 0.5), velocity=(0.1, 0.2, 0.0), spin=2.0)
+    np.testing.assert_allclose(table.material_velocity(np.array([1.3, 0.8, 0.5])), [-1.9, 2.2, 0.0], atol=ROUNDING)
+    np.testing.assert_allclose(table.twist, [-0.3, -0.4, 0.0, 0.0, 0.0, 2.0], atol=ROUNDING)
+
+
 def test_a_scenario_names_the_ground_once():
     raw = {
         "robot": {"urdf": "rolling_ball.urdf", "base": "free"},

@@ -4,14 +4,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from rnc_pin.model.coordinates import PlacementChart
+from rnc_pin.model.coordinates import ConfigurationManifold, PlacementChart, arc_chord
 
 STEP = 1e-6
 
 
 def model_of(base):
     model = pin.Model()
-    for k, kind in enumerate((base, pin.JointModelRX(), pin.JointModelRUBY(), pin.JointModelSpherical())):
+    for k, kind in enumerate((pin.JointModelRX(), base, pin.JointModelRUBY(), pin.JointModelSpherical())):
         model.addJoint(k, kind, pin.SE3.Identity(), f"j{k}")
     return model
 
@@ -31,14 +31,23 @@ def test_coordinates_and_derivatives(base):
         data, there = model.createData(), model.createData()
         pin.forwardKinematics(model, data, center)
         pin.forwardKinematics(model, there, each)
-        relative = data.oMi[1].inverse() * there.oMi[1]
+        relative = data.liMi[2].inverse() * there.liMi[2]
         if base.shortname() == "JointModelPlanar":
             yaw = np.arctan2(relative.rotation[1, 0], relative.rotation[0, 0])
-            np.testing.assert_allclose(found[k, :3], [*relative.translation[:2], yaw], atol=1e-13)
+            np.testing.assert_allclose(found[k, 1:4], [*relative.translation[:2], yaw], atol=1e-13)
         elif base.shortname() == "JointModelFreeFlyer":
-            np.testing.assert_allclose(found[k, :3], relative.translation, atol=1e-13)
-            np.testing.assert_allclose(found[k, 3:6], pin.log3(relative.rotation), atol=1e-12)
-        np.testing.assert_allclose(found[k, base.nv :], pin.difference(model, center, each)[base.nv :], atol=1e-13)
+            np.testing.assert_allclose(found[k, 1:4], relative.translation, atol=1e-13)
+            np.testing.assert_allclose(found[k, 4:7], pin.log3(relative.rotation), atol=1e-12)
+        others = np.r_[0, 1 + base.nv : model.nv]
+        np.testing.assert_allclose(found[k, others], pin.difference(model, center, each)[others], atol=1e-13)
         for v, column in zip(np.eye(model.nv), J[k].T, strict=True):
             ahead, behind = (chart.coordinates(pin.integrate(model, each, s * STEP * v)[None])[0] for s in (1, -1))
             np.testing.assert_allclose(column, (ahead - behind) / (2 * STEP), atol=1e-8)
+    parts = np.array([0.0, 0.3, 1.0])
+    between = ConfigurationManifold(model).interpolate(center, q[0], parts)
+    np.testing.assert_allclose(between, [pin.interpolate(model, center, q[0], part) for part in parts], atol=1e-13)
+
+
+@pytest.mark.parametrize("turn", [-3.0, -1e-3, 0.4, 2.5, 5.0])
+def test_the_chord_of_an_arc(turn):
+    np.testing.assert_allclose(arc_chord(turn), [np.sin(turn) / turn, (1 - np.cos(turn)) / turn], atol=1e-12)
