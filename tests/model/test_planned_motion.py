@@ -1,4 +1,4 @@
-"""Verification of plans: the compiled motion beside the step of the action models."""
+"""Planned motion and steps in one call of the kernel, beside the step of the action models."""
 
 import numpy as np
 import pytest
