@@ -8,7 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.model.integrators import ExponentialCoordinates, phi_functions
+from rnc_pin.model.integrators import ExponentialCoordinates, LieRungeKutta4, phi_functions
 from rnc_pin.plants.reduced import ConstrainedDynamics
 from simple_controllers import Inputs
 from systems import free_flying_panda, leaning_wheel, mobile_manipulator, space_robot_in_joints
@@ -48,6 +48,20 @@ def bracket(kind, x, y):
         return pin.Motion(x).cross(pin.Motion(y)).vector
     lift = lambda z: pin.Motion(np.array([z[0], z[1], 0]), np.array([0, 0, z[2]]))  # noqa: E731
     return lift(x).cross(lift(y)).vector[[0, 1, 5]]
+
+
+@pytest.mark.parametrize("z", [-0.9, 0.4])
+def test_a_step_of_exponential_growth_has_the_stages_of_the_textbook(z):
+    """``y' = z y / h``: of the stages follow the state, the roughness, and the way of a slider that moves with y."""
+    model, h = pin.Model(), 0.2
+    add_body(model, "slide", "PX", 1.0)
+    rate = lambda q, y: (y[:1], np.array([z / h * y[0], 50.0]))  # noqa: E731
+    q, y, rough = LieRungeKutta4(rnc.Robot(model)).measured_step(rate, np.array([0.3]), np.array([2.0, 1.0]), h, 1)
+    grown = 2.0 * (1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24)
+    np.testing.assert_allclose(y, [grown, 1.0 + 50.0 * h], rtol=1e-14)
+    np.testing.assert_allclose(q, 0.3 + h * 2.0 * (1 + z / 2 + z**2 / 6 + z**3 / 24), rtol=1e-14)
+    uneven, bent = abs(z**2 / 4), abs(z**2 / 4 + z**3 / 4)  # of the slope of y; the slider's are those of y itself
+    assert rough == pytest.approx(2.0 * max(abs(z), h) * max(uneven, bent), rel=1e-12)
 
 
 def test_free_motion_agrees_with_a_fixed_step_that_is_halved():

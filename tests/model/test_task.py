@@ -2,10 +2,15 @@
 
 from types import SimpleNamespace
 
+import numpy as np
+import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.row_stack import OutputStack
+from rnc_pin.model.task import OutputTargets
+from rnc_pin.model.user_functions import gradient
 from textbook_systems import sliders
 
 
@@ -34,3 +39,30 @@ def test_outputs_are_divided_by_name():
     ):
         with pytest.raises(rnc.ConfigurationError, match=words):
             rnc.Task.of(reduced, *given)
+
+
+def test_targets_measure_what_is_left_to_them():
+    """Of an output by name, which is not the first one, and of outputs of their own, a rotation behind a position."""
+    robot = rnc.Robot.from_urdf("floating_arm.urdf", base="free")
+    named = [rnc.FramePosition("satellite"), rnc.FrameTilt("hand", "z")]
+    reduced = rnc.NonholonomicSystem(robot).reduce(vertical=named)
+    goal = pin.exp3(np.array([0.3, -0.8, 0.5]))
+    place, turn = rnc.FramePosition("hand", "zx"), rnc.FrameOrientation("hand")
+    targets = OutputTargets(reduced, {place: [0.1, -0.2], "hand_tilt_z": 0.7, turn: goal, "satellite_y": 1.5})
+    assert [(each.start, each.stop) for each in targets.places] == [(0, 2), (2, 3), (3, 6), (6, 7)]
+    kinematics, data, generator = Kinematics(robot), robot.model.createData(), np.random.default_rng(6)
+    many = np.array([robot.random_configuration(generator) for _ in range(3)])
+    errors = targets.error(kinematics.position(many))
+    for q, error, J in zip(many, errors, targets.jacobian(kinematics.position(many), errors), strict=True):
+        pin.framesForwardKinematics(robot.model, data, q)
+        hand = data.oMf[robot.frame_id("hand")]
+        expected = [0.1 - hand.translation[2], -0.2 - hand.translation[0], 0.7 - np.arcsin(hand.rotation[2, 2])]
+        y = data.oMf[robot.frame_id("satellite")].translation[1]
+        np.testing.assert_allclose(error, [*expected, *pin.log3(goal @ hand.rotation.T), 1.5 - y], atol=1e-12)
+        slopes = gradient(robot.model, lambda p: targets.error(kinematics.position(p)), q, 1e-3)
+        np.testing.assert_allclose(J, -slopes, atol=1e-8)
+        np.testing.assert_allclose(targets.jacobian(kinematics.position(q), error), J, atol=1e-14)
+        lengths = [np.hypot(*expected[:2]), abs(expected[2]), pin.AngleAxis(goal @ hand.rotation.T).angle, abs(1.5 - y)]
+        residuals = targets.residuals(error)
+        assert list(residuals) == list(targets.labels)
+        assert list(residuals.values()) == pytest.approx(lengths, abs=1e-12)

@@ -154,7 +154,7 @@ def test_no_rate_is_checked_next_to_where_a_function_is_undefined():
     assert len(states) == 2
 
 
-def test_angles_may_jump_by_a_turn_and_other_values_may_not(rng):
+def test_the_rate_of_an_angle_is_checked_where_it_jumps_by_a_turn(rng):
     robot = rnc.Robot.from_urdf("space_robot.urdf")
 
     def angle(q):
@@ -164,9 +164,22 @@ def test_angles_may_jump_by_a_turn_and_other_values_may_not(rng):
         return np.array([[9.0, 0.0, 0.0, 0.0]])
 
     rnc.Output(angle, jacobian, names=["angle"], angular=True).bind(robot)
-    q = np.array([2 * np.pi / 9, 0.0, 0.0, 0.0])
-    check_rate(robot, angle, lambda q, v: jacobian(q) @ v, ("value(q)", "jacobian(q) v"), ["angle"], angular=True)
-    assert angle(q - 1e-9) - angle(q + 1e-9) > 6.0
+    states = []
+    check = (lambda q, v: states.append(q) or jacobian(q) @ v), ("value(q)", "jacobian(q) v"), ["angle"]
+    check_rate(robot, angle, *check, angular=True)
+    jumping = lambda q: angle(q - states[0])  # noqa: E731 - at the first state that is checked
+    assert jumping(states[0] - 1e-9) - jumping(states[0] + 1e-9) > 6.0
+    check_rate(robot, jumping, *check, angular=True)
+    with pytest.raises(rnc.ConstraintError, match="differences give"):
+        check_rate(robot, jumping, lambda q, v: 1.1 * jacobian(q) @ v, *check[1:], angular=True)
+
+
+def test_a_rate_over_time_includes_its_flow(rng):
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    rate = DerivedRate(robot, lambda q, t: np.array([np.sin(q[1] * t), q[0] * t**2]), "target(q, t)", timed=True)
+    (q, v), t = rng.normal(size=(2, 4)), 0.7
+    exact = [np.cos(q[1] * t) * (v[1] * t + q[1]), v[0] * t**2 + 2 * q[0] * t]
+    np.testing.assert_allclose(rate(q, v, t), exact, atol=1e-10)
 
 
 def test_rows_that_jump_have_no_rate_to_derive():
