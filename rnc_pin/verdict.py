@@ -58,6 +58,8 @@ class FindingKind(StrEnum):
     """A program braked to keep its limits, or no braking motion could be verified."""
     SATURATION = "saturation"
     """An input was at its bound for a large part of the run."""
+    REVERSAL = "reversal"
+    """An input or a joint velocity reversed from sample to sample by a large share of its limit."""
     PLAN = "plan"
     """A plan was driven whose re-integration does not confirm it."""
     MODEL = "model"

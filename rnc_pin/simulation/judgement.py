@@ -23,6 +23,9 @@ PENETRATION = 1e-6
 SHORTFALL = 1e-4
 """Shortfall of a clearance, or excess over a limit of a program, that counts [m, rad, and per second]."""
 _SATURATED = 0.2  # share of a run at a bound from which an input counts as saturated
+_REVERSED = 0.05  # of a limit: a change that counts as a reversal; noise of a few per cent is smaller
+_OFTEN_REVERSED = 0.01  # share of samples with reversals that degrades: more than a few at a start or a switch
+_VIOLENT, _OFTEN_VIOLENT = 0.5, 0.1  # of a limit, and share of samples above it that fails: it wears a drive out
 _MOSTLY = 0.5  # share of a run under a fallback command that fails
 _AT_LIMIT = 0.99  # use of friction of a contact that slides; MuJoCo gives it to 1e-3
 _MOMENT = 0.01  # share of a run at the limit of friction that fails: more than a landing
@@ -76,6 +79,7 @@ def judge(
         *(() if replay is None else map(_exceeded, replay.violations)),
         *_contacts(run, grip),
         *(() if replay is None else _saturation(run, replay)),
+        *(() if replay is None else _reversals(run, replay)),
         *_given_way(gave_way or {}),
         *more,
     ]
@@ -179,7 +183,6 @@ def _goals(run: Trajectory, errors: Mapping[str, float], tolerance: float) -> It
 
 
 def _exceeded(use: LimitUse) -> Finding:
-    """Finding about a limit that is exceeded beyond rounding."""
     """Finding of a limit; positions and accelerations have two, the others one of the absolute value."""
     two = use.kind in ("position", "acceleration")
     amount = abs(use.value - use.limit) if two else abs(use.value) - use.limit
@@ -254,6 +257,39 @@ def _saturation(run: Trajectory, replay: LimitReplay) -> Iterator[Finding]:
             time = float(run.time[int(at_bound.argmax())])
             message = f"actuator {name} is at its effort limit for {100 * share:.0f} % of the run"
             yield Finding(FindingKind.SATURATION, name, share, "", time, Severity.DEGRADES, message)
+
+
+def _reversals(run: Trajectory, replay: LimitReplay) -> Iterator[Finding]:
+    """Finding of inputs and joint velocities that reverse three times in a row: four changes of alternating sign.
+
+    The size of such a reversal is the smallest of its four changes, as a share of the limit.
+    """
+    limits: dict[tuple[str, str], float] = {(use.kind, use.name): use.limit for use in replay.uses if use.limit > 0}
+    signals = [
+        (kind, name, column / limits[kind, name])
+        for kind, columns, values in (("effort", run.info.outputs.T, run.T), ("velocity", run.info.outputs.v, run.v))
+        for name, column in zip(columns, values.T, strict=False)
+        if (kind, name) in limits
+    ]
+    last = len(run.time) - 4
+    if last < 1 or not signals:
+        return
+    shares = np.array([each for *_, each in signals])
+    changes = np.diff(np.where(np.isfinite(shares), shares, np.nan))
+    changes[:, ::2] *= -1.0  # changes that alternate have one sign now
+    four = [changes[:, k : k + last] for k in range(4)]
+    sizes = np.nan_to_num(np.maximum(np.minimum.reduce(four), -np.maximum.reduce(four)), nan=0.0)
+    largest = sizes.max(axis=0)
+    share, violent = (float((largest > least).sum()) / len(run.time) for least in (_REVERSED, _VIOLENT))
+    if share > _OFTEN_REVERSED:
+        kind, name, _ = signals[int(sizes.max(axis=1).argmax())]
+        first = float(run.time[int((largest > _REVERSED).argmax())])
+        message = (
+            f"inputs or velocities reverse three times in a row in {100 * share:.3g} % of the samples, first at "
+            f"t = {first:.3f} s: the {kind} of {name} by up to {largest.max():.3g} of its limit"
+        )
+        severity = Severity.FAILS if violent > _OFTEN_VIOLENT else Severity.DEGRADES
+        yield Finding(FindingKind.REVERSAL, name, float(largest.max()), "", first, severity, message)
 
 
 def _given_way(amounts: Mapping[str, float]) -> Iterator[Finding]:

@@ -101,6 +101,72 @@ def test_an_actuator_at_its_limit_for_long_degrades(tmp_path):
     assert (verdict.word, kinds(verdict)) == ("degraded", [(FindingKind.SATURATION, "a")])
 
 
+def alternating(size, start, stop, N=101):
+    """Signal (N,) that jumps between two values of this distance at each sample of a stretch, else zero."""
+    values = np.zeros(N)
+    values[start:stop] = 0.5 * size * (-1.0) ** np.arange(stop - start)
+    return values
+
+
+def with_signals(run, robot, **signals):
+    """Verdict of a run with other signals of joint b, whose limits are 9."""
+    arrays = {name: np.column_stack([np.zeros_like(values), 9.0 * values]) for name, values in signals.items()}
+    changed = replace(run, **arrays)
+    return rnc.simulation.judge(changed, rnc.simulation.replay_limits(robot, changed))
+
+
+@pytest.mark.parametrize(("size", "samples", "word"), [
+    (0.04, 101, "succeeded"),  # noise of two per cent of the limit
+    (0.06, 101, "degraded"), (0.4, 101, "degraded"), (2.0, 101, "failed"),
+    (2.0, 3, "succeeded"), (2.0, 6, "degraded"),  # at a start or a switch
+])  # fmt: skip
+@pytest.mark.parametrize("signal", ["T", "v"])
+def test_inputs_and_velocities_that_alternate_degrade_or_fail(tmp_path, signal, size, samples, word):
+    robot = sliders(tmp_path, WIDE, WIDE)
+    verdict = with_signals(pushed(robot, [0.0, 0.0]), robot, **{signal: alternating(size, 0, samples)})
+    found = [each for each in verdict.findings if each.kind is FindingKind.REVERSAL]
+    assert (verdict.word, len(found)) == (word, word != "succeeded")
+    for each in found:
+        assert (each.where, each.time) == ("b", 0.0)
+        assert each.amount == pytest.approx(size)
+
+
+def plain_share(values):
+    """Share of samples that begin four changes of alternating sign, each above 5 %, one sample after another."""
+    count = 0
+    for k in range(len(values) - 4):
+        changes = [values[k + j + 1] - values[k + j] for j in range(4)]
+        signs = [change > 0 for change in changes]
+        count += all(abs(change) > 0.05 for change in changes) and signs in ([True, False] * 2, [False, True] * 2)
+    return count / len(values)
+
+
+def test_the_share_of_reversals_is_that_of_a_plain_count_and_violent_noise_fails(tmp_path):
+    robot = sliders(tmp_path, WIDE, WIDE)
+    run, rng = pushed(robot, [0.0, 0.0]), np.random.default_rng(4)
+    for spread, words in ((0.02, {"succeeded"}), (0.1, {"degraded"}), (1.0, {"degraded", "failed"})):
+        values = np.clip(spread * rng.normal(size=101), -1.0, 1.0)
+        verdict = with_signals(run, robot, T=values)
+        found = [each for each in verdict.findings if each.kind is FindingKind.REVERSAL]
+        share = f"in {100 * plain_share(values):.3g} % of the samples"
+        assert verdict.word in words
+        assert [share in str(each) for each in found] == [True] * len(found)
+        assert len(found) == (plain_share(values) > 0.01)
+
+
+def test_reversals_need_limits_samples_and_numbers(tmp_path):
+    none, chatter = 'lower="-9" upper="9" velocity="0" effort="0"', alternating(2.0, 0, 101)
+    robot, unlimited = sliders(tmp_path, WIDE, WIDE), sliders(tmp_path, none, none)
+    run = pushed(robot, [0.0, 0.0])
+    assert with_signals(run, unlimited, T=chatter, v=chatter).succeeded
+    for count in (2, 3, 4):
+        short = pushed(robot, [0.0, 0.0], 0.01 * (count - 1))
+        assert with_signals(short, robot, T=0.9 * chatter[:count]).findings == ()
+    chatter[50] = np.inf
+    found = [each.kind for each in with_signals(run, robot, T=chatter).findings]
+    assert FindingKind.REVERSAL in found
+
+
 def bent(reduced):
     return reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
 
