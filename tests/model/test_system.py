@@ -370,3 +370,11 @@ def test_a_base_that_is_fixed_by_mistake_is_named(file, build, still):
     """It was explained by counts of outputs and rows."""
     with pytest.raises(rnc.RncError, match=still + LETS_IT_MOVE.format(file)):
         build(rnc.Robot.from_urdf(f"{file}.urdf"))
+
+
+@pytest.mark.parametrize("apart", [1e-3, 1.0, 1e3])
+def test_a_small_model_has_the_margin_of_a_large_one(apart):
+    """Two blades of a sleigh: with lengths in units of their distance, their rows are 45 degrees apart."""
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    blades = [rnc.NoSideSlip("sleigh"), rnc.NoSideSlip("sleigh", at=(apart, 0.0, 0.0))]
+    assert rnc.NonholonomicSystem(robot, blades).row_margin == pytest.approx(np.sqrt(2) * np.sin(np.pi / 8), rel=1e-9)
