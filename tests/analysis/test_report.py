@@ -145,6 +145,7 @@ def test_a_report_is_of_the_samples_it_says():
     report = rnc.analyze(reduced, redundant=["body_yaw"], samples=samples, seed=seed)
     assert 0 < samples - len(regular) < samples
     assert (report.samples, report.singular_samples) == (samples, samples - len(regular))
+    assert f"condition of E at {len(regular)} samples" in str(report)
     assert report.condition == pytest.approx(
         {"min": conditions.min(), "median": np.median(conditions), "max": conditions.max()}
     )

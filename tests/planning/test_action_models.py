@@ -83,8 +83,6 @@ def test_only_the_dynamic_form_needs_actuators():
         assert (model.form, model.nx, model.nu) == (form, states, 2)
     with pytest.raises(rnc.ConfigurationError, match="form 'dynamic': the system has no actuators; use 'accel"):
         action_model(reduced, "dynamic")
-    with pytest.raises(rnc.ConfigurationError, match="form 'kinematics': expected one of kinematic, acc"):
-        action_model(reduced, "kinematics")
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -81,15 +81,15 @@ def test_every_motion_arrives_along_the_rows_by_the_shortest_way(steered, room, 
 def test_long_turns_are_divided_and_long_slides_are_not():
     """Into turns of at most 1.7 rad: of a base, a ball, an endless joint; a joint with a number for its angle tells."""
     model, body = planar_model()
-    for name, kind in (("ball", "Spherical"), ("endless", "RUBZ"), ("arm", "RZ")):
+    for name, kind in (("plate", "Planar"), ("ball", "Spherical"), ("endless", "RUBZ"), ("arm", "RZ")):
         add_body(model, name, kind, 1.0, body)
     reduced = rnc.NonholonomicSystem(rnc.Robot(model)).reduce()
-    steps = np.zeros((6, 8))
-    steps[range(6), [0, 1, 2, 4, 6, 7]] = 9.0, -9.0, -5.0, 1.8, 6.9, 9.0
+    steps = np.zeros((7, 11))
+    steps[range(7), [0, 1, 2, 5, 7, 9, 10]] = 9.0, -9.0, -5.0, 3.5, 1.8, 6.9, 9.0
     steps[2, 0] = 4.0
     steering, start = find_steering(reduced, reduced.robot.configuration()), reduced.robot.configuration()
     found = steering.along(start, steps)
-    counts = [1, 1, 3, 2, 5, 1]
+    counts = [1, 1, 3, 3, 2, 5, 1]
     np.testing.assert_allclose(found.steps, np.repeat(steps / np.array(counts)[:, None], counts, axis=0))
     end = start
     for step in steps:
