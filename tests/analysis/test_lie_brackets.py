@@ -8,7 +8,6 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.analysis import lie_brackets
 from rnc_pin.analysis.lie_brackets import PIECES, BracketJets
 from systems import ALL, random_states
 from textbook_systems import sliders_with_rows
@@ -37,14 +36,6 @@ def test_the_fields_of_a_flow_show_every_bracket(generators, degree):
                         value = commutator(field, value)
                 found.append(value.ravel() / np.linalg.norm(value))
     assert np.linalg.matrix_rank(np.array(found), tol=1e-8) == dimension
-
-
-@pytest.mark.parametrize("degree", [1, 2, 5])
-def test_a_polynomial_is_fitted_to_its_own_coefficients(degree):
-    nodes = np.cos((2 * np.arange(degree + 3) + 1) * np.pi / (2 * (degree + 3)))
-    coefficients = np.arange(1.0, 1 + 3 * (degree + 1)).reshape(degree + 1, 3)
-    values = nodes[:, None] ** np.arange(degree + 1) @ coefficients
-    np.testing.assert_allclose(lie_brackets._fit(nodes, values, degree), coefficients, rtol=1e-12)
 
 
 def test_rates_in_a_chart_are_those_of_the_exponential():

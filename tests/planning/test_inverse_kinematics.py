@@ -70,11 +70,10 @@ def test_random_starts_are_half_a_turn_or_a_metre_around_and_within_limits(monke
         return Descent(q, 1.0, 0.0, 0)
 
     monkeypatch.setattr(inverse_kinematics, "descend", stay)
-    q0 = np.array([5.0, 1.0, 0.0, 4.0, -3.0, 7.0])
-    rnc.solve_ik(reduced, q0, {rnc.FramePosition("body_3", "x"): 99.0}, search=rnc.IkSearch(starts=400))
-    drawn = np.array(starts[1:400])
-    low = np.array([5.0 - np.pi, -1.0, -0.2, 3.0, -4.0, 6.0])
-    high = np.array([5.0 + np.pi, 1.0 + np.pi, 0.5, 5.0, -2.0, 8.0])
+    q0, far = np.array([5.0, 1.0, 0.0, 4.0, -3.0, 7.0]), {rnc.FramePosition("body_3", "x"): 99.0}
+    rnc.solve_ik(reduced, q0, far, search=rnc.IkSearch(starts=400))
+    drawn, turn = np.array(starts[1:400]), np.pi
+    low, high = np.array([[5 - turn, -1.0, -0.2, 3.0, -4.0, 6.0], [5 + turn, 1 + turn, 0.5, 5.0, -2.0, 8.0]])
     assert ((low <= drawn) & (drawn <= high)).all()
     assert (np.ptp(drawn, axis=0) > 0.97 * (high - low)).all()
 

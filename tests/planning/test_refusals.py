@@ -7,7 +7,6 @@ import pytest
 import rnc_pin as rnc
 import systems
 from benchmarks.planned_models import car, tractor
-from bodies import add_body
 from rnc_pin.planning import (
     CarPath,
     Harmonic,
@@ -22,7 +21,6 @@ from rnc_pin.planning import (
 )
 from rnc_pin.planning.reference_kinds import RelativeMinimumJerk
 from systems import with_box
-from textbook_systems import planar_model
 
 WRONG, INPUT, NONE = rnc.ConfigurationError, rnc.InputError, rnc.InfeasibleError
 
@@ -52,14 +50,6 @@ def edge():
 def on_a_conveyor():
     robot, belt = rnc.Robot.from_urdf("unicycle.urdf", base="planar"), rnc.GroundPlane(velocity=(0.0, 0.3, 0.0))
     return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle", ground=belt)]).reduce()
-
-
-def doubly_steered():
-    """A car whose front wheel turns by the sum of two joints."""
-    model, chassis = planar_model()
-    first = add_body(model, "first", "RZ", 1.0, chassis, at=(1.0, 0.0, 0.0))
-    add_body(model, "second", "RZ", 1.0, first, frame="front")
-    return rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body"), rnc.NoSideSlip("front")]).reduce()
 
 
 def way(reduced, start=(0.0, 0.0), goal=(3.0, 0.0), obstacles=(), settings=WaySettings(), **options):  # noqa: B008
@@ -129,12 +119,10 @@ REFUSALS = [
     (lambda: WaySettings(seconds=0.0), INPUT, "seconds: expected a positive"),
     (lambda: WaySettings(goals=0), INPUT, "goals: expected an integer of at least 1, found 0"),
     (lambda: WaySettings(motions=0), INPUT, "motions: expected an integer of at least 1, found 0"),
-    (lambda: WaySettings(shortcuts=-1), INPUT, "shortcuts: expected an integer of at least 0, found -1"),
     (lambda: way(edge(), clearance=-0.1), INPUT, "clearance: expected a number of at least 0"),
     (lambda: way(edge(), settings=WaySettings(area=[[0, 0], [1, 1]])), INPUT, "area"),
     (lambda: way(edge(), obstacles=[CART]), WRONG, r"obstacle 'cart' moves, .* \(obstacle.at_rest\(t\)\)"),
     (lambda: way(tractor(1), settings=WaySettings(hold=["hitch_1"])), WRONG, "hold needs an exact steering"),
-    (lambda: find_steering(doubly_steered(), np.array([0, 0, 1, 0, 0.1, 0.2])), WRONG, "a car with one steering joint"),
     (lambda: find_steering(tractor(1), tractor(1).robot.configuration()), WRONG, "no exact steering is known"),
 ]
 

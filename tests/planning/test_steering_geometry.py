@@ -1,4 +1,4 @@
-"""Steering angles for curvatures: closed forms of Ackermann's linkage, and vehicles that arrive where a path goes."""
+"""Steering angles for curvatures: closed forms of Ackermann's linkage."""
 
 import numpy as np
 import pinocchio as pin
@@ -7,7 +7,7 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body, add_frame
 from rnc_pin.errors import InfeasibleError
-from rnc_pin.planning import CarPath, SteeringGeometry
+from rnc_pin.planning import SteeringGeometry
 from textbook_systems import planar_model
 
 WHEELBASE, TRACK, OFFSET, RADIUS = 0.8, 0.5, 0.06, 0.1
@@ -52,27 +52,6 @@ def test_the_speed_of_a_point_beside_the_middle():
     curvatures = np.linspace(-0.8, 0.8, 17)
     _, ratios = geometry(reduced).outputs(curvatures)
     np.testing.assert_allclose(ratios, (1 - curvatures * TRACK / 2) / RADIUS, atol=1e-8)
-
-
-def test_a_car_with_two_steered_wheels_arrives():
-    """The constraints, driven by the reference, end at the goal; by the angle of a middle wheel they miss it."""
-    reduced = vehicle()
-    goal = np.array([4.0, 1.5, 0.4])
-    misses = []
-    for steering in (geometry(reduced, largest=np.tan(0.5) / WHEELBASE), None):
-        path = CarPath((0, 0, 0), goal, 12.0, WHEELBASE, max_steering=0.5, geometry=steering)
-        misses.append(np.abs(_driven(reduced, path.reference) - goal).max())
-    assert misses[0] < 1e-4
-    assert misses[1] > 0.05
-
-
-def _driven(reduced, reference, steps=1000):
-    """Pose at the end of a motion at the reference's rates, by the midpoint rule."""
-    model, q, h = reduced.robot.model, reduced.robot.configuration(), reference.duration / steps
-    for k in range(steps):
-        middle = pin.integrate(model, q, h / 2 * reduced.at(q, reference.at(k * h).velocity).v)
-        q = pin.integrate(model, q, h * reduced.at(middle, reference.at((k + 0.5) * h).velocity).v)
-    return np.array(reduced.robot.joint_values(q)["root_joint"])
 
 
 def test_a_frame_that_slips_is_refused():

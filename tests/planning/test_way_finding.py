@@ -176,14 +176,6 @@ def test_wheels_that_follow_count_and_distances_of_the_base_have_been_decided_be
     assert checker.holds_with(motion, ~steering.planned) == holds
 
 
-def test_shortcuts_make_a_way_faster_and_keep_it_free():
-    reduced, q0, goal, obstacles = TASKS["mecanum"]()
-    first = find_way(reduced, q0, goal, obstacles, settings=WaySettings(shortcuts=0))
-    shorter = find_way(reduced, q0, goal, obstacles)
-    assert shorter.duration <= first.duration
-    assert closest(shorter, obstacles) >= 0.01
-
-
 @pytest.mark.parametrize("kind", ["car", "differential drive", "mecanum"])
 def test_a_motion_along_a_way_stops_at_its_corners_and_is_exact(kind):
     """Constant reduced accelerations, integrated by another method, lead along the way to its end."""

@@ -6,10 +6,8 @@ import scipy
 
 from benchmarks.planned_models import tractor
 from rnc_pin.planning.action_models import KinematicFlow
-from rnc_pin.planning.way_propagation import PropagatedSearch, _banded, _Tree
+from rnc_pin.planning.way_propagation import PropagatedSearch, _Tree
 from rnc_pin.planning.way_search import SearchBudget
-
-COARSE = 5
 
 
 def search_of(count):
@@ -21,21 +19,6 @@ def search_of(count):
     return PropagatedSearch(KinematicFlow(reduced), every, None, q[:2], area, np.ones(5), SearchBudget(9.0)), q
 
 
-@pytest.mark.parametrize(("count", "n"), [(1, 3), (2, 2), (4, 3)])
-def test_a_band_holds_a_block_tridiagonal_matrix(count, n):
-    generator = np.random.default_rng(0)
-    diagonal, beside = generator.normal(size=(count, n, n)), 0.3 * generator.normal(size=(count - 1, n, n))
-    diagonal = diagonal @ diagonal.mT + 3.0 * np.eye(n)
-    dense = scipy.linalg.block_diag(*diagonal)
-    for k, block in enumerate(beside):
-        rows, columns = slice(k * n, (k + 1) * n), slice((k + 1) * n, (k + 2) * n)
-        dense[rows, columns], dense[columns, rows] = block, block.T
-    right = generator.normal(size=count * n)
-    np.testing.assert_allclose(
-        scipy.linalg.solveh_banded(_banded(diagonal, beside), right), np.linalg.solve(dense, right), atol=1e-12
-    )
-
-
 @pytest.mark.parametrize("loose", [1.0, 7.0])
 @pytest.mark.parametrize("open_directions", [5, 3])
 def test_a_change_is_the_least_one_that_meets_the_nodes(loose, open_directions):
@@ -45,7 +28,7 @@ def test_a_change_is_the_least_one_that_meets_the_nodes(loose, open_directions):
     inputs, wanted = generator.normal(size=(2, 3, 2))
     missed, turned = 0.1 * generator.normal(size=(3, 5)), scipy.linalg.qr(generator.normal(size=(5, 5)))[0]
     search._open, closed = np.split(turned, [open_directions], axis=1)
-    shots = search._flow.shots(nodes[:-1], inputs, COARSE)
+    shots = search._flow.shots(nodes[:-1], inputs, 5)
     A, B = shots.by_start, shots.by_input
     middle, size = np.sqrt(loose) * np.eye(5), 5 - open_directions
     rows = np.zeros((15, 6 + 10 + size))  # of du, dq_1 and dq_2 in units of sqrt(loose), and the closed part of dq_3
@@ -67,13 +50,8 @@ def test_two_trees_that_meet_are_one_path_from_the_start_to_the_goal(monkeypatch
     """Numbers in place of configurations, and tenths as inputs: the tree of the goal is driven backwards."""
     search, _ = search_of(2)
     trees = [_Tree(np.array([[0.0]])), _Tree(np.array([[70.0], [90.0]]))]
-    for tree, parent, way in (
-        (0, 0, (0, 1, 2)),
-        (0, 1, (2, 3, 4)),
-        (1, 1, (90, 8, 7)),
-        (0, 0, (0, 50)),
-        (1, 2, (7, 6, 5)),
-    ):
+    grown = (0, 0, (0, 1, 2)), (0, 1, (2, 3, 4)), (1, 1, (90, 8, 7)), (0, 0, (0, 50)), (1, 2, (7, 6, 5))
+    for tree, parent, way in grown:
         trees[tree].add(np.array(way, dtype=float)[:, None], parent, np.array(way[-2:], dtype=float)[:, None] / 10)
     search._goals, search._reachable = np.array([[70.0], [90.0]]), [np.eye(2), np.eye(1)]
     monkeypatch.setattr(search, "_exact", lambda nodes, inputs: (nodes.ravel(), inputs.ravel()))
@@ -90,9 +68,7 @@ def test_random_motions_are_as_long_as_a_tenth_of_a_metre_to_a_metre():
     drawn = np.array([search._drawn(q[0], np.random.default_rng(k)) for k in range(40)])
     sizes = np.abs(drawn @ search._flow.reduced.at(q[0]).R.T).max(axis=3)
     assert (0.1 <= sizes.min() < 0.11, 0.99 < sizes.max() <= 1.0) == (True, True)
-    single = (drawn != 0.0).sum(axis=3)
-    assert (single[:, :12] == 1).all()
-    assert (single[:, 12:] == 2).all()
+    assert (np.count_nonzero(drawn, axis=3) == np.repeat([1, 2], 12)[:, None]).all()
     assert {tuple(each) for each in np.sign(drawn[:, :12]).reshape(-1, 2)} == {(1, 0), (-1, 0), (0, 1), (0, -1)}
 
 
