@@ -38,10 +38,8 @@ def reaction_wheels():
 def test_left_jacobian_and_its_rate(length):
     generator = np.random.default_rng(0)
     axis, r_dot = generator.normal(size=3), generator.normal(size=3)
-    r, h = length * axis / np.linalg.norm(axis), 1e-5
+    r = length * axis / np.linalg.norm(axis)
     J, J_dot = left_jacobian(r, r_dot)
-    spin = pin.log3(pin.exp3(r + h * r_dot) @ pin.exp3(r - h * r_dot).T) / (2 * h)
-    np.testing.assert_allclose(J @ r_dot, spin, atol=1e-8)
     # The series sum of K^k / (k + 1)!, and its derivative by a complex step.
     K = np.cross(r + 1e-30j * r_dot, np.eye(3)).T
     series = sum(np.linalg.matrix_power(K, k) / factorial(k + 1) for k in range(45))

@@ -219,6 +219,7 @@ def test_memories_that_grow_are_loaded_and_those_of_another_kind_are_not(tmp_pat
     other = rnc.ControlLoop(reduced, Diary(), DT)
     other.load(tmp_path / "loop.npz")
     assert np.array_equal(other.step(5 * DT, *plant.read()), loop.step(5 * DT, *plant.read()))
+    loop_state._check_memory(np.zeros((3, 2)), np.zeros(0), np.zeros((1, 2)))  # of a list that was empty
     memory = loop.state.controller
     for key, value, reason in (
         ("past", np.zeros((4, 3)), "raises ValueError"),
