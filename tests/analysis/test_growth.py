@@ -197,7 +197,6 @@ def test_samples_with_the_last_dimension_are_shown_if_none_has_all(monkeypatch):
 
 @pytest.mark.parametrize(("last", "samples"), [(4, 8), (9, 9), (40, 32)])
 def test_three_samples_of_eight_to_thirty_two_have_to_agree(last, samples, monkeypatch):
-    """The first ones fall short, each by one level more than the one before."""
     monkeypatch.setattr(growth, "grow", lambda _, q: growth.Growth((2, 2 + min(q, last - 2)), np.eye(60), 1e6, False))
     assert generic_growth(None, np.arange(1, 60))[0].samples == samples
 

@@ -62,6 +62,8 @@ def test_coefficients_are_those_of_a_closed_form(order, error):
         c = function[0] / derivatives[0]
         s = function[1] / (c * derivatives[1])
         assert 1e-3 < abs(s) < 1.0
+        largest = np.abs(np.polynomial.Polynomial(function)(np.linspace(-1.0, 1.0, 99))).max()
+        assert largest == pytest.approx(1.0, abs=0.01)  # its unit
         np.testing.assert_allclose(function, c * derivatives * s ** np.arange(order + 1), atol=error)
 
 

@@ -12,8 +12,7 @@ from textbook_systems import planar_model
 
 WHEELBASE = 1.2
 AXLE = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, 2.3), np.array([0.3, -0.2, 0.0]))
-ASIDE = AXLE.inverse().translation[1]
-"""The axle's point nearest to the origin of the base, to the left of the middle between the wheels [m]."""
+ASIDE = AXLE.inverse().translation[1]  # of the axle's point nearest to the origin of the base [m]
 
 
 def vehicle(steered):

@@ -350,13 +350,14 @@ def test_a_way_is_narrowest_where_it_passes_beside_a_post():
     """A box of 0.4 m goes east in a second and north in four: it passes a ball, 0.7 m beside it, after two of these."""
     box, post = unicycle(0.4), Obstacle(coal.Sphere(0.1), position=(1.9, 1.5, 0.0), name="post")
     checker = way_checker(box.robot, at_pose(box, 0.0, 0.0), [post], None, 0.0)
-    q = np.array([at_pose(box, x, y) for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 3.0), (1.0, 4.0))])
-    found = checker.narrowest(np.array([0.0, 1.0, 5.0, 6.0]), q, 5.0)
+    q = np.array([at_pose(box, x, y) for x, y in ((0, 0), (0.3, 0), (0.6, 0), (1, 0), (1, 3), (1, 4))])
+    times = np.array([0.0, 0.3, 0.6, 1.0, 5.0, 6.0])
+    found = checker.narrowest(times, q, 5.0)
     assert found.distance == pytest.approx(0.9 - 0.2 - 0.1, abs=2e-3)
     assert 2.7 < found.time < 3.3  # the side of the box is flat
     np.testing.assert_allclose(found.q, at_pose(box, 1.0, 0.75 * (found.time - 1.0)), atol=1e-9)
     assert "post" in found.pair
-    assert checker.narrowest(np.array([0.0, 1.0, 5.0, 6.0]), q, 0.59) is None
+    assert checker.narrowest(times, q, 0.59) is None
 
 
 @pytest.mark.parametrize(("limit", "planned"), [("1e30", 3), ("40", 5)])

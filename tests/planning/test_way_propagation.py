@@ -14,9 +14,8 @@ def search_of(count):
     """A search of a tractor with a trailer, and ``count`` configurations of it."""
     reduced, generator = tractor(1), np.random.default_rng(3)
     q = np.array([reduced.random_configuration(generator, 0.4) for _ in range(count)])
-    area = np.array([[-9.0, -9.0, -9.0], [9.0, 9.0, 9.0]])
-    every = np.ones(reduced.n, dtype=bool)
-    return PropagatedSearch(KinematicFlow(reduced), every, None, q[:2], area, np.ones(5), SearchBudget(9.0)), q
+    area, every = np.array([[-9.0, -9.0, -9.0], [9.0, 9.0, 9.0]]), np.ones(5)
+    return PropagatedSearch(KinematicFlow(reduced), every > 0, None, q[:2], area, every, SearchBudget(9.0)), q
 
 
 @pytest.mark.parametrize("loose", [1.0, 7.0])
