@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.input_validation import ConfigurationValidator, check_finite, vector
+from rnc_pin.model.input_validation import ConfigurationValidator, check_finite, check_positive_settings, vector
 from systems import space_robot
 from textbook_systems import sliders
 
@@ -65,3 +65,10 @@ def test_a_wrong_size_names_the_entries():
         reduced.terms(q, [0.1, 0.2])
     with pytest.raises(rnc.InputError, match=r"^T has shape \(1,\), .* for joint_1, joint_2, joint_3$"):
         reduced.forward_dynamics(q, np.zeros(3), [1.0])
+
+
+def test_settings_are_positive_numbers_or_none():
+    check_positive_settings(first=None, second=1e-300)
+    for value, words in ((0.0, "0"), (-1, "-1"), (np.inf, "inf"), (np.nan, "nan"), ("1", "'1'"), (True, "1")):
+        with pytest.raises(rnc.ConfigurationError, match=f"^last: expected a positive number, found {words}$"):
+            check_positive_settings(first=2.0, last=value)

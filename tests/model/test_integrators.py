@@ -9,13 +9,8 @@ from scipy.linalg import expm
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.model.integrators import (
-    ExponentialCoordinates,
-    ExponentialRungeKutta4,
-    LieRungeKutta4,
-    LinearPart,
-    phi_functions,
-)
+from rnc_pin.model.integrators import AdaptiveIntegrator, ExponentialCoordinates, LieRungeKutta4, phi_functions
+from rnc_pin.model.integrators.exponential_runge_kutta import ExponentialRungeKutta4, LinearPart
 from rnc_pin.plants.reduced import ConstrainedDynamics
 from simple_controllers import Inputs
 from systems import free_flying_panda, leaning_wheel, mobile_manipulator, space_robot_in_joints
@@ -94,6 +89,18 @@ def test_an_exponential_step_is_exact_for_damping_and_the_classical_one_without_
     expected = LieRungeKutta4(robot).measured_step(bent, q, y, h, 2)
     for found, known in zip(integrator.step(bent, none, q, y, h), expected, strict=True):
         np.testing.assert_allclose(found, known, rtol=1e-12)
+
+
+def test_adaptive_steps_end_at_a_pole():
+    """``y' = y^2`` is 1 / (1 - t); a slider that moves with it is at the logarithm."""
+    motion = AdaptiveIntegrator(sliders("X"), lambda t, q, y: (y, y**2), rtol=1e-9, atol=1e-9)
+    blocks, times = [], np.array([0.0, 0.4, 0.45, 0.9, 2.0])
+    with pytest.raises(rnc.DivergenceError, match="step size is too small: the motion runs into a sing") as told:
+        blocks.extend(motion.run(times, np.zeros(1), np.ones(1)))
+    t, q, y = (np.concatenate(each) for each in zip(*blocks, strict=True))
+    np.testing.assert_array_equal(t, times[:4])
+    np.testing.assert_allclose(np.hstack([q, y]).T, [-np.log(1 - t), 1 / (1 - t)], rtol=1e-6, atol=1e-12)
+    assert told.value.time == pytest.approx(1.0, abs=1e-6)
 
 
 def test_free_motion_agrees_with_a_fixed_step_that_is_halved():

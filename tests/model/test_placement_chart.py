@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from rnc_pin.model.coordinates import ConfigurationManifold, PlacementChart, arc_chord
+from rnc_pin.model.coordinates import ConfigurationManifold, PlacementChart, arc_chord, heading_of
 
 STEP = 1e-6
 
@@ -49,5 +49,7 @@ def test_coordinates_and_derivatives(base):
 
 
 @pytest.mark.parametrize("turn", [-3.0, -1e-3, 0.4, 2.5, 5.0])
-def test_the_chord_of_an_arc(turn):
+def test_the_chord_of_an_arc_and_its_heading(turn):
     np.testing.assert_allclose(arc_chord(turn), [np.sin(turn) / turn, (1 - np.cos(turn)) / turn], atol=1e-12)
+    yaw = heading_of(pin.rpy.rpyToMatrix(0.3, -0.4, turn))
+    assert np.exp(1j * yaw) == pytest.approx(np.exp(1j * turn), abs=1e-14)
