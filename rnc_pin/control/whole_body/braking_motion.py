@@ -27,10 +27,11 @@ _KEPT = 1e-8  # [rad, m, and per second] excess over a limit that is rounding
 _SHARE = 0.5  # of the program's inputs beside those of a braking motion
 _REST = 1e-6  # [rad/s, m/s] speed that counts as rest
 _BUDGET = 40  # decisions of the braking law in a sample
-_STEP = 3.0  # time to rest over the duration for which inputs of the law are held
+_STEP = 1.2  # time to rest over the duration for which inputs of the law are held
 _LEAST = 1e-14  # effect of an input on the energy, relative to the sum of all
 _FREE_COST = 1e-9  # of inputs that do not change the energy, relative to the others
-_INSIDE = 0.1  # part of the ground's conditions and of limits by rows that the law leaves unused
+_INSIDE = 0.1  # part of limits by rows that the law leaves unused
+_GROUND = 0.3  # the same of the conditions of the ground, which change along a motion
 _SAME = 1e-6  # [rad, m, and per second] difference to the predicted state at which a kept motion is followed
 _BEYOND = 1e-3  # [rad/s, m/s] motion that limits ask for, in which the program goes on without a verified motion
 _CHANGED = 1e-2, 5e-2, 0.1  # change of configuration, velocity and time [s] after which verification is tried again
@@ -98,6 +99,32 @@ class BrakingCount(NamedTuple):
         return self._replace(unverified=self.unverified + 1, unverified_first=first[0], problem=first[1])
 
 
+class Ground(NamedTuple):
+    """Conditions of the ground near a state, with which a braking motion is planned.
+
+    Their part by the velocity is quadratic in it, so it decreases with the kinetic energy.
+    """
+
+    rows: Float[Array, "k x"]
+    rest: Float[Array, " k"]
+    """Upper bounds at rest, without the part that stays unused."""
+    moving: Float[Array, " k"]
+    """What the velocity adds to them."""
+    energy: float
+
+    @classmethod
+    def of(cls, now: ContactBounds, rest: ContactBounds, energy: float) -> Ground:
+        """Conditions from those of a state with a kinetic energy [J], and those of rest at its configuration."""
+        return cls(now.rows, rest.upper - _GROUND * np.abs(rest.upper), now.upper - rest.upper, energy)
+
+    def at(self, state: StateEvaluation) -> tuple[Array, Array]:
+        """Rows on inputs and undetermined forces, and their upper bounds."""
+        if not len(self.rest):
+            return self.rows, self.rest
+        share = min(float(state.kinetic_energy) / self.energy, 1.0) if self.energy else 0.0
+        return self.rows, self.rest + share * self.moving
+
+
 class Decision(NamedTuple):
     """Sample to execute."""
 
@@ -135,6 +162,7 @@ class Braking:
     ) -> None:
         self._reduced, self._limits, self._contacts, self._integrated = reduced, limits, contacts, integrated
         self._names, self._dt, self._longest = names, dt, longest
+        self._identity = np.eye(reduced.r)
         self._efforts = np.minimum(reduced.actuation.limits, _INFINITE)
 
     def decide(
@@ -170,14 +198,15 @@ class Braking:
             kept, before = None, np.maximum(before, self.exceeded(start, t))
         if kept is None and backup.failed is not None and not _changed(backup.failed, (t, start.q, start.v2)):
             return Decision(planned, backup, count.with_unverified(t, backup.problem))
-        after = self._after(t, planned, before, ground)
+        near = self.ground(start, ground)
+        after = self._after(t, planned, before, near)
         if after.problem is None:
             return Decision(planned, BackupMotion(after), count)
         if self._excludes_rest(rows):
             failed = BackupMotion(None, (t, start.q, start.v2), after.problem)
             return Decision(planned, failed, count.with_unverified(t, after.problem))
         if kept is None:
-            kept = self.motion(start, t, before, ground)
+            kept = self.motion(start, t, before, near)
             if kept.problem is not None:
                 failed = BackupMotion(None, (t, start.q, start.v2), kept.problem)
                 return Decision(planned, failed, count.with_unverified(t, kept.problem))
@@ -186,14 +215,14 @@ class Braking:
             failed = BackupMotion(None, (t, start.q, start.v2), problem)
             return Decision(planned, failed, count.with_unverified(t, problem))
         mixed = under(first.T + _SHARE * (planned.T - first.T))  # otherwise the robot stops and goes
-        further = self._after(t, mixed, before, ground)
+        further = self._after(t, mixed, before, near)
         count = count.with_braked(t, after.problem)
         if further.problem is None:
             return Decision(mixed, BackupMotion(further), count)
         rest = kept.inputs[1:] if len(kept.inputs) > 1 else kept.inputs
         return Decision(first, BackupMotion(BrakingMotion(first.q, first.v2, rest, None)), count)
 
-    def motion(self, start: StateEvaluation, t: float, before: Array, ground: ContactBounds) -> BrakingMotion:
+    def motion(self, start: StateEvaluation, t: float, before: Array, ground: Ground) -> BrakingMotion:
         """Roll out the braking motion from a state until rest.
 
         Args:
@@ -228,6 +257,14 @@ class Braking:
             problem = str(error)
         return BrakingMotion(start.q, start.v2, np.array(inputs), problem)
 
+    def ground(self, state: StateEvaluation, now: ContactBounds | None = None) -> Ground:
+        """Conditions of the ground near a state, which are computed by default."""
+        now = self._contacts.at(state) if now is None else now
+        rest = now
+        if self._contacts.grips and state.v2.any():
+            rest = self._contacts.at(self._reduced.at(state.q, np.zeros_like(state.v2)))
+        return Ground.of(now, rest, float(state.kinetic_energy))
+
     def exceeded(
         self, state: StateEvaluation, t: float, sample: ControlSample | None = None, mean: Array | None = None
     ) -> Float[Array, " k"]:
@@ -237,44 +274,57 @@ class Braking:
         found[: len(self._limits.names)] = self._limits.exceeded(state, t, rows, mean)
         return found
 
-    def _law(self, state: StateEvaluation, t: float, h: float, ground: ContactBounds) -> tuple[Array, float]:
+    def _law(self, state: StateEvaluation, t: float, h: float, ground: Ground) -> tuple[Array, float]:
         """Inputs that leave the least kinetic energy after a time h, and the time to rest; zero at rest."""
-        effects, adverse = state.row_accelerations(np.eye(self._reduced.r))
-        v2, p = state.v2, self._reduced.p
-        offset = v2 / h + adverse
-        size = p + ground.unknowns
+        effects, adverse = state.row_accelerations(self._identity)
+        offset, p, (rows, upper) = state.v2 / h + adverse, self._reduced.p, ground.at(state)
+        T = np.linalg.solve(effects, -offset) if p == len(effects) else np.linalg.pinv(effects) @ -offset
+        stops = (np.abs(T) <= self._efforts).all() and (rows[:, :p] @ T <= upper).all()
+        motion = None
+        if not stops or self._limits.judged_by_rows.any():
+            motion = self._limits.rows(ControlSample(self._reduced, t, state.q, state.v2, h), braking=True)
+            stops = stops and (motion.lower <= 0.0).all() and (motion.upper >= 0.0).all()
+        if motion is None or stops:
+            return T, h if np.abs(state.v).max(initial=0.0) > _REST else 0.0
+        T = self._slowing(effects, offset, h, state, motion, rows, upper)
+        power = -float(state.v2 @ state.H @ (effects @ T + adverse))
+        return T, float(state.v2 @ state.H @ state.v2) / power if power > 0.0 else self._longest
+
+    def _slowing(
+        self,
+        effects: Array,
+        offset: Array,
+        h: float,
+        state: StateEvaluation,
+        motion: LimitRows,
+        ground: Array,
+        above: Array,
+    ) -> Array:
+        """Inputs that leave the least kinetic energy within efforts, ground and the rows of limits."""
+        p, size = self._reduced.p, ground.shape[1]
         metric = state.input_matrix.T @ effects
-        scales = 1.0 / np.sqrt(np.maximum(metric.diagonal(), _LEAST * np.trace(metric)))  # light joints and heavy ones
-        hessian = _FREE_COST * np.eye(size)
-        hessian[:p, :p] += metric * scales * scales[:, None]
-        gradient = np.zeros(size)
-        gradient[:p] = scales * (state.input_matrix.T @ offset)
-        limited = self._limits.rows(ControlSample(self._reduced, t, state.q, v2, h), braking=True)
-        J, spare = limited.jacobian @ state.R, _INSIDE * np.abs(ground.upper)
-        judged = self._limits.judged_by_rows[limited.places]
-        room = np.where(judged, 0.5 * _INSIDE * (limited.upper - limited.lower), 0.0)
+        scales = np.ones(size)  # light joints and heavy ones
+        scales[:p] = 1.0 / np.sqrt(np.maximum(metric.diagonal(), _LEAST * np.trace(metric)))
+        hessian, gradient = _FREE_COST * np.eye(size), np.zeros(size)
+        hessian[:p, :p] += metric * scales[:p] * scales[:p, None]
+        gradient[:p] = scales[:p] * (state.input_matrix.T @ offset)
+        J = motion.jacobian @ state.R
         own = np.zeros((len(J), size))
         own[:, :p], passive = J @ effects, J @ offset
-        box = np.concatenate([self._efforts / scales, np.full(ground.unknowns, _INFINITE)])
-        rows = np.vstack([ground.rows, own])
-        rows[:, :p] *= scales
-        lower = np.concatenate([-box, np.full(len(spare), -_INFINITE), (limited.lower + room) / h - passive])
-        upper = np.concatenate([box, ground.upper - spare, (limited.upper - room) / h - passive])
-        for count in (len(rows), len(ground.rows)):  # limits that no inputs keep are named where they are checked
+        judged = self._limits.judged_by_rows[motion.places]
+        room = np.where(judged, 0.5 * _INSIDE * (motion.upper - motion.lower), 0.0)
+        box = np.full(size, _INFINITE)
+        box[:p] = self._efforts / scales[:p]
+        rows = np.vstack([ground, own]) * scales
+        lower = np.concatenate([-box, np.full(len(above), -_INFINITE), (motion.lower + room) / h - passive])
+        upper = np.concatenate([box, above, (motion.upper - room) / h - passive])
+        for count in (len(rows), len(ground)):  # limits that no inputs keep are named where they are checked
             stop = size + count
             kinds = np.zeros(stop, dtype=np.int32)
             x, _, status, _ = daqp.solve(hessian, gradient, rows[:count], upper[:stop], lower[:stop], kinds)
             if status == _SOLVED:
-                break
-        else:
-            raise DivergenceError("no efforts brake within the conditions of the ground")
-        T = np.clip(scales * x[:p], -self._efforts, self._efforts)
-        change = effects @ T + adverse
-        moving = np.abs(state.v).max(initial=0.0) > _REST
-        if not moving and np.abs(v2 + h * change).max(initial=0.0) <= _REST:
-            return T, 0.0
-        power = -float(v2 @ state.H @ change)
-        return T, float(v2 @ state.H @ v2) / power if power > 0.0 else self._longest
+                return np.clip((scales * x)[:p], -self._efforts, self._efforts)
+        raise DivergenceError("no efforts brake within the conditions of the ground")
 
     def _sample(self, start: StateEvaluation, t: float, T: Array) -> tuple[StateEvaluation, Array]:
         """End of a sample, and the amount by which it exceeds each limit of motion."""
@@ -305,7 +355,7 @@ class Braking:
         asked = np.maximum(rows.lower, -rows.upper)
         return bool((asked[~self._limits.judged_by_rows[rows.places]] > _BEYOND).any())
 
-    def _after(self, t: float, reached: BrakedSample, before: Array, ground: ContactBounds) -> BrakingMotion:
+    def _after(self, t: float, reached: BrakedSample, before: Array, ground: Ground) -> BrakingMotion:
         """Braking motion from the end of a sample; its problem is that of the sample if this exceeds a limit."""
         broken = self._broken(reached.exceeded, np.maximum(before, _KEPT))
         if broken is not None:

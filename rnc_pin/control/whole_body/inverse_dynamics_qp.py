@@ -235,7 +235,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         if self._braking is None:
             return None
         start = self._reduced.at(q, v2, t=t)
-        return self._braking.motion(start, t, self._braking.exceeded(start, t), self._contacts.at(start)).problem
+        return self._braking.motion(start, t, self._braking.exceeded(start, t), self._braking.ground(start)).problem
 
     def exceeded_limits(self, state: InverseDynamicsState) -> dict[str, float]:
         """Return the limits of motion that the run exceeds by the model since its start, with the largest amounts."""

@@ -79,6 +79,7 @@ class ContactCones:
 
     Attributes:
         names: name of each condition, (k,).
+        grips: True if friction is limited.
     """
 
     def __init__(self, reduced: ReducedModel, friction: float | None) -> None:
@@ -91,6 +92,7 @@ class ContactCones:
             for place, contact in enumerate(self._forces.contacts)
             if friction is not None and place in self._carrying and contact.along
         ]
+        self.grips = bool(self._gripping)
         names = [f"{name} normal force" for name in self._normal.names]
         for place, along in self._gripping:
             names += [f"{self._forces.names[place]} friction"] * (2 if along == 1 else _SIDES)
@@ -113,16 +115,17 @@ class ContactCones:
     def excess(self, states: StateEvaluation, T: Float[Array, "N p"]) -> Float[Array, " k"]:
         """Largest amount by which each condition fails at states (N,) under inputs, for the best forces."""
         effects, needed = self._forces.equations(states, T)
-        found = np.zeros(len(self.names))
-        for (left, values, right), need in zip(map(np.linalg.svd, effects), needed, strict=True):
-            rank = int((values > _RANK * values[0]).sum())
-            forces = self._conditions @ (right[:rank].T @ ((left[:, :rank].T @ need) / values[:rank]))
-            free = self._conditions @ right[rank:].T
-            if (forces > 0.0).any() and free.shape[1]:
-                nearest = nearest_point(np.zeros(free.shape[1]), free, np.full(len(forces), -np.inf), -forces)
-                forces = forces if nearest is None else forces + free @ nearest.point
-            np.maximum(found, forces, out=found)
-        return found
+        left, values, right = np.linalg.svd(effects)
+        counted = values > _RANK * values[:, :1]
+        inverses = np.divide(1.0, values, out=np.zeros_like(values), where=counted)
+        along = inverses * np.matvec(left.mT[:, : values.shape[1]], needed)
+        found = np.matvec(right.mT[:, :, : values.shape[1]], along) @ self._conditions.T
+        for number in np.flatnonzero((found > 0.0).any(axis=1)):
+            free = self._conditions @ right[number, int(counted[number].sum()) :].T
+            point = nearest_point(np.zeros(free.shape[1]), free, np.full(len(free), -np.inf), -found[number])
+            if free.shape[1] and point is not None:
+                found[number] += free @ point.point
+        return np.asarray(found.max(axis=0))
 
     @cached_property
     def _conditions(self) -> Float[Array, "k y"]:

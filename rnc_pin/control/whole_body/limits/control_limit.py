@@ -45,15 +45,19 @@ class ControlSample:
         (0.01, 0.01)
     """
 
-    __slots__ = ("_reduced", "dt", "end", "start", "time")
+    __slots__ = ("_end", "_reduced", "dt", "start", "time")
 
     def __init__(self, reduced: ReducedModel, time: float, q: np.ndarray, v2: np.ndarray, dt: float) -> None:
         self._reduced, self.time, self.dt = reduced, time + dt, dt
         self.start: StateEvaluation = reduced.at(q, v2, t=time)
-        self.end: StateEvaluation = self.start
-        if dt:
-            ahead = pin.integrate(reduced.robot.model, self.start.q, dt * self.start.v)
-            self.end = reduced.at(ahead, v2, t=self.time)
+        self._end: StateEvaluation | None = None if dt else self.start
+
+    @property
+    def end(self) -> StateEvaluation:
+        if self._end is None:
+            ahead = pin.integrate(self._reduced.robot.model, self.start.q, self.dt * self.start.v)
+            self._end = self._reduced.at(ahead, self.start.v2, t=self.time)
+        return self._end
 
     def along_reducing_outputs(self) -> StateEvaluation:
         """Return the end, evaluated with each column of R as velocity; one leading axis (r,).
