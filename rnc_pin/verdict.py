@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from functools import cached_property
 from typing import Any
@@ -52,6 +52,8 @@ class FindingKind(StrEnum):
     """A contact that cannot pull had to pull."""
     SLIP = "slip"
     """A contact needed more friction than was stated."""
+    LATE = "late"
+    """Steps took longer to compute than their sampling period, by the clock of this computer."""
     FALLBACK = "fallback"
     """A fallback command was in use, because the loop had a fault or a program was late or failed."""
     BRAKING = "braking"
@@ -128,6 +130,8 @@ class Verdict(SummaryMixin):
     Attributes:
         findings: all findings, those that fail first.
         accepted: kinds of findings that the user accepts: they do not fail.
+        late: note of samples that took longer to compute than the sampling period. It depends on the computer, so it is
+            in no file, print or comparison, and it decides nothing.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -139,6 +143,7 @@ class Verdict(SummaryMixin):
 
     findings: tuple[Finding, ...] = ()
     accepted: frozenset[FindingKind] = frozenset()
+    late: Finding | None = field(default=None, compare=False)
 
     @classmethod
     def of(cls, findings: Iterable[Finding], accepted: Iterable[FindingKind | str] = ()) -> Verdict:

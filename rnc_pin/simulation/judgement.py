@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -83,7 +84,16 @@ def judge(
         *_given_way(gave_way or {}),
         *more,
     ]
-    return Verdict.of(findings, accepted)
+    return replace(Verdict.of(findings, accepted), late=_late(run))
+
+
+def _late(run: Trajectory) -> Finding | None:
+    """Note of samples that took longer to compute than the sampling period."""
+    late = run.info.late
+    if late is None:
+        return None
+    share, severity = late.late / max(late.ticks, 1), Severity.NOTE
+    return Finding(FindingKind.LATE, "control loop", share, "", late.first, severity, str(late))
 
 
 def _end(run: Trajectory) -> Iterator[Finding]:

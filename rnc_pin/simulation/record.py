@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from rnc_pin.analysis import NormalForces
 from rnc_pin.control.controller import Command
+from rnc_pin.control.loop.loop_state import LateTicks
 from rnc_pin.errors import InputError
 from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.reduced_model import ReducedModel
@@ -81,6 +82,8 @@ class Record:
         """Braking motions of a program in inputs."""
         self.integration: IntegrationAccuracy | None = None
         """Estimated errors of the integration."""
+        self.late: LateTicks | None = None
+        """Samples whose computation took longer than the sampling period."""
         self.own_force_units: dict[str, dict[str, str]] = {}
         """Units by name of the forces that the plant states itself, for each kind."""
 
@@ -245,6 +248,7 @@ class Record:
             self.missed_updates,
             self.braking,
             self.integration,
+            late=self.late,
         )
         derived = self._derived(a["time"], a["q"], a["v"], a["T"], bodies) | own_forces
         return judged_by(Trajectory(**a, **derived, info=info), reduced)

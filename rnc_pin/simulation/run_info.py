@@ -11,6 +11,7 @@ from enum import StrEnum
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast
 
+from rnc_pin.control.loop.loop_state import LateTicks
 from rnc_pin.errors import ConfigurationError, printable
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.coordinates import Coordinates
@@ -334,6 +335,7 @@ class RunInfo:
         braking: braking motions of a program in inputs; None if it always went on and they were verified.
         integration: estimated errors of the integration; None if the plant does not estimate it.
         verdict: findings about the run, if it was judged.
+        late: samples whose computation took longer than the sampling period; in no file, print or comparison.
     """
 
     outputs: OutputNames = OutputNames()
@@ -349,6 +351,7 @@ class RunInfo:
     braking: BrakingUse | None = None
     integration: IntegrationAccuracy | None = None
     verdict: Verdict | None = None
+    late: LateTicks | None = field(default=None, repr=False, compare=False)
 
     def to_json(self) -> dict[str, Json]:
         """Return the JSON form."""

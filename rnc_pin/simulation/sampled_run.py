@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from time import perf_counter, thread_time
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from rnc_pin.control.controller import Command, State, limited_accelerations, missed_goals, part_with
 from rnc_pin.control.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
+from rnc_pin.control.loop.loop_state import counted
 from rnc_pin.control.loop.options import admit_controller, admit_model, type_name
 from rnc_pin.control.whole_body.braking_motion import BrakingCount
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
@@ -225,11 +227,15 @@ class SampledRun:
             self.stop.check(t, state)
         except DivergenceError as error:
             raise _blamed(error, adapter.plant, state.v) from None
+        wall, begin = perf_counter(), thread_time()
         try:
             T = adapter.compute_input(loop, t)
         except Exception:
             progress.active_component = loop.active_component
             raise
+        if perf_counter() - wall > self._dt:  # thread time, without other work of the computer, is never longer
+            spent = thread_time() - begin
+            self.record.late = counted(self.record.late, t, spent, self._dt)
         T = adapter.apply(loop, T)
         self._count_fallback(t, loop.state.fault)
         if self._lift_off is not None:
@@ -305,6 +311,8 @@ class SampledRun:
         if self.record.fallback is not None:
             lasts = self._stretch * self._dt > self.loop.timeout or self._stretch > self._longest
             self.record.fallback = replace(self.record.fallback, at_the_end=lasts or self.loop.state.failed)
+        if self.record.late is not None:
+            self.record.late = self.record.late._replace(ticks=self.samples) if self.record.late.late else None
         self.record.integration = self.integration()
         self.record.missed_updates = _missed_updates(self.loop.state.controller)
         self.record.braking = _braking(self.controller, self.loop.state.controller)

@@ -25,7 +25,7 @@ _LABELS = {
     "lift_off": "lift off [s, N]",
     "smallest_distance": "smallest distance [m, s]",
 }
-_UNPRINTED = {"scenario", "outcome", "duration", "samples", "findings", "versions", "files"}
+_UNPRINTED = {"scenario", "outcome", "duration", "samples", "findings", "late", "versions", "files"}
 
 
 class Learning(TypedDict, total=False):
@@ -88,6 +88,8 @@ class Summary(Compared):
     max_input: dict[str, float]
     wall_time: float | None
     realtime_factor: float | None
+    late: NotRequired[dict[str, Json]]
+    """Finding of samples that took longer to compute than the sampling period; like ``wall_time`` of this computer."""
     versions: Mapping[str, str]
     phases: NotRequired[list[dict[str, object]]]
     """Start of each phase [s], and the event that ended it."""
@@ -219,6 +221,8 @@ def add_verdict(summary: Summary, verdict: Verdict) -> None:
     summary["verdict"] = verdict.word
     summary["findings"] = [each.to_json() for each in verdict.findings]
     summary["accepted"] = sorted(map(str, verdict.accepted))
+    if verdict.late is not None and summary["wall_time"] is not None:
+        summary["late"] = verdict.late.to_json()
     if verdict.first is not None:
         summary["first_finding"] = {"kind": str(verdict.first.kind), "message": str(verdict.first)}
 

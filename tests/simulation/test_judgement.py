@@ -8,7 +8,7 @@ import pytest
 import rnc_pin as rnc
 import systems
 from rnc_pin.collision import OmittedPair
-from rnc_pin.simulation import Clearance, LimitReplay, distance_findings
+from rnc_pin.simulation import Clearance, LimitReplay, distance_findings, sampled_run
 from rnc_pin.verdict import FindingKind, Severity
 from simple_controllers import Idle, Inputs
 
@@ -165,6 +165,34 @@ def test_reversals_need_limits_samples_and_numbers(tmp_path):
     chatter[50] = np.inf
     found = [each.kind for each in with_signals(run, robot, T=chatter).findings]
     assert FindingKind.REVERSAL in found
+
+
+def test_late_samples_are_a_note_beside_the_findings_and_equal_runs_stay_equal(tmp_path, monkeypatch):
+    reduced, clock = systems.sleigh(), [0.0]
+    monkeypatch.setattr(sampled_run, "thread_time", lambda: clock[0])
+    monkeypatch.setattr(sampled_run, "perf_counter", lambda: 10.0 * clock[0])  # of a busy computer
+
+    def run(slow):
+        def push(t):
+            clock[0] += slow.get(round(100 * t), 0.002)
+            return [0.0, 0.0]
+
+        return rnc.simulate(reduced, Inputs(push), reduced.robot.configuration(), 0.49, 0.01)
+
+    late, quick = run({3: 0.02, 7: 0.03}), run({})
+    note = late.verdict.late
+    assert (note.kind, note.severity, note.amount, note.time) == (FindingKind.LATE, Severity.NOTE, 2 / 50, 0.03)
+    assert "2 steps (4 %)" in str(note)
+    assert "30 ms" in str(note)
+    assert quick.verdict.late is None
+    assert (late.verdict, late.verdict.word, str(late.verdict)) == (quick.verdict, "succeeded", str(quick.verdict))
+    assert (late.meta, repr(late.info), late.info) == (quick.meta, repr(quick.info), quick.info)
+    late.save(tmp_path / "run.npz")
+    assert rnc.Trajectory.load(tmp_path / "run.npz").verdict.late is None
+    for computing_time in (None, 1.0):
+        summary = rnc.summarize(late, computing_time)
+        rnc.simulation.add_verdict(summary, late.verdict)
+        assert ("late" in summary, summary["findings"]) == (computing_time is not None, [])
 
 
 def bent(reduced):

@@ -114,6 +114,8 @@ def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
     for finding in summary.get("findings", ()):
         how = weight_of(str(finding["kind"]), str(finding["severity"]), summary.get("accepted", ()))
         console.print(f"{how}: {finding['message']}", highlight=False, soft_wrap=True)
+    if "late" in summary:
+        console.print(f"note: {summary['late']['message']}", highlight=False, soft_wrap=True)
     invariants = Table(show_header=False, box=None, pad_edge=False)
     invariants.add_column()
     invariants.add_column(justify="right")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from time import perf_counter
 from typing import NamedTuple, Unpack
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Controller
-from rnc_pin.control.loop.loop_state import LoopState, check_state, restore, write_state
+from rnc_pin.control.loop.loop_state import LoopState, check_state, counted, restore, write_state
 from rnc_pin.control.loop.measurements import (
     Guard,
     InvalidMeasurementError,
@@ -78,7 +79,7 @@ class ControlLoop(ReprMixin):
         controller: a controller of this package or of the same protocol.
         dt: nominal sampling period [s].
         options: options by name, the fields of ``LoopSettings``: ``velocity``, ``cutoff``, ``limits``, ``fallback``,
-            ``timeout``, ``max_speed``, ``min_singular_value`` and ``brake``.
+            ``timeout``, ``max_speed``, ``min_singular_value``, ``brake`` and ``deadline``.
 
     Attributes:
         settings: options of the loop.
@@ -152,6 +153,14 @@ class ControlLoop(ReprMixin):
         Raises:
             RncError: an invalid measurement or an error of the controller, with ``fallback="raise"``.
         """
+        begin, deadline = perf_counter(), self.settings.deadline
+        T = self._step(t, q, v, integrals)
+        if deadline is not None:
+            late = counted(self.state.late, self.state.time or 0.0, perf_counter() - begin, deadline)
+            self.state = self.state._replace(late=late)
+        return T
+
+    def _step(self, t: float, q: Array, v: Array | None, integrals: Array | None) -> Array:
         if self.state.failed:
             return self._fallback_input(v)
         try:
@@ -205,7 +214,7 @@ class ControlLoop(ReprMixin):
         requested = input_of(self.reduced, state, command)
         T = requested if self.limits is None else clipped(requested, self.limits)
         deficit = None if T is requested else _input_deficit(requested, T)
-        self.state = LoopState(begin, t, state.q, state.v2, integrals, before.motion, T, deficit, own)
+        self.state = LoopState(begin, t, state.q, state.v2, integrals, before.motion, T, deficit, own, late=before.late)
         self.last = Decision(t - begin, state, measurement, command, requested, T)
         return T
 

@@ -41,6 +41,34 @@ class VelocityEstimate(NamedTuple):
     """Estimated acceleration [rad/s^2, m/s^2]."""
 
 
+class LateTicks(NamedTuple):
+    """Steps whose computation took longer than they may. Times of a clock: no two runs have the same."""
+
+    ticks: int
+    """Number of all steps."""
+    late: int
+    """Number of late ones."""
+    largest: float
+    """Longest computing time of a late one [s]."""
+    first: float
+    """Time of the first late one, or of the last valid measurement before it [s]."""
+
+    def __str__(self) -> str:
+        share = 100 * self.late / max(self.ticks, 1)
+        return (
+            f"{self.late} steps ({share:.3g} %) took longer to compute than they may, up to {1e3 * self.largest:.3g} "
+            f"ms, the first at t = {self.first:.3f} s"
+        )
+
+
+def counted(before: LateTicks | None, t: float, spent: float, deadline: float) -> LateTicks:
+    """Count a step at time t [s] that took so long [s]."""
+    ticks, late, largest, first = before or (0, 0, 0.0, t)
+    if not spent > deadline:
+        return LateTicks(ticks + 1, late, largest, first)
+    return LateTicks(ticks + 1, late + 1, max(largest, spent), first if late else t)
+
+
 @printed(invalid_since="s")
 class LoopState(NamedTuple):
     """All data that a control loop keeps from one step to the next.
@@ -74,6 +102,8 @@ class LoopState(NamedTuple):
     """Reason for the safe command, as text; None in normal operation."""
     failed: bool = False
     """True after an error of the controller: the safe command is permanent."""
+    late: LateTicks | None = None
+    """Steps that took longer than ``deadline``; None without a deadline. Nothing else in a state depends on a clock."""
 
 
 # ------------------------------------------------------------------ checks
@@ -92,7 +122,8 @@ def check_state(state: LoopState, reduced: ReducedModel) -> None:
     if not isinstance(state, LoopState):
         raise InputError(f"expected a LoopState, found {type(state).__name__}")
     r, p, q, v = np.zeros(reduced.r), np.zeros(reduced.p), reduced.robot.configuration(), np.zeros(reduced.n)
-    valid = LoopState(0.0, 0.0, q, r, r, VelocityEstimate(q, v, v), p, p, None, 0.0, "", False)
+    motion, late = VelocityEstimate(q, v, v), LateTicks(0, 0, 0.0, 0.0)
+    valid = LoopState(0.0, 0.0, q, r, r, motion, p, p, None, 0.0, "", False, late)
     for name, found, model in zip(LoopState._fields, state, valid, strict=True):
         if name != "controller":
             _check_memory(found, model, model, name)
@@ -242,7 +273,7 @@ def _read_state(path: Path, initial_state: Callable[[Array], State]) -> tuple[Lo
     try:
         arrays = read_npz(path, text=[_STRUCTURE], largest=_MOST_BYTES)
         structure = json.loads(str(arrays.pop(_STRUCTURE)))
-        known: dict[str, type] = {each.__qualname__: each for each in (tuple, LoopState, VelocityEstimate)}
+        known: dict[str, type] = {each.__qualname__: each for each in (tuple, LoopState, LateTicks, VelocityEstimate)}
         fields = dict(zip(LoopState._fields, structure["items"], strict=True))
         q = _unpack(fields["q"], arrays, known)
         initial: State = None

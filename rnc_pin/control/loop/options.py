@@ -28,6 +28,7 @@ class GuardOptions(TypedDict, total=False):
     max_speed: float
     min_singular_value: float
     brake: float
+    deadline: float | None
 
 
 class LoopOptions(GuardOptions, total=False):
@@ -56,6 +57,7 @@ class LoopSettings:
         min_singular_value: limit for the smallest singular value of E. Below it the loop fails with a
             SingularityError instead of a step.
         brake: decay rate of the velocities under "brake" [1/s].
+        deadline: time that a step may take [s]. ``state.late`` counts the steps that take longer by the wall clock.
 
     Raises:
         ConfigurationError: an option has an invalid value.
@@ -69,6 +71,7 @@ class LoopSettings:
     max_speed: Positive = 100.0
     min_singular_value: NotNegative = 0.0
     brake: Positive = 5.0
+    deadline: Positive | None = None
 
     @classmethod
     def of_options(cls, options: LoopOptions) -> LoopSettings:
@@ -86,10 +89,10 @@ class LoopSettings:
     def __post_init__(self) -> None:
         check_choice("fallback", self.fallback, ("hold", "brake", "zero", "raise"))
         check_choice("velocity", self.velocity, ("measured", "observer"))
-        for name in ("max_speed", "cutoff", "timeout", "min_singular_value", "brake"):
+        for name in ("max_speed", "cutoff", "timeout", "min_singular_value", "brake", "deadline"):
             value = getattr(self, name)
             if value is not None:
-                check_number(name, value, zero=name not in ("max_speed", "cutoff"))
+                check_number(name, value, zero=name not in ("max_speed", "cutoff", "deadline"))
 
 
 def admit_model(reduced: object) -> ReducedModel:

@@ -94,7 +94,7 @@ class VelocityLoop(VelocityInputLoop):
         joints: joints whose velocities are commanded; by default those that the actuators drive.
         fallback: safe command: "zero" velocities, "brake" (velocities decay), "hold" the last ones, or "raise".
         options: further options by name, as for ``ControlLoop``: ``cutoff``, ``timeout``, ``max_speed``,
-            ``min_singular_value`` and ``brake``.
+            ``min_singular_value``, ``brake`` and ``deadline``.
 
     Attributes:
         joints: names of the commanded joints, (j,).

@@ -8,7 +8,7 @@ import pytest
 import rnc_pin as rnc
 import systems
 from rnc_pin.control import Command
-from rnc_pin.control.loop import loop_state
+from rnc_pin.control.loop import control_loop, loop_state
 from rnc_pin.control.loop.loop_state import VelocityEstimate, write_state
 from rnc_pin.control.loop.measurements import VelocityObserver
 from rnc_pin.plants import FaultyPlant, ReducedPlant
@@ -41,6 +41,42 @@ def started(reduced):
     plant = ReducedPlant(reduced)
     plant.reset(reduced.robot.configuration(), np.zeros(reduced.n))
     return plant
+
+
+def slow(monkeypatch, *spent):
+    """Controller whose steps take these times of the wall clock [s]."""
+    clock, rest = [0.0], list(spent)
+    monkeypatch.setattr(control_loop, "perf_counter", lambda: clock[0])
+
+    def law(t, measurement):
+        clock[0] += rest.pop(0)
+        return Command(T=np.zeros(2))
+
+    return Memoryless(law)
+
+
+def test_steps_that_are_late_by_the_wall_clock_are_counted_in_the_state(tmp_path, monkeypatch):
+    reduced, _ = sleigh()
+    controller = slow(monkeypatch, 0.0, 0.3, 0.1, 0.4, 0.0, 0.0)
+    loop = rnc.ControlLoop(reduced, controller, DT, deadline=0.2)
+    drive(loop, started(reduced), DT * np.arange(5))
+    late = loop.state.late
+    assert (late.ticks, late.late, late.first) == (5, 2, DT)
+    assert late.largest == pytest.approx(0.4)
+    assert "2 steps (40 %)" in str(late)
+    loop.save(tmp_path / "state.npz")
+    after = rnc.ControlLoop(reduced, controller, DT, deadline=0.2)
+    after.load(tmp_path / "state.npz")
+    assert after.state.late == late
+
+
+def test_a_loop_without_a_deadline_has_a_state_that_depends_on_no_clock(monkeypatch):
+    reduced, _ = sleigh()
+    loop = rnc.ControlLoop(reduced, slow(monkeypatch, 9.0), DT)
+    drive(loop, started(reduced), [0.0])
+    assert loop.state.late is None
+    with pytest.raises(rnc.ConfigurationError, match="deadline"):
+        rnc.ControlLoop(reduced, Memoryless(None), DT, deadline=0.0)
 
 
 def test_it_does_what_a_simulation_does():

@@ -40,7 +40,7 @@ from rnc_pin.visualization import View
 _MUJOCO, _FAULTS = Entry(MuJoCoSettings), Entry(Faults)
 _LOOP = {"max_speed": Positive | None, "min_singular_value": NotNegative | None, "brake": Positive | None}
 LoopItem = Annotated[
-    PartialCall[LoopSettings], Entry(LoopSettings, late=("limits",), optional=("fallback",), forms=_LOOP)
+    PartialCall[LoopSettings], Entry(LoopSettings, late=("limits", "deadline"), optional=("fallback",), forms=_LOOP)
 ]
 """Control loop around the controller: velocity estimation, supervision and safe commands."""
 
