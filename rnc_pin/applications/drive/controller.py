@@ -71,6 +71,8 @@ class _Base(BoundTask):
         resting: True for the task at the lowest level that keeps the base at rest; False for the commands.
     """
 
+    constant = True  # speeds of the base
+
     def __init__(self, reduced: ReducedModel, board: GoalBoard, base: DrivenBase, resting: bool = False) -> None:
         self._robot, self._board, self._base, self._resting = reduced.robot, board, base, resting
         self._frame = reduced.robot.frame_id(base.frame)

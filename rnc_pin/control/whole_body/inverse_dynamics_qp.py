@@ -18,7 +18,7 @@ from rnc_pin.control.whole_body.task_hierarchy import (
     RelaxedSolution,
     SampledDamping,
     TaskLevel,
-    column_norms,
+    lever_sum,
     solve_within,
 )
 from rnc_pin.control.whole_body.tasks import ControlTask
@@ -29,6 +29,7 @@ from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
+_NO_EFFECT = 1e-12  # singular value, relative to the largest, of inputs that move nothing
 _CORRECTIONS = 4  # of the velocity at the end of a sample, each smaller by a factor of order dt
 _BEYOND = 1e-9  # excess over a limit of motion that is rounding
 _MOST_STEPS = 64  # Runge-Kutta steps in a sample
@@ -56,13 +57,19 @@ class InverseDynamicsState(NamedTuple):
 
 
 class _SampleProgram(NamedTuple):
-    """Limits of a sample and the effect of its inputs: v2 at the end is ``offset + gain [T; z]``."""
+    """Limits of a sample and the effect of its inputs T and of contact forces z, in unknowns y.
+
+    v2 at the end is ``still + [motion, 0] y``, and ``[T; z] = resting + inputs y``. The columns of ``motion`` are unit
+    vectors, so that the cost of an unknown is that of a velocity.
+    """
 
     sample: ControlSample
     rows: LimitRows
     contacts: ContactBounds
-    gain: Float[Array, "r x"]
-    offset: Float[Array, " r"]
+    motion: Float[Array, "r x"]
+    still: Float[Array, " r"]
+    inputs: Float[Array, "x x"]
+    resting: Float[Array, " x"]
 
 
 class InputSolution(NamedTuple):
@@ -216,9 +223,9 @@ class InverseDynamicsQP(WholeBodyProgram):
     ) -> tuple[_SampleProgram, InputSolution]:
         """Program of one sample, and its solution."""
         program = self._program(t, q, v2)
-        now, sample = ControlSample(self._reduced, t, q, v2, 0.0), program.sample
-        levels, levers = self._levels(now, sample, program.offset, program.gain)
-        sampled = SampledDamping(self.dt, program.gain, -program.offset, levers, self._curved)
+        now = ControlSample(self._reduced, t, q, v2, 0.0)
+        levels, levers = self._levels(now, program)
+        sampled = SampledDamping(self.dt, levers, self._curved)
         return program, self._solved(program, levels, multipliers, sampled)
 
     def braking_problem(self, t: float, q: Array, v2: Array) -> str | None:
@@ -250,7 +257,14 @@ class InverseDynamicsQP(WholeBodyProgram):
         gain = np.zeros((self._reduced.r, p + contacts.unknowns))
         gain[:, :p] = self.dt * np.linalg.solve(state.H, state.input_matrix)
         offset = state.v2 + self.dt * state.v2_dot(np.zeros(p))
-        return _SampleProgram(sample, self._limits.rows(sample), contacts, gain, offset)
+        left, values, right = np.linalg.svd(gain)
+        rank = int((values > _NO_EFFECT * values.max(initial=0.0)).sum())
+        motion, inputs = np.zeros_like(gain), right.T.copy()
+        motion[:, :rank] = left[:, :rank]
+        inputs[:, :rank] /= values[:rank]
+        moved = motion.T @ offset
+        still, resting = offset - motion @ moved, -inputs @ moved
+        return _SampleProgram(sample, self._limits.rows(sample), contacts, motion, still, inputs, resting)
 
     def _solved(
         self,
@@ -260,18 +274,17 @@ class InverseDynamicsQP(WholeBodyProgram):
         sampled: SampledDamping | None = None,
     ) -> InputSolution:
         """Solve the levels within the limits, which hold for the velocity that the dynamics give at the end."""
-        sample, rows, contacts, gain, offset = program
-        state, p = sample.start, self._reduced.p
-        motion = self._limits.bounds(sample, rows)
+        sample, rows = program.sample, program.rows
+        state, motion = sample.start, self._limits.bounds(sample, rows)
 
         def solved(limits: ProgramBounds, start: Array | None) -> RelaxedSolution:
-            bounds = self._bounds(limits, offset, gain, contacts)
+            bounds = self._bounds(limits, program)
             return solve_within(levels, bounds, self._limits, multipliers=start, before=self._forces, sampled=sampled)
 
         found = best = solved(motion, multipliers)
         least, best_end, averaged = np.inf, None, self._limits.averaged[motion.places]
         for _ in range(_CORRECTIONS + 1 if len(motion.lower) else 0):
-            end = self._end(state, found.unknowns[:p])
+            end = self._end(state, self._inputs(program, found.unknowns))
             reached = rows.jacobian @ end.v
             mean = np.where(averaged, rows.jacobian @ self._mean_velocity(state, end), reached)
             beyond = np.maximum(np.maximum(reached, mean) - rows.upper, rows.lower - np.minimum(reached, mean))
@@ -281,7 +294,8 @@ class InverseDynamicsQP(WholeBodyProgram):
             best, best_end, least = found, end, float(beyond.max())
             if least <= _BEYOND:
                 break
-            expected = rows.jacobian @ (sample.end.R @ (offset + gain @ found.unknowns) + sample.end.b)
+            velocity = program.still + program.motion @ found.unknowns
+            expected = rows.jacobian @ (sample.end.R @ velocity + sample.end.b)
             # A change of the velocity at the end changes the mean by half of it.
             above, below = (np.where(averaged, 2.0 * mean - each, reached) for each in (rows.upper, rows.lower))
             corrected = motion._replace(
@@ -291,8 +305,14 @@ class InverseDynamicsQP(WholeBodyProgram):
             found = solved(corrected, found.multipliers)
         found = best
         largest = self._reduced.actuation.limits
-        T = np.clip(found.unknowns[:p], -largest, largest)  # the solver's rounding is no effort beyond the file
-        return InputSolution(T, offset + gain @ found.unknowns, found.multipliers, found.excess, best_end)
+        T = np.clip(self._inputs(program, found.unknowns), -largest, largest)  # the solver's rounding is no effort
+        v2 = program.still + program.motion @ found.unknowns
+        return InputSolution(T, v2, found.multipliers, found.excess, best_end)
+
+    def _inputs(self, program: _SampleProgram, unknowns: Array) -> Array:
+        """Inputs T (p,) of unknowns."""
+        p = self._reduced.p
+        return np.asarray(program.resting[:p] + program.inputs[:p] @ unknowns)
 
     def _end(self, state: StateEvaluation, T: Array) -> StateEvaluation:
         """State at the end of the sample under constant inputs, by as many Runge-Kutta steps as it needs."""
@@ -337,29 +357,28 @@ class InverseDynamicsQP(WholeBodyProgram):
         exceeded[ground] = found.excess[ground]
         return BrakedSample(found.T, end.q, end.v2, exceeded)
 
-    def _levels(
-        self, now: ControlSample, sample: ControlSample, offset: Array, gain: Array
-    ) -> tuple[list[TaskLevel], list[Array]]:
+    def _levels(self, now: ControlSample, program: _SampleProgram) -> tuple[list[TaskLevel], list[float]]:
         """Tasks on the unknowns, and their levers; the last level brings the rest of the motion to rest."""
+        sample = program.sample
         v2, decay = sample.start.v2, float(np.exp(-self.velocity_gain * self.dt))
         rest = TaskLevel(np.eye(len(v2)), decay * v2)
         found = []
         for before, after in zip(self._tasks.at(now), self._tasks.at(sample), strict=True):
             error = before.jacobian @ v2 - before.rate
             found.append(TaskLevel(after.jacobian, after.rate + decay * error))
-        levers = [column_norms(each.jacobian, curved) for each, curved in zip(found, self._tasks.curved, strict=True)]
+        levers = [lever_sum(each.jacobian, curved) for each, curved in zip(found, self._tasks.curved, strict=True)]
         found.append(rest)
-        levels = [TaskLevel(each.jacobian @ gain, each.rate - each.jacobian @ offset) for each in found]
-        return levels, [*levers, np.zeros(len(v2))]
+        levels = [TaskLevel(J @ program.motion, rate - J @ program.still) for J, rate in found]
+        return levels, [*levers, 0.0]
 
-    def _bounds(self, motion: ProgramBounds, offset: Array, gain: Array, contacts: ContactBounds) -> ProgramBounds:
-        moved = motion.rows @ offset
-        efforts = np.zeros((len(self._limited), gain.shape[1]))
-        efforts[np.arange(len(self._limited)), self._limited] = 1.0
+    def _bounds(self, limits: ProgramBounds, program: _SampleProgram) -> ProgramBounds:
+        """Limits of motion, of efforts and of the ground, on the unknowns."""
+        moved, contacts, resting = limits.rows @ program.still, program.contacts, program.resting
+        given, ground = resting[self._limited], contacts.rows @ resting
         return ProgramBounds(
-            np.vstack([motion.rows @ gain, efforts, contacts.rows]),
-            np.concatenate([motion.lower - moved, -self._efforts, np.full(len(contacts.upper), -np.inf)]),
-            np.concatenate([motion.upper - moved, self._efforts, contacts.upper]),
-            np.concatenate([motion.places, *self._forces]),
+            np.vstack([limits.rows @ program.motion, program.inputs[self._limited], contacts.rows @ program.inputs]),
+            np.concatenate([limits.lower - moved, -self._efforts - given, np.full(len(contacts.upper), -np.inf)]),
+            np.concatenate([limits.upper - moved, self._efforts - given, contacts.upper - ground]),
+            np.concatenate([limits.places, *self._forces]),
             len(self.limit_names),
         )

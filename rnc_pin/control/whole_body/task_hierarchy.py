@@ -8,7 +8,6 @@ directions that tasks determine, and without active limits its solution is that 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -24,64 +23,82 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
 
 _SAMPLED_DAMPING = 2.0  # the inverse of the largest factor per sample
-_ATTAINED = 1e-7  # residual, relative to the rate, that is rounding
 _RANK = 1e-8  # singular value, relative to the rows of the level, below which a direction is free
 _FREE_COST = 1e-3  # cost of a direction that no task determines, relative to the least determined direction
 _TOUCHING = 1e-12  # relative excess of a limit that is rounding
 _EXCEEDED = 1e-8  # excess of a limit above which it gave way
+_ROUNDING = 1e-12  # residual, relative to the rate, that is rounding
+_LEAST_SHARE = 1e-9  # of a direction that lower levels may use, below which they do not see it
+_SECANT = 1e-6  # relative error of the damping
+_ITERATIONS = 20  # of the damping of a level; four or five are enough
 
 
 class SampledDamping(NamedTuple):
-    """Damping of tasks that limits keep from their rates: without it, a sampled loop can oscillate between its limits.
+    """Damping of tasks that do not attain their rates: without it, a sampled loop can oscillate between its limits.
 
-    A level minimises ``|J v - rate|^2``. If limits leave a residual rho, the gradient ``J^T rho`` turns with the
+    A level minimises ``|J v - rate|^2``. Where it leaves a residual rho, the gradient ``J^T rho`` turns with the
     configuration q: its slope is ``N = sum_i rho_i d^2 x_i / dq^2``. The program decides the velocity at the end of a
-    sample, at the configuration that the velocity at the start predicts there. So in a motion n that limits leave free,
-    one sample of duration h multiplies a velocity by
+    sample, at the configuration that the velocity at the start predicts there. So one sample of duration h multiplies
+    a velocity along a motion n by
 
         -h n^T N n / |J n|^2
 
-    Near a stationary point of the residual, ``|J n|`` is small. Below -1, the velocity changes its sign at every sample
-    and grows up to a limit. Heavy joints are slower because of their efforts; light joints reverse within a sample.
+    Where an arm is stretched towards a goal out of reach, ``|J n|`` vanishes and N does not. Below -1, the velocity
+    changes its sign at every sample and grows up to a limit. With ``lambda |v|^2`` in the cost, the denominator is
+    ``|J n|^2 + lambda |n|^2``. An arm whose levers ``|J_i|`` (columns of J) fall towards the tip has
+    ``|n^T N n| <= |rho| sum_i |J_i| |n|^2``: the entry (i, j) of N is at most ``|rho|`` times the smaller lever, so
+    N is bounded by a sum of rank-one terms with the trace ``|rho| sum_i |J_i|``. Therefore
 
-    A joint that rotates about an axis with the lever ``|J_i|`` has ``|N_ii| <= |rho| |J_i|``. So the cost
-    ``2 h |rho| |J_i| v_i^2`` bounds the factor of a joint by 1/2, at any distance of the goal. It is zero where tasks
-    attain their rates. Levenberg-Marquardt methods of inverse kinematics damp by the residual likewise (T. Sugihara,
-    IEEE Transactions on Robotics 27 (2011) 984-991).
+        lambda = 2 h |rho(lambda)| sum_i |J_i|
+
+    bounds the factor by 1/2. The residual depends on the damping itself. For one singular value sigma of J and the rate
+    e along it, ``rho = lambda e / (sigma^2 + lambda)``, and the equation has the solution
+    ``lambda = max(0, 2 h e sum_i |J_i| - sigma^2)``: continuous in sigma, and exactly zero near a goal in reach. In
+    general it is the root of one increasing function. Levenberg-Marquardt methods of inverse kinematics damp by the
+    residual likewise (T. Sugihara, IEEE Transactions on Robotics 27 (2011) 984-991), at every singular value;
+    A. A. Maciejewski and C. A. Klein (International Journal of Robotics Research 8(6) (1989) 38-55) at small ones.
     """
 
     dt: float
     """Duration of the sample [s]."""
-    motion: Float[Array, "r n"]
-    """Reduced velocity at the end of the sample, per unknown of the program."""
-    rest: Float[Array, " r"]
-    """Value of ``motion`` times the unknowns at which the robot is at rest."""
-    levers: Sequence[Float[Array, " r"]]
-    """Norm of each column of the curved rows of each level on the reduced velocities, with the roots of weights."""
+    levers: Sequence[float]
+    """Sum of the norms of the columns of the curved rows of each level on the reduced velocities."""
     curved: Sequence[Bool[Array, " k"]]
     """Masks of the rows of each level whose Jacobian depends on the configuration; a constant one has no slope N."""
 
-    def rows(self, level: int, residual: Array, rate: Array) -> tuple[Array, Array] | None:
-        """Return rows (r, n) of the damping and their desired values (r,); None if a level attains its rate.
 
-        Args:
-            level: index of the level.
-            residual: residual of the level (k,) that limits cause: less the one that conflicting tasks have anyway. So
-                the cost grows from zero when a limit becomes active.
-            rate: its rate (k,).
-        """
-        residual = residual[self.curved[level]]
-        size = float(np.sqrt(residual @ residual))
-        if size <= _ATTAINED * (1.0 + float(np.sqrt(rate @ rate))):
-            return None
-        root = np.sqrt(_SAMPLED_DAMPING * self.dt * size * self.levers[level])
-        return root[:, None] * self.motion, root * self.rest
-
-
-def column_norms(jacobian: Float[Array, "k r"], curved: Bool[Array, " k"]) -> Float[Array, " r"]:
-    """Return the norm of each column of the curved rows."""
+def lever_sum(jacobian: Float[Array, "k r"], curved: Bool[Array, " k"]) -> float:
+    """Return the sum of the norms of the columns of the curved rows."""
     jacobian = jacobian[curved]
-    return np.asarray(np.sqrt(np.einsum("kr,kr->r", jacobian, jacobian)))
+    return float(np.sqrt(np.einsum("kr,kr->r", jacobian, jacobian)).sum())
+
+
+def residual_damping(residual: Callable[[float], float], factor: float, highest: float, at_zero: float) -> float:
+    """Return the largest lambda with ``lambda = factor * residual(lambda)``; zero if there is none.
+
+    The right-hand side over lambda falls. Its inverse is linear for one singular value, so the secant method is exact
+    there.
+
+    Args:
+        residual: residual of a level that is damped.
+        factor: damping over residual.
+        highest: bound of the residual.
+        at_zero: value of ``lambda / (factor * residual(lambda))`` at zero.
+    """
+    low, high = 0.0, factor * highest
+    if at_zero >= 1.0 or high <= 0.0:
+        return 0.0
+    at_low, at_high = at_zero, high / max(factor * residual(high), 1e-300)
+    for _ in range(_ITERATIONS):
+        if not at_high > 1.0 + _SECANT:
+            return high
+        middle = low + (1.0 - at_low) * (high - low) / (at_high - at_low)
+        at_middle = middle / max(factor * residual(middle), 1e-300)
+        if at_middle < 1.0 - _SECANT:
+            low, at_low = middle, at_middle
+        else:
+            high, at_high = middle, at_middle
+    return high
 
 
 class TaskLevel(NamedTuple):
@@ -191,28 +208,135 @@ def solve_within(
 
 
 class _FreeDirections(NamedTuple):
-    """Unknowns ``kept + Z z`` that higher levels leave free."""
+    """Unknowns ``kept + Z z`` that higher levels leave free, at the cost ``|stiffness z|^2``."""
 
     kept: Array
     """Solution of the higher levels (n,)."""
     Z: Array | None
-    """Null space of the higher levels, (n, k); None for all directions."""
+    """Directions (n, k), orthogonal; None for all directions."""
+    stiffness: Array
+    """Roots of the cost of each direction (k,), relative to the rows of a level; zero for a free one."""
 
     def rows(self, jacobian: Array) -> Array:
         """Rows on z, from rows on the unknowns."""
         return jacobian if self.Z is None else jacobian @ self.Z
-
-    def rest(self, jacobian: Array, rate: Array) -> Array:
-        """Part of the rates of rows that z has to attain."""
-        return rate if self.Z is None else rate - jacobian @ self.kept
 
     def outward(self, T: Array) -> Array:
         """Directions of the unknowns, from directions of z as columns."""
         return T if self.Z is None else self.Z @ T
 
 
-_Nearest = Callable[[_FreeDirections, Array, Array, Array | None], tuple[Array, Array] | None]
-"""Unknowns ``kept + T y`` and multipliers, with the y nearest to a goal within the limits."""
+class _Point(NamedTuple):
+    """Solution of one level."""
+
+    unknowns: Array
+    determined: Array
+    """Part of the unknowns that the rows of the level determine, beside what is kept."""
+    multipliers: Array
+
+
+class _Level:
+    """One level in the coordinates of its singular values: with ``y = scales V^T z`` its cost is a distance.
+
+    Args:
+        free: what higher levels leave free.
+        own: rows (k, n) on z.
+        rate: their desired values (k,).
+        norm: size of the rows.
+        damping: cost of the unknowns.
+        curved: indices of the rows whose Jacobian depends on the configuration; none without sampled damping.
+        factor: sampled damping over residual.
+    """
+
+    def __init__(
+        self, free: _FreeDirections, own: Array, rate: Array, norm: float, damping: float, curved: Array, factor: float
+    ) -> None:
+        left, values, self._right = np.linalg.svd(own, full_matrices=len(own) < own.shape[1])
+        rank = int((values > _RANK * norm).sum())
+        self._free, self._own, self._norm, self._factor = free, own, norm, factor
+        self.unused = self._right[rank:]
+        self._values, self._squares = values[:rank], values[:rank] ** 2 + damping**2
+        self._amounts = rate @ left[:, :rank]
+        self._along, self._wanted = left[curved, :rank], rate[curved]
+        self._start: Array | None = None
+        self.added = self._added_without_limits() if factor else 0.0
+
+    def _added_without_limits(self) -> float:
+        along = self._along * self._amounts
+        least = self._wanted - along.sum(axis=1)
+        at_rest = _size(self._wanted)
+        turns = self._factor * _size(along @ (1.0 / self._squares))
+        at_zero = 1.0 / max(turns, 1e-300) if _size(least) <= _ROUNDING * at_rest else 0.0
+        return residual_damping(
+            lambda added: _size(least + along @ (added / (self._squares + added))), self._factor, at_rest, at_zero
+        )
+
+    def without_limits(self) -> _Point:
+        """Solution without limits."""
+        determined = self._free.outward(self._right[: len(self._values)].T @ (self._share_of_rate(self.added)))
+        return _Point(self._free.kept + determined, determined, np.zeros(0))
+
+    def _share_of_rate(self, added: float) -> Array:
+        return np.asarray(self._values * self._amounts / (self._squares + added))
+
+    def within(self, bounds: ProgramBounds, start: Array | None) -> _Point | None:
+        """Solution within limits, which can cause a residual too; None if there is none."""
+        self._start = start
+        if self._factor:
+            self.added = residual_damping(
+                lambda added: self._residual(bounds, added), self._factor, _size(self._wanted), 0.0
+            )
+        found = self._nearest(bounds, self.added)
+        if found is None:
+            return None
+        y, T, multipliers = found
+        determined = T[:, : len(self._values)] @ y[: len(self._values)]
+        return _Point(self._free.kept + T @ y, determined, multipliers)
+
+    def _nearest(self, bounds: ProgramBounds, added: float) -> tuple[Array, Array, Array] | None:
+        rank, scales = len(self._values), np.sqrt(self._squares + added)
+        cheap = _FREE_COST * (float(scales[-1]) if rank else 1.0)
+        units = np.append(scales, np.full(len(self.unused), np.sqrt(cheap**2 + added)))
+        goal = np.append(scales * self._share_of_rate(added), np.zeros(len(self.unused)))
+        T = self._free.outward(self._right.T / units)
+        found = _nearest(bounds, self._free.kept, goal, T, self._start)
+        self._start = self._start if found is None else found[2]
+        return found
+
+    def _residual(self, bounds: ProgramBounds, added: float) -> float:
+        found = self._nearest(bounds, added)
+        if found is None:
+            return 0.0
+        z = found[0][: len(self._values)] / np.sqrt(self._squares + added)
+        return _size(self._wanted - self._along @ (self._values * z))
+
+    def left_free(self, lower: Sequence[TaskLevel], determined: Array) -> _FreeDirections | None:
+        """What lower levels may use; None if it is nothing.
+
+        Where the level does not attain its rates, a direction with the singular value sigma is free in part. Motion of
+        lower levels at the speed w turns the null space by ``sum_i |J_i| w / sigma``, so it concerns directions with
+        ``sigma < 2 (2 h sum_i |J_i| w)``.
+        """
+        kept, rank = self._free.kept + determined, len(self._values)
+        share = np.zeros(rank)
+        if self.added:
+            basis = self._free.outward(self._right.T)
+            speed = sum(_speed(basis, J, rate - J @ kept) for J, rate in lower)
+            near = np.maximum(0.0, 1.0 - self._values / max(2.0 * self._factor * speed, 1e-300))
+            share = self.added / (self._squares + self.added) * near
+        loose = share > _LEAST_SHARE
+        if not (len(self.unused) or loose.any()):
+            return None
+        directions = np.vstack([np.sqrt(share[loose])[:, None] * self._right[:rank][loose], self.unused])
+        stiffness = np.append(np.sqrt(1.0 - share[loose]), np.zeros(len(self.unused)))
+        return _FreeDirections(kept, self._free.outward(directions.T), stiffness)
+
+    def largest_speed(self, bounds: ProgramBounds, active: Array) -> float:
+        """Speed of lower levels along active limits at which the null space turns by half within a sample."""
+        rows = self._free.rows(bounds.rows[active != 0.0])
+        along = np.linalg.svd(rows)[2][len(rows) :] if len(rows) else self._right
+        values = np.linalg.svd(self._own @ along.T, compute_uv=False)
+        return float(values[values > _RANK * self._norm].min(initial=np.inf)) / self._factor
 
 
 def solve_cascade(
@@ -224,77 +348,76 @@ def solve_cascade(
 ) -> CascadeSolution | None:
     """Solve the levels from the highest to the lowest; None if no velocity satisfies the limits.
 
+    A level that attains its rates is kept exactly. Where its rows are nearly dependent and it does not, lower levels
+    may use part of these directions: a null space that gained a direction at once, where its singular value vanishes,
+    would turn from sample to sample. For the same reason they are slow where active limits make rows dependent.
+
     Args:
         levels: tasks, highest level first.
         bounds: limits.
         damping: cost of the velocity at every level, which bounds it near singular configurations.
         multipliers: multipliers of a similar cascade, (levels, k), to start from.
-        sampled: damping of levels that limits keep from their rates; by default none.
+        sampled: damping of levels that do not attain their rates; by default none.
     """
     rows, r, k = bounds.rows, bounds.rows.shape[1], len(bounds.lower)
     levels = levels or [TaskLevel(np.zeros((0, r)), np.zeros(0))]
     found = np.zeros((len(levels), k))
     room = _TOUCHING * (1.0 + np.abs(rows).sum(axis=1))
     low, high = bounds.lower - room, bounds.upper + room
-    free, nearest = _FreeDirections(np.zeros(r), None), partial(_nearest, bounds)
-    unknowns = None
+    free, unknowns = _FreeDirections(np.zeros(r), None, np.zeros(r)), None
+    slow: tuple[Array, float] | None = None
     for index, (J, rate) in enumerate(levels):
-        own, rate = free.rows(J), free.rest(J, rate)
-        least = _RANK * max(float(np.sqrt(np.vdot(J, J))), 1e-300)
+        own, rate = free.rows(J), rate - J @ free.kept
+        norm = max(float(np.sqrt(np.vdot(own, own))), 1e-300)
         start = None if multipliers is None else multipliers[index]
-        whole = _distance_form(own, rate, least, damping)
-        if whole is not None:  # the level leaves nothing to lower ones
-            goal, T = whole[0], free.outward(whole[1])
+        lever = 0.0 if sampled is None else sampled.levers[index]
+        if free.stiffness.any():
+            own, rate = np.vstack([own, np.diag(norm * free.stiffness)]), np.append(rate, np.zeros(len(free.stiffness)))
+        elif not lever and (whole := _whole_level(own, rate, _RANK * norm, damping)) is not None:
+            goal, T = whole[0], free.outward(whole[1])  # nothing is left to lower levels
             ahead = free.kept + T @ goal
             reached = rows @ ahead
             if (reached <= high).all() and (reached >= low).all():
                 unknowns = ahead
-            elif (solved := nearest(free, goal, T, start)) is not None:
-                unknowns, found[index] = solved
-                cost = None if sampled is None else sampled.rows(index, J @ (unknowns - ahead), rate)
-                if cost is not None:
-                    solved = _solve_damped(nearest, own, rate, cost, free, least, damping, found[index])
-                    unknowns, found[index] = solved or (unknowns, found[index])
+            elif (solved := _nearest(bounds, free.kept, goal, T, start)) is not None:
+                unknowns, found[index] = free.kept + T @ solved[0], solved[2]
             break
-        left, values, right = np.linalg.svd(own, full_matrices=len(own) < own.shape[1])
-        rank = len(values) if not len(values) or values[-1] > least else int((values > least).sum())
-        values, unused = values[:rank], right[rank:]
-        scales = np.hypot(values, damping) if damping else values
-        goal = values * (rate @ left[:, :rank]) / scales
-        # Directions that the level determines, in units of its rate (r, rank).
-        inward = free.outward(right[:rank].T / scales)
-        ahead = kept = free.kept + inward @ goal
-        reached = rows @ ahead
-        if (reached <= high).all() and (reached >= low).all():
-            unknowns = ahead
-        else:
-            T = inward
-            if len(unused):
-                cheap = _FREE_COST * (float(scales[-1]) if rank else 1.0)
-                T = np.hstack([inward, free.outward(unused.T) / cheap])
-                goal = np.concatenate([goal, np.zeros(len(unused))])
-            offset = rows @ free.kept
-            point = nearest_point(goal, rows @ T, bounds.lower - offset, bounds.upper - offset, start)
-            if point is None:
+        curved, factor = np.zeros(0, dtype=int), 0.0
+        if lever and sampled is not None:
+            curved, factor = np.flatnonzero(sampled.curved[index]), _SAMPLED_DAMPING * sampled.dt * lever
+        level = _Level(free, own, rate, norm, damping, curved, factor)
+        point = level.without_limits()
+        reached = rows @ point.unknowns
+        if not ((reached <= high).all() and (reached >= low).all()):
+            limited = level.within(bounds, start)
+            if limited is None:
                 break  # at a lower level: rounding left no room
-            unknowns, found[index] = free.kept + T @ point.point, point.multipliers
-            determined = point.point[:rank]
-            if sampled is not None and (cost := sampled.rows(index, J @ (unknowns - ahead), rate)):
-                level = _damped_level(own, rate, cost, free, damping * right[:rank])
-                if (damped := _solve_level(nearest, level, free, found[index])) is not None:
-                    unknowns, found[index] = damped
-                    z = unknowns - free.kept if free.Z is None else free.Z.T @ (unknowns - free.kept)
-                    determined = scales * (right[:rank] @ z)
-            kept = free.kept + inward @ determined
-        if not len(unused):
+            point, found[index] = limited, limited.multipliers
+            if level.added and slow is None and index + 1 < len(levels):
+                slow = point.unknowns, level.largest_speed(bounds, point.multipliers)
+        unknowns = point.unknowns
+        left = level.left_free(levels[index + 1 :], point.determined)
+        if left is None:
             break
-        free = _FreeDirections(kept, free.outward(unused.T))
+        free = left
+    if slow is not None and unknowns is not None:  # both ends of the line keep the limits
+        change = unknowns - slow[0]
+        unknowns = slow[0] + min(1.0, slow[1] / max(_size(change), 1e-300)) * change
     return None if unknowns is None else CascadeSolution(unknowns, found)
 
 
-def _distance_form(
-    own: Array, rate: Array, least: float, damping: float, more: tuple[Array, Array] | None = None
-) -> tuple[Array, Array] | None:
+def _size(values: Array) -> float:
+    return float(np.sqrt(values @ values))
+
+
+def _speed(basis: Array, J: Array, rate: Array) -> float:
+    """Size of the velocity that a level asks for along a basis."""
+    own = J @ basis
+    largest = float(np.einsum("kr,kr->k", own, own).max(initial=0.0))
+    return _size(rate @ own) / max(largest, 1e-300)
+
+
+def _whole_level(own: Array, rate: Array, least: float, damping: float) -> tuple[Array, Array] | None:
     """Goal y (n,) and T (n, n) of rows (k, n) that determine all unknowns: with ``x = T y`` their cost is a distance.
 
     The triangular factor of the rows takes less time than their singular values, which a level needs that leaves
@@ -304,65 +427,23 @@ def _distance_form(
         own, rate: rows and their desired values.
         least: least singular value of these rows.
         damping: cost of the unknowns.
-        more: further rows and their desired values.
     """
     size = own.shape[1]
     if len(own) < size:
         return None
     numbers = np.empty((size + 1, size))
-    further, values = (own[:0], rate[:0]) if more is None else more
-    if not _kernel.library.least_squares(own, rate, further, values, least, damping, _RANK, numbers):
+    if not _kernel.library.least_squares(own, rate, own[:0], rate[:0], least, damping, _RANK, numbers):
         return None
     return numbers[0], numbers[1:]
 
 
-def _solve_damped(
-    nearest: _Nearest,
-    own: Array,
-    rate: Array,
-    cost: tuple[Array, Array],
-    free: _FreeDirections,
-    least: float,
-    damping: float,
-    start: Array,
-) -> tuple[Array, Array] | None:
-    """Unknowns and multipliers of a level that determines all unknowns, with further rows that damp it."""
-    found = _distance_form(own, rate, least, damping, (free.rows(cost[0]), free.rest(*cost)))
-    if found is None:
-        return _solve_level(nearest, _damped_level(own, rate, cost, free, damping * np.eye(own.shape[1])), free, start)
-    return nearest(free, found[0], free.outward(found[1]), start)
-
-
 def _nearest(
-    bounds: ProgramBounds,
-    free: _FreeDirections,
-    goal: Array,
-    T: Array,
-    start: Array | None,
-) -> tuple[Array, Array] | None:
+    bounds: ProgramBounds, kept: Array, goal: Array, T: Array, start: Array | None
+) -> tuple[Array, Array, Array] | None:
+    """The y nearest to a goal with ``kept + T y`` within the limits, T and multipliers; None if there is none."""
     lower, upper = bounds.lower, bounds.upper
-    if free.kept.any():
-        offset = bounds.rows @ free.kept
+    if kept.any():
+        offset = bounds.rows @ kept
         lower, upper = lower - offset, upper - offset
     point = nearest_point(goal, bounds.rows @ T, lower, upper, start)
-    return None if point is None else (free.kept + T @ point.point, point.multipliers)
-
-
-def _damped_level(
-    own: Array, rate: Array, cost: tuple[Array, Array], free: _FreeDirections, damping: Array
-) -> TaskLevel:
-    """Level with further rows, which damp it, in the null space of the levels above."""
-    rows = np.vstack([own, damping, free.rows(cost[0])])
-    return TaskLevel(rows, np.concatenate([rate, np.zeros(len(damping)), free.rest(*cost)]))
-
-
-def _solve_level(
-    nearest: _Nearest, level: TaskLevel, free: _FreeDirections, start: Array
-) -> tuple[Array, Array] | None:
-    """Unknowns and multipliers that solve one level within the limits; None if rounding left no room."""
-    J, rate = level
-    left, values, right = np.linalg.svd(J, full_matrices=len(J) < J.shape[1])
-    rank = int((values > _RANK * values[0]).sum())
-    T = np.hstack([right[:rank].T / values[:rank], right[rank:].T / (_FREE_COST * values[rank - 1])])
-    goal = np.concatenate([rate @ left[:, :rank], np.zeros(T.shape[1] - rank)])
-    return nearest(free, goal, free.outward(T), start)
+    return None if point is None else (point.point, T, point.multipliers)

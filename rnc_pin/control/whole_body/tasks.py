@@ -47,7 +47,8 @@ class BoundTask(ABC):
     Attributes:
         names: name of each row, (k,).
         goal_names: names of the outputs that ``goal`` describes; empty if there are none.
-        constant: True if the Jacobian on the full velocity does not depend on the configuration, as for joints.
+        constant: True if the Jacobian on the full velocity does not depend on the configuration, as for joints, or if
+            the rows are speeds without a position error: a sampled loop needs no damping then.
     """
 
     names: tuple[str, ...]
@@ -152,7 +153,7 @@ class BoundOutput(BoundTask):
         self.block, self.reference = output.bind(reduced.robot), reference
         self._together = OutputsTogether([self], reduced)
         self.names = self.goal_names = self.block.names
-        self.constant = isinstance(self.block, ConstantRows)
+        self.constant = isinstance(self.block, ConstantRows) or self.block.quasi
         check_size(reference, len(self.names), f"'{', '.join(self.names)}'")
         self.gain = task.numbers("gain", task.gain, len(self.names)) * (not self.block.quasi)
 

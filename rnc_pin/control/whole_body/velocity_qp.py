@@ -13,7 +13,7 @@ from rnc_pin.control.controller import Description, VelocityTarget, elapsed_time
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, ControlSample
 from rnc_pin.control.whole_body.task_hierarchy import (
     SampledDamping,
-    column_norms,
+    lever_sum,
     solve_within,
 )
 from rnc_pin.control.whole_body.tasks import ControlTask
@@ -105,7 +105,6 @@ class VelocityQP(WholeBodyProgram):
             raise ConfigurationError(f"damping of a whole-body controller cannot be negative, found {damping}")
         self.dt, self.damping = dt, damping
         super().__init__(reduced, tasks, limits)
-        self._at_rest = np.eye(reduced.r), np.zeros(reduced.r)
 
     def describe(self) -> Description:
         """Return the settings of tasks and limits."""
@@ -150,7 +149,7 @@ class VelocityQP(WholeBodyProgram):
         """
         levels, bounds = self._tasks.at(sample), self._limits.bounds(sample)
         curved = self._tasks.curved
-        levers = [column_norms(each.jacobian, mask) for each, mask in zip(levels, curved, strict=True)]
-        sampled = SampledDamping(sample.dt, *self._at_rest, levers, curved)
+        levers = [lever_sum(each.jacobian, mask) for each, mask in zip(levels, curved, strict=True)]
+        sampled = SampledDamping(sample.dt, levers, curved)
         solved = solve_within(levels, bounds, self._limits, self.damping, multipliers, sampled=sampled)
         return ProgramSolution(*solved)

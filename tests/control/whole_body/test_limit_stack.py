@@ -6,7 +6,7 @@ from scipy.linalg import null_space
 from scipy.optimize import LinearConstraint, minimize
 
 from rnc_pin.control.whole_body.limit_stack import ProgramBounds, nearest_point
-from rnc_pin.control.whole_body.task_hierarchy import SampledDamping, TaskLevel, column_norms, solve_cascade
+from rnc_pin.control.whole_body.task_hierarchy import SampledDamping, TaskLevel, lever_sum, solve_cascade
 
 
 def test_nearest_points_satisfy_the_conditions_of_optimality():
@@ -32,8 +32,8 @@ def test_lower_levels_leave_what_damped_levels_within_limits_determine():
     for _ in range(6):
         levels = [TaskLevel(generator.normal(size=(2, 10)), 2.0 * generator.normal(size=2)) for _ in range(3)]
         bounds = ProgramBounds(np.eye(10), np.full(10, -0.4), np.full(10, 0.4), np.arange(10), 10)
-        levers = [column_norms(level.jacobian, np.ones(2, dtype=bool)) for level in levels[:2]]
-        damping = SampledDamping(0.05, np.eye(10), np.zeros(10), [*levers, np.zeros(10)], [np.ones(2, dtype=bool)] * 3)
+        levers = [lever_sum(level.jacobian, np.ones(2, dtype=bool)) for level in levels[:2]]
+        damping = SampledDamping(0.0005, [*levers, 0.0], [np.ones(2, dtype=bool)] * 3)
         two, three = (solve_cascade(levels[:count], bounds, 0.0, sampled=damping) for count in (2, 3))
         above, (J, rate) = np.vstack([levels[0].jacobian, levels[1].jacobian]), levels[2]
         np.testing.assert_allclose(above @ three.unknowns, above @ two.unknowns, atol=1e-7)

@@ -38,7 +38,7 @@ SPEED = limits.JointVelocityLimit(margin=0.0)
 
 def slope(residual, share):
     """Velocity of the wrist per angle, negative: least squares over (y, damping), linear in the angle."""
-    return (residual * LEVER + GAIN * LEVER**2) / (LEVER**2 + share * DT * residual * LEVER)
+    return (residual * LEVER + GAIN * LEVER**2) / (LEVER**2 + share * DT * residual * (1.0 + LEVER))
 
 
 @pytest.mark.parametrize("share", [0.0, 2.0])
@@ -60,7 +60,7 @@ def test_the_wrist_follows_its_sampled_loop(reduced, share, monkeypatch):
     np.testing.assert_allclose(angles, expected, rtol=1e-4)
     u = DT * slope(GAIN * (FAR - LEVER) - SLOW, share)
     factors = np.abs(np.roots([1.0, 1.5 * u - 1.0, -u / 2.0]))
-    assert (factors.max() > 4.5) if share == 0.0 else (factors.max() < 0.9)
+    assert (factors.max() > 4.5) if share == 0.0 else (factors.max() < 1.0)
     np.testing.assert_allclose(abs(angles[8] / angles[7]), factors.max(), rtol=0.02)
 
 
@@ -68,7 +68,7 @@ def test_a_light_joint_is_steady_at_acceleration_level(reduced):
     """The wrist needs no effort near its limit to reverse within a sample, and does not reverse."""
     program = InverseDynamicsQP(reduced, [REACH], [SPEED], dt=DT)
     start = reduced.robot.configuration({"wrist": 0.3})
-    run = rnc.simulate(reduced, program, start, 0.75, DT)
+    run = rnc.simulate(reduced, program, start, 2.5, DT)
     wrist = run.v[8:, 1]
     assert np.abs(run.v[:, 0]).max() <= SLOW * (1 + 1e-6)  # the goal is out of reach
     assert np.abs(np.diff(wrist, 2)).max() < 0.05

@@ -150,7 +150,7 @@ def test_damping_bounds_the_velocity_near_a_singular_configuration():
     reduced = tiago()
     reach = tasks.OutputTask(rnc.FramePosition("arm_7_link"), Hold([5.0, 5.0, 5.0]), gain=3.0)
     (q, _), *_ = random_states(reduced, 1, seed=2)
-    sample = ControlSample(reduced, 0.0, q, np.zeros(reduced.r), 0.01)
+    sample = ControlSample(reduced, 0.0, q, np.zeros(reduced.r), 1e-6)
     rows = reach.bind(reduced).rows(sample)
     A = rows.jacobian @ sample.end.R
     for d in (0.05, 1.0):
