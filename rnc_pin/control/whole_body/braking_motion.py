@@ -27,6 +27,7 @@ _KEPT = 1e-8  # [rad, m, and per second] excess over a limit that is rounding
 _SHARE = 0.5  # of the program's inputs beside those of a braking motion
 _REST = 1e-6  # [rad/s, m/s] speed that counts as rest
 _BUDGET = 40  # decisions of the braking law in a sample
+_RESERVE = 1.1  # of the time in which efforts stop all joints
 _STEP = 1.2  # time to rest over the duration for which inputs of the law are held
 _LEAST = 1e-14  # effect of an input on the energy, relative to the sum of all
 _FREE_COST = 1e-9  # of inputs that do not change the energy, relative to the others
@@ -232,19 +233,28 @@ class Braking:
                 joint beyond its limit may rest or return.
             ground: conditions of the ground, at this state or near it.
         """
+        found = self._rolled_out(start, t, before, ground, together=True)
+        if found.problem is not None:
+            found = self._rolled_out(start, t, before, ground, together=False)
+        return found
+
+    def _rolled_out(
+        self, start: StateEvaluation, t: float, before: Array, ground: Ground, together: bool
+    ) -> BrakingMotion:
+        """Motion whose joints come to rest at the same time after the first sample, or each as fast as it can."""
         inputs: list[Array] = []
         decided: list[tuple[Array, Array, Array]] = []
         state, held, problem = start, 1, f"the robot does not come to rest within {self._longest:g} s"
-        allowed = np.maximum(before, _KEPT)
+        allowed, most = np.maximum(before, _KEPT), round(self._longest / self._dt) + 1
         try:
             for _ in range(_BUDGET):
-                T, to_rest = self._law(state, t, held * self._dt, ground)
+                T, held, following = self._law(state, t, held, ground, together and bool(inputs))
                 decided.append((state.q, state.v, T))
-                if to_rest <= 0.0:
+                if not held:
                     inputs.append(T)
                     problem = self._ground_problem(decided, allowed)
                     break
-                if (len(inputs) + held) * self._dt > self._longest + self._dt:
+                if len(inputs) + held > most:
                     break
                 for _ in range(held):
                     state, exceeded = self._sample(state, t, T)
@@ -252,7 +262,7 @@ class Braking:
                     inputs.append(T)
                     if (found := self._broken(exceeded, allowed)) is not None:
                         return BrakingMotion(start.q, start.v2, np.array(inputs), found)
-                held = max(1, int(min(to_rest - self._dt * held, self._longest) / (_STEP * self._dt)))
+                held = following
         except (SingularityError, DivergenceError) as error:
             problem = str(error)
         return BrakingMotion(start.q, start.v2, np.array(inputs), problem)
@@ -274,21 +284,49 @@ class Braking:
         found[: len(self._limits.names)] = self._limits.exceeded(state, t, rows, mean)
         return found
 
-    def _law(self, state: StateEvaluation, t: float, h: float, ground: Ground) -> tuple[Array, float]:
-        """Inputs that leave the least kinetic energy after a time h, and the time to rest; zero at rest."""
+    def _law(
+        self, state: StateEvaluation, t: float, held: int, ground: Ground, together: bool
+    ) -> tuple[Array, int, int]:
+        """Inputs, the number of samples for which they are held, zero at rest, and this number for the next decision.
+
+        Inputs that stop all joints within a time h are ``load + impulse / h``.
+        """
         effects, adverse = state.row_accelerations(self._identity)
-        offset, p, (rows, upper) = state.v2 / h + adverse, self._reduced.p, ground.at(state)
-        T = np.linalg.solve(effects, -offset) if p == len(effects) else np.linalg.pinv(effects) @ -offset
-        stops = (np.abs(T) <= self._efforts).all() and (rows[:, :p] @ T <= upper).all()
-        motion = None
-        if not stops or self._limits.judged_by_rows.any():
-            motion = self._limits.rows(ControlSample(self._reduced, t, state.q, state.v2, h), braking=True)
-            stops = stops and (motion.lower <= 0.0).all() and (motion.upper >= 0.0).all()
-        if motion is None or stops:
-            return T, h if np.abs(state.v).max(initial=0.0) > _REST else 0.0
-        T = self._slowing(effects, offset, h, state, motion, rows, upper)
+        p, (rows, upper) = self._reduced.p, ground.at(state)
+        inverse = np.linalg.inv(effects) if p == len(effects) else np.linalg.pinv(effects)
+        load, impulse = -inverse @ adverse, -inverse @ state.v2
+        room = np.concatenate([self._efforts - load, self._efforts + load, upper - rows[:, :p] @ load])
+        used = np.concatenate([impulse, -impulse, rows[:, :p] @ impulse])
+        shortest = np.inf
+        if (room >= 0.0).all():
+            shortest = float(np.divide(used, room, out=np.where(used > 0.0, np.inf, 0.0), where=room > 0.0).max())
+        if shortest <= self._dt and self._may_stop(state, t, 1):
+            moving = np.abs(state.v).max(initial=0.0) > _REST
+            return load + impulse / self._dt, int(moving), 1
+        if together and shortest < self._longest:
+            enough = int(np.ceil(_RESERVE * shortest / self._dt))
+            if self._may_stop(state, t, enough):
+                return load + impulse / (enough * self._dt), enough, 1
+        h = held * self._dt
+        motion = self._limits.rows(ControlSample(self._reduced, t, state.q, state.v2, h), braking=True)
+        T = self._slowing(effects, state.v2 / h + adverse, h, state, motion, rows, upper)
         power = -float(state.v2 @ state.H @ (effects @ T + adverse))
-        return T, float(state.v2 @ state.H @ state.v2) / power if power > 0.0 else self._longest
+        to_rest = float(state.v2 @ state.H @ state.v2) / power if power > 0.0 else self._longest
+        return T, held, max(1, int(min(to_rest - h, self._longest) / (_STEP * self._dt)))
+
+    def _may_stop(self, state: StateEvaluation, t: float, held: int) -> bool:
+        """True unless limits that rows judge, such as those of accelerations, exclude rest after some samples."""
+        if not self._limits.judged_by_rows.any():
+            return True
+        sample = ControlSample(self._reduced, t, state.q, state.v2, held * self._dt)
+        motion = self._limits.rows(sample, braking=True)
+        room = self._spare(motion)
+        return bool((motion.lower + room <= 0.0).all() and (motion.upper - room >= 0.0).all())
+
+    def _spare(self, motion: LimitRows) -> Array:
+        """Part of the limits that stays unused (k,)."""
+        judged = self._limits.judged_by_rows[motion.places]
+        return np.where(judged, 0.5 * _INSIDE * (motion.upper - motion.lower), 0.0)
 
     def _slowing(
         self,
@@ -311,8 +349,7 @@ class Braking:
         J = motion.jacobian @ state.R
         own = np.zeros((len(J), size))
         own[:, :p], passive = J @ effects, J @ offset
-        judged = self._limits.judged_by_rows[motion.places]
-        room = np.where(judged, 0.5 * _INSIDE * (motion.upper - motion.lower), 0.0)
+        room = self._spare(motion)
         box = np.full(size, _INFINITE)
         box[:p] = self._efforts / scales[:p]
         rows = np.vstack([ground, own]) * scales
