@@ -145,7 +145,7 @@ class Braking:
         reduced: the model.
         limits: limits of motion.
         contacts: conditions of the ground.
-        integrated: configuration and reduced velocity at the end of a sample, from its start and inputs.
+        ahead: configuration and reduced velocity after a number of samples, from a state and inputs.
         names: names of all limits (k,); those of motion come first, those of the ground last.
         dt: duration of a sample [s].
         longest: longest braking motion [s].
@@ -156,12 +156,12 @@ class Braking:
         reduced: ReducedModel,
         limits: LimitStack,
         contacts: ContactCones,
-        integrated: Callable[[StateEvaluation, Array], tuple[Array, Array]],
+        ahead: Callable[[StateEvaluation, Array, int], tuple[Array, Array]],
         names: tuple[str, ...],
         dt: float,
         longest: float,
     ) -> None:
-        self._reduced, self._limits, self._contacts, self._integrated = reduced, limits, contacts, integrated
+        self._reduced, self._limits, self._contacts, self._ahead = reduced, limits, contacts, ahead
         self._names, self._dt, self._longest = names, dt, longest
         self._identity = np.eye(reduced.r)
         self._efforts = np.minimum(reduced.actuation.limits, _INFINITE)
@@ -256,10 +256,14 @@ class Braking:
                     break
                 if len(inputs) + held > most:
                     break
-                for _ in range(held):
-                    state, exceeded = self._sample(state, t, T)
-                    t += self._dt
-                    inputs.append(T)
+                inputs += [T] * held
+                while held:
+                    samples = 1
+                    if together:  # velocities decrease, so positions are between those of the ends
+                        speed = max(float(np.abs(state.v2).max()), 1e-9)
+                        samples = min(held, max(1, int(self._limits.spacing / (speed * self._dt))))
+                    state, exceeded = self._samples(state, t, T, samples)
+                    t, held = t + samples * self._dt, held - samples
                     if (found := self._broken(exceeded, allowed)) is not None:
                         return BrakingMotion(start.q, start.v2, np.array(inputs), found)
                 held = following
@@ -363,15 +367,14 @@ class Braking:
                 return np.clip((scales * x)[:p], -self._efforts, self._efforts)
         raise DivergenceError("no efforts brake within the conditions of the ground")
 
-    def _sample(self, start: StateEvaluation, t: float, T: Array) -> tuple[StateEvaluation, Array]:
-        """End of a sample, and the amount by which it exceeds each limit of motion."""
-        q, v2 = self._integrated(start, T)
-        end = self._reduced.at(q, v2, t=t + self._dt)
-        mean = np.asarray(pin.difference(self._reduced.robot.model, start.q, q)) / self._dt
-        sample = (
-            ControlSample(self._reduced, t, start.q, start.v2, self._dt) if self._limits.judged_by_rows.any() else None
-        )
-        return end, self.exceeded(end, t + self._dt, sample, mean)
+    def _samples(self, start: StateEvaluation, t: float, T: Array, count: int) -> tuple[StateEvaluation, Array]:
+        """End of samples under the same inputs, and the amount by which it exceeds each limit of motion."""
+        q, v2 = self._ahead(start, T, count)
+        h = count * self._dt
+        end = self._reduced.at(q, v2, t=t + h)
+        mean = np.asarray(pin.difference(self._reduced.robot.model, start.q, q)) / h
+        sample = ControlSample(self._reduced, t, start.q, start.v2, h) if self._limits.judged_by_rows.any() else None
+        return end, self.exceeded(end, t + h, sample, mean)
 
     def _ground_problem(self, decided: list[tuple[Array, Array, Array]], allowed: Array) -> str | None:
         """Condition of the ground that inputs violate at their states."""

@@ -158,7 +158,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         rests = reduced.p >= reduced.r and not reduced.affine  # others cannot be brought to rest in general
         self._braking: Braking | None = None
         if rests and braking_time is not None and self._limits.names:
-            ahead = lambda state, T: self._integrated(state, T, 1)  # noqa: E731
+            ahead = lambda state, T, samples: self._integrated(state, T, samples, dt)  # noqa: E731
             self._braking = Braking(reduced, self._limits, self._contacts, ahead, self.limit_names, dt, braking_time)
         self._forces = [np.arange(stops[0], stops[1]), np.arange(stops[1], stops[2])]
 
@@ -323,11 +323,11 @@ class InverseDynamicsQP(WholeBodyProgram):
             q, v2 = self._integrated(state, T, int(min(wanted, _MOST_STEPS)))
         return self._reduced.at(q, v2)
 
-    def _integrated(self, state: StateEvaluation, T: Array, steps: int) -> tuple[Array, Array]:
-        """Configuration and reduced velocity at the end of the sample, by a number of Runge-Kutta steps."""
-        reduced = self._reduced
+    def _integrated(self, state: StateEvaluation, T: Array, steps: int, h: float | None = None) -> tuple[Array, Array]:
+        """Configuration and reduced velocity after a number of Runge-Kutta steps, which make a sample by default."""
+        reduced, h = self._reduced, self.dt / steps if h is None else h
         start = np.concatenate([state.v2, np.zeros(reduced.vertical.size + 1)])
-        found = reduced.evaluator.integrate(np.array(state.q), start, np.ascontiguousarray(T), self.dt / steps, steps)
+        found = reduced.evaluator.integrate(np.array(state.q), start, np.ascontiguousarray(T), h, steps)
         if found is not None:
             q, y, _ = found
             return q, y[: reduced.r]
@@ -338,7 +338,7 @@ class InverseDynamicsQP(WholeBodyProgram):
 
         q, v2 = state.q, np.array(state.v2)
         for _ in range(steps):
-            q, v2 = self._integrator.step(rate, q, v2, self.dt / steps)
+            q, v2 = self._integrator.step(rate, q, v2, h)
         return q, v2
 
     def _mean_velocity(self, start: StateEvaluation, end: StateEvaluation) -> Float[Array, " nv"]:

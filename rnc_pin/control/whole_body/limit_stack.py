@@ -182,6 +182,7 @@ class LimitStack:
     Attributes:
         names: name of each row, (k,).
         averaged: mask of the rows whose bounds hold for the mean velocity over the sample too, (k,).
+        spacing: longest motion of a velocity between two checks of a braking motion [m, rad].
         judged_by_rows: mask of the rows that a velocity exceeds if it violates them in its sample, (k,).
     """
 
@@ -201,6 +202,7 @@ class LimitStack:
         self._nv, self._affine = reduced.n, reduced.affine
         by_rows = [type(each).exceeded_by is BoundLimit.exceeded_by for each in self._bound]
         self.judged_by_rows = np.repeat(by_rows, sizes).astype(bool)
+        self.spacing = min((each.spacing for each in self._bound), default=np.inf)
 
     def rows(self, sample: ControlSample, braking: bool = False) -> LimitRows:
         """Return the limits at the end of a sample on the full velocity, without idle rows.

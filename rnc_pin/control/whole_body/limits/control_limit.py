@@ -88,10 +88,13 @@ class BoundLimit(ABC):
     Attributes:
         names: name of each row, (k,), e.g. "elbow position".
         averaged: True if the bounds hold for the mean velocity over the sample too.
+        spacing: longest motion of a velocity between two checks of a braking motion [m, rad]. Joints that all slow down
+            stay between the ends.
     """
 
     names: tuple[str, ...]
     averaged: ClassVar[bool] = False
+    spacing: ClassVar[float] = 5e-2
 
     @abstractmethod
     def rows(self, sample: ControlSample) -> LimitRows:

@@ -183,6 +183,8 @@ class BoundCollisionAvoidance(BoundLimit):
         clearances: distance that each pair keeps (k,) [m].
     """
 
+    spacing = 5e-3
+
     def __init__(self, limit: CollisionAvoidance, reduced: ReducedModel) -> None:
         robot = reduced.robot
         q0 = robot.configuration() if limit.q0 is None else np.asarray(limit.q0, dtype=float)
