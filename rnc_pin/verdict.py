@@ -56,6 +56,8 @@ class FindingKind(StrEnum):
     """Steps took longer to compute than their sampling period, by the clock of this computer."""
     FALLBACK = "fallback"
     """A fallback command was in use, because the loop had a fault or a program was late or failed."""
+    UNSOLVED = "unsolved"
+    """A whole-body program was not solved; inputs that keep limits alone, or come to rest, took its place."""
     BRAKING = "braking"
     """A program braked to keep its limits, or no braking motion could be verified."""
     SATURATION = "saturation"

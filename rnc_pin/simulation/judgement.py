@@ -74,6 +74,7 @@ def judge(
         *_finite(run),
         *_fallback(run),
         *_missed_updates(run),
+        *_unsolved(run),
         *_braking(run),
         *_integration(run),
         *(_goals(run, goal_errors or {}, goal_tolerance) if completed else ()),
@@ -144,6 +145,20 @@ def _missed_updates(run: Trajectory) -> Iterator[Finding]:
     )
     severity = Severity.FAILS if share > _MOSTLY else Severity.DEGRADES
     yield Finding(FindingKind.FALLBACK, "predictive controller", share, "", None, severity, message)
+
+
+def _unsolved(run: Trajectory) -> Iterator[Finding]:
+    """Finding of samples whose whole-body program was not solved: it fails if they are most of them."""
+    found = run.info.unsolved
+    if found is None:
+        return
+    share = found.samples / max(len(run.time), 1)
+    message = (
+        f"the program was not solved in {found.samples} of {len(run.time)} samples, first at t = {found.first:.3f} s: "
+        f"{found.reason}"
+    )
+    severity = Severity.FAILS if share > _MOSTLY else Severity.DEGRADES
+    yield Finding(FindingKind.UNSOLVED, "program", share, "", found.first, severity, message)
 
 
 def _braking(run: Trajectory) -> Iterator[Finding]:

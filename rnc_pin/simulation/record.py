@@ -33,6 +33,7 @@ from rnc_pin.simulation.run_info import (
     PhaseInfo,
     Provenance,
     RunInfo,
+    UnsolvedSamples,
 )
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.version import __version__
@@ -77,6 +78,7 @@ class Record:
         self.fallback: FallbackUse | None = None
         """Use of fallback commands by the control loop."""
         self.missed_updates: MissedUpdates | None = None
+        self.unsolved: UnsolvedSamples | None = None
         """Updates of a predictive controller that were late or failed."""
         self.braking: BrakingUse | None = None
         """Braking motions of a program in inputs."""
@@ -246,6 +248,7 @@ class Record:
             self.phases,
             self.fallback,
             self.missed_updates,
+            self.unsolved,
             self.braking,
             self.integration,
             late=self.late,

@@ -259,6 +259,21 @@ class MissedUpdates:
 
 
 @dataclass(frozen=True)
+class UnsolvedSamples:
+    """Samples whose whole-body program was not solved.
+
+    Attributes:
+        samples: their number.
+        first: time of the first one [s].
+        reason: reason at that time.
+    """
+
+    samples: Whole
+    first: float
+    reason: str
+
+
+@dataclass(frozen=True)
 class BrakingUse:
     """Braking motions of a program in inputs.
 
@@ -332,6 +347,7 @@ class RunInfo:
         phases: intervals between events of contacts; empty if the plant has none that open and close.
         fallback: use of fallback commands; None if there was none.
         missed_updates: updates of a predictive controller that were not used; None if there were none.
+        unsolved: samples whose whole-body program was not solved; None if there were none.
         braking: braking motions of a program in inputs; None if it always went on and they were verified.
         integration: estimated errors of the integration; None if the plant does not estimate it.
         verdict: findings about the run, if it was judged.
@@ -348,6 +364,7 @@ class RunInfo:
     phases: tuple[PhaseInfo, ...] = ()
     fallback: FallbackUse | None = None
     missed_updates: MissedUpdates | None = None
+    unsolved: UnsolvedSamples | None = None
     braking: BrakingUse | None = None
     integration: IntegrationAccuracy | None = None
     verdict: Verdict | None = None
@@ -366,7 +383,7 @@ class RunInfo:
             "message": self.message,
             "phases": [asdict(each) for each in self.phases] or None,
         }
-        for name in ("fallback", "missed_updates", "braking", "integration"):
+        for name in ("fallback", "missed_updates", "unsolved", "braking", "integration"):
             parts[name] = None if getattr(self, name) is None else asdict(getattr(self, name))
         parts["verdict"] = None if self.verdict is None else self.verdict.to_json()
         content = {

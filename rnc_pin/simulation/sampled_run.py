@@ -30,6 +30,7 @@ from rnc_pin.simulation.run_info import (
     MissedUpdates,
     Outcome,
     PhaseInfo,
+    UnsolvedSamples,
     provenance_of,
 )
 from rnc_pin.simulation.simulation_options import RunArguments, Sample, SimulationOptions
@@ -315,6 +316,7 @@ class SampledRun:
             self.record.late = self.record.late._replace(ticks=self.samples) if self.record.late.late else None
         self.record.integration = self.integration()
         self.record.missed_updates = _missed_updates(self.loop.state.controller)
+        self.record.unsolved = _unsolved(self.loop.state.controller)
         self.record.braking = _braking(self.controller, self.loop.state.controller)
         run = self.record.finish(self._dt, self._provenance, outcome, message)
         missed = missed_goals(self.controller, run.q[-1], run.v2[-1]) if len(run.time) else ()
@@ -328,6 +330,12 @@ def _blamed(error: DivergenceError, plant: Plant, v: np.ndarray) -> DivergenceEr
         return error
     what = f"the integrator, not the robot: {error.what}; substeps {errors.most} is too small, set {errors.enough}"
     return DivergenceError(what, time=error.time)
+
+
+def _unsolved(state: object) -> UnsolvedSamples | None:
+    """Samples without a solution, by the state of a whole-body program or that of the controller within it."""
+    found = part_with(state, "unsolved")
+    return UnsolvedSamples(*found.unsolved) if found is not None and found.unsolved.samples else None
 
 
 def _missed_updates(state: object) -> MissedUpdates | None:

@@ -22,7 +22,7 @@ from rnc_pin.control.whole_body.task_hierarchy import (
     solve_within,
 )
 from rnc_pin.control.whole_body.tasks import ControlTask
-from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
+from rnc_pin.control.whole_body.whole_body_program import UnsolvedCount, WholeBodyProgram
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE, LieRungeKutta4
 from rnc_pin.model.reduced_kinematics import Measurement
@@ -54,6 +54,8 @@ class InverseDynamicsState(NamedTuple):
     """Samples that brake, and samples without a verified braking motion."""
     backup: BackupMotion = BackupMotion()
     """Verified braking motion from the predicted end of the last sample."""
+    unsolved: UnsolvedCount = UnsolvedCount()
+    """Samples whose program was not solved: they follow the kept braking motion, keep limits alone, or come to rest."""
 
 
 class _SampleProgram(NamedTuple):
@@ -82,6 +84,8 @@ class InputSolution(NamedTuple):
     excess: Float[Array, " k"]
     end: StateEvaluation | None = None
     """State at the end of the sample by the dynamics; None if no limit of motion needs it."""
+    unsolved: str = ""
+    """Reason why the tasks are not solved."""
 
 
 class InverseDynamicsQP(WholeBodyProgram):
@@ -143,6 +147,7 @@ class InverseDynamicsQP(WholeBodyProgram):
     ) -> None:
         check_positive_settings(dt=dt, velocity_gain=velocity_gain, friction=friction, braking_time=braking_time)
         self.dt, self.velocity_gain, self.friction, self.braking_time = dt, velocity_gain, friction, braking_time
+        self._decay = float(np.exp(-velocity_gain * dt))
         super().__init__(reduced, tasks, limits)
         self._contacts, self._integrator = ContactCones(reduced, friction), LieRungeKutta4(reduced.robot)
         self._curved = [*self._tasks.curved, np.zeros(reduced.r, dtype=bool)]  # bringing motion to rest is constant
@@ -205,7 +210,10 @@ class InverseDynamicsQP(WholeBodyProgram):
         worst = np.maximum(state.worst_excess, found.excess)
         command = Command(T=found.T, v2_desired=found.v2, x1_desired=x1, x2_desired=x2)
         beyond = exceeded, np.maximum(state.worst_exceeded, exceeded)
-        return command, InverseDynamicsState(t, found.multipliers, found.excess, worst, *beyond, count, backup)
+        unsolved = state.unsolved.and_one(t, found.unsolved)
+        return command, InverseDynamicsState(
+            t, found.multipliers, found.excess, worst, *beyond, count, backup, unsolved
+        )
 
     def solve(self, t: float, q: Array, v2: Array, multipliers: Array | None = None) -> InputSolution:
         """Solve the program of one sample.
@@ -276,14 +284,17 @@ class InverseDynamicsQP(WholeBodyProgram):
         """Solve the levels within the limits, which hold for the velocity that the dynamics give at the end."""
         sample, rows = program.sample, program.rows
         state, motion = sample.start, self._limits.bounds(sample, rows)
+        rest = program.motion.T @ (self._decay * state.v2)  # computed torque, which carries the load
 
         def solved(limits: ProgramBounds, start: Array | None) -> RelaxedSolution:
             bounds = self._bounds(limits, program)
-            return solve_within(levels, bounds, self._limits, multipliers=start, before=self._forces, sampled=sampled)
+            return solve_within(
+                levels, bounds, self._limits, rest, multipliers=start, before=self._forces, sampled=sampled
+            )
 
         found = best = solved(motion, multipliers)
         least, best_end, averaged = np.inf, None, self._limits.averaged[motion.places]
-        for _ in range(_CORRECTIONS + 1 if len(motion.lower) else 0):
+        for _ in range(_CORRECTIONS + 1 if len(motion.lower) and not found.unsolved else 0):
             end = self._end(state, self._inputs(program, found.unknowns))
             reached = rows.jacobian @ end.v
             mean = np.where(averaged, rows.jacobian @ self._mean_velocity(state, end), reached)
@@ -303,11 +314,13 @@ class InverseDynamicsQP(WholeBodyProgram):
                 upper=motion.upper - np.maximum(reached, above) + expected,
             )
             found = solved(corrected, found.multipliers)
+            if found.unsolved:
+                break
         found = best
         largest = self._reduced.actuation.limits
         T = np.clip(self._inputs(program, found.unknowns), -largest, largest)  # the solver's rounding is no effort
         v2 = program.still + program.motion @ found.unknowns
-        return InputSolution(T, v2, found.multipliers, found.excess, best_end)
+        return InputSolution(T, v2, found.multipliers, found.excess, best_end, found.unsolved)
 
     def _inputs(self, program: _SampleProgram, unknowns: Array) -> Array:
         """Inputs T (p,) of unknowns."""
@@ -360,7 +373,7 @@ class InverseDynamicsQP(WholeBodyProgram):
     def _levels(self, now: ControlSample, program: _SampleProgram) -> tuple[list[TaskLevel], list[float]]:
         """Tasks on the unknowns, and their levers; the last level brings the rest of the motion to rest."""
         sample = program.sample
-        v2, decay = sample.start.v2, float(np.exp(-self.velocity_gain * self.dt))
+        v2, decay = sample.start.v2, self._decay
         rest = TaskLevel(np.eye(len(v2)), decay * v2)
         found = []
         for before, after in zip(self._tasks.at(now), self._tasks.at(sample), strict=True):

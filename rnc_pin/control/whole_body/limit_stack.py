@@ -21,6 +21,7 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 _SIDES = 8  # of the pyramid inside a friction cone
 _RANK = 1e-10
 _SETTINGS = {"primal_tol": 1e-10, "dual_tol": 1e-12, "iter_limit": 2000}
+_COARSE = {"primal_tol": 1e-7, "dual_tol": 1e-9, "iter_limit": 10000}  # where rounding exceeds the tolerance
 _SOLVED = 1
 
 
@@ -44,10 +45,12 @@ def nearest_point(
         lower, upper: bounds, (k,) each; infinite if there are none.
         multipliers: multipliers of a similar program, (k,), to start from.
     """
-    starts = [None] if multipliers is None or not multipliers.any() else [multipliers, None]
+    tried: list[tuple[Array | None, dict[str, float]]] = [(None, _SETTINGS), (None, _COARSE)]
+    if multipliers is not None and multipliers.any():
+        tried = [(multipliers, _SETTINGS), *tried]
     identity, kinds = np.eye(len(goal)), np.zeros(len(rows), dtype=np.int32)
-    for start in starts:
-        x, _, status, info = daqp.solve(identity, -goal, rows, upper, lower, kinds, dual_start=start, **_SETTINGS)
+    for start, settings in tried:
+        x, _, status, info = daqp.solve(identity, -goal, rows, upper, lower, kinds, dual_start=start, **settings)
         if status == _SOLVED:
             return NearestPoint(x, info["lam"])
     return None
@@ -263,8 +266,8 @@ class LimitStack:
                 found[where] = own
         return np.maximum(found, 0.0)
 
-    def relaxed(self, bounds: ProgramBounds, before: Sequence[Array] = ()) -> ProgramBounds:
-        """Return bounds that some velocity satisfies.
+    def relaxed(self, bounds: ProgramBounds, before: Sequence[Array] = ()) -> tuple[ProgramBounds, Array] | None:
+        """Return bounds that some velocity satisfies, and such a velocity; None if the solver finds none.
 
         Groups are added one by one, hard limits first. Each group gives way by the least sum of squares that the groups
         before it allow.
@@ -275,23 +278,28 @@ class LimitStack:
         """
         rows, lower, upper = bounds.rows, bounds.lower.copy(), bounds.upper.copy()
         r = rows.shape[1]
-        fixed = np.zeros(0, dtype=int)
+        fixed, inside = np.zeros(0, dtype=int), np.zeros(r)
         for members in (*before, *self._groups):
             belongs = np.zeros(bounds.total, dtype=bool)
             belongs[members] = True
             group = np.flatnonzero(belongs[bounds.places])
             both = np.concatenate([fixed, group])
-            if nearest_point(np.zeros(r), rows[both], lower[both], upper[both]) is None:
+            if (found := nearest_point(np.zeros(r), rows[both], lower[both], upper[both])) is not None:
+                inside = found.point
+            else:
                 v2 = self._least_excess(bounds._replace(lower=lower, upper=upper), fixed, group)
+                if v2 is None:
+                    return None
+                inside = v2
                 values, room = rows[group] @ v2, _ROUNDING * (1.0 + np.abs(rows[group]).sum(axis=1))
                 lower[group] = np.where(values < lower[group], values - room, lower[group])
                 upper[group] = np.where(values > upper[group], values + room, upper[group])
             fixed = both
-        return bounds._replace(lower=lower, upper=upper)
+        return bounds._replace(lower=lower, upper=upper), inside
 
     @staticmethod
-    def _least_excess(bounds: ProgramBounds, fixed: Array, group: Array) -> Array:
-        """Velocity (r,) that exceeds the rows of a group least, within the rows before it."""
+    def _least_excess(bounds: ProgramBounds, fixed: Array, group: Array) -> Array | None:
+        """Velocity (r,) that exceeds the rows of a group least, within the rows before it; None if it is not found."""
         r, k = bounds.rows.shape[1], len(group)
         # Variables: the velocity times its cost, and the excess of each row of the group.
         free = np.zeros((len(fixed) + 2 * k, r + k))
@@ -302,7 +310,12 @@ class LimitStack:
         lower, upper = bounds.lower[both], bounds.upper[both]
         lower[above], upper[below] = -np.inf, np.inf
         found = nearest_point(np.zeros(r + k), free, lower, upper)
-        return np.zeros(r) if found is None else found.point[:r] / _VELOCITY_COST
+        if found is None:
+            return None
+        v2 = found.point[:r] / _VELOCITY_COST
+        values, room = bounds.rows[fixed] @ v2, _COARSE["primal_tol"] * (1.0 + np.abs(free[: len(fixed)]).sum(axis=1))
+        kept = (values <= bounds.upper[fixed] + room).all() and (values >= bounds.lower[fixed] - room).all()
+        return v2 if kept else None
 
 
 def distinct(names: Sequence[str]) -> tuple[str, ...]:

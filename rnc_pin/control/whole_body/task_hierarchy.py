@@ -176,12 +176,15 @@ class RelaxedSolution(NamedTuple):
     multipliers: Float[Array, "levels k"]
     excess: Float[Array, " k"]
     """Amount by which each limit gave way; zero if it did not."""
+    unsolved: str = ""
+    """Reason why the tasks are not solved: the unknowns only keep the limits, or come to rest."""
 
 
 def solve_within(
     levels: Sequence[TaskLevel],
     bounds: ProgramBounds,
     limits: LimitStack,
+    otherwise: Array,
     damping: float = 0.0,
     multipliers: Array | None = None,
     before: Sequence[Array] = (),
@@ -193,18 +196,23 @@ def solve_within(
         levels, bounds, damping, sampled: as for ``solve_cascade``.
         multipliers: multipliers of all limits in a similar program, (levels, k), to start from.
         limits: the limits, in the order in which they give way.
+        otherwise: unknowns (n,) if no program is solved.
         before: groups of further places of the bounds that come before the limits.
     """
     start = None if multipliers is None else multipliers[:, bounds.places]
     found = solve_cascade(levels, bounds, damping, start, sampled)
     if found is not None:
         return RelaxedSolution(found.unknowns, bounds.spread(found.multipliers), np.zeros(bounds.total))
-    found = solve_cascade(levels, limits.relaxed(bounds, before), damping, None, sampled)
-    if found is None:  # rounding: even the wider limits exclude each other
-        found = CascadeSolution(np.zeros(bounds.rows.shape[1]), np.zeros((max(len(levels), 1), len(bounds.lower))))
+    none, relaxed = np.zeros((max(len(levels), 1), len(bounds.lower))), limits.relaxed(bounds, before)
+    if relaxed is None:
+        reason = "the program of the least excess over limits is not solved"
+        return RelaxedSolution(otherwise, bounds.spread(none), np.zeros(bounds.total), reason)
+    found, reason = solve_cascade(levels, relaxed[0], damping, None, sampled), ""
+    if found is None:
+        found, reason = CascadeSolution(relaxed[1], none), "tasks within limits that gave way are not solved"
     excess = bounds.excess(found.unknowns)
     excess[excess < _EXCEEDED] = 0.0
-    return RelaxedSolution(found.unknowns, bounds.spread(found.multipliers), bounds.spread(excess))
+    return RelaxedSolution(found.unknowns, bounds.spread(found.multipliers), bounds.spread(excess), reason)
 
 
 class _FreeDirections(NamedTuple):

@@ -17,7 +17,7 @@ from rnc_pin.control.whole_body.task_hierarchy import (
     solve_within,
 )
 from rnc_pin.control.whole_body.tasks import ControlTask
-from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
+from rnc_pin.control.whole_body.whole_body_program import UnsolvedCount, WholeBodyProgram
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.input_validation import NotNegative, check_positive_settings
 from rnc_pin.model.reduced_kinematics import Measurement
@@ -41,6 +41,8 @@ class ProgramState(NamedTuple):
     """Amount by which each limit gave way at the last sample; zero if it did not."""
     worst_excess: Float[Array, " k"]
     """Largest such amount since the start."""
+    unsolved: UnsolvedCount = UnsolvedCount()
+    """Samples whose program was not solved: they keep limits alone, or come to rest."""
 
 
 class ProgramSolution(NamedTuple):
@@ -50,6 +52,8 @@ class ProgramSolution(NamedTuple):
     """Velocity at the end of the sample."""
     multipliers: Float[Array, "levels k"]
     excess: Float[Array, " k"]
+    unsolved: str = ""
+    """Reason why the tasks are not solved."""
 
 
 class VelocityQP(WholeBodyProgram):
@@ -137,7 +141,8 @@ class VelocityQP(WholeBodyProgram):
         solution = self.solve(sample, state.multipliers)
         v2_dot = (solution.v2 - v2) / dt
         worst = np.maximum(state.worst_excess, solution.excess)
-        next_state = ProgramState(t, dt, v2, v2_dot, solution.multipliers, solution.excess, worst)
+        unsolved = state.unsolved.and_one(t, solution.unsolved)
+        next_state = ProgramState(t, dt, v2, v2_dot, solution.multipliers, solution.excess, worst, unsolved)
         return VelocityTarget(v2, v2_dot, x1, x2, v2_held=v2 + 0.5 * dt * v2_dot), next_state
 
     def solve(self, sample: ControlSample, multipliers: Array | None = None) -> ProgramSolution:
@@ -151,5 +156,6 @@ class VelocityQP(WholeBodyProgram):
         curved = self._tasks.curved
         levers = [lever_sum(each.jacobian, mask) for each, mask in zip(levels, curved, strict=True)]
         sampled = SampledDamping(sample.dt, levers, curved)
-        solved = solve_within(levels, bounds, self._limits, self.damping, multipliers, sampled=sampled)
+        rest = np.zeros(self._reduced.r)  # hard limits allow it
+        solved = solve_within(levels, bounds, self._limits, rest, self.damping, multipliers, sampled=sampled)
         return ProgramSolution(*solved)

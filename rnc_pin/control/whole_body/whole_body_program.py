@@ -34,6 +34,23 @@ class LimitReport(NamedTuple):
     """The same since the start, with the largest amounts."""
 
 
+class UnsolvedCount(NamedTuple):
+    """Samples whose program was not solved."""
+
+    samples: int = 0
+    first: float | None = None
+    """Time of the first one [s]."""
+    reason: str = ""
+    """Reason at that time."""
+
+    def and_one(self, t: float, reason: str) -> UnsolvedCount:
+        """Count one more sample; none without a reason."""
+        if not reason:
+            return self
+        first = (t, reason) if self.first is None else (self.first, self.reason)
+        return UnsolvedCount(self.samples + 1, *first)
+
+
 class WholeBodyProgram(ReprMixin):
     """Tasks as least squares and limits as inequalities, for one model.
 

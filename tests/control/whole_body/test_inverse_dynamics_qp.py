@@ -7,7 +7,8 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body, add_frame
 from rnc_pin.control import ControlSample, InverseDynamicsQP, limits, tasks
-from rnc_pin.control.whole_body.limit_stack import ContactCones
+from rnc_pin.control.whole_body import task_hierarchy
+from rnc_pin.control.whole_body.limit_stack import ContactCones, LimitStack
 from rnc_pin.planning import Hold, MinimumJerk
 from systems import (
     four_bar,
@@ -199,3 +200,26 @@ def test_limits_of_motion_hold_while_the_efforts_can_hold_the_velocity(tmp_path,
     assert np.abs(run.T).max() <= effort
     assert (np.abs(run.v).max() <= 2.0 + 1e-6) == ("velocity" in kept)
     assert (run.q.max() <= 4.7 + 1e-6) == ("position" in kept)
+
+
+@pytest.mark.parametrize("failing", ["solve_cascade", "relaxed"])
+def test_a_program_that_is_not_solved_brings_the_robot_to_rest_and_is_counted(failing, monkeypatch):
+    """Without tasks, limits hold with the least velocity; without limits, computed torque slows by exp(-gain dt)."""
+    reduced = mobile_manipulator()
+    fast = limits.JointVelocityLimit(joints=["joint_1", "joint_2"], limit=1.0)
+    program = InverseDynamicsQP(
+        reduced, [hand("tip", [4.0, -3.0])], [fast], dt=DT, velocity_gain=5.0, braking_time=None
+    )
+    q0, v2 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": 1.0}), np.array([1e-3, -1e-3, 2e-3, 1e-3])
+    start = reduced.at(q0, v2).measure()
+    monkeypatch.setattr(task_hierarchy, "solve_cascade", lambda *arguments: None)
+    if failing == "relaxed":
+        monkeypatch.setattr(LimitStack, "relaxed", lambda *arguments: None)
+    command, state = program.step(0.0, start, program.initial_state(start))
+    command, state = program.step(DT, start, state)
+    slowed = 0.0 if failing == "solve_cascade" else np.exp(-5.0 * DT) * v2
+    np.testing.assert_allclose(command.v2_desired, slowed, atol=1e-9)
+    wanted = (command.v2_desired - v2) / DT
+    np.testing.assert_allclose(reduced.at(q0, v2).v2_dot(command.T), wanted, atol=1e-6)
+    assert (state.unsolved.samples, state.unsolved.first) == (2, 0.0)
+    assert "not solved" in state.unsolved.reason
