@@ -91,15 +91,19 @@ def test_an_exponential_step_is_exact_for_damping_and_the_classical_one_without_
         np.testing.assert_allclose(found, known, rtol=1e-12)
 
 
-def test_adaptive_steps_end_at_a_pole():
-    """``y' = y^2`` is 1 / (1 - t); a slider that moves with it is at the logarithm."""
-    motion = AdaptiveIntegrator(sliders("X"), lambda t, q, y: (y, y**2), rtol=1e-9, atol=1e-9)
+@pytest.mark.parametrize(("slope", "moved"), [
+    (lambda y: y**2, lambda t: [-np.log(1 - t), 1 / (1 - t)]),
+    (lambda y: -np.sign(y), lambda t: [t - t**2 / 2, 1 - t]),
+])  # fmt: skip
+def test_adaptive_steps_end_at_a_pole_and_where_a_sign_would_change_for_ever(slope, moved):
+    """Of the state; a slider that moves with it is at its integral."""
+    motion = AdaptiveIntegrator(sliders("X"), lambda t, q, y: (y, slope(y)), rtol=1e-9, atol=1e-11)
     blocks, times = [], np.array([0.0, 0.4, 0.45, 0.9, 2.0])
     with pytest.raises(rnc.DivergenceError, match="step size is too small: the motion runs into a sing") as told:
         blocks.extend(motion.run(times, np.zeros(1), np.ones(1)))
     t, q, y = (np.concatenate(each) for each in zip(*blocks, strict=True))
     np.testing.assert_array_equal(t, times[:4])
-    np.testing.assert_allclose(np.hstack([q, y]).T, [-np.log(1 - t), 1 / (1 - t)], rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(np.hstack([q, y]).T, moved(t), rtol=1e-6, atol=1e-12)
     assert told.value.time == pytest.approx(1.0, abs=1e-6)
 
 

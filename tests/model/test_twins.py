@@ -30,8 +30,8 @@ BY_PYTHON = {"Pfaffian", "CenterOfMass", "ForceFunction"}
 
 CONFIGURATION = ("M", "B", "E", "E_inverse", "R", "H", "J1", "A_star", "input_matrix", "b")
 STATE = (
-    *("v", "v1", "v2", "gamma", "residual", "bias", "E_dot", "R_dot", "J1_dot", "A_star_dot"),
-    *("V", "G", "b_dot", "passive_force", "row_velocities"),
+    *("row_velocities", "v", "v1", "v2", "gamma", "residual", "bias", "E_dot", "R_dot", "J1_dot", "A_star_dot"),
+    *("V", "G", "b_dot", "passive_force"),
 )
 DERIVATIVES = ("v", "v2_dot", "v_q", "v_v2", "v2_dot_q", "v2_dot_v2", "v2_dot_T")
 
