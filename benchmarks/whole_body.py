@@ -2,7 +2,8 @@
 
 The last line is one sample of ``rnc-pin drive tiago``: commands, program, computed torque, plant and record.
 
-``python -m benchmarks whole_body peers`` times an arm beside placo and TSID.
+``python -m benchmarks whole_body peers`` times an arm beside placo and TSID. ``ticks`` prints the thread time of a
+sample with verified braking motions, the least of rounds: scenarios, a cart with friction, obstacles around a hand.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import sys
 import time
 from typing import NamedTuple
 
+import coal
 import numpy as np
 import pinocchio as pin
 
@@ -19,11 +21,13 @@ from benchmarks.whole_body_peers import whole_body_peers
 from rnc_pin.applications.drive.commands import parse_command
 from rnc_pin.applications.drive.preparation import prepare_drive, read_source
 from rnc_pin.applications.drive.run import DriveStatus, drive
-from rnc_pin.collision import CollisionDistances
-from rnc_pin.control import VelocityQP, limits, tasks
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.collision import CollisionDistances, Obstacle
+from rnc_pin.control import InverseDynamicsQP, VelocityQP, limits, tasks
+from rnc_pin.control.whole_body.braking_motion import BrakingCount
 from rnc_pin.planning import Harmonic, Hold
 
-SAMPLES, ROUNDS, DT = 200, 5, 0.002
+SAMPLES, ROUNDS, DT, TICKS = 200, 5, 0.002, 300
 PAIRS = 20  # least number of active pairs at the start
 
 
@@ -91,8 +95,58 @@ class _Times(NamedTuple):
         self.used.append(time.process_time())
 
 
+def _ticks(program: InverseDynamicsQP, reduced: rnc.ReducedModel, q0: np.ndarray) -> tuple[np.ndarray, BrakingCount]:
+    """Thread time of each tick [ms], and the samples that braked."""
+    plant, used, q = rnc.ReducedPlant(reduced), np.empty(TICKS), q0
+    plant.reset(q, np.zeros(reduced.n))
+    state = program.initial_state(reduced.at(q, np.zeros(reduced.r)).measure())
+    for sample in range(TICKS):
+        q, v = plant.read()
+        measurement = reduced.at(q, v=v).measure()
+        begin = time.thread_time()
+        command, state = program.step(sample * program.dt, measurement, state)
+        used[sample] = 1e3 * (time.thread_time() - begin)
+        plant.apply(np.array(command.T))
+        plant.advance(program.dt)
+    return used, state.braking
+
+
+def _contained(name: str, frame: str) -> tuple[InverseDynamicsQP, rnc.ReducedModel, np.ndarray]:
+    """An arm whose hand an obstacle contains."""
+    locked = {each: 0.0 for each in rnc.Robot.from_example(name).joint_names if "wheel" in each or "finger" in each}
+    robot = rnc.Robot.from_example(name, lock=locked)
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
+    q0 = 0.7 * robot.model.lowerPositionLimit + 0.3 * robot.model.upperPositionLimit
+    at = reduced.at(q0).position.placement(robot.frame_id(frame)).translation.copy()
+    near = limits.CollisionAvoidance(obstacles=[Obstacle(coal.Sphere(0.08), position=tuple(at), name="ball")], q0=q0)
+    reach = tasks.OutputTask(rnc.FramePosition(frame), Hold(at + 0.2), gain=3.0)
+    kept = [limits.JointPositionLimit(), limits.JointVelocityLimit(), near]
+    return InverseDynamicsQP(reduced, [reach], kept, dt=0.01), reduced, q0
+
+
+def ticks() -> None:
+    """Print median and largest thread time of a tick."""
+    cases = {name: _built_in(name, {}) for name in ("tiago-shelf", "doorway")}
+    cases["doorway, friction 0.1, 5 ms"] = _built_in("doorway", {"controller.friction": 0.1, "simulation.dt": 0.005})
+    for name, frame in (("panda", "panda_hand"), ("ur5_robot", "tool0"), ("tiago_no_hand", "arm_7_link")):
+        cases[f"{name}, obstacle at the hand"] = _contained(name, frame)
+    for name, case in cases.items():
+        rounds = [_ticks(*case) for _ in range(ROUNDS)]
+        used, count = np.min([each for each, _ in rounds], axis=0), rounds[0][1]
+        said = f"{count.braked} of {TICKS} samples braked, {count.unverified} not verified"
+        print(f"{name}: median {np.median(used):.1f} ms, largest {used.max():.1f} ms; {said}")
+
+
+def _built_in(name: str, changes: dict[str, object]) -> tuple[InverseDynamicsQP, rnc.ReducedModel, np.ndarray]:
+    made = Scenario.load(name, {"plots": {}, **changes}).build().experiment
+    return made.controller, made.reduced, np.asarray(made.q0)
+
+
 def main() -> None:
     """Print the time of a sample, cold and warm, or beside peers."""
+    if sys.argv[1:] == ["ticks"]:
+        ticks()
+        return
     if sys.argv[1:] == ["peers"]:
         whole_body_peers()
         return

@@ -24,9 +24,9 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
 _KEPT = 1e-8  # [rad, m, and per second] excess over a limit that is rounding
-_SHARE = 0.5  # of the program's inputs beside those of a braking motion
+_SHARE, _RETURN = 0.5, 0.25  # factor and step of the share of the program's inputs beside those of a braking motion
 _REST = 1e-6  # [rad/s, m/s] speed that counts as rest
-_BUDGET = 40  # decisions of the braking law in a sample
+_BUDGETS = {True: 40, False: 120}  # decisions and checks of a motion whose joints come to rest together, or each alone
 _RESERVE = 1.1  # of the time in which efforts stop all joints
 _STEP = 1.2  # time to rest over the duration for which inputs of the law are held
 _LEAST = 1e-14  # effect of an input on the energy, relative to the sum of all
@@ -70,7 +70,9 @@ class BackupMotion(NamedTuple):
     failed: tuple[float, Float[Array, " nq"], Float[Array, " r"]] | None = None
     """Time [s], configuration and reduced velocity at the last attempt, if it was in vain."""
     problem: str = ""
-    """Reason of it."""
+    """Reason of it, or of the last sample that did not execute the inputs of the program alone."""
+    share: float = 1.0
+    """Share of the program's inputs in the last sample; the rest is that of the kept motion."""
 
 
 class BrakingCount(NamedTuple):
@@ -199,29 +201,38 @@ class Braking:
             kept, before = None, np.maximum(before, self.exceeded(start, t))
         if kept is None and backup.failed is not None and not _changed(backup.failed, (t, start.q, start.v2)):
             return Decision(planned, backup, count.with_unverified(t, backup.problem))
-        near = self.ground(start, ground)
-        after = self._after(t, planned, before, near)
+        near, share = self.ground(start, ground), 1.0 if kept is None else min(backup.share + _RETURN, 1.0)
+        tried = planned
+        if kept is not None and share < 1.0:
+            tried = under(kept.inputs[0] + share * (planned.T - kept.inputs[0]))
+        after = self._after(t, tried, before, near)
         if after.problem is None:
-            return Decision(planned, BackupMotion(after), count)
+            count = count if tried is planned else count.with_braked(t, backup.problem)
+            return Decision(tried, BackupMotion(after, None, backup.problem, share), count)
         if self._excludes_rest(rows):
             failed = BackupMotion(None, (t, start.q, start.v2), after.problem)
             return Decision(planned, failed, count.with_unverified(t, after.problem))
         if kept is None:
             kept = self.motion(start, t, before, near)
-            if kept.problem is not None:
+            if kept.problem is not None and backup.motion is not None and len(kept.inputs):
+                count = count.with_unverified(t, kept.problem)  # the measured state is not the predicted one: brake
+            elif kept.problem is not None:
                 failed = BackupMotion(None, (t, start.q, start.v2), kept.problem)
                 return Decision(planned, failed, count.with_unverified(t, kept.problem))
         first = under(kept.inputs[0])
-        if (problem := self._broken(first.exceeded, np.maximum(before, _KEPT))) is not None:  # an obstacle came nearer
+        if (problem := self._broken(first.exceeded, np.maximum(before, _SAME))) is not None:  # an obstacle came nearer
             failed = BackupMotion(None, (t, start.q, start.v2), problem)
             return Decision(planned, failed, count.with_unverified(t, problem))
-        mixed = under(first.T + _SHARE * (planned.T - first.T))  # otherwise the robot stops and goes
+        share *= _SHARE  # otherwise the robot stops and goes
+        mixed = under(first.T + share * (planned.T - first.T))
         further = self._after(t, mixed, before, near)
         count = count.with_braked(t, after.problem)
         if further.problem is None:
-            return Decision(mixed, BackupMotion(further), count)
+            return Decision(mixed, BackupMotion(further, None, after.problem, share), count)
         rest = kept.inputs[1:] if len(kept.inputs) > 1 else kept.inputs
-        return Decision(first, BackupMotion(BrakingMotion(first.q, first.v2, rest, None)), count)
+        return Decision(
+            first, BackupMotion(BrakingMotion(first.q, first.v2, rest, None), None, after.problem, 0.0), count
+        )
 
     def motion(self, start: StateEvaluation, t: float, before: Array, ground: Ground) -> BrakingMotion:
         """Roll out the braking motion from a state until rest.
@@ -245,9 +256,10 @@ class Braking:
         inputs: list[Array] = []
         decided: list[tuple[Array, Array, Array]] = []
         state, held, problem = start, 1, f"the robot does not come to rest within {self._longest:g} s"
-        allowed, most = np.maximum(before, _KEPT), round(self._longest / self._dt) + 1
+        allowed, most, spent = np.maximum(before, _KEPT), round(self._longest / self._dt) + 1, 0
         try:
-            for _ in range(_BUDGET):
+            while True:
+                spent += 1
                 T, held, following = self._law(state, t, held, ground, together and bool(inputs))
                 decided.append((state.q, state.v, T))
                 if not held:
@@ -256,12 +268,16 @@ class Braking:
                     break
                 if len(inputs) + held > most:
                     break
+                if spent > _BUDGETS[together]:
+                    problem = f"the braking motion takes more than {_BUDGETS[together]} evaluations"
+                    break
                 inputs += [T] * held
                 while held:
                     samples = 1
                     if together:  # velocities decrease, so positions are between those of the ends
                         speed = max(float(np.abs(state.v2).max()), 1e-9)
                         samples = min(held, max(1, int(self._limits.spacing / (speed * self._dt))))
+                    spent += 1
                     state, exceeded = self._samples(state, t, T, samples)
                     t, held = t + samples * self._dt, held - samples
                     if (found := self._broken(exceeded, allowed)) is not None:
