@@ -10,6 +10,7 @@ from bodies import add_body
 from places import ROOT
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import InverseDynamicsQP, limits, tasks
+from rnc_pin.control.whole_body.braking_motion import Braking
 from rnc_pin.planning import Hold, MinimumJerk
 from rnc_pin.simulation import FindingKind, replay_limits
 
@@ -61,10 +62,10 @@ def test_a_weak_telescopic_arm_keeps_its_limits_among_people_who_walk():
     assert f"{used.samples} of {len(run.time)}" in str(finding)
 
 
-def cart(effort):
+def cart(effort, mass=1.0):
     """One joint of 1 kg on a level rail, with a range of 2 m and a limited force."""
     model = pin.Model()
-    add_body(model, "rail", "PX", 1.0, moments=0.1)
+    add_body(model, "rail", "PX", mass, moments=0.1)
     model.lowerPositionLimit[:], model.upperPositionLimit[:] = -1.0, 1.0
     model.upperVelocityLimit[:], model.upperEffortLimit[:] = 10.0, effort
     return rnc.NonholonomicSystem(rnc.Robot(model), [], ["rail"]).reduce()
@@ -116,3 +117,36 @@ def test_a_load_beyond_the_efforts_is_no_rest():
         reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], ["lift"]).reduce()
         program = InverseDynamicsQP(reduced, [tasks.DampingTask()], [limits.JointPositionLimit()], dt=0.02)
         assert program.braking_problem(0.0, np.zeros(1), np.array([1.0])) == problem
+
+
+def test_a_load_that_efforts_cannot_hold_is_said_and_rolled_out_once(monkeypatch):
+    """Until the state changes: a lift that hangs on a stop is where it was."""
+    model = pin.Model()
+    add_body(model, "lift", "PZ", 1.0, moments=0.1)
+    model.lowerPositionLimit[:], model.upperPositionLimit[:] = -1.0, 1.0
+    model.upperEffortLimit[:] = 9.0
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], ["lift"]).reduce()
+    program = InverseDynamicsQP(reduced, [tasks.DampingTask()], [limits.JointPositionLimit()], dt=0.02)
+    start = reduced.at(np.zeros(1), np.zeros(1)).measure()
+    tried, motion = [], Braking.motion
+    monkeypatch.setattr(Braking, "motion", lambda self, *given: tried.append(given[1]) or motion(self, *given))
+    state = program.initial_state(start)
+    for sample in range(5):
+        _, state = program.step(0.02 * sample, start, state)
+    assert (state.braking.unverified, state.braking.unverified_first) == (5, 0.0)
+    assert set(tried) <= {0.0, 0.02}
+    for sample in range(5, 8):
+        _, state = program.step(0.02 * sample, start, state)
+    assert max(tried) > 0.1
+
+
+def test_a_plant_that_is_not_the_model_stops_too():
+    """The motion is rolled out again from each measured state, and a lighter cart stops earlier than its model."""
+    reduced, dt = cart(2.0), 0.02
+    there = tasks.OutputTask(rnc.JointPosition("rail"), Hold([5.0]), gain=4.0)
+    late = limits.JointPositionLimit(deceleration=1e3, margin=0.0)
+    program = InverseDynamicsQP(reduced, [there], [late], dt=dt)
+    lighter = rnc.ReducedPlant(cart(2.0, 0.95))
+    run = rnc.simulate(reduced, program, np.array([-1.0]), 3.0, dt=dt, plant=lighter)
+    assert 0.8 < run.q[:, 0].max() < 1.0 + 1e-3
+    assert run.info.braking.samples > 0
