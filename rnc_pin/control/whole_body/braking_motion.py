@@ -282,7 +282,7 @@ class Braking:
                     t, held = t + samples * self._dt, held - samples
                     if (found := self._broken(exceeded, allowed)) is not None:
                         return BrakingMotion(start.q, start.v2, np.array(inputs), found)
-                held = following
+                held = 1 if together else following
         except (SingularityError, DivergenceError) as error:
             problem = str(error)
         return BrakingMotion(start.q, start.v2, np.array(inputs), problem)

@@ -94,7 +94,7 @@ class BoundLimit(ABC):
 
     names: tuple[str, ...]
     averaged: ClassVar[bool] = False
-    spacing: ClassVar[float] = 5e-2
+    spacing: float = 5e-2
 
     @abstractmethod
     def rows(self, sample: ControlSample) -> LimitRows:

@@ -114,6 +114,7 @@ def _polygon_sides(limit: RegionLimit) -> list[_Side]:
 
 
 _SHARE = 0.5
+_SPACING = 5e-3  # [m, rad]; an obstacle that moves is checked at every sample
 
 
 @dataclass(frozen=True)
@@ -183,8 +184,6 @@ class BoundCollisionAvoidance(BoundLimit):
         clearances: distance that each pair keeps (k,) [m].
     """
 
-    spacing = 5e-3
-
     def __init__(self, limit: CollisionAvoidance, reduced: ReducedModel) -> None:
         robot = reduced.robot
         q0 = robot.configuration() if limit.q0 is None else np.asarray(limit.q0, dtype=float)
@@ -192,6 +191,7 @@ class BoundCollisionAvoidance(BoundLimit):
         labels = [pair.label for pair in self.distances.pairs]
         self.names = tuple(f"{label} distance" for label in labels)
         self._influence, self._rate = limit.influence, limit.rate
+        self.spacing = 0.0 if any(each.motion is not None for each in limit.obstacles) else _SPACING
         self._deceleration, self._braking = limit.deceleration, PlannedBraking(reduced)
         self.clearances = np.full(len(labels), limit.clearance)
         links = len(robot.collision_model.geometryObjects) if robot.collision_model is not None else 0
