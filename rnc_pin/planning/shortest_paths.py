@@ -92,9 +92,6 @@ def _four_arcs(u: float, sign: int, xi: float, eta: float, heading: float) -> It
     delta = u - v
     a, b = sin(u) - sin(delta), cos(u) - cos(delta) - 1
     t = atan2(eta * a - xi * b, xi * a + eta * b)
-    if 2 * (cos(delta) - cos(v) - cos(u)) + 3 < 0:
-        t += pi
-    t = _turn(t)
     yield [(LEFT, t), (RIGHT, u), (LEFT, v), (RIGHT, _turn(t - u + v - heading))]
 
 

@@ -92,15 +92,13 @@ class Massless(NamedTuple):
     Attributes:
         joint: name of the joint; ``root_joint`` for the base.
         why: reason in words, one of the constants of this module.
-        links: links that the joint moves, without links behind further joints; the joint's own link first.
-        shaped: those of ``links`` with geometry.
+        shaped: links with geometry that the joint moves, without links behind further joints.
         masses: link to mass [kg]. ``Robot.from_urdf`` accepts the file with the masses of all such joints together.
         message: description of the fault in one line.
     """
 
     joint: str
     why: str
-    links: tuple[str, ...]
     shaped: tuple[str, ...]
     masses: dict[str, float]
     message: str
@@ -236,15 +234,13 @@ def _is_positive(tensor: np.ndarray) -> bool:
 
 
 def _massless(model: pin.Model, joint: int, why: str, message: str, bodies: Mapping[str, Body]) -> Massless:
-    links = tuple(
-        frame.name for frame in model.frames if frame.parentJoint == joint and frame.type == pin.FrameType.BODY
-    )
+    links = [frame.name for frame in model.frames if frame.parentJoint == joint and frame.type == pin.FrameType.BODY]
     known = [link for link in links if link in bodies]
     shaped = tuple(link for link in known if bodies[link].shaped)
     wrong = [link for link in known if _is_wrong(bodies[link], why)]
     chosen = wrong or list(shaped[:1]) or known[:1]
     masses = {link: _mass(bodies[link]) for link in chosen}
-    return Massless(model.names[joint], why, links, shaped, masses, message)
+    return Massless(model.names[joint], why, shaped, masses, message)
 
 
 def _is_wrong(body: Body, why: str) -> bool:

@@ -23,7 +23,6 @@ from .preflight import Margins as Margins
 from .preflight import grip_along as grip_along
 from .preflight import margins_along as margins_along
 from .preflight import preflight as preflight
-from .preflight import within_grip as within_grip
 from .record import output_names as output_names
 from .rollout import Margin as Margin
 from .rollout import Rollout as Rollout

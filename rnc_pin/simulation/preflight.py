@@ -5,23 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from rnc_pin.analysis import Grip, LiftOff, NormalForces
 from rnc_pin.control import KinematicController
 from rnc_pin.control.typical_inertia import AWAY_FROM_SINGULAR
-from rnc_pin.errors import ConstraintError, DivergenceError, InfeasibleError, SimulationError, SingularityError, few
+from rnc_pin.errors import ConstraintError, DivergenceError, SimulationError, SingularityError, few
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
-from rnc_pin.planning import Slowed, TaskReference
+from rnc_pin.planning import TaskReference
 from rnc_pin.printing import printed
 from rnc_pin.simulation.rollout import Margin, Rollout, RolloutEvaluation, class_1_controller, kinematic_rollout
 
 _LARGEST_TIME_SCALE = 64.0
 _CLOSE = 1e-3
-_TRIES = 6
 _FEWEST = 5  # smallest number of configurations for accelerations by differences
 
 
@@ -113,47 +111,6 @@ def _least_time_scale(used: Callable[[float], float], guess: float) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if used(middle) > 1.0 else (low, middle)
     return float(high)
-
-
-def within_grip(
-    reduced: ReducedModel,
-    task: Task,
-    reference: TaskReference,
-    q0: np.ndarray,
-    grip: Grip,
-    dt: float = 0.02,
-    controller: Callable[[TaskReference], KinematicController] | None = None,
-) -> TaskReference:
-    """Slow down a reference by one time scale until no contact slips along its roll-out.
-
-    Args:
-        reduced: reduced model.
-        task: task of the outputs.
-        reference: desired x21 and x1, of finite duration.
-        q0: initial configuration (nq,).
-        grip: friction and loads.
-        dt: step of the roll-out [s].
-        controller: function from the reference to the kinematic controller that follows it; class 1 by default.
-
-    Returns:
-        The slowed reference; the given one if no contact slips.
-
-    Raises:
-        InfeasibleError: no time scale is enough. The response to an initial error does not slow down.
-    """
-    follow = controller or partial(class_1_controller, task)
-
-    slowed, time_scale = reference, 1.0
-    for _ in range(_TRIES):  # one factor may not suffice: the feedback of an initial error does not slow down
-        rollout = kinematic_rollout(reduced, follow(slowed), q0, slowed.duration, dt * time_scale)
-        demand = grip_along(reduced, grip, *rollout)
-        if demand.time_scale == 1.0 or not np.isfinite(demand.time_scale):
-            break
-        time_scale *= demand.time_scale
-        slowed = TaskReference(Slowed(reference.primary, time_scale), Slowed(reference.vertical, time_scale))
-    if demand.time_scale > 1.0:
-        raise InfeasibleError("; ".join(demand.complaints()))
-    return slowed
 
 
 @printed()

@@ -10,8 +10,8 @@ import systems
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control.whole_body.limit_stack import ContactCones
-from rnc_pin.planning import MinimumJerk, Slowed, TaskReference
-from rnc_pin.simulation import grip_along, within_grip
+from rnc_pin.planning import MinimumJerk, Slowed
+from rnc_pin.simulation import grip_along
 from systems import rolling_base
 from textbook_systems import BLADE, PLACES, WHEEL, G, cart_robot
 
@@ -63,41 +63,6 @@ def test_a_reference_that_needs_more_than_the_grip_is_told_by_how_much(gripping)
     np.testing.assert_allclose(slowed.used, 1.0, rtol=2e-2)
     assert "times the grip that 'sleigh' has" in needed.complaints()[0]
     assert not slowed.complaints() or slowed.used < 1.02
-
-
-def test_preflight_warns_and_the_reference_is_slowed_until_it_holds(gripping):
-    task = rnc.Task.of(gripping, list(gripping.reducing.names), [])
-    reference, q0 = TaskReference(turn(), rnc.planning.Hold([])), gripping.robot.configuration()
-    grip = rnc.Grip(gripping, friction=0.1)
-
-    def follow(reference):
-        return rnc.control.ReducingOutputController(gripping, reference.primary)
-
-    slowed = within_grip(gripping, task, reference, q0, grip, controller=follow)
-    assert slowed.duration > reference.duration
-    needed = grip_along(gripping, grip, *rolled_out(gripping, slowed.primary))
-    assert needed.used < 1.01
-    assert within_grip(gripping, task, slowed, q0, rnc.Grip(gripping, friction=0.2), controller=follow) is slowed
-
-
-def test_a_second_factor_is_asked_of_the_slowed_reference(gripping):
-    task = rnc.Task.of(gripping, list(gripping.reducing.names), [])
-    reference, grip = TaskReference(turn(), rnc.planning.Hold([])), rnc.Grip(gripping, friction=0.02)
-    q0 = gripping.robot.configuration({"root_joint": [0.0, 0.0, 0.1]})
-
-    def needed(primary, dt):
-        follow = rnc.control.ReducingOutputController(gripping, primary)
-        return grip_along(gripping, grip, *rnc.kinematic_rollout(gripping, follow, q0, primary.duration, dt))
-
-    first = needed(reference.primary, 0.02).time_scale
-    second = needed(Slowed(reference.primary, first), 0.02 * first).time_scale
-    assert second > 1.001
-    slowed = within_grip(
-        gripping, task, reference, q0, grip,
-        controller=lambda r: rnc.control.ReducingOutputController(gripping, r.primary),
-    )  # fmt: skip
-    assert slowed.duration == pytest.approx(2.0 * first * second, rel=1e-9)
-    assert needed(slowed.primary, 0.02 * first * second).used < 1.005
 
 
 @pytest.mark.parametrize("friction", [0.0, np.inf, np.nan])
