@@ -96,10 +96,6 @@ class JacobianTransposeController(ReprMixin):
         T[..., self._active] = apply_transposed(drive, command.F)
         return command._replace(F=None, T=T), state
 
-    def effective_inertia(self, q: np.ndarray) -> np.ndarray:
-        """Return the effective inertia of the tracked outputs under the active actuators, (..., k, k)."""
-        return effective_inertia(self._reduced, q, self.tracker.outputs, self._names)
-
 
 def _places(reduced: ReducedModel, active: Sequence[str], outputs: np.ndarray) -> np.ndarray:
     places = [place_of(name, reduced.actuation.names, "no actuator") for name in active]

@@ -214,11 +214,6 @@ class Assembly:
         """Mask (h,) of the rows that are corrected; the others depend on them, at least to a file's rounding."""
         return self._leading
 
-    @property
-    def following(self) -> tuple[str, ...]:
-        """Names of the rows that depend on the ``leading`` rows."""
-        return tuple(name for name, flag in zip(self.names, self._leading, strict=True) if not flag)
-
     def _step(
         self, at: PositionKinematics, residual: np.ndarray, free: np.ndarray, which: np.ndarray, by_inertia: bool
     ) -> np.ndarray:

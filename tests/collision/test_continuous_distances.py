@@ -50,18 +50,6 @@ def driven(robot, places):
     return q
 
 
-def test_a_thin_wall_between_two_samples_is_found():
-    wall = Obstacle(coal.Box(0.002, 4.0, 2.0), position=(1.3, 0.0, 0.0), name="wall")
-    robot, distances = unicycle_beside(wall)
-    q = driven(robot, np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]))
-    found = continuous_distances(distances, np.array([2.0, 4.0]), q)
-    assert at_samples(found).min() > 0.9
-    radius = distances.radii[: distances.link_shapes].max()
-    half = np.array([box.geometry.aabb_local.max_[0] for box in robot.collision_model.geometryObjects]).max()
-    assert -radius - 0.002 < found.smallest.min() < -0.8 * half
-    assert found.time[found.smallest.argmin()] == pytest.approx(2.0 + 2.0 * 1.3 / 3.0, abs=0.1)
-
-
 def test_few_samples_are_measured_where_bodies_are_far_or_slow():
     """An arm that swings past a wall: most of its 2001 samples need no measurement, and the nearest one is found."""
     robot = rnc.Robot.from_example("panda")

@@ -27,24 +27,6 @@ class Wanted:
         return VelocityTarget(self.v2, 0 * self.v2, x1=self.v2 + 1, x2=self.v2 + 2), 7
 
 
-@pytest.mark.parametrize("way", [1.0, -1.0])
-def test_wheels_are_scaled_together(way):
-    """At 0.4 m/s the wheels turn at 4 rad/s; a limit of 3 of one of them slows both, and only above it."""
-    reduced = systems.differential_drive()
-    measurement = reduced.at(reduced.robot.configuration(), np.zeros(2)).measure(np.zeros(2))
-    limits = np.full(5, np.inf)
-    for limit, speed in ((3.0, 0.3), (4.0, 0.4), (5.0, 0.4)):
-        limits[4] = limit
-        controller = ActuatorVelocityController(reduced, Wanted([0.4 * way, 0.0]), limits)
-        command, state = controller.step(0.0, measurement, None)
-        np.testing.assert_allclose(command.T, np.full(2, 10 * speed * way), rtol=1e-12)
-        np.testing.assert_allclose(command.v2_desired, [speed * way, 0.0], atol=1e-15)
-        np.testing.assert_array_equal(
-            [command.x1_desired, command.x2_desired], [controller.target.v2 + k for k in (1, 2)]
-        )
-        assert state == 7
-
-
 @pytest.mark.parametrize("part", [0.25, 1.5])
 @pytest.mark.parametrize("index", range(len(STATES)))
 def test_only_what_is_commanded_is_scaled(part, index):

@@ -33,8 +33,7 @@ def test_forces_on_some_outputs_come_from_the_actuators_that_are_on():
     assert after.time == learnt.time
     assert command.F is None
     np.testing.assert_array_equal(command.x2_desired, asked.x2_desired)
-    M = law.effective_inertia(q)
-    np.testing.assert_array_equal(M, effective_inertia(reduced, q, TIP, ON))
+    M = effective_inertia(reduced, q, TIP, ON)
     for i in range(4):
         assert np.flatnonzero(command.T[i]).tolist() == sorted(places)
         here = reduced.at(q[i])

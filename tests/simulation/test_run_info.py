@@ -9,7 +9,6 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.execution import execute
-from rnc_pin.applications.scenario.files import find_scenario
 from rnc_pin.applications.scenario.saved_run import load_run
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.simulation import PlannedPath, Provenance, RunInfo, TaskNames
@@ -71,14 +70,6 @@ def test_what_one_run_says_can_be_given_to_another(run):
     again = idle_run(meta=ended.meta)
     assert again.info.verdict is None
     assert again.info == replace(run.info, verdict=None)
-
-
-def test_a_run_that_fails_says_why():
-    with pytest.raises(rnc.DivergenceError) as caught:
-        idle_run(stop=rnc.Stop(speed=1e-300), v2_0=np.ones(3), meta={"seed": 1})
-    info = caught.value.trajectory.info
-    assert (info.outcome, info.message, info.provenance.seed) == (rnc.Outcome.DIVERGED, str(caught.value), 1)
-    assert caught.value.trajectory.meta["message"] == info.message
 
 
 def test_what_is_not_there_is_not_needed(run):
@@ -149,9 +140,3 @@ def test_the_run_of_a_built_in_scenario_names_no_folder(tmp_path, monkeypatch):
     (tmp_path / "space_robot.urdf").write_text("<robot name='other'/>")
     monkeypatch.chdir(tmp_path)
     assert load_run(tmp_path / "run.npz").reduced.robot.name == "space_robot"
-
-
-def test_the_run_of_a_file_of_ones_own_keeps_its_folder(tmp_path):
-    (tmp_path / "space-robot.yaml").write_bytes(find_scenario("space-robot").read_bytes())
-    run = execute(Scenario.load(str(tmp_path / "space-robot.yaml"), SHORT)).trajectory
-    assert run.meta["folder"] == str(tmp_path.resolve())

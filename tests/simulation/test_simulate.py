@@ -142,37 +142,6 @@ def test_singularity_in_a_simulation_carries_its_time():
     assert error.trajectory.outcome is rnc.Outcome.SINGULAR
 
 
-def test_position_limits_end_the_run():
-    robot = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
-    reduced = ALL["fire_truck"]()
-    turn = Inputs(lambda t: np.array([0.0, 100.0, 0.0]))
-    with pytest.raises(rnc.LimitError, match="joint 'front_steering' left its range"):
-        rnc.simulate(
-            reduced, turn, robot.configuration(), 2.0, options=rnc.SimulationOptions(rnc.Stop(position_limits=True))
-        )
-
-
-def test_interruption_keeps_the_run():
-    def interrupt(sample):
-        if sample.time > 0.1:
-            raise KeyboardInterrupt
-
-    reduced = space_robot_in_joints()
-    options = rnc.SimulationOptions(observer=interrupt)
-    run = rnc.simulate(reduced, Idle(3), reduced.robot.configuration({"joint_2": 1.0}), 1.0, options=options)
-    assert run.outcome is rnc.Outcome.INTERRUPTED
-    assert len(run.time) == 52
-
-
-@pytest.mark.parametrize("arguments", [{"duration": 0.0}, {"duration": 1.0, "dt": -1.0}])
-def test_times_that_make_no_sense_are_refused(arguments):
-    reduced = space_robot_in_joints()
-    with pytest.raises(rnc.InputError):
-        rnc.simulate(reduced, Idle(3), reduced.robot.configuration(), **arguments)
-    with pytest.raises(rnc.InputError):
-        rnc.ReducedPlant(reduced, substeps=0)
-
-
 @pytest.mark.parametrize("speed", [1e9, np.inf, np.nan])
 def test_a_step_without_bound_is_said_rather_than_taken(speed):
     reduced = mobile_manipulator()

@@ -29,7 +29,7 @@ from tolerances import ROUNDING
 STEERING = rnc.AckermannSteering("left_steer", "right_steer", "bl")
 
 
-@pytest.mark.parametrize("name", ["mecanum", "omni", "skid", "side slip x", "caster of a wheel"])
+@pytest.mark.parametrize("name", ["mecanum", "omni", "skid", "side slip x", "side slip y", "caster of a wheel"])
 def test_rows_are_drawn_where_they_act(name):
     """The velocity of the material point at the line of action, along it, is what the row forbids."""
     kind, robot = OF_TWO_WHEELS[name], bicycle().robot

@@ -65,8 +65,7 @@ def test_every_robot_with_wheels_is_on_them_or_says_why_not():
 
 @pytest.mark.parametrize(("name", "growth"), [
     ("tiago_pro", (22, 24)),
-    ("tiago_no_hand", (12, 13, 14)),
-    pytest.param("tiago_dual", (99, 100, 101), marks=pytest.mark.long),  # as tiago_no_hand, with two hands
+    pytest.param("tiago_dual", (99, 100, 101), marks=pytest.mark.long),  # as Tiago with one hand
 ])  # fmt: skip
 def test_growth_vectors_of_wheeled_robots(name, growth):
     """Closed forms: the base can go sideways beyond its velocities, or to any place on the plane.

@@ -21,7 +21,6 @@ from browsing import give_up
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.figures import save, style
-from rnc_pin.figures.panel import split_names
 from rnc_pin.simulation import ground_paths
 from rnc_pin.simulation.run_panels import learning_panels, panels
 from rnc_pin.visualization import recording as capture
@@ -178,24 +177,6 @@ def test_a_goal_that_stays_is_marked(drive):
     assert not [line for line in plot_top_view(run).axes[0].get_lines() if line.get_marker() == "x"]
 
 
-def test_a_view_from_above_leaves_the_terminal_alone(run, caplog):
-    """Also of what does not move, of which it shows the surroundings."""
-    still = replace(run, x2=np.repeat(run.x2[:1], len(run.time), axis=0), info=replace(run.info, goals=()))
-    for shown in (run, still):
-        axes = plot_top_view(shown).axes[0]
-        axes.figure.draw_without_rendering()
-        assert min(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())) >= 0.1
-    assert caplog.records == []
-
-
-def test_errors_of_nothing_leave_an_axis_that_can_be_read(drive):
-    run, _ = drive
-    kept = replace(run, x1_desired=np.where(np.isnan(run.x1_desired), np.nan, run.x1), x2_desired=run.x2)
-    for axes in (axes for axes in kept.plot().axes if axes.get_ylabel().startswith("error")):
-        bottom, top = axes.get_ylim()
-        assert 0 < 10 * bottom < top
-
-
 def test_a_body_that_leans_is_one_path(drive):
     """Its origin sways, the point on the ground does not: two points of one body."""
     run, _ = drive
@@ -224,14 +205,6 @@ def test_of_a_hundred_joints_those_are_shown_that_move_most(run):
     angles = [panel for panel in panels(crowd) if panel.quantity == "angle"]
     assert [panel.note for panel in angles] == ["18 of 101, moving most"] * 3
     assert [each.name for panel in angles for each in panel.series] == [f"joint_{k}" for k in range(82, 100)]
-
-
-def test_joints_of_a_limb_stay_together():
-    arms = [f"arm_{side}_{k}_joint" for side in ("left", "right") for k in range(1, 6)]
-    legs = [f"leg_{side}_{k}_joint" for side in ("left", "right") for k in range(1, 4)]
-    assert split_names([*arms, *legs]) == [arms[:5], arms[5:], legs]
-    assert split_names(["a", "b"]) == [["a", "b"]]
-    assert split_names([]) == []
 
 
 # ---------------------------------------------------------------------- pictures and videos

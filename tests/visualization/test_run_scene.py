@@ -14,7 +14,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.simulation import Columns, OutputNames, output_names
 from rnc_pin.visualization.drawn_state import DrawnState, View, recorded_states
-from rnc_pin.visualization.elements import Overlay, _cylinder_transform, margin_color
+from rnc_pin.visualization.elements import Overlay, _cylinder_transform
 from rnc_pin.visualization.meshcat_scene import ASPECT, FIELD_OF_VIEW, VIEW_DIRECTION, Keyframes, fitting_camera
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.scene_kinematics import SceneKinematics
@@ -82,27 +82,6 @@ def test_keyframes_are_the_transforms_that_went_in():
 
 
 # ---------------------------------------------------------------------- where things act
-
-
-@pytest.mark.parametrize("name", ["fire_truck", "tiago"])
-def test_lines_of_action_are_where_and_along_what_a_row_holds(name):
-    """A row times a velocity is the velocity of the point there, along the line."""
-    reduced = getattr(systems, name)()
-    kinematics, generator = Kinematics(reduced.robot), np.random.default_rng(1)
-    frames = {row: row.split("(")[1].split(".")[0].rstrip(")") for row in reduced.constraints.names}
-    for _ in range(5):
-        q = reduced.robot.random_configuration(generator)
-        v = generator.normal(size=reduced.robot.nv)
-        position = kinematics.position(q)
-        A = reduced.constraints.jacobian(position)
-        points, directions = reduced.constraints.lines_of_action(position)
-        np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
-        for row, name_of_row in enumerate(reduced.constraints.names):
-            frame = reduced.robot.frame_id(frames[name_of_row])
-            J = position.jacobian(frame)
-            arm = points[row] - position.placement(frame).translation
-            moved = J[:3] @ v + np.cross(J[3:] @ v, arm)
-            np.testing.assert_allclose(directions[row] @ moved, A[row] @ v, atol=1e-10)
 
 
 @pytest.mark.parametrize("kind", [rnc.RollingBall, rnc.Caster], ids=["ball", "caster"])
@@ -201,13 +180,6 @@ def test_the_board_measures_attitudes_on_the_sphere():
     np.testing.assert_allclose(overlay.values(state)[0][1], 2 * np.pi - 6.0)
 
 
-def test_colours_warn_of_a_singularity():
-    far, near, there = margin_color(0.6), margin_color(0.01), margin_color(0.0)
-    assert far[2] > far[0]  # blue
-    assert near[0] > near[2]  # orange to vermillion
-    np.testing.assert_array_equal(there, margin_color(float("nan")))
-
-
 def test_the_whole_motion_is_in_the_picture():
     points = np.random.default_rng(0).uniform([-8.0, -0.3, 0.0], [1.3, 3.5, 0.7], (50, 3))
     camera, target = fitting_camera(points, np.array(VIEW_DIRECTION))
@@ -226,12 +198,6 @@ def test_the_whole_motion_is_in_the_picture():
 
 
 # ---------------------------------------------------------------------- any robot
-
-
-def test_the_papers_recordings_are_small(truck, run, robot, tmp_path):
-    reduced, trajectory = truck
-    assert Recording(reduced, trajectory, View(trail=["rear_axle"])).save(tmp_path / "a.html").stat().st_size < 5e6
-    assert [each.name for each in tmp_path.iterdir()] == ["a.html"]
 
 
 def test_an_unknown_frame_has_no_trail(robot, run, tmp_path):

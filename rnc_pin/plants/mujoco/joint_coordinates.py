@@ -219,11 +219,6 @@ class RobotCoordinates:
             joint.read(JointState(qpos, qvel), pinocchio)
         return pinocchio
 
-    def dof(self, index: int) -> int | None:
-        """Return the MuJoCo index of an entry of v with equal coordinates in both; None for other entries."""
-        found = np.flatnonzero(self._v == index)
-        return int(self._dof[found[0]]) if len(found) else None
-
     def add_force(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
         """Add a generalized force (nv,) to the applied force of MuJoCo."""
         applied[self._dof] += force[self._v]

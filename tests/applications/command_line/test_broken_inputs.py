@@ -376,6 +376,7 @@ WRONG_ARGUMENTS = {
     "no q0": ({"q0": None}, r"q has shape \(\), expected"),
     "words for v2_0": ({"v2_0": "fast"}, "v2 is not an array of numbers: 'fast'"),
     "a time in words": ({"duration": "1"}, "duration '1' and dt 0.01 have to be positive numbers"),
+    "a step backwards": ({"dt": -1.0}, "duration 0.1 and dt -1.0 have to be positive numbers"),
     "a plant": ({"plant": object()}, "plant: expected methods reset, read, apply, advance, found a object"),
     "meta": ({"options": rnc.SimulationOptions(meta=3)}, "meta: expected a Provenance or a mapping, found int"),
     "options": ({"options": {"meta": 3}}, "options: expected SimulationOptions, found a dict"),

@@ -17,10 +17,7 @@ import yaml
 import rnc_pin as rnc
 from patience import PATIENCE
 from rnc_pin.applications.command_line.cli import main
-from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario
-from rnc_pin.applications.scenario.pictures import draw_pictures, picture_names
-from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.robots.robot_files import shipped_directory
 from terminal import results
 
@@ -143,16 +140,6 @@ def test_the_summary_fits_the_trajectory(first_run):
     assert summary["realtime_factor"] == pytest.approx(summary["duration"] / summary["wall_time"])
 
 
-def test_the_same_seed_gives_the_same_bits(first_run, call, tmp_path, no_pictures):
-    status, *_ = call("run", "space-robot", *SHORT, "--out", tmp_path)
-    assert status == 0
-    for name in ("trajectory.npz", "trajectory_platform_uncontrolled.npz"):
-        one, other = arrays(first_run[1] / name), arrays(tmp_path / name)
-        assert list(one) == list(other)
-        for array in one:
-            np.testing.assert_array_equal(one[array], other[array], err_msg=array)
-
-
 def test_json_is_all_that_is_printed_of_a_run_into_its_default_folder(call, tmp_path, monkeypatch, no_pictures):
     monkeypatch.chdir(tmp_path)
     status, out, error = call("run", "space-robot", *BARE, "--json")
@@ -162,19 +149,6 @@ def test_json_is_all_that_is_printed_of_a_run_into_its_default_folder(call, tmp_
     assert elapsed > printed["wall_time"]  # reading, building and drawing are in it
     assert printed == parsed((folder / "summary.json").read_text())
     assert set(files) == {path.name for path in folder.iterdir()} - {".rnc_pin"}
-
-
-def test_progress_tells_runs_and_pictures_apart(tmp_path, monkeypatch):
-    # Drawing takes long, and its progress comes before it.
-    monkeypatch.setattr("rnc_pin.applications.scenario.pictures._writer", lambda name: lambda *_: True)
-    prepared = Scenario.load("space-robot", {"simulation.duration": 0.05, "plots": {}}).build()
-    runs, pictures = [], []
-    result = execute(prepared, progress=lambda done, what: runs.append((done, what)))
-    assert list(dict.fromkeys(what for _, what in runs)) == ["space-robot", "space-robot: platform uncontrolled"]
-    assert [done for done, _ in runs] == sorted(done for done, _ in runs)
-    assert runs[-1][0] == pytest.approx(prepared.total_duration)
-    draw_pictures(prepared, result, tmp_path, lambda done, what: pictures.append((done, what)))
-    assert pictures == list(enumerate(picture_names(prepared)))
 
 
 def test_a_failed_run_has_status_1_and_keeps_its_results(call, tmp_path):
@@ -499,19 +473,3 @@ def test_the_module_is_the_command_too(tmp_path):
     command = [sys.executable, "-m", "rnc_pin", "list", "--json"]
     process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE)
     assert sorted(parsed(process.stdout)) == built_in_names()
-
-
-def test_a_singular_start_of_a_regulator_is_one_line_with_its_place(tmp_path, call):
-    """A straight arm, which the outputs of the regulator do not determine."""
-    file = tmp_path / "straight.yaml"
-    file.write_text(
-        "robot: {urdf: space_robot.urdf, base: fixed}\n"
-        "constraints: [{momentum: platform}]\n"
-        "actuators: [joint_1, joint_2, joint_3]\n"
-        "outputs: {reducing: [{frame_position: {frame: tip, axes: xy}}, {joint: joint_1}]}\n"
-        "controller: {type: state_feedback, coordinates: [joint_1], rates: [joint_1], state_cost: 1, input_cost: 1}\n"
-        "simulation: {duration: 1, dt: 0.01}\n"
-    )
-    status, _, error = call("run", file, "--out", tmp_path / "out")
-    assert status == 2
-    assert "straight.yaml: controller: singular configuration: rows tip_x are dependent" in error.splitlines()[-1]

@@ -105,26 +105,6 @@ def test_a_function_of_a_user_that_raises_does_not_lose_the_motion(motion, who):
     assert caught.value.trajectory.time[-1] > 0.3
 
 
-def test_a_controller_that_raises_keeps_its_results_on_the_command_line(tmp_path, call, monkeypatch, no_pictures):
-    from rnc_pin.control import ComputedTorque, VelocityTracker
-
-    for kind in (ComputedTorque, VelocityTracker):
-        step = kind.step
-
-        def failing(self, t, measurement, state, step=step):
-            return fault() if t > 0.1 else step(self, t, measurement, state)
-
-        monkeypatch.setattr(kind, "step", failing)
-    status, _, error = call(*RUN, "--out", tmp_path)
-    assert status == 1
-    (line,) = [line for line in error.splitlines() if line.startswith("rnc-pin: error")]
-    assert "ZeroDivisionError" in line
-    assert f"results so far are in {tmp_path}" in line
-    run = rnc.Trajectory.load(tmp_path / "trajectory.npz")
-    assert run.outcome is rnc.Outcome.FAILED
-    assert run.time[-1] > 0.09
-
-
 # ---------------------------------------------------------------------- signals
 
 

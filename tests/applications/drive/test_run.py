@@ -368,19 +368,6 @@ def test_a_run_without_end_grows_its_record(monkeypatch):
     assert np.array_equal(grown.v2, whole.v2)
 
 
-def test_ctrl_c_keeps_the_record():
-    run = manipulator([(2, goal(2.0, 0.6))])
-
-    class Impatient:
-        def show(self, sample, status):
-            if sample.time > 0.5:
-                raise KeyboardInterrupt
-
-    result = drive(run, watcher=Impatient())
-    assert result.trajectory.outcome is Outcome.INTERRUPTED
-    assert result.trajectory.time[-1] == pytest.approx(0.52)
-
-
 REFUSED = {
     "mobile-manipulator": (["joint_1", "joint_2"], "move only 2 of them (none moves base_speed_x, base_yaw)"),
     "snakeboard": (["rotor", "front_steering", "back_steering"],

@@ -45,10 +45,3 @@ def test_a_run_keeps_its_vector_pictures(call, tmp_path, request):
 def test_other_forms_are_refused(option, value, message):
     with pytest.raises(rnc.ConfigurationError, match=message):
         Scenario.load("space-robot", {option: value}).build()
-
-
-def test_a_label_of_nothing_fails_the_pictures_with_its_name(call, tmp_path):
-    options = ["--set", "figures.labels={platfrm: x}", "--set", "plots={}"]
-    _, _, error = call("run", "space-robot", *SHORT, *options, "--out", tmp_path / "out")
-    assert "overview.png could not be drawn: labels: nothing is named 'platfrm'; did you mean 'platform'?" in error
-    assert (tmp_path / "out" / "trajectory.npz").exists()

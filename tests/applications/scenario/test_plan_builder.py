@@ -130,17 +130,6 @@ def test_limits_of_the_file_are_removed_or_replaced(warehouse, settings):
     assert found.verdict.succeeded
 
 
-def test_velocities_of_the_file_hold_unless_the_file_says_otherwise(warehouse):
-    high = {"lift_joint": 1.2, "base_x": 1.0, "base_y": 0.0, "base_yaw": 0.0}
-    quick = {"goal": high, "duration": 3.0}
-    slow, fast = (
-        Scenario.load(written(warehouse, FORKLIFT, planner={**quick, **each})).experiment.plan
-        for each in ({}, {"limits": {"velocity": None}})
-    )
-    assert slow.w[:, 2].max() == pytest.approx(0.995 * 0.5, abs=1e-6)  # feedback has the rest
-    assert fast.w[:, 2].max() == pytest.approx(0.6, rel=0.02)
-
-
 def test_plans_are_judged_with_the_gains_of_the_run(warehouse):
     """Without gains the motion with feedback is that of the inputs alone."""
     near = {"goal": {"lift_joint": 0.5, "base_x": 1.0, "base_y": 0.3, "base_yaw": 0.3}, "seeds": 6}

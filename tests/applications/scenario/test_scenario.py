@@ -8,7 +8,6 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
-from rnc_pin.applications.scenario.execution import execute
 
 SHORT = {"simulation.duration": 0.2, "comparisons": {}, "plots": {}}
 SLEIGH = {
@@ -22,33 +21,6 @@ def written(folder, **more):
     path = folder / "mine.yaml"
     path.write_text(yaml.safe_dump({**SLEIGH, **more}))
     return path
-
-
-def test_a_run_has_the_bits_and_the_verdict_of_the_command():
-    scenario = rnc.Scenario.load("mobile-manipulator", SHORT)
-    ours, theirs = scenario.run(), execute(rnc.Scenario.load("mobile-manipulator", SHORT)).trajectory
-    for name in ("q", "v", "T", "energy"):
-        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
-    assert [str(each) for each in ours.verdict.findings] == [str(each) for each in theirs.verdict.findings]
-    assert ours.info.provenance.scenario == "mobile-manipulator"
-
-
-def test_its_controller_runs_in_a_loop_of_ones_own():
-    """The first inputs of the loop are those of the run: same model, controller and period."""
-    scenario = rnc.Scenario.load("space-robot", SHORT)
-    run = scenario.run()
-    loop = rnc.ControlLoop(scenario.reduced, scenario.controller, scenario.dt)
-    for k in range(3):
-        np.testing.assert_allclose(loop.step(run.time[k], run.q[k], run.v[k]), run.T[k], rtol=0, atol=1e-9)
-
-
-def test_objects_are_built_once_and_fit_together():
-    scenario = rnc.Scenario.load("unicycle", SHORT)
-    assert scenario.reduced is scenario.model.reduced is scenario.experiment.reduced
-    assert scenario.robot is scenario.system.robot
-    assert set(scenario.references) == {"primary", "redundant", "vertical"}
-    assert scenario.duration == 0.2
-    np.testing.assert_array_equal(scenario.q0, scenario.experiment.q0)
 
 
 def test_a_file_of_the_dynamics_alone_has_a_model(tmp_path):

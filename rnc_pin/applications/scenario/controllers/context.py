@@ -38,11 +38,6 @@ class GoalError(NamedTuple):
     """Absolute error of each row [m, rad; m/s, rad/s of a quasi-velocity]."""
     priority: int
 
-    @property
-    def largest(self) -> float:
-        """Largest error of the task."""
-        return max(self.errors.values())
-
 
 class TaskGoals:
     """Goals of the tasks that follow references. Postures and the like are preferences: they have no goals.

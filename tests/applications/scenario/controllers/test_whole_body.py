@@ -282,14 +282,3 @@ def test_the_goal_of_a_speed_is_its_rate(tmp_path):
     short = {"obstacles": [], "simulation": {"duration": 1.0, "dt": 0.02}}
     (error,) = execute(Scenario.load(point(tmp_path, controller=program, **short))).summary["goals_missed"].values()
     assert error == pytest.approx(15 / 8 - 1.5, abs=1e-9)
-
-
-def test_inputs_stay_within_the_efforts_of_the_file(tmp_path):
-    fast = {"type": "inverse_dynamics", "velocity_gain": 40.0}
-    steps = [
-        {"output": {"output": {"joint": name}, "reference": {"hold": {"value": [1.0]}}, "gain": 4}} for name in "xy"
-    ]
-    run = execute(Scenario.load(point(tmp_path, controller={**fast, "tasks": steps}, obstacles=[]))).trajectory
-    assert np.abs(run.T).max() == pytest.approx(60.0, abs=1e-8)
-    np.testing.assert_allclose(run.q[-1], [1.0, 1.0], atol=1e-3)
-    assert np.abs(run.v).max() <= 1.5
