@@ -39,6 +39,9 @@ _HULLS: WeakKeyDictionary[Robot, list[coal.CollisionGeometry]] = WeakKeyDictiona
 """Convex shapes of the links of each robot: hulls of meshes take most of the time of a construction."""
 _UP = np.array([0.0, 0.0, 1.0])  # obstacles that move turn by yaw
 
+_TURNS = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]) / np.sqrt(3.0)
+_SAME_POINT = 1e-3  # [m]
+
 
 class CollisionDistances:
     """Signed distances between links, and from links to obstacles. One object serves one thread at a time.
@@ -156,6 +159,37 @@ class CollisionDistances:
             if not inside.all():
                 near, found = near[inside], found[inside]
         return self._with_rates(near, found, t)
+
+    def edges(self, near: PairDistances, t: float = 0.0, turn: float = 0.05) -> PairDistances:
+        """Further points of pairs at the last configuration, which are nearest if the first body turns a little.
+
+        A body that rests on a corner turns about it until it meets another one: its distance then changes at once. With
+        these points, both corners count. Distances are those to the plane through the nearest points: at most the
+        pair's own ones for convex bodies that are apart, so a pair occurs several times.
+
+        Args:
+            near: the pairs, from the last call of ``at``.
+            t: time, for obstacles that move [s].
+            turn: angle [rad].
+        """
+        pairs, first = near.pairs, self.shape_pairs[0][near.pairs]
+        found = []
+        for axis in _TURNS:
+            rotation = pin.exp3(turn * axis)
+            rotations = self._at.rotations.copy()
+            rotations[first] = rotation @ rotations[first]
+            middles = self._at.middles
+            origins = self._at.origins.copy()
+            origins[first] = middles[first] + np.matvec(rotation, origins[first] - middles[first])
+            measured = self._measure(pairs, rotations, origins)
+            a = middles[first] + np.matvec(rotation.T, measured[:, 4:7] - middles[first])
+            for point, plane, sign in ((a, near.point_b, 1.0), (measured[:, 7:10], near.point_a, -1.0)):
+                distance = sign * np.vecdot(near.normal, plane - point)
+                ends = point, point + (sign * distance)[:, None] * near.normal
+                found.append(np.column_stack([distance, near.normal, *ends[:: int(sign)]]))
+        numbers = np.concatenate(found)
+        chosen = np.abs(numbers[:, 4:7] - np.tile(near.point_a, (len(found), 1))).max(axis=1) > _SAME_POINT
+        return self._with_rates(np.tile(pairs, len(found))[chosen], np.ascontiguousarray(numbers[chosen]), t)
 
     def smallest(self, q: ArrayLike, t: float = 0.0, beyond: float = 0.0) -> np.ndarray:
         """Distance of every pair (k,) [m]; pairs farther than ``beyond`` may have a lower bound instead."""

@@ -3,14 +3,16 @@
 import coal
 import numpy as np
 import pinocchio as pin
+import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, free_body
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.control.whole_body import ControlSample, InverseDynamicsQP
 from rnc_pin.control.whole_body.limits import CollisionAvoidance
 from rnc_pin.control.whole_body.limits.distance_limits import approach_speed
 from rnc_pin.control.whole_body.tasks import OutputTask
+from systems import with_box
 
 DT = 0.01
 
@@ -37,10 +39,11 @@ def test_rows_are_the_damper():
     assert np.isinf(upper).all()
     exact = CollisionDistances(reduced.robot, [person], q0=q0).at(sample.end.q, 1.0 + DT)
     active, v = exact.distance < 0.4, sample.end.v
-    np.testing.assert_array_equal(places, exact.pairs[active])
+    own = slice(len(places) - np.count_nonzero(active), None)  # rows of edges come first
+    np.testing.assert_array_equal(places[own], exact.pairs[active])
     rates = exact.rates(v)[active]
     wanted = -4.0 * (exact.distance - bound.clearances)[active]
-    np.testing.assert_allclose(rows @ v - lower, rates - wanted, atol=1e-12)
+    np.testing.assert_allclose((rows @ v - lower)[own], rates - wanted, atol=1e-12)
     assert any("person" in bound.names[place] for place in places)
 
 
@@ -99,3 +102,22 @@ def test_robot_retreats_from_a_person_in_motion():
     walk = rnc.planning.MinimumJerk([2.0, 0.0, 0.0, 0.0], [-0.5, 0.0, 0.0, 0.0], duration=5.0)
     person = Obstacle(coal.Capsule(0.2, 1.0), name="person", motion=walk)
     assert least_distance(person, 1.0) > 0.05 - 1e-3
+
+
+def test_a_hand_that_rests_on_an_edge_keeps_both_of_its_ends():
+    """A box over a box, tilted by 1e-4 rad: one corner is nearest, and the edge of a turn beside it counts too."""
+    robot = with_box(free_body(1.0, 0.1, hand=(0, 0, 0)), "hand", 0.2, 0.1, 0.1)
+    floor = Obstacle(coal.Box(2.0, 2.0, 1.0), position=(0.0, 0.0, -0.5), name="floor")
+    distances, height, tilt = CollisionDistances(robot, [floor]), 0.051, 1e-4
+    q = np.array([0.0, 0.0, height, 0.0, np.sin(tilt / 2), 0.0, np.cos(tilt / 2)])
+    near = distances.at(q)
+    edges = distances.edges(near)
+    assert near.distance[0] == pytest.approx(height - 0.05 * np.cos(tilt) - 0.1 * np.sin(tilt), abs=1e-6)
+    x = edges.point_a[:, 0]
+    assert x.min() < -0.09
+    assert x.max() > 0.09
+    at = np.flatnonzero(np.abs(x) > 0.09)
+    assert edges.distance.min() >= near.distance[0] - 1e-9
+    assert edges.distance.max() == pytest.approx(height - 0.05 * np.cos(tilt) + 0.1 * np.sin(tilt), abs=1e-6)
+    v = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0])  # turns about y: points in front of the middle come down
+    np.testing.assert_allclose(edges.jacobian[at] @ v, -x[at], atol=1e-3)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -115,6 +115,7 @@ def _polygon_sides(limit: RegionLimit) -> list[_Side]:
 
 _SHARE = 0.5
 _SPACING = 5e-3  # [m, rad]; an obstacle that moves is checked at every sample
+_EDGES = 5e-3  # [m] of room, in which edges of bodies count beside their nearest points
 
 
 @dataclass(frozen=True)
@@ -204,6 +205,23 @@ class BoundCollisionAvoidance(BoundLimit):
 
     def rows(self, sample: ControlSample) -> LimitRows:
         near = self.distances.at(sample.end, sample.time, self._influence)
+        room = near.distance - self.clearances[near.pairs]
+        touching = room < _EDGES
+        rows = self._rows_of(near, sample)
+        if not touching.any():
+            return rows
+        parts = [getattr(near, each.name)[touching] for each in fields(near)]
+        edges = self.distances.edges(PairDistances(*parts), sample.time)
+        further = self._rows_of(edges, sample)
+        # A pair's own row is the last one: it is the one that reports show.
+        return LimitRows(
+            np.vstack([further.jacobian, rows.jacobian]),
+            np.append(further.lower, rows.lower),
+            np.append(further.upper, rows.upper),
+            np.append(edges.pairs, near.pairs),
+        )
+
+    def _rows_of(self, near: PairDistances, sample: ControlSample) -> LimitRows:
         room = near.distance - self.clearances[near.pairs]
         lower = -approach_speed(room, self._rate, self._decelerations(near, sample)) - near.drift
         return LimitRows(near.jacobian, lower, np.full(len(lower), np.inf), near.pairs)
