@@ -133,7 +133,8 @@ class Decision(NamedTuple):
 
     sample: BrakedSample
     backup: BackupMotion
-    count: BrakingCount
+    used: BrakingCount
+    """Samples so far."""
 
 
 class Braking:
@@ -255,6 +256,7 @@ class Braking:
         """Motion whose joints come to rest at the same time after the first sample, or each as fast as it can."""
         inputs: list[Array] = []
         decided: list[tuple[Array, Array, Array]] = []
+        problem: str | None
         state, held, problem = start, 1, f"the robot does not come to rest within {self._longest:g} s"
         allowed, most, spent = np.maximum(before, _KEPT), round(self._longest / self._dt) + 1, 0
         try:
