@@ -28,8 +28,6 @@ def interior_point(N: int, nx: int, nz: int, k: int, *arrays: _Array) -> bool: .
 def least_squares(
     rows: _Array,
     values: _Array,
-    further: _Array,
-    further_values: _Array,
     threshold: float,
     damping: float,
     rank: float,

@@ -20,37 +20,34 @@ static double invert_factor(const double *A, Py_ssize_t n, double *goal)
 }
 
 /* Least squares as a least distance: rows (k, n) and desired values (k), whose singular values have to exceed a
-   threshold, further rows (l, n) and their values (l), damping, the threshold relative to all rows, record of the goal
-   (n) and of T (n, n). With x = T y, the sum of squares is |y - goal|^2 and a constant. False unless singular values
-   certainly exceed both thresholds, or if the arrays need the other path. */
+   threshold, damping, the threshold relative to all rows, record of the goal (n) and of T (n, n). With x = T y, the sum
+   of squares is |y - goal|^2 and a constant. False unless singular values certainly exceed both thresholds, or if the
+   arrays need the other path. */
 static int least_squares_by(Arrays *all, PyObject *const *args)
 {
-    double *x[8], *A;
-    Py_ssize_t k = 0, n = 0, l = 0, columns = 0;
-    if (!stacked(args[0], &k, &n) || !stacked(args[2], &l, &columns) || columns != n || n < 1 || n >= 255 || k < n)
-        return 0;
-    Py_ssize_t sizes[] = {k * n, k, l * n, l, 0, 0, 0, n + n * n};
-    int ok = arrays_of(all, args, "ddddfffw", sizes, x);
+    double *x[6], *A;
+    Py_ssize_t k = 0, n = 0;
+    if (!stacked(args[0], &k, &n) || n < 1 || n >= 255 || k < n) return 0;
+    Py_ssize_t sizes[] = {k * n, k, 0, 0, 0, n + n * n};
+    int ok = arrays_of(all, args, "ddfffw", sizes, x);
     if (ok <= 0) return ok;
-    double least = *x[4], damping = *x[5], relative = *x[6], *goal = x[7];
-    Py_ssize_t w = n + 1, damped = damping > 0.0 ? n : 0, further = n + l + damped;
-    if (!(A = memory_of(all, (k > further ? k : further) * w))) return -1;
+    double least = *x[2], damping = *x[3], relative = *x[4], *goal = x[5];
+    Py_ssize_t w = n + 1;
+    if (!(A = memory_of(all, (k > 2 * n ? k : 2 * n) * w))) return -1;
     for (Py_ssize_t i = 0; i < k; i++)
         memcpy(A + i * w, x[0] + i * n, (size_t)n * sizeof(double)), A[i * w + n] = x[1][i];
     triangularize(A, k, n);
     /* The smallest singular value is at least the inverse of the norm of T; a NaN fails too. */
     double size = invert_factor(A, n, goal), square = 0.0;
     if (!(size > 0.0 && 1.0 > least * size)) return 0;
-    if (further == n) return 1;
+    if (!(damping > 0.0)) return 1;
     for (Py_ssize_t i = 0; i < n; i++) memset(A + i * w, 0, (size_t)i * sizeof(double)); /* below the diagonal */
-    for (Py_ssize_t i = 0; i < l; i++)
-        memcpy(A + (n + i) * w, x[2] + i * n, (size_t)n * sizeof(double)), A[(n + i) * w + n] = x[3][i];
-    memset(A + (n + l) * w, 0, (size_t)(damped * w) * sizeof(double));
-    for (Py_ssize_t i = 0; i < damped; i++) A[(n + l + i) * w + i] = damping;
-    for (Py_ssize_t i = 0; i < further; i++)
+    memset(A + n * w, 0, (size_t)(n * w) * sizeof(double));
+    for (Py_ssize_t i = 0; i < n; i++) A[(n + i) * w + i] = damping;
+    for (Py_ssize_t i = 0; i < 2 * n; i++)
         for (Py_ssize_t j = 0; j < n; j++) square += A[i * w + j] * A[i * w + j];
-    triangularize(A, further, n);
+    triangularize(A, 2 * n, n);
     size = invert_factor(A, n, goal);
     return size > 0.0 && 1.0 > relative * sqrt(square) * size;
 }
-FUNCTION(least_squares, 8)
+FUNCTION(least_squares, 6)

@@ -440,7 +440,7 @@ def _whole_level(own: Array, rate: Array, least: float, damping: float) -> tuple
     if len(own) < size:
         return None
     numbers = np.empty((size + 1, size))
-    if not _kernel.library.least_squares(own, rate, own[:0], rate[:0], least, damping, _RANK, numbers):
+    if not _kernel.library.least_squares(own, rate, least, damping, _RANK, numbers):
         return None
     return numbers[0], numbers[1:]
 

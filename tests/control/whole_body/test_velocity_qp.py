@@ -105,15 +105,14 @@ def test_rows_of_full_rank_become_a_distance():
     """The nearest point to the goal is NumPy's least squares; nearly dependent rows are left to singular values."""
     generator, numbers = np.random.default_rng(7), np.empty((6, 5))
     rows, wanted = generator.normal(size=(8, 5)), generator.normal(size=8)
-    more, rest = generator.normal(size=(2, 5)), generator.normal(size=2)
     solve = _kernel.library.least_squares
-    assert solve(rows, wanted, more, rest, 1e-8, 0.3, 1e-8, numbers)
-    stacked = np.vstack([rows, more, 0.3 * np.eye(5)])
-    expected = np.linalg.lstsq(stacked, np.r_[wanted, rest, np.zeros(5)])[0]
+    assert solve(rows, wanted, 1e-8, 0.3, 1e-8, numbers)
+    stacked = np.vstack([rows, 0.3 * np.eye(5)])
+    expected = np.linalg.lstsq(stacked, np.r_[wanted, np.zeros(5)])[0]
     np.testing.assert_allclose(numbers[0] @ numbers[1:].T, expected, rtol=1e-12)
     np.testing.assert_allclose(numbers[1:].T @ stacked.T @ stacked @ numbers[1:], np.eye(5), atol=1e-12)
     rows[:, 4] = rows[:, :2].sum(axis=1) + 1e-9 * generator.normal(size=8)
-    assert not solve(rows, wanted, more, rest, 1e-8, 0.3, 1e-8, numbers)
+    assert not solve(rows, wanted, 1e-8, 0.3, 1e-8, numbers)
 
 
 def test_samples_join_without_jumps_and_the_rate_is_exact():
