@@ -30,7 +30,6 @@ class ContactForceSet:
 
     Args:
         reduced: the model.
-        along: False for the upward forces alone.
 
     Attributes:
         normal: normal forces of the model.
@@ -40,10 +39,9 @@ class ContactForceSet:
         size: number k of the components of a contact force: upward, and along the ground.
     """
 
-    def __init__(self, reduced: ReducedModel, along: bool = True) -> None:
+    def __init__(self, reduced: ReducedModel) -> None:
         self._reduced, self.normal = reduced, NormalForces(reduced)
-        contacts = contacts_of(reduced) if along else [each._replace(along=()) for each in self.normal.contacts]
-        self.contacts = [each for each in contacts if each.along or each in self.normal.contacts or not along]
+        self.contacts = [each for each in contacts_of(reduced) if each.along or each in self.normal.contacts]
         self.names = tuple(each.name for each in self.contacts)
         self.gripping = np.array([bool(each.along) for each in self.contacts], dtype=bool)
         self.size = 1 + max((len(each.along) for each in self.contacts), default=0)

@@ -15,7 +15,7 @@ from rnc_pin.control import (
     UnknownTrack,
     WheelRegressor,
 )
-from rnc_pin.control.estimation import EstimatorState, adapt, with_estimated_kinematics
+from rnc_pin.control.estimation import EstimatorState, adapt
 from rnc_pin.model.reduced_kinematics import Measurement
 from textbook_systems import reduced_cart, two_wheeled_cart
 
@@ -85,17 +85,6 @@ def test_estimates_may_begin_at_their_bounds_and_not_beyond():
     ):
         with pytest.raises(rnc.ConfigurationError, match=words):
             estimator(**settings)
-
-
-def test_estimated_kinematics_replace_the_true_ones():
-    guess = SimpleNamespace(A_star=np.eye(2), A_star_dot=2 * np.eye(2), input_matrix=np.array([[1.0, 2.0], [3.0, 4.0]]))
-    seen = with_estimated_kinematics(Measurement(x1=np.ones(2), residual=np.ones(1), force_deficit=np.ones(2)), guess)
-    assert seen.residual is None
-    assert seen.A_star is guess.A_star
-    assert seen.A_star_dot is guess.A_star_dot
-    assert seen.force_deficit.tolist() == seen.x1.tolist() == [1.0, 1.0]
-    saturated = with_estimated_kinematics(Measurement(input_deficit=np.array([1.0, -1.0])), guess)
-    assert saturated.force_deficit.tolist() == [-1.0, -1.0]
 
 
 class Believer:

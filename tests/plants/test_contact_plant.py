@@ -247,26 +247,6 @@ def test_hoop_that_would_have_to_slip_before_it_lifts_off():
     assert [each.cause for each in plant.contact_events] == ["start"]
 
 
-def test_hoop_without_friction_flies_as_a_free_body():
-    """It lifts off where ``b cos(angle) w^2 = g``, and flies on a parabola with a constant spin."""
-    spin, end = 25.0, 0.14
-
-    def rate(angle):
-        fallen = 2 * MASS * G * OFFSET * (1 + np.cos(angle))
-        return np.sqrt((MOMENT * spin**2 - fallen) / (MOMENT + MASS * (OFFSET * np.sin(angle)) ** 2))
-
-    free = scipy.optimize.brentq(lambda each: OFFSET * np.cos(each) * rate(each) ** 2 - G, 1.5 * np.pi, 1.7 * np.pi)
-    flight = end - time_to(free, rate)
-    plant = hoop(0.0, spin, slip=(RADIUS - OFFSET) * spin)
-    for _ in range(70):
-        plant.advance(end / 70)
-    assert [each.cause for each in plant.contact_events] == ["start", "lift-off of hoop"]
-    rises = -OFFSET * np.sin(free) * rate(free)
-    parabola = RADIUS + OFFSET * np.cos(free) + rises * flight - G * flight**2 / 2, rises - G * flight
-    np.testing.assert_allclose(height(plant), parabola, atol=1e-6)
-    assert plant.read()[1][4] == pytest.approx(rate(free), abs=1e-6)
-
-
 def test_a_box_without_slip_comes_to_rest_on_four_corners():
     system = rnc.NonholonomicSystem(BOX)
     contacts = [rnc.UnilateralContact(rnc.RollingBall(name, 0.01), restitution=0.5) for name in CORNERS]

@@ -1,8 +1,5 @@
 """Contacts that stick and slide, against closed forms, ``ReducedPlant`` and ``Grip``."""
 
-import copy
-import pickle
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -232,12 +229,3 @@ def test_much_friction_is_the_rigid_model():
             each.advance(0.01)
     np.testing.assert_allclose(np.concatenate(plant.read()), np.concatenate(rigid.read()), atol=3e-8)
     assert plant.sliding == ()
-
-
-def test_copies_continue():
-    plant, height = block(0.3)
-    plant.reset(pose(z=height), np.array([0.5, 0, 0, 0, 0, 0.2]))
-    plant.advance(0.02)
-    for other in (pickle.loads(pickle.dumps(plant)), copy.deepcopy(plant)):
-        other.advance(0.01)
-        assert not np.array_equal(other.read()[0], plant.read()[0])

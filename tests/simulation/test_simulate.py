@@ -101,17 +101,6 @@ def test_energy_changes_by_the_work_of_the_inputs_and_the_constraint_holds():
     assert run.constraint_residual.max() < 1e-9
 
 
-def test_actuator_limits_clip_the_inputs():
-    reduced = space_robot_in_joints()
-    strong = Inputs(lambda t: np.array([1e3, -1e3, 1.0]))
-    run = rnc.simulate(
-        reduced, strong, reduced.robot.configuration({"joint_2": 1.0}), 0.01,
-        plant=rnc.ReducedPlant(reduced, actuator_limits=True),
-    )  # fmt: skip
-    np.testing.assert_array_equal(run.T[0], [400.0, -400.0, 1.0])
-    assert run.T.shape == (6, 3)
-
-
 def test_a_run_that_diverges_keeps_what_it_has():
     reduced = space_robot_in_joints()
     runaway = Inputs(lambda t: 1e6 * np.ones(3))

@@ -78,15 +78,6 @@ def test_growth_vectors_of_wheeled_robots(name, growth):
     assert found.growth_vector == growth
 
 
-@pytest.mark.long  # four seconds
-def test_growth_vector_of_steered_wheels():
-    """Centauro's wheels keep their heights; the other eight of its twelve rows are nonholonomic."""
-    reduced = zoo.KINDS["rolling wheels"]("centauro")
-    found = integrability(reduced, [zoo.states(reduced)[0][0]])
-    assert found.growth_vector[-1] == reduced.n - 4
-    assert set(found.integrable) == {f"vertical(wheel_{k})" for k in (1, 2, 3, 4)}
-
-
 def test_two_robots_of_one_name_are_told_apart():
     with pytest.raises(rnc.ModelError, match="expected one of anymal_b_simple/anymal, anymal_c_simple/anymal"):
         rnc.Robot.from_example("anymal")

@@ -275,13 +275,6 @@ def test_an_interrupted_import_is_one_line(module, interrupt, tmp_path):
     assert (process.returncode, process.stdout) == (1, said)
 
 
-def test_an_interrupted_import_for_pictures_keeps_the_run(tmp_path):
-    process = run_interrupted_at("matplotlib", AS_SIGNAL, tmp_path)
-    assert process.stderr == f"rnc-pin: error: interrupted; results so far are in {tmp_path / 'out'}\n"
-    assert process.returncode == 1
-    assert rnc.Trajectory.load(tmp_path / "out" / "trajectory.npz").outcome is rnc.Outcome.COMPLETED
-
-
 def run_interrupted_at(module, interrupt, tmp_path):
     (tmp_path / "sitecustomize.py").write_text(HOOK.format(module=module, interrupt=interrupt))
     paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
@@ -325,12 +318,6 @@ def test_what_a_draft_says_to_do_next_can_be_pasted(call, tmp_path):
 ])  # fmt: skip
 def test_the_nearest_name_begins_like_the_one_given(name, valid, meant):
     assert nearest(name, valid) == f"; did you mean '{meant}'?"
-
-
-def test_a_part_of_a_robots_name_is_no_misspelt_scenario(call):
-    _, _, error = call("run", "talos")
-    assert "tiago" not in error
-    assert "if you mean the robot 'talos_reduced'" in error
 
 
 # ---------------------------------------------------------------------- camera and floor

@@ -132,12 +132,10 @@ class ConstrainedDynamics:
 
     # ------------------------------------------------------------------ states
 
-    def initial(self, q: np.ndarray, v: np.ndarray, chart: VelocityChart | None = None, t: float = 0.0) -> np.ndarray:
-        """Return the initial y at time t, in a chart centred at q; ``chart`` is that chart, if it exists."""
+    def initial(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> np.ndarray:
+        """Return the initial y at time t, in a chart centred at q."""
         rheonomic = self.reduced.rheonomic
-        if chart is None:
-            chart = VelocityChart(self.reduced.evaluator, q, self._integrands, t if rheonomic else None)
-        self.chart = chart
+        self.chart = VelocityChart(self.reduced.evaluator, q, self._integrands, t if rheonomic else None)
         y = np.zeros(self.state_size)
         y[: self._r] = self.chart.W @ v
         if rheonomic:

@@ -353,15 +353,6 @@ def test_replay_of_rubbish_is_refused(content, first_run, call, tmp_path):
     assert [each.name for each in tmp_path.iterdir()] == ["rubbish.npz"]
 
 
-def test_a_trajectory_that_does_not_name_its_outputs_has_no_summary(first_run, call, tmp_path):
-    good = arrays(first_run[1] / "trajectory.npz")
-    scenario = parsed(str(good["meta"]))["config"]
-    (tmp_path / "rubbish.npz").write_bytes(with_meta(good, json.dumps({"config": scenario})))
-    status, _, error = call("replay", tmp_path / "rubbish.npz")
-    assert status == 2
-    assert "rubbish.npz" in the_line(error)
-
-
 # ---------------------------------------------------------------------- sweep
 
 

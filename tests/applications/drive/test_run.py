@@ -310,22 +310,6 @@ def distance_to(run, configurations, obstacle, times):
     return np.array(found)
 
 
-def test_the_same_commands_give_the_same_bits():
-    commands = [
-        (3, {"kind": "base_velocity", "forward": 0.7, "turn": -0.4}),
-        (20, goal(1.7, -0.3)),
-        (33, {"kind": "obstacle_goal", "obstacle": "ball", "position": [2.0, 0.5, 0.48]}),
-        (50, {"kind": "gain", "gain": "frame gain", "value": 4.3}),
-        (60, {"kind": "joint_goal", "joint": "joint_1", "position": 0.1}),
-    ]
-    runs = [drive(manipulator(commands, obstacles=[BALL]), samples=90).trajectory for _ in range(2)]
-    for name in ("q", "v", "v2", "T", "x1_desired", "multipliers"):
-        assert np.array_equal(getattr(runs[0], name), getattr(runs[1], name), equal_nan=True), name
-    other = drive(manipulator(commands[:-1], obstacles=[BALL]), samples=70).trajectory
-    assert np.array_equal(runs[0].q[:60], other.q[:60])
-    assert not np.array_equal(runs[0].q[:70], other.q)
-
-
 def test_commands_of_a_queue_are_logged_at_their_sample_and_replay_from_the_record():
     live = manipulator()
     queue = CommandQueue(live.controls)

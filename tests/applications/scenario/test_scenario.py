@@ -54,14 +54,6 @@ def test_a_robot_beside_the_file_is_found_from_elsewhere(tmp_path):
     assert rnc.Scenario.load(tmp_path / "elsewhere" / "saved.yaml").robot.name == "cart"
 
 
-def test_a_run_that_fails_raises_and_keeps_its_samples():
-    scenario = rnc.Scenario.load("space-robot", {**SHORT, "simulation.duration": 3.0, "initial.v2": {"joint_1": 2e3}})
-    with pytest.raises(rnc.RncError) as caught:
-        scenario.run()
-    assert isinstance(caught.value.trajectory, rnc.Trajectory)
-    assert len(caught.value.trajectory.time) < 1500
-
-
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each))])
 def test_copies_run_alike(duplicate):
     scenario = rnc.Scenario.load("unicycle", SHORT)
