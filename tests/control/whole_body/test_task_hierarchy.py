@@ -73,3 +73,39 @@ def test_a_light_joint_is_steady_at_acceleration_level(reduced):
     assert np.abs(run.v[:, 0]).max() <= SLOW * (1 + 1e-6)  # the goal is out of reach
     assert np.abs(np.diff(wrist, 2)).max() < 0.05
     assert abs(run.q[-1, 1]) < 0.01
+
+
+def reversing(values, largest):
+    """Largest change, as a share of a limit, that takes part in three reversals in a row."""
+    change = np.diff(values, axis=0) / largest
+    signs = np.sign(change)
+    least = np.min([np.abs(change[k : len(change) - 3 + k]) for k in range(4)], axis=0)
+    turning = np.all([signs[k : len(signs) - 3 + k] * signs[k + 1 : len(signs) - 2 + k] < 0 for k in range(3)], axis=0)
+    return float((least * turning).max(initial=0.0))
+
+
+@pytest.mark.parametrize("beyond", [1.0, 0.01])
+@pytest.mark.parametrize(("name", "shoulder", "reach"), [("panda", 0.333, 0.962), ("ur5_robot", 0.089, 0.95)])
+def test_an_arm_stretches_towards_a_goal_out_of_reach_and_rests(name, shoulder, reach, beyond):
+    """With a posture below, by both programs; nothing reverses by more than 5 % of its limit."""
+    fingers = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02} if name == "panda" else {}
+    robot = rnc.Robot.from_example(name, lock=fingers)
+    arm = rnc.NonholonomicSystem(robot, [], list(robot.joint_names)).reduce()
+    goal = np.array([0.0, 0.0, shoulder]) + (reach + beyond) * np.array([0.6, 0.48, 0.64])
+    tip = rnc.FramePosition("panda_hand" if name == "panda" else "tool0")
+    q0 = robot.configuration(dict(zip(robot.joint_names[1:4], (-0.6, 0.4, -1.2), strict=True)))
+    wanted = [
+        tasks.OutputTask(tip, Hold(goal), gain=3.0),
+        tasks.PostureTask(dict.fromkeys(robot.joint_names, -0.4), priority=1),
+    ]
+    held = [limits.JointPositionLimit(), limits.JointVelocityLimit()]
+    by_inputs = InverseDynamicsQP(arm, wanted, held, dt=0.01, braking_time=None)
+    run = rnc.simulate(arm, by_inputs, q0, 4.0, 0.01)
+    assert reversing(run.T[200:], arm.actuation.limits) < 0.05
+    _, path = rnc.kinematic_rollout(arm, VelocityQP(arm, wanted, held, dt=0.01), q0, duration=4.0)
+    fastest = robot.model.upperVelocityLimit
+    for q in (run.q, path):
+        assert reversing(np.diff(q[200:], axis=0) / 0.01, fastest) < 0.05
+        assert np.abs(q[-1] - q[-2]).max() < 2e-3
+        stretched = arm.at(q[-1]).position.placement(robot.frame_id(tip.frame)).translation
+        assert np.linalg.norm(goal - stretched) < beyond + 0.15
