@@ -172,9 +172,9 @@ def _one(values: ArrayInput, name: str) -> Array:
     return found
 
 
-def _check_assembled(assembly: Assembly, q: Array, t: float | None = None) -> None:
+def _check_assembled(assembly: Assembly, q: Array) -> None:
     """Raise an error if a configuration violates a holonomic row."""
-    if assembly.size and np.abs(assembly.residual(q, t)).max() > _APART:
+    if assembly.size and np.abs(assembly.residual(q)).max() > _APART:
         name, residual = assembly.worst(q)
         raise InputError(
             f"impact: the configuration violates {name} by {residual:.3g} [m or rad]: constraints appear only where "

@@ -9,38 +9,13 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body
 from rolling import rigid_body
-from systems import bicycle, random_states
+from systems import random_states
 from textbook_systems import differential_drive
 
 RADIUS, MASS = 0.2, 3.0
 
 
 # ---------------------------------------------------------------------- wheels on a steered fork
-
-
-def test_wheels_on_a_raked_fork_touch_with_a_point_at_rest():
-    """Independent: the wheel's lowest material point, found from its placement alone, moved along v and back."""
-    reduced = bicycle()
-    model, radius = reduced.robot.model, 0.3
-    data, h = model.createData(), 1e-6
-
-    def placement(q, frame):
-        pin.framesForwardKinematics(model, data, q)
-        return data.oMf[model.getFrameId(frame)].copy()
-
-    steered = []
-    for q, v2 in random_states(reduced, 8):
-        v = reduced.at(q, v2).v
-        steered.append(q[model.joints[3].idx_q])
-        for frame in ("rear", "front"):
-            here = placement(q, frame)
-            axle = here.rotation[:, 1]
-            down = np.array([0.0, 0.0, -1.0]) + axle[2] * axle  # steepest way down within the disk
-            lowest = here.actInv(here.translation + radius * down / np.linalg.norm(down))
-            assert here.act(lowest)[2] == pytest.approx(0.0, abs=1e-12), "on the ground"
-            ahead, behind = (placement(pin.integrate(model, q, sign * h * v), frame).act(lowest) for sign in (1, -1))
-            np.testing.assert_allclose((ahead - behind) / (2 * h), 0.0, atol=1e-8)
-    assert np.ptp(steered) > 1.0
 
 
 def test_a_caster_follows_its_trail():

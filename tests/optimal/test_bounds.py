@@ -22,15 +22,6 @@ def lift_plan(reduced, lift, duration=8.0, **options):
     return rnc.optimal.plan(reduced, start, forklifts.goal_of(AHEAD, lift), duration, settings=FEW, seeds=0, **options)
 
 
-@pytest.mark.parametrize("form", ["kinematic", "acceleration", "dynamic"])
-def test_a_goal_beyond_a_limit_of_the_file_is_refused_at_once(tmp_path, form):
-    message = (
-        r"goal: value of lift_joint = 2.6 is above the limit 1.4 of the robot's file \(state a bound for it, or lim"
-    )
-    with pytest.raises(rnc.InfeasibleError, match=message):
-        lift_plan(forklifts.forklift(tmp_path), 2.6, form=form)
-
-
 def test_goals_as_configurations_and_starts_are_compared_too(tmp_path):
     reduced = forklifts.forklift(tmp_path)
     low, high = (reduced.robot.configuration({"lift_joint": lift}) for lift in (0.2, 1.5))
@@ -43,17 +34,6 @@ def test_goals_as_configurations_and_starts_are_compared_too(tmp_path):
         rnc.optimal.plan(reduced, low, low, 4.0, v2_0=fast)
     with pytest.raises(rnc.InfeasibleError, match=r"goal: value of lift_joint = 0\.2 is above the limit 0\.1 of its"):
         rnc.optimal.plan(reduced, low, low, 4.0, bounds=[OutputBound("lift_joint", 0.0, 0.1)])
-
-
-@pytest.mark.parametrize("options", [
-    {"limits": None},
-    {"limits": FileLimits(position=False)},
-    {"bounds": [OutputBound(rnc.JointPosition("lift_joint"), 0.0, 3.0)]},
-    {"bounds": [OutputBound("lift_joint", {"lift_joint": -np.inf})]},
-])  # fmt: skip
-def test_limits_of_positions_are_removed_or_replaced(tmp_path, options):
-    plan = lift_plan(forklifts.forklift(tmp_path), 2.6, **options)
-    assert plan.q[-1, 4] == pytest.approx(2.6, abs=1e-4)
 
 
 @pytest.mark.parametrize("form", ["kinematic", "acceleration"])

@@ -79,24 +79,6 @@ def test_a_robot_that_needs_one_step_takes_one():
     assert plant.errors.most == 1
 
 
-@pytest.mark.parametrize("friction", [False, True])
-def test_damping_and_friction_keep_the_tolerance(friction):
-    robot = systems.space_robot().robot
-    model = robot.model.copy()
-    model.damping[:] = 2.0
-    model.upperDryFrictionLimit[:] = 0.5 * friction
-    reduced = rnc.NonholonomicSystem(rnc.Robot(model)).reduce()
-    q, v = pin.neutral(model), np.array([0.5, 2.0, -3.0, 4.0])[: model.nv]
-    ends = []
-    for options in ({}, {"substeps": 16}):
-        plant = rnc.ReducedPlant(reduced, joint_damping=True, joint_friction=friction, **options)
-        plant.reset(q, v)
-        for _ in range(20):
-            plant.advance(0.02)
-        ends.append(plant.read()[0])
-    assert 0 < np.abs(ends[0] - ends[1]).max() < 1e-6
-
-
 def test_a_run_states_its_error(ball, tmp_path):
     reduced, (q, v) = ball.reduce(), thrown(ball, 30.0)
     still = rnc.control.ZeroInput(reduced)

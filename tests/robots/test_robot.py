@@ -45,14 +45,6 @@ def test_case_studies_have_the_inertia_of_the_paper(file, base, body, links):
         assert not each.inertia.any()
 
 
-def test_the_fire_truck_has_wheel_bases_of_one_metre():
-    robot = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, robot.configuration())
-    axles = [data.oMf[robot.frame_id(name)].translation[0] for name in ("front_axle", "tractor_axle", "rear_axle")]
-    assert axles == [1.0, 0.0, -1.0]
-
-
 @pytest.mark.parametrize("file", SHIPPED)
 def test_visual_geometry_loads(file, capfd):
     geometry = rnc.Robot.from_urdf(file).visual_model
