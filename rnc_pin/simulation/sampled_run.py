@@ -10,7 +10,7 @@ import numpy as np
 
 from rnc_pin.control.controller import Command, State, limited_accelerations, missed_goals, part_with
 from rnc_pin.control.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
-from rnc_pin.control.loop.loop_state import counted
+from rnc_pin.control.loop.loop_state import with_late_tick
 from rnc_pin.control.loop.options import admit_controller, admit_model, type_name
 from rnc_pin.control.whole_body.braking_motion import BrakingCount
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
@@ -236,7 +236,7 @@ class SampledRun:
             raise
         if perf_counter() - wall > self._dt:  # thread time, without other work of the computer, is never longer
             spent = thread_time() - begin
-            self.record.late = counted(self.record.late, t, spent, self._dt)
+            self.record.late = with_late_tick(self.record.late, t, spent, self._dt)
         T = adapter.apply(loop, T)
         self._count_fallback(t, loop.state.fault)
         if self._lift_off is not None:

@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Controller
-from rnc_pin.control.loop.loop_state import LoopState, check_state, counted, restore, write_state
+from rnc_pin.control.loop.loop_state import LoopState, check_state, restore, with_late_tick, write_state
 from rnc_pin.control.loop.measurements import (
     Guard,
     InvalidMeasurementError,
@@ -156,7 +156,7 @@ class ControlLoop(ReprMixin):
         begin, deadline = perf_counter(), self.settings.deadline
         T = self._step(t, q, v, integrals)
         if deadline is not None:
-            late = counted(self.state.late, self.state.time or 0.0, perf_counter() - begin, deadline)
+            late = with_late_tick(self.state.late, self.state.time or 0.0, perf_counter() - begin, deadline)
             self.state = self.state._replace(late=late)
         return T
 

@@ -61,7 +61,7 @@ class LateTicks(NamedTuple):
         )
 
 
-def counted(before: LateTicks | None, t: float, spent: float, deadline: float) -> LateTicks:
+def with_late_tick(before: LateTicks | None, t: float, spent: float, deadline: float) -> LateTicks:
     """Count a step at time t [s] that took so long [s]."""
     ticks, late, largest, first = before or (0, 0, 0.0, t)
     if not spent > deadline:

@@ -63,7 +63,7 @@ class BrakingMotion(NamedTuple):
 
 
 class BackupMotion(NamedTuple):
-    """What is left of a verified braking motion, or the state at which none was found."""
+    """Rest of a verified braking motion, or the state at which none was found."""
 
     motion: BrakingMotion | None = None
     """Verified motion from the predicted end of the last sample."""
@@ -102,7 +102,7 @@ class BrakingCount(NamedTuple):
         return self._replace(unverified=self.unverified + 1, unverified_first=first[0], problem=first[1])
 
 
-class Ground(NamedTuple):
+class NearGround(NamedTuple):
     """Conditions of the ground near a state, with which a braking motion is planned.
 
     Their part by the velocity is quadratic in it, so it decreases with the kinetic energy.
@@ -116,7 +116,7 @@ class Ground(NamedTuple):
     energy: float
 
     @classmethod
-    def of(cls, now: ContactBounds, rest: ContactBounds, energy: float) -> Ground:
+    def of(cls, now: ContactBounds, rest: ContactBounds, energy: float) -> NearGround:
         """Conditions from those of a state with a kinetic energy [J], and those of rest at its configuration."""
         return cls(now.rows, rest.upper - _GROUND * np.abs(rest.upper), now.upper - rest.upper, energy)
 
@@ -128,7 +128,7 @@ class Ground(NamedTuple):
         return self.rows, self.rest + share * self.moving
 
 
-class Decision(NamedTuple):
+class BrakingDecision(NamedTuple):
     """Sample to execute."""
 
     sample: BrakedSample
@@ -180,7 +180,7 @@ class Braking:
         ground: ContactBounds,
         backup: BackupMotion,
         count: BrakingCount,
-    ) -> Decision:
+    ) -> BrakingDecision:
         """Return the sample to execute.
 
         It is the planned one if a braking motion from its end is verified. Otherwise it is the next sample of the kept
@@ -201,7 +201,7 @@ class Braking:
         if kept is not None and not self._continues(kept, start):
             kept, before = None, np.maximum(before, self.exceeded(start, t))
         if kept is None and backup.failed is not None and not _changed(backup.failed, (t, start.q, start.v2)):
-            return Decision(planned, backup, count.with_unverified(t, backup.problem))
+            return BrakingDecision(planned, backup, count.with_unverified(t, backup.problem))
         near, share = self.ground(start, ground), 1.0 if kept is None else min(backup.share + _RETURN, 1.0)
         tried = planned
         if kept is not None and share < 1.0:
@@ -209,33 +209,33 @@ class Braking:
         after = self._after(t, tried, before, near)
         if after.problem is None:
             count = count if tried is planned else count.with_braked(t, backup.problem)
-            return Decision(tried, BackupMotion(after, None, backup.problem, share), count)
+            return BrakingDecision(tried, BackupMotion(after, None, backup.problem, share), count)
         if self._excludes_rest(rows):
             failed = BackupMotion(None, (t, start.q, start.v2), after.problem)
-            return Decision(planned, failed, count.with_unverified(t, after.problem))
+            return BrakingDecision(planned, failed, count.with_unverified(t, after.problem))
         if kept is None:
             kept = self.motion(start, t, before, near)
             if kept.problem is not None and backup.motion is not None and len(kept.inputs):
                 count = count.with_unverified(t, kept.problem)  # the measured state is not the predicted one: brake
             elif kept.problem is not None:
                 failed = BackupMotion(None, (t, start.q, start.v2), kept.problem)
-                return Decision(planned, failed, count.with_unverified(t, kept.problem))
+                return BrakingDecision(planned, failed, count.with_unverified(t, kept.problem))
         first = under(kept.inputs[0])
         if (problem := self._broken(first.exceeded, np.maximum(before, _SAME))) is not None:  # an obstacle came nearer
             failed = BackupMotion(None, (t, start.q, start.v2), problem)
-            return Decision(planned, failed, count.with_unverified(t, problem))
+            return BrakingDecision(planned, failed, count.with_unverified(t, problem))
         share *= _SHARE  # otherwise the robot stops and goes
         mixed = under(first.T + share * (planned.T - first.T))
         further = self._after(t, mixed, before, near)
         count = count.with_braked(t, after.problem)
         if further.problem is None:
-            return Decision(mixed, BackupMotion(further, None, after.problem, share), count)
+            return BrakingDecision(mixed, BackupMotion(further, None, after.problem, share), count)
         rest = kept.inputs[1:] if len(kept.inputs) > 1 else kept.inputs
-        return Decision(
+        return BrakingDecision(
             first, BackupMotion(BrakingMotion(first.q, first.v2, rest, None), None, after.problem, 0.0), count
         )
 
-    def motion(self, start: StateEvaluation, t: float, before: Array, ground: Ground) -> BrakingMotion:
+    def motion(self, start: StateEvaluation, t: float, before: Array, ground: NearGround) -> BrakingMotion:
         """Roll out the braking motion from a state until rest.
 
         Args:
@@ -251,7 +251,7 @@ class Braking:
         return found
 
     def _rolled_out(
-        self, start: StateEvaluation, t: float, before: Array, ground: Ground, together: bool
+        self, start: StateEvaluation, t: float, before: Array, ground: NearGround, together: bool
     ) -> BrakingMotion:
         """Motion whose joints come to rest at the same time after the first sample, or each as fast as it can."""
         inputs: list[Array] = []
@@ -289,13 +289,13 @@ class Braking:
             problem = str(error)
         return BrakingMotion(start.q, start.v2, np.array(inputs), problem)
 
-    def ground(self, state: StateEvaluation, now: ContactBounds | None = None) -> Ground:
+    def ground(self, state: StateEvaluation, now: ContactBounds | None = None) -> NearGround:
         """Conditions of the ground near a state, which are computed by default."""
         now = self._contacts.at(state) if now is None else now
         rest = now
         if self._contacts.grips and state.v2.any():
             rest = self._contacts.at(self._reduced.at(state.q, np.zeros_like(state.v2)))
-        return Ground.of(now, rest, float(state.kinetic_energy))
+        return NearGround.of(now, rest, float(state.kinetic_energy))
 
     def exceeded(
         self, state: StateEvaluation, t: float, sample: ControlSample | None = None, mean: Array | None = None
@@ -307,7 +307,7 @@ class Braking:
         return found
 
     def _law(
-        self, state: StateEvaluation, t: float, held: int, ground: Ground, together: bool
+        self, state: StateEvaluation, t: float, held: int, ground: NearGround, together: bool
     ) -> tuple[Array, int, int]:
         """Inputs, the number of samples for which they are held, zero at rest, and this number for the next decision.
 
@@ -413,7 +413,7 @@ class Braking:
         asked = np.maximum(rows.lower, -rows.upper)
         return bool((asked[~self._limits.judged_by_rows[rows.places]] > _BEYOND).any())
 
-    def _after(self, t: float, reached: BrakedSample, before: Array, ground: Ground) -> BrakingMotion:
+    def _after(self, t: float, reached: BrakedSample, before: Array, ground: NearGround) -> BrakingMotion:
         """Braking motion from the end of a sample; its problem is that of the sample if this exceeds a limit."""
         broken = self._broken(reached.exceeded, np.maximum(before, _KEPT))
         if broken is not None:

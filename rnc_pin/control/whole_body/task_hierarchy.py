@@ -319,7 +319,7 @@ class _Level:
         return _size(self._wanted - self._along @ (self._values * z))
 
     def left_free(self, lower: Sequence[TaskLevel], determined: Array) -> _FreeDirections | None:
-        """What lower levels may use; None if it is nothing.
+        """Return the directions that lower levels may use; None if there are none.
 
         Where the level does not attain its rates, a direction with the singular value sigma is free in part. Motion of
         lower levels at the speed w turns the null space by ``sum_i |J_i| w / sigma``, so it concerns directions with
