@@ -28,6 +28,7 @@ _FREE_COST = 1e-3  # cost of a direction that no task determines, relative to th
 _TOUCHING = 1e-12  # relative excess of a limit that is rounding
 _EXCEEDED = 1e-8  # excess of a limit above which it gave way
 _ROUNDING = 1e-12  # residual, relative to the rate, that is rounding
+_SLOW = 0.2  # of the speed of lower levels at which a null space turns by half within a sample
 _LEAST_SHARE = 1e-9  # of a direction that lower levels may use, below which they do not see it
 _SECANT = 1e-6  # relative error of the damping
 _ITERATIONS = 20  # of the damping of a level; four or five are enough
@@ -340,11 +341,11 @@ class _Level:
         return _FreeDirections(kept, self._free.outward(directions.T), stiffness)
 
     def largest_speed(self, bounds: ProgramBounds, active: Array) -> float:
-        """Speed of lower levels along active limits at which the null space turns by half within a sample."""
+        """Largest speed of lower levels along active limits: the null space turns slowly at it."""
         rows = self._free.rows(bounds.rows[active != 0.0])
         along = np.linalg.svd(rows)[2][len(rows) :] if len(rows) else self._right
         values = np.linalg.svd(self._own @ along.T, compute_uv=False)
-        return float(values[values > _RANK * self._norm].min(initial=np.inf)) / self._factor
+        return _SLOW * float(values[values > _RANK * self._norm].min(initial=np.inf)) / self._factor
 
 
 def solve_cascade(
