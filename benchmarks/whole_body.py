@@ -24,7 +24,7 @@ from rnc_pin.applications.drive.run import DriveStatus, drive
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.control import InverseDynamicsQP, VelocityQP, limits, tasks
-from rnc_pin.control.whole_body.braking_motion import BrakingCount
+from rnc_pin.control.whole_body.braking_motion import BrakingState
 from rnc_pin.planning import Harmonic, Hold
 
 SAMPLES, ROUNDS, DT, TICKS = 200, 5, 0.002, 300
@@ -95,7 +95,7 @@ class _Times(NamedTuple):
         self.used.append(time.process_time())
 
 
-def _ticks(program: InverseDynamicsQP, reduced: rnc.ReducedModel, q0: np.ndarray) -> tuple[np.ndarray, BrakingCount]:
+def _ticks(program: InverseDynamicsQP, reduced: rnc.ReducedModel, q0: np.ndarray) -> tuple[np.ndarray, BrakingState]:
     """Thread time of each tick [ms], and the samples that braked."""
     plant, used, q = rnc.ReducedPlant(reduced), np.empty(TICKS), q0
     plant.reset(q, np.zeros(reduced.n))
@@ -133,7 +133,7 @@ def ticks() -> None:
     for name, case in cases.items():
         rounds = [_ticks(*case) for _ in range(ROUNDS)]
         used, count = np.min([each for each, _ in rounds], axis=0), rounds[0][1]
-        said = f"{count.braked} of {TICKS} samples braked, {count.unverified} not verified"
+        said = f"{count.braked.samples} of {TICKS} samples braked, {count.unverified.samples} not verified"
         print(f"{name}: median {np.median(used):.1f} ms, largest {used.max():.1f} ms; {said}")
 
 

@@ -12,7 +12,7 @@ from rnc_pin.control.controller import Command, State, limited_accelerations, mi
 from rnc_pin.control.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
 from rnc_pin.control.loop.loop_state import with_late_tick
 from rnc_pin.control.loop.options import admit_controller, admit_model, type_name
-from rnc_pin.control.whole_body.braking_motion import BrakingCount
+from rnc_pin.control.whole_body.braking_motion import BrakingState
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.reduced_kinematics import Measurement
@@ -348,11 +348,11 @@ def _braking(controller: object, state: object) -> BrakingUse | None:
     """Braking motions of a program in inputs, by its state."""
     if not isinstance(controller, _Braking) or not hasattr(state, "braking"):
         return None
-    count: BrakingCount = state.braking
+    count: BrakingState = state.braking
     exceeded = controller.exceeded_limits(state)
-    if not (count.braked or count.unverified or exceeded):
+    if not (count.braked.samples or count.unverified.samples or exceeded):
         return None
-    return BrakingUse(*count, exceeded)
+    return BrakingUse(*count.braked, *count.unverified, exceeded)
 
 
 def check_arguments(arguments: RunArguments) -> None:

@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, elapsed_time, listed
-from rnc_pin.control.whole_body.braking_motion import BackupMotion, BrakedSample, Braking, BrakingCount
+from rnc_pin.control.whole_body.braking_motion import BrakedSample, Braking, BrakingState
 from rnc_pin.control.whole_body.limit_stack import ContactBounds, ContactCones, ProgramBounds
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, ControlSample, LimitRows
 from rnc_pin.control.whole_body.task_hierarchy import (
@@ -22,7 +22,7 @@ from rnc_pin.control.whole_body.task_hierarchy import (
     solve_within,
 )
 from rnc_pin.control.whole_body.tasks import ControlTask
-from rnc_pin.control.whole_body.whole_body_program import UnsolvedCount, WholeBodyProgram
+from rnc_pin.control.whole_body.whole_body_program import SampleCount, WholeBodyProgram
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE, LieRungeKutta4
 from rnc_pin.model.reduced_kinematics import Measurement
@@ -50,11 +50,9 @@ class InverseDynamicsState(NamedTuple):
     """Amount by which the last sample leads beyond each limit itself; zero without ``braking_time``."""
     worst_exceeded: Float[Array, " k"]
     """Largest such amount since the start."""
-    braking: BrakingCount = BrakingCount()
-    """Samples that brake, and samples without a verified braking motion."""
-    backup: BackupMotion = BackupMotion()
-    """Verified braking motion from the predicted end of the last sample."""
-    unsolved: UnsolvedCount = UnsolvedCount()
+    braking: BrakingState = BrakingState()
+    """Verified braking motion, samples that brake, and samples without a verified braking motion."""
+    unsolved: SampleCount = SampleCount()
     """Samples whose program was not solved: they follow the kept braking motion, keep limits alone, or come to rest."""
 
 
@@ -191,7 +189,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         elapsed_time(t, state.time)
         q, v2 = self._configuration(measurement), measurement.v2
         program, found = self._decided(t, q, v2, state.multipliers)
-        exceeded, count, backup = state.exceeded, state.braking, state.backup
+        exceeded, braking = state.exceeded, state.braking
         if self._braking is not None:
             start = program.sample.start
             before = self._braking.exceeded(start, t) if state.time is None else exceeded
@@ -200,8 +198,8 @@ class InverseDynamicsQP(WholeBodyProgram):
             def under(T: Array) -> BrakedSample:
                 return self._reached(program, found._replace(T=T, end=None))
 
-            chosen, backup, count = self._braking.decide(
-                start, t, before, planned, under, program.rows, program.contacts, backup, count
+            chosen, braking = self._braking.decide(
+                start, t, before, planned, under, program.rows, program.contacts, braking
             )
             exceeded = chosen.exceeded
             if chosen is not planned:
@@ -211,9 +209,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         command = Command(T=found.T, v2_desired=found.v2, x1_desired=x1, x2_desired=x2)
         beyond = exceeded, np.maximum(state.worst_exceeded, exceeded)
         unsolved = state.unsolved.and_one(t, found.unsolved)
-        return command, InverseDynamicsState(
-            t, found.multipliers, found.excess, worst, *beyond, count, backup, unsolved
-        )
+        return command, InverseDynamicsState(t, found.multipliers, found.excess, worst, *beyond, braking, unsolved)
 
     def solve(self, t: float, q: Array, v2: Array, multipliers: Array | None = None) -> InputSolution:
         """Solve the program of one sample.
@@ -250,7 +246,8 @@ class InverseDynamicsQP(WholeBodyProgram):
         if self._braking is None:
             return None
         start = self._reduced.at(q, v2, t=t)
-        return self._braking.motion(start, t, self._braking.exceeded(start, t), self._braking.ground(start)).problem
+        before = self._braking.exceeded(start, t)
+        return self._braking.motion(start, t, before, self._contacts.at(start)).problem
 
     def exceeded_limits(self, state: InverseDynamicsState) -> dict[str, float]:
         """Return the limits of motion that the run exceeds by the model since its start, with the largest amounts."""

@@ -82,7 +82,6 @@ class ContactCones:
 
     Attributes:
         names: name of each condition, (k,).
-        grips: True if friction is limited.
     """
 
     def __init__(self, reduced: ReducedModel, friction: float | None) -> None:
@@ -95,7 +94,6 @@ class ContactCones:
             for place, contact in enumerate(self._forces.contacts)
             if friction is not None and place in self._carrying and contact.along
         ]
-        self.grips = bool(self._gripping)
         names = [f"{name} normal force" for name in self._normal.names]
         for place, along in self._gripping:
             names += [f"{self._forces.names[place]} friction"] * (2 if along == 1 else _SIDES)

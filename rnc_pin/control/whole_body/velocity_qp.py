@@ -17,7 +17,7 @@ from rnc_pin.control.whole_body.task_hierarchy import (
     solve_within,
 )
 from rnc_pin.control.whole_body.tasks import ControlTask
-from rnc_pin.control.whole_body.whole_body_program import UnsolvedCount, WholeBodyProgram
+from rnc_pin.control.whole_body.whole_body_program import SampleCount, WholeBodyProgram
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.input_validation import NotNegative, check_positive_settings
 from rnc_pin.model.reduced_kinematics import Measurement
@@ -41,7 +41,7 @@ class ProgramState(NamedTuple):
     """Amount by which each limit gave way at the last sample; zero if it did not."""
     worst_excess: Float[Array, " k"]
     """Largest such amount since the start."""
-    unsolved: UnsolvedCount = UnsolvedCount()
+    unsolved: SampleCount = SampleCount()
     """Samples whose program was not solved: they keep limits alone, or come to rest."""
 
 

@@ -34,8 +34,8 @@ class LimitReport(NamedTuple):
     """The same since the start, with the largest amounts."""
 
 
-class UnsolvedCount(NamedTuple):
-    """Samples whose program was not solved."""
+class SampleCount(NamedTuple):
+    """Samples of a run to which the same happened."""
 
     samples: int = 0
     first: float | None = None
@@ -43,12 +43,12 @@ class UnsolvedCount(NamedTuple):
     reason: str = ""
     """Reason at that time."""
 
-    def and_one(self, t: float, reason: str) -> UnsolvedCount:
+    def and_one(self, t: float, reason: str) -> SampleCount:
         """Count one more sample; none without a reason."""
         if not reason:
             return self
         first = (t, reason) if self.first is None else (self.first, self.reason)
-        return UnsolvedCount(self.samples + 1, *first)
+        return SampleCount(self.samples + 1, *first)
 
 
 class WholeBodyProgram(ReprMixin):
