@@ -61,7 +61,7 @@ class BrakingMotion(NamedTuple):
 
 
 class BrakingState(NamedTuple):
-    """What is kept from one sample to the next."""
+    """Record of braking motions from one sample to the next."""
 
     kept: BrakingMotion | None = None
     """Rest of a verified braking motion, from the predicted end of the last sample."""
