@@ -24,6 +24,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 
 _SAMPLED_DAMPING = 2.0  # the inverse of the largest factor per sample
 _RANK = 1e-8  # singular value, relative to the rows of the level, below which a direction is free
+_NOTHING = 1e-100  # size of rows that do not act; squares of smaller singular values are zero in floating point
 _FREE_COST = 1e-3  # cost of a direction that no task determines, relative to the least determined direction
 _TOUCHING = 1e-12  # relative excess of a limit that is rounding
 _EXCEEDED = 1e-8  # excess of a limit above which it gave way
@@ -377,7 +378,7 @@ def solve_cascade(
     slow: tuple[Array, float] | None = None
     for index, (J, rate) in enumerate(levels):
         own, rate = free.rows(J), rate - J @ free.kept
-        norm = max(float(np.sqrt(np.vdot(own, own))), 1e-300)
+        norm = max(float(np.sqrt(np.vdot(own, own))), _NOTHING)
         start = None if multipliers is None else multipliers[index]
         lever = 0.0 if sampled is None else sampled.levers[index]
         if free.stiffness.any():

@@ -54,3 +54,12 @@ def test_what_a_task_leaves_free_costs_next_to_nothing():
     bounds = ProgramBounds(np.array([[1.0, -1.0]]), np.array([-np.inf]), np.array([0.0]), np.array([0]), 1)
     found = solve_cascade([TaskLevel(np.array([[1.0, 0.0]]), np.ones(1))], bounds, 0.0)
     np.testing.assert_allclose(found.unknowns, 1 / (1 + 1e-6), rtol=1e-8)
+
+
+def test_rows_that_do_not_act_move_nothing():
+    """Numbers whose squares are zero in floating point."""
+    bounds = ProgramBounds(np.eye(2), np.array([0.1, -1.0]), np.ones(2), np.arange(2), 2)
+    level = TaskLevel(np.array([[1e-200, 0.0]]), np.ones(1))
+    damping = SampledDamping(0.01, [1.0], [np.ones(1, dtype=bool)])
+    found = solve_cascade([level], bounds, 0.0, sampled=damping)
+    np.testing.assert_allclose(found.unknowns, [0.1, 0.0], atol=1e-12)
