@@ -91,7 +91,7 @@ def test_limits_of_forces_on_frames_are_judged(limit, word):
     run = rnc.simulate(reduced, Inputs(lambda t: [2.0 * t, 0.3]), reduced.robot.configuration(), 1.0, 0.01)
     assert run.verdict.word == word
     if word == "failed":
-        (found,) = run.verdict.failures  # that braking motions are not verified beside another plant degrades
+        (found,) = run.verdict.findings
         assert (found.kind, found.where) == (FindingKind.EFFORT, "force(sleigh.x)")
         assert found.amount == pytest.approx(2.0 - limit, abs=0.021)
 
