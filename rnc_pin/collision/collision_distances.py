@@ -164,8 +164,8 @@ class CollisionDistances:
         """Further points of pairs at the last configuration, which are nearest if the first body turns a little.
 
         A body that rests on a corner turns about it until it meets another one: its distance then changes at once. With
-        these points, both corners count. Distances are those to the plane through the nearest points: at most the
-        pair's own ones for convex bodies that are apart, so a pair occurs several times.
+        these points, both corners count. Distances are those to the plane through the nearest points: at least the
+        pair's own one for convex bodies that are apart. A pair occurs several times.
 
         Args:
             near: the pairs, from the last call of ``at``.

@@ -78,8 +78,9 @@ class Record:
         self.fallback: FallbackUse | None = None
         """Use of fallback commands by the control loop."""
         self.missed_updates: MissedUpdates | None = None
-        self.unsolved: UnsolvedSamples | None = None
         """Updates of a predictive controller that were late or failed."""
+        self.unsolved: UnsolvedSamples | None = None
+        """Samples whose whole-body program was not solved."""
         self.braking: BrakingUse | None = None
         """Braking motions of a program in inputs."""
         self.integration: IntegrationAccuracy | None = None

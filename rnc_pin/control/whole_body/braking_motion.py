@@ -77,8 +77,8 @@ class Braking:
     """Braking motions of one program.
 
     The law removes as much kinetic energy as efforts and ground allow, with inputs that are held over a part of the
-    time to rest. So a motion takes few decisions. Its inputs are those that are executed: limits are checked at the end
-    of every sample.
+    time to rest. So a motion takes few decisions. Its inputs are those that are executed: limits are checked after
+    whole samples, as many as the ``spacing`` of the limits allows at the speed.
 
     Args:
         reduced: the model.
