@@ -132,7 +132,7 @@ def judged_summary(
         summary["limits_gave_way"] = dict(gave_way)
     if goals:
         summary["goal_tolerance"] = scenario.goal_tolerance
-        if experiment.goals is not None and errors:
+        if errors and (experiment.goals is not None or scenario.planner is not None):
             summary["goal_error"] = errors
         beyond = {name: error for name, error in errors.items() if not error <= scenario.goal_tolerance}
         if beyond:
@@ -187,14 +187,29 @@ def _accuracy(scenario: ScenarioFile) -> float:
 
 
 def _goal_errors(experiment: Experiment, run: Trajectory, summary: Summary) -> dict[str, float]:
-    """Errors of the goals at the end by name; whole-body tasks know their goals."""
-    if experiment.goals is None:
-        return dict(summary["final_error"])
+    """Errors of the goals at the end by name: those of whole-body tasks, of a planner, or the ends of references."""
     errors: dict[str, float] = {}
-    for goal in experiment.goals.errors(float(run.time[-1]), run.q[-1], run.v[-1]):
+    for goal in () if experiment.goals is None else experiment.goals.errors(float(run.time[-1]), run.q[-1], run.v[-1]):
         for name, error in goal.errors.items():
             errors[name] = max(error, errors.get(name, 0.0))
-    return errors
+    planner, plan = experiment.scenario.planner, experiment.plan
+    if experiment.goals is not None or planner is None or plan is None or not planner.goal:
+        return errors if experiment.goals is not None else dict(summary["final_error"])
+    if run.time[-1] < plan.duration - experiment.simulation.dt:  # ``ends`` has the goal
+        return {name: error for name, error in summary["final_error"].items() if name in planner.goal}
+    # What moves at its goal goes on after it.
+    return _away(run, planner.goal, -1 if planner.at_rest else int(np.searchsorted(run.time, plan.duration - 1e-9)))
+
+
+def _away(run: Trajectory, ends: Mapping[str, float], sample: int = -1) -> dict[str, float]:
+    """Distances of outputs from given values at a sample, by name."""
+    found: dict[str, float] = {}
+    for kind in ("x2", "x1"):
+        names = run.info.outputs.of(kind).names
+        wanted = np.array([ends.get(name, 0.0) for name in names])
+        away = np.abs(run.coordinates(kind).difference(wanted, getattr(run, kind)[sample])).tolist()
+        found |= {name: each for name, each in zip(names, away, strict=True) if name in ends}
+    return found
 
 
 def _unfinished(experiment: Experiment, run: Trajectory) -> Iterator[Finding]:
@@ -202,12 +217,7 @@ def _unfinished(experiment: Experiment, run: Trajectory) -> Iterator[Finding]:
 
     Who states the duration of a reference and a shorter one of the run wants that. A planned motion may be longer.
     """
-    errors = dict[str, float]()
-    for kind in ("x2", "x1") if experiment.ends and len(run.time) else ():
-        names = run.info.outputs.of(kind).names
-        ends = np.array([experiment.ends.get(name, 0.0) for name in names])
-        away = np.abs(run.coordinates(kind).difference(ends, getattr(run, kind)[-1])).tolist()
-        errors |= {name: each for name, each in zip(names, away, strict=True) if name in experiment.ends}
+    errors = _away(run, experiment.ends) if experiment.ends and len(run.time) else {}
     worst = max(errors, key=errors.__getitem__, default="")
     if worst and errors[worst] > experiment.scenario.goal_tolerance:
         time, rest = float(run.time[-1]), f"{worst} is {errors[worst]:.3g} away from where its reference leads"

@@ -1,5 +1,7 @@
 """Optimal plans from a scenario file: the run plans and tracks, and mistakes are refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -9,6 +11,7 @@ import rnc_pin as rnc
 from rnc_pin.applications.scenario.execution import execute, write
 from rnc_pin.applications.scenario.output_folder import is_result
 from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.simulated_run import judged_summary
 
 SCENARIO = """
 robot: {urdf: chaplygin_sleigh.urdf, base: planar}
@@ -71,6 +74,19 @@ def test_existing_trackers_follow_the_outputs_of_the_plan_and_equal_plans_are_sh
     run = execute(prepared)
     np.testing.assert_allclose(run.trajectory.q[-1, :2], [1.0, 0.0], atol=1e-2)
     np.testing.assert_allclose(run.comparisons["plan"].q[-1, :2], [1.0, 0.0], atol=1e-2)
+
+
+@pytest.mark.parametrize(("moved", "word"), [("sleigh_yaw", "succeeded"), ("sleigh_x", "failed")])
+def test_a_goal_is_what_the_planner_names(tmp_path, moved, word):
+    """Other outputs are tracked: one that ends 0.1 away from its plan misses no goal."""
+    made = Scenario.load(written(tmp_path), {"planner.goal": {"sleigh_x": 1, "sleigh_y": 0}}).build()
+    run = execute(made).trajectory
+    kind = "x2" if moved in run.info.outputs.x2.names else "x1"
+    place = run.info.outputs.of(kind).names.index(moved)
+    aside, desired = (np.array(getattr(run, each)) for each in (kind, f"{kind}_desired"))
+    aside[-1, place] = desired[-1, place] + 0.1
+    verdict = judged_summary(made.experiment, replace(run, **{kind: aside}))[0]["verdict"]
+    assert verdict == word
 
 
 @pytest.mark.parametrize(("changes", "message"), [
