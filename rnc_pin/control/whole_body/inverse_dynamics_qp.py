@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -70,6 +71,29 @@ class _SampleProgram(NamedTuple):
     still: Float[Array, " r"]
     inputs: Float[Array, "x x"]
     resting: Float[Array, " x"]
+
+
+def _unknowns(gain: Array, p: int) -> tuple[Array, Array]:
+    """Velocities and inputs of unit unknowns: orthonormal columns, or zero for those that move nothing.
+
+    Args:
+        gain: velocities (r, x) of the inputs, the first p of which act.
+        p: number of inputs that act.
+    """
+    motion, inputs = np.zeros_like(gain), np.eye(gain.shape[1])
+    r = len(gain)
+    if p == r:  # the unknowns can be the velocities themselves
+        with suppress(np.linalg.LinAlgError):
+            inverse = np.linalg.inv(gain[:, :p])
+            if np.abs(inverse).max() * np.abs(gain).max() * r * r * _NO_EFFECT < 1.0:  # bounds the singular values
+                motion[:, :p], inputs[:p, :p] = np.eye(p), inverse
+                return motion, inputs
+    left, values, right = np.linalg.svd(gain)
+    rank = int((values > _NO_EFFECT * values.max(initial=0.0)).sum())
+    inputs = right.T.copy()
+    motion[:, :rank] = left[:, :rank]
+    inputs[:, :rank] /= values[:rank]
+    return motion, inputs
 
 
 class InputSolution(NamedTuple):
@@ -262,11 +286,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         gain = np.zeros((self._reduced.r, p + contacts.unknowns))
         gain[:, :p] = self.dt * np.linalg.solve(state.H, state.input_matrix)
         offset = state.v2 + self.dt * state.v2_dot(np.zeros(p))
-        left, values, right = np.linalg.svd(gain)
-        rank = int((values > _NO_EFFECT * values.max(initial=0.0)).sum())
-        motion, inputs = np.zeros_like(gain), right.T.copy()
-        motion[:, :rank] = left[:, :rank]
-        inputs[:, :rank] /= values[:rank]
+        motion, inputs = _unknowns(gain, p)
         moved = motion.T @ offset
         still, resting = offset - motion @ moved, -inputs @ moved
         return _SampleProgram(sample, self._limits.rows(sample), contacts, motion, still, inputs, resting)
@@ -275,18 +295,18 @@ class InverseDynamicsQP(WholeBodyProgram):
         self,
         program: _SampleProgram,
         levels: list[TaskLevel],
-        multipliers: Array | None = None,
-        sampled: SampledDamping | None = None,
+        multipliers: Array | None,
+        sampled: SampledDamping,
     ) -> InputSolution:
         """Solve the levels within the limits, which hold for the velocity that the dynamics give at the end."""
         sample, rows = program.sample, program.rows
         state, motion = sample.start, self._limits.bounds(sample, rows)
         rest = program.motion.T @ (self._decay * state.v2)  # computed torque, which carries the load
 
-        def solved(limits: ProgramBounds, start: Array | None) -> RelaxedSolution:
-            bounds = self._bounds(limits, program)
+        def solved(limits: ProgramBounds, start: Array | None, near: tuple[float, ...] = ()) -> RelaxedSolution:
+            bounds, given = self._bounds(limits, program), sampled._replace(near=near)
             return solve_within(
-                levels, bounds, self._limits, rest, multipliers=start, before=self._forces, sampled=sampled
+                levels, bounds, self._limits, rest, multipliers=start, before=self._forces, sampled=given
             )
 
         found = best = solved(motion, multipliers)
@@ -310,7 +330,7 @@ class InverseDynamicsQP(WholeBodyProgram):
                 lower=motion.lower - np.minimum(reached, below) + expected,
                 upper=motion.upper - np.maximum(reached, above) + expected,
             )
-            found = solved(corrected, found.multipliers)
+            found = solved(corrected, found.multipliers, found.damping)
             if found.unsolved:
                 break
         found = best

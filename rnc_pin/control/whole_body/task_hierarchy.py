@@ -67,6 +67,8 @@ class SampledDamping(NamedTuple):
     """Sum of the norms of the columns of the curved rows of each level on the reduced velocities."""
     curved: Sequence[Bool[Array, " k"]]
     """Masks of the rows of each level whose Jacobian depends on the configuration; a constant one has no slope N."""
+    near: Sequence[float] = ()
+    """Damping of each level in a similar program; empty if none is known."""
 
 
 def lever_sum(jacobian: Float[Array, "k r"], curved: Bool[Array, " k"]) -> float:
@@ -75,7 +77,9 @@ def lever_sum(jacobian: Float[Array, "k r"], curved: Bool[Array, " k"]) -> float
     return float(np.sqrt(np.einsum("kr,kr->r", jacobian, jacobian)).sum())
 
 
-def residual_damping(residual: Callable[[float], float], factor: float, highest: float, at_zero: float) -> float:
+def residual_damping(
+    residual: Callable[[float], float], factor: float, highest: float, at_zero: float, start: float = 0.0
+) -> float:
     """Return the largest lambda with ``lambda = factor * residual(lambda)``; zero if there is none.
 
     The right-hand side over lambda falls. Its inverse is linear for one singular value, so the secant method is exact
@@ -86,20 +90,22 @@ def residual_damping(residual: Callable[[float], float], factor: float, highest:
         factor: damping over residual.
         highest: bound of the residual.
         at_zero: value of ``lambda / (factor * residual(lambda))`` at zero.
+        start: lambda near the solution; zero if none is known.
     """
     low, high = 0.0, factor * highest
     if at_zero >= 1.0 or high <= 0.0:
         return 0.0
-    at_low, at_high = at_zero, high / max(factor * residual(high), 1e-300)
+    before, at_before = low, at_zero
+    now = start if 0.0 < start < high else high
     for _ in range(_ITERATIONS):
-        if not at_high > 1.0 + _SECANT:
-            return high
-        middle = low + (1.0 - at_low) * (high - low) / (at_high - at_low)
-        at_middle = middle / max(factor * residual(middle), 1e-300)
-        if at_middle < 1.0 - _SECANT:
-            low, at_low = middle, at_middle
-        else:
-            high, at_high = middle, at_middle
+        at_now = now / max(factor * residual(now), 1e-300)
+        if abs(at_now - 1.0) <= _SECANT or (at_now < 1.0 and now >= high):
+            return now
+        low, high = (now, high) if at_now < 1.0 else (low, now)
+        rise = at_now - at_before
+        ahead = now + (1.0 - at_now) * (now - before) / rise if rise else low
+        before, at_before = now, at_now
+        now = ahead if low < ahead < high else now / at_now  # a step of the fixed point stays on its side of it
     return high
 
 
@@ -117,6 +123,8 @@ class CascadeSolution(NamedTuple):
     """Reduced velocities, or inputs and contact forces."""
     multipliers: Float[Array, "levels k"]
     """Multipliers of the limits at each level; zero at a level that touches no limit."""
+    damping: tuple[float, ...] = ()
+    """Damping lambda of each level within its limits."""
 
 
 class TaskStack:
@@ -180,6 +188,7 @@ class RelaxedSolution(NamedTuple):
     """Amount by which each limit gave way; zero if it did not."""
     unsolved: str = ""
     """Reason why the tasks are not solved: the unknowns only keep the limits, or come to rest."""
+    damping: tuple[float, ...] = ()
 
 
 def solve_within(
@@ -204,7 +213,9 @@ def solve_within(
     start = None if multipliers is None else multipliers[:, bounds.places]
     found = solve_cascade(levels, bounds, damping, start, sampled)
     if found is not None:
-        return RelaxedSolution(found.unknowns, bounds.spread(found.multipliers), np.zeros(bounds.total))
+        return RelaxedSolution(
+            found.unknowns, bounds.spread(found.multipliers), np.zeros(bounds.total), damping=found.damping
+        )
     none, relaxed = np.zeros((max(len(levels), 1), len(bounds.lower))), limits.relaxed(bounds, before)
     if relaxed is None:
         reason = "the program of the least excess over limits is not solved"
@@ -269,6 +280,7 @@ class _Level:
         self._amounts = rate @ left[:, :rank]
         self._along, self._wanted = left[curved, :rank], rate[curved]
         self._start: Array | None = None
+        self._solved: dict[float, tuple[Array, Array, Array]] = {}  # the last program, by its damping
         self.added = self._added_without_limits() if factor else 0.0
 
     def _added_without_limits(self) -> float:
@@ -289,14 +301,20 @@ class _Level:
     def _share_of_rate(self, added: float) -> Array:
         return np.asarray(self._values * self._amounts / (self._squares + added))
 
-    def within(self, bounds: ProgramBounds, start: Array | None) -> _Point | None:
-        """Solution within limits, which can cause a residual too; None if there is none."""
+    def within(self, bounds: ProgramBounds, start: Array | None, near: float) -> _Point | None:
+        """Solution within limits, which can cause a residual too; None if there is none.
+
+        Args:
+            bounds: the limits.
+            start: multipliers to start from.
+            near: damping in a similar program; zero if none is known.
+        """
         self._start = start
         if self._factor:
             self.added = residual_damping(
-                lambda added: self._residual(bounds, added), self._factor, _size(self._wanted), 0.0
+                lambda added: self._residual(bounds, added), self._factor, _size(self._wanted), 0.0, near or self.added
             )
-        found = self._nearest(bounds, self.added)
+        found = self._solved.get(self.added) or self._nearest(bounds, self.added)
         if found is None:
             return None
         y, T, multipliers = found
@@ -317,6 +335,7 @@ class _Level:
         found = self._nearest(bounds, added)
         if found is None:
             return 0.0
+        self._solved = {added: found}
         z = found[0][: len(self._values)] / np.sqrt(self._squares + added)
         return _size(self._wanted - self._along @ (self._values * z))
 
@@ -374,6 +393,7 @@ def solve_cascade(
     found = np.zeros((len(levels), k))
     room = _TOUCHING * (1.0 + np.abs(rows).sum(axis=1))
     low, high = bounds.lower - room, bounds.upper + room
+    near = [0.0] * len(levels) if sampled is None or not sampled.near else list(sampled.near)
     free, unknowns = _FreeDirections(np.zeros(r), None, np.zeros(r)), None
     slow: tuple[Array, float] | None = None
     for index, (J, rate) in enumerate(levels):
@@ -399,10 +419,10 @@ def solve_cascade(
         point = level.without_limits()
         reached = rows @ point.unknowns
         if not ((reached <= high).all() and (reached >= low).all()):
-            limited = level.within(bounds, start)
+            limited = level.within(bounds, start, near[index])
             if limited is None:
                 break  # at a lower level: rounding left no room
-            point, found[index] = limited, limited.multipliers
+            point, found[index], near[index] = limited, limited.multipliers, level.added
             if level.added and slow is None and index + 1 < len(levels):
                 slow = point.unknowns, level.largest_speed(bounds, point.multipliers)
         unknowns = point.unknowns
@@ -413,7 +433,7 @@ def solve_cascade(
     if slow is not None and unknowns is not None:  # both ends of the line keep the limits
         change = unknowns - slow[0]
         unknowns = slow[0] + min(1.0, slow[1] / max(_size(change), 1e-300)) * change
-    return None if unknowns is None else CascadeSolution(unknowns, found)
+    return None if unknowns is None else CascadeSolution(unknowns, found, tuple(near))
 
 
 def _size(values: Array) -> float:

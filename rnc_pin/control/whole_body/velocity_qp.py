@@ -158,4 +158,4 @@ class VelocityQP(WholeBodyProgram):
         sampled = SampledDamping(sample.dt, levers, curved)
         rest = np.zeros(self._reduced.r)  # hard limits allow it
         solved = solve_within(levels, bounds, self._limits, rest, self.damping, multipliers, sampled=sampled)
-        return ProgramSolution(*solved)
+        return ProgramSolution(solved.unknowns, solved.multipliers, solved.excess, solved.unsolved)

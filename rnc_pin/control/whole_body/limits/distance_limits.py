@@ -201,12 +201,14 @@ class BoundCollisionAvoidance(BoundLimit):
             if self.distances.pairs[k].second < links:
                 self.clearances[k] = _SHARE * distance
         self.clearances.setflags(write=False)
+        # Neighbours in a wrist are nearer than that by design: their edges count when they are nearer than at q0.
+        self._edges = np.where(self.clearances < limit.clearance, _SHARE * self.clearances, _EDGES)
         self._nearest = float(self.clearances.max(initial=0.0))
 
     def rows(self, sample: ControlSample) -> LimitRows:
         near = self.distances.at(sample.end, sample.time, self._influence)
         room = near.distance - self.clearances[near.pairs]
-        touching = room < _EDGES
+        touching = room < self._edges[near.pairs]
         rows = self._rows_of(near, sample)
         if not touching.any():
             return rows
