@@ -274,13 +274,7 @@ class SingularityError(SimulationError):
     """
 
     def __init__(
-        self,
-        what: str,
-        *,
-        q: np.ndarray,
-        condition: float,
-        rows: Sequence[str],
-        time: float | None = None,
+        self, what: str, *, q: np.ndarray, condition: float, rows: Sequence[str], time: float | None = None
     ) -> None:
         self.what = what
         self.q = q

@@ -26,8 +26,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 # Before anything imports rnc_pin: from here on what annotates shapes checks what it returns. Code that runs once a
 # sample and annotates none is left out, because a checked call costs several times an unchecked one.
 install_import_hook(
-    [f"rnc_pin.{module}" for module in ("model.reduced_model", "simulation.trajectory")],
-    "shape_checker.check",
+    [f"rnc_pin.{module}" for module in ("model.reduced_model", "simulation.trajectory")], "shape_checker.check"
 )
 
 

@@ -15,12 +15,7 @@ import numpy as np
 
 from rnc_pin.analysis.growth import GrowthEvidence, generic_growth
 from rnc_pin.analysis.redundancy_class import Redundancy, classify
-from rnc_pin.analysis.singularities import (
-    Singularity,
-    lemma_1_residuals,
-    stack_singularities,
-    task_singularities,
-)
+from rnc_pin.analysis.singularities import Singularity, lemma_1_residuals, stack_singularities, task_singularities
 from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.math.linear_algebra import unit_rows

@@ -135,12 +135,7 @@ class CollisionDistances:
         """Build the same distances again: geometry data of Pinocchio cannot be pickled."""
         return type(self), self._made_of
 
-    def at(
-        self,
-        q: ArrayLike | ConfigurationEvaluation,
-        t: float = 0.0,
-        within: float = np.inf,
-    ) -> PairDistances:
+    def at(self, q: ArrayLike | ConfigurationEvaluation, t: float = 0.0, within: float = np.inf) -> PairDistances:
         """Distances of the pairs that are nearer than a distance.
 
         Args:

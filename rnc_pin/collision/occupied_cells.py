@@ -89,9 +89,7 @@ def cells_around(points: ArrayLike, side: float, name: str = "cells") -> tuple[O
     found = _few_boxes(occupied, title, "a larger 'side'")
     return tuple(
         Obstacle(
-            coal.Box(*(side * box[3:]).tolist()),
-            position=side * (first + box[:3] + 0.5 * box[3:]),
-            name=f"{name} {k}",
+            coal.Box(*(side * box[3:]).tolist()), position=side * (first + box[:3] + 0.5 * box[3:]), name=f"{name} {k}"
         )
         for k, box in enumerate(found, start=1)
     )

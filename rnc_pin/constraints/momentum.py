@@ -117,12 +117,7 @@ class _MomentumRows(Rows):
     """
 
     def __init__(
-        self,
-        joint: str,
-        rows: slice,
-        units: tuple[str, ...],
-        along: Sequence[int],
-        value: np.ndarray | None = None,
+        self, joint: str, rows: slice, units: tuple[str, ...], along: Sequence[int], value: np.ndarray | None = None
     ) -> None:
         size = rows.stop - rows.start
         self.names = tuple(f"momentum({joint})" + (f"[{k}]" if size > 1 else "") for k in range(size))

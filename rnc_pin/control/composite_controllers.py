@@ -223,11 +223,7 @@ class UncertainController(ReprMixin):
 
     def describe(self) -> Description:
         """Return gain, first estimates and bounds of the estimator, and the inner controller."""
-        return {
-            "type": type(self).__name__,
-            **self.estimator.describe(),
-            "controller": describe(self.controller),
-        }
+        return {"type": type(self).__name__, **self.estimator.describe(), "controller": describe(self.controller)}
 
     def initial_state(self, measurement: Measurement) -> UncertainState:
         """Return the first estimates, and the initial state of the controller under them."""

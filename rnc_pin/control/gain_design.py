@@ -211,12 +211,7 @@ class PositionGains(TrackerGains):
 
     @classmethod
     def scaled(
-        cls,
-        inertia: np.ndarray,
-        dt: float,
-        gamma: float = 8.0,
-        rate: float = 3.0,
-        delay: float = 0.0,
+        cls, inertia: np.ndarray, dt: float, gamma: float = 8.0, rate: float = 3.0, delay: float = 0.0
     ) -> PositionGains:
         """Return diagonal gains for the inertia over a region.
 
@@ -290,10 +285,7 @@ def design_velocity_gains(
 
 
 def design_position_gains(
-    inertia: Callable[[np.ndarray], np.ndarray],
-    configurations: np.ndarray,
-    dt: float,
-    design: GainDesign = _SCALED,
+    inertia: Callable[[np.ndarray], np.ndarray], configurations: np.ndarray, dt: float, design: GainDesign = _SCALED
 ) -> PositionGains:
     """Return the gains of a position tracker: those of a preset, or overrides in their place.
 

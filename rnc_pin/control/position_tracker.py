@@ -8,13 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import (
-    Command,
-    DescribedMixin,
-    check_size,
-    elapsed_time,
-    goals_at,
-)
+from rnc_pin.control.controller import Command, DescribedMixin, check_size, elapsed_time, goals_at
 from rnc_pin.control.feedback import fed_back, leak, saturation_mask
 from rnc_pin.control.gain_design import PositionGains
 from rnc_pin.errors import ConfigurationError
@@ -166,9 +160,7 @@ class PositionTracker(DescribedMixin):
         )
         size = measurement.x2.shape
         command = Command(
-            F=F,
-            v2_desired=goals_at(xd, self.outputs, size),
-            x2_desired=goals_at(desired.position, self.outputs, size),
+            F=F, v2_desired=goals_at(xd, self.outputs, size), x2_desired=goals_at(desired.position, self.outputs, size)
         )
         return command, PositionState(t, z, f, A, B, e)
 

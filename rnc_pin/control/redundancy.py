@@ -6,14 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rnc_pin.control.controller import (
-    DescribedMixin,
-    Description,
-    VelocityTarget,
-    check_size,
-    describe,
-    goals_at,
-)
+from rnc_pin.control.controller import DescribedMixin, Description, VelocityTarget, check_size, describe, goals_at
 from rnc_pin.control.feedback import Feedback
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.errors import ConfigurationError, SingularityError, short_text

@@ -124,12 +124,7 @@ class SteeringController(DescribedMixin):
         x1 = goals_at(x11d.position, task.vertical, m.x1.shape)
         if self.monitored is not None:
             x1[..., self.monitored[0]] = self.monitored[1].at(t).position
-        return VelocityTarget(
-            v2=v2,
-            v2_dot=v2_dot,
-            x1=x1,
-            x2=goals_at(x21d.position, task.primary, m.x2.shape),
-        ), state
+        return VelocityTarget(v2=v2, v2_dot=v2_dot, x1=x1, x2=goals_at(x21d.position, task.primary, m.x2.shape)), state
 
     def _redundant_rates(
         self, m: Measurement, slopes: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint

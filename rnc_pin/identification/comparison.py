@@ -115,12 +115,7 @@ class Comparison(SummaryMixin):
 
 
 def compare(
-    system: NonholonomicSystem,
-    log: Log,
-    sensor: str,
-    *,
-    heading: bool = True,
-    speeds: bool = False,
+    system: NonholonomicSystem, log: Log, sensor: str, *, heading: bool = True, speeds: bool = False
 ) -> Comparison:
     """Compare a log with the path that measured joints give in a model of a rolling robot.
 

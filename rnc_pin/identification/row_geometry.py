@@ -239,10 +239,7 @@ class EvaluatedRows:
     """
 
     def __init__(
-        self,
-        geometry: RowGeometry,
-        parts: Sequence[tuple[_Block, _Samples, PositionKinematics]],
-        columns: list[int],
+        self, geometry: RowGeometry, parts: Sequence[tuple[_Block, _Samples, PositionKinematics]], columns: list[int]
     ) -> None:
         self._geometry, self._parts, self._columns = geometry, parts, columns
 

@@ -61,9 +61,7 @@ _MAX_ELEMENTS = 1_000_000  # elements: each takes more memory than its text
 
 
 def parse_tree(
-    content: str | bytes,
-    deepest: int = _MAX_DEPTH,
-    make: Callable[[str, dict[str, str], int], Element] | None = None,
+    content: str | bytes, deepest: int = _MAX_DEPTH, make: Callable[[str, dict[str, str], int], Element] | None = None
 ) -> Element:
     """Return the root element of a text, without external entities.
 

@@ -134,12 +134,7 @@ def _no_tag(part: str, previous: object) -> bool:
     return part in ("float", "str", "int")
 
 
-def validated(
-    model: type[_Model],
-    raw: object,
-    source: str,
-    is_tag: Callable[[str, object], bool] = _no_tag,
-) -> _Model:
+def validated(model: type[_Model], raw: object, source: str, is_tag: Callable[[str, object], bool] = _no_tag) -> _Model:
     """Validate the mapping of a file, or of a part of it.
 
     Args:

@@ -146,12 +146,7 @@ class ReducedModel(SummaryMixin):
     def at(self, q: ArrayInput, *, v: ArrayInput, t: ArrayInput | None = None) -> StateEvaluation: ...
 
     def at(
-        self,
-        q: ArrayInput,
-        v2: ArrayInput | None = None,
-        *,
-        v: ArrayInput | None = None,
-        t: ArrayInput | None = None,
+        self, q: ArrayInput, v2: ArrayInput | None = None, *, v: ArrayInput | None = None, t: ArrayInput | None = None
     ) -> ConfigurationEvaluation | StateEvaluation:
         """Evaluate the model at states. Each quantity is computed once, on first use, and is read-only.
 

@@ -63,12 +63,7 @@ class StateEvaluation(ReducedKinematics):
 
     @classmethod
     def filled(
-        cls,
-        evaluator: Evaluator,
-        q: Array,
-        v: Array,
-        arrays: tuple[ArraysAtQ, ArraysAtV],
-        t: Component | None = None,
+        cls, evaluator: Evaluator, q: Array, v: Array, arrays: tuple[ArraysAtQ, ArraysAtV], t: Component | None = None
     ) -> StateEvaluation:
         """Evaluation at validated states with arrays that the evaluator has filled before; q becomes read-only."""
         q.setflags(write=False)

@@ -172,12 +172,7 @@ def _difference(
 
 
 def _flow(
-    model: pin.Model,
-    values: Callable[..., np.ndarray],
-    q: np.ndarray,
-    v: np.ndarray,
-    t: tuple[float, ...],
-    step: float,
+    model: pin.Model, values: Callable[..., np.ndarray], q: np.ndarray, v: np.ndarray, t: tuple[float, ...], step: float
 ) -> np.ndarray:
     """Rate of values along v, and of time if they depend on it, by differences."""
     rate = directional_derivative(model, lambda at: values(at, *t), q, v, step)

@@ -18,17 +18,7 @@ from rnc_pin.collision import CollisionDistances, PairDistances
 from rnc_pin.control.whole_body.limits.joint_limits import limited_positions, limited_velocities
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.model.task import OutputTarget
-from rnc_pin.optimal.node_data import (
-    NodeData,
-    NodeFunction,
-    NodeOutputs,
-    OutputChoice,
-    RowValues,
-    displacement_rows,
-    input_rows,
-    stacked,
-    velocity_rows,
-)
+from rnc_pin.optimal import node_data
 from rnc_pin.planning.action_models import ActionModel, Nodes
 
 _FAR = 1e3  # [m], distance of a row without a pair
@@ -80,7 +70,7 @@ class NodeBound(ABC):
         return self.names if word is None else tuple(f"{word} of {name}" for name in self.names)
 
     @abstractmethod
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
+    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
         """Rows at nodes."""
 
 
@@ -92,14 +82,14 @@ class BoundRows(NodeBound):
         quantity: str,
         names: Sequence[str],
         limits: tuple[Limit, Limit],
-        rows: NodeFunction,
+        rows: node_data.NodeFunction,
         of_state: bool = True,
         units: Sequence[str] | None = None,
     ) -> None:
         super().__init__(names, *limits, of_state, units)
         self.quantity, self._rows = quantity, rows
 
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
+    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
         return self._rows(nodes, derivatives)
 
 
@@ -128,7 +118,7 @@ class InputBound(BoundKind):
     upper: Limit = None
 
     def bind(self, model: ActionModel) -> NodeBound:
-        return BoundRows("input", model.input_names, (self.lower, self.upper), input_rows, of_state=False)
+        return BoundRows("input", model.input_names, (self.lower, self.upper), node_data.input_rows, of_state=False)
 
 
 @dataclass(frozen=True)
@@ -149,7 +139,7 @@ class VelocityBound(BoundKind):
 
     def bind(self, model: ActionModel) -> NodeBound:
         names, limits = model.reduced.reducing.names, (self.lower, self.upper)
-        return BoundRows("velocity", names, limits, velocity_rows, of_state=model.form != "kinematic")
+        return BoundRows("velocity", names, limits, node_data.velocity_rows, of_state=model.form != "kinematic")
 
 
 @dataclass(frozen=True)
@@ -166,12 +156,12 @@ class OutputBound(BoundKind):
         0.6
     """
 
-    output: OutputChoice
+    output: node_data.OutputChoice
     lower: Limit = None
     upper: Limit = None
 
     def bind(self, model: ActionModel) -> NodeBound:
-        outputs = NodeOutputs(model.reduced, self.output)
+        outputs = node_data.NodeOutputs(model.reduced, self.output)
         limits = self.lower, self.upper
         return BoundRows("output", outputs.names, limits, outputs.value_rows, units=outputs.units)
 
@@ -220,7 +210,7 @@ class DistanceRows(NodeBound):
         known = next((found[key] for found in self._recent if key in found), None)
         return self.distances.at(q, t, within=self._within) if known is None else known
 
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
+    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
         model = nodes.model
         value = np.full((nodes.size, self._count), _FAR)
         x = np.zeros((nodes.size, self._count, model.nx))
@@ -231,7 +221,7 @@ class DistanceRows(NodeBound):
             nearest_first = np.argsort(found.distance, kind="stable")[: self._count]
             value[k, : len(nearest_first)] = found.distance[nearest_first]
             x[k, : len(nearest_first), : model.nv] = found.jacobian[nearest_first]
-        return RowValues(value, x)
+        return node_data.RowValues(value, x)
 
 
 class GoalRows(NodeBound):
@@ -253,12 +243,12 @@ class GoalRows(NodeBound):
         robot = model.reduced.robot
         self._model = model
         self._q: Array | None = None
-        self._outputs: list[tuple[NodeOutputs, Array]] = []
+        self._outputs: list[tuple[node_data.NodeOutputs, Array]] = []
         names: list[str] = []
         units: list[str] = []
         if isinstance(goal, Mapping):
             for output, value in goal.items():
-                found = NodeOutputs(model.reduced, output)
+                found = node_data.NodeOutputs(model.reduced, output)
                 value = pin.log3(np.asarray(value)) if np.shape(value) == (3, 3) else value
                 self._outputs.append((found, found.target(value, "goal")))
                 names += found.names
@@ -283,7 +273,7 @@ class GoalRows(NodeBound):
         Args:
             q: configuration (nq,).
         """
-        at = NodeData(self._model, Nodes(np.asarray(q)[None], np.empty((1, 0))), None, np.zeros(1))
+        at = node_data.NodeData(self._model, Nodes(np.asarray(q)[None], np.empty((1, 0))), None, np.zeros(1))
         names = (name.removeprefix("goal ") for name in self.names)
         return dict(zip(names, np.abs(self.rows(at, False).value[0]).tolist(), strict=True))
 
@@ -301,18 +291,18 @@ class GoalRows(NodeBound):
                 for name, value, angular in zip(outputs.names, target, outputs.angular, strict=True)
                 if not angular
             }
-        nodes = NodeData(self._model, Nodes(self._q[None], np.zeros((1, self._model.nw))), None, np.zeros(1))
+        nodes = node_data.NodeData(self._model, Nodes(self._q[None], np.zeros((1, self._model.nw))), None, np.zeros(1))
         return dict(zip(bound.names, bound.rows(nodes, False).value[0].tolist(), strict=True))
 
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
+    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
         model = nodes.model
         parts = [outputs.error_rows(target, nodes, derivatives) for outputs, target in self._outputs]
         if self._q is not None:
-            parts = [displacement_rows(self._q, nodes, derivatives)]
+            parts = [node_data.displacement_rows(self._q, nodes, derivatives)]
         if self._rest:
-            parts.append(velocity_rows(nodes, derivatives))
-        value, x, _ = stacked(parts, nodes.size, model.nx, model.nu)
-        return RowValues(value, x if derivatives else None)
+            parts.append(node_data.velocity_rows(nodes, derivatives))
+        value, x, _ = node_data.stacked(parts, nodes.size, model.nx, model.nu)
+        return node_data.RowValues(value, x if derivatives else None)
 
 
 def _stated(given: Limit, names: Sequence[str]) -> Array:
@@ -436,8 +426,8 @@ class _Positions(NodeBound):
         self._q, self._v = places
         super().__init__(names, lower, upper, of_state=True)
 
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
-        found = RowValues(nodes.at.q[:, self._q])
+    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
+        found = node_data.RowValues(nodes.at.q[:, self._q])
         if derivatives:
             found.x = np.zeros((nodes.size, len(self.names), nodes.model.nx))
             found.x[:, np.arange(len(self.names)), self._v] = 1.0
@@ -454,15 +444,15 @@ class _Velocities(NodeBound):
         self._v = list(places)
         super().__init__(names, -largest, largest, of_state)
 
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
+    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
         if not derivatives:
-            return RowValues(nodes.velocity[:, self._v])
+            return node_data.RowValues(nodes.velocity[:, self._v])
         v, v_q, v_w = (each[:, self._v] for each in self._slopes(nodes))
         if nodes.model.form == "kinematic":
-            return RowValues(v, v_q, v_w)
-        return RowValues(v, np.concatenate([v_q, v_w], axis=2))
+            return node_data.RowValues(v, v_q, v_w)
+        return node_data.RowValues(v, np.concatenate([v_q, v_w], axis=2))
 
-    def _slopes(self, nodes: NodeData) -> tuple[Array, Array, Array]:
+    def _slopes(self, nodes: node_data.NodeData) -> tuple[Array, Array, Array]:
         """Velocity, and its derivatives by the configuration and by v2."""
         if nodes.flow is not None:
             return nodes.flow.v, nodes.flow.v_q, nodes.flow.v_w

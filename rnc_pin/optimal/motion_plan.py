@@ -206,10 +206,7 @@ class MotionPlan(SummaryMixin):
             ),
             ("configuration at the end [rad or m]", described(self.q[-1])),
             ("after verification", [Item(checked, f"accepted to {i.accuracy:.2g}")]),
-            (
-                "iterations",
-                [Item(str(i.iterations), f"{i.solutions} of {i.guesses} guesses led to a motion")],
-            ),
+            ("iterations", [Item(str(i.iterations), f"{i.solutions} of {i.guesses} guesses led to a motion")]),
             ("verdict", [Item(self.verdict.word)]),
             ("findings", items([each.message for each in i.findings])),
         ]

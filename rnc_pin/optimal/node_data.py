@@ -71,10 +71,7 @@ class RowValues:
     def full(self, nx: int, nu: int) -> tuple[Array, Array]:
         """Both derivatives as arrays."""
         n, k = self.value.shape
-        return (
-            np.zeros((n, k, nx)) if self.x is None else self.x,
-            np.zeros((n, k, nu)) if self.u is None else self.u,
-        )
+        return (np.zeros((n, k, nx)) if self.x is None else self.x, np.zeros((n, k, nu)) if self.u is None else self.u)
 
 
 def stacked(rows: list[RowValues], n: int, nx: int, nu: int) -> tuple[Array, Array, Array]:

@@ -283,12 +283,7 @@ def _free_of_mass(inertia_matrix: np.ndarray) -> tuple[int | None, np.ndarray] |
 
 
 def _behind(
-    model: pin.Model,
-    data: pin.Data,
-    q: np.ndarray,
-    entry: int | None,
-    velocity: np.ndarray,
-    bodies: Mapping[str, Body],
+    model: pin.Model, data: pin.Data, q: np.ndarray, entry: int | None, velocity: np.ndarray, bodies: Mapping[str, Body]
 ) -> Massless:
     """Fault at the first body that moves in a motion of zero kinetic energy; an inertia of this body repairs it."""
     pin.forwardKinematics(model, data, q, velocity / np.abs(velocity).max())

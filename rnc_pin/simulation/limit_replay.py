@@ -9,15 +9,7 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from rnc_pin.collision import (
-    CollisionDistances,
-    ContinuousDistances,
-    DistanceCurves,
-    Obstacle,
-    OmittedPair,
-    PairSelection,
-    continuous_distances,
-)
+from rnc_pin import collision
 from rnc_pin.control.controller import LimitedAcceleration
 from rnc_pin.errors import InputError
 from rnc_pin.printing import printed
@@ -115,12 +107,12 @@ class LimitReplay:
 
     uses: tuple[LimitUse, ...]
     clearances: tuple[Clearance, ...]
-    omitted: tuple[OmittedPair, ...]
+    omitted: tuple[collision.OmittedPair, ...]
     time: np.ndarray
     excesses: np.ndarray
     within: float
     tolerance: float = 0.0
-    curves: DistanceCurves | None = field(default=None, repr=False)
+    curves: collision.DistanceCurves | None = field(default=None, repr=False)
     pairs: tuple[int, ...] = ()
 
     @cached_property
@@ -187,8 +179,8 @@ _NO_LIMITS = FurtherLimits()
 def replay_limits(
     robot: Robot,
     trajectory: Trajectory,
-    obstacles: Sequence[Obstacle] = (),
-    selection: PairSelection | None = None,
+    obstacles: Sequence[collision.Obstacle] = (),
+    selection: collision.PairSelection | None = None,
     step: float = 0.0,
     within: float = 0.05,
     exact: float | None = None,
@@ -232,9 +224,11 @@ def replay_limits(
     model = robot.collision_model
     if model is None or not len(model.geometryObjects):
         return LimitReplay(uses, (), (), time, excesses, within)
-    checked = CollisionDistances(robot, obstacles, selection, q0=trajectory.q[0])
+    checked = collision.CollisionDistances(robot, obstacles, selection, q0=trajectory.q[0])
     omitted = tuple(each for each in checked.omitted if each.reason.startswith("overlap"))
-    measured = continuous_distances(checked, trajectory.time, trajectory.q, within, samples=every, exact=exact)
+    measured = collision.continuous_distances(
+        checked, trajectory.time, trajectory.q, within, samples=every, exact=exact
+    )
     smallest = measured.smallest
     near = tuple(int(k) for k in np.argsort(smallest, kind="stable") if smallest[k] < within)
     clearances = tuple(_clearance(checked, measured, k) for k in near)
@@ -243,7 +237,7 @@ def replay_limits(
 
 
 def obstacles_passed(
-    robot: Robot, time: np.ndarray, q: np.ndarray, obstacles: Sequence[Obstacle]
+    robot: Robot, time: np.ndarray, q: np.ndarray, obstacles: Sequence[collision.Obstacle]
 ) -> tuple[Clearance, ...]:
     """Return the deepest penetration of each obstacle along a motion, deepest first; empty without collision geometry.
 
@@ -258,8 +252,8 @@ def obstacles_passed(
     model = robot.collision_model if obstacles else None  # reading meshes takes time
     if model is None or not len(model.geometryObjects):
         return ()
-    checked = CollisionDistances(robot, obstacles, PairSelection(links=False))
-    distances, found = continuous_distances(checked, time, q, within=0.0), dict[str, Clearance]()
+    checked = collision.CollisionDistances(robot, obstacles, collision.PairSelection(links=False))
+    distances, found = collision.continuous_distances(checked, time, q, within=0.0), dict[str, Clearance]()
     for k in np.argsort(distances.smallest, kind="stable").tolist():
         passed = _clearance(checked, distances, k)
         if passed.distance < -ROUNDING:
@@ -267,7 +261,7 @@ def obstacles_passed(
     return tuple(found.values())
 
 
-def _clearance(checked: CollisionDistances, found: ContinuousDistances, pair: int) -> Clearance:
+def _clearance(checked: collision.CollisionDistances, found: collision.ContinuousDistances, pair: int) -> Clearance:
     names, obstacle = checked.pairs[pair].names, checked.pairs[pair].second >= checked.link_shapes
     kind = bool(found.constant[pair]), bool(found.uncertain[pair])
     return Clearance(names, float(found.smallest[pair]), float(found.time[pair]), obstacle, *kind)

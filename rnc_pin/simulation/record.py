@@ -18,23 +18,10 @@ from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.simulation import run_info
 from rnc_pin.simulation.derived_quantities import MATRICES, DerivedQuantities, RowNames, blocks
 from rnc_pin.simulation.ground_bodies import GroundBody, ground_bodies
 from rnc_pin.simulation.judgement import judged_by
-from rnc_pin.simulation.run_info import (
-    FORCE_UNITS,
-    BrakingUse,
-    Columns,
-    FallbackUse,
-    IntegrationAccuracy,
-    MissedUpdates,
-    Outcome,
-    OutputNames,
-    PhaseInfo,
-    Provenance,
-    RunInfo,
-    UnsolvedSamples,
-)
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.version import __version__
 
@@ -73,17 +60,17 @@ class Record:
         self._models: list[tuple[int, ReducedModel | None]] = []  # first sample and plant model
         self._external: np.ndarray | None = None
         self._normal: NormalForces | None = None
-        self.phases: tuple[PhaseInfo, ...] = ()
+        self.phases: tuple[run_info.PhaseInfo, ...] = ()
         """Intervals with one set of constraints, of a plant whose contacts open and close."""
-        self.fallback: FallbackUse | None = None
+        self.fallback: run_info.FallbackUse | None = None
         """Use of fallback commands by the control loop."""
-        self.missed_updates: MissedUpdates | None = None
+        self.missed_updates: run_info.MissedUpdates | None = None
         """Updates of a predictive controller that were late or failed."""
-        self.unsolved: UnsolvedSamples | None = None
+        self.unsolved: run_info.UnsolvedSamples | None = None
         """Samples whose whole-body program was not solved."""
-        self.braking: BrakingUse | None = None
+        self.braking: run_info.BrakingUse | None = None
         """Braking motions of a program in inputs."""
-        self.integration: IntegrationAccuracy | None = None
+        self.integration: run_info.IntegrationAccuracy | None = None
         """Estimated errors of the integration."""
         self.late: LateTicks | None = None
         """Samples whose computation took longer than the sampling period."""
@@ -190,8 +177,8 @@ class Record:
     def finish(
         self,
         dt: float,
-        provenance: Provenance,
-        outcome: Outcome = Outcome.COMPLETED,
+        provenance: run_info.Provenance,
+        outcome: run_info.Outcome = run_info.Outcome.COMPLETED,
         message: str | None = None,
     ) -> Trajectory:
         """Return the trajectory.
@@ -229,7 +216,7 @@ class Record:
         for kind in own_forces:
             forces[kind] = tuple(self.own_force_units[kind])
             units |= self.own_force_units[kind]
-        info = RunInfo(
+        info = run_info.RunInfo(
             replace(
                 own[0],
                 multipliers=rows.multipliers,
@@ -339,9 +326,9 @@ def _fill_desired(x2_desired: np.ndarray, v2_desired: np.ndarray, x2: np.ndarray
 
 
 @once_per_model
-def output_names(reduced: ReducedModel) -> OutputNames:
+def output_names(reduced: ReducedModel) -> run_info.OutputNames:
     """Names, units and coordinate types of the columns in runs of a model."""
-    return OutputNames(
+    return run_info.OutputNames(
         x1=columns_of(reduced.vertical),
         x2=columns_of(reduced.reducing),
         T=tuple(reduced.actuation.names),
@@ -352,16 +339,18 @@ def output_names(reduced: ReducedModel) -> OutputNames:
         v_units=tuple(reduced.robot.velocity_units),
         q=tuple(name for name, _ in reduced.robot.configuration_entries),
         q_units=tuple(unit for _, unit in reduced.robot.configuration_entries),
-        multipliers_units=tuple(FORCE_UNITS.get(unit, "") for unit in reduced.constraints.units),
-        contact_forces_units=tuple(FORCE_UNITS.get(unit, "") for unit in reduced.all_constraints.units),
+        multipliers_units=tuple(run_info.FORCE_UNITS.get(unit, "") for unit in reduced.constraints.units),
+        contact_forces_units=tuple(run_info.FORCE_UNITS.get(unit, "") for unit in reduced.all_constraints.units),
     )
 
 
-def columns_of(outputs: OutputStack) -> Columns:
+def columns_of(outputs: OutputStack) -> run_info.Columns:
     """Names, units and coordinate types of outputs."""
     units = tuple(unit.removesuffix("/s") for unit in outputs.units)
     angular, rotations = outputs.angular.tolist(), outputs.coordinates.rotations
-    return Columns(tuple(outputs.names), units, tuple(angular), tuple(rotations), tuple(outputs.quasi.tolist()))
+    return run_info.Columns(
+        tuple(outputs.names), units, tuple(angular), tuple(rotations), tuple(outputs.quasi.tolist())
+    )
 
 
 def versions() -> dict[str, str]:

@@ -21,18 +21,9 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ContactEvent, Plant, ReducedPlant
 from rnc_pin.plants.plant import takes_velocities
 from rnc_pin.plants.reduced import IntegrationErrors, integrated_outputs
+from rnc_pin.simulation import run_info
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.record import Record
-from rnc_pin.simulation.run_info import (
-    BrakingUse,
-    FallbackUse,
-    IntegrationAccuracy,
-    MissedUpdates,
-    Outcome,
-    PhaseInfo,
-    UnsolvedSamples,
-    provenance_of,
-)
 from rnc_pin.simulation.simulation_options import RunArguments, Sample, SimulationOptions
 from rnc_pin.simulation.stop import MODEL, Progress, StopMonitor, lift_off_monitor
 from rnc_pin.simulation.trajectory import Trajectory
@@ -129,12 +120,12 @@ class PlantAdapter:
         """Generalized forces (nv,) in addition to the inputs; None without them."""
         return getattr(self.plant, "external", None)
 
-    def phases(self, dt: float) -> tuple[PhaseInfo, ...]:
+    def phases(self, dt: float) -> tuple[run_info.PhaseInfo, ...]:
         """Intervals between the contact events of the plant for a sampling period; empty if contacts do not switch."""
         events: tuple[ContactEvent, ...] = getattr(self.plant, "contact_events", ())
         ends = [*(event.cause for event in events[1:]), None]
         return tuple(
-            PhaseInfo(
+            run_info.PhaseInfo(
                 " + ".join(event.closed) or "flight",
                 int(np.ceil(event.time / dt - _ROUNDING)),
                 event.time,
@@ -186,7 +177,7 @@ class SampledRun:
         check_arguments(arguments)
         reduced, controller, q0, dt, samples, v2_0, plant, options = arguments
         self.controller = controller
-        self._provenance, self._observer = provenance_of(options.meta), options.observer
+        self._provenance, self._observer = run_info.provenance_of(options.meta), options.observer
         self._adapter = adapter = PlantAdapter(ReducedPlant(reduced) if plant is None else plant, reduced)
         loop_options: LoopOptions = {**adapter.loop_options, "max_speed": options.stop.speed, **options.loop}
         kind = VelocityInputLoop if takes_velocities(plant) else ControlLoop
@@ -259,7 +250,7 @@ class SampledRun:
             return
         self._stretch += 1
         before = self.record.fallback
-        first = FallbackUse(0, t, reason, False) if before is None else before
+        first = run_info.FallbackUse(0, t, reason, False) if before is None else before
         self.record.fallback = replace(first, samples=first.samples + 1)
 
     def _add(
@@ -291,14 +282,14 @@ class SampledRun:
                 self.advance()
         return self.failure
 
-    def integration(self) -> IntegrationAccuracy | None:
+    def integration(self) -> run_info.IntegrationAccuracy | None:
         """Estimated errors of the integration since the start; None if the plant does not estimate them."""
         errors: IntegrationErrors | None = getattr(self.plant, "errors", None)
         if errors is None:
             return None
         tolerance: float = self.plant.tolerance  # type: ignore[attr-defined]
         rate, total, most = float(errors.rate), float(errors.total), int(errors.most)
-        return IntegrationAccuracy(tolerance, rate, total, most, max(int(errors.enough), most))
+        return run_info.IntegrationAccuracy(tolerance, rate, total, most, max(int(errors.enough), most))
 
     @property
     def failure(self) -> str | None:
@@ -306,7 +297,7 @@ class SampledRun:
         state = self.loop.state
         return f"the loop gave the safe command until the end: {state.fault}" if state.failed else None
 
-    def finish(self, outcome: Outcome, message: str | None = None) -> Trajectory:
+    def finish(self, outcome: run_info.Outcome, message: str | None = None) -> Trajectory:
         """Return the trajectory so far."""
         self.record.phases = self._adapter.phases(self._dt)
         if self.record.fallback is not None:
@@ -332,19 +323,19 @@ def _blamed(error: DivergenceError, plant: Plant, v: np.ndarray) -> DivergenceEr
     return DivergenceError(what, time=error.time)
 
 
-def _unsolved(state: object) -> UnsolvedSamples | None:
+def _unsolved(state: object) -> run_info.UnsolvedSamples | None:
     """Samples without a solution, by the state of a whole-body program or that of the controller within it."""
     found = part_with(state, "unsolved")
-    return UnsolvedSamples(*found.unsolved) if found is not None and found.unsolved.samples else None
+    return run_info.UnsolvedSamples(*found.unsolved) if found is not None and found.unsolved.samples else None
 
 
-def _missed_updates(state: object) -> MissedUpdates | None:
+def _missed_updates(state: object) -> run_info.MissedUpdates | None:
     """Late and failed updates of a predictive controller, by its state or that of the controller within it."""
     found = part_with(state, "missed")
-    return MissedUpdates(found.missed, found.updates) if found is not None and found.missed else None
+    return run_info.MissedUpdates(found.missed, found.updates) if found is not None and found.missed else None
 
 
-def _braking(controller: object, state: object) -> BrakingUse | None:
+def _braking(controller: object, state: object) -> run_info.BrakingUse | None:
     """Braking motions of a program in inputs, by its state."""
     if not isinstance(controller, _Braking) or not hasattr(state, "braking"):
         return None
@@ -352,7 +343,7 @@ def _braking(controller: object, state: object) -> BrakingUse | None:
     exceeded = controller.exceeded_limits(state)
     if not (count.braked.samples or count.unverified.samples or exceeded):
         return None
-    return BrakingUse(*count.braked, *count.unverified, exceeded)
+    return run_info.BrakingUse(*count.braked, *count.unverified, exceeded)
 
 
 def check_arguments(arguments: RunArguments) -> None:

@@ -227,13 +227,7 @@ class Overlay:
         margin: True if the states have a singularity margin.
     """
 
-    def __init__(
-        self,
-        outputs: OutputNames,
-        goals: Sequence[str],
-        kinematics: SceneKinematics,
-        margin: bool,
-    ) -> None:
+    def __init__(self, outputs: OutputNames, goals: Sequence[str], kinematics: SceneKinematics, margin: bool) -> None:
         errors: list[OverlayRow] = []
         shown: set[tuple[str, int]] = set()
 
@@ -253,10 +247,7 @@ class Overlay:
                 add(name.removesuffix("_x"), "rad", [(kind, k), (kind, k + 1), (kind, k + 2)])
             else:
                 add(f"integral of {name}" if columns.is_integral(k) else name, columns.units[k], [place])
-        self.rows = [
-            OverlayRow("time", "s", lambda state: state.time),
-            *errors[:_MAX_ERRORS],
-        ]
+        self.rows = [OverlayRow("time", "s", lambda state: state.time), *errors[:_MAX_ERRORS]]
         if margin:
             self.rows.append(
                 OverlayRow(

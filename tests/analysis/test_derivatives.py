@@ -11,14 +11,7 @@ from random_systems import TOUCHING, recipes, reduced_of
 from rnc_pin.analysis.derivatives import _at_one_state as at_one_state
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.model.user_functions import gradient
-from systems import (
-    bicycle,
-    mobile_manipulator,
-    random_states,
-    spinning_space_robot,
-    sprung_arm,
-    tiago,
-)
+from systems import bicycle, mobile_manipulator, random_states, spinning_space_robot, sprung_arm, tiago
 from textbook_systems import rail_sliders
 
 

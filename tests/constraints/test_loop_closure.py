@@ -9,16 +9,7 @@ from bodies import add_body, add_frame
 from rnc_pin.model import assembly
 from rnc_pin.model.kinematics import Kinematics
 from simple_controllers import Idle
-from systems import (
-    COUPLER,
-    CRANK,
-    GROUND,
-    ROCKER,
-    four_bar,
-    four_bar_robot,
-    leaning_wheel,
-    random_states,
-)
+from systems import COUPLER, CRANK, GROUND, ROCKER, four_bar, four_bar_robot, leaning_wheel, random_states
 from tolerances import ROUNDING
 
 # ---------------------------------------------------------------------- four-bar linkage, closed form

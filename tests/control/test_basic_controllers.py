@@ -91,9 +91,7 @@ def linear():
     """Five outputs, of which speed and spin are quasi-velocities; not every value is a state, nor every rate."""
     names = ("speed", "tilt", "wheel", "spin", "arm")
     outputs = SimpleNamespace(
-        names=names,
-        quasi=[True, False, False, True, False],
-        coordinates=Coordinates([False, True, True, False, True]),
+        names=names, quasi=[True, False, False, True, False], coordinates=Coordinates([False, True, True, False, True])
     )
     generator = np.random.default_rng(1)
     return SimpleNamespace(

@@ -7,14 +7,7 @@ import pytest
 
 import rnc_pin as rnc
 from measured_logs import COLUMNS, DELAYS, MEASURED, UNKNOWN, tricycle_system
-from rnc_pin.identification import (
-    EncoderOffset,
-    EncoderScale,
-    JointShift,
-    SensorPlace,
-    TimeShift,
-    WheelRadius,
-)
+from rnc_pin.identification import EncoderOffset, EncoderScale, JointShift, SensorPlace, TimeShift, WheelRadius
 from rnc_pin.identification.logs import Channel
 from rnc_pin.identification.rolling_motion import RollingMotion
 from rolled_logs import CAR, DIFFERENTIAL, TRICYCLE, VEHICLES

@@ -8,11 +8,7 @@ import pinocchio as pin
 
 import rnc_pin as rnc
 from rnc_pin.collision import CollisionDistances, Obstacle
-from rnc_pin.control import (
-    VelocityQP,
-    limits,
-    tasks,
-)
+from rnc_pin.control import VelocityQP, limits, tasks
 from rnc_pin.control.whole_body import ControlSample
 from rnc_pin.optimal.interior_point import InteriorPointSolver, LinearQuadratic, RiccatiFactors
 from rnc_pin.planning import Harmonic, Hold

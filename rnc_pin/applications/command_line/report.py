@@ -9,15 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from rnc_pin.applications.command_line.messages import (
-    DONE,
-    FAILED,
-    announce,
-    complain,
-    print_json,
-    seconds_since_start,
-    warn,
-)
+from rnc_pin.applications.command_line import messages
 from rnc_pin.applications.scenario.execution import Result, write
 from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.pictures import Drawn, draw_pictures, picture_names
@@ -43,7 +35,7 @@ class ProgressBar:
 
     def __init__(self, console: Console, total: float, text: str, quiet: bool) -> None:
         if not console.is_terminal:
-            announce(text, quiet)
+            messages.announce(text, quiet)
         self._bar = Progress(
             TextColumn("{task.description}", markup=False),
             BarColumn(),
@@ -168,20 +160,16 @@ def report_findings(verdict: Verdict, ending: str, others: str = "", told: Colle
     """
     for finding in verdict.findings:
         if finding.severity is not Severity.NOTE and finding not in verdict.failures and str(finding) not in told:
-            warn(str(finding))
+            messages.warn(str(finding))
     if not verdict.failures:
-        return DONE
+        return messages.DONE
     more = len(verdict.failures) - 1
-    complain(f"{verdict.failures[0]}{f', and {more} more{others}' if more else ''}; {ending}")
-    return FAILED
+    messages.complain(f"{verdict.failures[0]}{f', and {more} more{others}' if more else ''}; {ending}")
+    return messages.FAILED
 
 
 def keep_run(
-    scenario: Scenario,
-    result: Result,
-    target: OutputFolder,
-    as_json: bool,
-    more: Callable[[Path], str] | None = None,
+    scenario: Scenario, result: Result, target: OutputFolder, as_json: bool, more: Callable[[Path], str] | None = None
 ) -> Drawn | None:
     """Write a run, print its summary, and draw its pictures last. None if they cannot be written, after the error.
 
@@ -205,7 +193,7 @@ def keep_run(
             drawn = draw_pictures(scenario, result, fresh, bar)
         target.keep()
     except RncError as error:  # the scenario is valid, but its results cannot be written
-        complain(str(error))
+        messages.complain(str(error))
         return None
     result.summary["files"] = [*files, *drawn.written]
     return drawn
@@ -222,19 +210,19 @@ def report_run(scenario: Scenario, result: Result, drawn: Drawn, folder: Path, a
         as_json: print the summary as JSON.
     """
     if drawn.failures:
-        warn(str(drawn))
+        messages.warn(str(drawn))
     if as_json:
-        print_json({**result.summary, "elapsed_time": round(seconds_since_start(), 3)})
+        messages.print_json({**result.summary, "elapsed_time": round(messages.seconds_since_start(), 3)})
     else:
         _print_end(folder, result.summary)
     where = f"results so far are in {folder}"
     told = scenario.experiment.warnings
-    if report_findings(result.trajectory.verdict, where, " in summary.json", told) == FAILED:
-        return FAILED
+    if report_findings(result.trajectory.verdict, where, " in summary.json", told) == messages.FAILED:
+        return messages.FAILED
     if result.interrupted or drawn.interrupted:
-        complain(f"interrupted; {where}")
-        return FAILED
-    return DONE
+        messages.complain(f"interrupted; {where}")
+        return messages.FAILED
+    return messages.DONE
 
 
 def _print_end(folder: Path, summary: Summary) -> None:
@@ -242,4 +230,4 @@ def _print_end(folder: Path, summary: Summary) -> None:
     console = Console(markup=False, emoji=False)
     console.print(f"in {folder}: {', '.join(summary['files'])}", highlight=False, soft_wrap=True)
     part = f", {summary['wall_time']:.1f} s of it for the simulation" if summary["wall_time"] else ""
-    console.print(f"done in {seconds_since_start():.1f} s{part}", highlight=False)
+    console.print(f"done in {messages.seconds_since_start():.1f} s{part}", highlight=False)

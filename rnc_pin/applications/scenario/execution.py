@@ -39,9 +39,7 @@ class Result:
 
 
 def execute(
-    scenario: Scenario,
-    observer: Observer | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    scenario: Scenario, observer: Observer | None = None, progress: Callable[[float, str], None] | None = None
 ) -> Result:
     """Run a scenario, and then its comparisons.
 

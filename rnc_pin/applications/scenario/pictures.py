@@ -53,10 +53,7 @@ def picture_names(scenario: Scenario) -> list[str]:
 
 
 def draw_pictures(
-    scenario: Scenario,
-    result: Result,
-    folder: Path,
-    progress: Callable[[float, str], None] | None = None,
+    scenario: Scenario, result: Result, folder: Path, progress: Callable[[float, str], None] | None = None
 ) -> Drawn:
     """Write the pictures of a result; none if it was interrupted or has fewer than two samples.
 

@@ -10,6 +10,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rnc_pin import optimal
 from rnc_pin.applications.scenario.controllers.feedback import (
     WAY_SEARCH,
     PlanFeedbackSettings,
@@ -24,21 +25,6 @@ from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.control import SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError, RncError
 from rnc_pin.model import Coordinates, Kinematics, ReducedModel, Task
-from rnc_pin.optimal import (
-    AccelerationCost,
-    CostKind,
-    EffortCost,
-    MotionPlan,
-    Nodes,
-    PostureCost,
-    RunFeedback,
-    VelocityCost,
-    Weight,
-    action_model,
-    driven_configurations,
-    goal_configuration,
-    tvlqr,
-)
 from rnc_pin.planning import Hold, OutputTarget, Reference, Way, find_way
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import PlannedPath
@@ -70,7 +56,7 @@ def task_starts(reduced: ReducedModel, task: Task, q0: np.ndarray) -> dict[str, 
 
 
 def task_references(
-    scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray, motion: MotionPlan | None
+    scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray, motion: optimal.MotionPlan | None
 ) -> tuple[dict[str, Reference], tuple[str, ...]]:
     """References of the task's outputs, and the names of those that the scenario or its plan gives."""
     if motion is not None and scenario.reference.path is not None:
@@ -158,11 +144,11 @@ class Plans:
     """Optimal motions of a scenario and its comparisons: equal problems are solved once."""
 
     def __init__(self) -> None:
-        self._found: dict[str, MotionPlan] = {}
+        self._found: dict[str, optimal.MotionPlan] = {}
 
     def plan(
         self, scenario: ScenarioFile, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle]
-    ) -> MotionPlan:
+    ) -> optimal.MotionPlan:
         """Return the optimal motion of a scenario, like ``build_plan``."""
         system = (scenario.robot, scenario.constraints, scenario.mimic, scenario.actuators, scenario.forces)
         problem = (scenario.outputs, scenario.obstacles, scenario.initial, scenario.planner, scenario.seed)
@@ -174,7 +160,7 @@ class Plans:
 
 def build_plan(
     scenario: ScenarioFile, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle]
-) -> MotionPlan:
+) -> optimal.MotionPlan:
     """Plan the motion of ``planner``.
 
     Raises:
@@ -203,7 +189,7 @@ def build_plan(
         )
 
 
-def _regulator(scenario: ScenarioFile) -> tuple[str, Weight, Weight]:
+def _regulator(scenario: ScenarioFile) -> tuple[str, optimal.Weight, optimal.Weight]:
     """Gains, weights of states and of inputs of the feedback of the run.
 
     Trackers of outputs have another feedback; the usual regulator stands for it.
@@ -214,18 +200,18 @@ def _regulator(scenario: ScenarioFile) -> tuple[str, Weight, Weight]:
     return "tvlqr", 1.0, 1.0
 
 
-def _feedback(scenario: ScenarioFile, reduced: ReducedModel) -> RunFeedback:
+def _feedback(scenario: ScenarioFile, reduced: ReducedModel) -> optimal.RunFeedback:
     gains, state_cost, input_cost = _regulator(scenario)
     if gains == "plan":
         return "plan"
-    return lambda found: tvlqr(reduced, found, state_cost, input_cost).K
+    return lambda found: optimal.tvlqr(reduced, found, state_cost, input_cost).K
 
 
-def planned_path(found: MotionPlan, reduced: ReducedModel, frame: str) -> PlannedPath:
+def planned_path(found: optimal.MotionPlan, reduced: ReducedModel, frame: str) -> PlannedPath:
     """Path of a frame along a plan."""
-    model = action_model(reduced, found.info.form)
+    model = optimal.action_model(reduced, found.info.form)
     parts, h = max(1, round(_POINTS / len(found.u))), np.diff(found.time)
-    start = Nodes(found.q[:-1], found.w[:-1])
+    start = optimal.Nodes(found.q[:-1], found.w[:-1])
     pieces = [model.step(start, found.u, h * part / parts).q for part in range(parts)]
     q = np.concatenate([np.stack(pieces, axis=1).reshape(-1, found.q.shape[1]), found.q[-1:]])
     poses, heights = frame_poses(reduced.robot, frame, q)
@@ -235,12 +221,16 @@ def planned_path(found: MotionPlan, reduced: ReducedModel, frame: str) -> Planne
     return PlannedPath(frame, tuple((x, y, heading) for x, y, heading in rows), kept)
 
 
-def _costs(settings: OptimalPlanner, start: Start, names: Sequence[str]) -> Iterator[CostKind]:
+def _costs(settings: OptimalPlanner, start: Start, names: Sequence[str]) -> Iterator[optimal.CostKind]:
     costs = settings.costs
-    kinds = (EffortCost, costs.effort), (VelocityCost, costs.velocity), (AccelerationCost, costs.acceleration)
+    kinds = (
+        (optimal.EffortCost, costs.effort),
+        (optimal.VelocityCost, costs.velocity),
+        (optimal.AccelerationCost, costs.acceleration),
+    )
     yield from (kind(weight) for kind, weight in kinds if weight is not None)
     if costs.posture is not None:
-        yield PostureCost(start.q, costs.posture)
+        yield optimal.PostureCost(start.q, costs.posture)
     for each in costs.outputs:
         check_output_names("costs.outputs", cast(list[str], each.output), names)
         yield each
@@ -283,13 +273,13 @@ def _guess(
         return None
     if guess.path is not None:
         reference = _path(guess.path, reduced, start.q, duration)
-        return driven_configurations(reduced, start.q, reference, duration)
+        return optimal.driven_configurations(reduced, start.q, reference, duration)
     if guess.reducing is not None:
         _, x2 = reduced.at(start.q).outputs()
         motion = guess.reducing.from_start(x2, reduced.reducing.coordinates)
-        return driven_configurations(reduced, start.q, motion, duration)
+        return optimal.driven_configurations(reduced, start.q, motion, duration)
     assert guess.through is not None
-    end = goal_configuration(reduced, start.q, goal)
+    end = optimal.goal_configuration(reduced, start.q, goal)
     return np.array([start.q, *(_with_joints(reduced.robot, start.q, each) for each in guess.through), end])
 
 

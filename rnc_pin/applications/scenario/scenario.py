@@ -15,13 +15,7 @@ import yaml
 
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_reduced, build_task, start_of
 from rnc_pin.applications.scenario.controllers import without_foreign_gains
-from rnc_pin.applications.scenario.files import (
-    apply_options,
-    find_scenario,
-    is_built_in,
-    read_yaml,
-    with_options,
-)
+from rnc_pin.applications.scenario.files import apply_options, find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.applications.scenario.plan_builder import Plans
 from rnc_pin.applications.scenario.plant_builder import collected_model_warnings
 from rnc_pin.applications.scenario.schema import ScenarioFile

@@ -14,13 +14,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, cast
 import numpy as np
 
 from rnc_pin.applications.scenario.files import one_line_yaml
-from rnc_pin.applications.sweep.runs import (
-    LIMITS,
-    Row,
-    drawn_values,
-    is_result_column,
-    with_options_of_sweeps,
-)
+from rnc_pin.applications.sweep.runs import LIMITS, Row, drawn_values, is_result_column, with_options_of_sweeps
 from rnc_pin.applications.sweep.sweep_folder import Specification, read_rows, read_specification
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.io import Json, atomic_file, dump_json

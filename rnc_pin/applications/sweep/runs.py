@@ -284,12 +284,7 @@ class ScenarioRuns(Runs):
         draws: as for ``Runs``.
     """
 
-    def __init__(
-        self,
-        scenario: str,
-        options: Mapping[str, Json],
-        draws: SeededDraws | None = None,
-    ) -> None:
+    def __init__(self, scenario: str, options: Mapping[str, Json], draws: SeededDraws | None = None) -> None:
         super().__init__(draws)
         self._file = replace(Scenario.read(scenario), show_warnings=False)
         self._options = dict(options)

@@ -13,12 +13,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Controller
 from rnc_pin.control.loop.loop_state import LoopState, check_state, restore, with_late_tick, write_state
-from rnc_pin.control.loop.measurements import (
-    Guard,
-    InvalidMeasurementError,
-    VelocityObserver,
-    is_time,
-)
+from rnc_pin.control.loop.measurements import Guard, InvalidMeasurementError, VelocityObserver, is_time
 from rnc_pin.control.loop.options import (
     LoopOptions,
     LoopSettings,
@@ -106,11 +101,7 @@ class ControlLoop(ReprMixin):
     _commanded = False  # True: commands replace velocities, which nobody measures
 
     def __init__(
-        self,
-        reduced: ReducedModel,
-        controller: Controller,
-        dt: float,
-        **options: Unpack[LoopOptions],
+        self, reduced: ReducedModel, controller: Controller, dt: float, **options: Unpack[LoopOptions]
     ) -> None:
         check_number("dt", dt)
         self.reduced, self.dt = admit_model(reduced), dt

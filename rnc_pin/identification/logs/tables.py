@@ -185,11 +185,7 @@ def _numbers(
 
 
 def _block(
-    lines: list[str],
-    separator: str | None,
-    comment: str,
-    wanted: list[int],
-    converter: Callable[[str], float] | None,
+    lines: list[str], separator: str | None, comment: str, wanted: list[int], converter: Callable[[str], float] | None
 ) -> np.ndarray:
     return np.loadtxt(
         lines, delimiter=separator, comments=comment, usecols=wanted, ndmin=2, quotechar='"', converters=converter

@@ -19,18 +19,7 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError, ModelWarning, nearest
 from rnc_pin.extras import missing_extra
 from rnc_pin.io.safe_read import LARGEST
-from rnc_pin.robots.sources.description import (
-    AllowedFolders,
-    Closure,
-    Description,
-    Mimic,
-    brief,
-    captured_stderr,
-    check_base,
-    check_numbers,
-    parse_xml,
-    unlogged,
-)
+from rnc_pin.robots.sources import description
 from rnc_pin.robots.sources.mjcf_model import SMALLEST, MeshAssets, MjcfGeometry, ModelBuilder, pose
 from rnc_pin.robots.sources.urdf_repairs import snap_mjcf
 
@@ -38,7 +27,9 @@ if TYPE_CHECKING:
     import mujoco
 
 
-def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *, snap: bool = True) -> Description:
+def read_mjcf(
+    path: Path, base: str | None, package_dirs: Sequence[Path] = (), *, snap: bool = True
+) -> description.Description:
     """Read an MJCF file.
 
     Args:
@@ -51,8 +42,8 @@ def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *
         ModelError: the file cannot be read, is not MJCF, or needs an unsupported element; or there is no MuJoCo.
     """
     if base is not None:
-        check_base(base)
-    allowed = AllowedFolders(path.parent, package_dirs)
+        description.check_base(base)
+    allowed = description.AllowedFolders(path.parent, package_dirs)
     root = read_with_includes(path, allowed)
     name = root.get("model") or path.stem
     ignored = unread(root)
@@ -65,7 +56,7 @@ def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
     except Exception as error:  # Boost.Python raises any type of C++ exception
-        raise ModelError(f"{path}: {brief(error)}") from None
+        raise ModelError(f"{path}: {description.brief(error)}") from None
     mark_passive_joints(compiled, built)
     coupled, nonlinear = mimics(compiled, built)
     if ignored | nonlinear:
@@ -73,7 +64,7 @@ def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *
     for note in [*built.notes, *notes]:
         warnings.warn(f"{path.name}: {note}", ModelWarning, stacklevel=3)
     geometry = MjcfGeometry(compiled, built, assets)
-    return Description(
+    return description.Description(
         built.model,
         geometry,
         mimics=coupled,
@@ -115,9 +106,9 @@ def mark_passive_joints(compiled: mujoco.MjModel, built: ModelBuilder) -> None:
                 limit[entries] = 0.0
 
 
-def mimics(compiled: mujoco.MjModel, built: ModelBuilder) -> tuple[tuple[Mimic, ...], set[str]]:
+def mimics(compiled: mujoco.MjModel, built: ModelBuilder) -> tuple[tuple[description.Mimic, ...], set[str]]:
     """Linear equalities of two joints, and the elements that are of another form."""
-    found: list[Mimic] = []
+    found: list[description.Mimic] = []
     others: set[str] = set()
     for k in _equalities(compiled, (_JOINT,)):
         joint, of = compiled.eq_obj1id[k], compiled.eq_obj2id[k]
@@ -127,11 +118,13 @@ def mimics(compiled: mujoco.MjModel, built: ModelBuilder) -> tuple[tuple[Mimic, 
             continue
         # The equality is between displacements from the configuration of the file.
         rest, of_rest = (float(compiled.qpos0[compiled.jnt_qposadr[each]]) for each in (joint, of))
-        found.append(Mimic(built.joint_name(joint), built.joint_name(of), ratio, offset + rest - ratio * of_rest))
+        found.append(
+            description.Mimic(built.joint_name(joint), built.joint_name(of), ratio, offset + rest - ratio * of_rest)
+        )
     return tuple(found), others
 
 
-def closures(compiled: mujoco.MjModel, built: ModelBuilder) -> Iterator[Closure]:
+def closures(compiled: mujoco.MjModel, built: ModelBuilder) -> Iterator[description.Closure]:
     """Yield the kinematic loops, without those of bodies that the user moves (``mocap``)."""
     import mujoco
 
@@ -151,7 +144,7 @@ def closures(compiled: mujoco.MjModel, built: ModelBuilder) -> Iterator[Closure]
         kind: Literal["frame", "point"] = "frame" if is_weld and data[10] > 0 else "point"
         rpy = pin.rpy.matrixToRpy(turn) if kind == "frame" else np.zeros(3)
         names = [built.carriers[body].name for body in ends]
-        yield Closure(names[0], names[1], kind, _rounded(a), _rounded(b), _rounded(rpy))
+        yield description.Closure(names[0], names[1], kind, _rounded(a), _rounded(b), _rounded(rpy))
 
 
 def _equalities(compiled: mujoco.MjModel, kinds: tuple[int, ...]) -> list[int]:
@@ -190,7 +183,7 @@ _COUNTS = {  # numbers per attribute
 }  # fmt: skip
 
 
-def read_with_includes(path: Path, allowed: AllowedFolders) -> ElementTree.Element:
+def read_with_includes(path: Path, allowed: description.AllowedFolders) -> ElementTree.Element:
     """Return a file with its included files, in which each asset names an allowed file by its absolute path.
 
     Args:
@@ -200,7 +193,7 @@ def read_with_includes(path: Path, allowed: AllowedFolders) -> ElementTree.Eleme
     Raises:
         ModelError: the file is not MJCF, or a file that it names is not allowed, included twice, or missing.
     """
-    root = parse_xml(path)
+    root = description.parse_xml(path)
     if root.tag != "mujoco":
         raise ModelError(f"{path}: not MJCF: the outermost element is <{root.tag}>, expected <mujoco>")
     _include(root, path, allowed, set())
@@ -208,7 +201,7 @@ def read_with_includes(path: Path, allowed: AllowedFolders) -> ElementTree.Eleme
     return root
 
 
-def _include(parent: ElementTree.Element, path: Path, allowed: AllowedFolders, seen: set[Path]) -> None:
+def _include(parent: ElementTree.Element, path: Path, allowed: description.AllowedFolders, seen: set[Path]) -> None:
     for index, element in reversed(list(enumerate(parent))):
         if element.tag != "include":
             _include(element, path, allowed, seen)
@@ -218,12 +211,12 @@ def _include(parent: ElementTree.Element, path: Path, allowed: AllowedFolders, s
         if file in seen or file == path.resolve():
             raise ModelError(f'{path}: duplicate <include file="{name}">')
         seen.add(file)
-        inner = parse_xml(file)
+        inner = description.parse_xml(file)
         _include(inner, path, allowed, seen)
         parent[index : index + 1] = list(inner)
 
 
-def _resolve_assets(root: ElementTree.Element, path: Path, allowed: AllowedFolders) -> None:
+def _resolve_assets(root: ElementTree.Element, path: Path, allowed: description.AllowedFolders) -> None:
     folders, stripped = {"mesh": "", "texture": ""}, False
     for compiler in root.findall("compiler"):
         both = compiler.attrib.pop("assetdir", None)
@@ -240,7 +233,7 @@ def _resolve_assets(root: ElementTree.Element, path: Path, allowed: AllowedFolde
             asset.set("file", str(_own_file(place, path, allowed, f'<{asset.tag} file="{name}">')))
 
 
-def _own_file(file: Path, path: Path, allowed: AllowedFolders, where: str) -> Path:
+def _own_file(file: Path, path: Path, allowed: description.AllowedFolders, where: str) -> Path:
     with ModelError.at(path):
         found = allowed.admit(file, where)
     if not os.path.isfile(found):
@@ -317,7 +310,7 @@ def _check_numbers(root: ElementTree.Element, path: Path) -> None:
         for key, text in element.attrib.items():
             if key in _COUNTS:
                 where = f'<{element.tag} name="{element.get("name")}">' if element.get("name") else f"<{element.tag}>"
-                check_numbers(text, _COUNTS[key], f"{path}: {where}: {key}")
+                description.check_numbers(text, _COUNTS[key], f"{path}: {where}: {key}")
 
 
 # ---------------------------------------------------------------------- compilation
@@ -341,7 +334,7 @@ def compile_document(root: ElementTree.Element, path: Path, assets: MeshAssets) 
     except ImportError:
         raise ModelError(f"{path}: MuJoCo compiles MJCF. {missing_extra('mujoco')}") from None
     try:
-        with captured_stderr(), unlogged(mujoco), warnings.catch_warnings():
+        with description.captured_stderr(), description.unlogged(mujoco), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             try:
                 return _compile(root, assets)
@@ -354,7 +347,7 @@ def compile_document(root: ElementTree.Element, path: Path, assets: MeshAssets) 
     except ModelError:
         raise
     except Exception as error:  # raised by its C code
-        raise ModelError(f"{path}: {_explained(brief(error), root)}") from None
+        raise ModelError(f"{path}: {_explained(description.brief(error), root)}") from None
 
 
 def _compile(root: ElementTree.Element, assets: MeshAssets) -> mujoco.MjModel:

@@ -14,19 +14,8 @@ import pinocchio as pin
 
 from rnc_pin.errors import ModelError, few
 from rnc_pin.printing import counted
+from rnc_pin.robots.sources import mesh_formats
 from rnc_pin.robots.sources.description import ROOT_JOINTS, check_not_negative, read_numbers
-from rnc_pin.robots.sources.mesh_formats import (
-    MOST_TOGETHER,
-    LoadedMesh,
-    Mesh,
-    MeshError,
-    MeshShapes,
-    check_thickness,
-    checked_mesh,
-    convex_hull,
-    read_mesh,
-    scaled_vertices,
-)
 
 if TYPE_CHECKING:
     import mujoco
@@ -275,24 +264,26 @@ class MeshAssets:
             try:
                 found = self._read(mesh.name)
                 count += len(found.triangles)
-                if count > MOST_TOGETHER:
-                    raise MeshError(f"more than {MOST_TOGETHER:,} triangles in the meshes of the robot")
+                if count > mesh_formats.MOST_TOGETHER:
+                    raise mesh_formats.MeshError(
+                        f"more than {mesh_formats.MOST_TOGETHER:,} triangles in the meshes of the robot"
+                    )
                 if _is_flat(found, np.array(mesh.scale)):
                     flat.add(mesh.name)
-            except MeshError as error:
+            except mesh_formats.MeshError as error:
                 raise ModelError(f"{self._path}: mesh '{mesh.name}': {error}") from None
             mesh.uservert, mesh.userface = found.vertices.ravel(), found.triangles.ravel()
         for geom in spec.geoms:
             if geom.meshname in flat:  # MuJoCo builds convex hulls of colliding meshes; a flat mesh has none
                 geom.contype = geom.conaffinity = 0
 
-    def load(self, uses: Iterable[tuple[str, np.ndarray]]) -> Iterator[LoadedMesh]:
+    def load(self, uses: Iterable[tuple[str, np.ndarray]]) -> Iterator[mesh_formats.LoadedMesh]:
         """Yield the meshes of a robot, given by name and scale (3,).
 
         Raises:
             ModelError: a mesh cannot be used.
         """
-        shapes, read = MeshShapes(), dict[str, Mesh]()
+        shapes, read = mesh_formats.MeshShapes(), dict[str, mesh_formats.Mesh]()
         for name, factors in uses:
             scale = " ".join(map(repr, factors.tolist()))
             attributes = self._attributes[name]
@@ -303,40 +294,42 @@ class MeshAssets:
                 if name not in read:
                     read[name] = self._read(name)
                 yield shapes.make(read[name], scale)
-            except MeshError as error:
+            except mesh_formats.MeshError as error:
                 raise ModelError(f"{self._path}: mesh '{name}': {error}") from None
 
-    def _read(self, name: str) -> Mesh:
+    def _read(self, name: str) -> mesh_formats.Mesh:
         attributes = self._attributes[name]
-        mesh = read_mesh(Path(attributes["file"])) if "file" in attributes else _inline_triangles(attributes)
+        mesh = (
+            mesh_formats.read_mesh(Path(attributes["file"])) if "file" in attributes else _inline_triangles(attributes)
+        )
         if not _MOVED & set(attributes):
             return mesh
         place, turn = _numbers(attributes, "refpos", 3), _numbers(attributes, "refquat", 4)
         if place is None or turn is None or not turn.any():
-            raise MeshError("refpos takes three numbers, refquat four that are not all zero")
+            raise mesh_formats.MeshError("refpos takes three numbers, refquat four that are not all zero")
         rotation = pin.Quaternion(turn[0], *turn[1:]).normalized().matrix()
-        return checked_mesh((mesh.vertices - place) @ rotation, mesh.triangles)
+        return mesh_formats.checked_mesh((mesh.vertices - place) @ rotation, mesh.triangles)
 
 
 def _numbers(attributes: Mapping[str, str], key: str, count: int) -> np.ndarray | None:
     return read_numbers(attributes.get(key, _USUAL[key]), count)
 
 
-def _is_flat(mesh: Mesh, scale: np.ndarray) -> bool:
+def _is_flat(mesh: mesh_formats.Mesh, scale: np.ndarray) -> bool:
     """True if a mesh is in a plane.
 
     Raises:
         MeshError: its scale puts vertices too far away.
     """
-    vertices = scaled_vertices(mesh, scale)
+    vertices = mesh_formats.scaled_vertices(mesh, scale)
     try:
-        check_thickness(vertices.astype(np.float32).astype(float))  # the precision of MuJoCo
-    except MeshError:
+        mesh_formats.check_thickness(vertices.astype(np.float32).astype(float))  # the precision of MuJoCo
+    except mesh_formats.MeshError:
         return True
     return False
 
 
-def _inline_triangles(attributes: Mapping[str, str]) -> Mesh:
+def _inline_triangles(attributes: Mapping[str, str]) -> mesh_formats.Mesh:
     """Return the triangles in a description, or the convex hull if it has only points.
 
     Raises:
@@ -345,14 +338,14 @@ def _inline_triangles(attributes: Mapping[str, str]) -> Mesh:
     points = read_numbers(attributes.get("vertex", ""))
     corners = read_numbers(attributes.get("face", ""))
     if points is None or corners is None or points.size % 3 or corners.size % 3 or (corners % 1).any():
-        raise MeshError("vertex and face take three numbers per entry")
+        raise mesh_formats.MeshError("vertex and face take three numbers per entry")
     if not points.size:
-        raise MeshError("has neither a file nor vertices")
+        raise mesh_formats.MeshError("has neither a file nor vertices")
     if not corners.size:
-        return convex_hull(points)
+        return mesh_formats.convex_hull(points)
     if np.abs(corners).max() > points.size:
-        raise MeshError("a face has an unknown vertex")
-    return checked_mesh(points, corners.astype(np.int64))
+        raise mesh_formats.MeshError("a face has an unknown vertex")
+    return mesh_formats.checked_mesh(points, corners.astype(np.int64))
 
 
 # ---------------------------------------------------------------------- shapes

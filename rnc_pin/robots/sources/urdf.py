@@ -12,19 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, argument, few, nearest
-from rnc_pin.robots.sources.description import (
-    ROOT_JOINTS,
-    Description,
-    Mimic,
-    Packages,
-    captured_stderr,
-    check_base,
-    check_not_negative,
-    check_numbers,
-    parse_xml,
-    read_number,
-    read_numbers,
-)
+from rnc_pin.robots.sources import description
 from rnc_pin.robots.sources.urdf_links import Meshes, bodies_of, give_masses
 from rnc_pin.robots.sources.urdf_repairs import ENDLESS, Roundings, repair
 from rnc_pin.robots.sources.xacro import expand, has_macros, is_xacro
@@ -56,7 +44,7 @@ def read_urdf(
     *,
     snap: bool = True,
     masses: Mapping[str, float] | None = None,
-) -> Description:
+) -> description.Description:
     """Read a URDF, or a xacro file that expands to one.
 
     Args:
@@ -70,8 +58,8 @@ def read_urdf(
     Raises:
         ModelError: the file cannot be read, is not a URDF, or describes an impossible robot.
     """
-    check_base(base)
-    packages = Packages(path.parent, package_dirs)
+    description.check_base(base)
+    packages = description.Packages(path.parent, package_dirs)
     root = parse_urdf(path, xacro_arguments, packages)
     notes = repair(root, path)
     _check_joints(root, path)
@@ -90,7 +78,7 @@ def read_urdf(
     text = ElementTree.tostring(root, encoding="unicode")
     model = _build(text, path, base)
     bodies = bodies_of(root)
-    return Description(
+    return description.Description(
         model,
         partial(meshes.geometry, model),
         meshes.lost,
@@ -102,7 +90,9 @@ def read_urdf(
     )
 
 
-def parse_urdf(path: Path, xacro_arguments: Mapping[str, object] | None, packages: Packages) -> ElementTree.Element:
+def parse_urdf(
+    path: Path, xacro_arguments: Mapping[str, object] | None, packages: description.Packages
+) -> ElementTree.Element:
     """Return the XML of a URDF without changes; a xacro file is expanded.
 
     Args:
@@ -113,7 +103,7 @@ def parse_urdf(path: Path, xacro_arguments: Mapping[str, object] | None, package
     Raises:
         ModelError: the file cannot be read, or is not a URDF.
     """
-    root = None if is_xacro(path) else parse_xml(path)
+    root = None if is_xacro(path) else description.parse_xml(path)
     if root is None or has_macros(root, path):
         root = expand(path, xacro_arguments, packages, CHILDREN)
     elif xacro_arguments:
@@ -126,7 +116,7 @@ def parse_urdf(path: Path, xacro_arguments: Mapping[str, object] | None, package
 
 
 def _why_no_links(root: ElementTree.Element, path: Path) -> str:
-    macros = [str(each.get("name")) for each in parse_xml(path).findall("xacro:macro")]
+    macros = [str(each.get("name")) for each in description.parse_xml(path).findall("xacro:macro")]
     if macros:
         return f"has no links, it only defines macros ({few(macros)}): give the file that calls them"
     calls = [each.tag for each in root if each.tag not in CHILDREN["robot"]]
@@ -149,15 +139,15 @@ def _snap(root: ElementTree.Element) -> list[str]:
     ):
         for each in root.findall(owner):
             element = each.find(path)
-            if element is not None and read_numbers(element.get(key), 3) is not None:
+            if element is not None and description.read_numbers(element.get(key), 3) is not None:
                 element.set(key, exact(element.get(key, ""), f"{where} '{each.get('name')}'"))
     return roundings.notes()
 
 
 def _build(text: str, path: Path, base: str) -> pin.Model:
-    make_root = ROOT_JOINTS[base]
+    make_root = description.ROOT_JOINTS[base]
     failure: Exception | None = None
-    with captured_stderr() as complaints:
+    with description.captured_stderr() as complaints:
         try:
             model = pin.buildModelFromXML(text, *([] if make_root is None else [make_root()]))
         except Exception as error:  # Boost.Python raises any type of C++ exception
@@ -187,8 +177,8 @@ def _check_joints(root: ElementTree.Element, path: Path) -> None:
     for joint in root.findall("joint"):
         element = joint.find("dynamics")
         if element is not None and joint.get("type") != "fixed":
-            values = {key: read_number(element.get(key)) for key in _NOT_NEGATIVE}
-            check_not_negative(values, f"joint '{joint.get('name')}'", f"{path}: ")
+            values = {key: description.read_number(element.get(key)) for key in _NOT_NEGATIVE}
+            description.check_not_negative(values, f"joint '{joint.get('name')}'", f"{path}: ")
 
 
 def _check_links(root: ElementTree.Element, path: Path) -> None:
@@ -207,7 +197,7 @@ def _check_links(root: ElementTree.Element, path: Path) -> None:
         if kind is not None and kind not in _TYPES:
             raise ModelError(f"{path}: joint '{joint.get('name')}' of type '{kind}'{nearest(kind, _TYPES)}")
         axis = joint.find("axis")
-        numbers = None if axis is None else read_numbers(axis.get("xyz", "1 0 0"))
+        numbers = None if axis is None else description.read_numbers(axis.get("xyz", "1 0 0"))
         if numbers is not None and not numbers.any() and joint.get("type") not in ("fixed", "floating"):
             raise ModelError(f"{path}: the axis of joint '{joint.get('name')}' is zero")
     _check_chains(links, parents, path)
@@ -246,15 +236,15 @@ def _end(joint: ElementTree.Element, end: str) -> str:
 
 def _check_mass(element: ElementTree.Element, link: str, path: Path) -> None:
     mass = element.find("inertial/mass")
-    number = None if mass is None else read_number(mass.get("value"))
+    number = None if mass is None else description.read_number(mass.get("value"))
     if number is not None and number < 0:
         remedy = f"give it another with {argument('masses', {link: 0.1})}"
         raise ModelError(f"{path}: mass of link '{link}' is negative: {number:g} kg; {remedy}")
 
 
-def _mimics(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
+def _mimics(root: ElementTree.Element, path: Path) -> tuple[description.Mimic, ...]:
     joints = dict.fromkeys(str(joint.get("name")) for joint in root.findall("joint"))
-    mimics: list[Mimic] = []
+    mimics: list[description.Mimic] = []
     strangers: list[str] = []
     for joint in root.findall("joint"):
         mimic, name = joint.find("mimic"), str(joint.get("name"))
@@ -267,10 +257,10 @@ def _mimics(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
             strangers.append(f"'{name}' of '{source}'{hint}")
             continue
         factors = [
-            float(check_numbers(mimic.get(key, usual), (1,), f"{path}: {key} of joint '{name}'")[0])
+            float(description.check_numbers(mimic.get(key, usual), (1,), f"{path}: {key} of joint '{name}'")[0])
             for key, usual in (("multiplier", "1"), ("offset", "0"))
         ]
-        mimics.append(Mimic(name, source, *factors))
+        mimics.append(description.Mimic(name, source, *factors))
     if strangers:
         more = f" (and {len(strangers) - 1} more)" if len(strangers) > 1 else ""
         text = f"{path}: mimic of an invalid joint is ignored: {strangers[0]}{more}"

@@ -18,15 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, few, nearest
-from rnc_pin.robots.sources.description import (
-    Body,
-    Packages,
-    brief,
-    captured_stderr,
-    package_uri,
-    read_number,
-    read_numbers,
-)
+from rnc_pin.robots.sources import description
 from rnc_pin.robots.sources.mesh_formats import LoadedMesh, MeshError, MeshShapes, put_in, read_mesh
 
 STAND_IN = "_stand_in"
@@ -47,7 +39,7 @@ class Meshes:
         packages: locations of packages, and folders whose files may be named.
     """
 
-    def __init__(self, root: ElementTree.Element, path: Path, packages: Packages) -> None:
+    def __init__(self, root: ElementTree.Element, path: Path, packages: description.Packages) -> None:
         self._root, self._path = root, path
         self._missing: dict[str, str] = {}  # file name to its expected package or folder
         self._lost: dict[str, dict[str, tuple[str, ...]]] = {kind: {} for kind in _GEOMETRY}
@@ -55,7 +47,7 @@ class Meshes:
         for element in root.iter():
             if element.tag not in ("mesh", "texture") or "filename" not in element.attrib:
                 continue
-            name = package_uri(element.attrib["filename"])
+            name = description.package_uri(element.attrib["filename"])
             element.set("filename", name)
             with ModelError.at(path):
                 found = packages.file(name)
@@ -126,10 +118,10 @@ class Meshes:
                     parent[place] = ElementTree.Element("box", size="1 1 1")
         text = ElementTree.tostring(root, encoding="unicode")
         try:
-            with captured_stderr():
+            with description.captured_stderr():
                 return pin.buildGeomFromUrdfString(model, text, _GEOMETRY[kind], None, [])  # file names are absolute
         except Exception as error:  # Boost.Python raises any type of C++ exception
-            raise ModelError(f"{self._path}: geometry cannot be loaded: {brief(error)}") from None
+            raise ModelError(f"{self._path}: geometry cannot be loaded: {description.brief(error)}") from None
 
     def _warn(self, missing: Mapping[str, str], faults: Mapping[str, str]) -> None:
         parts = []
@@ -241,14 +233,14 @@ def give_masses(root: ElementTree.Element, masses: Mapping[str, float], path: Pa
         link.append(inertial_element(pin.Inertia(float(mass), center, np.diag(moments))))
 
 
-def bodies_of(root: ElementTree.Element) -> dict[str, Body]:
+def bodies_of(root: ElementTree.Element) -> dict[str, description.Body]:
     """Link name to its mass, inertia and geometry in the file."""
     return {str(link.get("name")): _body(link) for link in root.findall("link")}
 
 
-def _body(link: ElementTree.Element) -> Body:
+def _body(link: ElementTree.Element) -> description.Body:
     mass, inertia = _inertia(link)
-    return Body(mass, inertia, bool(_shapes(link)), lambda: float(np.prod(_box(link)[1])))
+    return description.Body(mass, inertia, bool(_shapes(link)), lambda: float(np.prod(_box(link)[1])))
 
 
 def _inertia(link: ElementTree.Element) -> tuple[float, np.ndarray]:
@@ -256,7 +248,7 @@ def _inertia(link: ElementTree.Element) -> tuple[float, np.ndarray]:
     if mass is None or tensor is None:
         return 0.0, np.zeros((3, 3))
     words = [mass.get("value", "")] + [tensor.get(key, "") for key in _TENSOR]
-    numbers = read_numbers(" ".join(words), 7)
+    numbers = description.read_numbers(" ".join(words), 7)
     if numbers is None:
         return 0.0, np.zeros((3, 3))
     kg, xx, xy, xz, yy, yz, zz = numbers
@@ -325,7 +317,7 @@ def _bounds(geometry: ElementTree.Element) -> tuple[np.ndarray, np.ndarray] | No
         size = _vector(geometry.get("size"))
         half = None if size is None else size / 2
     if geometry.tag in ("sphere", "cylinder"):
-        radius, length = (read_number(geometry.get(key)) for key in ("radius", "length"))
+        radius, length = (description.read_number(geometry.get(key)) for key in ("radius", "length"))
         if radius is not None and geometry.tag == "sphere":
             half = np.full(3, radius)
         elif radius is not None and length is not None:
@@ -343,4 +335,4 @@ def _vertices(file: str) -> np.ndarray | None:
 
 
 def _vector(text: str | None, default: float = 0.0) -> np.ndarray | None:
-    return np.full(3, default) if text is None else read_numbers(text, 3)
+    return np.full(3, default) if text is None else description.read_numbers(text, 3)

@@ -63,12 +63,7 @@ class ReplayFiles(TypedDict):
 
 
 def replay_runs(
-    sources: tuple[Path, ...],
-    show: bool,
-    speed: float,
-    browser: bool,
-    host: str,
-    **files: Unpack[ReplayFiles],
+    sources: tuple[Path, ...], show: bool, speed: float, browser: bool, host: str, **files: Unpack[ReplayFiles]
 ) -> int:
     """Write the requested files of runs, show them, or print their summaries and verdicts. Return the exit status."""
     runs = [load_run(source) for source in sources]

@@ -27,12 +27,7 @@ class _Passed(TypedDict):
 
 
 def sweep_scenario(
-    scenario: str,
-    runs: int,
-    out: Path,
-    options: tuple[str, ...],
-    as_json: bool,
-    **passed: Unpack[_Passed],
+    scenario: str, runs: int, out: Path, options: tuple[str, ...], as_json: bool, **passed: Unpack[_Passed]
 ) -> int:
     """Run a scenario many times with drawn values, write a data set and return the exit status."""
     chosen = parse_options(options)

@@ -15,42 +15,25 @@ from typing import Annotated, ClassVar, Literal, cast
 import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from rnc_pin import control
 from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext
 from rnc_pin.applications.scenario.schema.derived import Entry, T, part
-from rnc_pin.control import (
-    OUTER_GAINS,
-    Estimator,
-    GainDesign,
-    MomentumRegressor,
-    OuterGains,
-    PositionGains,
-    Preset,
-    Regressor,
-    UncertainController,
-    UnknownMass,
-    UnknownRadius,
-    UnknownTrack,
-    VelocityGains,
-    WheelRegressor,
-    ZeroInput,
-    gravity_loads,
-)
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import Numbers, Strict, wrong
 from rnc_pin.model import NotNegative, Positive, ReducedModel
 
-_Gains = type[VelocityGains] | type[PositionGains]
+_Gains = type[control.VelocityGains] | type[control.PositionGains]
 _ENDS = Field(min_length=2, max_length=2, description="Lower and upper bound of all estimates, in their unit.")
 _ERROR = Field(description="Prediction error below which adaptation stops, because of noise [m/s or rad/s].")
 _FORMS = {"bounds": Annotated[list[float], _ENDS], "dead_zone": Annotated[NotNegative, _ERROR]}
-_estimates = partial(part, Estimator, "bounds", "dead_zone", forms=_FORMS)
+_estimates = partial(part, control.Estimator, "bounds", "dead_zone", forms=_FORMS)
 _OF_MASSES, _OF_WHEELS = _estimates(), _estimates(defaults={"bounds": [0.01, 5.0]})
-_BASE, _UNIT = part(MomentumRegressor, "base"), part(UnknownMass, "unit")
-_WHEELS = part(UnknownRadius, "wheels", forms={"wheels": Annotated[list[str], Field(min_length=1)]})
+_BASE, _UNIT = part(control.MomentumRegressor, "base"), part(control.UnknownMass, "unit")
+_WHEELS = part(control.UnknownRadius, "wheels", forms={"wheels": Annotated[list[str], Field(min_length=1)]})
 
 
 class _EstimatedParameters(Strict):
-    entry: ClassVar[Entry[Estimator]]
+    entry: ClassVar[Entry[control.Estimator]]
 
     @property
     @abstractmethod
@@ -58,10 +41,10 @@ class _EstimatedParameters(Strict):
         """First estimates."""
 
     @abstractmethod
-    def regressor(self, reduced: ReducedModel) -> Regressor:
+    def regressor(self, reduced: ReducedModel) -> control.Regressor:
         """Model of the unknown parameters."""
 
-    def estimator(self, reduced: ReducedModel, alpha: object) -> Estimator:
+    def estimator(self, reduced: ReducedModel, alpha: object) -> control.Estimator:
         """Build the estimator with an adaptation gain."""
         with ConfigurationError.at("controller.unknown"):
             regressor = self.regressor(reduced)
@@ -71,7 +54,7 @@ class _EstimatedParameters(Strict):
 class UnknownMasses(_EstimatedParameters, _OF_MASSES.model, _BASE.model, _UNIT.model):  # type: ignore[name-defined, misc]
     """Unknown masses of bodies."""
 
-    entry: ClassVar[Entry[Estimator]] = _OF_MASSES
+    entry: ClassVar[Entry[control.Estimator]] = _OF_MASSES
 
     initial: Annotated[dict[str, float], Field(min_length=1)]
     """First estimates: joint that carries the body to mass, in ``unit``."""
@@ -80,7 +63,7 @@ class UnknownMasses(_EstimatedParameters, _OF_MASSES.model, _BASE.model, _UNIT.m
     def estimates(self) -> list[float]:
         return list(self.initial.values())
 
-    def regressor(self, reduced: ReducedModel) -> Regressor:
+    def regressor(self, reduced: ReducedModel) -> control.Regressor:
         masses = [_UNIT.build(self, joint=joint) for joint in self.initial]
         return _BASE.build(self, robot=reduced.robot, unknown=masses)
 
@@ -95,7 +78,7 @@ class _WheelLength(_WHEELS.model):  # type: ignore[name-defined, misc]
 class UnknownWheels(_EstimatedParameters, _OF_WHEELS.model):  # type: ignore[name-defined, misc]
     """Unknown radii and tracks of wheels."""
 
-    entry: ClassVar[Entry[Estimator]] = _OF_WHEELS
+    entry: ClassVar[Entry[control.Estimator]] = _OF_WHEELS
 
     radii: list[_WheelLength] = []
     """Unknown radii; each is common to its wheels."""
@@ -112,9 +95,9 @@ class UnknownWheels(_EstimatedParameters, _OF_WHEELS.model):  # type: ignore[nam
     def estimates(self) -> list[float]:
         return [each.initial for each in (*self.radii, *self.tracks)]
 
-    def regressor(self, reduced: ReducedModel) -> Regressor:
-        radii = [UnknownRadius(each.wheels) for each in self.radii]
-        return WheelRegressor(reduced, [*radii, *(UnknownTrack(each.wheels) for each in self.tracks)])
+    def regressor(self, reduced: ReducedModel) -> control.Regressor:
+        radii = [control.UnknownRadius(each.wheels) for each in self.radii]
+        return control.WheelRegressor(reduced, [*radii, *(control.UnknownTrack(each.wheels) for each in self.tracks)])
 
 
 def _kind_of(raw: object) -> str:
@@ -151,7 +134,7 @@ class ControllerSettings(Strict):
 
     type: str
     """Type of the controller."""
-    preset: Preset = "scaled"
+    preset: control.Preset = "scaled"
     """Default gains. "paper": gains of the paper. "scaled": gains scaled to the reduced inertia H along the reference.
     Only "scaled" reads H. With unknown masses it reads H of the first estimates."""
 
@@ -179,7 +162,7 @@ class ControllerSettings(Strict):
     def outer_gain(self, name: str, size: int = 1) -> float | np.ndarray:
         """Gain of the settings for ``size`` outputs, or that of their preset."""
         given = sized_gain(name, getattr(self, name), size)
-        return cast(float, getattr(OUTER_GAINS[self.preset], name)) if given is None else given
+        return cast(float, getattr(control.OUTER_GAINS[self.preset], name)) if given is None else given
 
     def tracker_gains(self, kind: _Gains, size: int) -> dict[str, float | np.ndarray | None]:
         """Gains of a tracker that the settings give, by name; None for others."""
@@ -208,8 +191,8 @@ def preset_gains(kind: Callable[..., T], *names: str) -> Entry[T]:
     return part(kind, *names, optional=names)
 
 
-_RATES = part(GainDesign, "adaptation", "delay")
-_DEAD_ZONE, _ALPHA = preset_gains(VelocityGains, "dead_zone"), preset_gains(OuterGains, "alpha")
+_RATES = part(control.GainDesign, "adaptation", "delay")
+_DEAD_ZONE, _ALPHA = preset_gains(control.VelocityGains, "dead_zone"), preset_gains(control.OuterGains, "alpha")
 
 
 class AdaptationSettings(ControllerSettings, _RATES.model, _DEAD_ZONE.model, _ALPHA.model):  # type: ignore[name-defined, misc]
@@ -234,14 +217,14 @@ class AdaptationSettings(ControllerSettings, _RATES.model, _DEAD_ZONE.model, _AL
             "estimates": dict(zip(regressor.names, regressor.units, strict=True)),
             "predicted": dict(zip(regressor.predicted, regressor.predicted_units, strict=True)),
         }
-        return replace(built, controller=UncertainController(estimator, built.controller), notes=notes)
+        return replace(built, controller=control.UncertainController(estimator, built.controller), notes=notes)
 
     def holding_force(self, context: ControllerContext) -> np.ndarray | None:
         """Reduced force that holds the robot at rest at ``q0``, (r,); None without gravity compensation."""
         wanted = self.gravity_compensation
         if wanted is None:
             starts_at_rest = context.v2_0 is None or not context.v2_0.any()
-            wanted = self.preset == "scaled" and starts_at_rest and gravity_loads(context.reduced, context.q0)
+            wanted = self.preset == "scaled" and starts_at_rest and control.gravity_loads(context.reduced, context.q0)
         if not wanted:
             return None
         rest = np.zeros(context.reduced.r)
@@ -265,4 +248,4 @@ class NoControlSettings(ControllerSettings):
     """Free motion: all actuator inputs are zero, and no output has a goal."""
 
     def _build(self, context: ControllerContext) -> BuiltController:
-        return BuiltController(ZeroInput(context.reduced))
+        return BuiltController(control.ZeroInput(context.reduced))

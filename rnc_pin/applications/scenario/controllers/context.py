@@ -223,10 +223,7 @@ _ROLLOUT_STEP = 0.05  # [s]; a coarse step is enough, because the inertia varies
 
 
 def check_motion(
-    context: ControllerContext,
-    kinematic: KinematicController,
-    task: Task | None = None,
-    horizon: float | None = None,
+    context: ControllerContext, kinematic: KinematicController, task: Task | None = None, horizon: float | None = None
 ) -> tuple[Margins, tuple[str, ...]]:
     """Roll out a kinematic controller. Return the margins of the motion, and complaints.
 

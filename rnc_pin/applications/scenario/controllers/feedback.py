@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
+from rnc_pin import optimal
 from rnc_pin.analysis import check_sampling, equilibrium, linearize, lqr
 from rnc_pin.applications.scenario.controllers.base import ControllerSettings
 from rnc_pin.applications.scenario.controllers.context import (
@@ -24,30 +25,10 @@ from rnc_pin.applications.scenario.schema.derived import part
 from rnc_pin.applications.scenario.schema.kinds import OutputItem
 from rnc_pin.applications.scenario.schema.motions import LimitItem, Limits, MotionProblem, WeightSetting
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
-from rnc_pin.control import (
-    ActuatorVelocityController,
-    Controller,
-    KinematicController,
-    StateFeedback,
-)
+from rnc_pin.control import ActuatorVelocityController, Controller, KinematicController, StateFeedback
 from rnc_pin.errors import ConfigurationError, RncError, nearest
 from rnc_pin.io import Numbers, wrong
 from rnc_pin.model import OutputKind, Positive, ReducedModel
-from rnc_pin.optimal import (
-    BoundKind,
-    DistanceBound,
-    EffortCost,
-    InputBound,
-    OutputBound,
-    PlanFeedback,
-    PredictiveController,
-    SetPointController,
-    SetPointCost,
-    UpdateSchedule,
-    VelocityBound,
-    WayFollower,
-    tvlqr,
-)
 from rnc_pin.planning import Joined, OutputTarget, Reference, WaySettings, find_way
 from rnc_pin.simulation import obstacles_passed
 
@@ -81,7 +62,9 @@ def goal_of(
     return goal | rest
 
 
-def bounds_of(settings: MotionProblem, reduced: ReducedModel, obstacles: Sequence[Obstacle]) -> Iterator[BoundKind]:
+def bounds_of(
+    settings: MotionProblem, reduced: ReducedModel, obstacles: Sequence[Obstacle]
+) -> Iterator[optimal.BoundKind]:
     """Hard bounds of the settings.
 
     Args:
@@ -94,16 +77,16 @@ def bounds_of(settings: MotionProblem, reduced: ReducedModel, obstacles: Sequenc
     """
     bounds = settings.bounds
     if bounds.input:
-        yield InputBound(*_limits(bounds.input))
+        yield optimal.InputBound(*_limits(bounds.input))
     if bounds.velocity:
-        yield VelocityBound(*_limits(bounds.velocity))
+        yield optimal.VelocityBound(*_limits(bounds.velocity))
     if bounds.output:
         check_output_names("bounds.output", bounds.output, (*reduced.reducing.names, *reduced.vertical.names))
-        yield OutputBound(list(bounds.output), *_limits(bounds.output))
+        yield optimal.OutputBound(list(bounds.output), *_limits(bounds.output))
     if settings.clearance is not None and (obstacles or settings.links):
         distances = CollisionDistances(reduced.robot, obstacles, PairSelection(links=settings.links))
         if distances.pairs:
-            yield DistanceBound(distances, settings.clearance)
+            yield optimal.DistanceBound(distances, settings.clearance)
 
 
 def check_output_names(key: str, given: Iterable[str], names: Sequence[str]) -> None:
@@ -183,8 +166,8 @@ _PLAN_STATES = (
     'of v and, with "(rate)" after the name, the reduced velocities.'
 )
 _PLAN_INPUTS = 'Weights of the inputs of the plan for "tvlqr": one number, one for each, or a mapping by name.'
-_TVLQR = part(tvlqr, "state_cost", "input_cost", forms=_costs(_PLAN_STATES, _PLAN_INPUTS))
-_FEEDBACK = part(PlanFeedback, "bandwidth")
+_TVLQR = part(optimal.tvlqr, "state_cost", "input_cost", forms=_costs(_PLAN_STATES, _PLAN_INPUTS))
+_FEEDBACK = part(optimal.PlanFeedback, "bandwidth")
 
 
 class PlanFeedbackSettings(ControllerSettings, _TVLQR.model, _FEEDBACK.model):  # type: ignore[name-defined, misc]
@@ -222,18 +205,18 @@ class PlanFeedbackSettings(ControllerSettings, _TVLQR.model, _FEEDBACK.model):  
 
 _FORM = {"form": Literal["acceleration", "dynamic"]}
 _PLANS = "form", "nodes", "seeds", "tolerance", "tube", "check", "state_cost", "braking", "velocities"
-_POINT = part(SetPointController, *_PLANS, forms=_FORM)
+_POINT = part(optimal.SetPointController, *_PLANS, forms=_FORM)
 _WAY = part(find_way, "clearance", "seed", defaults={"clearance": 0.05})
-_FOLLOWING = part(WayFollower, *WayFollower.described)
-_PREDICTIVE = part(PredictiveController, "horizon", "form", "nodes", forms=_FORM)
+_FOLLOWING = part(optimal.WayFollower, *optimal.WayFollower.described)
+_PREDICTIVE = part(optimal.PredictiveController, "horizon", "form", "nodes", forms=_FORM)
 _COST = part(
-    SetPointCost,
+    optimal.SetPointCost,
     "weight",
     "velocity_weight",
     "precision",
     forms=dict.fromkeys(("weight", "velocity_weight"), WeightSetting),
 )
-_SCHEDULE = part(UpdateSchedule, "period", "iterations", "delay", "budget")
+_SCHEDULE = part(optimal.UpdateSchedule, "period", "iterations", "delay", "budget")
 
 
 class _ToGoal(ControllerSettings):
@@ -251,7 +234,9 @@ class _ToGoal(ControllerSettings):
         return BuiltController(cast(Controller, made), ())
 
     @abstractmethod
-    def _controller(self, context: ControllerContext) -> SetPointController | PredictiveController | WayFollower: ...
+    def _controller(
+        self, context: ControllerContext
+    ) -> optimal.SetPointController | optimal.PredictiveController | optimal.WayFollower: ...
 
 
 class _ToSetPoint(_ToGoal, MotionProblem):
@@ -271,7 +256,7 @@ class SetPointSettings(_ToSetPoint, _POINT.model):  # type: ignore[name-defined,
     limits: LimitItem | None = Field({}, validate_default=True)
     """Limits of the robot's file that plans keep; null for none."""
 
-    def _controller(self, context: ControllerContext) -> SetPointController:
+    def _controller(self, context: ControllerContext) -> optimal.SetPointController:
         duration = tuple(self.duration) if isinstance(self.duration, list) else self.duration
         return _POINT.build(
             self,
@@ -293,12 +278,12 @@ class PredictiveSettings(_ToSetPoint, _PREDICTIVE.model, _COST.model, _SCHEDULE.
     equality: bool = False
     """True if the goal holds at the end of the horizon too, which has to be long enough to reach it."""
 
-    def _controller(self, context: ControllerContext) -> PredictiveController:
+    def _controller(self, context: ControllerContext) -> optimal.PredictiveController:
         goal = goal_of(self.goal, context.outputs, context.reduced)
         return _PREDICTIVE.build(
             self,
             reduced=context.reduced,
-            costs=[_COST.build(self, goal=goal), EffortCost(self.effort)],
+            costs=[_COST.build(self, goal=goal), optimal.EffortCost(self.effort)],
             bounds=list(bounds_of(self, context.reduced, context.obstacles)),
             updates=_SCHEDULE.build(self),
             goal=goal if self.equality else None,
@@ -317,7 +302,7 @@ class WayFollowerSettings(_ToGoal, _WAY.model, _FOLLOWING.model):  # type: ignor
     links: bool = True
     """True to check links of the robot against each other too."""
 
-    def _controller(self, context: ControllerContext) -> WayFollower:
+    def _controller(self, context: ControllerContext) -> optimal.WayFollower:
         goal = goal_of(self.goal, context.outputs, context.reduced)
         way = _WAY.build(
             self,

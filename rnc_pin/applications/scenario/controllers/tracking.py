@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from rnc_pin import control
 from rnc_pin.applications.scenario.controllers.base import (
     AdaptationSettings,
     ControllerSettings,
@@ -23,40 +24,18 @@ from rnc_pin.applications.scenario.controllers.context import (
 )
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, part
 from rnc_pin.applications.scenario.schema.motions import GoalPose
-from rnc_pin.control import (
-    OUTER_GAINS,
-    ActuatorVelocityController,
-    ComputedTorque,
-    GainDesign,
-    JacobianTransposeController,
-    KinematicController,
-    OuterGains,
-    PositionGains,
-    PositionTracker,
-    Posture,
-    ReducingOutputController,
-    RedundancyController,
-    SplitController,
-    SteeringController,
-    UnicycleStabilizer,
-    VelocityGains,
-    VelocityTracker,
-    design_position_gains,
-    design_velocity_gains,
-    effective_inertia,
-)
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import wrong
 from rnc_pin.model import NotNegative, Task
 from rnc_pin.planning import Joined, Reference, ReferencePoint
 
-_POSITION_GAINS = preset_gains(PositionGains, "k1", "k2", "gamma", "beta", "sigma")
-_ACTIVE = part(JacobianTransposeController, "active")
+_POSITION_GAINS = preset_gains(control.PositionGains, "k1", "k2", "gamma", "beta", "sigma")
+_ACTIVE = part(control.JacobianTransposeController, "active")
 _POSITION = Field(min_length=2, max_length=2, description="Names of the vertical outputs x and y of the platform.")
 _BEGIN = Annotated[NotNegative, Field(description="Start time of the second phase [s].")]
 _FORMS = {"goal": GoalPose, "position": Annotated[list[str], _POSITION], "begin": _BEGIN}
-_PLATFORM = part(UnicycleStabilizer, "goal", "position", "begin", keys={"goal": "to"}, forms=_FORMS)
-PlatformItem = Annotated[PartialCall[UnicycleStabilizer], _PLATFORM]
+_PLATFORM = part(control.UnicycleStabilizer, "goal", "position", "begin", keys={"goal": "to"}, forms=_FORMS)
+PlatformItem = Annotated[PartialCall[control.UnicycleStabilizer], _PLATFORM]
 """Goal of a unicycle platform in the second phase."""
 
 
@@ -71,14 +50,14 @@ class JacobianTransposeSettings(ControllerSettings, _POSITION_GAINS.model, _ACTI
     def _build(self, context: ControllerContext) -> BuiltController:
         task, reduced, outputs = context.task, context.reduced, context.task.primary
         with ConfigurationError.at("controller"):
-            gains = design_position_gains(
-                partial(effective_inertia, reduced, outputs=outputs, active=self.active),
+            gains = control.design_position_gains(
+                partial(control.effective_inertia, reduced, outputs=outputs, active=self.active),
                 context.q0,  # undriven outputs drift, so the region of motion is unknown
                 context.simulation.dt,
-                GainDesign(self.preset, overrides=self.tracker_gains(PositionGains, len(outputs))),
+                control.GainDesign(self.preset, overrides=self.tracker_gains(control.PositionGains, len(outputs))),
             )
-        tracker = PositionTracker(context.primary, gains, outputs=outputs, angular=task.primary_coordinates)
-        return BuiltController(JacobianTransposeController(reduced, tracker, self.active))
+        tracker = control.PositionTracker(context.primary, gains, outputs=outputs, angular=task.primary_coordinates)
+        return BuiltController(control.JacobianTransposeController(reduced, tracker, self.active))
 
 
 class TwoPhaseSettings(AdaptationSettings):
@@ -99,13 +78,13 @@ class TwoPhaseSettings(AdaptationSettings):
         position = Task.of(reduced, task.primary_names, task.redundant_names, goal.given["position"]).vertical
         hand_gains, platform_gains = self._gains(context)
         force = self.holding_force(context)
-        hand = PositionTracker(
+        hand = control.PositionTracker(
             context.primary,
             hand_gains,
             angular=task.primary_coordinates,
             gravity_compensation=None if force is None else force[task.primary],
         )
-        outer = OUTER_GAINS[self.preset]
+        outer = control.OUTER_GAINS[self.preset]
         stabilizer = goal.build(
             goal=np.array(goal.given["goal"]),
             position=position,
@@ -114,26 +93,28 @@ class TwoPhaseSettings(AdaptationSettings):
             tolerance=outer.tolerance,
             max_speed=outer.max_speed,
         )
-        platform = VelocityTracker(stabilizer, platform_gains, None if force is None else force[task.redundant])
-        return BuiltController(SplitController([(hand, task.primary), (platform, task.redundant)], task.r))
+        platform = control.VelocityTracker(stabilizer, platform_gains, None if force is None else force[task.redundant])
+        return BuiltController(control.SplitController([(hand, task.primary), (platform, task.redundant)], task.r))
 
-    def _gains(self, context: ControllerContext) -> tuple[PositionGains, VelocityGains]:
+    def _gains(self, context: ControllerContext) -> tuple[control.PositionGains, control.VelocityGains]:
         """Gains of the hand's tracker and of the platform's tracker, from the inertia at the initial configuration."""
         reduced, primary, redundant = context.reduced, context.task.primary, context.task.redundant
         start, dt = context.q0[None], context.simulation.dt
         dead_zone = sized_gain("dead_zone", self.dead_zone, reduced.r)
-        design = GainDesign(self.preset, delay=self.delay)
+        design = control.GainDesign(self.preset, delay=self.delay)
         still = dead_zone[redundant] if isinstance(dead_zone, np.ndarray) else dead_zone
         driven = replace(design, adaptation=self.adaptation, overrides={"dead_zone": still})
         with ConfigurationError.at("controller"):
-            hand = design_position_gains(lambda q: reduced.at(q).H[..., primary, :][..., primary], start, dt, design)
-            platform = design_velocity_gains(reduced, start, dt, driven, outputs=redundant)
+            hand = control.design_position_gains(
+                lambda q: reduced.at(q).H[..., primary, :][..., primary], start, dt, design
+            )
+            platform = control.design_velocity_gains(reduced, start, dt, driven, outputs=redundant)
         return hand, platform
 
 
-_BANDWIDTH = part(GainDesign, "bandwidth")
-_VELOCITY_GAINS = preset_gains(VelocityGains, "k", "beta", "sigma")
-_K21, _K3, _K4 = (preset_gains(OuterGains, name) for name in ("k21", "k3", "k4"))
+_BANDWIDTH = part(control.GainDesign, "bandwidth")
+_VELOCITY_GAINS = preset_gains(control.VelocityGains, "k", "beta", "sigma")
+_K21, _K3, _K4 = (preset_gains(control.OuterGains, name) for name in ("k21", "k3", "k4"))
 
 
 class VelocityTrackerSettings(AdaptationSettings, _BANDWIDTH.model, _VELOCITY_GAINS.model, _K21.model):  # type: ignore[name-defined, misc]
@@ -149,7 +130,7 @@ class VelocityTrackerSettings(AdaptationSettings, _BANDWIDTH.model, _VELOCITY_GA
     def track(
         self,
         context: ControllerContext,
-        kinematic: KinematicController,
+        kinematic: control.KinematicController,
         task: Task | None = None,
         horizon: float | None = None,
         goals: TaskGoals | None = None,
@@ -170,22 +151,22 @@ class VelocityTrackerSettings(AdaptationSettings, _BANDWIDTH.model, _VELOCITY_GA
         if self.tracker == "computed_torque":
             gain = sized_gain("k", self.k, reduced.r)
             k = {} if gain is None else {"k": gain}
-            return built(ComputedTorque(reduced, kinematic, **k))
+            return built(control.ComputedTorque(reduced, kinematic, **k))
         if self.tracker == "velocity":
             with ConfigurationError.at("controller"):
-                return built(ActuatorVelocityController(reduced, kinematic))
+                return built(control.ActuatorVelocityController(reduced, kinematic))
         # The results of a run are useful even if it ends in a singular configuration.
         region, times = (margins.q, margins.time) if margins.singular is None else (q0[None], None)
         with ConfigurationError.at("controller"):
-            design = GainDesign(
+            design = control.GainDesign(
                 self.preset,
                 self.bandwidth,
                 self.adaptation,
                 self.delay,
-                overrides=self.tracker_gains(VelocityGains, reduced.r),
+                overrides=self.tracker_gains(control.VelocityGains, reduced.r),
             )
-            gains = design_velocity_gains(reduced, region, context.simulation.dt, design, times=times)
-        return built(VelocityTracker(kinematic, gains, self.holding_force(context)))
+            gains = control.design_velocity_gains(reduced, region, context.simulation.dt, design, times=times)
+        return built(control.VelocityTracker(kinematic, gains, self.holding_force(context)))
 
     @model_validator(mode="after")
     def _check_tracker(self) -> VelocityTrackerSettings:
@@ -205,7 +186,7 @@ class RedundancySettings(VelocityTrackerSettings, _K3.model):  # type: ignore[na
 
     type: Literal["redundancy"]
     """Class 1: (12) over a velocity tracker; with unknown masses or wheels (16) and (20)."""
-    posture: Annotated[PartialCall[Posture], Entry(Posture, late=("task", "reference"))] | None = None
+    posture: Annotated[PartialCall[control.Posture], Entry(control.Posture, late=("task", "reference"))] | None = None
     """Stay near a posture, for tasks with more redundant than vertical outputs (wide A4): ``reference.redundant``, by
     default the initial values of the redundant outputs."""
 
@@ -226,7 +207,7 @@ class RedundancySettings(VelocityTrackerSettings, _K3.model):  # type: ignore[na
         with ConfigurationError.at("controller.posture"):
             if self.posture is not None:
                 posture = self.posture.build(task=task, reference=context.redundant)
-        kinematic = RedundancyController(
+        kinematic = control.RedundancyController(
             task,
             context.primary,
             context.vertical,
@@ -253,7 +234,7 @@ class ReducingOutputsSettings(VelocityTrackerSettings):
         )
         gain = sized_gain("k21", self.k21, task.r)
         k2 = {} if gain is None else {"k2": gain}
-        kinematic = ReducingOutputController(context.reduced, reference, **k2, monitored=context.monitored)
+        kinematic = control.ReducingOutputController(context.reduced, reference, **k2, monitored=context.monitored)
         return self.track(context, kinematic)
 
 
@@ -266,12 +247,12 @@ class SteeringSettings(VelocityTrackerSettings, _K3.model, _K4.model):  # type: 
     """Class 2s: backstepping through the steering angle, over a velocity tracker."""
 
     def _build(self, context: ControllerContext) -> BuiltController:
-        kinematic = SteeringController(
+        kinematic = control.SteeringController(
             context.reduced,
             context.task,
             context.primary,
             context.slithering or context.vertical,
-            OuterGains(
+            control.OuterGains(
                 k3=self.outer_gain("k3", len(context.task.vertical)),
                 k4=float(self.outer_gain("k4")),
                 k21=self.outer_gain("k21", len(context.task.primary)),

@@ -9,68 +9,32 @@ from typing import Annotated, cast
 import numpy as np
 from pydantic import AfterValidator, Field
 
+from rnc_pin import constraints, outputs
 from rnc_pin.applications.scenario.schema.derived import Entry, one_of
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
-from rnc_pin.constraints import (
-    AckermannSteering,
-    Caster,
-    CurvedGround,
-    CylindricalGround,
-    Ellipsoid,
-    FixedOutput,
-    GroundPlane,
-    JointCoupling,
-    LoopClosure,
-    MomentumConservation,
-    NoSideSlip,
-    PrescribedMotion,
-    RollingBall,
-    RollingBody,
-    RollingWheel,
-    Sphere,
-    SphericalGround,
-    Torus,
-)
 from rnc_pin.forces import Damper, SmoothFriction, Spring, Wrench
 from rnc_pin.io import Numbers, Strict
-from rnc_pin.model import (
-    Actuator,
-    ConstraintKind,
-    Coordinates,
-    ForceKind,
-    FrameForce,
-    FrameTorque,
-    OutputKind,
-)
-from rnc_pin.outputs import (
-    CenterOfMass,
-    Distance,
-    FrameAngularVelocity,
-    FrameOrientation,
-    FramePosition,
-    FrameSpeed,
-    FrameTilt,
-    FrameYaw,
-    JointPosition,
-)
+from rnc_pin.model import Actuator, ConstraintKind, Coordinates, ForceKind, FrameForce, FrameTorque, OutputKind
 from rnc_pin.planning import Reference
 from rnc_pin.plants import UnilateralContact
 
-_Shape = Annotated[object, one_of(sphere=Sphere, ellipsoid=Ellipsoid, torus=Torus)]
-GroundItem = Annotated[object, one_of(plane=GroundPlane, sphere=SphericalGround, cylinder=CylindricalGround)] | None
-_Plane = Annotated[GroundPlane, one_of(plane=GroundPlane)] | None
+_Shape = Annotated[object, one_of(sphere=constraints.Sphere, ellipsoid=constraints.Ellipsoid, torus=constraints.Torus)]
+_CURVED = {"sphere": constraints.SphericalGround, "cylinder": constraints.CylindricalGround}
+GroundItem = Annotated[object, one_of(plane=constraints.GroundPlane, **_CURVED)] | None
+_Ground = constraints.GroundPlane | constraints.CurvedGround
+_Plane = Annotated[constraints.GroundPlane, one_of(plane=constraints.GroundPlane)] | None
 OutputItem = Annotated[
     OutputKind,
     one_of(
-        joint=Entry(JointPosition, short="joint"),
-        frame_position=FramePosition,
-        frame_orientation=Entry(FrameOrientation, short="frame"),
-        frame_yaw=Entry(FrameYaw, short="frame"),
-        distance=Distance,
-        center_of_mass=CenterOfMass,
-        frame_speed=FrameSpeed,
-        frame_angular_velocity=FrameAngularVelocity,
-        frame_tilt=FrameTilt,
+        joint=Entry(outputs.JointPosition, short="joint"),
+        frame_position=outputs.FramePosition,
+        frame_orientation=Entry(outputs.FrameOrientation, short="frame"),
+        frame_yaw=Entry(outputs.FrameYaw, short="frame"),
+        distance=outputs.Distance,
+        center_of_mass=outputs.CenterOfMass,
+        frame_speed=outputs.FrameSpeed,
+        frame_angular_velocity=outputs.FrameAngularVelocity,
+        frame_tilt=outputs.FrameTilt,
     ),
 ]
 
@@ -112,18 +76,18 @@ def _motion(given: _MotionArguments) -> Reference:
 ConstraintItem = Annotated[
     ConstraintKind,
     one_of(
-        momentum=Entry(MomentumConservation, short="joint"),
-        no_side_slip=Entry(NoSideSlip, forms={"ground": _Plane}),
-        rolling_wheel=Entry(RollingWheel, forms={"ground": GroundItem}),
-        rolling_ball=Entry(RollingBall, forms={"ground": GroundItem}),
-        rolling_body=Entry(RollingBody, forms={"shape": _Shape, "ground": GroundItem}),
-        caster=Entry(Caster, forms={"ground": _Plane}),
-        ackermann=AckermannSteering,
-        joint_coupling=JointCoupling,
-        loop_closure=LoopClosure,
-        fixed_output=Entry(FixedOutput, forms={"output": OutputItem, "value": float | Numbers}),
+        momentum=Entry(constraints.MomentumConservation, short="joint"),
+        no_side_slip=Entry(constraints.NoSideSlip, forms={"ground": _Plane}),
+        rolling_wheel=Entry(constraints.RollingWheel, forms={"ground": GroundItem}),
+        rolling_ball=Entry(constraints.RollingBall, forms={"ground": GroundItem}),
+        rolling_body=Entry(constraints.RollingBody, forms={"shape": _Shape, "ground": GroundItem}),
+        caster=Entry(constraints.Caster, forms={"ground": _Plane}),
+        ackermann=constraints.AckermannSteering,
+        joint_coupling=constraints.JointCoupling,
+        loop_closure=constraints.LoopClosure,
+        fixed_output=Entry(constraints.FixedOutput, forms={"output": OutputItem, "value": float | Numbers}),
         prescribed_motion=Entry(
-            PrescribedMotion,
+            constraints.PrescribedMotion,
             forms={"output": OutputItem, "motion": Annotated[_MotionArguments, AfterValidator(_motion)]},
         ),
     ),
@@ -133,24 +97,21 @@ ConstraintItem = Annotated[
 ContactItem = Annotated[UnilateralContact, Entry(UnilateralContact, forms={"constraint": ConstraintItem})]
 
 
-def with_ground(constraints: Sequence[ConstraintKind], ground: GroundPlane | CurvedGround) -> list[ConstraintKind]:
+def with_ground(given: Sequence[ConstraintKind], ground: _Ground) -> list[ConstraintKind]:
     """Return constraints with a ground for those that have none of their own.
 
     Raises:
         ValueError: no constraint rolls on a ground.
     """
-    if not any(hasattr(each, "ground") for each in constraints):
+    if not any(hasattr(each, "ground") for each in given):
         raise ValueError("ground: no constraint takes a ground")
     return [
-        replace(cast(RollingBody, each), ground=ground) if getattr(each, "ground", ground) is None else each
-        for each in constraints
+        replace(cast(constraints.RollingBody, each), ground=ground) if getattr(each, "ground", ground) is None else each
+        for each in given
     ]
 
 
-ActuatorItem = Annotated[
-    Actuator,
-    one_of(True, force=FrameForce, torque=FrameTorque),
-]
+ActuatorItem = Annotated[Actuator, one_of(True, force=FrameForce, torque=FrameTorque)]
 
 
 ForceItem = Annotated[

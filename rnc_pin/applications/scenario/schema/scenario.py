@@ -11,18 +11,8 @@ from typing import Annotated, Literal, TypeVar, cast
 from pydantic import BaseModel, BeforeValidator, Field, TypeAdapter, model_validator
 
 from rnc_pin.applications.scenario.controllers import TYPES, ControllerItem
+from rnc_pin.applications.scenario.schema import kinds
 from rnc_pin.applications.scenario.schema.derived import Content, Entry, FileName, PartialCall
-from rnc_pin.applications.scenario.schema.kinds import (
-    ActuatorItem,
-    ConstraintItem,
-    ContactItem,
-    ForceItem,
-    GroundItem,
-    OutputItem,
-    Outputs,
-    TaskOutputs,
-    with_ground,
-)
 from rnc_pin.applications.scenario.schema.motions import OptimalPlanner, References
 from rnc_pin.applications.scenario.schema.run_settings import Distribution, GripItem, SimulationSettings
 from rnc_pin.applications.scenario.schema.world import ObstacleItem, RobotSource
@@ -79,7 +69,7 @@ class FaultSettings(_FAULTS.model):  # type: ignore[name-defined, misc]
 
     masses: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Largest relative error of the inertia of each body, as a fraction. The scenario's ``seed`` draws the errors."""
-    forces: list[ForceItem] = []
+    forces: list[kinds.ForceItem] = []
     """Springs, dampers, friction and wrenches that the model of the controller does not contain."""
     payload: Annotated[Payload, Entry(Payload)] | None = None
     """Point mass that the model of the controller does not contain."""
@@ -155,23 +145,23 @@ class ScenarioFile(Strict):
     """The robot."""
     obstacles: list[ObstacleItem] = []
     """Bodies in the world, at rest or with a motion: drawn, and compared with the robot in preflight and summary."""
-    ground: GroundItem = None
+    ground: kinds.GroundItem = None
     """Ground of all constraints that have none of their own; the plane z = 0 at rest by default."""
-    constraints: list[ConstraintItem] = []
+    constraints: list[kinds.ConstraintItem] = []
     """Constraints on the motion of the robot."""
-    contacts: list[ContactItem] = []
+    contacts: list[kinds.ContactItem] = []
     """Contacts with the ground that close when the robot lands and open when it lifts off; the model of the controller
     does not contain them."""
     mimic: bool = True
     """True to keep the mimic joints of the robot's file coupled to their drivers."""
-    actuators: list[ActuatorItem] = []
+    actuators: list[kinds.ActuatorItem] = []
     """Actuators: names of joints, or forces and torques on frames."""
-    forces: list[ForceItem] = []
+    forces: list[kinds.ForceItem] = []
     """Springs, dampers, friction and wrenches, which plant and controller model both have."""
-    outputs: Outputs | None = None
+    outputs: kinds.Outputs | None = None
     """Reducing and vertical outputs. Without them, the reducing outputs are entries of ``v`` that are never
     dependent."""
-    task: TaskOutputs = TaskOutputs()
+    task: kinds.TaskOutputs = kinds.TaskOutputs()
     """Roles of the outputs; by default all reducing outputs are primary."""
     initial: Initial = Initial()
     """Initial configuration and velocity."""
@@ -232,7 +222,7 @@ class ScenarioFile(Strict):
         if self.ground is None:
             return self
         plane, contacts = cast(GroundPlane, self.ground), [each.constraint for each in self.contacts]
-        grounded = with_ground([*self.constraints, *contacts], plane)
+        grounded = kinds.with_ground([*self.constraints, *contacts], plane)
         count = len(self.constraints)
         landing = [replace(each, constraint=kind) for each, kind in zip(self.contacts, grounded[count:], strict=True)]
         return self.model_copy(update={"constraints": grounded[:count], "contacts": landing})
@@ -280,12 +270,12 @@ def admitted(model: type[_Model], raw: Mapping[str, Json], source: str) -> _Mode
 
 def constraint_of(entry: Mapping[str, Json] | str) -> ConstraintKind:
     """Constraint of one valid entry of ``constraints``."""
-    return cast("ConstraintKind", _validator(ConstraintItem).validate_python(entry))
+    return cast("ConstraintKind", _validator(kinds.ConstraintItem).validate_python(entry))
 
 
 def output_of(entry: Mapping[str, Json]) -> OutputKind:
     """Output of one valid entry of ``outputs``."""
-    return cast("OutputKind", _validator(OutputItem).validate_python(entry))
+    return cast("OutputKind", _validator(kinds.OutputItem).validate_python(entry))
 
 
 @cache  # building a validator takes 30 ms

@@ -131,11 +131,7 @@ class Scope(Mapping[str, Value]):
     """
 
     def __init__(
-        self,
-        outer: Scope | Mapping[str, Value],
-        resolve: Callable[[str, Scope], Value],
-        *,
-        namespace: bool = False,
+        self, outer: Scope | Mapping[str, Value], resolve: Callable[[str, Scope], Value], *, namespace: bool = False
     ) -> None:
         self.outer, self.namespace = outer, namespace
         self.blocks: dict[str, Element] = {}
