@@ -31,6 +31,9 @@ class ContactForceSet:
     Args:
         reduced: the model.
 
+    Raises:
+        ConfigurationError: a force on the robot leaves the normal forces unknown.
+
     Attributes:
         normal: normal forces of the model.
         contacts: contacts that grip or carry, (m,).
@@ -41,6 +44,7 @@ class ContactForceSet:
 
     def __init__(self, reduced: ReducedModel) -> None:
         self._reduced, self.normal = reduced, NormalForces(reduced)
+        self.normal.require("forces of contacts")
         self.contacts = [each for each in contacts_of(reduced) if each.along or each in self.normal.contacts]
         self.names = tuple(each.name for each in self.contacts)
         self.gripping = np.array([bool(each.along) for each in self.contacts], dtype=bool)

@@ -25,8 +25,7 @@ class Grip(SummaryMixin):
     A contact is any constraint against slip along the ground: ``NoSideSlip``, wheels, balls. Its load is its upward
     force, accelerations included. Rigid bodies determine neither how the wheels of one axle share a lateral force, nor
     how four wheels share the weight. ``used`` takes the forces with the least largest share: if it is above 1, every
-    choice slips. ``is_choice`` tells which contacts have one. ``InverseDynamicsQP`` and ``optimal.GripBound`` have the
-    same choice.
+    choice slips. ``is_choice`` tells which contacts have one. ``InverseDynamicsQP`` has the same choice.
 
     If no choice pushes at all contacts, ``used`` has the forces of least norm, and a normal force below zero gives no
     grip. Casters do not grip but may lift off: ``first_lift_off`` checks the forces of ``normal``.
@@ -40,7 +39,7 @@ class Grip(SummaryMixin):
         normal: normal forces of all contacts.
 
     Raises:
-        ConfigurationError: friction is not positive, or no contact grips.
+        ConfigurationError: friction is not positive, no contact grips, or a force leaves their loads unknown.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")

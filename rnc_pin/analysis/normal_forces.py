@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,16 +14,20 @@ import scipy
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import SingularityError
+from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import nonnegative
 from rnc_pin.model.cached_property import once_per_model
-from rnc_pin.model.kinematics import Kinematics, PositionKinematics
+from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
+from rnc_pin.model.passive_forces import PassiveForce
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import Place
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import printed
+from rnc_pin.robots.derived_models import AttachedModel
+from rnc_pin.robots.joint_values import NamedModel
 
 _UNITS = np.eye(6)
+_CARRIER = "joint that carries the robot"
 _SMALL = 1e-9
 _SAMPLES = 3  # configurations, beside the neutral one, that decide which rows carry
 _ROUNDING = 1e-6  # share of the weight below which a force counts as zero
@@ -142,13 +147,78 @@ def _moves_along(model: pin.Model, data: pin.Data, q: Array, axis: int) -> bool:
     return bool(np.abs(left).max() < _SMALL)
 
 
+class _ExternalWrenches:
+    """Wrenches on the whole robot of what acts on it beside gravity, the actuators' frames and its ground contacts.
+
+    The robot is carried by a free joint at the origin of the world, at rest. The first six entries of a generalized
+    force are then its wrench on the robot: what acts between two bodies of it has none.
+
+    Args:
+        reduced: the model.
+
+    Attributes:
+        unknown: names of what acts on the robot with a wrench that is not known: user-defined generalized forces,
+            and constraints to the world whose vertical force a planar base leaves open.
+    """
+
+    def __init__(self, reduced: ReducedModel) -> None:
+        robot, carrier = reduced.robot, pin.Model()
+        carrier.addJointFrame(carrier.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), _CARRIER))
+        free = copy(robot)
+        NamedModel.__init__(free, AttachedModel(carrier, robot.model, carrier.getFrameId(_CARRIER), None).model)
+        self._kinematics = Kinematics(free)
+        self._forces: list[PassiveForce] = []
+        q = robot.random_configuration(np.random.default_rng(0))
+        at = Kinematics(robot).position(q).with_velocity(np.ones(robot.nv))
+        moved = self._at(q, at.v)
+        unknown: list[str] = []
+        forces = reduced.reduction_data.forces
+        for kind, force in zip(forces.kinds, forces, strict=True):
+            try:
+                found = None if force.generalized else kind.bind(free)
+                known = found is not None and np.allclose(found.force(moved)[6:], force.force(at))
+            except Exception:  # a kind of a user, which need not be one for any robot
+                known = False
+            if known and found is not None:
+                self._forces.append(found)
+            else:
+                unknown.append(force.name)
+        contacts = {row for each in contacts_of(reduced) for row in (*each.along, each.up)}
+        for place in reduced.all_constraints.places:
+            block, rows = place.block, range(place.where.start, place.where.stop)
+            if block.kind is not None and block.conserved is None and contacts.isdisjoint(rows):
+                with suppress(Exception):  # rows of a user act along the ground
+                    if np.abs(block.kind.bind(free).jacobian(moved)[:, :5]).max(initial=0.0) > _SMALL:
+                        unknown.append(block.names[0])
+        names, B = reduced.actuation.names, reduced.actuation.matrix(at)
+        for joint in list(robot.model.joints)[1:]:
+            if joint.nv > 1 and robot.model.parents[joint.id] == 0:
+                driven = np.abs(B[joint.idx_v : joint.idx_v + joint.nv]).max(axis=0, initial=0.0) > _SMALL
+                unknown += [names[k] for k in np.flatnonzero(driven) if k not in reduced.actuation.configured]
+        self.unknown = tuple(unknown)
+
+    def _at(self, q: Array, v: Array) -> VelocityKinematics:
+        """Kinematics of the carried robot at states (..., nq) and (..., nv)."""
+        still = np.broadcast_to(np.r_[np.zeros(6), 1.0], (*q.shape[:-1], 7))
+        position = self._kinematics.position(np.concatenate([still, q], axis=-1))
+        return position.with_velocity(np.concatenate([np.zeros((*v.shape[:-1], 6)), v], axis=-1))
+
+    def at(self, q: Array, v: Array) -> Float[Array, "N 6"]:
+        """Sum of the wrenches about the world's origin at states (N,); NaN if one is unknown."""
+        if self.unknown:
+            return np.full((len(q), 6), np.nan)
+        at = self._at(q, v)
+        return np.sum([np.zeros((len(q), 6)), *(each.force(at)[:, :6] for each in self._forces)], axis=0)
+
+
 class NormalForces:
     """Upward forces of the ground on each contact; below zero if the model pulls the contact down.
 
     The model keeps every contact on the ground. If a row keeps the height of a contact, the force is the multiplier of
     that row. On a base that moves in the plane, the forces follow from the motion. They balance the weight and the rate
-    of the robot's momentum, upwards and about the axes along the ground. Forces on frames act at their frames; forces
-    along the ground act in its plane. The result is the solution of least norm, without forces below zero if possible.
+    of the robot's momentum, upwards and about the axes along the ground. Forces of actuators, springs, dampers and
+    wrenches act at their frames; forces along the ground act in its plane. The result is the solution of least norm,
+    without forces below zero if possible.
     An axle of ``NoSideSlip`` has no width here: its two wheels take any couple about its heading. Moments that the
     supports cannot balance, such as the pitch of two wheels without casters, are left out.
 
@@ -159,6 +229,8 @@ class NormalForces:
         contacts: contacts that carry, (c,).
         names: their names, (c,).
         carried_by_row: True for each contact whose height a constraint row keeps, (c,).
+        unknown: names of what acts on a base that moves in the plane with an unknown wrench, such as a
+            ``ForceFunction``: forces of contacts without such a row are then NaN.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
@@ -180,6 +252,23 @@ class NormalForces:
         self.contacts = list(contacts)
         self.names = tuple(each.name for each in self.contacts)
         self._points = [each.point for each in self.contacts]
+        self._wrenches = None if self.carried_by_row.all() else _ExternalWrenches(reduced)
+        self.unknown = () if self._wrenches is None else self._wrenches.unknown
+
+    def require(self, who: str) -> None:
+        """Raise an error if a force on the robot leaves the normal forces unknown.
+
+        Args:
+            who: what needs them, for the message.
+
+        Raises:
+            ConfigurationError: names the force.
+        """
+        if self.unknown:
+            raise ConfigurationError(
+                f"{who}: the loads of the contacts are unknown, because the vertical force and the moments of "
+                f"'{self.unknown[0]}' on a planar base are: use base 'free', or a Wrench, Spring or Damper on a frame"
+            )
 
     def at(self, state: StateEvaluation, T: Array, external: Array | None = None) -> Float[Array, "*batch c"]:
         """Return the normal forces [N].
@@ -237,6 +326,8 @@ class NormalForces:
             q, v, v_dot, T: configurations (N, nq), velocities and accelerations (N, nv), inputs (N, p).
         """
         wrenches = np.array([self._needed(*each) for each in zip(q, v, v_dot, T, strict=True)]).reshape(-1, 6)
+        if self._wrenches is not None:
+            wrenches -= self._wrenches.at(q, v)
         ground = lines.points[..., 2].min(axis=1)
         force, moment = wrenches[:, :3], wrenches[:, 3:]
         return np.stack([force[:, 2], moment[:, 0] + ground * force[:, 1], moment[:, 1] - ground * force[:, 0]], axis=1)
@@ -258,7 +349,7 @@ class NormalForces:
         return ContactLines(points, across) if points.ndim == 3 else ContactLines(points[None], across[None])
 
     def _needed(self, q: Array, v: Array, v_dot: Array, T: Array) -> Array:
-        """External force, and moment about the origin, without gravity and forces on frames."""
+        """Force and moment about the origin that gravity and actuators on frames leave to the others."""
         model, data = self._model, self._data
         pin.rnea(model, data, q, v, v_dot)
         if self._reduced.actuation.frames:

@@ -118,6 +118,7 @@ class _OutputForce(PassiveForce):
         self._model, self._rows = robot.model, output.bind(robot)
         rows, size = self._rows, len(self._rows.names)
         self.name = f"{word}({', '.join(rows.names)})"
+        self.generalized = rows.generalized
         self.conservative = "stiffness" in given
         if self.conservative and (rows.quasi or rows.rotation):
             what = "a quasi-velocity, which has no value" if rows.quasi else "an orientation"
@@ -228,7 +229,8 @@ class _Wrench(PassiveForce):
 class ForceFunction:
     """Generalized force ``f(q, v)`` of a user: a nonlinear spring, an aerodynamic drag, a magnet.
 
-    Its work counts as work done on the system, and its derivatives are finite differences.
+    Its work counts as work done on the system, and its derivatives are finite differences. On a planar base it leaves
+    the loads of wheels unknown, because f has no vertical force there.
 
     Args:
         function: ``function(q, v) -> (nv,)``, in the order and axes of v.
@@ -253,6 +255,8 @@ class ForceFunction:
 
 
 class _ForceFunction(PassiveForce):
+    generalized = True
+
     def __init__(self, kind: ForceFunction, robot: Robot) -> None:
         self.name, self._kind, self._model, self._nv = kind.name, kind, robot.model, robot.nv
         self._one(robot.configuration(), np.zeros(robot.nv))  # its shape

@@ -45,10 +45,12 @@ class PassiveForce(ABC):
         name: name in messages and summaries.
         conservative: True if the force is the negative gradient of ``potential``. The work of other forces counts as
             work done on the system.
+        generalized: True if it is a user's function of q and v, so that its wrench on the robot is unknown.
     """
 
     name: str
     conservative: bool = False
+    generalized: bool = False
 
     @abstractmethod
     def force(self, at: VelocityKinematics) -> np.ndarray:
@@ -87,6 +89,7 @@ class PassiveForces:
         robot: the robot on which they act.
 
     Attributes:
+        kinds: the descriptions.
         names: name of each force.
 
     Raises:
@@ -94,7 +97,7 @@ class PassiveForces:
     """
 
     def __init__(self, kinds: Sequence[ForceKind], robot: Robot) -> None:
-        self._forces = [kind.bind(robot) for kind in kinds]
+        self.kinds, self._forces = tuple(kinds), [kind.bind(robot) for kind in kinds]
         for kind, force in zip(kinds, self._forces, strict=True):
             if not isinstance(force, PassiveForce):
                 raise ConstraintError(f"forces: {kind!r} is no force: expected a kind from rnc_pin.forces")

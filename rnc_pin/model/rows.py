@@ -239,11 +239,13 @@ class OutputRows(Rows):
         angular: True for each value that is an angle, compared modulo a full turn, (k,).
         quasi: True if only the rate exists (a quasi-velocity), so that its integral serves as the value.
         rotation: True if the three values are a rotation vector, and the rates an angular velocity in world axes.
+        generalized: True if they are a user's functions of q: they are unknown for a robot with a moving base.
     """
 
     angular: tuple[bool, ...]
     quasi: bool = False
     rotation: bool = False
+    generalized: bool = False
 
     def value(self, at: PositionKinematics) -> np.ndarray:
         """Values of the coordinates, (..., k) [m or rad]; zeros if ``quasi``."""

@@ -252,6 +252,8 @@ class Output:
 
 
 class _CustomRows(OutputRows):
+    generalized = True
+
     def __init__(self, kind: Output, robot: Robot) -> None:
         size = len(kind.names)
         if isinstance(kind.names, str) or size == 0:

@@ -11,7 +11,7 @@ import numpy as np
 from rnc_pin.analysis import Grip, first_lift_off
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import LimitedAcceleration, MissedGoal
-from rnc_pin.errors import InputError
+from rnc_pin.errors import InputError, few
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.limit_replay import ROUNDING, Clearance, FurtherLimits, LimitReplay, LimitUse, replay_limits
@@ -221,6 +221,11 @@ def _contacts(run: Trajectory, grip: Grip | None) -> Iterator[Finding]:
         yield Finding(
             FindingKind.LIFT_OFF, lifted.contact, -lifted.lowest, "N", lifted.time, Severity.FAILS, str(lifted)
         )
+    unknown = np.isnan(run.normal_forces).all(axis=0)
+    if len(run.time) and unknown.any():
+        names = few([name for name, each in zip(run.info.outputs.normal_forces, unknown, strict=True) if each])
+        message = f"the loads of {names} are unknown: a force on the planar base is a user's function of q and v"
+        yield Finding(FindingKind.MODEL, names, None, "N", None, Severity.DEGRADES, message)
     if grip is not None:
         yield from _demands(run, grip)
     yield from _slips(run)

@@ -127,6 +127,7 @@ class LiftOffMonitor:
 
     def __init__(self, model: ReducedModel, other: bool = False) -> None:
         self._model, self._other, self._forces = model, other, NormalForces(model)
+        self._forces.require("lift_off of a Stop")
 
     def check(self, t: float, state: StateEvaluation, T: np.ndarray, external: np.ndarray | None) -> None:
         """Raise an error if a contact pulls by more than rounding: contacts that share a force may have zero.

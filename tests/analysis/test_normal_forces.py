@@ -9,6 +9,7 @@ import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.analysis import NormalForces, first_lift_off
 from rnc_pin.analysis.normal_forces import balanced
+from rnc_pin.control.whole_body import InverseDynamicsQP
 from rnc_pin.math.linear_algebra import nonnegative
 from rnc_pin.planning import MinimumJerk
 from rnc_pin.plants import FaultyPlant
@@ -39,6 +40,80 @@ def test_forces_from_the_motion_are_the_multipliers_of_a_free_base():
     np.testing.assert_allclose(ours, state.contact_forces(T)[:, vertical], atol=1e-9 * 215.0)
     np.testing.assert_allclose(NormalForces(free).at(state, T), ours, atol=1e-9 * 215.0)
     assert (ours < 0).any()
+
+
+HOOK = (-0.3, 0.1, 0.35)
+"""Point of the cart's base at which something pulls [m]."""
+PULLS = [
+    lambda z: [rnc.forces.Wrench("hook", (-60.0, 20.0, 15.0), (3.0, -2.0, 1.0))],
+    lambda z: [rnc.forces.Wrench("hook", (-60.0, 20.0, 15.0), (3.0, -2.0, 1.0), axes="own")],
+    lambda z: [rnc.forces.Spring(rnc.FramePosition("hook"), 80.0, (-0.9, 0.4, 0.5 + z))],
+    lambda z: [rnc.forces.Damper(rnc.FramePosition("hook", "xz"), 30.0), rnc.forces.Spring(rnc.FrameTilt("hook"), 9.0)],
+    lambda z: [rnc.forces.SmoothFriction(rnc.FrameSpeed("hook"), 12.0, 0.1), rnc.forces.Wrench("nose", (0, 0, -30.0))],
+    lambda z: [rnc.forces.Spring(rnc.JointPosition(WHEELS[0]), 50.0, 0.3)],
+    lambda z: [rnc.forces.Damper(rnc.CenterOfMass(), 25.0), rnc.forces.Spring(rnc.Distance("hook", "nose"), 500.0)],
+]
+
+
+def pulled(base, forces, constraints=(), actuators=WHEELS):
+    """The cart of ``cart`` with a hook, with forces and more constraints."""
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base=base)
+    root = robot.model.frames[robot.frame_id("base")]
+    hook = root.placement * pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.5), np.array(HOOK))
+    robot.model.addFrame(pin.Frame("hook", root.parentJoint, hook, pin.FrameType.OP_FRAME))
+    contacts = [rnc.RollingWheel(wheel, 0.1) for wheel in ("left_wheel", "right_wheel")]
+    contacts += [rnc.Caster("nose", radius=0.1), *constraints]
+    reduced = rnc.NonholonomicSystem(robot, contacts, actuators, forces=forces).reduce(
+        [rnc.JointPosition(wheel) for wheel in WHEELS[len(constraints) :]]
+    )
+    return reduced, reduced.assembled(robot.configuration())
+
+
+@pytest.mark.parametrize("forces", PULLS)
+def test_what_pulls_at_a_planar_base_loads_its_wheels_as_on_a_free_base(forces):
+    """The ground of the planar base is a radius of its wheels below the world's origin."""
+    (planar, q_planar), (free, q_free) = pulled("planar", forces(0.0)), pulled("free", forces(0.1))
+    generator = np.random.default_rng(1)
+    v2, T = generator.normal(size=(9, 2)), generator.normal(size=(9, 2))
+    ours, theirs = (
+        NormalForces(model).at(model.at(np.tile(q, (9, 1)), v2), T) for model, q in ((planar, q_planar), (free, q_free))
+    )
+    np.testing.assert_allclose(ours, theirs, atol=1e-7)
+    ours, theirs = (
+        rnc.Grip(model, 0.9).used(np.tile(q, (9, 1)), v2, T) for model, q in ((planar, q_planar), (free, q_free))
+    )
+    np.testing.assert_allclose(ours, theirs, atol=1e-6)
+
+
+CUSTOM = rnc.Output(None, lambda q: np.eye(5)[:1], names=["x"])
+
+
+@pytest.mark.parametrize(
+    ("forces", "constraints", "actuators", "name"),
+    [
+        ([rnc.forces.ForceFunction(lambda q, v: -0.1 * v, name="drag")], [], WHEELS, "drag"),
+        ([rnc.forces.Damper(CUSTOM, 1.0)], [], WHEELS, "damper"),
+        ([], [rnc.FixedOutput(rnc.FramePosition("hook", "x"), -0.3)], WHEELS, "hook"),
+        ([], [], np.eye(5)[:, :1], "T.0."),
+    ],
+)
+def test_what_acts_on_a_planar_base_with_an_unknown_wrench_leaves_its_loads_unknown(
+    forces, constraints, actuators, name
+):
+    reduced, q = pulled("planar", forces, constraints, actuators)
+    states, T = reduced.at(q, np.zeros(reduced.r)), np.zeros(reduced.p)
+    assert np.isnan(NormalForces(reduced).at(states, T)).all()
+    stop = rnc.SimulationOptions(rnc.Stop(lift_off=True))
+    for use in (
+        lambda: rnc.Grip(reduced, 0.5),
+        lambda: InverseDynamicsQP(reduced, [], dt=0.01),
+        lambda: rnc.simulate(reduced, Inputs(lambda _: T), q, 0.05, 0.01, options=stop),
+    ):
+        with pytest.raises(rnc.ConfigurationError, match=f"loads of the contacts are unknown.*{name}"):
+            use()
+    run = rnc.simulate(reduced, Inputs(lambda _: T), q, 0.05, 0.01)
+    assert run.verdict.word == "degraded"
+    assert str(run.verdict.first).startswith("the loads of left_wheel, right_wheel, nose are unknown")
 
 
 def critical(reduced, q):
