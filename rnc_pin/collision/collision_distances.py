@@ -37,17 +37,21 @@ from rnc_pin.robots.robot import Robot
 
 _HULLS: WeakKeyDictionary[Robot, list[coal.CollisionGeometry]] = WeakKeyDictionary()
 """Convex shapes of the links of each robot: hulls of meshes take most of the time of a construction."""
+_ALWAYS: WeakKeyDictionary[Robot, frozenset[tuple[int, int]]] = WeakKeyDictionary()
+"""Pairs of shapes of each robot that touch in nearly all of its configurations: its file means no collision by them."""
+_DRAWN, _NEARLY_ALL = 40, 0.95  # configurations that are looked at, and the share of them
 _UP = np.array([0.0, 0.0, 1.0])  # obstacles that move turn by yaw
 
 _TURNS = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]) / np.sqrt(3.0)
 _SAME_POINT = 1e-3  # [m]
+_TOUCHING = 1e-9  # [m]
 
 
 class CollisionDistances:
     """Signed distances between links, and from links to obstacles. One object serves one thread at a time.
 
-    Meshes count as their convex hulls. Pairs of links that touch at ``q0`` cannot be told from a collision: they are
-    not checked, and ``omitted`` lists them.
+    Meshes count as their convex hulls. Pairs of links that touch at ``q0``, or in nearly all of 40 random
+    configurations, cannot be told from a collision: they are not checked, and ``omitted`` lists them.
 
     Args:
         robot: robot with a collision model.
@@ -126,8 +130,15 @@ class CollisionDistances:
             for above in list(self._model.supports[joint])[1:]:
                 start = self._model.joints[above].idx_v
                 self._support[k, start : start + self._model.joints[above].nv] = 1.0
+        usual: frozenset[tuple[int, int]] = frozenset()
+        if selection is None or (selection.links and selection.pairs is None):
+            usual = self._always(select_pairs(robot.model, links, self.carriers[: len(shapes)], PairSelection())[0])
         self._use(kept)
-        touching = self._touching(robot.configuration() if q0 is None else self._validator.validate(q0))
+        touching = {
+            k: OmittedPair(pair.names, "overlap in nearly all configurations")
+            for k, pair in enumerate(kept)
+            if pair[:2] in usual
+        } | self._touching(robot.configuration() if q0 is None else self._validator.validate(q0))
         self.omitted = (*omitted, *touching.values())
         self._use([pair for k, pair in enumerate(kept) if k not in touching])
 
@@ -261,11 +272,23 @@ class CollisionDistances:
         self._bounds = DistanceBounds(self.shape_pairs[0], self.shape_pairs[1], self._halves)
         self._signs = self._support[self.shape_pairs[1]] - self._support[self.shape_pairs[0]]
 
+    def _always(self, pairs: Sequence[LinkPair]) -> frozenset[tuple[int, int]]:
+        """Those of all pairs of links that touch in nearly all configurations."""
+        found = _ALWAYS.get(self.robot)
+        if found is None:
+            generator = np.random.default_rng(0)
+            self._use(pairs)
+            drawn = [self.robot.random_configuration(generator) for _ in range(_DRAWN)]
+            share = np.mean([self.smallest(q, beyond=_TOUCHING) < _TOUCHING for q in drawn], axis=0)
+            found = frozenset(pair[:2] for pair, each in zip(pairs, share.tolist(), strict=True) if each >= _NEARLY_ALL)
+            _ALWAYS[self.robot] = found
+        return found
+
     def _touching(self, q0: np.ndarray) -> dict[int, OmittedPair]:
         """Pairs of links that touch at a configuration, by index."""
         if q0.ndim != 1:
             raise InputError(f"q0 has shape {q0.shape}, expected ({self.robot.nq},)")
-        found = self.at(q0, within=1e-9)
+        found = self.at(q0, within=_TOUCHING)
         return {
             int(k): OmittedPair(self.pairs[k].names, f"overlap by {depth:.4f} m at the reference configuration", depth)
             for k, depth in zip(found.pairs, (-found.distance).tolist(), strict=True)

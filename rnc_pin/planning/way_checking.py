@@ -246,13 +246,13 @@ class WayGoals:
                 clearance=0.0 if self._checker is None else self._checker.clearance + 2 * self._checker.tolerance,
                 search=IkSearch(starts=20 if not attempt else 1, seed=seed),
             )
-            if not result.converged:
-                if not attempt and (same := self._same_problem(goal, start, seed)):
-                    raise InfeasibleError(f"find_way: the goal {same}")
-                why = why or f"no configuration reaches {', '.join(result.unreachable) or 'the goal beside obstacles'}"
-                continue
             q = _prepared(self._steering, result.q)
             problem = _problem_of(self._reduced, self._checker, q)
+            if not attempt and (problem or not result.converged) and (same := self._same_problem(goal, start, seed)):
+                raise InfeasibleError(f"find_way: the goal {same}")
+            if not result.converged:
+                why = why or f"no configuration reaches {', '.join(result.unreachable) or 'the goal beside obstacles'}"
+                continue
             why = problem and f"the goal {problem}"
             if not problem and all(np.abs(q - other).max() > 1e-3 for other in found):
                 found.append(q)

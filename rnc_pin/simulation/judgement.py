@@ -446,6 +446,7 @@ def _uncertain(replay: LimitReplay) -> Iterator[Finding]:
 def _notes(replay: LimitReplay) -> Iterator[Finding]:
     for each in replay.omitted:
         where, (one, other) = " / ".join(each.names), each.names
-        how = "touch" if each.depth < PENETRATION else f"overlap by {each.depth:.3g} m"
-        message = f"{one} and {other} {how} at the start: they are not checked"
+        how = f"{'touch' if each.depth < PENETRATION else f'overlap by {each.depth:.3g} m'} at the start"
+        how = each.reason if each.reason.startswith("overlap in") else how
+        message = f"{one} and {other} {how}: they are not checked"
         yield Finding(FindingKind.COLLISION, where, each.depth, "m", None, Severity.NOTE, message)

@@ -8,6 +8,7 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, ground_shape
+from telescopes import telescope
 
 STEP = 1e-6  # of differences [s]
 
@@ -159,6 +160,17 @@ def test_pairs_that_touch_at_the_start_are_reported(tiago):
     free = tiago.configuration({"torso_lift_joint": 0.3, "arm_1_joint": 0.7})
     pairs = [pair.names for pair in CollisionDistances(tiago, q0=free).pairs]
     assert ("torso_fixed_column_link", "arm_1_link") in pairs
+
+
+@pytest.mark.parametrize(("reach", "checked"), [(1.04, False), (3.0, True)])
+def test_pairs_that_touch_nearly_always_are_left_out_wherever_a_run_starts(tmp_path, reach, checked):
+    """The tool leaves its rail at 1.02 m. At the end of a stroke of 1.04 m, its pair once refused the way back."""
+    (tmp_path / "telescope.urdf").write_text(telescope(reach))
+    arm = rnc.Robot.from_urdf(tmp_path / "telescope.urdf", base="fixed")
+    found = CollisionDistances(arm, q0=arm.configuration({"two": reach}))
+    assert bool(found.pairs) == checked
+    reasons = [str(each) for each in found.omitted]
+    assert reasons == ([] if checked else ["rail / tool: overlap in nearly all configurations"])
 
 
 def test_rules_of_pairs(tiago):

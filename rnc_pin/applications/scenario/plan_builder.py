@@ -180,7 +180,7 @@ def build_plan(
             q0=start.q,
             goal=goal,
             costs=list(_costs(settings, start, names)),
-            bounds=list(bounds_of(settings, reduced, obstacles)),
+            bounds=list(bounds_of(settings, reduced, obstacles, start.q, settings.accuracy)),
             duration=duration,
             guess=guess,
             seed=scenario.seed,

@@ -12,6 +12,7 @@ from rnc_pin.applications.scenario.execution import execute, write
 from rnc_pin.applications.scenario.output_folder import is_result
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.simulated_run import judged_summary
+from telescopes import telescope
 
 SCENARIO = """
 robot: {urdf: chaplygin_sleigh.urdf, base: planar}
@@ -156,6 +157,31 @@ def test_plans_are_judged_with_the_gains_of_the_run(warehouse):
     assert idle.feedback.violation == pytest.approx(idle.inputs.violation, rel=1e-6)
     assert firm.feedback.violation < 0.8 * firm.inputs.violation
     assert firm.inputs == idle.inputs
+
+
+TELESCOPE = """
+robot: {urdf: telescope.urdf, base: fixed}
+actuators: [one, two]
+outputs: {reducing: [{joint: one}, {joint: two}]}
+obstacles: [{sphere: {name: ball, radius: 0.1, position: [0, 3, 0]}}]
+initial: {q: {two: 1.5}}
+planner: {type: optimal, goal: {two: 0.9}, duration: 2, nodes: 10, seeds: 0}
+controller: {type: plan_feedback}
+simulation: {duration: 2, dt: 0.01}
+"""
+
+
+@pytest.mark.parametrize("kind", ["optimal", "global"])
+def test_a_plan_keeps_links_from_each_other_as_the_verdict_checks_them(tmp_path, kind):
+    """Asked for a clearance from a ball, the tool once went through its rail: plan "succeeded", run failed."""
+    (tmp_path / "telescope.urdf").write_text(telescope(3.0))
+    path = written(tmp_path, TELESCOPE, planner={"type": kind})
+    with pytest.raises(rnc.InfeasibleError, match=r"rail (and|/) tool|distance \(nearest\)"):
+        Scenario.load(path).build()
+    free = Scenario.load(path, {"planner.goal.two": 1.1}).build()
+    assert execute(free).trajectory.verdict.succeeded
+    unchecked = Scenario.load(path, {"planner.links": False, "planner.type": "optimal"}).build()
+    assert execute(unchecked).trajectory.verdict.first.where == "rail / tool"
 
 
 BEHIND_A_WALL = """

@@ -35,6 +35,7 @@ from rnc_pin.simulation import obstacles_passed
 WAY_SEARCH = WaySettings(seconds=150.0, motions=20_000)
 """Search of a way: the motions end it on a usual computer, a busy one has time."""
 
+_ACCURACY = optimal.SolverSettings().accuracy  # of a predicted motion [m]
 _FURTHER = 100  # motions that are checked for a faster way to follow
 
 
@@ -63,7 +64,7 @@ def goal_of(
 
 
 def bounds_of(
-    settings: MotionProblem, reduced: ReducedModel, obstacles: Sequence[Obstacle]
+    settings: MotionProblem, reduced: ReducedModel, obstacles: Sequence[Obstacle], q0: np.ndarray, accuracy: float
 ) -> Iterator[optimal.BoundKind]:
     """Hard bounds of the settings.
 
@@ -71,6 +72,8 @@ def bounds_of(
         settings: settings with bounds and a clearance.
         reduced: the model.
         obstacles: bodies in the world.
+        q0: configuration (nq,) at the start of the run.
+        accuracy: accuracy of motions, by which links stay apart unless they are nearer at the start [m].
 
     Raises:
         ConfigurationError: a name is unknown.
@@ -83,10 +86,15 @@ def bounds_of(
     if bounds.output:
         check_output_names("bounds.output", bounds.output, (*reduced.reducing.names, *reduced.vertical.names))
         yield optimal.OutputBound(list(bounds.output), *_limits(bounds.output))
-    if settings.clearance is not None and (obstacles or settings.links):
-        distances = CollisionDistances(reduced.robot, obstacles, PairSelection(links=settings.links))
-        if distances.pairs:
-            yield optimal.DistanceBound(distances, settings.clearance)
+    if settings.clearance is not None and obstacles:
+        beside = CollisionDistances(reduced.robot, obstacles, PairSelection(links=False))
+        if beside.pairs:
+            yield optimal.DistanceBound(beside, settings.clearance)
+    geometry = reduced.robot.collision_model if settings.links else None
+    if geometry is not None and len(geometry.geometryObjects):
+        own = CollisionDistances(reduced.robot, q0=q0)
+        if own.pairs:
+            yield optimal.DistanceBound(own, float(own.at(q0, within=accuracy).distance.min(initial=accuracy)))
 
 
 def check_output_names(key: str, given: Iterable[str], names: Sequence[str]) -> None:
@@ -263,7 +271,7 @@ class SetPointSettings(_ToSetPoint, _POINT.model):  # type: ignore[name-defined,
             reduced=context.reduced,
             goal=goal_of(self.goal, context.outputs, context.reduced),
             duration=duration,
-            bounds=list(bounds_of(self, context.reduced, context.obstacles)),
+            bounds=list(bounds_of(self, context.reduced, context.obstacles, context.q0, self.tolerance)),
             limits=self.limits,
         )
 
@@ -283,8 +291,8 @@ class PredictiveSettings(_ToSetPoint, _PREDICTIVE.model, _COST.model, _SCHEDULE.
         return _PREDICTIVE.build(
             self,
             reduced=context.reduced,
-            costs=[_COST.build(self, goal=goal), optimal.EffortCost(self.effort)],
-            bounds=list(bounds_of(self, context.reduced, context.obstacles)),
+            costs=[_COST.build(self, goal=goal), EffortCost(self.effort)],
+            bounds=list(bounds_of(self, context.reduced, context.obstacles, context.q0, _ACCURACY)),
             updates=_SCHEDULE.build(self),
             goal=goal if self.equality else None,
         )

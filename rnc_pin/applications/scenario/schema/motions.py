@@ -167,8 +167,8 @@ class MotionProblem(Strict):
     """Hard bounds. They replace limits of the robot's file for the same rows; [null, null] leaves a row without any."""
     clearance: Annotated[float, Field(ge=0)] | None = 0.05
     """Distance from the obstacles of the scenario during the whole motion [m]; null to ignore them."""
-    links: bool = False
-    """True for that distance between links of the robot too."""
+    links: bool = True
+    """True to keep links of the robot from each other too, as the verdict of a run checks them."""
 
 
 _SOLVER = part(SolverSettings, "nodes", "iterations", "refinements", "accuracy")
