@@ -17,7 +17,6 @@ from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, Mode
 from rnc_pin.model.input_validation import NotNegative, check_settings, is_count, is_number
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.bounds import (
-    DISTANCE,
     BoundKind,
     DistanceBound,
     DistanceRows,
@@ -300,7 +299,7 @@ def plan_motion(
 
 def _bends(problem: Transcription, line: Iterate) -> bool:
     """True if rows do not allow the straight line, and no bounds make each solution expensive."""
-    if any(bound.quantity == DISTANCE for bound in problem.bounds):  # each solution takes long
+    if any(isinstance(each, DistanceRows) and each.distances.obstacles for each in problem.bounds):  # it takes long
         return False
     v = problem.model.manifold.difference(line.q[:-1], line.q[1:]) * problem.K / line.duration
     reduced = problem.model.reduced
