@@ -291,7 +291,7 @@ class PredictiveSettings(_ToSetPoint, _PREDICTIVE.model, _COST.model, _SCHEDULE.
         return _PREDICTIVE.build(
             self,
             reduced=context.reduced,
-            costs=[_COST.build(self, goal=goal), EffortCost(self.effort)],
+            costs=[_COST.build(self, goal=goal), optimal.EffortCost(self.effort)],
             bounds=list(bounds_of(self, context.reduced, context.obstacles, context.q0, _ACCURACY)),
             updates=_SCHEDULE.build(self),
             goal=goal if self.equality else None,
