@@ -34,24 +34,27 @@ static int take_rows(Arrays *all, PyObject *object, Py_ssize_t size, int flags, 
     return *length >= 0;
 }
 
-/* Tuple of evaluators; q (nq), y that starts with the velocities of the chart, record of kinematics or None, v (n),
-   record of the sum of squares of R; infinite where the general way has to decide. */
+/* Tuple of evaluators; q (nq), y that starts with the velocities of the chart, of one run mu and its rates (2 m) or
+   None, record of kinematics or None, v (n), record of the sum of squares of R; infinite where the general way has to
+   decide. */
 static PyObject *admissible_velocities(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1};
-    double *q, *y, *P = NULL, *v, *sizes;
+    double *q, *y, *rates, *P = NULL, *v, *sizes;
     Py_ssize_t n = ev->n, in_y = 0;
-    if (!expect(ev, given, 6) || (all.count = PyTuple_Size(args[0])) < 0) return NULL;
+    if (!expect(ev, given, 7) || (all.count = PyTuple_Size(args[0])) < 0) return NULL;
     if (!take(&all, args[1], ev->nq, READ, &q) || !take_rows(&all, args[2], 0, READ, &y, &in_y)
-        || (args[3] != Py_None && !take(&all, args[3], kinematics_size(ev), WRITE, &P))
-        || !take(&all, args[4], n, WRITE, &v) || !take(&all, args[5], 1, WRITE, &sizes))
+        || !optional(&all, args[3], 2 * ev->m, &rates)
+        || (args[4] != Py_None && !take(&all, args[4], kinematics_size(ev), WRITE, &P))
+        || !take(&all, args[5], n, WRITE, &v) || !take(&all, args[6], 1, WRITE, &sizes))
         return result(&all, -1);
     for (Py_ssize_t i = 0; i < all.count; i++, q += ev->nq, v += n, y += in_y) {
         Evaluator *chart = of_run(ev, args[0], i);
         double *own = !P ? ev->scratch + ev->work : P + i * kinematics_size(ev);
         sizes[i] = INFINITY;
         if (PyErr_Occurred() || !take_position(ev, q, own)) return result(&all, -1);
-        if (!chart || !chart->fused || chart->r > in_y) continue;
+        if (!chart || !chart->fused || chart->r > in_y || (rates && chart != ev)) continue;
+        if (!use_rates(chart, rates)) continue;
         double *F = chart->scratch + chart->work + kinematics_size(chart), *R = F + n * n + chart->m;
         if (!all_finite(y, in_y) || !factorize(chart, q, own, NULL, F)) continue;
         velocity(chart, F, chart->mu, y, v);

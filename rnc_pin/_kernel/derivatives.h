@@ -472,9 +472,9 @@ static int differentiate(Evaluator *ev, const double *q, const double *v2, const
     return solve_variations(ev, d, P, F, S + 4 * n, B, varying, out);
 }
 
-/* q, v2, T -> record of derivatives */
+/* q, v2, T, mu and its rates or None -> record of derivatives */
 static int derivatives_at(Evaluator *ev, double *const *x)
-{ return ev->r ? differentiate(ev, x[0], x[1], x[2], x[3]) : 0; }
+{ return ev->r && use_rates(ev, x[3]) ? differentiate(ev, x[0], x[1], x[2], x[4]) : 0; }
 
 static PyObject *state_derivatives(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
-{ return prepare_derivatives(ev) ? fused(ev, args, given, "qrT", derivatives_size(ev), derivatives_at) : NULL; }
+{ return prepare_derivatives(ev) ? fused(ev, args, given, "qrTu?", derivatives_size(ev), derivatives_at) : NULL; }

@@ -49,7 +49,7 @@ typedef struct Derivatives Derivatives; /* see derivatives.h */
 typedef struct {
     PyObject_HEAD Py_ssize_t nq, n, m, r, k, p, joints, frames; /* k rows of J1, p inputs */
     Py_ssize_t external, external_vertical;                     /* rows of the user in E and in J1 */
-    int normalized, fused, timed, rates_need_C, ready;          /* timed: mu depends on time, see set_rates */
+    int normalized, fused, timed, rates_need_C, ready;          /* timed: mu depends on time, see use_rates */
     Row *rows;        /* of E, then of J1, then of inputs on frames, then of forces */
     Py_ssize_t count; /* number of rows */
     long *columns;    /* columns of B of the inputs on frames */
@@ -59,7 +59,7 @@ typedef struct {
     double *constant;      /* constant rows (count, n); zero for the others */
     double *B, *mu,
         *lengths;   /* constant part of B (n, p); (m) at the last configuration; typical lengths of the rows of E (n) */
-    double *mu_dot; /* rates over time of mu (m), less those of moving ground; NULL without mu */
+    double *mu_dot; /* rates over time of mu (m), less those of moving ground; after mu, NULL without it */
     int slides;     /* ground moves */
     double fast_length, fast_limit;
     double *laws;      /* of the forces that follow from the state, FORCE_NUMBERS each */
@@ -948,17 +948,22 @@ METHOD(full_velocity, "Fm?rv!", velocity_at)
 static int inertia_at(Evaluator *ev, double *const *x) { return inertia(ev, x[0], x[1], x[2], ev->scratch), 1; }
 METHOD(reduced_inertia, "PFH!", inertia_at)
 
-/* q, P, F, v, external, rates of mu over time (m) or None for those that are set, S */
+/* Use mu and its rates (m each) until the end of this call; those of moving ground are found at each configuration.
+   NULL: those of the table. False if they are missing, or if the rows have none. */
+static int use_rates(Evaluator *ev, const double *rates)
+{
+    if (!rates || !ev->mu) return !rates && !ev->timed;
+    memcpy(ev->mu, rates, (size_t)(2 * ev->m) * sizeof(double));
+    return 1;
+}
+
+/* q, P, F, v, external, mu and its rates or None, S */
 static int biases_at(Evaluator *ev, double *const *x)
 {
-    double *kept = ev->mu_dot;
-    if (!x[4] && ev->external) return 0;
-    if (x[5]) ev->mu_dot = x[5];
-    int ok = biases(ev, x[0], x[1], x[2], x[3], x[4], x[6]);
-    ev->mu_dot = kept;
-    return ok ? 1 : -1;
+    if ((!x[4] && ev->external) || (x[5] && !use_rates(ev, x[5]))) return 0;
+    return biases(ev, x[0], x[1], x[2], x[3], x[4], x[6]) ? 1 : -1;
 }
-METHOD(bias_forces, "qPFve?m?S!", biases_at)
+METHOD(bias_forces, "qPFve?u?S!", biases_at)
 
 static int acceleration_at(Evaluator *ev, double *const *x)
 { return accelerate(ev, x[0], x[1], x[2], x[3], ev->scratch); }
@@ -1038,17 +1043,6 @@ static int numbers_set(Evaluator *ev, double *const *x) /* numbers of all rows *
 }
 METHOD(set_numbers, "w", numbers_set)
 
-static void use_rates(Evaluator *ev, const double *rates) /* mu, then its rates over time (m each) */
-{
-    memcpy(ev->mu, rates, (size_t)ev->m * sizeof(double));
-    memcpy(ev->mu_dot, rates + ev->m, (size_t)ev->m * sizeof(double));
-}
-
-/* mu at one time and its rates (m each), which later calls use; those of moving ground are found at each configuration.
- */
-static int rates_set(Evaluator *ev, double *const *x) { return ev->mu && (use_rates(ev, x[0]), 1); }
-METHOD(set_rates, "u", rates_set)
-
 /* Finite numbers, and unit complex numbers and quaternions? Pinocchio's q is set. -1: a Python error */
 static int admissible(Evaluator *ev, const double *q, const double *v2, const double *T)
 {
@@ -1075,20 +1069,21 @@ static int locate_state(Evaluator *ev, const double *q, const double *v2, const 
 
 /* A method for one state of a caller or a stack of states (count, ...): a new array with size numbers of each, which
    follow the arguments in x. None where the general way has to decide, raise an error, or convert arrays: they are to
-   be float64, contiguous, of the right sizes, and with equal stacks. */
+   be float64, contiguous, of the right sizes, and with equal stacks. The last one may be None. */
 static PyObject *fused(Evaluator *ev, PyObject *const *args, Py_ssize_t given, const char *signature, Py_ssize_t size,
                        AtState one)
 {
     Arrays all = {.count = 1};
     double *x[MOST];
-    Py_buffer *first = all.views, *made = all.views + given;
+    Py_buffer *first = all.views, *made;
     PyObject *array = NULL;
     if (!expect(ev, given, arguments(signature))) return NULL;
     PyObject *empty = PyTuple_GetItem(ev->refs, P_EMPTY);
     int ok = ev->fused, stacked = 0;
     for (int i = 0; i < given && ok > 0; i++) {
         Py_buffer *view = all.views + i;
-        all.sizes[i] = size_of(ev, signature[i]);
+        all.sizes[i] = size_of(ev, signature[i]), x[i] = NULL;
+        if (signature[i + 1] == '?' && args[i] == Py_None) break;
         if (PyObject_GetBuffer(args[i], view, PyBUF_ND | PyBUF_FORMAT) < 0) {
             PyErr_Clear();
             ok = 0;
@@ -1099,7 +1094,7 @@ static PyObject *fused(Evaluator *ev, PyObject *const *args, Py_ssize_t given, c
              && view->shape[stacked] == all.sizes[i] && (!stacked || view->shape[0] == first->shape[0]);
     }
     if (ok > 0) {
-        all.sizes[given] = size, all.count = stacked ? first->shape[0] : 1;
+        all.sizes[given] = size, all.count = stacked ? first->shape[0] : 1, made = all.views + all.open;
         array =
             stacked ? PyObject_CallFunction(empty, "((nn))", all.count, size) : PyObject_CallFunction(empty, "n", size);
         if (!array || PyObject_GetBuffer(array, made, PyBUF_WRITABLE) < 0) ok = -1;
@@ -1118,30 +1113,30 @@ static PyObject *fused(Evaluator *ev, PyObject *const *args, Py_ssize_t given, c
     static PyObject *name(Evaluator *ev, PyObject *const *args, Py_ssize_t given)                                      \
     { return fused(ev, args, given, signature, size, one); }
 
-/* q, v2, T -> v2_dot */
+/* q, v2, T, mu and its rates or None -> v2_dot */
 static int forward_at(Evaluator *ev, double *const *x)
 {
     const double *q = x[0], *v2 = x[1], *T = x[2];
     double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *v = F + 2 * ev->n * ev->n, *S = v + ev->n;
     double *force = S + dynamics_size(ev);
-    int ok = ev->r ? locate_state(ev, q, v2, T, P, F) : 0;
+    int ok = ev->r && use_rates(ev, x[3]) ? locate_state(ev, q, v2, T, P, F) : 0;
     if (ok <= 0) return ok;
     input_force(ev, q, P, T, force, ev->scratch);
     velocity(ev, F, ev->mu, v2, v);
     if (!add_passive(ev, q, P, v, force, NULL)) return 0;
     if (!biases(ev, q, P, F, v, NULL, S)) return -1;
-    return accelerate(ev, F, S, force, x[3], ev->scratch);
+    return accelerate(ev, F, S, force, x[4], ev->scratch);
 }
-FUSED(forward_dynamics, "qrT", ev->r, forward_at)
+FUSED(forward_dynamics, "qrTu?", ev->r, forward_at)
 
-/* q, v2, v2_dot -> reduced forces R^T (M (R v2_dot - E^-1 gamma) + bias) */
+/* q, v2, v2_dot, mu and its rates or None -> reduced forces R^T (M (R v2_dot - E^-1 gamma) + bias) */
 static int inverse_at(Evaluator *ev, double *const *x)
 {
     Py_ssize_t n = ev->n, r = ev->r;
     const double *q = x[0], *v2 = x[1], *v2_dot = x[2];
     double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *v = F + 2 * n * n, *S = v + n;
-    double *passive = S + dynamics_size(ev), *acceleration = ev->scratch, *F_reduced = x[3];
-    int ok = r && all_finite(v2_dot, r) ? locate_state(ev, q, v2, NULL, P, F) : 0;
+    double *passive = S + dynamics_size(ev), *acceleration = ev->scratch, *F_reduced = x[4];
+    int ok = r && all_finite(v2_dot, r) && use_rates(ev, x[3]) ? locate_state(ev, q, v2, NULL, P, F) : 0;
     if (ok <= 0) return ok;
     velocity(ev, F, ev->mu, v2, v);
     memset(passive, 0, (size_t)n * sizeof(double));
@@ -1156,7 +1151,7 @@ static int inverse_at(Evaluator *ev, double *const *x)
     }
     return all_finite(F_reduced, r);
 }
-FUSED(inverse_dynamics, "qrr", ev->r, inverse_at)
+FUSED(inverse_dynamics, "qrru?", ev->r, inverse_at)
 
 /* -mu^T lambda: power of moving constraints, with lambda from force = bias + M vdot + A^T lambda. work: 2 n */
 static double constraint_power(const Evaluator *ev, const double *P, const double *F, const double *S,
@@ -1332,7 +1327,7 @@ static int step(Evaluator *ev, const double *T, double h, const double *known, c
         for (Py_ssize_t i = 0; i < s; i++) y_at[i] = y[i] + fraction[stage] * h * rate[n + i];
         if (!(dot(u, u, n) < FARTHEST)) return 0;
         if (stage && !displace(ev, q, u, q_at)) return -1;
-        if (rates) use_rates(ev, rates + half_steps[stage] * 2 * ev->m);
+        if (!use_rates(ev, rates ? rates + half_steps[stage] * 2 * ev->m : NULL)) return 0;
         int ok = derivative(ev, q_at, y_at, T, NULL, NULL, stage ? NULL : known, rate);
         if (ok <= 0) return ok;
         coordinate_rates(ev, u, rate);
@@ -1349,20 +1344,20 @@ static int step(Evaluator *ev, const double *T, double h, const double *known, c
     return 1;
 }
 
-/* q, u or None, v2, T, further forces (n), damping (n); record of the state derivative at q (+) u, in the coordinates u
-   if they are given. False if the general way has to decide. */
+/* q, u or None, v2, T, further forces (n), damping (n), mu and its rates or None; record of the state derivative at
+   q (+) u, in the coordinates u if they are given. False if the general way has to decide. */
 static int state_derivative_at(Evaluator *ev, double *const *x)
 {
     const double *q = x[0], *u = x[1];
-    if (!ev->fused || ev->external_vertical) return 0;
-    if (!u) return derivative(ev, q, x[2], x[3], x[4], x[5], NULL, x[6]);
+    if (!ev->fused || ev->external_vertical || !use_rates(ev, x[6])) return 0;
+    if (!u) return derivative(ev, q, x[2], x[3], x[4], x[5], NULL, x[7]);
     if (!ev->curved || !(dot(u, u, ev->n) < FARTHEST)) return 0;
     if (!displace(ev, q, u, ev->stages)) return -1;
-    int ok = derivative(ev, ev->stages, x[2], x[3], x[4], x[5], NULL, x[6]);
-    if (ok > 0) coordinate_rates(ev, u, x[6]);
+    int ok = derivative(ev, ev->stages, x[2], x[3], x[4], x[5], NULL, x[7]);
+    if (ok > 0) coordinate_rates(ev, u, x[7]);
     return ok;
 }
-METHOD(state_derivative, "qv?rTv?v?d!", state_derivative_at)
+METHOD(state_derivative, "qv?rTv?v?u?d!", state_derivative_at)
 
 /* Velocity b of v = R v2 + b, and its rate; their forces are added to G. The frames move. work: 2 n */
 static void add_offset(Evaluator *ev, const double *P, const double *F, const double *D, double *K, double *b,
@@ -1394,7 +1389,7 @@ static int terms_at(Evaluator *ev, double *const *x)
     double *P = x[2], *F = P + kinematics_size(ev), *v = F + 2 * n * n, *D = v + n;
     double *K = D + rates_size(ev), *bias = K + n * n + r * r + n + r, *H = bias + n, *B = H + r * r;
     double *input = B + n * ev->p, *b = input + r * ev->p;
-    int ok = ev->external_vertical ? 0 : locate_state(ev, q, v2, NULL, P, F);
+    int ok = ev->external_vertical || ev->timed ? 0 : locate_state(ev, q, v2, NULL, P, F);
     if (ok <= 0) return ok;
     velocity(ev, F, ev->mu, v2, v);
     take_state(ev, q, v);
@@ -1627,8 +1622,7 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
         || !(ev->constant = owned(ev, constant, ev->count * n, sizeof(double)))
         || !(ev->B = owned(ev, B, n * ev->p, sizeof(double)))
         || (mu != Py_None
-            && (!(ev->mu = owned(ev, mu, ev->m, sizeof(double)))
-                || !(ev->mu_dot = owned(ev, NULL, ev->m, sizeof(double)))))
+            && (!(ev->mu = owned(ev, mu, 2 * ev->m, sizeof(double))) || !(ev->mu_dot = ev->mu + ev->m)))
         || !(ev->lengths = owned(ev, lengths, n, sizeof(double)))
         || !(ev->laws = owned(ev, forces, ev->forced * FORCE_NUMBERS, sizeof(double))) || !bent(ev, curved)
         || !(ev->owner = owned(ev, NULL, n, sizeof(long)))
@@ -1663,7 +1657,6 @@ static PyMethodDef methods[] = {
     {"accelerate", (PyCFunction)(void (*)(void))acceleration, METH_FASTCALL, NULL},
     {"actuation", (PyCFunction)(void (*)(void))actuation, METH_FASTCALL, NULL},
     {"allocate", (PyCFunction)(void (*)(void))allocation, METH_FASTCALL, NULL},
-    {"set_rates", (PyCFunction)(void (*)(void))set_rates, METH_FASTCALL, NULL},
     {"set_numbers", (PyCFunction)(void (*)(void))set_numbers, METH_FASTCALL, NULL},
     {"vertical", (PyCFunction)(void (*)(void))vertical_rows, METH_FASTCALL, NULL},
     {"passive_forces", (PyCFunction)(void (*)(void))passive_forces, METH_FASTCALL, NULL},

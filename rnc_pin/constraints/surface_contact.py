@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from threading import get_ident
 from typing import NamedTuple
 
 import numpy as np
@@ -142,11 +143,9 @@ class SurfaceContactRows(WrenchRows):
         self.names = tuple(f"{part}({point_name(frame, self._center)})" for part in parts)
         self.units = ("m/s",) * 3 + ("rad/s",) * (len(parts) - 3)
         self.holonomic = tuple(part == "vertical" for part in parts)
-        self._seen: tuple[np.ndarray | None, SurfaceContact | None] = None, None
-        self._near: tuple[Placement, SurfaceContact] | tuple[None, None] = (
-            None,
-            None,
-        )  # wrenches and their rates share it
+        # The Jacobian and the bias acceleration of a thread share the contact; its wrenches and their rates the other.
+        self._seen: dict[int, tuple[np.ndarray, SurfaceContact]] = {}
+        self._near: dict[int, tuple[Placement, SurfaceContact]] = {}
 
     # ------------------------------------------------------------------ contact point; formulas take complex numbers
 
@@ -196,11 +195,10 @@ class SurfaceContactRows(WrenchRows):
         return found
 
     def _contact(self, at: PositionKinematics) -> SurfaceContact:
-        seen_at, found = self._seen
-        if found is None or seen_at is not at.q:
-            found = self._solved(at)
-            self._seen = at.q, found  # the Jacobian and the bias acceleration share it
-        return found
+        seen = self._seen.get(get_ident())
+        if seen is None or seen[0] is not at.q:
+            seen = self._seen[get_ident()] = at.q, self._solved(at)
+        return seen[1]
 
     def _rates(self, found: SurfaceContact, v: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates (..., 3) of the arm and of the normal, for velocities of the frame (..., 3)."""
@@ -240,17 +238,17 @@ class SurfaceContactRows(WrenchRows):
 
     def _found(self, place: Placement) -> SurfaceContact:
         """Contact at the placements for which it was checked. One Newton step from there gives its derivatives."""
-        found = self._seen[1]
-        assert found is not None
+        found = self._seen[get_ident()][1]
         if not np.iscomplexobj(place.rotation):
             return found
-        if self._near[0] is place:
-            return self._near[1]
+        near = self._near.get(get_ident())
+        if near is not None and near[0] is place:
+            return near[1]
         origin = place.translation
         point, gap = np.broadcast_to(found.point, origin.shape), np.broadcast_to(found.gap, origin.shape[:-1])
         moved, wider = self._stepped(origin, self._at(place.rotation, point.astype(complex), gap))
-        self._near = place, self._at(place.rotation, found.point + moved, found.gap + wider)
-        return self._near[1]
+        near = self._near[get_ident()] = place, self._at(place.rotation, found.point + moved, found.gap + wider)
+        return near[1]
 
     def wrench(self, place: Placement) -> np.ndarray:
         found = self._found(place)

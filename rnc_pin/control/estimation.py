@@ -9,6 +9,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from threading import RLock
 from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -31,6 +32,7 @@ from rnc_pin.printing import ReprMixin
 from rnc_pin.robots.robot import Robot
 
 _SAMPLES = 12
+_LENDING = RLock()
 _Thing = TypeVar("_Thing", Robot, RowStack, ReductionData, NumPyEvaluator, ReducedModel)
 Bound = float | Sequence[float] | np.ndarray
 Bounds = tuple[Bound, Bound]
@@ -101,11 +103,12 @@ class EstimatedModel:
 
     def at(self, p: Float[Array, " s"]) -> ReducedModel:
         """Return a model with these parameters, which never changes."""
-        memory = next((each for each in self._memory if each.is_free), None)
-        if memory is None:
-            memory = self._allocate()
-            self._memory.append(memory)
-        return memory.lend(p)
+        with _LENDING:  # two threads would find the same memory free
+            memory = next((each for each in self._memory if each.is_free), None)
+            if memory is None:
+                memory = self._allocate()
+                self._memory.append(memory)
+            return memory.lend(p)
 
     def _allocate(self) -> _ModelMemory:
         copied, known = self._make_copy(), self._reduced.reduction_data

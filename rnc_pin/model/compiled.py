@@ -79,7 +79,7 @@ class CompiledEvaluator(NumPyEvaluator):
     def __init__(self, data: ReductionData, kernel: ReductionKernel) -> None:
         super().__init__(data)
         self.kernel, self._calls = kernel, kernel.calls
-        self.measures, self._steady = kernel.measures, not data.rheonomic
+        self.measures = kernel.measures
 
     def __reduce__(self) -> tuple[object, ...]:
         return evaluator_for, (self.data,)  # the kernel refers to memory
@@ -133,18 +133,23 @@ class CompiledEvaluator(NumPyEvaluator):
         self, call: Callable[..., Array | None], arguments: tuple[ArrayInput, ...], t: ArrayInput | None
     ) -> Array | None:
         """Result of a call of the kernel; None if NumPy has to decide. Lists and other numbers are converted first."""
-        if not (self._steady or self.kernel.set_time(t)):
-            return None
-        found = call(*arguments)
+        rates = self._rates(t, arguments[0])
+        found = call(*arguments, rates)
         if found is None and not all(isinstance(each, Array) and each.dtype == float for each in arguments):
             try:
-                found = call(*(np.ascontiguousarray(each, float) for each in arguments))
+                found = call(*(np.ascontiguousarray(each, float) for each in arguments), rates)
             except (TypeError, ValueError):  # NumPy's path names what is wrong
                 return None
         return found
 
+    def _rates(self, t: ArrayInput | None, q: ArrayInput | None = None) -> Array | None:
+        """Right-hand sides of constraints over one time t of states q; None for other constraints and other times."""
+        if not (self.data.rheonomic and isinstance(t, float | int | np.floating)):
+            return None
+        return self.kernel.rates_at(float(t), q.shape[:-1] if isinstance(q, Array) else ())
+
     def terms(self, q: ArrayInput, v2: ArrayInput) -> ReducedTerms:
-        numbers = self._calls.terms(q, v2) if self._steady else None
+        numbers = self._calls.terms(q, v2)
         if numbers is None:
             return super().terms(q, v2)
         numbers.setflags(write=False)
@@ -179,24 +184,21 @@ class CompiledEvaluator(NumPyEvaluator):
     ) -> tuple[Array, Array]:
         data, n = self.data, self.data.n
         found = np.empty(n + data.r + data.vertical.size + 1 + data.rheonomic)
-        if (self._steady or self.kernel.set_time(t)) and self._calls.state_derivative(
-            q, None, v2, T, external, damping, found
-        ):
+        if self._calls.state_derivative(q, None, v2, T, external, damping, self._rates(t), found):
             return found[:n], found[n:]
         return super().state_derivative(q, v2, T, external, damping, t)
 
     def admissible_velocity(self, q: Array, v2: Array, t: float | None = None) -> tuple[Array, float]:
         v, size = np.empty(self.data.n), np.empty(1)
-        if self._steady or self.kernel.set_time(t):
-            self._calls.admissible_velocities((self._calls,), q, v2, None, v, size)
-            if size[0] < np.inf:
-                return v, size[0]
+        self._calls.admissible_velocities((self._calls,), q, v2, self._rates(t), None, v, size)
+        if size[0] < np.inf:
+            return v, size[0]
         return super().admissible_velocity(q, v2, t)
 
     def integrate(self, q: Array, y: Array, T: Array, h: float, steps: int) -> tuple[Array, Array, float] | None:
         rates = None
         if self.data.rheonomic and self.kernel.fused:
-            rates = self.kernel.rates_between(y[-2] + 0.5 * h * np.arange(2 * steps + 1))
+            rates = self.kernel.rates_over_time((y[-2] + 0.5 * h * np.arange(2 * steps + 1)).tolist())
         q_end, y_end, status, rough = np.empty(q.shape), np.empty(y.shape), np.empty(1), np.empty(1)
         found = q_end, y_end, status, rough
         self._calls.integrate((self._calls,), q, y, T, h, steps, None, *found, rates, None, None, None)
@@ -242,17 +244,16 @@ class CompiledEvaluator(NumPyEvaluator):
 
     def chart_rate(self, q: Array, x: Array, T: Array, damping: Array | None) -> Array | None:
         found, n = np.empty(len(x)), self.data.n
-        timed = self.kernel.set_time(float(x[-2]) if self.data.rheonomic else None)
-        state = q, x[:n], x[n : n + self.data.r]
-        return found if timed and self._calls.state_derivative(*state, T, None, damping, found) else None
+        state, rates = (q, x[:n], x[n : n + self.data.r]), self._rates(float(x[-2]))
+        return found if self._calls.state_derivative(*state, T, None, damping, rates, found) else None
 
     def state_derivatives(
         self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None = None
     ) -> Mapping[str, Array] | None:
         kernel = self.kernel
-        if not self.data.kinematics.axes_are_constant or not kernel.set_time(t):
+        if not self.data.kinematics.axes_are_constant:
             return None
-        numbers = self._calls.state_derivatives(q, v2, T)
+        numbers = self._calls.state_derivatives(q, v2, T, self._rates(t, q))
         if numbers is None:
             return None
         numbers.setflags(write=False)
@@ -353,7 +354,7 @@ class CompiledRuns:
             status: result (B,): 1 where v is valid, 0 where the run takes its own path.
         """
         sizes = np.empty(len(q))
-        self._calls.admissible_velocities(charts, q, y, kinematics, v, sizes)
+        self._calls.admissible_velocities(charts, q, y, None, kinematics, v, sizes)
         status[:] = sizes < limit
 
     def integrate(

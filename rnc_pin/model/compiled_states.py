@@ -247,8 +247,8 @@ class CompiledArraysAtV(ArraysAtV):
         at, kernel = self.at_q, self._kernel
         external = concatenated(kernel.external, self._motion, lambda block, now: block.bias_acceleration(now), -1)
         biases = empty_records(at.batch, kernel.biases)
-        drift = kernel.drift(self._t, at.batch)
-        self._calls.biases(at.q, at.kinematics, at.inverse, self._v, external, drift, biases)
+        rates = kernel.rates_at(self._t, at.batch)
+        self._calls.biases(at.q, at.kinematics, at.inverse, self._v, external, rates, biases)
         return biases
 
     def accelerated(self, state: _Forced, force: Array) -> Array | None:

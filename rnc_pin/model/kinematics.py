@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable
 from functools import partial
+from threading import RLock
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +48,7 @@ class FrameDerivatives(NamedTuple):
 
 
 class Kinematics:
-    """Pinocchio's model and data of a robot; serves one thread at a time.
+    """Pinocchio's model and data of a robot. Threads take turns at the data.
 
         position = kinematics.position(q)         # q (..., nq)
         velocity = position.with_velocity(v)      # v (..., nv)
@@ -60,6 +61,7 @@ class Kinematics:
         current: quantities for whose state the data are current; None if there is no such state.
         frozen: True if the time is given.
         requested: for each update, quantities that the last states were asked for, with their shapes.
+        lock: held while the data are of one state.
         kernel_workspace: memory that the compiled kernels of all reductions share; None until one is made.
     """
 
@@ -70,6 +72,7 @@ class Kinematics:
         self.model, self.data = robot.model, robot.model.createData()
         self.nv, self.zero = robot.nv, np.zeros(robot.nv)
         self.current: _Quantities | None = None
+        self.lock = RLock()
         self._frames: dict[int, tuple[int, np.ndarray, np.ndarray]] = {}
         self.requested: dict[_Update, dict[_Quantity, tuple[int, ...]]] = defaultdict(dict)
 
@@ -117,8 +120,9 @@ class Kinematics:
 
     def over_states(self, function: Callable[..., object], shape: tuple[int, ...], *states: np.ndarray) -> np.ndarray:
         """Results (..., *shape) of a function of Pinocchio's model and data and of single states."""
-        self.current = None
-        return over_states(partial(function, self.model, self.data), shape, *states)
+        with self.lock:
+            self.current = None
+            return over_states(partial(function, self.model, self.data), shape, *states)
 
 
 _Update = Callable[..., None]  # of the data of a Kinematics to one state
@@ -146,30 +150,37 @@ class _Quantities:
         quantity = read, arguments
         self._requested[quantity] = shape
         if quantity not in self._values:
-            at = self._at
-            if self._states[0].ndim > 1:
-                previous, at.requested[self._update] = at.requested[self._update], self._requested
-                self._store({**previous, quantity: shape} if not self._values else {quantity: shape})
-            else:
-                if at.current is not self:
-                    self._update(at, *self._states)
-                    at.current = self
-                value = self._values[quantity] = read(at, *arguments)
-                value.setflags(write=False)
+            with self._at.lock:
+                self._read(quantity, shape)
         return self._values[quantity]
+
+    def _read(self, quantity: _Quantity, shape: tuple[int, ...]) -> None:
+        """Read a quantity from the data."""
+        at, (read, arguments) = self._at, quantity
+        if self._states[0].ndim > 1:
+            previous, at.requested[self._update] = at.requested[self._update], self._requested
+            self._store({**previous, quantity: shape} if not self._values else {quantity: shape})
+            return
+        if at.current is not self:
+            self._update(at, *self._states)
+            at.current = self
+        value = read(at, *arguments)
+        value.setflags(write=False)
+        self._values[quantity] = value
 
     def _store(self, shapes: dict[_Quantity, tuple[int, ...]]) -> None:
         """Store quantities of many states."""
         at, batch, pairs = self._at, self._states[0].shape[:-1], []
-        at.current = None
+        at.current, stored = None, {}
         for (read, arguments), shape in shapes.items():
-            values = self._values[read, arguments] = np.empty((*batch, *shape))
+            stored[read, arguments] = values = np.empty((*batch, *shape))
             pairs.append((values.reshape(-1, *shape), partial(read, at, *arguments)))
             values.setflags(write=False)
         for i, state in enumerate(zip(*(each.reshape(-1, each.shape[-1]) for each in self._states), strict=True)):
             self._update(at, *state)
             for out, read_one in pairs:
                 out[i] = read_one()
+        self._values.update(stored)  # another thread may look for them
 
 
 class PositionKinematics:

@@ -33,7 +33,7 @@ class ReducedModel(SummaryMixin):
     """Nonholonomic system in the velocities ``v2`` of its reducing outputs.
 
     ``NonholonomicSystem.reduce`` returns one. All methods take leading batch axes: q (..., nq), v2 (..., r).
-    An instance owns one Pinocchio workspace, so it serves one thread at a time.
+    Threads may evaluate one model.
 
     Args:
         parts: rows, outputs, actuators and the workspace that evaluates them.

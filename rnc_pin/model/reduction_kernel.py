@@ -176,7 +176,7 @@ def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None) -> 
     Args:
         data: the reduction.
         table: its rows.
-        mu: right-hand side of the constraints (m,); None for zero.
+        mu: right-hand side of the constraints and its rate at the time of a frozen model (2 m); None for zero.
     """
     robot, workspace = data.robot, _workspace(data)
     n, k, joints = data.n, data.vertical.size, robot.model.njoints
@@ -278,10 +278,8 @@ class ReductionKernel:
         self.external, self.external_vertical = table.external, table.external_vertical
         self.python_rows = bool(table.external or table.external_vertical)
         self.has_inputs, self.fused = data.actuation.parts is not None, table.fused
-        self.calls = kernel_evaluator(data, table, np.array(table.rates) if data.affine else None)
-        self._time: float | None = None  # of the rates in the library's object
-        if table.driven and data.kinematics.time is not None:
-            self.calls.set_rates(self.rates_over_time([data.kinematics.time]))
+        time = data.kinematics.time or 0.0
+        self.calls = kernel_evaluator(data, table, self.rates_over_time([time]) if data.affine else None)
         n, r, k, p = data.n, data.r, data.vertical.size, data.p
         kinematics = {"M": (n, n), "J": (6, n), "placements": (data.robot.model.njoints, 12)}
         inverse = {"E": (n, n), "E_inverse": (n, n)}
@@ -308,37 +306,21 @@ class ReductionKernel:
         self.calls.set_numbers(self._table.numbers)
 
     def rates_over_time(self, times: Sequence[float]) -> Array:
-        """Right-hand sides mu at times (s,), then their rates over time, (s, 2, m); zero for moving ground."""
+        """Right-hand sides mu at times (s,), then their rates over time, (s, 2 m); zero for moving ground."""
         found = np.zeros((len(times), 2, self.data.m))
         found[:, 0] = self._table.rates
         for t, rates in zip(times, found, strict=True):
             for place in self._table.driven:
                 for rate, values in zip(rates, place.block.rates_over_time(t), strict=True):
                     rate[place.where] = place.of(values)
-        return found
+        return found.reshape(len(times), -1)
 
-    def rates_between(self, times: Array) -> Array:
-        """``rates_over_time`` for a call that sets them itself."""
-        self._time = None
-        return self.rates_over_time(times.tolist())
-
-    def drift(self, t: Component | None, batch: tuple[int, ...]) -> Array | None:
-        """Rates of mu over time at states (...), (..., m); None for constraints that do not depend on time."""
+    def rates_at(self, t: Component | None, batch: tuple[int, ...] = ()) -> Array | None:
+        """Argument (..., 2 m) of a call: ``rates_over_time`` of states (...) at times t; None without such rows."""
         if t is None or not self._table.driven:
             return None
-        rates = self.rates_over_time(np.ravel(t).tolist())[:, 1].reshape(*np.shape(t), -1)
-        return np.ascontiguousarray(np.broadcast_to(rates, (*batch, self.data.m)))
-
-    def set_time(self, t: object) -> bool:
-        """Use the rates of constraints over time at t in later calls; False without one time for all states."""
-        if not self.data.rheonomic:
-            return True
-        if not isinstance(t, float | int | np.floating) or not self.data.affine:
-            return False
-        if t != self._time:
-            self.calls.set_rates(self.rates_over_time([float(t)]))
-            self._time = float(t)
-        return True
+        rates = self.rates_over_time(np.ravel(t).tolist()).reshape(*np.shape(t), -1)
+        return np.ascontiguousarray(np.broadcast_to(rates, (*batch, rates.shape[-1])))
 
 
 def _record(fields: Mapping[str, tuple[int, ...]]) -> np.dtype[np.void]:

@@ -1,0 +1,72 @@
+"""One model, evaluated by several threads."""
+
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from kinds import KINDS, driven_arm
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator
+from systems import random_states, space_robot_in_joints
+
+THREADS, ROUNDS = 4, 100
+
+
+@pytest.fixture
+def eager_switching():
+    """Threads switch after each microsecond, as often as Python can."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+@cache
+def masses():
+    reduced = space_robot_in_joints()
+    return rnc.control.MomentumRegressor(reduced.robot, "platform", [rnc.control.UnknownMass("joint_3")]).estimated(
+        reduced
+    )
+
+
+def at_time(reduced, q, v2, t):
+    state = reduced.at(q, v2, t=t)
+    T = np.ones(reduced.p)
+    return np.concatenate([
+        reduced.forward_dynamics(q, v2, T, t=t),
+        reduced.inverse_dynamics(q, v2, v2, t=t),
+        reduced.evaluator.admissible_velocity(q, v2, t)[0],
+        np.ravel(rnc.state_derivatives(reduced, q, v2, T, t=t).v2_dot_q),
+        np.ravel(state.gamma),
+    ])  # fmt: skip
+
+
+def by_numpy(reduced, q, v2, t):
+    state = NumPyEvaluator(reduced.reduction_data).at(q, v2)
+    return np.concatenate([np.ravel(each) for each in (state.J1, state.R_dot, state.A_star_dot, state.M, state.V)])
+
+
+def with_mass(reduced, q, v2, t):
+    return masses().at(np.array([10.0 + t])).at(q, v2).H.ravel()
+
+
+@pytest.mark.parametrize(("make", "evaluate"), [
+    (lambda: driven_arm().reduce(), at_time),
+    (KINDS["bodies that roll"], by_numpy),
+    (space_robot_in_joints, with_mass),
+])  # fmt: skip
+def test_threads_that_evaluate_one_model_find_what_one_thread_finds(make, evaluate, eager_switching):
+    reduced = make()
+    arguments = [(q, v2, 0.37 * k) for k, (q, v2) in enumerate(random_states(reduced, 2 * THREADS))]
+    expected = [evaluate(reduced, *each) for each in arguments]
+
+    def wrong(k):
+        own = range(k, len(arguments), THREADS)
+        found = [(i, evaluate(reduced, *arguments[i])) for _ in range(ROUNDS) for i in own]
+        return sum(not np.array_equal(each, expected[i]) for i, each in found)
+
+    with ThreadPoolExecutor(THREADS) as threads:
+        assert sum(threads.map(wrong, range(THREADS))) == 0
