@@ -79,7 +79,7 @@ class CompiledEvaluator(NumPyEvaluator):
     def __init__(self, data: ReductionData, kernel: ReductionKernel) -> None:
         super().__init__(data)
         self.kernel, self._calls = kernel, kernel.calls
-        self.measures = kernel.measures
+        self.measures, self._steady = kernel.measures, not data.rheonomic
 
     def __reduce__(self) -> tuple[object, ...]:
         return evaluator_for, (self.data,)  # the kernel refers to memory
@@ -144,7 +144,7 @@ class CompiledEvaluator(NumPyEvaluator):
 
     def _rates(self, t: ArrayInput | None, q: ArrayInput | None = None) -> Array | None:
         """Right-hand sides of constraints over one time t of states q; None for other constraints and other times."""
-        if not (self.data.rheonomic and isinstance(t, float | int | np.floating)):
+        if self._steady or not isinstance(t, float | int | np.floating):
             return None
         return self.kernel.rates_at(float(t), q.shape[:-1] if isinstance(q, Array) else ())
 
