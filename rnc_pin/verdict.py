@@ -190,6 +190,11 @@ class Verdict(SummaryMixin):
         """The verdict in one word: "succeeded", "degraded" or "failed"."""
         return "degraded" if self.degraded else "succeeded" if self.succeeded else "failed"
 
+    @property
+    def headline(self) -> str:
+        """The verdict and the finding that decides: "failed: the goal of tip is missed by 0.03 m"."""
+        return self.word if self.first is None else f"{self.word}: {self.first}"
+
     def to_json(self) -> dict[str, Json]:
         """Return the verdict as JSON content."""
         return {
@@ -203,7 +208,7 @@ class Verdict(SummaryMixin):
         kinds: dict[str, list[Item]] = {}
         for each in self.findings:
             kinds.setdefault(weight_of(each.kind, each.severity, self.accepted), []).append(Item(each.message))
-        return ObjectSummary(self.word, list(kinds.items()))
+        return ObjectSummary(self.headline, list(kinds.items()))
 
 
 def weight_of(kind: str, severity: str, accepted: Collection[str]) -> str:

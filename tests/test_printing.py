@@ -2,6 +2,7 @@
 
 import re
 from importlib.metadata import version
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin import control
 from rnc_pin.planning import Hold
+from rnc_pin.simulation import judge
+from rnc_pin.simulation.summary import add_verdict
 from systems import space_robot
 
 
@@ -32,9 +35,27 @@ def test_a_run_that_failed_says_why(system):
     reduced = system.reduce()
     with pytest.raises(rnc.DivergenceError) as caught:
         rnc.free_motion(reduced, reduced.robot.configuration(), [1.0, 0.0, 0.0, 0.0], 1.0, 0.1, np.array([1e5, 0.0]))
-    headline, message, *_ = str(caught.value.trajectory).splitlines()
-    assert re.fullmatch(r"Trajectory: diverged, [\d.]+ s in \d+ samples", headline)
+    headline, run, message, *_ = str(caught.value.trajectory).splitlines()
+    assert headline.startswith(f"Trajectory: failed: {str(caught.value)[:80]}")
+    assert re.fullmatch(r"  run: diverged, [\d.]+ s in \d+ samples", run)
     assert message == f"  message: {caught.value}"
+
+
+def test_what_prints_a_run_begins_with_its_verdict_and_the_finding_that_decides(system):
+    """A run that came to its end, but not to its goal."""
+    reduced = system.reduce()
+    run = rnc.free_motion(reduced, reduced.robot.configuration(), [1.0, 0.0, 0.0, 0.0], 0.2, 0.1)
+    run.keep_verdict(judge(run, goal_errors={"hand": 0.3}))
+    summary = rnc.summarize(run)
+    add_verdict(summary, run.verdict)
+    why = "failed: the goal of hand is missed by 0.3, allowed is 0.02"
+    assert repr(run) == f"Trajectory: {why}, 0.2 s in 3 samples"
+    assert str(summary).startswith(f"Summary: {why}, 0.2 s in 3 samples\n  run: completed, 0.2 s in 3 samples")
+    for thing, start in ((run, "Trajectory: "), (run.verdict, "")):
+        shown = []
+        thing._repr_pretty_(SimpleNamespace(text=shown.append), cycle=False)
+        assert shown[0] == str(thing)
+        assert shown[0].startswith(start + why)
 
 
 def test_a_controller_says_its_settings_and_parts():

@@ -193,7 +193,8 @@ class MotionPlan(SummaryMixin):
     def _summary(self) -> ObjectSummary:
         i = self.info
         title = (
-            f"MotionPlan: {i.outcome}, {i.form}, {self.duration:.4g} s in {len(self.u)} intervals, cost {i.cost:.6g}"
+            f"MotionPlan: {self.verdict.headline}, {i.outcome}, {i.form}, {self.duration:.4g} s in {len(self.u)} "
+            f"intervals, cost {i.cost:.6g}"
         )
         checked = f"violation {i.verification.violation:.2g}"
         if i.verification.name:
@@ -207,7 +208,6 @@ class MotionPlan(SummaryMixin):
             ("configuration at the end [rad or m]", described(self.q[-1])),
             ("after verification", [Item(checked, f"accepted to {i.accuracy:.2g}")]),
             ("iterations", [Item(str(i.iterations), f"{i.solutions} of {i.guesses} guesses led to a motion")]),
-            ("verdict", [Item(self.verdict.word)]),
             ("findings", items([each.message for each in i.findings])),
         ]
         return ObjectSummary(title, [line for line in lines if line[1]])

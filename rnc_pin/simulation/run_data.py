@@ -190,9 +190,12 @@ class RunData(SummaryMixin):
     def _summary(self) -> ObjectSummary:
         duration = self.time[-1] if len(self.time) else 0.0
         scenario, message, outputs = self.info.provenance.scenario, self.info.message, self.info.outputs
-        of = f" of '{scenario}'" if scenario else ""
-        title = f"Trajectory{of}: {self.outcome}, {duration:g} s in {len(self.time)} samples"
-        lines: list[Line] = [("message", [Item(message)])] if message else []
+        of, verdict = f" of '{scenario}'" if scenario else "", str(self.outcome)
+        with suppress(RncError):  # samples that nothing can judge print their outcome
+            verdict = self.verdict.headline
+        title = f"Trajectory{of}: {verdict}, {duration:g} s in {len(self.time)} samples"
+        lines: list[Line] = [("run", [Item(f"{self.outcome}, {duration:g} s in {len(self.time)} samples")])]
+        lines += [("message", [Item(message)])] if message else []
         if not len(self.time):
             return ObjectSummary(title, lines)
         both = outputs.x2, outputs.x1

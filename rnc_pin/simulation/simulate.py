@@ -90,7 +90,7 @@ def simulate(
         >>> controller = rnc.control.ComputedTorque(reduced, target)
         >>> run = rnc.simulate(reduced, controller, robot.configuration(), duration=1.0, dt=0.01)
         >>> run
-        Trajectory: completed, 1 s in 101 samples
+        Trajectory: succeeded, 1 s in 101 samples
         >>> round(run.x2[-1, 0].item(), 2)
         0.5
     """

@@ -26,6 +26,7 @@ _LABELS = {
     "smallest_distance": "smallest distance [m, s]",
 }
 _UNPRINTED = {"scenario", "outcome", "duration", "samples", "findings", "late", "versions", "files"}
+_UNPRINTED |= {"verdict", "first_finding"}  # in the title
 
 
 class Learning(TypedDict, total=False):
@@ -196,13 +197,17 @@ class PrintedSummary(SummaryMixin, dict[str, object]):
 
     def _summary(self) -> ObjectSummary:
         of = f" of '{self['scenario']}'" if self["scenario"] else ""
-        title = f"Summary{of}: {self['outcome']}, {self['duration']:g} s in {self['samples']} samples"
-        lines = [
+        headline = str(self.get("verdict", self["outcome"]))
+        if "first_finding" in self:
+            headline += f": {cast('dict[str, str]', self['first_finding'])['message']}"
+        time = f"{self['duration']:g} s in {self['samples']} samples"
+        lines = [("run", [Item(f"{self['outcome']}, {time}")])]
+        lines += [
             (_LABELS.get(name, name.replace("_", " ")), self._described(name, value))
             for name, value in self.items()
             if name not in _UNPRINTED and not (value is None or value in ({}, []))
         ]
-        return ObjectSummary(title, lines)
+        return ObjectSummary(f"Summary{of}: {headline}, {time}", lines)
 
     def _described(self, key: str, value: object) -> Sequence[Item]:
         if isinstance(value, Mapping) and all(isinstance(each, float) for each in value.values()):

@@ -22,7 +22,7 @@ class Trajectory(RunData):
         >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
         >>> run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=1.0, dt=0.1)
         >>> run
-        Trajectory: completed, 1 s in 11 samples
+        Trajectory: succeeded, 1 s in 11 samples
         >>> run.q.shape, run.time[-1].item()
         ((11, 4), 1.0)
         >>> bool(np.ptp(run.energy) < 1e-9 * run.energy[0])  # no input, so energy is constant

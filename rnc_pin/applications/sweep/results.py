@@ -206,7 +206,9 @@ class SweepResults(SummaryMixin):
         for name, error in found["final_error"].items():
             figures = [Item(f"{kind} {value:.2e}") for kind, value in cast("dict[str, float]", error).items()]
             lines.append((f"final error of {name}", figures))
-        return ObjectSummary(f"SweepResults: {counted(len(self), 'run')} of {self.of}", lines)
+        failed = sum(count for name, count in found["verdicts"].items() if name not in SUCCESSFUL)
+        headline = f"{failed} failed of {counted(len(self), 'run')}" if failed else counted(len(self), "run")
+        return ObjectSummary(f"SweepResults: {headline} of {self.of}", lines)
 
 
 def load_sweep(path: str | Path) -> SweepResults:
