@@ -10,6 +10,7 @@ _STARTED = [time.perf_counter()]  # before anything else is imported
 from rnc_pin.interruption import endings_as_ctrl_c, ignore_endings, interruptible_imports  # noqa: E402
 
 with interruptible_imports():
+    import gc
     import sys
     import traceback
 
@@ -55,6 +56,7 @@ def main() -> None:
 
 def run() -> None:
     """Run the command line in a process of its own. A signal after the command does not change its status."""
+    gc.set_threshold(50_000)  # what imports and runs make lives to the end: collections find little
     try:
         try:
             main()
