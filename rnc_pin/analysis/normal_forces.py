@@ -207,6 +207,8 @@ class _ExternalWrenches:
         """Sum of the wrenches about the world's origin at states (N,); NaN if one is unknown."""
         if self.unknown:
             return np.full((len(q), 6), np.nan)
+        if not self._forces:
+            return np.zeros((len(q), 6))
         at = self._at(q, v)
         return np.sum([np.zeros((len(q), 6)), *(each.force(at)[:, :6] for each in self._forces)], axis=0)
 
@@ -325,9 +327,12 @@ class NormalForces:
             lines: lines of action at the configurations, or at the one configuration of all.
             q, v, v_dot, T: configurations (N, nq), velocities and accelerations (N, nv), inputs (N, p).
         """
-        wrenches = np.array([self._needed(*each) for each in zip(q, v, v_dot, T, strict=True)]).reshape(-1, 6)
+        if len(lines.points) == 1 < len(T):
+            wrenches = self._needed_at_one_state(q[0], v[0], v_dot, T)
+        else:
+            wrenches = np.array([self._needed(*each) for each in zip(q, v, v_dot, T, strict=True)]).reshape(-1, 6)
         if self._wrenches is not None:
-            wrenches -= self._wrenches.at(q, v)
+            wrenches -= self._wrenches.at(q[: len(lines.points)], v[: len(lines.points)])
         ground = lines.points[..., 2].min(axis=1)
         force, moment = wrenches[:, :3], wrenches[:, 3:]
         return np.stack([force[:, 2], moment[:, 0] + ground * force[:, 1], moment[:, 1] - ground * force[:, 0]], axis=1)
@@ -360,6 +365,17 @@ class NormalForces:
         for column, frame, row in self._reduced.actuation.frames:
             total -= data.oMf[frame].act(pin.Force(T[column] * _UNITS[row]))
         return np.asarray(total.vector)
+
+    def _needed_at_one_state(self, q: Array, v: Array, v_dot: Array, T: Array) -> Array:
+        """Forces and moments (N, 6) of ``_needed``, which are affine in accelerations and inputs."""
+        model, data = self._model, self._data
+        first = self._needed(q, v, v_dot[0], T[0])
+        pin.computeCentroidalMap(model, data, q)
+        change = (v_dot - v_dot[0]) @ data.Ag.T
+        change[:, 3:] += np.cross(data.com[0], change[:, :3])  # moments about the origin
+        for column, frame, row in self._reduced.actuation.frames:
+            change -= np.outer(T[:, column] - T[0, column], data.oMf[frame].act(pin.Force(_UNITS[row])).vector)
+        return np.asarray(first + change)
 
 
 def balanced(
