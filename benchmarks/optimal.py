@@ -101,7 +101,7 @@ def planned(reduced: rnc.ReducedModel, problem: Problem, **options: Any) -> rnc.
     def regulator(plan: rnc.optimal.MotionPlan) -> np.ndarray:
         return rnc.tvlqr(reduced, plan, state_cost=20.0).K
 
-    settings = SolverSettings(accuracy=1e-2)
+    settings = SolverSettings(accuracy=1e-2, reserve=0.0)
     return rnc.optimal.plan(reduced, **problem, settings=settings, feedback=regulator, **options)
 
 

@@ -345,25 +345,15 @@ class FileLimits:
         position: keep the position limits of joints; continuous joints and bases have none.
         velocity: keep the velocity limits of joints.
         effort: keep the effort limits of actuators; a force on a frame has its ``limit``.
-        reserve: share of the range of positions and velocities that a plan keeps free at its nodes. Feedback needs it
-            in the run. It ends where the start or the goal of the plan is.
-
-    Raises:
-        ConfigurationError: the reserve is not from 0 to below 0.5.
 
     Example:
         >>> rnc.optimal.FileLimits(effort=False)  # argument of rnc.optimal.plan
-        FileLimits(position=True, velocity=True, effort=False, reserve=0.005)
+        FileLimits(position=True, velocity=True, effort=False)
     """
 
     position: bool = True
     velocity: bool = True
     effort: bool = True
-    reserve: float = 0.005
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.reserve < 0.5:
-            raise ConfigurationError(f"reserve: expected a share from 0 to below 0.5, found {self.reserve!r}")
 
     def bind(self, model: ActionModel, stated: Sequence[NodeBound]) -> list[NodeBound]:
         """Return the bounds of an action model, without the rows for which other bounds are stated."""

@@ -271,8 +271,7 @@ def plan_motion(
         problem = build_problem(model, start, end, duration, costs, bounds, settings.nodes, limits)
         problem.time_weight = time_weight
         check_ends(problem, settings.accuracy)
-        if limits is not None:
-            problem = problem.with_reserve(limits.reserve)
+        problem = problem.with_reserve(settings.reserve)
         _warn_of_differences(problem)
         starts = guesses(problem, goal, guess, seeds + wanted - 1, seed)
         first = next(starts)

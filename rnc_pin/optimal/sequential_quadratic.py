@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Ge, Le, Lt
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
@@ -48,6 +48,8 @@ class SolverSettings:
         refinements: how often the planner may halve the intervals and solve again from the plan so far, because the
             verification finds a violation above ``accuracy``.
         accuracy: largest violation of bounds and goal that the verification of a plan accepts [their units].
+        reserve: share of bounded ranges of outputs and of bounded velocities that a plan keeps free at its nodes,
+            whatever states the bound: feedback needs it in the run. It ends where the start or the goal is.
 
     Example:
         >>> rnc.optimal.SolverSettings(nodes=60).iterations
@@ -62,6 +64,7 @@ class SolverSettings:
     substeps: int = 20
     refinements: Annotated[int, Ge(0), Le(4)] = 2
     accuracy: Positive = 5e-3
+    reserve: Annotated[float, Ge(0), Lt(0.5)] = 0.005
 
 
 @dataclass

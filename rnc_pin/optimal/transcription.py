@@ -66,7 +66,7 @@ class Transcription:
         time_weight: cost of the duration [1/s].
 
     Attributes:
-        reserve: share of the range of positions and velocities in the robot's file that the motion keeps free.
+        reserve: share of the bounded ranges of outputs and velocities that the motion keeps free.
         margins: additions to the lower limits of distances at every node (K + 1,) [m].
     """
 
@@ -110,7 +110,7 @@ class Transcription:
         return self._with(self.K, bounds, self.duration)._keep(self.margins)
 
     def with_reserve(self, reserve: float) -> Transcription:
-        """Return the same problem with another share of the limits of the robot's file that it keeps free."""
+        """Return the same problem with another share of the bounded outputs and velocities that it keeps free."""
         return self._with(self.K, self.bounds, self.duration, reserve)._keep(self.margins)
 
     def with_margins(self, margins: Float[Array, " K1"]) -> Transcription:
@@ -132,14 +132,15 @@ class Transcription:
         return self
 
     def _keep_reserve(self, reserve: float) -> Transcription:
-        """Narrow the limits of the robot's file, as far as the start and the goal are within."""
+        """Narrow the limits of outputs and velocities, as far as the start and the goal are within."""
         self.reserve = reserve
         nodes = NodeData(self.model, self.start, None, np.full(1, self.begin))
         for each, rows in self.blocks if reserve else ():
-            if not each.of_file or each.quantity == "input":  # saturation keeps inputs
-                continue
-            span = each.upper if each.quantity == "velocity" else each.upper - each.lower
-            low = high = np.where(np.isfinite(span), self.reserve * span, 0.0)
+            if each.quantity not in ("output", "velocity", *(("input",) if self.model.form == "kinematic" else ())):
+                continue  # saturation keeps accelerations and efforts
+            span = each.upper - each.lower
+            widths = (span, span) if each.quantity == "output" else (np.abs(each.lower), np.abs(each.upper))
+            low, high = (np.where(np.isfinite(width), reserve * width, 0.0) for width in widths)
             ends = [each.rows(nodes, False).value[0]] if each.of_state else []
             if isinstance(self.goal, GoalRows) and each.quantity == "output":
                 reached = self.goal.values_of(each)

@@ -1,5 +1,7 @@
 """Limits of the robot's file in plans: kept by default, replaced row by row, and refused at once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -17,9 +19,9 @@ AHEAD = (1.0, 0.0, 0.0)
 FEW = SolverSettings(nodes=20)
 
 
-def lift_plan(reduced, lift, duration=8.0, **options):
-    start = reduced.robot.configuration()
-    return rnc.optimal.plan(reduced, start, forklifts.goal_of(AHEAD, lift), duration, settings=FEW, seeds=0, **options)
+def lift_plan(reduced, lift, duration=8.0, settings=FEW, **options):
+    start, goal = reduced.robot.configuration(), forklifts.goal_of(AHEAD, lift)
+    return rnc.optimal.plan(reduced, start, goal, duration, settings=settings, seeds=0, **options)
 
 
 def test_goals_as_configurations_and_starts_are_compared_too(tmp_path):
@@ -45,7 +47,11 @@ def test_velocities_of_the_file_hold_during_the_motion(tmp_path, form):
     assert rates.max() <= 0.5 + 1e-4
     if form == "acceleration":
         assert rates.max() == pytest.approx(0.995 * 0.5, abs=1e-6)  # feedback has the rest
-        at_the_limit = lift_plan(reduced, 1.2, duration=3.0, form=form, limits=FileLimits(reserve=0.0))
+        same = [VelocityBound({"lift_joint": -0.5}, {"lift_joint": 0.5})], [OutputBound("lift_joint", 0.0, 1.4)]
+        for bounds in same:
+            restated = lift_plan(reduced, 1.2, duration=3.0, form=form, bounds=bounds)  # it is the run that needs it
+            assert restated.w[:, 2].max() == pytest.approx(0.995 * 0.5, abs=1e-6)
+        at_the_limit = lift_plan(reduced, 1.2, duration=3.0, form=form, settings=replace(FEW, reserve=0.0))
         assert at_the_limit.w[:, 2].max() == pytest.approx(0.5, abs=1e-6)
         free = lift_plan(reduced, 1.2, duration=3.0, form=form, limits=FileLimits(velocity=False))
         assert free.w[:, 2].max() == pytest.approx(0.6, rel=0.01)

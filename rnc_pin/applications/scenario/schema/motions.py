@@ -171,7 +171,7 @@ class MotionProblem(Strict):
     """True to keep links of the robot from each other too, as the verdict of a run checks them."""
 
 
-_SOLVER = part(SolverSettings, "nodes", "iterations", "refinements", "accuracy")
+_SOLVER = part(SolverSettings, "nodes", "iterations", "refinements", "accuracy", "reserve")
 _PLAN = part(plan, "form", "seeds", "solutions", "at_rest", "time_weight")
 
 
