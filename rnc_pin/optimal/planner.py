@@ -114,16 +114,28 @@ def check_ends(problem: Transcription, accuracy: float) -> None:
     nodes = NodeData(model, start, None, np.full(1, problem.begin))
     for bound in problem.bounds:
         if isinstance(bound, DistanceRows):
-            _compare_distances("start", bound, start.q[0], problem.begin, accuracy)
+            check_distances("start", bound, start.q[0], problem.begin, accuracy)
             if isinstance(goal, GoalRows) and goal.configuration is not None:
                 end = problem.begin + problem.duration[1]  # nothing moves if the duration is free
-                _compare_distances("goal", bound, goal.configuration, end, accuracy)
+                check_distances("goal", bound, goal.configuration, end, accuracy)
         elif bound.of_state and bound.quantity in ("output", "velocity"):
             values = bound.rows(nodes, False).value[0].tolist()
             _compare("start", bound, dict(zip(bound.names, values, strict=True)), accuracy)
 
 
-def _compare_distances(what: str, bound: DistanceRows, q: np.ndarray, t: float, accuracy: float) -> None:
+def check_distances(what: str, bound: DistanceRows, q: np.ndarray, t: float, accuracy: float) -> None:
+    """Refuse a configuration that is nearer to something than a bound allows.
+
+    Args:
+        what: "start" or "goal", for the message.
+        bound: the bound.
+        q: configuration (nq,).
+        t: time [s].
+        accuracy: shortfall that is accepted [m].
+
+    Raises:
+        InfeasibleError: it is; the message names the pair.
+    """
     found = bound.distances.at(q, t, within=bound.clearance)
     if found.distance.min(initial=np.inf) < bound.clearance - accuracy:
         nearest = int(found.distance.argmin())

@@ -166,6 +166,8 @@ class PredictiveController(DescribedMixin):
         self._problem = build_problem(self._model, start, end, self.horizon, self.costs, self.bounds, self.nodes)
         points = [each.point for each in self._problem.costs if isinstance(each, SetPointBound)]
         self.set_point = SetPoint(reduced, goal) if goal is not None else points[0] if points else None
+        if self.set_point is not None:
+            self.set_point.check_distances(self._problem.bounds, self._solver_settings.accuracy)
         self._stalls_at = None if self.set_point is not None else quadratic_set_point(self._model, self.costs)
         if self._stalls_at is not None:
             weights = ", ".join(map(str, self._stalls_at.coordinates.weights))

@@ -32,11 +32,11 @@ from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError,
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
-from rnc_pin.optimal.bounds import BoundKind, Goal, GoalRows
+from rnc_pin.optimal.bounds import BoundKind, DistanceRows, Goal, GoalRows, NodeBound
 from rnc_pin.optimal.costs import BoundCost, CostKind, OutputCost, Phase, PostureCost, weights_of
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.node_data import NodeData, NodeOutputs, RowValues, velocity_rows
-from rnc_pin.optimal.planner import plan_motion
+from rnc_pin.optimal.planner import check_distances, plan_motion
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.transcription import Iterate
 from rnc_pin.planning.action_models import ActionModel, KinematicModel, Nodes
@@ -130,6 +130,28 @@ class SetPoint:
                 f"set point: motions reach {self.coordinates.size} of {room} dimensions near q, because constraints "
                 "are integrable; give outputs as the goal, without the positions that follow from others"
             )
+
+    def check_distances(self, bounds: Sequence[NodeBound], accuracy: float) -> None:
+        """Refuse a goal that is nearer to something that stands than bounds allow: no motion ends there.
+
+        Args:
+            bounds: bounds, of which those of distances count.
+            accuracy: shortfall that is accepted [m].
+
+        Raises:
+            InfeasibleError: the goal is, and no other configuration of it is found.
+        """
+        for each in bounds:
+            if not isinstance(each, DistanceRows) or any(obstacle.motion for obstacle in each.distances.obstacles):
+                continue
+            try:
+                check_distances("goal", each, self.q, 0.0, accuracy)
+            except InfeasibleError:
+                if not isinstance(self.goal, Mapping):
+                    raise
+                pairs, apart = each.distances, each.clearance
+                if not solve_ik(self.reduced, self.q, self.goal, collisions=pairs, clearance=apart).converged:
+                    raise
 
     def errors(self, q: Float[Array, " nq"]) -> dict[str, float]:
         """Errors of a configuration by name of the goal's rows [m or rad]."""

@@ -16,13 +16,13 @@ from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.bounds import BoundKind, DistanceBound, FileLimits, Goal, InputBound, OutputBound
+from rnc_pin.optimal.bounds import BoundKind, DistanceBound, FileLimits, Goal, GoalRows, InputBound, OutputBound
 from rnc_pin.optimal.costs import CostKind
 from rnc_pin.optimal.guesses import inputs_for
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.node_data import NodeData
 from rnc_pin.optimal.plan_feedback import regulator_gains, tvlqr
-from rnc_pin.optimal.planner import plan_motion
+from rnc_pin.optimal.planner import build_problem, initial_node, plan_motion
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.set_point import AT_REST, SetPoint, nearer_plan
 from rnc_pin.planning.action_models import Form, KinematicModel, Nodes, action_model
@@ -100,7 +100,8 @@ class SetPointController(DescribedMixin):
     Raises:
         ConfigurationError: an argument has an invalid value, velocities with another form, or the goal does not
             determine a configuration.
-        InfeasibleError: no configuration reaches the goal.
+        InfeasibleError: no configuration reaches the goal, or it is beyond a limit or too near to something.
+        InputError: a bound or the duration is not an interval.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -140,7 +141,13 @@ class SetPointController(DescribedMixin):
         if self.velocities and self.form != "acceleration":
             raise ConfigurationError(f"velocities: expected the form 'acceleration', found '{self.form}'")
         self.set_point = self.goal if isinstance(self.goal, SetPoint) else SetPoint(self.reduced, self.goal)
-        self._model = action_model(self.reduced, self.form)
+        self._model = model = action_model(self.reduced, self.form)
+        goal = GoalRows(model, self.set_point.goal, at_rest=True)
+        given = self.duration, self.costs, self.bounds, self.nodes, self.limits
+        problem = build_problem(
+            model, initial_node(model, self.set_point.q), goal, *given
+        )  # wrong ones are refused now
+        self.set_point.check_distances(problem.bounds, self.tolerance)
         self._driven = KinematicModel(self.reduced) if self.velocities else self._model
         """Model of the robot under the commands."""
         self.weights = self.set_point.coordinates.weights

@@ -96,7 +96,15 @@ class References(Strict):
 
 WeightSetting = float | Numbers | dict[str, float]
 """One number, one for each row, or a mapping by name (zero for the others)."""
-Limits = Annotated[list[float | None], Field(min_length=2, max_length=2)]
+
+
+def _ordered(ends: list[float | None]) -> list[float | None]:
+    if ends[0] is not None and ends[1] is not None and ends[0] > ends[1]:
+        raise ValueError(f"smallest value {ends[0]:g} is above largest value {ends[1]:g}")
+    return ends
+
+
+Limits = Annotated[list[float | None], Field(min_length=2, max_length=2), AfterValidator(_ordered)]
 """Smallest and largest value; null for no limit."""
 
 
