@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
+from numpy import ndarray as Array
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import Component, apply
@@ -47,7 +48,7 @@ class FixedOutput:
     """
 
     output: OutputKind
-    value: float | tuple[float, ...] | np.ndarray
+    value: float | tuple[float, ...] | Array
 
     def bind(self, robot: Robot) -> Rows:
         rows = self.output.bind(robot)
@@ -68,26 +69,26 @@ class FixedRows(Rows):
         name: word before the names of the output.
     """
 
-    def __init__(self, output: OutputRows, value: np.ndarray, name: str) -> None:
+    def __init__(self, output: OutputRows, value: Array, name: str) -> None:
         self._output, self._value = output, value
         self.names = tuple(f"{name}({each})" for each in output.names)
         self.units = output.units
         self.holonomic = () if output.quasi else (True,) * len(self.names)
         self._coordinates = Coordinates(output.angular, (0,) if output.rotation else ())
 
-    def jacobian(self, at: PositionKinematics) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> Array:
         return self._output.jacobian(at)
 
-    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> Array:
         return self._output.jacobian_dot(at)
 
-    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> Array:
         return self._output.bias_acceleration(at)
 
-    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray | None:
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> Array | None:
         return self._output.bias_acceleration_gradient(at)
 
-    def residual(self, at: PositionKinematics) -> np.ndarray:
+    def residual(self, at: PositionKinematics) -> Array:
         if self._output.quasi:
             return self._zeros(at)
         return -self._coordinates.difference(self._wanted(at), self._output.value(at))
@@ -99,7 +100,7 @@ class FixedRows(Rows):
             return rows
         return [row._replace(constant=line) for row, line in zip(rows, self._output.matrix, strict=True)]
 
-    def _wanted(self, at: PositionKinematics) -> np.ndarray:
+    def _wanted(self, at: PositionKinematics) -> Array:
         """Value (..., k) that the output should have."""
         return np.broadcast_to(self._value, (*at.q.shape[:-1], len(self.names)))
 
@@ -108,11 +109,11 @@ class PrescribedPoint(Protocol):
     """Value of a prescribed motion at one time, such as a ``ReferencePoint``."""
 
     @property
-    def position(self) -> np.ndarray: ...
+    def position(self) -> Array: ...
     @property
-    def velocity(self) -> np.ndarray: ...
+    def velocity(self) -> Array: ...
     @property
-    def acceleration(self) -> np.ndarray: ...
+    def acceleration(self) -> Array: ...
 
 
 class Motion(Protocol):
@@ -172,7 +173,7 @@ def _check_rates(motion: Motion, start: float, names: Sequence[str]) -> None:
     span = min(float(getattr(motion, "duration", _SPAN)) or _SPAN, _SPAN)
     times, step = start + span * _SHARES, _SHARE * span
 
-    def value(name: str, t: float, later: float = 0.0) -> np.ndarray:
+    def value(name: str, t: float, later: float = 0.0) -> Array:
         return np.array(getattr(motion.at(t + later), name), dtype=float).ravel()
 
     for rate, of in (("velocity", "position"), ("acceleration", "velocity")):
@@ -204,22 +205,22 @@ class _PrescribedRows(FixedRows):
         super().__init__(output, np.zeros(len(output.names)), "prescribed")
         self._motion, self._start_time = motion, start_time
 
-    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> Array:
         return self._output.bias_acceleration(at) - self.rate_dot(at)
 
-    def rate(self, at: PositionKinematics) -> np.ndarray:
+    def rate(self, at: PositionKinematics) -> Array:
         return self._over_times(at, 1)
 
-    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
+    def rate_dot(self, at: VelocityKinematics) -> Array:
         return self._over_times(at, 2)
 
-    def rates_over_time(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+    def rates_over_time(self, t: float) -> tuple[Array, Array]:
         return self._at(t)[1:]
 
-    def _wanted(self, at: PositionKinematics) -> np.ndarray:
+    def _wanted(self, at: PositionKinematics) -> Array:
         return self._over_times(at, 0)
 
-    def _over_times(self, at: PositionKinematics, order: int) -> np.ndarray:
+    def _over_times(self, at: PositionKinematics, order: int) -> Array:
         """Derivative (..., k) of the motion of an order from zero to two; angular ones for rotations."""
         batch = at.q.shape[:-1]
         times: Component = at.t
@@ -227,7 +228,7 @@ class _PrescribedRows(FixedRows):
             return np.broadcast_to(self._at(float(times))[order], (*batch, len(self.names)))
         return np.array([self._at(t)[order] for t in np.ravel(times).tolist()]).reshape(*batch, -1)
 
-    def _at(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _at(self, t: float) -> tuple[Array, Array, Array]:
         """Position, velocity and acceleration (k,) at a time."""
         position, velocity, acceleration = (
             np.asarray(each, dtype=float)
@@ -269,12 +270,12 @@ class Pfaffian:
         ('level',)
     """
 
-    rows: Callable[..., np.ndarray]
-    rows_dot: Callable[..., np.ndarray] | None = None
+    rows: Callable[..., Array]
+    rows_dot: Callable[..., Array] | None = None
     names: Sequence[str] | None = None
-    rate: Callable[..., np.ndarray] | None = None
-    rate_dot: Callable[..., np.ndarray] | None = None
-    residual: Callable[..., np.ndarray] | None = None
+    rate: Callable[..., Array] | None = None
+    rate_dot: Callable[..., Array] | None = None
+    residual: Callable[..., Array] | None = None
     rheonomic: bool = False
 
     def bind(self, robot: Robot) -> Rows:
@@ -316,7 +317,7 @@ class _PfaffianRows(Rows):
             timed = self.rheonomic
             check_rate(robot, kind.residual, self._residual_rate, labels, self.names, angular=True, timed=timed)
 
-    def _residual_rate(self, q: np.ndarray, v: np.ndarray, *t: float) -> np.ndarray:
+    def _residual_rate(self, q: Array, v: Array, *t: float) -> Array:
         """Rate (k,) that the residual has by the rows."""
         found = np.array(self._kind.rows(q, *t), dtype=float) @ v
         return found if self._kind.rate is None else found - np.asarray(self._kind.rate(q, *t), dtype=float)
@@ -328,43 +329,38 @@ class _PfaffianRows(Rows):
         check_rate(robot, function, given, told, self.names, timed=self.rheonomic)
         return given
 
-    def jacobian(self, at: PositionKinematics) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> Array:
         return self._evaluated(self._kind.rows, "rows(q)", self._shape, at, at.q)
 
-    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> Array:
         return self._evaluated(self._rows_dot, "rows_dot(q, v)", self._shape, at, at.q, at.v)
 
-    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> Array:
         bias_acceleration = apply(self.jacobian_dot(at), at.v)
         return bias_acceleration - self.rate_dot(at) if self.affine else bias_acceleration
 
-    def rate(self, at: PositionKinematics) -> np.ndarray:
+    def rate(self, at: PositionKinematics) -> Array:
         if self._kind.rate is None:
             return super().rate(at)
         return self._evaluated(self._kind.rate, "rate(q)", self._shape[:1], at, at.q)
 
-    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
+    def rate_dot(self, at: VelocityKinematics) -> Array:
         if not self.affine:
             return self._zeros(at)
         return self._evaluated(self._rate_dot, "rate_dot(q, v)", self._shape[:1], at, at.q, at.v)
 
-    def residual(self, at: PositionKinematics) -> np.ndarray:
+    def residual(self, at: PositionKinematics) -> Array:
         if self._kind.residual is None:
             return super().residual(at)
         return self._evaluated(self._kind.residual, "residual(q)", self._shape[:1], at, at.q)
 
     def _evaluated(
-        self,
-        function: Callable[..., object],
-        what: str,
-        shape: tuple[int, ...],
-        at: PositionKinematics,
-        *arrays: np.ndarray,
-    ) -> np.ndarray:
-        def admitted(*state: np.ndarray | float) -> np.ndarray:
+        self, function: Callable[..., object], what: str, shape: tuple[int, ...], at: PositionKinematics, *arrays: Array
+    ) -> Array:
+        def admitted(*state: Array | float) -> Array:
             return admit_rows(function(*state), shape, f"{what} of a Pfaffian constraint")
 
-        def admitted_at(*state: np.ndarray) -> np.ndarray:
+        def admitted_at(*state: Array) -> Array:
             return admitted(*state[:-1], float(state[-1][0]))
 
         if not self.rheonomic:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy import ndarray as Array
 
 from rnc_pin.identification.calibration import PoseProblem, calibrated
 from rnc_pin.identification.logs.log import Log
@@ -99,17 +100,12 @@ class Pursuit(NamedTuple):
     """Mean squared error of a sample before the first, in standard deviations."""
     after: float
     """Mean squared error of a sample after the last."""
-    deviations: np.ndarray
+    deviations: Array
     """Standard deviations of position and heading (2,) that errors are divided by [m, rad]."""
 
 
 def pursued(
-    system: NonholonomicSystem,
-    log: Log,
-    sensor: str,
-    heading: bool,
-    skip: np.ndarray,
-    deviations: np.ndarray | None = None,
+    system: NonholonomicSystem, log: Log, sensor: str, heading: bool, skip: Array, deviations: Array | None = None
 ) -> Pursuit:
     """Change numbers one after the other: orthogonal matching pursuit with fits in between.
 
@@ -136,7 +132,7 @@ def pursued(
     sizes = start.deviations if deviations is None else deviations
     first = _squares(start, sizes)
 
-    def fitted(chosen: Sequence[int], guess: np.ndarray) -> tuple[np.ndarray, Fit, float]:
+    def fitted(chosen: Sequence[int], guess: Array) -> tuple[Array, Fit, float]:
         """Parameters, fit and mean squared error with some numbers."""
         part = RollingMotion(system, log, [numbers[k] for k in chosen], sensor)
         smaller = PoseProblem(part, channel, heading, skip)
@@ -189,7 +185,7 @@ def pursued(
     )
 
 
-def _most_telling(fit: Fit, scales: np.ndarray, chosen: Sequence[int], banned: set[int]) -> int | None:
+def _most_telling(fit: Fit, scales: Array, chosen: Sequence[int], banned: set[int]) -> int | None:
     """Number that explains most of the residuals besides those that were chosen or banned; None if none does."""
     r, J = fit.scaled()
     rest = _unexplained(J * scales, chosen)
@@ -199,7 +195,7 @@ def _most_telling(fit: Fit, scales: np.ndarray, chosen: Sequence[int], banned: s
     return best if gains[best] > _WORTH * (r @ r) else None
 
 
-def _unexplained(columns: np.ndarray, chosen: Sequence[int]) -> np.ndarray:
+def _unexplained(columns: Array, chosen: Sequence[int]) -> Array:
     """Parts of columns that the chosen ones among them do not explain as well."""
     if not chosen:
         return columns
@@ -207,12 +203,12 @@ def _unexplained(columns: np.ndarray, chosen: Sequence[int]) -> np.ndarray:
     return np.asarray(columns - basis @ (basis.T @ columns))
 
 
-def _gains(columns: np.ndarray, residual: np.ndarray, whole: np.ndarray | float) -> np.ndarray:
+def _gains(columns: Array, residual: Array, whole: Array | float) -> Array:
     """Squares of a residual that each column alone explains; zero for one whose square is small beside ``whole``."""
     sizes = np.sum(columns**2, axis=0)
     return np.divide((columns.T @ residual) ** 2, sizes, out=np.zeros_like(sizes), where=sizes > 1e-9 * whole)
 
 
-def _squares(fit: Fit, deviations: np.ndarray) -> float:
+def _squares(fit: Fit, deviations: Array) -> float:
     """Mean of the squared residuals of a sample, in standard deviations."""
     return float(np.mean(np.sum((fit.residuals / deviations[[0, 0, 1]]) ** 2, axis=1)))

@@ -8,6 +8,7 @@ from contextlib import suppress
 
 import numpy as np
 import pinocchio as pin
+from numpy import ndarray as Array
 
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import Component
@@ -66,28 +67,28 @@ class Assembly:
         found._kinematics = Kinematics(self.robot, t)
         return found
 
-    def residual(self, q: np.ndarray, t: Component | None = None) -> np.ndarray:
+    def residual(self, q: Array, t: Component | None = None) -> Array:
         """Residual (..., h) of the holonomic rows at configurations (..., nq) and times t (...) [m or rad]."""
         if not self._places:
             return np.zeros((*q.shape[:-1], 0))
         return self._residual(self._kinematics.position(q, t))
 
-    def _residual(self, at: PositionKinematics) -> np.ndarray:
+    def _residual(self, at: PositionKinematics) -> Array:
         return np.concatenate([block.residual(at)[..., rows] for block, rows in self._places], axis=-1)
 
-    def rank(self, q: np.ndarray) -> int:
+    def rank(self, q: Array) -> int:
         """Rank of the holonomic rows at a configuration (nq,)."""
         if not self._places:
             return 0
         return int(np.linalg.matrix_rank(self.jacobian(self._kinematics.position(q)), rtol=TOLERANCE))
 
-    def worst(self, q: np.ndarray) -> tuple[str, float]:
+    def worst(self, q: Array) -> tuple[str, float]:
         """Name of the row with the largest residual, and this residual [m or rad]."""
         residual = self.residual(q)
         row = int(np.argmax(np.abs(residual)))
         return self.names[row], float(residual[row])
 
-    def project(self, q: np.ndarray, hold: Sequence[str] = (), t: float | None = None) -> np.ndarray:
+    def project(self, q: Array, hold: Sequence[str] = (), t: float | None = None) -> Array:
         """Return a configuration (nq,) near q that satisfies the rows; q itself if it satisfies them.
 
         Args:
@@ -118,13 +119,8 @@ class Assembly:
         )
 
     def _closest(
-        self,
-        q: np.ndarray,
-        hold: Sequence[str] = (),
-        by_inertia: bool = True,
-        t: float | None = None,
-        steps: int = _STEPS,
-    ) -> tuple[np.ndarray, np.ndarray, bool]:
+        self, q: Array, hold: Sequence[str] = (), by_inertia: bool = True, t: float | None = None, steps: int = _STEPS
+    ) -> tuple[Array, Array, bool]:
         """Configuration near q with the smallest residual, this residual (h,), and True if the rows are satisfied.
 
         Steps are the shortest by kinetic energy, or by the sum of squares of the entries.
@@ -140,13 +136,13 @@ class Assembly:
             return found, residual, bool(np.abs(residual).max() <= _GOOD)
         return found, residual, self._good(residual)
 
-    def _good(self, residual: np.ndarray) -> bool:
+    def _good(self, residual: Array) -> bool:
         """Return True if the rows are satisfied; rows that are dependent to rounding have a larger tolerance."""
         return bool((np.abs(residual) <= np.where(self._leading, _GOOD, _ROUNDED)).all())
 
     def _descended(
-        self, q: np.ndarray, free: np.ndarray, rows: np.ndarray, by_inertia: bool, t: float | None, steps: int
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, q: Array, free: Array, rows: Array, by_inertia: bool, t: float | None, steps: int
+    ) -> tuple[Array, Array]:
         """Minimize the residual of the rows in a mask (h,), starting at q; return q and the residual of all rows."""
         here = self._kinematics.position(q, t)
         residual, stalls = self._residual(here), 0
@@ -168,7 +164,7 @@ class Assembly:
             here, q, residual = ahead, ahead.q, left
         return q, residual
 
-    def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> np.ndarray:
+    def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> Array:
         """Random configuration that satisfies the rows: ``Robot.random_configuration``, projected, with retries.
 
         Raises:
@@ -191,7 +187,7 @@ class Assembly:
         tries = f"any of {_TRIES} random configurations" if len(failures) != _OF else f"{_OF} random configurations"
         raise ConstraintError(f"constraints cannot be satisfied from {tries}{worst if failures else ''}")
 
-    def samples(self, count: int) -> np.ndarray:
+    def samples(self, count: int) -> Array:
         """Seeded random configurations and the neutral one, (count or count + 1, nq), which satisfy the rows.
 
         At other configurations, the rank of the rows may differ. The neutral configuration is omitted if it cannot be
@@ -205,18 +201,16 @@ class Assembly:
                 configurations.append(neutral)
         return np.stack(configurations)
 
-    def jacobian(self, at: PositionKinematics) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> Array:
         """Jacobian (h, nv) of the rows at one configuration; it gives the rate of ``residual`` where that is zero."""
         return np.concatenate([block.jacobian(at)[chosen] for block, chosen in self._places])
 
     @property
-    def leading(self) -> np.ndarray:
+    def leading(self) -> Array:
         """Mask (h,) of the rows that are corrected; the others depend on them, at least to a file's rounding."""
         return self._leading
 
-    def _step(
-        self, at: PositionKinematics, residual: np.ndarray, free: np.ndarray, which: np.ndarray, by_inertia: bool
-    ) -> np.ndarray:
+    def _step(self, at: PositionKinematics, residual: Array, free: Array, which: Array, by_inertia: bool) -> Array:
         rows = self.jacobian(at)[which][:, free]
         try:
             factor = np.linalg.cholesky(at.M[np.ix_(free, free)]) if by_inertia else np.eye(int(free.sum()))
@@ -257,7 +251,7 @@ class Assembly:
         size = np.linalg.norm(samples, axis=-1).max(axis=0)
         return [row for row in rows if size[row] > max(1e-12, ROUNDING * block_row_scales(block, samples)[row])]
 
-    def _samples_of(self, places: Sequence[tuple[Rows, list[int]]]) -> list[list[np.ndarray]]:
+    def _samples_of(self, places: Sequence[tuple[Rows, list[int]]]) -> list[list[Array]]:
         """All rows of some blocks at random configurations, which need not satisfy the rows."""
         generator, samples = np.random.default_rng(0), []
         for _ in range(_SAMPLES):

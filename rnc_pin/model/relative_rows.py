@@ -7,6 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 import pinocchio as pin
+from numpy import ndarray as Array
 
 from rnc_pin.math.linear_algebra import (
     apply,
@@ -56,7 +57,7 @@ class RelativeKinematics(VelocityKinematics):
     def _place(self) -> Placement:
         return self._original.placement(self._carrier)
 
-    def _offset(self, frame: int) -> np.ndarray:
+    def _offset(self, frame: int) -> Array:
         """Vector d (..., 3) from the carrier's origin to that of a frame, in world axes."""
         return np.asarray(self._original.placement(frame).translation - self._place.translation)
 
@@ -64,11 +65,11 @@ class RelativeKinematics(VelocityKinematics):
         turned = self._place.rotation.mT @ self._original.rotation(frame)
         return Placement(turned, apply_transposed(self._place.rotation, self._offset(frame)))
 
-    def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
+    def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> Array:
         _check_axes(axes)
         return self._along(self._relative(frame, self._original.jacobian(frame)))[..., rows, :]
 
-    def jacobian_dot(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
+    def jacobian_dot(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> Array:
         _check_axes(axes)
         at, carrier = self._in_motion, self._carrier
         velocity, carried = at.velocity(frame), at.velocity(carrier)
@@ -77,24 +78,24 @@ class RelativeKinematics(VelocityKinematics):
         rate -= _turned(carried[..., 3:], self._relative(frame, at.jacobian(frame)))
         return self._along(rate)
 
-    def _relative(self, frame: int, columns: np.ndarray, of_carrier: np.ndarray | None = None) -> np.ndarray:
+    def _relative(self, frame: int, columns: Array, of_carrier: Array | None = None) -> Array:
         """Columns (..., 6, k) of a frame less those of the carrier at the frame's origin, in world axes."""
         carried = self._original.jacobian(self._carrier) if of_carrier is None else of_carrier
         found = columns - carried
         found[..., :3, :] += cross_columns(self._offset(frame), carried[..., 3:, :])
         return np.asarray(found)
 
-    def _along(self, columns: np.ndarray) -> np.ndarray:
+    def _along(self, columns: Array) -> Array:
         """Columns (..., 6, k) of linear and angular components, along the axes of the carrier."""
         return rotated_motions(self._place.rotation.mT, columns)
 
-    def velocity(self, frame: int) -> np.ndarray:
+    def velocity(self, frame: int) -> Array:
         at = self._in_motion
         return _relative_velocity(
             self._place.rotation, self._offset(frame), at.velocity(frame), at.velocity(self._carrier)
         )
 
-    def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
+    def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> Array:
         at, carrier = self._in_motion, self._carrier
         motions = at.velocity(frame), at.velocity(carrier), at.acceleration(frame), at.acceleration(carrier)
         _check_axes(axes)
@@ -110,7 +111,7 @@ class RelativeKinematics(VelocityKinematics):
             motions.append((at.velocity(each), np.vstack([found.velocity, found.angular_velocity])))
             motions.append((at.acceleration(each), np.vstack([found.acceleration, found.angular_acceleration])))
 
-        def relative(flat: np.ndarray, d: np.ndarray, v: np.ndarray, a: np.ndarray, *carried: np.ndarray) -> np.ndarray:
+        def relative(flat: Array, d: Array, v: Array, a: Array, *carried: Array) -> Array:
             turn = flat.reshape(-1, 3, 3)
             velocity = _relative_velocity(turn, d, v, carried[0])
             return np.concatenate([velocity, _relative_acceleration(turn, d, v, carried[0], a, carried[1])], axis=-1)
@@ -128,7 +129,7 @@ def _check_axes(axes: pin.ReferenceFrame) -> None:
 # Formulas take complex numbers. Motions are (linear, angular) in world axes; d points from the carrier to the frame.
 
 
-def _relative_velocity(turn: np.ndarray, d: np.ndarray, velocity: np.ndarray, carried: np.ndarray) -> np.ndarray:
+def _relative_velocity(turn: Array, d: Array, velocity: Array, carried: Array) -> Array:
     """Velocity (..., 6) of a frame relative to a carrier with the axes ``turn`` (..., 3, 3), along these."""
     relative = velocity - carried
     linear = relative[..., :3] - vector_product(carried[..., 3:], d)
@@ -136,13 +137,8 @@ def _relative_velocity(turn: np.ndarray, d: np.ndarray, velocity: np.ndarray, ca
 
 
 def _relative_acceleration(
-    turn: np.ndarray,
-    d: np.ndarray,
-    velocity: np.ndarray,
-    carried: np.ndarray,
-    acceleration: np.ndarray,
-    carrier_acceleration: np.ndarray,
-) -> np.ndarray:
+    turn: Array, d: Array, velocity: Array, carried: Array, acceleration: Array, carrier_acceleration: Array
+) -> Array:
     """Rate (..., 6) of ``_relative_velocity``."""
     apart, relative, spin = velocity - carried, acceleration - carrier_acceleration, carried[..., 3:]
     moved = vector_product(spin, 2 * apart[..., :3] - vector_product(spin, d))
@@ -151,7 +147,7 @@ def _relative_acceleration(
     return np.concatenate([apply_transposed(turn, linear), apply_transposed(turn, angular)], axis=-1)
 
 
-def _turned(spin: np.ndarray, columns: np.ndarray) -> np.ndarray:
+def _turned(spin: Array, columns: Array) -> Array:
     """Rates (..., 6, k) of linear and angular columns that turn at an angular velocity (..., 3)."""
     return np.concatenate([cross_columns(spin, columns[..., :3, :]), cross_columns(spin, columns[..., 3:, :])], axis=-2)
 
@@ -172,25 +168,25 @@ class RelativeRows(Rows):
     def _seen(self, at: PositionKinematics) -> VelocityKinematics:
         return RelativeKinematics(at, self._carrier)
 
-    def jacobian(self, at: PositionKinematics) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> Array:
         return self._rows.jacobian(self._seen(at))
 
-    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> Array:
         return self._rows.jacobian_dot(self._seen(at))
 
-    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> Array:
         return self._rows.bias_acceleration(self._seen(at))
 
-    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray | None:
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> Array | None:
         return self._rows.bias_acceleration_gradient(self._seen(at))
 
-    def rate(self, at: PositionKinematics) -> np.ndarray:
+    def rate(self, at: PositionKinematics) -> Array:
         return self._rows.rate(self._seen(at))
 
-    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
+    def rate_dot(self, at: VelocityKinematics) -> Array:
         return self._rows.rate_dot(self._seen(at))
 
-    def residual(self, at: PositionKinematics) -> np.ndarray:
+    def residual(self, at: PositionKinematics) -> Array:
         return self._rows.residual(self._seen(at))
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
@@ -201,7 +197,7 @@ class RelativeRows(Rows):
         carrier = attached(model, self._carrier)
         return [row._replace(frames=(*row.frames, carrier), value=(Value.NONE, 0)) for row in rows]
 
-    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray] | None:
+    def lines_of_action(self, at: PositionKinematics) -> tuple[Array, Array] | None:
         found = self._rows.lines_of_action(self._seen(at))
         if found is None:
             return None
@@ -251,7 +247,7 @@ class CouplingRow(ConstantRows):
         self.holonomic = (period is not None,)
         self._period = period or 0.0
 
-    def residual(self, at: PositionKinematics) -> np.ndarray:
+    def residual(self, at: PositionKinematics) -> Array:
         if not self.holonomic[0]:
             return super().residual(at)
         gap = self._joint.position(at.q) - self.offset
@@ -297,13 +293,13 @@ def mimic_row(robot: Robot, mimic: Mimic) -> CouplingRow | None:
     return None
 
 
-def loose_mimics(robot: Robot, samples: np.ndarray) -> list[Mimic]:
+def loose_mimics(robot: Robot, samples: Array) -> list[Mimic]:
     """Mimic joints of the robot's file that rows (samples, m, nv) do not couple."""
     rows = ((mimic, mimic_row(robot, mimic)) for mimic in robot.mimics)
     return [mimic for mimic, row in rows if row is not None and is_loose(row.matrix[0], samples)]
 
 
-def is_loose(row: np.ndarray, samples: np.ndarray) -> bool:
+def is_loose(row: Array, samples: Array) -> bool:
     """Return True if a row (nv,) is independent of the rows (samples, m, nv) at some configuration."""
     for matrix in samples:
         rest = row - np.linalg.lstsq(matrix.T, row, rcond=None)[0] @ matrix

@@ -9,6 +9,7 @@ from itertools import accumulate
 
 import numpy as np
 import pinocchio as pin
+from numpy import ndarray as Array
 
 from rnc_pin.analysis import NormalForces
 from rnc_pin.control.controller import Command
@@ -40,9 +41,7 @@ class Record:
         contacts: names of the contacts whose friction is recorded.
     """
 
-    def __init__(
-        self, reduced: ReducedModel, capacity: int, carries: np.ndarray, contacts: tuple[str, ...] = ()
-    ) -> None:
+    def __init__(self, reduced: ReducedModel, capacity: int, carries: Array, contacts: tuple[str, ...] = ()) -> None:
         self.reduced, self.capacity, self.count, self._contacts = reduced, capacity, 0, contacts
         self._versions = versions()  # before the run, so that an error here loses no results
         k, r = reduced.vertical.size, reduced.r
@@ -58,7 +57,7 @@ class Record:
         self._no_goals = tuple(np.full(size, np.nan) for size in (r, k, r))
         self._carries = carries
         self._models: list[tuple[int, ReducedModel | None]] = []  # first sample and plant model
-        self._external: np.ndarray | None = None
+        self._external: Array | None = None
         self._normal: NormalForces | None = None
         self.phases: tuple[run_info.PhaseInfo, ...] = ()
         """Intervals with one set of constraints, of a plant whose contacts open and close."""
@@ -82,14 +81,14 @@ class Record:
         """Numbers of a sample."""
         return sum(self._columns.values())
 
-    def take(self, rows: np.ndarray) -> None:
+    def take(self, rows: Array) -> None:
         """Take the rows (N, ``width``) of samples that somebody else has recorded, of a plant with the same model."""
         self.capacity = self.count = len(rows)
         self.arrays = {name: np.zeros((len(rows), 0)) for name in _OPTIONAL}
         self._models = [(0, self.reduced)]
         self._use_rows(rows)
 
-    def _use_rows(self, rows: np.ndarray) -> None:
+    def _use_rows(self, rows: Array) -> None:
         """Set the array of all samples; the arrays by name are views of it."""
         ends = dict(zip(self._columns, accumulate(self._columns.values()), strict=True))
         self._rows = rows
@@ -108,7 +107,7 @@ class Record:
             self._external = np.concatenate([self._external, np.zeros((more, self.reduced.n))])
         self.capacity += more
 
-    def moves(self, model: ReducedModel | None, external: np.ndarray | None) -> None:
+    def moves(self, model: ReducedModel | None, external: Array | None) -> None:
         """Set the plant model of the next samples, and external forces of the next sample or samples.
 
         Args:
@@ -128,12 +127,12 @@ class Record:
         self,
         t: float,
         state: StateEvaluation,
-        integrals: np.ndarray,
+        integrals: Array,
         command: Command,
-        T: np.ndarray,
+        T: Array,
         work: float,
-        outputs: tuple[np.ndarray, np.ndarray] | None = None,
-        sensed: tuple[np.ndarray, ...] = (),
+        outputs: tuple[Array, Array] | None = None,
+        sensed: tuple[Array, ...] = (),
     ) -> None:
         """Add one sample, after ``moves``.
 
@@ -150,7 +149,7 @@ class Record:
         self.add_optional(command.estimates, command.prediction_error, *sensed)
         self.count += 1
 
-    def add_optional(self, *values: np.ndarray | None) -> None:
+    def add_optional(self, *values: Array | None) -> None:
         """Add arrays of the next sample that not every run has, in the order of their names; None or empty without."""
         for name, value in zip(_OPTIONAL, values, strict=False):
             if value is None or not np.size(value):
@@ -159,9 +158,7 @@ class Record:
                 self.arrays[name] = np.full((self.capacity, np.size(value)), np.nan)
             self.arrays[name][self.count] = _expect(name, value, self.arrays[name].shape[1:])
 
-    def extend(
-        self, times: np.ndarray, states: StateEvaluation, integrals: np.ndarray, T: np.ndarray, work: np.ndarray
-    ) -> None:
+    def extend(self, times: Array, states: StateEvaluation, integrals: Array, T: Array, work: Array) -> None:
         """Add samples (count,) without goals, all under the inputs T (p,)."""
         block = slice(self.count, self.count + len(times))
         x1, x2 = states.outputs(integrals)
@@ -244,9 +241,7 @@ class Record:
         derived = self._derived(a["time"], a["q"], a["v"], a["T"], bodies) | own_forces
         return judged_by(Trajectory(**a, **derived, info=info), reduced)
 
-    def _derived(
-        self, t: np.ndarray, q: np.ndarray, v: np.ndarray, T: np.ndarray, bodies: Sequence[GroundBody]
-    ) -> dict[str, np.ndarray]:
+    def _derived(self, t: Array, q: Array, v: Array, T: Array, bodies: Sequence[GroundBody]) -> dict[str, Array]:
         reduced, rows = self.reduced, self._row_names()
         quantities = DerivedQuantities(reduced, rows, bodies)
         derived = quantities.empty(len(q))
@@ -293,7 +288,7 @@ class Record:
                 yield start, end, self.reduced if model is None else model
 
 
-def _expect(name: str, value: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def _expect(name: str, value: Array, shape: tuple[int, ...]) -> Array:
     """Return a value of a command with this shape; raise an error for another one."""
     value = np.asarray(value)
     if value.shape != shape:
@@ -301,7 +296,7 @@ def _expect(name: str, value: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return value
 
 
-def _integrated(values: np.ndarray, rates: np.ndarray, time: np.ndarray) -> np.ndarray:
+def _integrated(values: Array, rates: Array, time: Array) -> Array:
     """First values plus the integral of the rates (N, k), by the trapezoidal rule."""
     whole = np.empty_like(values)
     whole[:1] = 0.0
@@ -314,7 +309,7 @@ def _integrated(values: np.ndarray, rates: np.ndarray, time: np.ndarray) -> np.n
     return whole
 
 
-def _fill_desired(x2_desired: np.ndarray, v2_desired: np.ndarray, x2: np.ndarray, dt: float) -> None:
+def _fill_desired(x2_desired: Array, v2_desired: Array, x2: Array, dt: float) -> None:
     """Fill missing desired outputs with the integral of their desired rates (trapezoidal rule)."""
     if not len(x2):
         return

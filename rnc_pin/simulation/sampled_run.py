@@ -7,6 +7,7 @@ from time import perf_counter, thread_time
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from numpy import ndarray as Array
 
 from rnc_pin.control.controller import Command, State, limited_accelerations, missed_goals, part_with
 from rnc_pin.control.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
@@ -60,10 +61,7 @@ class PlantAdapter:
         self.plant, self._reduced = plant, reduced
         self._exact = plant if isinstance(plant, ReducedPlant) and plant.reduced is reduced else None
         self._servos = takes_velocities(plant)
-        self.measured: tuple[np.ndarray, np.ndarray] = (
-            _EMPTY,
-            _EMPTY,
-        )  # velocities are empty if measurements are exact
+        self.measured: tuple[Array, Array] = (_EMPTY, _EMPTY)  # velocities are empty if measurements are exact
         names = getattr(plant, "wheel_names", ()) if hasattr(plant, "friction_used") else ()
         self.friction_names: tuple[str, ...] = tuple(names)
         self.own_force_units: dict[str, dict[str, str]] = {
@@ -94,19 +92,19 @@ class PlantAdapter:
             raise DivergenceError("plant state is not finite")
         return self._reduced.at(q, v=v, t=t)
 
-    def compute_input(self, loop: ControlLoop, t: float) -> np.ndarray:
+    def compute_input(self, loop: ControlLoop, t: float) -> Array:
         """Return the inputs (p,) of a loop for the last measurement."""
         if self._exact is not None:
             return loop.compute_input(t, self._exact.state, self._exact.integrals)
         return loop.step(t, *self.measured)
 
-    def apply(self, loop: ControlLoop, T: np.ndarray) -> np.ndarray:
+    def apply(self, loop: ControlLoop, T: Array) -> Array:
         """Apply inputs to the plant, report the applied ones to the loop, and return them; of servos their efforts."""
         (self.plant.apply if self._exact is None else self._exact.hold)(T)
         if self._servos:
-            effort: np.ndarray = self.plant.effort  # type: ignore[attr-defined]
+            effort: Array = self.plant.effort  # type: ignore[attr-defined]
             return effort
-        applied: np.ndarray = getattr(self.plant, "applied", T)
+        applied: Array = getattr(self.plant, "applied", T)
         loop.report_applied_input(applied)
         return applied
 
@@ -116,7 +114,7 @@ class PlantAdapter:
         return self._reduced if self._exact is not None else getattr(self.plant, "reduced", None)
 
     @property
-    def external(self) -> np.ndarray | None:
+    def external(self) -> Array | None:
         """Generalized forces (nv,) in addition to the inputs; None without them."""
         return getattr(self.plant, "external", None)
 
@@ -137,7 +135,7 @@ class PlantAdapter:
         )
 
     @property
-    def sensed(self) -> tuple[np.ndarray, ...]:
+    def sensed(self) -> tuple[Array, ...]:
         """Measured velocities, use of the friction limits, and forces of the plant; empty if it states none of them."""
         if self._is_silent:
             return ()
@@ -253,9 +251,7 @@ class SampledRun:
         first = run_info.FallbackUse(0, t, reason, False) if before is None else before
         self.record.fallback = replace(first, samples=first.samples + 1)
 
-    def _add(
-        self, t: float, state: StateEvaluation, T: np.ndarray, integrals: np.ndarray
-    ) -> tuple[Measurement, Command]:
+    def _add(self, t: float, state: StateEvaluation, T: Array, integrals: Array) -> tuple[Measurement, Command]:
         """Record a state with the last measurement and command of the loop, and return these."""
         adapter = self._adapter
         measurement, command = _last_decision(self.loop, state)
@@ -314,7 +310,7 @@ class SampledRun:
         return judged_by(run, self._reduced, self._accelerations, missed)
 
 
-def _blamed(error: DivergenceError, plant: Plant, v: np.ndarray) -> DivergenceError:
+def _blamed(error: DivergenceError, plant: Plant, v: Array) -> DivergenceError:
     """Return an error of a motion at velocity v (nv,) that says whether the integrator diverges, and not the robot."""
     errors: IntegrationErrors | None = getattr(plant, "errors", None)
     if errors is None or errors.enough <= errors.most or errors.total <= _AT_FAULT * np.abs(v).max(initial=0.0):
@@ -368,7 +364,7 @@ def check_arguments(arguments: RunArguments) -> None:
         raise ConfigurationError(f"options: expected SimulationOptions, found {type_name(options)}")
 
 
-def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
+def assembled_start(reduced: ReducedModel, q0: Array) -> Array:
     """Initial configuration without rounding errors of the holonomic rows.
 
     Raises:

@@ -10,11 +10,12 @@ from math import factorial
 import numpy as np
 import pinocchio as pin
 import scipy
+from numpy import ndarray as Array
 
 from rnc_pin.errors import DivergenceError
 from rnc_pin.robots.robot import Robot
 
-Rate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+Rate = Callable[[Array, Array], tuple[Array, Array]]
 
 _FARTHEST = 100.0**2  # square of the longest valid step [rad or m]
 _SERIES_BELOW = 1.0  # [rad]: below it the closed forms lose digits by cancellation; the series converges within 2 pi
@@ -42,7 +43,7 @@ class ExponentialCoordinates:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self._curved: list[tuple[slice, Callable[[np.ndarray], tuple[np.ndarray, float]]]] = []
+        self._curved: list[tuple[slice, Callable[[Array], tuple[Array, float]]]] = []
         self._model = robot.model
         self._others = False
         for joint in list(robot.model.joints)[1:]:
@@ -52,12 +53,12 @@ class ExponentialCoordinates:
             elif joint.nv > 1 and joint.shortname() != "JointModelTranslation":
                 self._others = True
 
-    def derivative(self, rate: Rate, q: np.ndarray, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def derivative(self, rate: Rate, q: Array, u: Array, y: Array) -> tuple[Array, Array]:
         """Return ``(udot, ydot)`` at ``q (+) u`` of a motion ``rate(q, y) -> (v, ydot)``."""
         v, y_dot = rate(pin.integrate(self._model, q, u), y)
         return self.rate(q, u, v), y_dot
 
-    def rate(self, q: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def rate(self, q: Array, u: Array, v: Array) -> Array:
         """``udot`` (nv,) at ``q (+) u``."""
         if self._others:  # a joint type that robot files do not have: use Pinocchio's own derivative
             return np.linalg.solve(pin.dIntegrate(self._model, q, u, pin.ArgumentPosition.ARG1), v)
@@ -73,7 +74,7 @@ class ExponentialCoordinates:
         return rate
 
 
-def check_reach(u: np.ndarray, h: float) -> None:
+def check_reach(u: Array, h: float) -> None:
     """Raise an error if a step is longer than the chart.
 
     Args:
@@ -102,7 +103,7 @@ def _coefficients(angle: float) -> tuple[float, float]:
 
 
 @cache
-def _series() -> tuple[np.ndarray, np.ndarray]:
+def _series() -> tuple[Array, Array]:
     """Coefficients of the series of a and b in the square of the angle."""
     scaled = [Fraction(1)]  # B_n / n! of the Bernoulli numbers: the series x / (exp(x) - 1); scipy.special loads slowly
     for n in range(1, 2 * len(_TERMS) + 1):
@@ -111,16 +112,16 @@ def _series() -> tuple[np.ndarray, np.ndarray]:
     return (2 - _TERMS) * bernoulli, ((1 - _TERMS) * bernoulli)[1:]
 
 
-def _planar(u: np.ndarray) -> tuple[np.ndarray, float]:
+def _planar(u: Array) -> tuple[Array, float]:
     x, y, turn = u
     return np.array([[0.0, -turn, y], [turn, 0.0, -x], [0.0, 0.0, 0.0]]), abs(turn)
 
 
-def _spherical(u: np.ndarray) -> tuple[np.ndarray, float]:
+def _spherical(u: Array) -> tuple[Array, float]:
     return pin.skew(u), float(np.sqrt(u.dot(u)))
 
 
-def _free(u: np.ndarray) -> tuple[np.ndarray, float]:
+def _free(u: Array) -> tuple[Array, float]:
     ad = np.zeros((6, 6))
     ad[:3, :3] = ad[3:, 3:] = pin.skew(u[3:])
     ad[:3, 3:] = pin.skew(u[:3])
@@ -162,8 +163,8 @@ class LieRungeKutta4:
         self._coordinates = ExponentialCoordinates(robot)
 
     def step(
-        self, rate: Rate, q: np.ndarray, y: np.ndarray, h: float, first: tuple[np.ndarray, np.ndarray] | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, rate: Rate, q: Array, y: Array, h: float, first: tuple[Array, Array] | None = None
+    ) -> tuple[Array, Array]:
         """Return the state after a time h.
 
         Args:
@@ -179,14 +180,8 @@ class LieRungeKutta4:
         return self.measured_step(rate, q, y, h, 0, first)[:2]
 
     def measured_step(
-        self,
-        rate: Rate,
-        q: np.ndarray,
-        y: np.ndarray,
-        h: float,
-        r: int,
-        first: tuple[np.ndarray, np.ndarray] | None = None,
-    ) -> tuple[np.ndarray, np.ndarray, float]:
+        self, rate: Rate, q: Array, y: Array, h: float, r: int, first: tuple[Array, Array] | None = None
+    ) -> tuple[Array, Array, float]:
         """Return the state after a time h, and the roughness of the step.
 
         The roughness is h times the largest of ``|k3 - k2|`` and ``|k1 - k2 - k3 + k4|`` over the slopes k of the
@@ -218,10 +213,10 @@ class LieRungeKutta4:
 _SHORT = 1e-9  # step size that counts as too short, relative to the whole duration
 _PATIENCE = 50  # largest number of consecutive steps that are too short
 
-TimedRate = Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-LocalRate = Callable[[float, np.ndarray, np.ndarray], np.ndarray | None]
-Settle = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-Samples = tuple[np.ndarray, np.ndarray, np.ndarray]
+TimedRate = Callable[[float, Array, Array], tuple[Array, Array]]
+LocalRate = Callable[[float, Array, Array], Array | None]
+Settle = Callable[[Array, Array], tuple[Array, Array]]
+Samples = tuple[Array, Array, Array]
 
 
 class AdaptiveIntegrator:
@@ -265,7 +260,7 @@ class AdaptiveIntegrator:
         self._rate, self._rtol, self._atol, self._settle = rate, rtol, atol, settle
         self._local_rate = local_rate
 
-    def run(self, times: np.ndarray, q0: np.ndarray, y0: np.ndarray) -> Iterator[Samples]:
+    def run(self, times: Array, q0: Array, y0: Array) -> Iterator[Samples]:
         """Yield the states (t, q, y) at the increasing ``times`` in blocks (count, ...); the first is (q0, y0).
 
         Between the ends of steps, the method's seventh-order interpolation applies. A block has the samples of one
@@ -276,7 +271,7 @@ class AdaptiveIntegrator:
         """
         q, nv = np.array(q0, dtype=float), self._nv
 
-        def chart_rate(t: float, x: np.ndarray) -> np.ndarray:
+        def chart_rate(t: float, x: Array) -> Array:
             found = None if self._local_rate is None else self._local_rate(t, q, x)
             if found is None:
                 found = np.concatenate(self._coordinates.derivative(partial(self._rate, t), q, x[:nv], x[nv:]))
@@ -316,6 +311,6 @@ class AdaptiveIntegrator:
                 solver.f = chart_rate(solver.t, solver.y)
 
 
-def _block(times: np.ndarray, q: np.ndarray, y: np.ndarray) -> Samples:
+def _block(times: Array, q: Array, y: Array) -> Samples:
     """Block of one sample."""
     return times, q[None].copy(), np.array(y[None], dtype=float)

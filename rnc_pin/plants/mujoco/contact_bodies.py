@@ -14,6 +14,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import scipy
+from numpy import ndarray as Array
 
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import ConfigurationError, argument
@@ -47,15 +48,15 @@ class ContactBody:
 
     name: str
     joint: int
-    center: np.ndarray
-    axle: np.ndarray | None
+    center: Array
+    axle: Array | None
     radius: float
     friction: Friction = "all"
     drawn: bool = False
     blade: bool = False
-    up: np.ndarray = field(default_factory=_UP.copy)
+    up: Array = field(default_factory=_UP.copy)
 
-    def at(self, placement: pin.SE3, up: np.ndarray = _UP) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, placement: pin.SE3, up: Array = _UP) -> tuple[Array, Array]:
         """Return its center and its lowest point (3,) in the world.
 
         Args:
@@ -135,7 +136,7 @@ def _bodies(robot: Robot, contact: GroundContact) -> list[ContactBody]:
     ]
 
 
-def _drawn(robot: Robot, joint: int, middle: np.ndarray, axle: np.ndarray) -> list[tuple[np.ndarray, float]]:
+def _drawn(robot: Robot, joint: int, middle: Array, axle: Array) -> list[tuple[Array, float]]:
     """Return centers and radii of the cylinders on an axle, sorted along it, without hubs and shafts."""
     largest: dict[float, float] = {}
     for geometry in (robot.visual_model, robot.collision_model):
@@ -159,7 +160,7 @@ def _drawn(robot: Robot, joint: int, middle: np.ndarray, axle: np.ndarray) -> li
 
 
 def on_one_plane(
-    robot: Robot, contacts: Sequence[ContactBody], q: np.ndarray, plane: GroundPlane
+    robot: Robot, contacts: Sequence[ContactBody], q: Array, plane: GroundPlane
 ) -> tuple[list[ContactBody], float]:
     """Return contacts with their lowest points at one height above the ground, and this height in the robot model [m].
 
@@ -217,12 +218,7 @@ class BaseSupport(NamedTuple):
 
 
 def choose_support(
-    robot: Robot,
-    contacts: Sequence[ContactBody],
-    ground: float,
-    q: np.ndarray,
-    settings: MuJoCoSettings,
-    plane: GroundPlane,
+    robot: Robot, contacts: Sequence[ContactBody], ground: float, q: Array, settings: MuJoCoSettings, plane: GroundPlane
 ) -> BaseSupport:
     """Choose base type and casters for a robot at configuration q, with the ground at height ``ground`` [m].
 
@@ -264,7 +260,7 @@ def choose_support(
     return BaseSupport("free", casters, -ground)
 
 
-def _stays_upright(robot: Robot, data: pin.Data, columns: np.ndarray, contact: ContactBody) -> bool:
+def _stays_upright(robot: Robot, data: pin.Data, columns: Array, contact: ContactBody) -> bool:
     """Return True if only joints with vertical axes lie between the base and the body that carries a wheel."""
     model, joint = robot.model, contact.joint
     axle = None if contact.axle is None else data.oMi[joint].rotation @ contact.axle
@@ -283,7 +279,7 @@ def _stays_upright(robot: Robot, data: pin.Data, columns: np.ndarray, contact: C
     return bool(model.inertias[1].mass > 0)
 
 
-def _carries(points: np.ndarray, weight: np.ndarray) -> bool:
+def _carries(points: Array, weight: Array) -> bool:
     """Return True if a center of mass lies well inside the convex hull of points (k, 2)."""
     size = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
     if len(points) < 3 or np.linalg.matrix_rank(points - points[0], tol=1e-3 * size) < 2:
@@ -292,7 +288,7 @@ def _carries(points: np.ndarray, weight: np.ndarray) -> bool:
     return bool((sides[:, :2] @ weight + sides[:, 2] < -_SUPPORT_MARGIN * size).all())
 
 
-def _outriggers(points: np.ndarray) -> np.ndarray | None:
+def _outriggers(points: Array) -> Array | None:
     """Return two points in front of and behind collinear wheels, as far from their center as they are; else None."""
     middle = points.mean(axis=0)
     size = float(np.linalg.norm(points - middle, axis=1).max())
@@ -302,6 +298,6 @@ def _outriggers(points: np.ndarray) -> np.ndarray | None:
     return middle + size * np.array([directions[1], -directions[1]])
 
 
-def _support(base: pin.SE3, number: int, at: np.ndarray, ground: float) -> ContactBody:
+def _support(base: pin.SE3, number: int, at: Array, ground: float) -> ContactBody:
     center = base.actInv(np.array([*at, ground + _CASTER_RADIUS]))
     return ContactBody(f"caster[{number}]", 1, center, None, _CASTER_RADIUS, "none")

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy import ndarray as Array
 
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.compiled import Dissipation, RunStarts, runs_of
@@ -37,13 +38,13 @@ class FrictionForces(NamedTuple):
         stops: time at which a moving row comes to rest [s]; infinite if it does not.
     """
 
-    forces: np.ndarray
-    sticking: np.ndarray
-    speeds: np.ndarray
-    stops: np.ndarray
+    forces: Array
+    sticking: Array
+    speeds: Array
+    stops: Array
 
     @property
-    def resting(self) -> np.ndarray:
+    def resting(self) -> Array:
         """True for rows (k,) that stick during the whole step."""
         return self.sticking & np.isinf(self.stops)
 
@@ -71,7 +72,7 @@ class DryFriction:
         self.entries = joints_with_friction.astype(float)
         self.limits = limits[joints_with_friction]
 
-    def forces_in_step(self, state: StateEvaluation, w_dot: np.ndarray, linear: LinearPart, h: float) -> FrictionForces:
+    def forces_in_step(self, state: StateEvaluation, w_dot: Array, linear: LinearPart, h: float) -> FrictionForces:
         """Compute friction forces for a step.
 
         Args:
@@ -93,7 +94,7 @@ class DryFriction:
         opposing = np.where(at_rest, forces, -limits * np.sign(speeds))
         a_dot = linear.inverse @ w_dot + modes @ opposing
 
-        def speeds_at(t: float) -> np.ndarray:
+        def speeds_at(t: float) -> Array:
             """Speeds (k,) after a time t while rows slide."""
             return speeds + t * (bias + modes.T @ (phi_functions(-t * linear.decay, 1)[1] * a_dot))
 
@@ -102,7 +103,7 @@ class DryFriction:
             stops[row] = scipy.optimize.brentq(lambda t, row=row: speeds_at(t)[row], 0.0, h, rtol=_RANK)
         return FrictionForces(forces, sticking, speeds, stops)
 
-    def stopped(self, state: StateEvaluation, which: np.ndarray) -> StateEvaluation:
+    def stopped(self, state: StateEvaluation, which: Array) -> StateEvaluation:
         """Return the state after impulses that stop the selected rows (k,); the inertia determines the other rows."""
         if not which.any():
             return state
@@ -117,7 +118,7 @@ class DryFriction:
         return state.with_velocity(state.v - R @ (moved @ impulse))
 
 
-def _least_energy(basis: np.ndarray, free: np.ndarray, limits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _least_energy(basis: Array, free: Array, limits: Array) -> tuple[Array, Array]:
     """Forces f (k,) within limits that minimize ``f^T P^T P f / 2 + f^T free``, and a mask of those below their limits.
 
     Args:
@@ -157,7 +158,7 @@ class DissipativeStep:
         """Damping and friction, of one run."""
         return Dissipation(self._dynamics.damping, self.friction.entries, self.friction.limits[None])
 
-    def friction_force(self, q: np.ndarray, y: np.ndarray, T: np.ndarray) -> np.ndarray:
+    def friction_force(self, q: Array, y: Array, T: Array) -> Array:
         """Generalized forces (nv,) of dry friction at a state."""
         runs, start = runs_of(self._dynamics.chart.evaluator), RunStarts(q[None], y[None], T[None])
         if runs is not None:
@@ -169,9 +170,7 @@ class DissipativeStep:
         friction = self.friction.forces_in_step(state, w_dot, linear, INSTANT)
         return friction.forces @ self.friction.rows
 
-    def advance(
-        self, q: np.ndarray, y: np.ndarray, T: np.ndarray, h: float, steps: int
-    ) -> tuple[np.ndarray, np.ndarray, float]:
+    def advance(self, q: Array, y: Array, T: Array, h: float, steps: int) -> tuple[Array, Array, float]:
         """Return the state after equal steps of a time h under inputs T, and the roughness; infinite at a stop.
 
         Raises:
@@ -188,7 +187,7 @@ class DissipativeStep:
             roughness += rough
         return q, y, roughness
 
-    def _step(self, q: np.ndarray, y: np.ndarray, T: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, float]:
+    def _step(self, q: Array, y: Array, T: Array, h: float) -> tuple[Array, Array, float]:
         """State after one step, and the roughness, by NumPy."""
         limits = self.friction.limits
         if not len(limits):
@@ -219,11 +218,11 @@ class DissipativeStep:
             y = self._stopped(self._dynamics.at(q, y), y, friction.resting | stopping)
             remaining -= first
 
-    def _sliding_forces(self, friction: FrictionForces) -> np.ndarray:
+    def _sliding_forces(self, friction: FrictionForces) -> Array:
         """Friction forces (k,) until the first row comes to rest."""
         return np.where(np.isinf(friction.stops), friction.forces, -self.friction.limits * np.sign(friction.speeds))
 
-    def _stopped(self, state: StateEvaluation, y: np.ndarray, which: np.ndarray) -> np.ndarray:
+    def _stopped(self, state: StateEvaluation, y: Array, which: Array) -> Array:
         """Return y with the selected rows (k,) at rest. The lost kinetic energy is work of friction."""
         after = self.friction.stopped(state, which)
         if after is state:
@@ -234,15 +233,8 @@ class DissipativeStep:
         return y
 
     def _smooth(
-        self,
-        q: np.ndarray,
-        y: np.ndarray,
-        T: np.ndarray,
-        forces: np.ndarray,
-        sticking: np.ndarray,
-        linear: LinearPart,
-        h: float,
-    ) -> tuple[np.ndarray, np.ndarray, float]:
+        self, q: Array, y: Array, T: Array, forces: Array, sticking: Array, linear: LinearPart, h: float
+    ) -> tuple[Array, Array, float]:
         """Integrate one step without events, with constant friction forces (k,) and rows (k,) that stick.
 
         The integrator uses work minus the kinetic energy ``|a|^2 / 2`` of the frozen inertia. Damping cancels in that
@@ -258,7 +250,7 @@ class DissipativeStep:
             q, end, roughness = self._explicit.measured_step(smooth, q, y, h, r)
             return q, self._stopped(dynamics.at(q, end), end, sticking), roughness
 
-        def rate(p: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def rate(p: Array, x: Array) -> tuple[Array, Array]:
             v, y_dot = smooth(p, x)
             y_dot[-1] -= (linear.inverse @ x[:r]).dot(linear.inverse @ y_dot[:r])
             return v, y_dot
@@ -269,7 +261,7 @@ class DissipativeStep:
         end[-1] += _half_square(linear.inverse @ end[:r])
         return q, self._stopped(dynamics.at(q, end), end, sticking), roughness
 
-    def _linear(self, state: StateEvaluation, T: np.ndarray) -> tuple[LinearPart, np.ndarray]:
+    def _linear(self, state: StateEvaluation, T: Array) -> tuple[LinearPart, Array]:
         """Linear part of the motion at a state, and accelerations (r,) without dry friction."""
         dynamics = self._dynamics
         R, H, damping = state.R, state.H, dynamics.damping
@@ -296,5 +288,5 @@ class DissipativeStep:
         return LinearPart(modes, inverse, decay, R @ modes, others), flow.v2_dot
 
 
-def _half_square(a: np.ndarray) -> float:
+def _half_square(a: Array) -> float:
     return 0.5 * float(a.dot(a))
