@@ -19,17 +19,7 @@ from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin.errors import ConfigurationError, InputError, nearest
-from rnc_pin.optimal.node_data import (
-    NodeData,
-    NodeFunction,
-    NodeOutputs,
-    OutputChoice,
-    RowValues,
-    acceleration_rows,
-    displacement_rows,
-    input_rows,
-    velocity_rows,
-)
+from rnc_pin.optimal import node_data
 from rnc_pin.planning.action_models import ActionModel
 from rnc_pin.planning.references import Reference
 
@@ -50,7 +40,12 @@ class BoundCost:
     """
 
     def __init__(
-        self, names: Sequence[str], weight: Weight, phase: Phase, rows: NodeFunction, target: Array | float = 0.0
+        self,
+        names: Sequence[str],
+        weight: Weight,
+        phase: Phase,
+        rows: node_data.NodeFunction,
+        target: Array | float = 0.0,
     ) -> None:
         if phase not in ("running", "terminal", "both"):
             raise ConfigurationError(f"cost: phase '{phase}', expected 'running', 'terminal' or 'both'")
@@ -65,10 +60,10 @@ class BoundCost:
         assert callable(self._weight)
         return np.sqrt([weights_of(self._weight(float(t)), self.names) for t in time])
 
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
+    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
         """Residuals at nodes."""
         found = self._rows(nodes, derivatives)
-        return RowValues(found.value - self._target, found.x, found.u)
+        return node_data.RowValues(found.value - self._target, found.x, found.u)
 
 
 class CostKind(ABC):
@@ -98,13 +93,13 @@ class OutputCost(CostKind):
         ('sleigh_x', 'sleigh_y')
     """
 
-    output: OutputChoice
+    output: node_data.OutputChoice
     target: ArrayLike | Reference
     weight: Weight = 1.0
     phase: Phase = "running"
 
     def bind(self, model: ActionModel) -> BoundCost:
-        outputs = NodeOutputs(model.reduced, self.output)
+        outputs = node_data.NodeOutputs(model.reduced, self.output)
         if not isinstance(self.target, Reference):
             target: Array | Reference = outputs.target(self.target, "cost")
         elif self.target.size == outputs.size:
@@ -133,7 +128,7 @@ class PostureCost(CostKind):
     phase: Phase = "running"
 
     def bind(self, model: ActionModel) -> BoundCost:
-        rows = partial(displacement_rows, np.array(model.reduced.at(self.q).q))
+        rows = partial(node_data.displacement_rows, np.array(model.reduced.at(self.q).q))
         return BoundCost(model.reduced.robot.velocity_names, self.weight, self.phase, rows)
 
 
@@ -155,7 +150,7 @@ class EffortCost(CostKind):
 
     def bind(self, model: ActionModel) -> BoundCost:
         target = _entries(self.target, model.nu, "target of the effort cost")
-        return BoundCost(model.input_names, self.weight, "running", input_rows, target)
+        return BoundCost(model.input_names, self.weight, "running", node_data.input_rows, target)
 
 
 @dataclass(frozen=True)
@@ -180,7 +175,7 @@ class VelocityCost(CostKind):
         if model.form == "kinematic" and self.phase != "running":
             raise ConfigurationError("VelocityCost: the kinematic form has no velocity at the end; use 'running'")
         target = _entries(self.target, model.r, "target of the velocity cost")
-        return BoundCost(model.reduced.reducing.names, self.weight, self.phase, velocity_rows, target)
+        return BoundCost(model.reduced.reducing.names, self.weight, self.phase, node_data.velocity_rows, target)
 
 
 @dataclass(frozen=True)
@@ -200,7 +195,7 @@ class AccelerationCost(CostKind):
     def bind(self, model: ActionModel) -> BoundCost:
         if model.form == "kinematic":
             raise ConfigurationError("AccelerationCost: the kinematic form has no acceleration; use 'acceleration'")
-        return BoundCost(model.reduced.reducing.names, self.weight, "running", acceleration_rows)
+        return BoundCost(model.reduced.reducing.names, self.weight, "running", node_data.acceleration_rows)
 
 
 def weights_of(given: Weight, names: Sequence[str]) -> Array:

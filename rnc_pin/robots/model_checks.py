@@ -174,7 +174,8 @@ def massless(model: pin.Model, bodies: Mapping[str, Body]) -> tuple[Massless, ..
         _mend(model, each)
     data = model.createData()
     generator = np.random.default_rng(0)
-    for q in [_some_configuration(model, generator) for _ in range(3)]:
+    for step in generator.uniform(-np.pi, np.pi, (3, model.nv)):
+        q = pin.integrate(model, pin.neutral(model), step)
         for _ in range(model.nv):
             motion = _free_of_mass(pin.crba(model, data, q))
             if motion is None:
@@ -266,10 +267,6 @@ def _mend(model: pin.Model, each: Massless) -> None:
     index = model.getJointId(each.joint)
     mass = sum(each.masses.values()) or _DEFAULT_MASS
     model.inertias[index] = pin.Inertia(mass, np.zeros(3), mass * _INERTIA_PER_MASS * np.eye(3))
-
-
-def _some_configuration(model: pin.Model, generator: np.random.Generator) -> np.ndarray:
-    return pin.integrate(model, pin.neutral(model), generator.uniform(-np.pi, np.pi, model.nv))
 
 
 def _free_of_mass(inertia_matrix: np.ndarray) -> tuple[int | None, np.ndarray] | None:

@@ -13,15 +13,9 @@ import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
 
+from rnc_pin import control
 from rnc_pin.analysis import LiftOff, NormalForces, first_lift_off
 from rnc_pin.array_shapes import Float
-from rnc_pin.control import (
-    GainDesign,
-    KinematicController,
-    RedundancyController,
-    VelocityTracker,
-    design_velocity_gains,
-)
 from rnc_pin.control.controller import Command
 from rnc_pin.control.gain_design import OUTER_GAINS
 from rnc_pin.control.typical_inertia import gravity_loads
@@ -50,7 +44,7 @@ class Rollout(NamedTuple):
 
 
 def kinematic_rollout(
-    reduced: ReducedModel, target: KinematicController, q0: np.ndarray, duration: float, dt: float = 0.02
+    reduced: ReducedModel, target: control.KinematicController, q0: np.ndarray, duration: float, dt: float = 0.02
 ) -> Rollout:
     """Integrate the kinematics under ``v2 = v2d``, without dynamics. Return times (N,) and configurations (N, nq).
 
@@ -112,10 +106,10 @@ def kinematic_rollout(
     return Rollout(np.array(times), np.stack(path))
 
 
-def class_1_controller(task: Task, reference: TaskReference) -> RedundancyController:
+def class_1_controller(task: Task, reference: TaskReference) -> control.RedundancyController:
     """Return the kinematic controller that follows a reference by default."""
     gains = OUTER_GAINS["scaled"]
-    return RedundancyController(task, reference.primary, reference.vertical, k3=gains.k3, k21=gains.k21)
+    return control.RedundancyController(task, reference.primary, reference.vertical, k3=gains.k3, k21=gains.k21)
 
 
 @printed()
@@ -235,20 +229,20 @@ class RolloutEvaluation:
         return Margin(float(values[index]), float(self._times[index]), self._path[index], rows(index))
 
 
-_DESIGN, _STEP = GainDesign(), 0.05  # [s], of the roll-out
+_DESIGN, _STEP = control.GainDesign(), 0.05  # [s], of the roll-out
 
 
 def tuned_tracker(
     reduced: ReducedModel,
-    kinematic: KinematicController,
+    kinematic: control.KinematicController,
     q0: np.ndarray,
     duration: float,
     dt: float = 0.002,
     *,
-    along: KinematicController | None = None,
-    design: GainDesign = _DESIGN,
+    along: control.KinematicController | None = None,
+    design: control.GainDesign = _DESIGN,
     gravity_compensation: bool | None = None,
-) -> VelocityTracker:
+) -> control.VelocityTracker:
     """Construct the adaptive velocity tracker of a kinematic controller, for ``simulate``.
 
     A kinematic roll-out, without dynamics, gives the configurations of the motion. The gains are scaled to the inertia
@@ -281,9 +275,9 @@ def tuned_tracker(
         True
     """
     times, region = kinematic_rollout(reduced, along or kinematic, q0, duration, _STEP)
-    gains = design_velocity_gains(reduced, region, dt, design, times=times)
+    gains = control.design_velocity_gains(reduced, region, dt, design, times=times)
     if gravity_compensation is None:
         gravity_compensation = gravity_loads(reduced, q0)
     rest = np.zeros(reduced.r)
     force = reduced.inverse_dynamics(q0, rest, rest) if gravity_compensation else None
-    return VelocityTracker(kinematic, gains, force)
+    return control.VelocityTracker(kinematic, gains, force)

@@ -233,7 +233,7 @@ class Overlay:
 
         def add(label: str, unit: str, places: Sequence[tuple[str, int]]) -> None:
             shown.update(places)
-            errors.append(OverlayRow(f"error of {_words(label)}", unit, _size_of_error(outputs, places)))
+            errors.append(OverlayRow(f"error of {label.replace('_', ' ')}", unit, _size_of_error(outputs, places)))
 
         for frame, places in tracked_frames(outputs, goals, kinematics.robot).items():
             add(frame, "m", list(places.values()))
@@ -271,10 +271,6 @@ def margin_color(margin: float) -> np.ndarray:
     stops = np.array([[0xD5, 0x5E, 0x00], [0xE6, 0x9F, 0x00], [0x56, 0xB4, 0xE9], [0x00, 0x72, 0xB2]]) / 255
     where = np.interp(np.log10(max(margin, 1e-6) if np.isfinite(margin) else 1e-6), [-2.3, -0.3], [0.0, 3.0])
     return np.array([np.interp(where, np.arange(4), channel) for channel in stops.T])
-
-
-def _words(name: str) -> str:
-    return name.replace("_", " ")
 
 
 def _hex(color: np.ndarray) -> str:

@@ -148,14 +148,11 @@ class RunScene:
     # ------------------------------------------------------------------ elements
 
     def _elements(self, first: DrawnState) -> list[e.Element]:
-        found: list[e.Element] = []
-        for part in (self._obstacles, self._grounds, self._plan, self._references, self._paths, self._tracks,
+        found: list[e.Element] = [*obstacle_elements(self.shown.drawn_model.obstacles)]
+        for part in (self._grounds, self._plan, self._references, self._paths, self._tracks,
                      self._constraints, self._switching, self._compared):  # fmt: skip
             found += part(first)
         return found
-
-    def _obstacles(self, first: DrawnState) -> list[e.Element]:
-        return obstacle_elements(self.shown.drawn_model.obstacles)
 
     def _grounds(self, first: DrawnState) -> list[e.Element]:
         run = self.shown.trajectory

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from rnc_pin.applications.init import other_bases
 from rnc_pin.applications.init.assumptions import BaseAssumptions
 from rnc_pin.applications.init.evidence import LIKELY, DraftDecision
 from rnc_pin.applications.init.omnidirectional_base import (
@@ -20,17 +21,6 @@ from rnc_pin.applications.init.omnidirectional_base import (
     swerve_base,
     turret_base,
     wheels_called_omni,
-)
-from rnc_pin.applications.init.other_bases import (
-    balance_decision,
-    balancing_base,
-    bicycle_base,
-    fixed_base_with_locked_joints,
-    is_bicycle,
-    is_called_afloat,
-    moves_over_ground,
-    refuse_one_track,
-    without_wheels,
 )
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.scenario_candidate import ScenarioCandidate
@@ -170,7 +160,7 @@ def _candidate_bases(at_start: RobotAtStart, source: Source) -> Iterator[_BaseBu
     asked = source.options.base
     if asked in (None, "planar"):
         wheels = find_wheels(at_start)
-        if is_called_afloat(at_start) and not stand_below_body(wheels, at_start):
+        if other_bases.is_called_afloat(at_start) and not stand_below_body(wheels, at_start):
             wheels = []
         if wheels:
             called = wheels_called_omni(wheels, at_start) if source.options.rollers is None else []
@@ -178,27 +168,27 @@ def _candidate_bases(at_start: RobotAtStart, source: Source) -> Iterator[_BaseBu
             layout = classify_wheels(wheels, at_start.drives, find_raised_wheels(at_start, wheels), sliding)
             yield from _candidate_wheeled_bases(layout, at_start, source)
             return
-        axles = [] if moves_over_ground(at_start) else find_drawn_axles(at_start)
+        axles = [] if other_bases.moves_over_ground(at_start) else find_drawn_axles(at_start)
         if axles and not at_start.own_planar_joints:
             yield lambda: knife_edge_base(axles, at_start)
-    yield lambda: without_wheels(at_start, asked, source.mass_of_base)
+    yield lambda: other_bases.without_wheels(at_start, asked, source.mass_of_base)
     if asked is None:
         why = "taken to be bolted down, for lack of better"
-        yield lambda: without_wheels(at_start, "fixed", source.mass_of_base, why)
-        yield lambda: fixed_base_with_locked_joints(at_start)
+        yield lambda: other_bases.without_wheels(at_start, "fixed", source.mass_of_base, why)
+        yield lambda: other_bases.fixed_base_with_locked_joints(at_start)
 
 
 def _candidate_wheeled_bases(found: WheelLayout, at_start: RobotAtStart, source: Source) -> Iterator[_BaseBuilder]:
     wishes = source.options
-    if wishes.base is None and is_bicycle(found):
-        yield lambda: bicycle_base(found, at_start)
+    if wishes.base is None and other_bases.is_bicycle(found):
+        yield lambda: other_bases.bicycle_base(found, at_start)
     elif wishes.base is None and found.is_on_one_track:
-        yield lambda: refuse_one_track(found)
+        yield lambda: other_bases.refuse_one_track(found)
         return
-    balance = balance_decision(found, at_start, wishes.balance) if wishes.base is None else None
+    balance = other_bases.balance_decision(found, at_start, wishes.balance) if wishes.base is None else None
     rollers = rollers_decision(found, at_start, wishes.rollers)
     if balance is not None and balance.answer == "yes":
-        yield lambda: balancing_base(found, at_start, balance)
+        yield lambda: other_bases.balancing_base(found, at_start, balance)
     elif rollers is not None and rollers.answer == "yes":
         yield lambda: omnidirectional_base(found, at_start, rollers)
     if is_turret(found):
@@ -208,7 +198,7 @@ def _candidate_wheeled_bases(found: WheelLayout, at_start: RobotAtStart, source:
     elif found.fixed and found.is_straight and (rollers is None or rollers.answer != "yes"):
         yield lambda: wheeled_base(found, at_start, [each for each in (balance, rollers) if each is not None])
     elif found.fixed and not found.steered:  # disks at right angles that do not carry the base
-        yield lambda: without_wheels(at_start, wishes.base, source.mass_of_base)
+        yield lambda: other_bases.without_wheels(at_start, wishes.base, source.mass_of_base)
     yield lambda: force_driven_base(found, at_start, _why_not_on_wheels(found))
 
 

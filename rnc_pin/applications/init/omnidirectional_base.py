@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rnc_pin.applications.init import wheeled_base
 from rnc_pin.applications.init.assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, place_and_heading
 from rnc_pin.applications.init.evidence import (
     LIKELY,
@@ -19,13 +20,6 @@ from rnc_pin.applications.init.evidence import (
 from rnc_pin.applications.init.robot_at_start import SAME, RobotAtStart
 from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import WheelGroup, WheelLayout, are_parallel, in_line
-from rnc_pin.applications.init.wheeled_base import (
-    add_wheel_motors,
-    one_lateral,
-    planar,
-    planar_on_wheels,
-    support_by_casters,
-)
 from rnc_pin.errors import few
 from rnc_pin.io import Json
 from rnc_pin.math import unit_rows
@@ -58,9 +52,9 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     """
     unit = layout.steered[0]
     kind = f"{len(layout.wheels)} wheels, driven by a turret with {len(unit.wheels)} wheels"
-    result = planar_on_wheels(layout, at_start, kind)
+    result = wheeled_base.planar_on_wheels(layout, at_start, kind)
     _add_unit(result, unit, lateral=True)
-    add_wheel_motors(result, layout, at_start)
+    wheeled_base.add_wheel_motors(result, layout, at_start)
     pivot = unit.pivot
     result.actuators.append((pivot.joint, "turns the turret"))
     frame = body_frame(at_start.robot, pivot.index)
@@ -68,7 +62,7 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     speed: dict[str, Json] = {"frame_speed": {"frame": frame, "axis": "xyz"[int(along.argmax())]}}
     result.add_planar_pose_outputs()
     result.outputs += [(speed, DRIVEN), ({"frame_yaw": result.frame}, TURNED), ({"joint": pivot.joint}, BENT)]
-    support_by_casters(result, layout, at_start)
+    wheeled_base.support_by_casters(result, layout, at_start)
     result.vertical.append({"frame_position": {"frame": result.frame, "axes": "xy"}})
     evidence = "its pivot carries all driven wheels, and the other wheels are casters"
     _decide(result, "Is the pivot of the driven wheels driven?", f"yes, {pivot.joint}", evidence, pivot.joint)
@@ -81,7 +75,7 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     Two axle lines fix the centre of rotation; the wheels of the others skid sideways if they are not aimed at it.
     """
     kind = f"{len(layout.wheels)} wheels, {len(layout.steered)} of them steered drives"
-    result = planar_on_wheels(layout, at_start, kind)
+    result = wheeled_base.planar_on_wheels(layout, at_start, kind)
     lines = in_line(wheel for each in layout.steered for wheel in each.wheels[:1])
     guides = [line[0].joint for line in _farthest(lines)]
     heading = layout.steered[0].wheels[0].heading
@@ -92,9 +86,9 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
         _add_unit(result, each, lateral=each.wheels[0].joint in guides)
         upward = np.sign(turning_axis(at_start.robot.model, at_start.data, each.pivot.index)[2])
         result.outputs.append(({"joint": each.pivot.joint}, float(upward * BENT)))
-    add_wheel_motors(result, layout, at_start)
+    wheeled_base.add_wheel_motors(result, layout, at_start)
     result.actuators += [(each.pivot.joint, "steering") for each in layout.steered]
-    support_by_casters(result, layout, at_start)
+    wheeled_base.support_by_casters(result, layout, at_start)
     result.vertical += place_and_heading(result.frame)
     if len(layout.steered) > len(guides):
         result.notes.append("the controller has to aim all wheels at one point: those without a lateral row would skid")
@@ -104,7 +98,7 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
 
 
 def _add_unit(result: BaseAssumptions, unit: WheelGroup, *, lateral: bool) -> None:
-    for wheel, more in one_lateral(unit.wheels):
+    for wheel, more in wheeled_base.one_lateral(unit.wheels):
         result.roll(wheel, f"steered by {unit.pivot.joint}", **(more if lateral else {"lateral": False}))
 
 
@@ -163,7 +157,7 @@ def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart, decided: D
     if np.linalg.svd(unit_rows(_on_base(wheels, angles)), compute_uv=False)[2] < _APART:
         return force_driven_base(layout, at_start, "these rollers do not constrain the base in three directions")
     kind = f"{len(wheels)} {'Mecanum' if parallel else 'omni'} wheels"
-    result = planar(at_start, kind, wheels)
+    result = wheeled_base.planar(at_start, kind, wheels)
     result.decisions.append(decided)
     modelled = [roller for wheel in wheels for roller in wheel.rollers]
     result.hold(modelled, at_start.start, "the roller at the ground is a constraint row; those of the file are locked")
@@ -180,7 +174,7 @@ def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart, decided: D
 
 def force_driven_base(layout: WheelLayout, at_start: RobotAtStart, why: str) -> BaseAssumptions:
     """Base that moves in any direction, driven by forces in place of the wheels."""
-    result = planar(at_start, f"{len(layout.wheels)} wheels, in any direction", layout.wheels)
+    result = wheeled_base.planar(at_start, f"{len(layout.wheels)} wheels, in any direction", layout.wheels)
     pivots = [pivot.joint for wheel in layout.wheels for pivot in wheel.pivots]
     rollers = [roller for wheel in layout.wheels for roller in wheel.rollers]
     result.hold(

@@ -12,17 +12,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init.assumptions import (
-    DURATION,
-    BaseAssumptions,
-    ChosenOutputs,
-    Entry,
-    actuator_candidates,
-    assume_motors,
-    conserve_momentum_of_free_joints,
-    output_candidates,
-    select_outputs,
-)
+from rnc_pin.applications.init import assumptions
 from rnc_pin.applications.init.evidence import mimic_drivers
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.source import Source
@@ -77,7 +67,7 @@ class ScenarioCandidate:
         folder: folder of the scenario.
     """
 
-    mobility: BaseAssumptions
+    mobility: assumptions.BaseAssumptions
     source: Source
     at_start: RobotAtStart
     folder: Path
@@ -92,8 +82,8 @@ class ScenarioCandidate:
         mobility.mimic_drivers = mimic_drivers(self.robot, self.at_start.drives)
         mobility.passive |= set(mobility.mimic_drivers)
         drives, is_mjcf = self.at_start.drives, self.source.is_mjcf
-        self._undriven = assume_motors(mobility, self.robot, self.start, drives, is_mjcf=is_mjcf)
-        conserve_momentum_of_free_joints(mobility, self.robot)
+        self._undriven = assumptions.assume_motors(mobility, self.robot, self.start, drives, is_mjcf=is_mjcf)
+        assumptions.conserve_momentum_of_free_joints(mobility, self.robot)
         mobility.constraints += loop_closures(self.robot)
         self._hold_loose_joints()
         self.trial = Trial(0.0)
@@ -102,7 +92,7 @@ class ScenarioCandidate:
         self.start, moved = with_regular_inertia(self.robot, self.start)
         mobility.notes += moved
         self._bear_weight()
-        self.candidates = actuator_candidates(mobility, self.robot, self.start, self._undriven)
+        self.candidates = assumptions.actuator_candidates(mobility, self.robot, self.start, self._undriven)
         self.q0 = self._assembled_start()
 
     @cached_property
@@ -138,7 +128,7 @@ class ScenarioCandidate:
             if best is not None and controller.get("tracker") == "adaptive":
                 continue  # a shorter period would not reduce its tracking error
             scenario["controller"] = controller
-            scenario["simulation"] = {"duration": DURATION + _REST, "dt": dt}
+            scenario["simulation"] = {"duration": assumptions.DURATION + _REST, "dt": dt}
             try:
                 trial = self._try_within_limits(scenario)
             except RncError as error:
@@ -196,7 +186,7 @@ class ScenarioCandidate:
         scenario["initial"] = self._initial()
         if "reference" in scenario:
             scenario["reference"] = {"primary": self._reference()}
-        scenario["simulation"] = {**scenario["simulation"], "duration": DURATION + _REST}
+        scenario["simulation"] = {**scenario["simulation"], "duration": assumptions.DURATION + _REST}
 
     def _try_out(self, scenario: Drafted) -> Trial:
         """Build the scenario with its preflight and run it: briefly, then as far as the computing time permits."""
@@ -205,7 +195,7 @@ class ScenarioCandidate:
         result, taken = self._run(raw, experiment, _SHORT)
         possible = round(_SHORT * _PATIENCE / max(taken, 1e-6), 1)
         if possible >= MEANINGFUL:
-            result, _ = self._run(raw, experiment, min(DURATION + _REST, possible))
+            result, _ = self._run(raw, experiment, min(assumptions.DURATION + _REST, possible))
         trajectory, mobility = result.trajectory, self.mobility
         steps_share = 1.0 if mobility.v2 else self._share
         motions = {name: step * steps_share for name, step in self._motions.items()}
@@ -302,10 +292,12 @@ class ScenarioCandidate:
             scenario["reference"] = {"primary": self._reference()}
         return scenario
 
-    def _chosen_outputs(self) -> ChosenOutputs:
+    def _chosen_outputs(self) -> assumptions.ChosenOutputs:
         """Reducing outputs; their motion stays within the loops."""
         mobility = self.mobility
-        chosen = select_outputs(output_candidates(mobility, self.robot, self.start), self.system, self.q0)
+        chosen = assumptions.select_outputs(
+            assumptions.output_candidates(mobility, self.robot, self.start), self.system, self.q0
+        )
         if mobility.feedback is not None:
             return chosen
         loose = uncoupled_joints(self.start, mobility.constraints, self.robot, self.start)
@@ -318,7 +310,7 @@ class ScenarioCandidate:
         mobility = self.mobility
         values = self.robot.joint_values(self.q0)
         q: dict[str, float | list[float]] = {name: value for name, value in self.start.items() if value}
-        q |= {name: _rounded(values[name]) for name in mobility.initial}
+        q |= {name: (np.round(values[name], 9) + 0.0).tolist() for name in mobility.initial}
         kept = (mobility.feedback or {}).get("v2")
         steady = kept if isinstance(kept, Mapping) else {}
         v2 = {name: rate if name in steady else rate * self._share for name, rate in mobility.v2.items()}
@@ -327,9 +319,9 @@ class ScenarioCandidate:
     def _reference(self) -> Mapping[str, Json]:
         """Reference of the primary outputs: a share of the usual motion."""
         by: list[Json] = [round(step * self._share, 4) for step in self._motions.values()]
-        return {"minimum_jerk": {"by": by, "duration": DURATION}}
+        return {"minimum_jerk": {"by": by, "duration": assumptions.DURATION}}
 
-    def _actuators(self, chosen: ChosenOutputs) -> list[tuple[Entry, str]]:
+    def _actuators(self, chosen: assumptions.ChosenOutputs) -> list[tuple[assumptions.Entry, str]]:
         """Actuator entries; joints without effort and forces on the base only if the others are not enough."""
         driving = self.candidates.named
         if self.mobility.feedback is None:
@@ -341,11 +333,6 @@ class ScenarioCandidate:
         if idle:
             self.mobility.notes.append(f"{why}, so that nothing drives them: {', '.join(idle)}")
         return driving
-
-
-def _rounded(value: float | list[float]) -> float | list[float]:
-    rounded: float | list[float] = (np.round(value, 9) + 0.0).tolist()
-    return rounded
 
 
 def _without_remarks(scenario: Drafted) -> dict[str, Json]:

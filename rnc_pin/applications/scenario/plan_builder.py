@@ -11,13 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rnc_pin import optimal
-from rnc_pin.applications.scenario.controllers.feedback import (
-    WAY_SEARCH,
-    PlanFeedbackSettings,
-    bounds_of,
-    check_output_names,
-    goal_of,
-)
+from rnc_pin.applications.scenario.controllers import feedback
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.motions import GuessSettings, OptimalPlanner, VehiclePath
 from rnc_pin.array_shapes import Float
@@ -173,14 +167,14 @@ def build_plan(
     with RncError.at("planner"):
         if kinematic and start.v2.any():
             raise ConfigurationError("form 'kinematic' starts with any velocity; remove 'initial.v2'")
-        goal = goal_of(settings.goal, scenario.listed_outputs, reduced) or None
+        goal = feedback.goal_of(settings.goal, scenario.listed_outputs, reduced) or None
         guess, duration = _first_guess(scenario, reduced, start, goal, obstacles)
         return settings.build(
             reduced,
             q0=start.q,
             goal=goal,
             costs=list(_costs(settings, start, names)),
-            bounds=list(bounds_of(settings, reduced, obstacles, start.q, settings.accuracy)),
+            bounds=list(feedback.bounds_of(settings, reduced, obstacles, start.q, settings.accuracy)),
             duration=duration,
             guess=guess,
             seed=scenario.seed,
@@ -195,7 +189,7 @@ def _regulator(scenario: ScenarioFile) -> tuple[str, optimal.Weight, optimal.Wei
     Trackers of outputs have another feedback; the usual regulator stands for it.
     """
     chosen = scenario.controller
-    if isinstance(chosen, PlanFeedbackSettings):
+    if isinstance(chosen, feedback.PlanFeedbackSettings):
         return chosen.gains, chosen.state_cost, chosen.input_cost
     return "tvlqr", 1.0, 1.0
 
@@ -232,7 +226,7 @@ def _costs(settings: OptimalPlanner, start: Start, names: Sequence[str]) -> Iter
     if costs.posture is not None:
         yield optimal.PostureCost(start.q, costs.posture)
     for each in costs.outputs:
-        check_output_names("costs.outputs", cast(list[str], each.output), names)
+        feedback.check_output_names("costs.outputs", cast(list[str], each.output), names)
         yield each
 
 
@@ -252,7 +246,7 @@ def _first_guess(
         assert goal is not None
         beside = () if settings.clearance is None else obstacles
         selection, clearance, seed = PairSelection(links=settings.links), settings.clearance or 0.0, scenario.seed
-        search = partial(find_way, selection=selection, clearance=clearance, settings=WAY_SEARCH, seed=seed)
+        search = partial(find_way, selection=selection, clearance=clearance, settings=feedback.WAY_SEARCH, seed=seed)
         way = search(reduced, start.q, goal, beside)
         if duration is None:
             duration = _SLOWER * way.duration

@@ -100,7 +100,8 @@ def _compared(runs: Sequence[Run]) -> dict[str, Trajectory]:
     Raises:
         ConfigurationError: the runs have different robots.
     """
-    first, names = runs[0], [_name(each.source) for each in runs]
+    first, paths = runs[0], [each.source for each in runs]
+    names = [each.stem.removeprefix("trajectory_") if each.is_file() else each.name for each in paths]
     found: dict[str, Trajectory] = {}
     for name, other in zip(names[1:], runs[1:], strict=True):
         if other.reduced.robot.nq != first.reduced.robot.nq or other.reduced.robot.name != first.reduced.robot.name:
@@ -111,10 +112,6 @@ def _compared(runs: Sequence[Run]) -> dict[str, Trajectory]:
         shown = name if names.count(name) == 1 else str(other.source)
         found[shown.replace("_", " ")] = other.trajectory
     return found
-
-
-def _name(source: Path) -> str:
-    return source.stem.removeprefix("trajectory_") if source.is_file() else source.name
 
 
 def animation_of(runs: Sequence[Run]) -> Recording:

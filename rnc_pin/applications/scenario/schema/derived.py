@@ -6,37 +6,15 @@ import dataclasses
 import inspect
 import math
 import re
+import typing
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field
 from functools import cached_property, reduce
 from operator import attrgetter, or_
 from types import GenericAlias, UnionType
-from typing import (
-    TYPE_CHECKING,
-    Annotated,
-    Any,
-    Generic,
-    NamedTuple,
-    TypeGuard,
-    TypeVar,
-    Union,
-    cast,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    Discriminator,
-    Field,
-    GetCoreSchemaHandler,
-    GetJsonSchemaHandler,
-    Tag,
-    create_model,
-)
+import pydantic
 from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
@@ -44,7 +22,7 @@ from pydantic_core import CoreSchema, core_schema
 from rnc_pin.errors import RncError
 from rnc_pin.io import Json, Numbers, Strict, attribute_texts
 
-if TYPE_CHECKING:
+if typing.TYPE_CHECKING:
     Content = Json
 else:
     Content = object  # pydantic resolves no recursive alias
@@ -56,7 +34,7 @@ def _file_name(name: str) -> str:
     return name
 
 
-FileName = Annotated[str, AfterValidator(_file_name)]
+FileName = typing.Annotated[str, pydantic.AfterValidator(_file_name)]
 
 
 NAME, _OTHER = "name", "other"
@@ -69,13 +47,13 @@ def _kind(raw: object) -> str:
     return NAME if isinstance(raw, str) else _OTHER
 
 
-BY_KIND = Discriminator(_kind)
+BY_KIND = pydantic.Discriminator(_kind)
 
 
-T = TypeVar("T", covariant=True)
+T = typing.TypeVar("T", covariant=True)
 
 
-class EntryParameter(NamedTuple):
+class EntryParameter(typing.NamedTuple):
     """Parameter of a class or function."""
 
     name: str
@@ -86,7 +64,7 @@ class EntryParameter(NamedTuple):
     @property
     def may_be_none(self) -> bool:
         """True if None is a value. Otherwise null in a file leaves the parameter out."""
-        return self.kind is Any or type(None) in get_args(self.kind)
+        return self.kind is typing.Any or type(None) in typing.get_args(self.kind)
 
     @property
     def unlimited(self) -> bool:
@@ -95,7 +73,7 @@ class EntryParameter(NamedTuple):
 
 
 @dataclass(frozen=True)
-class PartialCall(Generic[T]):
+class PartialCall(typing.Generic[T]):
     """Call of a class with the arguments that a file gives. A builder gives the others.
 
     Attributes:
@@ -104,7 +82,7 @@ class PartialCall(Generic[T]):
     """
 
     kind: Callable[..., T]
-    given: Mapping[str, Any]
+    given: Mapping[str, typing.Any]
 
     def build(self, **others: object) -> T:
         """Make the call. The arguments here go before those of the file."""
@@ -112,7 +90,7 @@ class PartialCall(Generic[T]):
 
 
 @dataclass(frozen=True, eq=False)  # hashable by identity: a union hashes its parts
-class Entry(Generic[T]):
+class Entry(typing.Generic[T]):
     """Reader of a class from a file: ``Annotated[View, Entry(View)]`` validates to a ``View``.
 
     With ``late`` parameters or ``incomplete`` it validates to a ``PartialCall``. A mapping with further keys inherits
@@ -148,7 +126,7 @@ class Entry(Generic[T]):
 
     def given(self, said: object) -> dict[str, object]:
         """Arguments that a file gives, by name."""
-        assert isinstance(said, BaseModel)
+        assert isinstance(said, pydantic.BaseModel)
         found = {}
         for each in self.parameters:
             key = self.key(each.name)
@@ -200,7 +178,7 @@ class Entry(Generic[T]):
     def _field(self, each: EntryParameter) -> tuple[object, object]:
         """Type and default of a field of the mapping."""
         kind = self.forms.get(each.name, each.kind)
-        parts = get_args(kind) if get_origin(kind) is Annotated else ()
+        parts = typing.get_args(kind) if typing.get_origin(kind) is typing.Annotated else ()
         text = next((part.description for part in parts if isinstance(part, FieldInfo) and part.description), None)
         default = self.defaults.get(each.name, each.default)
         default = list(default) if isinstance(default, tuple) else default
@@ -209,10 +187,10 @@ class Entry(Generic[T]):
         if default is MISSING:
             default = ...
         if each.name in self.defaults:
-            return _in_files(kind), Field(default, description=text, validate_default=True)
-        return _in_files(kind), Field(default, description=text)
+            return _in_files(kind), pydantic.Field(default, description=text, validate_default=True)
+        return _in_files(kind), pydantic.Field(default, description=text)
 
-    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(self, source: object, handler: pydantic.GetCoreSchemaHandler) -> CoreSchema:
         form = handler.generate_schema(self.model)
         if self.short is not None:
             form = core_schema.no_info_before_validator_function(self._spelled_out, form)
@@ -227,14 +205,14 @@ class Entry(Generic[T]):
             raise ValueError(f"expected a {self.short}'s name or a mapping with {' and '.join(keys)}, found {raw!r}")
         return raw
 
-    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: pydantic.GetJsonSchemaHandler) -> JsonSchemaValue:
         form, texts = handler(core), descriptions(self.kind)
         if self.short is not None:
             return {"anyOf": [{"type": "string", "description": texts.get(self.short, "")}, form]}
         return form
 
 
-def part(kind: Callable[..., T], *names: str, **options: Any) -> Entry[T]:
+def part(kind: Callable[..., T], *names: str, **options: typing.Any) -> Entry[T]:
     """Return an entry of some parameters of a class. A builder gives the others.
 
     Args:
@@ -248,7 +226,7 @@ def part(kind: Callable[..., T], *names: str, **options: Any) -> Entry[T]:
 def _parameters(kind: Callable[..., object]) -> list[EntryParameter]:
     """Parameters of a class or function."""
     if dataclasses.is_dataclass(kind):
-        types = get_type_hints(kind, include_extras=True)
+        types = typing.get_type_hints(kind, include_extras=True)
         found = [
             (each.name, each.default if each.default_factory is MISSING else each.default_factory())
             for each in dataclasses.fields(kind)
@@ -256,7 +234,7 @@ def _parameters(kind: Callable[..., object]) -> list[EntryParameter]:
         ]
     else:
         call: object = vars(kind).get("__init__", kind) if isinstance(kind, type) else kind  # a named tuple has none
-        types = get_type_hints(call, include_extras=True)
+        types = typing.get_type_hints(call, include_extras=True)
         signature = inspect.signature(kind).parameters.values()
         found = [(each.name, MISSING if each.default is each.empty else each.default) for each in signature]
     return [EntryParameter(name, types[name], default) for name, default in found]
@@ -271,7 +249,7 @@ def one_of(names: bool = False, /, **entries: type | Entry[object]) -> object:
             read as it is.
     """
     items = [_keyed(key, each) for key, each in entries.items()]
-    return ReadAs(Annotated[_either([Annotated[str, Tag(NAME)]] * names + items), BY_KIND])
+    return ReadAs(typing.Annotated[_either([typing.Annotated[str, pydantic.Tag(NAME)]] * names + items), BY_KIND])
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,49 +258,42 @@ class ReadAs:
 
     form: object
 
-    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(self, source: object, handler: pydantic.GetCoreSchemaHandler) -> CoreSchema:
         return handler.generate_schema(self.form)
 
 
 def _keyed(key: str, kind: type | Entry[object]) -> object:
     """Mapping with one key that contains an entry, or another mapping of a file."""
-    if _is_model(kind):
-        title, text, content = kind.__name__, summary(kind), cast(object, kind)
+    if isinstance(kind, type) and issubclass(kind, Strict):
+        title, text, content = kind.__name__, summary(kind), typing.cast(object, kind)
     else:
-        entry = _entry(kind)
-        title, text, content = entry.title, summary(entry.kind), Annotated[object, entry]
+        entry = kind if isinstance(kind, Entry) else Entry(kind)
+        title, text, content = entry.title, summary(entry.kind), typing.Annotated[object, entry]
     around = _mapping(f"{title}Entry", text, {key: (content, ...)})
-    return Annotated[around, AfterValidator(attrgetter(key)), Tag(key)]
-
-
-def _is_model(kind: type | Entry[object]) -> TypeGuard[type[Strict]]:
-    return isinstance(kind, type) and issubclass(kind, Strict)
-
-
-def _entry(kind: type | Entry[object]) -> Entry[object]:
-    return kind if isinstance(kind, Entry) else Entry(kind)
+    return typing.Annotated[around, pydantic.AfterValidator(attrgetter(key)), pydantic.Tag(key)]
 
 
 def _mapping(name: str, text: str, fields: Mapping[str, tuple[object, object]]) -> type[Strict]:
-    settings: dict[str, Any] = dict(fields)  # a type checker does not accept types made at run time
-    return create_model(name, __base__=Strict, __doc__=text, **settings)
+    settings: dict[str, typing.Any] = dict(fields)  # a type checker does not accept types made at run time
+    return pydantic.create_model(name, __base__=Strict, __doc__=text, **settings)
 
 
 def _in_files(kind: object) -> object:
     """Form of a type in files: lists in place of sequences and arrays."""
-    origin, parts = get_origin(kind), get_args(kind)
-    if origin is Annotated:
-        return Annotated[_in_files(parts[0]), *parts[1:]]
+    origin, parts = typing.get_origin(kind), typing.get_args(kind)
+    if origin is typing.Annotated:
+        return typing.Annotated[_in_files(parts[0]), *parts[1:]]
     if kind is np.ndarray:
         return Numbers
-    if origin in (Union, UnionType):
-        lists = any(get_origin(_bare(part)) is Sequence for part in parts)  # the same numbers as those of an array
+    if origin in (typing.Union, UnionType):
+        # A sequence beside an array has the same numbers.
+        lists = any(typing.get_origin(_bare(part)) is Sequence for part in parts)
         return _either([_in_files(part) for part in parts if part is not np.ndarray or not lists])
     return GenericAlias(list, tuple(map(_in_files, parts))) if origin is Sequence else kind
 
 
 def _bare(kind: object) -> object:
-    return get_args(kind)[0] if get_origin(kind) is Annotated else kind
+    return typing.get_args(kind)[0] if typing.get_origin(kind) is typing.Annotated else kind
 
 
 def _either(kinds: Sequence[object]) -> object:
@@ -341,7 +312,7 @@ def descriptions(kind: Callable[..., object]) -> dict[str, str]:
     """
     family = [kind]
     if dataclasses.is_dataclass(kind):
-        family = [each for each in reversed(inspect.getmro(cast(type, kind))) if dataclasses.is_dataclass(each)]
+        family = [each for each in reversed(inspect.getmro(typing.cast(type, kind))) if dataclasses.is_dataclass(each)]
     found: dict[str, str] = {}
     for each in family:
         for section in re.findall(
