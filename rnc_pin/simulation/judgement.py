@@ -28,7 +28,8 @@ _REVERSED = 0.05  # of a limit: a change that counts as a reversal; noise of a f
 _OFTEN_REVERSED = 0.01  # share of samples with reversals that degrades: more than a few at a start or a switch
 _VIOLENT, _OFTEN_VIOLENT = 0.5, 0.1  # of a limit, and share of samples above it that fails: it wears a drive out
 _MOSTLY = 0.5  # share of a run under a fallback command that fails
-_AT_LIMIT = 0.99  # use of friction of a contact that slides; MuJoCo gives it to 1e-3
+_AT_LIMIT = 0.99  # use of friction of a contact that slides, if its plant does not know the speed
+_CREEP = 1e-3  # [m/s]; slower contacts stick: those of MuJoCo are soft
 _MOMENT = 0.01  # share of a run at the limit of friction that fails: more than a landing
 _SLIDING = 0.01  # [m/s or rad/s]; contacts of MuJoCo that stick creep by less than 1e-3
 _SLIPS = 1.0 + 1e-3  # use of friction that is beyond the stated friction, and not rounding
@@ -253,16 +254,16 @@ def _beyond(run: Trajectory, contact: str, used: Float[np.ndarray, " N"], share:
 def _slips(run: Trajectory) -> Iterator[Finding]:
     """Findings of contacts at the limit of their friction, where a plant lets them slide, and of rows that slip."""
     used, slip = np.nan_to_num(run.friction_used), np.abs(np.nan_to_num(run.slip))
+    slides = np.where(np.isnan(run.sliding), used > _AT_LIMIT, run.sliding > _CREEP)
     for column, name in enumerate(run.info.outputs.friction_used if len(used) else ()):
-        at_limit = used[:, column] > _AT_LIMIT
-        share = float(at_limit.mean())
+        share = float(slides[:, column].mean())
         if used[:, column].max() > _SLIPS:
             yield _beyond(run, name, used[:, column])
         elif share > 0.0:
-            first = float(run.time[int(at_limit.argmax())])
+            first = float(run.time[int(slides[:, column].argmax())])
             message = (
-                f"contact '{name}' is at the limit of the stated friction for {100 * share:.3g} % of the run, first at "
-                f"t = {first:.2f} s: it slides, or its drive force is cut"
+                f"contact '{name}' slides at the limit of the stated friction, or its drive force is cut, in "
+                f"{100 * share:.3g} % of the samples, first at t = {first:.2f} s"
             )
             severity = Severity.FAILS if share > _MOMENT else Severity.DEGRADES
             yield Finding(FindingKind.SLIP, name, share, "", first, severity, message)

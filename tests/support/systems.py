@@ -66,10 +66,10 @@ def mobile_manipulator() -> rnc.ReducedModel:
 
 
 @cache
-def differential_drive() -> rnc.ReducedModel:
+def differential_drive(*forces: rnc.forces.Wrench) -> rnc.ReducedModel:
     robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
     wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
-    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"], forces=forces)
     return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
 
 

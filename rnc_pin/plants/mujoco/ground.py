@@ -29,6 +29,7 @@ _CASTER_SOFTNESS = 3.0  # time constant of frictionless supports over that of wh
 _IMPEDANCE = 0.02
 _TANGENTIAL_STIFFNESS = 1e5  # tangential over normal contact impedance
 _MIN_SLIP = 1e-6  # slip treated as zero [m/s]
+_AT_LIMIT = 0.99  # use of friction of a contact that slides; MuJoCo gives it to 1e-3
 _UP = np.array([0.0, 0.0, 1.0])
 _MAX_DECELERATION = 2.0  # demanded deceleration of a slipping wheel over the largest that friction can give
 
@@ -139,13 +140,15 @@ class Ground:
         self._touching = np.empty(0, dtype=int), np.zeros((len(self.names), 0))
         self._along = np.zeros(len(self.names))
         """Drive forces of wheels without a joint, along their headings [N]."""
+        self.slid = np.zeros(len(self.names))
+        """Largest speeds at the friction limit since they were zeroed [m/s]; inf where a drive force was cut."""
         mass = float(model.body_mass.sum())
         for each in contacts:  # MuJoCo's default makes contacts softer for light or rotating bodies
             model.body_invweight0[model.geom(each.name).bodyid[0], 0] = len(contacts) / mass
 
     def reset(self) -> None:
         """Restart at the positions and velocities in ``data``."""
-        self._along[:] = 0.0
+        self._along[:], self.slid[:] = 0.0, 0.0
         model, data = self._model, self._data
         model.pair_solreffriction[self._pairs] = 0.0
         model.pair_friction[self._pairs] = self._frictions
@@ -175,7 +178,7 @@ class Ground:
         if not len(self.names):
             return
         model = self._model
-        normal, tangential, slip = self._measured()
+        normal, tangential, slip = self.watch()
         most = _MAX_DECELERATION * self._friction * normal * self._mobility
         rate = np.clip(most / np.maximum(slip, _MIN_SLIP), 1.0, 1.0 / model.opt.timestep)
         self._softness[:, 1] = -_IMPEDANCE * rate
@@ -189,6 +192,7 @@ class Ground:
         model, data, limit = self._model, self._data, self._friction * normal
         most = np.sqrt(limit**2 - np.minimum(across, limit) ** 2)
         self._along = np.clip(drive_forces, -most, most)
+        self.slid[(np.abs(drive_forces) > most) & (normal > 0)] = np.inf  # a wheel with a joint would spin
         left = np.sqrt(np.maximum(limit**2 - self._along**2, 0.0))[self._edges]
         load = normal[self._edges]
         lateral = np.divide(left, load, out=np.full_like(load, self._friction), where=load > 0)
@@ -208,6 +212,13 @@ class Ground:
         force = np.hypot(np.linalg.norm(tangential, axis=1), self._along)
         allowed = self._friction * normal
         return np.divide(force, allowed, out=np.zeros_like(normal), where=allowed > 0)
+
+    def watch(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what ``_measured`` does, and note the speeds of contacts that slide."""
+        normal, tangential, slip = self._measured()
+        at_limit = np.hypot(tangential[:, 0], tangential[:, 1]) > _AT_LIMIT * self._friction * normal
+        np.maximum(self.slid, slip * at_limit, out=self.slid)
+        return normal, tangential, slip
 
     def _measured(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return loads (w,) [N], magnitudes of both friction forces (w, 2) [N], and slip speeds (w,) [m/s]."""

@@ -149,6 +149,7 @@ class MuJoCoPlant:
         Raises:
             DivergenceError: the state is not finite.
         """
+        self._ground.slid[:] = 0.0
         steps = max(1, int(np.ceil(dt / self.settings.step - _STEP_TOLERANCE)))
         self.model.opt.timestep = dt / steps
         q, _ = self.read()
@@ -205,3 +206,11 @@ class MuJoCoPlant:
     def friction_used(self) -> Float[Array, " w"]:
         """Return tangential force over friction limit of each of ``wheel_names``; zero off the ground."""
         return self._ground.used()
+
+    def sliding(self) -> Float[Array, " w"]:
+        """Return the largest speed at which each of ``wheel_names`` slid in the last ``advance`` [m/s].
+
+        It is inf where a drive force without a wheel was cut to what friction can give.
+        """
+        self._ground.watch()
+        return self._ground.slid.copy()
