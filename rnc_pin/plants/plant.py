@@ -11,7 +11,7 @@ from rnc_pin.array_shapes import Float
 
 OF_INTEGRATION = ("errors", "tolerance", "keep_errors")
 """Attributes of plants that estimate their errors."""
-OF_CONTACTS = ("friction_used", "sliding", "wheel_names", "normal_forces", "contact_forces", "contact_force_units")
+OF_CONTACTS = ("friction_used", "slip_speed", "wheel_names", "normal_forces", "contact_forces", "contact_force_units")
 """Attributes of plants that state their contacts."""
 
 

@@ -82,7 +82,7 @@ def _named(info: RunInfo, array: str) -> list[Column]:
         parts = (("x", "m"), ("y", "m"), ("heading", "rad"))
         return [Column(f"{name}.{part}", unit) for name in outputs.ground_poses for part, unit in parts]
     if array in _CONSTANT_UNITS:
-        names = getattr(outputs, "friction_used" if array == "sliding" else array)
+        names = getattr(outputs, "friction_used" if array == "slip_speed" else array)
         return [Column(name, _CONSTANT_UNITS[array]) for name in names]
     source = {"v_measured": "v", "slip": "multipliers"}.get(array, array)
     units = _units(outputs, source)
@@ -97,7 +97,7 @@ def _units(outputs: OutputNames, array: str) -> list[str]:
     return list(units) if len(units) == len(names) else [""] * len(names)
 
 
-_CONSTANT_UNITS = {"friction_used": "-", "sliding": "m/s", "normal_forces": "N"}
+_CONSTANT_UNITS = {"friction_used": "-", "slip_speed": "m/s", "normal_forces": "N"}
 _SERIES_UNITS = {
     "time": "s",
     "energy": "J",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
@@ -11,7 +12,7 @@ import numpy as np
 from rnc_pin.analysis import Grip, first_lift_off
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import LimitedAcceleration, MissedGoal
-from rnc_pin.errors import InputError, few
+from rnc_pin.errors import InputError, RncError, few
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.limit_replay import ROUNDING, Clearance, FurtherLimits, LimitReplay, LimitUse, replay_limits
@@ -234,18 +235,23 @@ def _contacts(run: Trajectory, grip: Grip | None) -> Iterator[Finding]:
 
 def _demands(run: Trajectory, grip: Grip) -> Iterator[Finding]:
     """Findings of contacts whose constraints need more than the stated friction: where a real wheel slips."""
-    used = np.nan_to_num(grip.used_by_forces(run.q, run.contact_forces, run.normal_forces), posinf=np.inf)
+    found = [(run.time, run.q, grip.used_by_forces(run.q, run.contact_forces, run.normal_forces))]
+    with suppress(RncError):  # between the samples of a run that ends in a singular configuration
+        states = run.q, run.v, run.T
+        found += grip.used_between(run.time, states, run.contact_forces, run.normal_forces) if len(run.time) > 1 else ()
+    time, q, used = (np.concatenate(each) for each in zip(*found, strict=True))
+    used = np.nan_to_num(used, posinf=np.inf)
     for column, (name, demand) in enumerate(zip(grip.names, used.T, strict=True)):
         if demand.max(initial=0.0) > _SLIPS:
             most = int(demand.argmax())
-            chosen = demand[most] < np.inf and grip.is_choice(run.q[most])[column]
-            yield _beyond(run, name, demand, ", at the best share that rigid bodies leave open" if chosen else "")
+            chosen = demand[most] < np.inf and grip.is_choice(q[most])[column]
+            yield _beyond(time, name, demand, ", at the best share that rigid bodies leave open" if chosen else "")
 
 
-def _beyond(run: Trajectory, contact: str, used: Float[np.ndarray, " N"], share: str = "") -> Finding:
-    """Finding of a contact that needs more than its friction at some sample, and how it shares the force."""
+def _beyond(times: Float[np.ndarray, " N"], contact: str, used: Float[np.ndarray, " N"], share: str = "") -> Finding:
+    """Finding of a contact that needs more than its friction at some time, and how it shares the force."""
     most = int(used.argmax())
-    need, time = float(used[most]), float(run.time[most])
+    need, time = float(used[most]), float(times[most])
     words = f"needs {need:.3g} times the stated friction" if need < np.inf else "needs friction, but carries no load,"
     message = f"contact '{contact}' {words} at t = {time:.2f} s{share}"
     return Finding(FindingKind.SLIP, contact, need, "", time, Severity.FAILS, message)
@@ -254,11 +260,11 @@ def _beyond(run: Trajectory, contact: str, used: Float[np.ndarray, " N"], share:
 def _slips(run: Trajectory) -> Iterator[Finding]:
     """Findings of contacts at the limit of their friction, where a plant lets them slide, and of rows that slip."""
     used, slip = np.nan_to_num(run.friction_used), np.abs(np.nan_to_num(run.slip))
-    slides = np.where(np.isnan(run.sliding), used > _AT_LIMIT, run.sliding > _CREEP)
+    slides = np.where(np.isnan(run.slip_speed), used > _AT_LIMIT, run.slip_speed > _CREEP)
     for column, name in enumerate(run.info.outputs.friction_used if len(used) else ()):
         share = float(slides[:, column].mean())
         if used[:, column].max() > _SLIPS:
-            yield _beyond(run, name, used[:, column])
+            yield _beyond(run.time, name, used[:, column])
         elif share > 0.0:
             first = float(run.time[int(slides[:, column].argmax())])
             message = (

@@ -28,7 +28,7 @@ from rnc_pin.version import __version__
 
 _GOALS = ("v2_desired", "x1_desired", "x2_desired")
 _OWN_FORCES = ("normal_forces", "contact_forces")  # a plant may state them itself
-_OPTIONAL = ("estimates", "prediction_error", "v_measured", "friction_used", "sliding", *_OWN_FORCES)
+_OPTIONAL = ("estimates", "prediction_error", "v_measured", "friction_used", "slip_speed", *_OWN_FORCES)
 
 
 class Record:

@@ -78,7 +78,7 @@ class RunData(SummaryMixin):
     """Measured full velocities; no columns if measurements are exact."""
     friction_used: Float[Array, "N c2"]
     """Friction use of each contact: friction force over its limit, 1 during slip; no columns without friction."""
-    sliding: Float[Array, "N c2"]
+    slip_speed: Float[Array, "N c2"]
     """Largest speed at which each contact slid at its limit since the last sample [m/s]; NaN if a plant does not know.
 
     It is inf where a drive force without a wheel was cut.

@@ -45,7 +45,7 @@ class PlantAdapter:
     * ``applied``: applied inputs,
     * ``work``: work since the start,
     * ``friction_used()``: friction use of the contacts ``wheel_names``,
-    * ``sliding()``: the largest speeds at which they slid since the last sample,
+    * ``slip_speed()``: the largest speeds at which they slid since the last sample,
     * ``normal_forces``, ``contact_forces`` and ``contact_force_units``: forces by name that ``reduced`` does not have,
     * ``reduced``: reduced model of the plant,
     * ``external``: generalized forces in addition to the inputs,
@@ -145,7 +145,7 @@ class PlantAdapter:
             np.array([*getattr(self.plant, kind).values()]) if units else _EMPTY
             for kind, units in self.own_force_units.items()
         ]
-        slid = self.plant.sliding() if hasattr(self.plant, "sliding") else np.full_like(used, np.nan)
+        slid = self.plant.slip_speed() if hasattr(self.plant, "slip_speed") else np.full_like(used, np.nan)
         return self.measured[1], used, slid, *own
 
 

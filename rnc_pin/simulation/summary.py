@@ -11,7 +11,7 @@ import numpy as np
 
 from rnc_pin.analysis import first_lift_off
 from rnc_pin.io.json import Json
-from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, described
+from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, described
 from rnc_pin.simulation.limit_replay import LIMIT_KINDS, Clearance, LimitReplay
 from rnc_pin.simulation.run_data import tracking_errors
 from rnc_pin.simulation.run_info import OutputNames
@@ -201,7 +201,7 @@ class PrintedSummary(SummaryMixin, dict[str, object]):
         if "first_finding" in self:
             headline += f": {cast('dict[str, str]', self['first_finding'])['message']}"
         time = f"{self['duration']:g} s in {self['samples']} samples"
-        lines = [("run", [Item(f"{self['outcome']}, {time}")])]
+        lines: list[Line] = [("run", [Item(f"{self['outcome']}, {time}")])]
         lines += [
             (_LABELS.get(name, name.replace("_", " ")), self._described(name, value))
             for name, value in self.items()

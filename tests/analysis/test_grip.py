@@ -11,7 +11,8 @@ from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control.whole_body.limit_stack import ContactCones
 from rnc_pin.planning import MinimumJerk, Slowed
-from rnc_pin.simulation import grip_along
+from rnc_pin.simulation import grip_along, judge
+from simple_controllers import Inputs
 from systems import rolling_base
 from textbook_systems import BLADE, PLACES, WHEEL, G, cart_robot
 
@@ -110,6 +111,20 @@ class Wheel:
 
     def bind(self, robot):
         return rnc.RollingWheel("b", WHEEL).bind(robot)
+
+
+@pytest.mark.parametrize(("friction", "word"), [(0.07, "failed"), (0.09, "succeeded")])
+def test_a_contact_that_needs_the_most_friction_between_two_samples_is_judged_there(gripping, friction, word):
+    """One sample of 0.4 s beside forty of the same motion: the side force rises and falls within it."""
+    grip, q0 = rnc.Grip(gripping, friction), gripping.robot.configuration()
+    coarse, fine = (
+        rnc.simulate(gripping, Inputs(lambda t: [4.0, -1.0]), q0, 0.4, dt, v2_0=[0.5, 2.0]) for dt in (0.4, 0.01)
+    )
+    most = [grip.used_by_forces(run.q, run.contact_forces, run.normal_forces).max() for run in (coarse, fine)]
+    assert most[0] < 1.0
+    verdict = judge(coarse, grip=grip)
+    assert verdict.word == word
+    assert [each.amount for each in verdict.findings] == [pytest.approx(most[1], rel=0.02)] * (word == "failed")
 
 
 def test_a_wheel_without_a_frame_has_the_name_of_its_first_row():

@@ -207,7 +207,7 @@ class MuJoCoPlant:
         """Return tangential force over friction limit of each of ``wheel_names``; zero off the ground."""
         return self._ground.used()
 
-    def sliding(self) -> Float[Array, " w"]:
+    def slip_speed(self) -> Float[Array, " w"]:
         """Return the largest speed at which each of ``wheel_names`` slid in the last ``advance`` [m/s].
 
         It is inf where a drive force without a wheel was cut to what friction can give.

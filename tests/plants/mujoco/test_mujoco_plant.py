@@ -251,6 +251,7 @@ def test_wheels_that_slide_are_in_the_verdict(friction, word):
 @pytest.mark.parametrize(("share", "slips"), [(0.995, False), (1.3, True)])
 def test_a_robot_that_is_held_at_the_limit_of_friction_does_not_slip_before_it_slides(share, slips):
     """A push across two wheels, scaled to a share of what their friction holds."""
+
     def rests(push):
         reduced = differential_drive(rnc.forces.Wrench("base", (0.0, push, 0.0)))
         plant = MuJoCoPlant(reduced, MuJoCoSettings(friction=(0.5, 0.0, 0.0)))
@@ -260,7 +261,7 @@ def test_a_robot_that_is_held_at_the_limit_of_friction_does_not_slip_before_it_s
     run = rests(share * 10.0 / rests(10.0).friction_used[-1].max())
     assert run.friction_used[-1].max() > 0.99
     assert any(each.kind == "slip" for each in run.verdict.findings) == slips
-    assert (run.sliding.max() > 0.05) == slips
+    assert (run.slip_speed.max() > 0.05) == slips
     assert slips or np.abs(run.q[-1, :2]).max() < 1e-3
 
 
@@ -276,7 +277,7 @@ def test_slip_that_ends_before_the_next_sample_is_in_the_verdict():
     plant.__class__ = Thrown
     run = rnc.simulate(reduced, Inputs(lambda t: np.zeros(2)), reduced.robot.configuration(), 0.4, 0.1, plant=plant)
     assert run.friction_used[1:].max() < 0.9
-    np.testing.assert_allclose(run.sliding[1], 0.2, atol=0.02)
+    np.testing.assert_allclose(run.slip_speed[1], 0.2, atol=0.02)
     assert {each.where for each in run.verdict.findings if each.kind == "slip"} >= {"left_wheel", "right_wheel"}
 
 
