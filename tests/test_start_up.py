@@ -28,6 +28,46 @@ system = rnc.NonholonomicSystem(
 reduced = system.reduce([rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")])
 reduced.forward_dynamics(np.array([0.0, -0.4, 1.8, -1.1]), np.zeros(3), np.zeros(3))
 """
+STEPS = """
+import doctest, os, sys
+import numpy as np
+import rnc_pin as rnc
+
+
+class Watch:  # finder of modules that finds none, and tells who looks for them in a step
+    stepping = None
+
+    def find_spec(self, name, path=None, target=None):
+        if self.stepping:
+            print(self.stepping, "imports", name)
+
+
+def watched(step, name):
+    def watched_step(*arguments, **named):
+        print(name, "steps")
+        outer, watch.stepping = watch.stepping, name
+        try:
+            return step(*arguments, **named)
+        finally:
+            watch.stepping = outer
+    return watched_step
+
+
+watch = Watch()
+sys.meta_path.insert(0, watch)
+for package in (rnc.control, rnc.optimal, rnc):
+    for name in package.__all__:
+        kind = getattr(package, name)
+        if isinstance(kind, type) and hasattr(kind, "step") and not getattr(kind, "_is_protocol", False):
+            if hasattr(kind, "initial_state") or issubclass(kind, rnc.ControlLoop):
+                print(name, "exists", flush=True)
+                if not os.fork():
+                    kind.step = watched(kind.step, name)
+                    doctest.run_docstring_examples(kind, {"rnc": rnc, "np": np}, name=name)
+                    sys.stdout.flush()
+                    os._exit(0)
+                os.wait()
+"""
 COMMAND = Path(sysconfig.get_path("scripts")) / "rnc-pin"
 DRAFT = "import pathlib, rnc_pin.applications.init as d; d.draft('differential_drive.urdf', pathlib.Path('.'))"
 EVALUATION = ["email"] if rnc.kernel == "c" else []
@@ -73,6 +113,15 @@ def test_running_scenarios_imports_only_linear_algebra_of_scipy():
     out, _ = imported([sys.executable, "-c", code])
     found = {name for name in out.split() if name.startswith("scipy.") and not name.startswith("scipy._")}
     assert found <= {"scipy.linalg", "scipy.version"}
+
+
+def test_a_controller_imports_nothing_in_a_step():
+    """Each example runs in a process of its own, where no other controller has stepped."""
+    out = set(imported([sys.executable, "-c", STEPS])[0].splitlines())
+    controllers = {line.split()[0] for line in out if line.endswith(" exists")}
+    assert len(controllers) > 20
+    assert {line for line in out if " imports " in line} == set()
+    assert {line.split()[0] for line in out if line.endswith(" steps")} == controllers
 
 
 def test_the_shell_learns_to_complete():

@@ -213,14 +213,15 @@ class PredictiveController(DescribedMixin):
         return self._stalls_at.missed(q, TOLERANCE, QUADRATIC)
 
     def initial_state(self, measurement: Measurement) -> PredictiveState:
-        """Return a motion that stands at the measured configuration."""
+        """Return a motion that stands at the measured configuration, or the first motion to a set point."""
         K, model = self._solver_settings.nodes, self._model
         stand = along(model, np.repeat(np.asarray(measurement.q)[None], K + 1, axis=0), self.horizon)
         gains = np.zeros((K, model.nu, model.nx))
-        return PredictiveState(0.0, stand.q, stand.w, stand.u, gains, -np.inf, 0, 0)
+        state = PredictiveState(0.0, stand.q, stand.w, stand.u, gains, -np.inf, 0, 0)
+        return state if self.set_point is None else self._updated(0.0, _node_of(measurement), state)
 
     def step(self, t: float, measurement: Measurement, state: PredictiveState) -> tuple[Command, PredictiveState]:
-        now = Nodes(np.asarray(measurement.q)[None], np.asarray(measurement.v2)[None])
+        now = _node_of(measurement)
         if t >= state.next_update - 1e-9:
             state = self._updated(t, now, state)
         u = self._input(t + self.updates.delay, self._predicted(t, now, state), state)
@@ -321,3 +322,7 @@ class PredictiveController(DescribedMixin):
         last = self._model.step(Nodes(q[-1:], w[-1:]), u[-1:], np.array([self._h]))
         at = Iterate(np.concatenate([q, last.q]), np.concatenate([w, last.w]), u, self.horizon)
         return at, None if state.multipliers is None else state.multipliers[[*places, K]]
+
+
+def _node_of(measurement: Measurement) -> Nodes:
+    return Nodes(np.asarray(measurement.q, dtype=float)[None], np.asarray(measurement.v2, dtype=float)[None])

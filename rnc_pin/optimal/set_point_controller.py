@@ -72,8 +72,8 @@ class SetPointController(DescribedMixin):
     the state is still in the tube from which the feedback leads to the goal; outside, it brakes and plans again. It
     also plans again if the robot comes to rest away from the goal.
 
-    The search for a plan takes place at rest, in the step that starts it, which takes seconds. The controller reads the
-    model. Reads from the measurement ``q, v2``. One state at a time.
+    The search for a plan takes place at rest, which takes seconds: the first one in ``initial_state``, others in the
+    step that starts them. The controller reads the model. Reads from the measurement ``q, v2``. One state at a time.
 
     Args:
         reduced: the model.
@@ -175,12 +175,16 @@ class SetPointController(DescribedMixin):
         return self.set_point.missed(q, 2 * self.tolerance, reason)
 
     def initial_state(self, measurement: Measurement) -> SetPointState:
-        """Return a state that stands, or that brakes if the robot moves; the first step plans."""
+        """Return a state that follows a plan, or that brakes if the robot moves."""
         K, model = self.nodes, self._model
         q = np.repeat(np.asarray(measurement.q, dtype=float)[None], K + 1, axis=0)
         empty = np.zeros((K + 1, model.nw)), np.zeros((K, model.nu)), np.zeros((K, model.nu, self._driven.nx))
-        mode: Mode = "stand" if self._stands(np.asarray(measurement.v2)) else "stop"
-        return SetPointState(mode, 0.0, 1.0, q, *empty, np.zeros(model.nv), 0, 0.0, 0, 0)
+        state = SetPointState("stop", 0.0, 1.0, q, *empty, np.zeros(model.nv), 0, 0.0, 0, 0)
+        v2 = np.asarray(measurement.v2)
+        if not self._stands(v2):
+            return state
+        now = Nodes(q[:1], v2[None] if self._driven.nw else np.empty((1, 0)))
+        return self._next(0.0, now, v2, state._replace(mode="stand"))
 
     def step(
         self, t: float, measurement: Measurement, state: SetPointState

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -102,6 +101,8 @@ class WayFollower(DescribedMixin):
         jumps = np.abs(np.diff(self._v, axis=0)).max(axis=1) > _SAME * self._sizes[:-1]
         ends = np.where(np.append(jumps, True)[: len(self._v)], self.way.time[1:], np.inf)
         self._stops = np.minimum.accumulate(ends[::-1])[::-1]
+        if len(self._v):  # the robot is there otherwise
+            self._gains = self._gains_along()
 
     def missed_goals(self, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
         """Joints that are away from the end of the way if a run ends in this state, for its verdict.
@@ -163,8 +164,7 @@ class WayFollower(DescribedMixin):
         most = self.acceleration / float(self._sizes[k])
         return min(state.place + 0.5 * state.speed**2 / most, float(self._stops[k]))
 
-    @cached_property
-    def _gains(self) -> tuple[Float[Array, " m"], Float[Array, "m r nv"]]:
+    def _gains_along(self) -> tuple[Float[Array, " m"], Float[Array, "m r nv"]]:
         """Places, and gains of a linear-quadratic regulator from each to the next, at the speeds of the way."""
         durations = np.diff(self.way.time)
         counts = np.maximum(np.ceil(self._sizes * durations / _SPACING), 1.0).astype(int)

@@ -125,6 +125,25 @@ class ControlLoop(ReprMixin):
 
     # ------------------------------------------------------------------ a step
 
+    def prepare(self, q: Float[Array, " nq"], v: Float[Array, " nv"] | None = None) -> None:
+        """Do before the first step what takes long: the controller's first search, and first calls of all parts.
+
+        The controller starts from its ``initial_state`` here. A trial step follows, whose result is not used.
+
+        Args:
+            q: configuration (nq,) at which the loop will start.
+            v: velocity (nv,); at rest by default.
+
+        Raises:
+            RncError: an invalid configuration, or an error of the controller.
+        """
+        self.reset()
+        state = self.reduced.at(q, v=np.zeros(self.reduced.n) if v is None else v, t=0.0)
+        own = self._controller.initial_state(state.measure(np.zeros(self.reduced.r)))
+        self.state = LoopState(controller=own)
+        self.compute_input(0.0, state)
+        self.state, self.last = LoopState(controller=own), None
+
     def step(
         self,
         t: float,
@@ -197,7 +216,7 @@ class ControlLoop(ReprMixin):
             )
         self.active_component = "the controller"
         begin, own = (t if before.begin is None else before.begin), before.controller
-        if before.begin is None and own is None:
+        if before.begin is None and own is None:  # not prepared
             own = self._controller.initial_state(measurement)
         answer = self._controller.step(t - begin, measurement, own)
         self.active_component = "the allocation of its command"

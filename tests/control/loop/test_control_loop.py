@@ -11,6 +11,7 @@ from rnc_pin.control import Command
 from rnc_pin.control.loop import control_loop, loop_state
 from rnc_pin.control.loop.loop_state import VelocityEstimate, write_state
 from rnc_pin.control.loop.measurements import VelocityObserver
+from rnc_pin.optimal import predictive_control, set_point_controller
 from rnc_pin.plants import FaultyPlant, ReducedPlant
 from simple_controllers import Memoryless
 
@@ -53,6 +54,31 @@ def slow(monkeypatch, *spent):
         return Command(T=np.zeros(2))
 
     return Memoryless(law)
+
+
+@pytest.mark.parametrize("of", ["SetPointController", "PredictiveController"])
+def test_a_prepared_loop_has_searched_before_its_first_step(of, monkeypatch):
+    """Steps give the inputs of a loop that was not prepared, of which the first one searches."""
+    reduced, _ = sleigh()
+    goal = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.0], rnc.FrameYaw("sleigh"): 0.0}
+    options = {"form": "dynamic", "nodes": 15}
+    controller = (
+        rnc.optimal.SetPointController(reduced, goal, 3.0, **options)
+        if of == "SetPointController"
+        else rnc.optimal.PredictiveController(reduced, [rnc.optimal.EffortCost()], 3.0, goal=goal, **options)
+    )
+    q, searches = reduced.robot.configuration(), []
+    for module, name in ((set_point_controller, "nearer_plan"), (predictive_control, "first_motion")):
+        search = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *each, search=search: searches.append(each) or search(*each))
+    loops = [rnc.ControlLoop(reduced, controller, DT) for _ in range(2)]
+    loops[0].prepare(q)
+    assert len(searches) == 1
+    inputs = loops[0].step(5.0, q, np.zeros(3))
+    assert len(searches) == 1
+    np.testing.assert_array_equal(inputs, loops[1].step(5.0, q, np.zeros(3)))
+    assert len(searches) == 2
+    assert np.abs(inputs).max() > 0.0
 
 
 def test_steps_that_are_late_by_the_wall_clock_are_counted_in_the_state(tmp_path, monkeypatch):
