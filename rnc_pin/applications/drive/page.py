@@ -41,7 +41,8 @@ class DrivePage(LiveView):
         self._controls, self._ground = controls, drawn.ground_height(view) or 0.0
         self._status: DriveStatus | None = None  # the loop sets it, and the thread that draws takes it
         self._marked = False
-        super().__init__(drawn, view, info, 0.0, open_browser, title=title, panel=ControlPanel("drive", queue.put))
+        panel = ControlPanel("drive", queue.put, farewell={"kind": "stop"})
+        super().__init__(drawn, view, info, 0.0, open_browser, title=title, panel=panel)
         self._post("controls", controls_entry(controls, self._ground))
 
     def show(self, sample: Sample, status: DriveStatus | None) -> None:

@@ -49,9 +49,12 @@ class ControlPanel(NamedTuple):
     """Name of its script, without ``.js``."""
     receive: Receiver
     """Function for the messages of the page's user, called in the thread of the server."""
+    farewell: object = None
+    """Message of a page that is closed, reloaded, or does not answer any more; None for none."""
 
 
 _RATE, _BURST = 100.0, 200.0  # messages per second of one page, and at once
+_PING = 0.5  # [s] between questions whether the page is still there, and for its answer
 
 
 class FilteredHandler(tornado.web.RequestHandler):
@@ -74,8 +77,10 @@ class CommandSocket(FilteredHandler, tornado.websocket.WebSocketHandler):
     any server, and other users of the computer do not know it. Any other first message ends the connection.
     """
 
-    def initialize(self, receive: Receiver, secret: str) -> None:
-        self._receive, self._secret = receive, secret
+    ping_interval = ping_timeout = _PING  # a browser answers for hidden pages too
+
+    def initialize(self, panel: ControlPanel, secret: str) -> None:
+        self._receive, self._farewell, self._secret = panel.receive, panel.farewell, secret
         self._admitted = False
         self._allowance, self._last = _BURST, time.monotonic()
 
@@ -101,6 +106,10 @@ class CommandSocket(FilteredHandler, tornado.websocket.WebSocketHandler):
         self._admitted = isinstance(told, str) and hmac.compare_digest(told.encode(), self._secret.encode())
         if not self._admitted:
             self.close(4003, "wrong secret")
+
+    def on_close(self) -> None:
+        if self._admitted and self._farewell is not None:
+            self._receive(self._farewell)
 
 
 _CLOSING_TIME = 0.5  # [s]
@@ -171,7 +180,7 @@ class SceneServer:
         self._wrapper = tornado.ioloop.IOLoop.current()
         page, commands = live_page(title, None if self._panel is None else self._panel.script), []
         if self._panel is not None:
-            commands = [(r"/commands", CommandSocket, {"receive": self._panel.receive, "secret": self._secret})]
+            commands = [(r"/commands", CommandSocket, {"panel": self._panel, "secret": self._secret})]
         application = tornado.web.Application(
             [
                 (r"/static/", _StaticFile, {"kind": "text/html", "text": page.encode()}),

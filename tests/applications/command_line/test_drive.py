@@ -181,6 +181,28 @@ def test_a_page_without_the_secret_may_watch_but_not_drive(browser):
         page_.close()
 
 
+@pytest.mark.parametrize("leave", [lambda page: page.close(), lambda page: page.reload()])
+def test_a_page_that_is_closed_stops_the_robot_whatever_it_was_told(leave, browser):
+    drive_ = prepared("mobile-manipulator", **DT)
+    queue, taken = CommandQueue(drive_.controls), []
+    page_ = DrivePage(drive_, queue, "Drive", open_browser=False)
+
+    def last():
+        taken.extend(each.kind for each in queue.take())
+        return taken[-1:]
+
+    try:
+        page, _ = visit(browser, page_.url)
+        page.wait_for_selector("#drive button.stop", timeout=1000 * PATIENCE)
+        page.evaluate("drive_command({kind: 'base_goal', x: 3.0, y: 0.0})")
+        assert eventually(lambda: last() == ["base_goal"])
+        leave(page)
+        assert eventually(lambda: last() == ["stop"])
+        page.context.close()
+    finally:
+        page_.close()
+
+
 def test_a_phone_has_the_controls_below_the_picture(browser):
     """Neither the panel nor the overlay nor the legend covers another, and all of the panel can be reached."""
     drive_ = prepared("mobile-manipulator", **DT)

@@ -99,6 +99,36 @@ def test_a_flood_is_dropped_and_a_long_message_ends_the_connection(served, monke
     assert received == expected
 
 
+@pytest.mark.parametrize("silent", [False, True])
+def test_a_page_that_closes_or_does_not_answer_says_farewell(silent):
+    window, received = SceneWindow(), []
+    panel = scene_server.ControlPanel("drive", received.append, farewell={"kind": "stop"})
+    address, _, secret = window.serve(panel=panel).partition("#")
+    host = address.split("/")[2]
+
+    async def leave():
+        with suppress(HTTPClientError):  # one that is never admitted has nothing to say
+            (await connected(host, f"http://{host}")).close()
+        page = await connected(host, f"http://{host}")
+        await page.write_message(json.dumps({"secret": secret}))
+        await page.write_message(json.dumps({"kind": "base_goal"}))
+        if silent:
+            page.protocol._handle_message = lambda opcode, data: None
+        while not received:
+            await asyncio.sleep(0.01)
+        assert received == [{"kind": "base_goal"}]
+        if not silent:
+            page.close()
+        while len(received) < 2:
+            await asyncio.sleep(0.01)
+
+    try:
+        asyncio.run(asyncio.wait_for(leave(), PATIENCE))
+        assert received == [{"kind": "base_goal"}, {"kind": "stop"}]
+    finally:
+        window.close()
+
+
 def test_a_page_that_only_shows_takes_no_commands():
     window = SceneWindow()
     address = window.serve()
