@@ -1,11 +1,12 @@
 """Feedback along plans: the gains of a plan, or those of a time-varying linear-quadratic regulator.
 
-After the end of a plan, the motion stops within the accelerations of the plan.
+After the end of a plan, the motion stops within the accelerations of the plan, and a regulator at rest holds it.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -25,6 +26,7 @@ from rnc_pin.planning.action_models import ActionModel, Form, KinematicModel, No
 from rnc_pin.printing import ReprMixin
 
 _AT_REST = 1e-3  # part of an interval: a plan that brakes in less time ends at rest
+_HORIZON = 1000  # intervals of the regulator at rest
 _ROUNDING = 1e-12  # part of the largest velocity of the plan that is rounding
 
 
@@ -135,8 +137,11 @@ class PlanFeedback(ReprMixin):
     Args:
         reduced: the model.
         plan: the plan.
-        K: gains (intervals, inputs, states); those of the plan by default. The last ones hold after the end.
+        K: gains (intervals, inputs, states); those of the plan by default.
         bandwidth: decay rate of the velocity error in the kinematic form [1/s].
+        weights: weights of states and inputs of the feedback after the end: a regulator about the state at rest, whose
+            horizon is 1000 intervals. Directions that no input moves there, such as aside of a wheel, keep their error.
+            By default, the last gains of K hold after the end, and weights of one without K.
 
     Raises:
         ConfigurationError: plan, gains and model do not fit.
@@ -161,6 +166,7 @@ class PlanFeedback(ReprMixin):
         plan: MotionPlan,
         K: Float[Array, "K nu nx"] | None = None,
         bandwidth: Positive = 20.0,
+        weights: tuple[Weight, Weight] | None = None,
     ) -> None:
         self.plan, self.bandwidth = plan, bandwidth
         self._reduced, self._model = reduced, fitting_model(reduced, plan)
@@ -168,6 +174,7 @@ class PlanFeedback(ReprMixin):
         if self.K.shape != plan.K.shape or not np.isfinite(self.K).all():
             raise ConfigurationError(f"gains of shape {self.K.shape}: expected finite numbers {plan.K.shape}")
         self._after = PlanEnd(self._model, plan)
+        self.weights = (1.0, 1.0) if K is None and weights is None else weights
         names = (*reduced.reducing.names, *reduced.vertical.names)
         self._outputs = plan.reference() if plan.info.output_names == names else None
 
@@ -204,11 +211,24 @@ class PlanFeedback(ReprMixin):
         F = self._reduced.evaluator.inverse_dynamics(q, v2, rate, t)
         return Command(F, None, v2_desired, x1, x2), None
 
+    @cached_property
+    def _at_rest(self) -> Array:
+        """Gains after the end."""
+        if self.weights is None:
+            return self.K[-1]
+        at, u = self._after.at(np.inf)
+        Q, R = regulator_weights(self.plan, *self.weights)
+        h = np.diff(self.plan.time)[-1:]
+        step = self._model.step_derivatives(at, u[None], h)
+        AB, H = np.concatenate([step.x, step.u], axis=2), h[0] * np.diag(np.concatenate([Q, R]))
+        long = RiccatiFactors(*(np.repeat(each, _HORIZON, axis=0) for each in (AB, H[None])), np.diag(h[0] * Q))
+        return long.K[0] if np.isfinite(long.K[0]).all() else self.K[-1]
+
     def planned(self, t: float) -> tuple[Nodes, Array, Array]:
         """State (one node), input and gains of the plan at a time [s]."""
         plan = self.plan
         if t >= plan.duration:
-            return *self._after.at(t - plan.duration), self.K[-1]
+            return *self._after.at(t - plan.duration), self._at_rest
         k = min(max(int(np.searchsorted(plan.time, t, side="right")) - 1, 0), len(plan.u) - 1)
         at = self._model.after(Nodes(plan.q, plan.w), plan.u, k, max(0.0, t - plan.time[k]))
         return at, plan.u[k], self.K[k]
@@ -247,13 +267,22 @@ def tvlqr(
         (40, 2, 5)
     """
     model = fitting_model(reduced, plan)
-    Q = weights_of(state_cost, plan.info.state_names)
-    R = weights_of(input_cost, plan.info.input_names)
+    Q, R = regulator_weights(plan, state_cost, input_cost)
     last = 10.0 * Q if final_cost is None else weights_of(final_cost, plan.info.state_names)
+    K = regulator_gains(model, Nodes(plan.q[:-1], plan.w[:-1]), plan.u, np.diff(plan.time), (Q, R, last))
+    return PlanFeedback(reduced, plan, K, weights=(state_cost, input_cost))
+
+
+def regulator_weights(plan: MotionPlan, state_cost: Weight, input_cost: Weight) -> tuple[Array, Array]:
+    """Weights of states (nx,) and inputs (nu,) of a plan.
+
+    Raises:
+        ConfigurationError: one is negative or has an unknown name, or an input has none.
+    """
+    Q, R = weights_of(state_cost, plan.info.state_names), weights_of(input_cost, plan.info.input_names)
     if not (R > 0).all():
         raise ConfigurationError("input_cost: every input needs a positive weight")
-    K = regulator_gains(model, Nodes(plan.q[:-1], plan.w[:-1]), plan.u, np.diff(plan.time), (Q, R, last))
-    return PlanFeedback(reduced, plan, K)
+    return Q, R
 
 
 def regulator_gains(

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 import rnc_pin as rnc
 import systems
@@ -72,3 +73,34 @@ def test_regulator_is_the_dense_optimum():
     right += [-np.sqrt(7.0) * free, np.zeros(K * nu)]
     best = np.linalg.lstsq(np.vstack(rows), np.concatenate(right))[0]
     np.testing.assert_allclose(feedback.K[0] @ start, best[:nu], rtol=1e-6)
+
+
+def at_rest(reduced, controller):
+    """Dynamics of an error after the end of a plan under its feedback, and those without it."""
+    state, u, K = controller.planned(controller.plan.duration + 9.0)
+    model, h = action_model(reduced, controller.plan.info.form), np.diff(controller.plan.time)[-1:]
+    step = model.step_derivatives(state, u[None], h)
+    return step.x[0], step.u[0], K, h[0]
+
+
+@pytest.mark.parametrize("form", ["acceleration", "dynamic"])
+def test_an_arm_at_rest_is_held_by_the_gains_of_the_algebraic_riccati_equation(form):
+    """The last gains of a plan, 0.2 and 5.7, let errors fade with a time constant of 25 s."""
+    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf")
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce(map(rnc.JointPosition, robot.joint_names))
+    q0 = robot.configuration({"joint_1": 0.3, "joint_2": 0.5})
+    plan = rnc.optimal.plan(reduced, q0, q0 + 0.2, 3.0, form=form, limits=None)
+    A, B, K, h = at_rest(reduced, rnc.tvlqr(reduced, plan, 2.0, 0.5))
+    Q, R = 2.0 * h * np.eye(len(A)), 0.5 * h * np.eye(reduced.r)
+    P = scipy.linalg.solve_discrete_are(A, B, Q, R)
+    np.testing.assert_allclose(K, -np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("form", ["kinematic", "acceleration", "dynamic"])
+def test_a_direction_that_no_input_moves_at_rest_keeps_its_error(form):
+    """An edge cannot move aside: one eigenvalue stays one, the others decay within seconds."""
+    reduced, plan = curve(form)
+    A, B, K, h = at_rest(reduced, rnc.tvlqr(reduced, plan))
+    rates = -np.log(np.sort(np.abs(np.linalg.eigvals(A + B @ K)))) / h
+    assert rates[-1] == pytest.approx(0.0, abs=1e-6)
+    assert rates[-2] > 0.3

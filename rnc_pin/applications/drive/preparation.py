@@ -184,7 +184,9 @@ def _driven_config(
     given = raw.get("controller")
     config["controller"] = given if isinstance(given, Mapping) and given.get("type") == "qp" else _CONTROLLER
     simulation = raw.get("simulation")
-    settings = dict(simulation) if isinstance(simulation, Mapping) else {"duration": 10.0}
+    settings = dict(simulation) if isinstance(simulation, Mapping) else {}
+    if settings.get("duration", "plan") == "plan":
+        settings["duration"] = 10.0
     if not any(key == "simulation" or key.startswith("simulation.dt") for key in options):
         settings["dt"] = PERIOD
     config["simulation"] = {**settings, "position_limits": False}

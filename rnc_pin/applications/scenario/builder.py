@@ -120,7 +120,7 @@ class Experiment:
     def run(self, options: SimulationOptions) -> Trajectory:
         """Simulate the run."""
         dt, start, v2_0 = self.simulation.dt, self.q0, self.v2_0
-        duration, plant = self.simulation.duration, self.plant
+        duration, plant = self.simulation.seconds, self.plant
         return simulate(self.reduced, self.controller, start, duration, dt, v2_0=v2_0, plant=plant, options=options)
 
 
@@ -143,10 +143,12 @@ def build_experiment(
         raise ConfigurationError("simulation: is missing; a run needs {duration: ..., dt: ...}")
     if scenario.controller is None and not scenario.contacts:
         raise ConfigurationError("controller: is missing; a run needs {type: ..., preset: ...}")
-    try:
-        sample_count(scenario.simulation.duration, scenario.simulation.dt)
-    except InputError as error:
-        raise ConfigurationError(f"simulation: {error}") from None
+    simulation = scenario.simulation
+    if scenario.planner is None or simulation.duration != "plan":
+        try:
+            sample_count(simulation.seconds, simulation.dt)
+        except InputError as error:
+            raise ConfigurationError(f"simulation: {error}") from None
     reduced = build_reduced(scenario, folder)[1] if reduced is None else reduced
     _check_plots(scenario, reduced)
     q0, v2_0 = start_of(scenario, reduced)
@@ -157,11 +159,12 @@ def build_experiment(
     motion = None
     if scenario.planner is not None:
         motion = (Plans() if plans is None else plans).plan(scenario, reduced, Start(q0, v2_0), obstacles)
+        simulation = simulation.of_plan(motion.duration)
     for frame in scenario.view.trail:
         reduced.robot.frame_id(frame)
     at_start = start_findings(scenario, reduced, q0)
     doubted = warnings_of(at_start)
-    run = partial(Experiment, scenario, reduced, q0=q0, v2_0=v2_0, simulation=scenario.simulation, obstacles=obstacles)
+    run = partial(Experiment, scenario, reduced, q0=q0, v2_0=v2_0, simulation=simulation, obstacles=obstacles)
     if scenario.controller is None:
         without, plant = ZeroInput(reduced), build_plant(scenario, reduced, q0)
         return run(without, plant, warnings=doubted, start_findings=at_start, provenance=provenance_of(None))
@@ -175,7 +178,7 @@ def build_experiment(
         **references,
         given=given,
         q0=q0,
-        simulation=scenario.simulation,
+        simulation=simulation,
         preflight=scenario.preflight,
         slithering=path.slithering,
         monitored=path.monitored,
@@ -238,7 +241,7 @@ def _grip(scenario: ScenarioFile, reduced: ReducedModel) -> Grip | None:
 
 def _later_ends(scenario: ScenarioFile, context: ControllerContext) -> dict[str, float]:
     """Values at which references or the plan end after the run, by output."""
-    task, found, duration = context.task, dict[str, float](), context.simulation.duration
+    task, found, duration = context.task, dict[str, float](), context.simulation.seconds
     if context.plan is not None and scenario.planner is not None and duration < context.plan.duration:
         found |= scenario.planner.goal
     for role in ("primary", "redundant", "vertical"):

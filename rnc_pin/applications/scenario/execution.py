@@ -73,7 +73,7 @@ def _comparisons(
     for label, experiment in scenario.comparisons.items():
         shown = _shown(progress, before, f"{scenario.name}: {label}")
         run, failure, _ = scenario.simulated(experiment, _watched(experiment, None, shown))
-        before += experiment.simulation.duration
+        before += experiment.simulation.seconds
         compared = _compared(run_summary(experiment, run))
         if failure is not None:
             compared["message"] = str(failure)
@@ -91,7 +91,7 @@ def _shown(progress: Callable[[float, str], None] | None, before: float, name: s
 
 def _watched(experiment: Experiment, observer: Observer | None, report: Callable[[float], None]) -> Observer:
     """Observer of a run that reports its progress."""
-    last = experiment.simulation.duration * (1.0 - 1e-9)
+    last = experiment.simulation.seconds * (1.0 - 1e-9)
     due = 0.0
 
     def watch(sample: Sample) -> None:

@@ -229,7 +229,7 @@ class Scenario(SummaryMixin):
     @property
     def duration(self) -> float:
         """Simulated time of the run [s]."""
-        return self.experiment.simulation.duration
+        return self.experiment.simulation.seconds
 
     @property
     def dt(self) -> float:
@@ -239,7 +239,7 @@ class Scenario(SummaryMixin):
     @property
     def total_duration(self) -> float:
         """Simulated time of the run and its comparisons [s]."""
-        return self.duration + sum(each.simulation.duration for each in self.comparisons.values())
+        return self.duration + sum(each.simulation.seconds for each in self.comparisons.values())
 
     @cached_property
     def _start(self) -> tuple[np.ndarray, np.ndarray]:
@@ -331,7 +331,9 @@ class Scenario(SummaryMixin):
         content = self.content
         controller = "none" if content.controller is None else content.controller.type
         settings = content.simulation
-        time = "none" if settings is None else f"{settings.duration:g} s, dt {settings.dt:g} s"
+        time = (
+            "none" if settings is None else f"{settings.duration} s, dt {settings.dt:g} s".replace("plan s", "its plan")
+        )
         title = f"Scenario '{self.name}'" + (f": {content.title}" if content.title else "")
         said = content.robot.urdf or content.robot.mjcf or content.robot.example
         lines = [("robot", items([str(said)])), ("controller", items([controller])), ("simulation", items([time]))]

@@ -77,6 +77,18 @@ def test_existing_trackers_follow_the_outputs_of_the_plan_and_equal_plans_are_sh
     np.testing.assert_allclose(run.comparisons["plan"].q[-1, :2], [1.0, 0.0], atol=1e-2)
 
 
+@pytest.mark.parametrize("duration", [{}, {"duration": "plan"}])
+def test_a_run_lasts_as_long_as_its_plan(tmp_path, duration):
+    raw = {**yaml.safe_load(SCENARIO), "simulation": {"dt": 0.03, **duration}}
+    free = {"planner.duration": [1.0, 2.0], "planner.time_weight": 3.0}
+    made = Scenario.load(written(tmp_path, yaml.safe_dump(raw)), free)
+    assert 0.0 <= made.duration - made.experiment.plan.duration < 0.03
+    assert execute(made).trajectory.time[-1] == pytest.approx(made.duration)
+    alone = {"planner": None, "controller": {"type": "reducing_outputs", "tracker": "computed_torque"}}
+    with pytest.raises(rnc.ConfigurationError, match=r"simulation\.duration: is missing"):
+        Scenario.load(written(tmp_path, yaml.safe_dump({**raw, **alone}))).build()
+
+
 @pytest.mark.parametrize(("moved", "word"), [("sleigh_yaw", "succeeded"), ("sleigh_x", "failed")])
 def test_a_goal_is_what_the_planner_names(tmp_path, moved, word):
     """Other outputs are tracked: one that ends 0.1 away from its plan misses no goal."""

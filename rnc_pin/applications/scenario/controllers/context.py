@@ -167,7 +167,7 @@ class ControllerContext:
     def horizon(self) -> float:
         """Time until all references are constant, plus 1 s, at most the duration of the simulation [s]."""
         longest = max(reference.duration for reference in (self.primary, self.redundant, self.vertical)) + 1.0
-        return min(self.simulation.duration, longest)
+        return min(self.simulation.seconds, longest)
 
 
 @dataclass(frozen=True)

@@ -194,8 +194,10 @@ class PlanFeedbackSettings(ControllerSettings, _TVLQR.model, _FEEDBACK.model):  
         if plan is None:
             raise ConfigurationError("controller.type: 'plan_feedback' requires a plan: set 'planner'")
         with ConfigurationError.at("controller"):
-            gains = None if self.gains == "plan" else _TVLQR.build(self, reduced=reduced, plan=plan).K
-            controller = _FEEDBACK.build(self, reduced=reduced, plan=plan, K=gains)
+            controller = _FEEDBACK.build(self, reduced=reduced, plan=plan)
+            if self.gains != "plan":
+                found = _TVLQR.build(self, reduced=reduced, plan=plan)
+                controller = _FEEDBACK.build(self, reduced=reduced, plan=plan, K=found.K, weights=found.weights)
         passed = obstacles_passed(reduced.robot, plan.time, plan.q, context.obstacles)
         complaints = (
             *near_singular("the plan", reduced, plan.q),

@@ -139,7 +139,7 @@ class VelocityProgramSettings(WholeBodySettings, VelocityTrackerSettings, _VELOC
         with RncError.at("controller.limits"):
             program = _VELOCITIES.build(self, reduced=context.reduced, tasks=tasks, limits=limits)
         goals = TaskGoals(self.tasks, tasks, context.reduced)
-        return self.track(context, program, horizon=context.simulation.duration, goals=goals)
+        return self.track(context, program, horizon=context.simulation.seconds, goals=goals)
 
 
 class InverseDynamicsSettings(WholeBodySettings, _INPUTS.model):  # type: ignore[name-defined, misc]

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, Discriminator, Field, RootModel, Tag
 
 from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.schema.derived import NAME, Content, Entry, PartialCall
+from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import LIST, Strict
 from rnc_pin.model import Positive
 from rnc_pin.plants import ReducedPlant
@@ -26,8 +27,8 @@ GripItem = Annotated[PartialCall[Grip], Entry(Grip, late=("reduced",))]
 class SimulationSettings(_PLANT.model, _STOP.model):  # type: ignore[name-defined, misc]
     """Duration and steps of the simulation, and the effects of a real robot that it includes."""
 
-    duration: Positive
-    """Simulated time [s]."""
+    duration: Positive | Literal["plan"] = "plan"
+    """Simulated time [s], or "plan" for the whole samples of the plan of ``planner``, the default with one."""
     dt: Positive = 0.002
     """Sampling period of the controller [s]."""
     on_lift_off: Literal["ignore", "stop"] = "ignore"
@@ -37,6 +38,22 @@ class SimulationSettings(_PLANT.model, _STOP.model):  # type: ignore[name-define
     def plant_options(self) -> dict[str, Any]:
         """Arguments of ``ReducedPlant`` by name."""
         return _PLANT.given(self)
+
+    @property
+    def seconds(self) -> float:
+        """Simulated time [s]. A run of its plan has it when the plan is known."""
+        if self.duration == "plan":
+            raise ConfigurationError("simulation.duration: is missing, and without 'planner' no plan gives it")
+        return self.duration
+
+    def of_plan(self, duration: float) -> SimulationSettings:
+        """Settings whose duration is known.
+
+        Args:
+            duration: that of the plan [s].
+        """
+        samples = math.ceil(duration / self.dt - 1e-6)
+        return self.model_copy(update={"duration": samples * self.dt}) if self.duration == "plan" else self
 
     @property
     def stop(self) -> Stop:

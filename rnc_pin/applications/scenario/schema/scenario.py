@@ -253,7 +253,7 @@ def validate(raw: Mapping[str, Json], source: str) -> ScenarioFile:
 
 
 _UNION_MEMBERS = {"float", "str", "list[float]", "constrained-list", "name", "unknown_masses", "unknown_wheels"}
-_UNION_MEMBERS |= {LIST}
+_UNION_MEMBERS |= {LIST, "constrained-float", "literal['plan']"}
 
 
 def _is_tag(part: str, previous: object) -> bool:
