@@ -20,6 +20,7 @@ from .analysis import Linearization as Linearization
 from .analysis import Report as Report
 from .analysis import analyze as analyze
 from .analysis import equilibrium as equilibrium
+from .analysis import explore as explore
 from .analysis import linearize as linearize
 from .analysis import lqr as lqr
 from .analysis import state_derivatives as state_derivatives

@@ -6,6 +6,9 @@ from .derivatives import StateDerivatives as StateDerivatives
 from .derivatives import state_derivatives as state_derivatives
 from .equilibrium import Equilibrium as Equilibrium
 from .equilibrium import equilibrium as equilibrium
+from .exploration import Exploration as Exploration
+from .exploration import Use as Use
+from .exploration import explore as explore
 from .grip import Grip as Grip
 from .growth import GrowthEvidence as GrowthEvidence
 from .growth import growth_vector as growth_vector

@@ -1,0 +1,558 @@
+"""Use of kinematic redundancy: outputs that a robot can control beside its primary ones, found without a partition.
+
+With primary outputs x21 (Jacobian J21), the motions that leave them alone are ``v = R N z`` with ``J21 R N = 0``. A set
+of vertical outputs x1 (rows J1) moves with them by ``D = J1 R N``. Rank and singular values of D do not depend on the
+choice of redundant coordinates x22, which only changes the conditioning of the reduction. So the search is over sets of
+vertical outputs. Columns of ``R N`` are orthonormal here, with angles multiplied by a length of the robot: then
+singular values are motions of outputs per motion of joints.
+
+The classes are those of the paper, section 3.2 (``classify`` has the same with a given partition):
+
+* 1: D has full row rank.
+* 2: some rows of D vanish. The others are square and nonsingular, and the rates of the former do not depend on x22.
+* 2s: D vanishes, and the values of x22 steer the rates of x1.
+* 3: D has not full row rank, but brackets of the motions ``R N`` have: manoeuvres reach x1 while x21 rests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.analysis.growth import grow
+from rnc_pin.array_shapes import Float
+from rnc_pin.errors import ConfigurationError, InputError, RncError, SingularityError
+from rnc_pin.io.json import Json, to_json_mapping
+from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.compiled import evaluator_for
+from rnc_pin.model.input_validation import is_count
+from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import OutputStack, RowStack
+from rnc_pin.model.rows import GroundContact, OutputKind, OutputRows, Rows
+from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.model.task import OutputTarget, find_output
+from rnc_pin.outputs import CenterOfMass, FrameOrientation, FramePosition, FrameYaw, JointPosition
+from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted
+from rnc_pin.robots.robot import Robot
+
+_ZERO = 1e-9  # motion, relative to the largest of all outputs, that is rounding
+_RANK = 1e-6  # singular value of D, relative to its largest, below which a direction is not moved
+_USUAL = 0.9  # share of the samples that decides
+_WEAK = 0.05  # part of the median singular value below which a sample counts as singular
+_MOST_SETS = 300  # sets of outputs that are tried
+_CLOSURES = 3  # configurations at which brackets are evaluated
+_DEEPEST, _BRACKETS = 4, 1e-5  # order of brackets, and their precision
+_POINT = 1e-3  # [m] below which a robot has no length
+_WORKING = 0.25  # of the motion of the busiest actuator, above which one counts as working
+_MOST_ACTUATORS = 4
+_ORDER = ("1", "2", "2s", "3", None)
+
+
+@dataclass(frozen=True)
+class Use:
+    """Use of the redundancy: a set of vertical outputs, and what motions that leave the primary ones alone do to it.
+
+    Attributes:
+        vertical: names of the outputs (k,).
+        redundancy_class: "1", "2", "2s", "3" or None.
+        rank: usual rank of D.
+        singular_values: median of each over the samples (k,); angles of outputs and joints count by ``length``.
+        smallest: smallest singular value at any sample.
+        singular_share: share of the samples at which D is singular or nearly so.
+        singular_at: configuration (nq,) of the smallest one.
+        redundant: names of the coordinates x22 that reduce best.
+        actuators: actuators that do most of the work.
+        effort: largest static effort of these over the samples, in the median [N or N m]; None without gravity.
+        reason: one sentence.
+    """
+
+    vertical: tuple[str, ...]
+    redundancy_class: str | None
+    rank: int
+    singular_values: Float[Array, " k"]
+    smallest: float
+    singular_share: float
+    singular_at: Float[Array, " nq"]
+    redundant: tuple[str, ...]
+    actuators: tuple[str, ...]
+    effort: float | None
+    reason: str
+
+    def to_dict(self) -> dict[str, Json]:
+        """Return lists, numbers and strings that JSON can store."""
+        return to_json_mapping({name: getattr(self, name) for name in self.__dataclass_fields__}, "use")
+
+
+@dataclass(frozen=True, repr=False)
+class Exploration(SummaryMixin):
+    """Result of ``explore``, best use first.
+
+    Attributes:
+        primary: names of the primary outputs.
+        motions: number of independent motions that leave the primary outputs alone.
+        length: length by which angles count [m].
+        samples: regular configurations that were evaluated.
+        rows: uses of the redundancy.
+        untried: number of sets that were left out, because there are too many.
+    """
+
+    primary: tuple[str, ...]
+    motions: int
+    length: float
+    samples: int
+    rows: tuple[Use, ...]
+    untried: int
+
+    def to_dict(self) -> dict[str, Json]:
+        """Return lists, numbers and strings that JSON can store."""
+        own = {name: getattr(self, name) for name in ("primary", "motions", "length", "samples", "untried")}
+        return to_json_mapping({**own, "rows": [each.to_dict() for each in self.rows]}, "exploration")
+
+    def _summary(self) -> ObjectSummary:
+        title = f"Exploration: {counted(self.motions, 'motion')} beside {short_names(self.primary)}"
+        lines = []
+        for each in self.rows:
+            kind = f"class {each.redundancy_class}" if each.redundancy_class else "none"
+            lines.append((f"{short_names(each.vertical)} ({kind})", [Item(each.reason)]))
+        return ObjectSummary(title, lines)
+
+
+def short_names(names: Sequence[str]) -> str:
+    """Return names in one line, with the components of a vector together: ``hand_xyz``."""
+    found: list[str] = []
+    for name in names:
+        stem = name[:-1]
+        joins = found and name[-2:-1] == "_" and found[-1].rstrip("xyz") == stem and found[-1] != stem
+        found = [*found[:-1], found[-1] + name[-1]] if joins else [*found, name]
+    return ", ".join(found)
+
+
+def explore(
+    reduced: ReducedModel,
+    primary: Sequence[OutputTarget],
+    candidates: Sequence[OutputTarget | Sequence[OutputTarget]] | None = None,
+    samples: int = 64,
+    seed: int = 0,
+) -> Exploration:
+    """Find what the redundancy of a robot can do beside primary outputs, at seeded random configurations.
+
+    Args:
+        reduced: the model, with any reducing outputs; a rheonomic one is explored at time zero.
+        primary: primary outputs, by name or as output objects.
+        candidates: vertical outputs: names, output objects, or lists of them that belong together. By default position
+            and orientation of the base and of the ends of chains, the centre of mass, and joints.
+        samples: number of configurations.
+        seed: of the random configurations.
+
+    Raises:
+        ConfigurationError: an unknown output, or primary outputs that the robot cannot move independently.
+        InputError: ``samples`` is not a positive integer.
+        SingularityError: every sampled configuration is singular.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> found = rnc.explore(system.reduce(), [rnc.FramePosition("tip", "xy")], samples=16)
+        >>> use = next(each for each in found.rows if each.vertical == ("platform",))
+        >>> use.redundancy_class, found.motions
+        ('1', 1)
+    """
+    if not is_count(samples, 1):
+        raise InputError(f"samples: expected an integer of at least 1, found {samples!r}")
+    return _Exploring(reduced.frozen(0.0), primary, candidates, samples, seed).found()
+
+
+class _Bound:
+    """Kind of rows that are bound already."""
+
+    def __init__(self, rows: Rows) -> None:
+        self._rows = rows
+
+    def bind(self, robot: Robot) -> Rows:
+        return self._rows
+
+
+class _HeldRows(Rows):
+    """Outputs at rest."""
+
+    def __init__(self, outputs: RowStack) -> None:
+        self._outputs, self.units = outputs, outputs.units
+        self.names = tuple(f"held({name})" for name in outputs.names)
+
+    def jacobian(self, at: PositionKinematics) -> Array:
+        return self._outputs.jacobian(at)
+
+    def jacobian_dot(self, at: VelocityKinematics) -> Array:
+        return self._outputs.jacobian_dot(at)
+
+    def bias_acceleration(self, at: VelocityKinematics) -> Array:
+        return self._outputs.bias_acceleration(at)
+
+
+class _Set:
+    """Set of vertical outputs.
+
+    Args:
+        rows: places of the outputs among all candidates (k,).
+        D: motions of all candidates at the samples (S, all, r2).
+
+    Attributes:
+        D: motions of these outputs (S, k, r2).
+        values: singular values of D.
+        rank: usual rank.
+        full: True if D usually has full row rank.
+        moved: mask of the outputs that move (k,).
+    """
+
+    def __init__(self, rows: tuple[int, ...], D: Array) -> None:
+        self.rows, self.D = rows, D[:, list(rows)]
+        self.values = np.linalg.svd(self.D, compute_uv=False)
+        scale = max(float(np.abs(D).max(initial=0.0)), 1e-300)
+        ranks = (self.values > _RANK * scale).sum(axis=1)
+        self.rank, self.full = int(np.median(ranks)), bool((ranks == len(rows)).mean() > _USUAL)
+        self.moved = _largest(self.D) > _ZERO * scale
+
+    def names(self, names: Sequence[str]) -> tuple[str, ...]:
+        return tuple(names[row] for row in self.rows)
+
+
+class _Exploring:
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        primary: Sequence[OutputTarget],
+        candidates: Sequence[OutputTarget | Sequence[OutputTarget]] | None,
+        samples: int,
+        seed: int,
+    ) -> None:
+        self._reduced, self._robot, self._seed = reduced, reduced.robot, seed
+        q = _regular(reduced, samples, seed)
+        chosen = [find_output(reduced, each, "a primary output has to be") for each in primary]
+        if not primary:
+            raise ConfigurationError("primary outputs: expected at least one")
+        self._by_default = candidates is None
+        self._primary = tuple(stack.names[row] for stack, rows in chosen for row in rows)
+        offered = _default_candidates(reduced, q[0]) if candidates is None else candidates
+        groups = [[find_output(reduced, one, "a candidate has to be") for one in _listed(each)] for each in offered]
+        used = [*chosen, *(pair for group in groups for pair in group)]
+        self._outputs = OutputStack(_unique([block for stack, _ in used for block in _blocks(stack)]))
+        self._names = self._outputs.names
+        self._first = [self._names.index(name) for name in self._primary]
+        self._evaluator = evaluator_for(reduced.reduction_data.measuring(self._outputs), reduced.evaluator)
+        here = reduced.at(q).in_reduction(self._evaluator)
+        _, values, right = np.linalg.svd(here.A_star[:, self._first])
+        count = len(self._primary)
+        good = (values[:, -1] > _RANK * values[:, 0]) & (count <= reduced.r)
+        if not good.mean() > _USUAL:
+            raise ConfigurationError(
+                f"primary outputs {', '.join(self._primary)}: the robot cannot move them independently"
+            )
+        self._q, self._R, self._A, self._J = q[good], here.R[good], here.A_star[good], here.J1[good]
+        self._P, N = self._A[:, self._first], right[good, count:].mT
+        self.motions = N.shape[-1]
+        self._length = _length(self._robot)
+        angles = np.array([unit.startswith("rad") for unit in self._robot.velocity_units])
+        self._lengths = np.where(angles, self._length, 1.0)[:, None]
+        self._ways = np.linalg.qr(self._lengths * (self._R @ N))[0] / self._lengths  # (S, nv, r2)
+        angular = np.array([unit.startswith("rad") for unit in self._outputs.units])
+        scale = np.where(angular, self._length, 1.0)[:, None]
+        self._D = scale * (self._J @ self._ways)
+        size, moved = _largest(scale * self._J), _largest(scale * self._A)
+        nothing = size <= _ZERO * size.max()
+        self._conserved = ~nothing & (moved <= _ZERO * moved.max())
+        places = [[self._names.index(stack.names[row]) for stack, rows in group for row in rows] for group in groups]
+        kept = [tuple(k for k in group if not nothing[k] and k not in self._first) for group in places]
+        self._groups = list(dict.fromkeys(group for group in kept if group))
+        self._redundant = self._coordinates() if self.motions else []
+        self._redundant_names = tuple(self._robot.velocity_names[k] for k in self._redundant)
+
+    # ------------------------------------------------------------------ search
+
+    def found(self) -> Exploration:
+        sets, untried = self._sets() if self.motions else ([], 0)
+        rows = sorted((self._use(each) for each in sets), key=self._order)
+        return Exploration(self._primary, self.motions, self._length, len(self._q), tuple(rows), untried)
+
+    def _sets(self) -> tuple[list[_Set], int]:
+        """Groups of outputs, then unions of groups whose parts all have full rank; and the number of untried unions."""
+        found = [_Set(group, self._D) for group in self._groups]
+        level: list[tuple[int, ...]]
+        single = [each.rows for each in found if each.full and not self._trivial(each)]
+        known = {frozenset(group) for group in self._groups}
+        level, tried, untried = [(k,) for k in range(len(single))], 0, 0
+        while level:
+            whole, larger = set(level), []
+            for members in sorted({(*a, b[-1]) for a, b in combinations(level, 2) if a[:-1] == b[:-1]}):
+                rows = tuple(row for k in members for row in single[k])
+                parts = combinations(members, len(members) - 1)
+                failed = any(part not in whole for part in parts)
+                if failed or len({*rows}) < len(rows) or len(rows) > self.motions or frozenset(rows) in known:
+                    continue
+                if tried == _MOST_SETS:
+                    untried += 1
+                    continue
+                tried += 1
+                if (union := _Set(rows, self._D)).full:
+                    larger.append(members)
+                    found.append(union)
+            level = larger
+        return found, untried
+
+    def _trivial(self, each: _Set) -> bool:
+        """True for actuated joints and redundant coordinates, which are offered one by one only."""
+        own = {*self._reduced.actuation.names, *self._redundant_names}
+        return self._by_default and own.issuperset(each.names(self._names))
+
+    def _decided(self, each: _Set) -> tuple[str | None, str]:
+        """Class and reason: by rank, then by first derivatives, then by brackets."""
+        rows, count, moved = list(each.rows), len(each.rows), int(each.moved.sum())
+        if self._conserved[rows].any():
+            fixed = " ".join(
+                name for name, row in zip(each.names(self._names), rows, strict=True) if self._conserved[row]
+            )
+            return None, f"no motion of the robot changes {fixed}"
+        if each.full:
+            left = self.motions - count
+            return "1", f"set at will; {counted(left, 'further motion')} left" if left else "set at will"
+        if not moved and (steered := self._steered(rows)).any():
+            names = ", ".join(np.array(each.names(self._names))[steered].tolist())
+            return "2s", f"{names} steered by the values of {', '.join(self._redundant_names)}, not by their rates"
+        if 0 < moved < count and moved == self.motions and self._splits(each):
+            names = ", ".join(np.array(each.names(self._names))[each.moved].tolist())
+            return "2", f"{names} set at will; the rest follows from the primary outputs"
+        if self.motions > 1 and each.rank < count and self._is_reached(rows):
+            return "3", "reached by manoeuvres that leave the primary outputs alone, not at will"
+        return None, f"{each.rank} of {counted(count, 'direction')} moved" if moved else "not moved"
+
+    def _steered(self, rows: Sequence[int]) -> Array:
+        """Mask of the outputs whose rates the values of the redundant coordinates steer; none if not all at will."""
+        v21 = np.random.default_rng(self._seed).uniform(0.5, 1.5, len(self._first))
+        slopes = np.einsum("skji,i->skj", self._slopes(rows, self._ways), v21)
+        steered = _largest(slopes) > _RANK * max(1.0, float(np.abs(self._A).max()))
+        if int(steered.sum()) == self.motions:
+            values = np.linalg.svd(slopes[:, steered], compute_uv=False)
+            if (values[:, -1] > _RANK * values[:, 0]).mean() > _USUAL:
+                return steered
+        return np.zeros(len(rows), dtype=bool)
+
+    def _splits(self, each: _Set) -> bool:
+        """True if the rates of the outputs that do not move are independent of the redundant coordinates.
+
+        The derivative is that at fixed primary and vertical outputs. The constraints forbid such a motion, but a
+        derivative allows it (``classify``).
+        """
+        rows, unit = np.array(each.rows), np.eye(self._J.shape[-1])[self._redundant]
+        fixed = self._J[:, [*self._first, *rows]]
+        all_rows = np.concatenate([fixed, np.broadcast_to(unit, (len(fixed), *unit.shape))], axis=1)
+        ways = np.linalg.pinv(all_rows, rcond=_RANK)[..., fixed.shape[1] :]
+        alone = np.eye(all_rows.shape[1])[:, fixed.shape[1] :]
+        possible = np.abs(all_rows @ ways - alone).max(axis=1, keepdims=True) < _RANK
+        ways = np.where(possible, ways, self._ways)
+        slopes = self._slopes(rows[~each.moved].tolist(), ways)
+        return bool(np.abs(slopes).max() < _RANK * max(1.0, float(np.abs(self._A).max())))
+
+    def _slopes(self, rows: Sequence[int], ways: Array) -> Array:
+        """Derivatives (S, k, j, r1) along motions (S, nv, j) of B, where the rates of rows are ``B x21_dot``.
+
+        Where D vanishes, ``J1 R = B P`` with ``P = J21 R``. So ``dB = (d(J1 R) - B dP) P^+``.
+        """
+        inverse = np.linalg.pinv(self._P)
+        B, found = self._A[:, rows] @ inverse, []
+        here = self._reduced.at(self._q).in_reduction(self._evaluator)
+        for way in np.moveaxis(ways, -1, 0):
+            rates = StateEvaluation(here, v=np.ascontiguousarray(way)).A_star_dot
+            found.append((rates[:, rows] - B @ rates[:, self._first]) @ inverse)
+        return np.stack(found, axis=2)
+
+    def _is_reached(self, rows: Sequence[int]) -> bool:
+        """True if brackets of the redundant motions move outputs in all directions."""
+        ranks = [np.linalg.matrix_rank(J[rows] @ closure, _BRACKETS) for J, closure in self._closures]
+        return bool(ranks) and float(np.median(ranks)) == len(rows)
+
+    @cached_property
+    def _closures(self) -> list[tuple[Array, Array]]:
+        """Jacobian of all outputs, and directions that brackets of the redundant motions reach, at a few samples."""
+        known = [_Bound(place.block) for place in self._reduced.all_constraints.places]
+        held = _Bound(_HeldRows(self._outputs.selected(tuple(self._first))))
+        found: list[tuple[Array, Array]] = []
+        with suppress(RncError):
+            resting = NonholonomicSystem(self._robot, [*known, held]).reduce()
+            for q, J in zip(self._q, self._J, strict=True):
+                with suppress(SingularityError):
+                    found.append((J, grow(resting, q, limit=_DEEPEST).closure))
+                if len(found) == _CLOSURES:
+                    break
+        return found
+
+    def _coordinates(self) -> list[int]:
+        """Entries of v that parametrise the redundant motions best: the largest typical smallest singular value."""
+        model = self._robot.model
+        single = [int(joint.idx_v) for joint in list(model.joints)[1:] if joint.nv == 1]
+        scaled = self._lengths * self._ways
+        allowed = single if np.linalg.matrix_rank(scaled[0][single], _RANK) == self.motions else list(range(model.nv))
+        best: tuple[float, list[int]] = (-1.0, [])
+        for way in scaled[:: max(1, len(scaled) // 8)]:
+            chosen = [allowed[k] for k in _pivots(way[allowed].T, self.motions)]
+            smallest = float(np.median(np.linalg.svd(scaled[:, chosen], compute_uv=False)[:, -1]))
+            best = max(best, (smallest, sorted(chosen)))
+        return best[1]
+
+    # ------------------------------------------------------------------ report
+
+    def _use(self, each: _Set) -> Use:
+        kind, reason = self._decided(each)
+        typical = np.zeros(len(each.rows))
+        typical[: each.values.shape[1]] = np.median(each.values, axis=0)
+        typical.setflags(write=False)
+        last = each.values[:, max(each.rank - 1, 0)]
+        worst = int(np.argmin(last))
+        weak = float((last < _WEAK * np.median(last)).mean()) if each.rank else 0.0
+        names, at = each.names(self._names), self._q[worst].copy()
+        at.setflags(write=False)
+        work = self._work(each)
+        return Use(names, kind, each.rank, typical, float(last[worst]), weak, at, self._redundant_names, *work, reason)
+
+    def _work(self, each: _Set) -> tuple[tuple[str, ...], float | None]:
+        """Actuators that move most for unit motions of the outputs, and their static effort."""
+        names = self._reduced.actuation.names
+        if not (names and each.rank):
+            return (), None
+        moving = self._ways @ np.linalg.pinv(each.D, rcond=_RANK)
+        motion = np.abs(self._reduced.at(self._q).B.mT @ moving).max(axis=2)  # (S, p)
+        shares = np.median(motion, axis=0)
+        busiest = np.argsort(-shares, kind="stable")[:_MOST_ACTUATORS].tolist()
+        working = [k for k in busiest if shares[k] > _WORKING * shares.max()]
+        load = self._static_inputs
+        effort = None if load is None else float(np.median(np.abs(load[:, working]).max(axis=1)))
+        return tuple(names[k] for k in working), effort
+
+    @cached_property
+    def _static_inputs(self) -> Array | None:
+        """Inputs (S, p) that hold the robot; None if nothing loads it, or if actuators cannot hold it."""
+        with suppress(RncError):
+            state = self._reduced.at(self._q, np.zeros((len(self._q), self._reduced.r)))
+            T = np.asarray(state.allocate(state.G))
+            return T if np.abs(T).max(initial=0.0) > _ZERO else None
+        return None
+
+    def _order(self, use: Use) -> tuple[int, int, float]:
+        """Best first: by class, then frames and joints without an actuator before the others."""
+        own = {*self._reduced.actuation.names, *self._redundant_names}
+        typical = float(use.singular_values[use.rank - 1]) if use.rank else 0.0
+        return _ORDER.index(use.redundancy_class), sum(name in own for name in use.vertical), -typical
+
+
+def _regular(reduced: ReducedModel, samples: int, seed: int) -> Array:
+    """Regular random configurations (S, nq)."""
+    generator, found, failure = np.random.default_rng(seed), [], None
+    for _ in range(samples):
+        q = reduced.random_configuration(generator)
+        try:
+            _ = reduced.at(q).R
+            found.append(q)
+        except SingularityError as error:
+            failure = error
+    if not found:
+        assert failure is not None
+        raise failure
+    return np.stack(found)
+
+
+def _largest(matrices: Array) -> Array:
+    """Largest entry of each row (k,) of matrices (S, k, l)."""
+    return np.asarray(np.abs(matrices).max(axis=(0, 2), initial=0.0))
+
+
+def _listed(candidate: OutputTarget | Sequence[OutputTarget]) -> Sequence[OutputTarget]:
+    return [candidate] if isinstance(candidate, str | OutputKind) else candidate
+
+
+def _blocks(stack: OutputStack) -> list[OutputRows]:
+    return [place.block for place in stack.places if isinstance(place.block, OutputRows)]
+
+
+def _unique(blocks: Sequence[OutputRows]) -> list[OutputRows]:
+    """Blocks without those whose names are known."""
+    found: dict[tuple[str, ...], OutputRows] = {}
+    for block in blocks:
+        found.setdefault(block.names, block)
+    return list(found.values())
+
+
+def _pivots(rows: Array, count: int) -> list[int]:
+    """Columns that a factorization with pivoting chooses."""
+    left, chosen = rows.copy(), list[int]()
+    for _ in range(count):
+        sizes = np.einsum("ij,ij->j", left, left)
+        sizes[chosen] = -1.0
+        pivot = int(np.argmax(sizes))
+        chosen.append(pivot)
+        unit = left[:, pivot] / max(float(np.linalg.norm(left[:, pivot])), 1e-300)
+        left = left - np.outer(unit, unit @ left)
+    return chosen
+
+
+def _length(robot: Robot) -> float:
+    """Length of a robot [m]: half of the diagonal of the box around its frames, or 1 m for a point."""
+    position = Kinematics(robot).position(robot.configuration())
+    places = np.array([position.placement(frame).translation for frame in range(robot.model.nframes)])
+    found = 0.5 * float(np.linalg.norm(np.ptp(places, axis=0)))
+    return found if found > _POINT else 1.0
+
+
+def _wheel_joints(reduced: ReducedModel) -> set[int]:
+    """Joints of bodies that roll; a body with an axle of its own, such as a trailer, is none."""
+    robot, found = reduced.robot, set()
+    for place in reduced.all_constraints.places:
+        for each in place.block.mechanisms():
+            if isinstance(each, GroundContact) and each.radius:
+                found.add(int(robot.model.frames[robot.frame_id(each.frame)].parentJoint))
+    return found
+
+
+def tip_frames(reduced: ReducedModel) -> tuple[str, ...]:
+    """Return the ends of the chains of a robot: the last body of each, without wheels; a hand in place of its fingers.
+
+    Args:
+        reduced: the model, whose rows name the wheels.
+    """
+    model = reduced.robot.model
+    parents = [int(each) for each in model.parents]
+    bodies = {int(each.parentJoint): str(each.name) for each in model.frames if each.type.name == "BODY"}
+    first = [joint for joint in range(1, model.njoints) if parents[joint] == 0 and model.joints[joint].nv > 1]
+    inner = {*parents, *first, *_wheel_joints(reduced)}
+    ends = [joint for joint in range(1, model.njoints) if joint not in inner]
+    found = []
+    for joint in ends:
+        hand = parents[joint]
+        alone = hand == 0 or hand in first or [parents[each] for each in ends].count(hand) == 1
+        found.append(bodies.get(joint if alone else hand, bodies.get(joint, "")))
+    return tuple(dict.fromkeys(name for name in found if name))
+
+
+def _default_candidates(reduced: ReducedModel, q: Array) -> list[OutputKind | list[OutputKind]]:
+    robot = reduced.robot
+    position = reduced.at(q).position
+    frames = list(tip_frames(reduced))
+    base = next(
+        (str(each.name) for each in robot.model.frames if each.type.name == "BODY" and each.parentJoint == 1), None
+    )
+    if base is not None and robot.model.joints[1].nv > 1 and base not in frames:
+        frames.insert(0, base)
+    found: list[OutputKind | list[OutputKind]] = []
+    for frame in frames:
+        turning = np.abs(position.jacobian(robot.frame_id(frame))[3:]).max(axis=1)
+        parts: list[OutputKind] = [FramePosition(frame)]
+        if turning.max() > _ZERO:
+            parts.append(FrameOrientation(frame) if turning[:2].max() > _ZERO else FrameYaw(frame))
+        found += [*parts, parts]
+    rolling = _wheel_joints(reduced)
+    joints = [joint for joint in list(robot.model.joints)[1:] if joint.nv == 1 and joint.id not in rolling]
+    return [*found, CenterOfMass(), *(JointPosition(str(robot.model.names[joint.id])) for joint in joints)]

@@ -1,0 +1,128 @@
+"""Uses of redundancy beside a projection by NumPy, and beside the classes of all partitions."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+
+import rnc_pin as rnc
+from random_systems import recipes, reduced_of
+from rnc_pin.analysis import classify
+from systems import fire_truck, mobile_manipulator, space_robot
+
+LINK = (
+    '<link name="{0}"><inertial><mass value="{1}"/><origin xyz="{2} 0 0"/>'
+    '<inertia ixx="{1}" iyy="{1}" izz="{1}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+)
+JOINT = (
+    '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><origin xyz="{4} {5} 0"/><axis xyz="0 0 1"/>'
+    '<limit lower="-3" upper="3" velocity="1" effort="1"/></joint>'
+)
+
+
+def hub(folder, arms, links, base):
+    """Hub in the plane with arms of equal links, on a pivot or free."""
+    parts = [LINK.format("hub", 5, 0)]
+    if base == "fixed":
+        parts += ['<link name="world"/>', JOINT.format("pivot", "revolute", "world", "hub", 0, 0)]
+    for arm in range(arms):
+        before = "hub"
+        for k in range(links):
+            name, place = f"{'left' if arm == 0 else 'right'}_{k + 1}", 1 if k else 0.3
+            parts += [LINK.format(name, 1, 0.5), JOINT.format(f"{name}_joint", "revolute", before, name, place, 0)]
+            before = name
+        hand = f"{before}_hand"
+        parts += [f'<link name="{hand}"/>', JOINT.format(f"{before}_end", "fixed", before, hand, 1, 0)]
+    path = folder / "hub.urdf"
+    path.write_text(f'<robot name="hub">{"".join(parts)}</robot>')
+    robot = rnc.Robot.from_urdf(path, base=base)
+    conserved = rnc.MomentumConservation("pivot" if base == "fixed" else "root_joint")
+    driven = [name for name in robot.joint_names if name not in ("pivot", "root_joint")]
+    return rnc.NonholonomicSystem(robot, [conserved], driven).reduce()
+
+
+def use_of(found, *names):
+    return next(each for each in found.rows if set(each.vertical) == set(names))
+
+
+def test_a_hub_with_four_links_turns_while_its_hand_rests(tmp_path):
+    found = rnc.explore(hub(tmp_path, 1, 4, "fixed"), [rnc.FramePosition("left_4_hand", "xy")])
+    use = use_of(found, "pivot")
+    assert (use.redundancy_class, use.rank, found.motions, len(use.redundant)) == ("1", 1, 2, 2)
+    assert found.rows[0].redundancy_class == "1"
+
+
+def test_a_second_arm_turns_a_free_hub_and_the_centre_of_mass_is_conserved(tmp_path):
+    found = rnc.explore(hub(tmp_path, 2, 2, "planar"), [rnc.FramePosition("left_2_hand", "xy")])
+    assert found.motions == 2
+    hand = use_of(found, "right_2_hand_x", "right_2_hand_y")
+    assert (use_of(found, "hub_yaw").redundancy_class, hand.redundancy_class, hand.rank) == ("1", "1", 2)
+    center = use_of(found, "center_of_mass_x", "center_of_mass_y")
+    assert center.redundancy_class is None
+    assert "no motion of the robot changes" in center.reason
+    np.testing.assert_allclose(center.singular_values, 0.0, atol=1e-9)
+
+
+BASE = rnc.FramePosition("base", "xy")
+
+
+@pytest.mark.parametrize(("system", "primary", "vertical", "expected"), [
+    (space_robot, ["tip_x", "tip_y"], ["platform"], "1"),
+    (mobile_manipulator, [rnc.FramePosition("tip", "xy"), "base_yaw"], [rnc.Distance("base", "tip")], "1"),
+    (mobile_manipulator, [rnc.FramePosition("tip", "xy")], [BASE, rnc.FrameYaw("base")], "3"),
+    (fire_truck, ["tractor_speed_x", "front_steering"], [rnc.JointPosition("hitch")], "2s"),
+])  # fmt: skip
+def test_the_systems_of_the_paper_have_their_classes(system, primary, vertical, expected):
+    found = rnc.explore(system(), primary, [vertical])
+    assert [each.redundancy_class for each in found.rows] == [expected]
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(recipes())
+def test_motions_are_those_of_a_projection(recipe):
+    """``D D^T`` by the projection of scaled velocities onto the null space of all rows."""
+    try:
+        reduced = reduced_of(recipe)
+        robot = reduced.robot
+        joints = [name for name in robot.joint_names if robot.model.joints[robot.joint_id(name)].nv == 1]
+        assume(len(joints) > 1 and not reduced.affine)
+        outputs = [rnc.JointPosition(name) for name in joints]
+        found = rnc.explore(reduced, outputs[:1], outputs[1:], 1)
+    except (rnc.ConfigurationError, rnc.ConstraintError, rnc.SingularityError):
+        assume(False)
+    angles = [unit.startswith("rad") for unit in robot.velocity_units]
+    lengths = np.where(angles, found.length, 1.0)
+    unit = np.eye(robot.nv)
+    for use in found.rows:
+        if len(use.vertical) > 1:
+            continue
+        rows = np.vstack([reduced.at(use.singular_at).A, unit[robot.velocity_indices(joints[0])]]) / lengths
+        projection = np.eye(robot.nv) - np.linalg.pinv(rows, rcond=1e-12) @ rows
+        k = robot.velocity_indices(use.vertical[0]).start
+        np.testing.assert_allclose(use.singular_values[0] ** 2, projection[k, k], atol=1e-10)
+
+
+@pytest.mark.parametrize("system", [space_robot, mobile_manipulator, fire_truck])
+def test_classes_are_those_of_the_best_partition(system):
+    """Every choice of redundant outputs among the reducing ones, by ``classify``."""
+    reduced = system()
+    names = reduced.reducing.names
+    q = np.stack([reduced.random_configuration(np.random.default_rng(k)) for k in range(8)])
+    for size in range(1, reduced.r):
+        for redundant in combinations(names, size):
+            primary = [name for name in names if name not in redundant]
+            by_partition = classify(reduced, rnc.Task.of(reduced, primary, list(redundant)), q).redundancy_class
+            (use,) = rnc.explore(reduced, primary, [list(reduced.vertical.names)], 16).rows
+            assert use.redundancy_class in (by_partition, "3" if by_partition is None else by_partition), redundant
+
+
+@pytest.mark.parametrize(("primary", "samples", "error", "words"), [
+    (["tipp_x"], 4, rnc.ConfigurationError, "no output 'tipp_x'; did you mean 'tip_x'"),
+    ([], 4, rnc.ConfigurationError, "primary outputs: expected at least one"),
+    (["platform", "tip_x", "tip_y", "joint_1"], 4, rnc.ConfigurationError, "cannot move them independently"),
+    (["tip_x"], 0, rnc.InputError, "samples: expected an integer of at least 1, found 0"),
+])  # fmt: skip
+def test_refusals(primary, samples, error, words):
+    with pytest.raises(error, match=words):
+        rnc.explore(space_robot(), primary, samples=samples)
