@@ -9,6 +9,7 @@ from .safe_read import LARGEST as LARGEST
 from .safe_read import load_yaml as load_yaml
 from .safe_read import open_regular as open_regular
 from .safe_read import read_bytes as read_bytes
+from .safe_read import recorded_reads as recorded_reads
 from .strict_mapping import LIST as LIST
 from .strict_mapping import Numbers as Numbers
 from .strict_mapping import Strict as Strict

@@ -5,7 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import stat
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
 from typing import Any, NoReturn
@@ -18,6 +19,19 @@ from rnc_pin.errors import ModelError
 
 LARGEST = 64 * 2**20
 """Size limit of text and XML files [bytes]."""
+
+
+_recorders: list[set[Path]] = []
+
+
+@contextmanager
+def recorded_reads() -> Iterator[set[Path]]:
+    """Yield a set to which each file is added that ``open_regular`` opens inside."""
+    _recorders.append(set())
+    try:
+        yield _recorders[-1]
+    finally:
+        _recorders.pop()
 
 
 def open_regular(path: Path, follow_links: bool = True) -> BufferedReader:
@@ -38,6 +52,8 @@ def open_regular(path: Path, follow_links: bool = True) -> BufferedReader:
             raise OSError(errno.EISDIR, "Is a directory", str(path))
         if not stat.S_ISREG(mode):
             raise OSError(errno.EINVAL, "Not a regular file", str(path))
+        for each in _recorders:
+            each.add(Path(path).resolve())
         return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)

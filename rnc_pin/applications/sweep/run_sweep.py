@@ -147,12 +147,14 @@ def _source(
         return FunctionRuns(build, None if draws is None else _stated(draws)), describe_function(build)
     scenario, shared = str(build), to_json_mapping(options or {}, "options")
     if draws is None:
-        return ScenarioRuns(scenario, shared, None), describe_scenario(scenario, shared)
+        runs = ScenarioRuns(scenario, shared, None)
+        return runs, describe_scenario(scenario, shared, runs.files_read())
     if draws.distributions is not None:
         shared["sweep"] = to_json_mapping(draws.distributions, "distributions")
     if draws.seed is not None:
         shared["seed"] = draws.seed
-    return ScenarioRuns(scenario, shared, draws_of(scenario, shared)), describe_scenario(scenario, shared)
+    runs = ScenarioRuns(scenario, shared, draws_of(scenario, shared))
+    return runs, describe_scenario(scenario, shared, runs.files_read())
 
 
 def _stated(draws: Draws) -> SeededDraws:

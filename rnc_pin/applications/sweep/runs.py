@@ -10,8 +10,10 @@ import json
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
+from pathlib import Path
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -22,7 +24,7 @@ from rnc_pin.applications.scenario.scenario import BuiltModel, Scenario
 from rnc_pin.applications.scenario.schema.run_settings import Distribution, Distributions
 from rnc_pin.applications.scenario.schema.scenario import admitted, validate
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
-from rnc_pin.io import Json, to_json_mapping
+from rnc_pin.io import Json, recorded_reads, to_json_mapping
 from rnc_pin.simulation import Outcome, Summary, Trajectory, add_verdict, simulate, summarize
 
 Draw: TypeAlias = Mapping[str, object]
@@ -293,6 +295,19 @@ class ScenarioRuns(Runs):
 
     def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_models": {}}
+
+    def files_read(self) -> set[Path]:
+        """Files from which robots and obstacles are read: includes, meshes, pictures of maps, parts of an MJCF."""
+        drawn = {} if self.draws is None else self.draws.distributions
+        given = [{}, *({key: value} for key, each in drawn.items() for value in each.examples())]
+        read: set[Path] = set()
+        for options in given:
+            if not options or next(iter(options)).partition(".")[0] in (*_STRUCTURE, "obstacles"):
+                with recorded_reads() as found, suppress(RncError):  # runs tell what is wrong
+                    made = self._file.with_options({**self._options, **options})
+                    _ = self._model(made).reduced.robot.collision_model, made.obstacles
+                read |= found
+        return {path for path in read if path.name != "package.xml"}  # read once in a process
 
     def options_of(self, run: int, drawn: Draw) -> dict[str, Json]:
         """Options of a run with drawn values, which ``rnc-pin run`` takes too."""

@@ -10,16 +10,17 @@ import hashlib
 import inspect
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from io import BufferedRandom
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeAlias, TypeGuard
 
 from rnc_pin.applications.scenario.files import find_scenario, is_built_in, read_yaml
 from rnc_pin.applications.scenario.output_folder import lock_folder, one_line_errors
-from rnc_pin.applications.sweep.runs import TEXTS, Row, is_number_column
+from rnc_pin.applications.sweep.runs import MOST_DRAWS, TEXTS, Row, SeededDraws, is_number_column
 from rnc_pin.errors import ConfigurationError, short_text
 from rnc_pin.io import LARGEST, TEMPORARY_PREFIX, Json, atomic_file, open_regular, read_bytes
 
@@ -38,10 +39,11 @@ def read_rows(folder: Path, specification: Specification) -> Iterator[Row]:
     """Yield the rows of the finished runs. A line that a kill cut off is left out.
 
     Raises:
-        ConfigurationError: the file cannot be read, or a line is not the row of a run of this sweep.
+        ConfigurationError: the file cannot be read, or a line is not the row of a run of this sweep, with its draw.
     """
-    path, runs = folder / RUNS, specification["runs"]
-    number = 0
+    path, runs, draws = folder / RUNS, specification["runs"], specification.get("draws")
+    seeded = SeededDraws.of(draws["distributions"], draws["seed"]) if draws else None
+    number, seen = 0, set()
     try:
         with open_regular(path) as file:
             for line in iter(partial(file.readline, LARGEST), b""):
@@ -49,6 +51,11 @@ def read_rows(folder: Path, specification: Specification) -> Iterator[Row]:
                 if line.endswith(b"\n"):
                     row = json.loads(line)
                     _check_row(row, _MOST if runs is None else runs)
+                    if seeded is not None:
+                        _check_draw(row, seeded)
+                    if row["run"] in seen:
+                        raise ValueError(f"run: {row['run']} is there twice")
+                    seen.add(row["run"])
                     yield row
     except FileNotFoundError:
         return
@@ -75,6 +82,16 @@ def _check_row(row: object, runs: int) -> None:
             raise ValueError(f"{name}: expected a number, found {short_text(value)}")
 
 
+def _check_draw(row: Row, draws: SeededDraws) -> None:
+    """Raise ValueError unless the drawn values of a row are those of the run."""
+    redrawn = row.get("redrawn", 0)
+    if type(redrawn) is not int or not 0 <= redrawn < MOST_DRAWS:
+        raise ValueError(f"redrawn: expected a number from 0 to {MOST_DRAWS - 1}, found {short_text(redrawn)}")
+    for name, value in next(islice(draws.of_run(row["run"]), redrawn, None)).items():
+        if row.get(name) != value:
+            raise ValueError(f"{name}: run {row['run']} of this sweep draws {value}, found {short_text(row.get(name))}")
+
+
 def append_row(file: BufferedRandom, row: Row) -> None:
     """Append the row of a finished run, which a kill of this process does not undo."""
     file.write(json.dumps(row).encode() + b"\n")
@@ -92,18 +109,17 @@ def _cut_off_torn_line(file: BufferedRandom) -> None:
 # ------------------------------------------------------------------ specification
 
 
-def describe_scenario(scenario: str, options: Mapping[str, Json]) -> dict[str, Json]:
-    """Name, options and digests of a scenario and its robot's file."""
+def describe_scenario(scenario: str, options: Mapping[str, Json], read: Collection[Path]) -> dict[str, Json]:
+    """Name, options and digests of a scenario and of the files that were read for it."""
     path = find_scenario(scenario).resolve()
-    raw = read_yaml(path)
     name = scenario if is_built_in(path) else str(path)
-    robot = raw.get("robot")
-    files = [robot.get(key) for key in ("urdf", "mjcf")] if isinstance(robot, Mapping) else []
-    digests = [
-        _digest(read_bytes(path.parent / str(each))) for each in files if each and (path.parent / str(each)).is_file()
-    ]
-    content = _digest(json.dumps(raw, default=repr).encode())
-    return {"scenario": name, "options": dict(options), "content": [content, *digests]}
+    content = _digest(json.dumps(read_yaml(path), default=repr).encode())
+    files: dict[str, Json] = {}
+    for each in sorted(read):  # those of other folders by name: a package may be elsewhere on another computer
+        place = str(each.relative_to(path.parent)) if each.is_relative_to(path.parent) else each.name
+        with open_regular(each) as file:
+            files[place] = str(files.get(place, "")) + hashlib.file_digest(file, "sha256").hexdigest()[:16]
+    return {"scenario": name, "options": dict(options), "content": content, "files": files}
 
 
 def describe_function(build: Callable[..., object]) -> dict[str, Json]:
@@ -144,6 +160,13 @@ def read_specification(folder: Path) -> Specification | None:
 
 def _is_specification(content: object) -> TypeGuard[Specification]:
     if not isinstance(content, dict) or type(content.get("runs", "")) not in (int, type(None)):
+        return False
+    draws = content.get("draws") or {"seed": 0, "distributions": {}}
+    if (
+        not isinstance(draws, dict)
+        or type(draws.get("seed")) is not int
+        or type(draws.get("distributions")) is not dict
+    ):
         return False
     of_scenario = isinstance(content.get("scenario"), str) and isinstance(content.get("options"), dict)
     return of_scenario or isinstance(content.get("build"), str)
