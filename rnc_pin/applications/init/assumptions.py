@@ -101,7 +101,11 @@ class BaseAssumptions:
         self.hold(carriers, start, "locked, because they would lift wheels off the ground")
 
     def roll(self, wheel: Wheel, what: str = "", /, **keys: Json) -> None:
-        """Add a wheel to the constraints, with a remark."""
+        """Add a wheel to the constraints, with a remark; one that is only drawn is a knife edge, or skids freely."""
+        if wheel.edge is not None:
+            if keys.get("lateral") is not False:
+                self.constraints.append(({"no_side_slip": dict(wheel.edge)}, f"{what or 'knife edge'}; only drawn"))
+            return
         self.constraints.append((turned(wheel, **keys), f"{what}; {measured(wheel)}" if what else measured(wheel)))
 
     def act(self, kind: str, axis: str, remark: str) -> None:

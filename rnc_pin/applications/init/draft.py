@@ -28,11 +28,12 @@ from rnc_pin.applications.init.source import DraftOptions, Source, with_choices
 from rnc_pin.applications.init.start_values import start_values
 from rnc_pin.applications.init.trial import Trial
 from rnc_pin.applications.init.wheel_detection import find_raised_wheels, find_wheels, stand_below_body
-from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels, find_drawn_axles
+from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels, find_drawn_axles, find_drawn_wheels
 from rnc_pin.applications.init.wheeled_base import knife_edge_base, wheeled_base
 from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
 from rnc_pin.verdict import FindingKind
 
+_STANDS = 3  # smallest number of drawn wheels on which a robot without other wheels stands
 _BaseBuilder = Callable[[], BaseAssumptions]
 
 
@@ -162,15 +163,18 @@ def _candidate_bases(at_start: RobotAtStart, source: Source) -> Iterator[_BaseBu
         wheels = find_wheels(at_start)
         if other_bases.is_called_afloat(at_start) and not stand_below_body(wheels, at_start):
             wheels = []
-        if wheels:
+        on_ice = bool(not wheels and (other_bases.moves_over_ground(at_start) or at_start.own_planar_joints))
+        axles = [] if wheels or on_ice else find_drawn_axles(at_start)
+        drawn = [] if on_ice else find_drawn_wheels(at_start, wheels or axles)
+        if wheels or (len(drawn) >= _STANDS and not axles):
+            wheels += drawn
             called = wheels_called_omni(wheels, at_start) if source.options.rollers is None else []
             sliding = called if len(called) < len(wheels) else []
             layout = classify_wheels(wheels, at_start.drives, find_raised_wheels(at_start, wheels), sliding)
             yield from _candidate_wheeled_bases(layout, at_start, source)
             return
-        axles = [] if other_bases.moves_over_ground(at_start) else find_drawn_axles(at_start)
-        if axles and not at_start.own_planar_joints:
-            yield lambda: knife_edge_base(axles, at_start)
+        if axles:
+            yield lambda: knife_edge_base(axles, classify_wheels(drawn, at_start.drives), at_start)
     yield lambda: other_bases.without_wheels(at_start, asked, source.mass_of_base)
     if asked is None:
         why = "taken to be bolted down, for lack of better"

@@ -9,6 +9,7 @@ import numpy as np
 from rnc_pin.applications.init import wheeled_base
 from rnc_pin.applications.init.assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, place_and_heading
 from rnc_pin.applications.init.evidence import (
+    GUESSED,
     LIKELY,
     SURE,
     Alternative,
@@ -36,11 +37,11 @@ def is_turret(layout: WheelLayout) -> bool:
 
 
 def is_swerve(layout: WheelLayout) -> bool:
-    """True if two or more driven wheels are steered one by one, and nothing else guides the base."""
+    """True if two or more driven wheels, or wheels that are only drawn, are steered one by one and guide the base."""
     if layout.fixed or layout.trailers or len(layout.steered) < 2:
         return False
     wheels = [each.wheels[0] for each in layout.steered]
-    driven = [each.joint in layout.driven.joints for each in wheels]
+    driven = [each.joint in layout.driven.joints or each.edge is not None for each in wheels]
     return sum(driven) > 1 and all(are_parallel(wheels[0], each) for each in wheels)
 
 
@@ -92,8 +93,11 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     result.vertical += place_and_heading(result.frame)
     if len(layout.steered) > len(guides):
         result.notes.append("the controller has to aim all wheels at one point: those without a lateral row would skid")
-    evidence = "each driven wheel has a pivot of its own"
-    _decide(result, "Are the wheels steered one by one?", "yes", evidence, layout.steered[0].pivot.joint)
+    pivots = [each.pivot.joint for each in layout.steered]
+    evidence, sure, asked = "each driven wheel has a pivot of its own", LIKELY, pivots[:1]
+    if not layout.motorized:
+        evidence, sure, asked = "wheels are only drawn on pivots, and the file has no joints about their axles", GUESSED, pivots
+    _decide(result, "Are the wheels steered one by one?", "yes", evidence, *asked, confidence=sure)
     return result
 
 
@@ -108,9 +112,12 @@ def _farthest(lines: list[list[Wheel]]) -> list[list[Wheel]]:
     return [lines[0]] if len(lines) == 1 else [lines[int(np.argmin(along))], lines[int(np.argmax(along))]]
 
 
-def _decide(result: BaseAssumptions, question: str, answer: str, evidence: str, joint: str) -> None:
-    other = Alternative(f"{joint} is a caster's", ("--passive", joint))
-    result.decisions.append(DraftDecision(question, answer, LIKELY, evidence, (other,)))
+def _decide(
+    result: BaseAssumptions, question: str, answer: str, evidence: str, *joints: str, confidence: float = LIKELY
+) -> None:
+    options = tuple(word for joint in joints for word in ("--passive", joint))
+    other = Alternative(f"{few(joints)} {'is a caster' if len(joints) == 1 else 'are casters'}", options)
+    result.decisions.append(DraftDecision(question, answer, confidence, evidence, (other,)))
 
 
 _OMNIDIRECTIONAL = "mecanum.*|.*mecanum|omni|omniwheel|omnidirectional|swedish|holonomic|planar_move"

@@ -275,6 +275,11 @@ class RobotAtStart:
         return 1 if model.joints[1].nv > 1 and len(model.children[0]) == 1 else 0
 
     @property
+    def root_joint(self) -> str:
+        """Name of the joint that carries the base; "universe" if the base is fixed to the world."""
+        return str(self.robot.model.names[self.root])
+
+    @property
     def has_replaceable_free_joint(self) -> bool:
         """True if a free joint of a URDF carries the base: a planar base can replace it if it is locked."""
         return bool(self.is_urdf and self.root and self.robot.model.joints[self.root].nv == 6) and not self.is_rigid
@@ -337,9 +342,14 @@ class RobotAtStart:
         """Placement of the base's frame in the world."""
         return self.data.oMf[self.robot.frame_id(self.frame)]
 
-    def along(self, direction: np.ndarray) -> str:
-        """Return the base's local axis nearest to a direction in the world frame (3,); the first one in a tie."""
-        return "xyz"[first_smallest(-np.abs(self.placement.rotation.T @ direction), ALIGNED)]
+    def along(self, direction: np.ndarray, frame: str = "") -> str:
+        """Return the local axis of a frame nearest to a direction in the world frame (3,); the first one in a tie."""
+        placement = self.data.oMf[self.robot.frame_id(frame or self.frame)]
+        return "xyz"[first_smallest(-np.abs(placement.rotation.T @ direction), ALIGNED)]
+
+    def carrier(self, joint: str) -> str:
+        """Return the joint of the body that carries a joint; "universe" for a base that is fixed to the world."""
+        return str(self.robot.model.names[self.robot.model.parents[self.robot.joint_id(joint)]])
 
     def own_point(self, point: np.ndarray) -> list[float]:
         """Return a point of the world frame (3,) in the base's frame [m]."""

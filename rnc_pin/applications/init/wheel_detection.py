@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from rnc_pin.applications.init.robot_at_start import (
     fitted_disk,
     placed,
 )
+from rnc_pin.io import Json
 
 UPRIGHT = 1e-5  # horizontal part of a unit axis below which a pivot is vertical up to rounding
 _STEERS = 0.5  # smallest vertical part of a unit swivel axis: forks are inclined, those of choppers by 50 degrees
@@ -64,7 +65,7 @@ class Wheel:
     """Wheel with a joint.
 
     Attributes:
-        joint: joint name.
+        joint: joint name; of a wheel that is only drawn, the joint that carries it.
         frame: frame fixed to the wheel, with its origin at the center.
         radius: radius [m].
         measured: source of the radius: "collision" or "visual" geometry, "height" of the axle or "inertia".
@@ -74,6 +75,7 @@ class Wheel:
         carriers: other joints between the wheel and the base that move the wheel.
         rollers: joints of the rollers on the rim.
         is_ball: True if the wheel is a sphere.
+        edge: settings of the knife edge that stands for a wheel without a joint about its axle; else None.
     """
 
     joint: str
@@ -82,10 +84,11 @@ class Wheel:
     measured: str
     center: np.ndarray
     axle: np.ndarray
-    pivots: tuple[Pivot, ...]
-    carriers: tuple[str, ...]
-    rollers: tuple[str, ...]
-    is_ball: bool
+    pivots: tuple[Pivot, ...] = ()
+    carriers: tuple[str, ...] = ()
+    rollers: tuple[str, ...] = ()
+    is_ball: bool = False
+    edge: Mapping[str, Json] | None = None
 
     @property
     def heading(self) -> np.ndarray:
@@ -357,23 +360,10 @@ def _on_the_ground(found: list[_Found], everything: list[Shape], root: int) -> l
 
 
 def _wheel(at_start: RobotAtStart, candidate: _Candidate, size: _Size) -> Wheel:
-    model, data = at_start.robot.model, at_start.data
-    pivots: list[Pivot] = []
-    carriers: list[str] = []
-    parent = model.parents[candidate.index]
-    while parent > at_start.root and model.joints[parent].nv == 1:
-        axis = turning_axis(model, data, parent)
-        along = candidate.center - data.oMi[parent].translation
-        parallel = axis.any() and np.abs(across(axis, candidate.axle)).max() < ALIGNED
-        if parallel and np.abs(across(along, axis)).max() < placed(size.radius):
-            pass  # a gear on the same axle rotates the wheel but does not move it
-        elif abs(axis[2]) > _STEERS:
-            free = _travel(at_start, parent) >= (1 - 10 * SAME) * 2 * np.pi  # files write 3.14
-            point = data.oMi[parent].translation.copy()
-            pivots.append(Pivot(str(model.names[parent]), int(parent), point, axis * np.sign(axis[2]), free))
-        else:
-            carriers.append(str(model.names[parent]))
-        parent = model.parents[parent]
+    model = at_start.robot.model
+    pivots, carriers = joints_above(
+        at_start, model.parents[candidate.index], candidate.center, candidate.axle, size.radius
+    )
     return Wheel(
         joint=str(model.names[candidate.index]),
         frame=candidate.frame,
@@ -381,11 +371,34 @@ def _wheel(at_start: RobotAtStart, candidate: _Candidate, size: _Size) -> Wheel:
         measured=size.measured,
         center=candidate.center,
         axle=candidate.axle,
-        pivots=tuple(pivots),
-        carriers=tuple(carriers),
+        pivots=pivots,
+        carriers=carriers,
         rollers=tuple(str(model.names[each]) for each in candidate.rollers),
         is_ball=size.is_ball,
     )
+
+
+def joints_above(
+    at_start: RobotAtStart, joint: int, center: np.ndarray, axle: np.ndarray, radius: float
+) -> tuple[tuple[Pivot, ...], tuple[str, ...]]:
+    """Pivots and other carriers of a wheel, from a joint on: its center (3,), axle (3,) and radius [m]."""
+    model, data = at_start.robot.model, at_start.data
+    pivots: list[Pivot] = []
+    carriers: list[str] = []
+    while joint > at_start.root and model.joints[joint].nv == 1:
+        axis = turning_axis(model, data, joint)
+        along = center - data.oMi[joint].translation
+        parallel = axis.any() and np.abs(across(axis, axle)).max() < ALIGNED
+        if parallel and np.abs(across(along, axis)).max() < placed(radius):
+            pass  # a gear on the same axle rotates the wheel but does not move it
+        elif abs(axis[2]) > _STEERS:
+            free = _travel(at_start, joint) >= (1 - 10 * SAME) * 2 * np.pi  # files write 3.14
+            point = data.oMi[joint].translation.copy()
+            pivots.append(Pivot(str(model.names[joint]), int(joint), point, axis * np.sign(axis[2]), free))
+        else:
+            carriers.append(str(model.names[joint]))
+        joint = model.parents[joint]
+    return tuple(pivots), tuple(carriers)
 
 
 def _floor(at_start: RobotAtStart) -> float | None:

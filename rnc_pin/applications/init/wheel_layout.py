@@ -5,15 +5,16 @@ Axles of wheels that are only drawn are knife edges without side slip.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init.evidence import DriveEvidence, DrivenJoints, has_word
+from rnc_pin.applications.init.evidence import DriveEvidence, DrivenJoints, has_word, turning_axis
 from rnc_pin.applications.init.robot_at_start import (
     ALIGNED,
+    GEOMETRY,
     LEVEL,
     NEAR,
     PLACED,
@@ -21,37 +22,17 @@ from rnc_pin.applications.init.robot_at_start import (
     Shape,
     across,
     first_smallest,
+    fitted_disk,
     placed,
 )
-from rnc_pin.applications.init.wheel_detection import Pivot, Wheel
+from rnc_pin.applications.init.wheel_detection import Pivot, Wheel, joints_above
 
 
-@dataclass(frozen=True)
-class DrawnAxle:
-    """Axle of wheels that are only drawn, on a body without side slip along this axle.
-
-    Attributes:
-        frame: frame with its origin above or on the axle.
-        axis: local axis of the frame along the axle, "x", "y" or "z".
-        joint: index of the parent joint.
-        radius: wheel radius [m].
-        axle: axle direction in the world frame (3,).
-        center: midpoint of the wheels in the world frame (3,) [m].
-    """
-
-    frame: str
-    axis: str
-    joint: int
-    radius: float
-    axle: np.ndarray
-    center: np.ndarray
-
-
-def find_drawn_axles(at_start: RobotAtStart) -> list[DrawnAxle]:
-    """Return pairs of coaxial horizontal disks at the ground on one body: wheels without joints in the model."""
+def find_drawn_axles(at_start: RobotAtStart) -> list[Wheel]:
+    """Return pairs of coaxial horizontal disks at the ground on one body, each as one wheel that is only drawn."""
     drawn = at_start.shapes["visual"] or at_start.shapes["collision"]
-    ground = min((shape.bottom for shape in drawn), default=0.0)
-    axles: list[DrawnAxle] = []
+    ground = _ground(at_start)
+    axles: list[Wheel] = []
     disks = [s for s in drawn if s.axis is not None and abs(s.axis[2]) < LEVEL and _thin(s)]
     for one in disks:
         for other in disks:
@@ -65,11 +46,60 @@ def find_drawn_axles(at_start: RobotAtStart) -> list[DrawnAxle]:
             aligned = apart > radii[0] and abs(between @ axle) > (1 - 0.5 * ALIGNED) * apart
             if not level or not aligned or abs(radii[0] - radii[1]) > 0.1 * radii[0]:
                 continue
-            place = _frame_on(at_start, one.joint, one.points.mean(axis=0), axle, max(PLACED, 0.2 * radii[0]))
-            if place is not None and all(place[0] != each.frame for each in axles):
-                center = (one.points.mean(axis=0) + other.points.mean(axis=0)) / 2
-                axles.append(DrawnAxle(*place, one.joint, radii[0], axle, center))
+            center = (one.points.mean(axis=0) + other.points.mean(axis=0)) / 2
+            wheel = _drawn(at_start, one.joint, radii[0], center, axle, max(PLACED, 0.2 * radii[0]))
+            if wheel is not None and all(wheel.frame != each.frame for each in axles):
+                axles.append(wheel)
     return axles
+
+
+def find_drawn_wheels(at_start: RobotAtStart, wheels: Sequence[Wheel]) -> list[Wheel]:
+    """Return disks on the ground that a pivot turns, and no joint about their axle: wheels that only steer.
+
+    Args:
+        at_start: the robot.
+        wheels: its wheels with a joint, or its drawn axles, which tell where the ground is.
+    """
+    model = at_start.robot.model
+    ground = min((each.center[2] - each.radius for each in wheels), default=_ground(at_start))
+    rolling = {int(each) for wheel in wheels for each in model.supports[model.getJointId(wheel.joint)]}
+    found: dict[int, Wheel] = {}
+    for shape in (each for kind in GEOMETRY for each in at_start.shapes[kind]):
+        index = shape.joint
+        if index in {*rolling, *found} or index <= at_start.root or model.joints[index].nv != 1:
+            continue
+        if abs(turning_axis(model, at_start.data, index)[2]) < 1 - ALIGNED:
+            continue
+        center = (shape.points.min(axis=0) + shape.points.max(axis=0)) / 2
+        for axle in at_start.data.oMi[index].rotation.T if shape.axis is None else (shape.axis,):
+            disk = fitted_disk([shape], center, axle) if abs(axle[2]) < LEVEL else None
+            if disk and disk.width < 1.5 * disk.radius and abs(disk.bottom - ground) < NEAR * disk.radius:
+                wheel = _drawn(at_start, index, disk.radius, center, axle, np.inf)
+                if wheel is not None:
+                    found[index] = wheel
+    return [*found.values()]
+
+
+def _ground(at_start: RobotAtStart) -> float:
+    """Height of the lowest drawn shape [m]."""
+    drawn = at_start.shapes["visual"] or at_start.shapes["collision"]
+    return min((each.bottom for each in drawn), default=0.0)
+
+
+def _drawn(
+    at_start: RobotAtStart, joint: int, radius: float, center: np.ndarray, axle: np.ndarray, near: float
+) -> Wheel | None:
+    """Wheel without a joint about its axle, or None if no frame of its body is along the axle."""
+    place = _frame_on(at_start, joint, center, axle, near)
+    if place is None:
+        return None
+    frame, axis = place
+    pivots, carriers = joints_above(at_start, joint, center, axle, radius)
+    wheel = Wheel(str(at_start.robot.model.names[joint]), frame, radius, "visual", center, axle, pivots, carriers)
+    placement = at_start.data.oMf[at_start.robot.frame_id(frame)]
+    ahead = float((center - placement.translation) @ wheel.heading)
+    at = [round(float(each), 6) + 0.0 for each in placement.rotation.T @ (ahead * wheel.heading)]
+    return replace(wheel, edge={"frame": frame, "axis": axis, **({"at": at} if abs(ahead) > placed(radius) else {})})
 
 
 def _thin(disk: Shape) -> bool:
@@ -87,15 +117,16 @@ def _frame_on(
     at_start: RobotAtStart, joint: int, point: np.ndarray, axle: np.ndarray, near: float
 ) -> tuple[str, str] | None:
     """Frame of the body with its origin above or on the axle [m], and its local axis along the axle, or None."""
-    best = None
+    best, nearest = None, near
     for index, frame in enumerate(at_start.robot.model.frames):
         if frame.parentJoint != joint or frame.type != pin.FrameType.BODY:
             continue
         offset = at_start.data.oMf[index].translation - point
         along = np.abs(at_start.data.oMf[index].rotation.T @ axle)
         beside = across(offset, axle)
-        if np.hypot(beside[0], beside[1]) < near and along.max() > np.cos(2 * ALIGNED):
-            best = (str(frame.name), "xyz"[int(along.argmax())])
+        away = float(np.hypot(beside[0], beside[1]))
+        if away <= nearest and along.max() > np.cos(2 * ALIGNED):
+            best, nearest = (str(frame.name), "xyz"[int(along.argmax())]), away
     return best
 
 
@@ -182,8 +213,9 @@ class WheelLayout:
 
     @property
     def motorized(self) -> list[Wheel]:
-        """Wheels that may have a motor: fixed and steered ones, and sprockets."""
-        return [*self.fixed, *self.raised, *(wheel for each in self.steered for wheel in each.wheels)]
+        """Wheels that may have a motor: fixed and steered ones with a joint, and sprockets."""
+        steered = [wheel for each in self.steered for wheel in each.wheels]
+        return [wheel for wheel in (*self.fixed, *self.raised, *steered) if wheel.edge is None]
 
     @property
     def dollies(self) -> list[str]:
@@ -278,7 +310,7 @@ def classify_wheels(
     rollers = {wheel.joint for wheel in sliding}
     if any(wheel.joint not in rollers for wheel in result.fixed):
         result.sliding = [wheel for wheel in result.fixed if wheel.joint in rollers]
-    usual = [wheel for axle in result.axles for wheel in axle] or result.motorized
+    usual = [wheel for axle in result.axles for wheel in axle if wheel.edge is None] or result.motorized
     result.driven = drives.driven_of([each.joint for each in result.motorized], [each.joint for each in usual])
     return result
 

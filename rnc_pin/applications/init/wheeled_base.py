@@ -8,11 +8,19 @@ from statistics import median
 
 import numpy as np
 
-from rnc_pin.applications.init.assumptions import BENT, DRIVEN, TURNED, BaseAssumptions
-from rnc_pin.applications.init.evidence import GUESSED, LIKELY, SURE, Alternative, DraftDecision, has_word
+from rnc_pin.applications.init.assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, place_and_heading
+from rnc_pin.applications.init.evidence import (
+    GUESSED,
+    LIKELY,
+    SURE,
+    Alternative,
+    DraftDecision,
+    body_frame,
+    has_word,
+)
 from rnc_pin.applications.init.robot_at_start import RobotAtStart, placed
 from rnc_pin.applications.init.wheel_detection import Wheel
-from rnc_pin.applications.init.wheel_layout import TOWED, DrawnAxle, WheelGroup, WheelLayout, are_parallel, in_line
+from rnc_pin.applications.init.wheel_layout import TOWED, WheelGroup, WheelLayout, are_parallel, in_line
 from rnc_pin.errors import few
 from rnc_pin.io import Json
 
@@ -53,15 +61,15 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[
     support_by_casters(result, layout, at_start)
     for carriage in layout.trailers:
         _tow(result, carriage, at_start)
-    result.vertical.append({"frame_position": {"frame": at_start.frame, "axes": "xy"}})
-    if layout.steered:
-        result.vertical.append({"frame_yaw": at_start.frame})
+    result.vertical += place_and_heading(at_start.frame)
     return result
 
 
 def add_wheel_motors(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
     """Add the driven wheels to the actuators; the others are passive. Wheels that move together have one motor."""
     wheels = [wheel.joint for wheel in layout.motorized]
+    if not wheels:
+        return
     drivers = {joint: at_start.driver(joint) for joint in wheels if at_start.driver(joint) in wheels}
     own = [joint for joint in wheels if drivers.get(joint, joint) == joint]
     motors = dict.fromkeys(drivers.get(joint, joint) for joint in layout.driven.joints)
@@ -119,34 +127,55 @@ def planar_on_wheels(layout: WheelLayout, at_start: RobotAtStart, kind: str) -> 
     """Planar base with the joints held that would lift its wheels or that only slide."""
     result = planar(at_start, kind, layout.wheels)
     result.lock_carriers(layout.wheels, at_start.start)
+    drawn = [wheel.frame for wheel in layout.wheels if wheel.edge is not None]
+    if drawn:
+        result.notes.append(f"no joint turns these wheels about their axles, so that they are knife edges: {few(drawn)}")
     gliding = [wheel.joint for wheel in layout.balls]
     result.hold(gliding, at_start.start, "ball casters slide, so that they are locked and only drawn")
     result.passive |= {dolly for dolly in layout.dollies if not at_start.drives.says(dolly)}
     return result
 
 
-def knife_edge_base(axles: list[DrawnAxle], at_start: RobotAtStart) -> BaseAssumptions:
-    """Base whose wheels are only drawn: one knife edge for the axles of each body."""
+def knife_edge_base(axles: list[Wheel], drawn: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
+    """Base whose wheels are only drawn: one knife edge for the axles of each body, and one for each steered wheel.
+
+    A force drives the body that carries steered wheels, else the first one.
+
+    Args:
+        axles: axles on bodies.
+        drawn: wheels on pivots.
+        at_start: the robot.
+    """
     count = f"{len(axles)} axle{'s' * (len(axles) > 1)}"
     result = planar(at_start, f"wheels are drawn on {count}, and no joint turns them", [])
     result.notes.append("wheels are not joints of this file, so that axles are taken as knife edges: no side slip")
     bodies = list(dict.fromkeys(each.joint for each in axles))
     for body in bodies:
         there = [each for each in axles if each.joint == body]
-        edge: dict[str, Json] = {"frame": there[0].frame, "axis": there[0].axis}
+        edge = there[0].edge
         if len(there) > 1:
-            if body == at_start.root:
+            if body == at_start.root_joint:
                 edge = _midway(at_start, there[0].axle, np.mean([each.center for each in there], axis=0))
             result.notes.append(f"{len(there)} axles of one body cannot all roll in a turn: MEASURE where it turns")
         result.constraints.append(({"no_side_slip": edge}, "knife edge"))
-    own = [each for each in axles if each.joint == at_start.root] or axles[:1]
-    along = at_start.along(np.cross(own[0].axle, [0.0, 0.0, 1.0]))
-    frame = at_start.frame
+    carriers = [at_start.carrier(group.pivot.joint) for group in drawn.steered]
+    own = [each for each in axles if each.joint in carriers]
+    own = own or [each for each in axles if each.joint == at_start.root_joint] or axles[:1]
+    steered = [group for group, carrier in zip(drawn.steered, carriers, strict=True) if carrier == own[0].joint]
+    if steered and own[0].joint != at_start.root_joint:
+        result.frame = body_frame(at_start.robot, at_start.robot.joint_id(own[0].joint))
+    along = at_start.along(own[0].heading, result.frame)
     result.act("force", along, "drives the base")
-    if len(bodies) == 1:
-        result.act("torque", "z", "turns the base")
-    result.outputs += [({"frame_speed": {"frame": frame, "axis": along}}, DRIVEN), ({"frame_yaw": frame}, TURNED)]
-    result.vertical.append({"frame_position": {"frame": frame, "axes": "xy"}})
+    result.outputs.append(({"frame_speed": {"frame": result.frame, "axis": along}}, DRIVEN))
+    if steered:
+        result.passive |= {pivot.joint for each in axles for pivot in each.pivots}  # hitches
+        _steer(result, WheelLayout(fixed=own[:1], steered=steered), at_start)
+    else:
+        if len(bodies) == 1:
+            result.act("torque", "z", "turns the base")
+        result.outputs.append(({"frame_yaw": result.frame}, TURNED))
+    support_by_casters(result, drawn, at_start)
+    result.vertical += place_and_heading(result.frame)
     return result
 
 
