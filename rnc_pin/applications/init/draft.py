@@ -171,6 +171,8 @@ def _candidate_bases(at_start: RobotAtStart, source: Source) -> Iterator[_BaseBu
             called = wheels_called_omni(wheels, at_start) if source.options.rollers is None else []
             sliding = called if len(called) < len(wheels) else []
             layout = classify_wheels(wheels, at_start.drives, find_raised_wheels(at_start, wheels), sliding)
+            if layout.steered and not (layout.fixed or is_swerve(layout) or is_turret(layout)):
+                layout.fixed += (axle for axle in find_drawn_axles(at_start) if axle.joint == at_start.root_joint)
             yield from _candidate_wheeled_bases(layout, at_start, source)
             return
         if axles:

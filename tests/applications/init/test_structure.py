@@ -218,6 +218,33 @@ def tracks_on_bogies():
     return robot(*parts)
 
 
+def drawn(name, parent, at, axis="0 0 1", kind="revolute", limits=(-0.6, 0.6)):
+    """A wheel without a joint about its axle: fixed to a body, or on a pivot."""
+    shape = '<cylinder radius="0.1" length="0.04"/>'
+    return link(name, 0.5, shape, turn="1.570796326794897 0 0") + joint(f"{name}_joint", parent, name, at, axis, kind, limits=limits)
+
+
+def drawn_pair(name, parent, x, **more):
+    return "".join(drawn(f"{name}_{side}", parent, (x, y, 0), **more) for side, y in (("l", 0.2), ("r", -0.2)))
+
+
+def semi():
+    """The tree begins at the trailer; the truck has an axle and a steered wheel, and all wheels are only drawn."""
+    body, still = '<box size="0.3 0.2 0.05"/>', {"kind": "fixed"}
+    parts = [link("trailer", 5.0, body, at="0 0 0.1"), drawn_pair("tw", "trailer", 0.0, **still), link("truck", 5.0, body, at="0 0 0.1")]
+    hitch = joint("pin", "trailer", "truck", (0.6, 0, 0), "0 0 1")
+    return robot(*parts, hitch, drawn_pair("rw", "truck", 0.0, **still), drawn("front", "truck", (0.4, 0, 0)))
+
+
+DRAWN_CAR = robot(link("base", 10.0, BOX), pair("rear", "base", -0.3), drawn_pair("front", "base", 0.3))
+DRAWN_REAR = robot(
+    link("base", 10.0, BOX), drawn_pair("rear", "base", -0.3, kind="fixed"), pivot("steer", "base", (0.3, 0, 0)),
+    wheel("w", "steer", (0, 0, 0)),
+)  # fmt: skip
+DRAWN_SWERVE = robot(
+    link("base", 10.0, BOX), *(drawn_pair(f"w{k}", "base", x, kind="continuous", limits=None) for k, x in enumerate((0.3, -0.3)))
+)
+PUSHED = {"force": {"frame": "truck", "axis": "x"}}
 TURRET, DRIVE = "planar: 5 wheels, driven by a turret with 2 wheels", ["drive_l_joint", "drive_r_joint"]
 SIX, TOWING = "planar: 6 wheels, steered like a car", "planar: 6 wheels, steered like a car with 1 trailer"
 HELD = {"lock": {"axle_l_joint", "axle_r_joint"}}
@@ -240,6 +267,11 @@ HELD = {"lock": {"axle_l_joint", "axle_r_joint"}}
     (tracks("w"), "planar: 10 wheels, on tracks, skid-steered", 2, {"joint_coupling": 8}),
     (tracks_on_bogies(), "planar: 8 wheels, on tracks, skid-steered", ["sprocket_l_joint", "sprocket_r_joint"],
         {"joint_coupling": 10}),
+    (DRAWN_CAR, "planar: 4 wheels, steered like a car", ["rear_l_joint", "rear_r_joint", "front_l_joint"],
+        {"no_side_slip": 1, "ackermann": 1}),
+    (DRAWN_REAR, "planar: 2 wheels, steered like a car", ["w_joint", "steer_joint"], {"no_side_slip": 1}),
+    (DRAWN_SWERVE, "planar: 4 wheels, 4 of them steered drives", 5, {"no_side_slip": 2}),
+    (semi(), "planar: wheels are drawn on 2 axles", [PUSHED, "front_joint"], {"no_side_slip": 3}),
 ])  # fmt: skip
 def test_bases_are_what_their_joints_make_them_and_move(text, kind, actuators, counts, drafted, tmp_path):
     assert_base(drafted(text), kind, actuators, counts)
