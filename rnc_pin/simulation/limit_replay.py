@@ -311,8 +311,8 @@ def _rates(robot: Robot, run: Trajectory) -> list[_Use]:
 def _efforts(robot: Robot, run: Trajectory, others: Mapping[str, float]) -> list[_Use]:
     """Use of the effort limits of driven joints, and of other actuators with stated limits.
 
-    A limit of zero holds where the file states another effort for some joint: nothing can drive this one. A file with
-    zeros only has them as placeholders, and states no effort.
+    A limit of zero holds where the file states another effort for some joint: nothing can drive this one. Zeros are
+    placeholders if the file has no other efforts, or if the velocity limit of the joint is zero too.
     """
     limits, uses = robot.model.upperEffortLimit, []
     stated = limits[(limits > 0) & (limits < NO_LIMIT)]
@@ -323,7 +323,8 @@ def _efforts(robot: Robot, run: Trajectory, others: Mapping[str, float]) -> list
             continue
         place = robot.velocity_indices(name)
         limit = float(limits[place.start])
-        if place.stop - place.start == 1 and 0 <= limit < NO_LIMIT and len(stated):
+        is_stated = limit > 0 or (limit == 0 and len(stated) > 0 and robot.model.upperVelocityLimit[place.start] > 0)
+        if place.stop - place.start == 1 and is_stated and limit < NO_LIMIT:
             span = limit if limit > 0 else float(stated.max())
             uses.append(_symmetric("effort", name, run.time, run.T[:, column], limit, span))
     return uses

@@ -64,6 +64,7 @@ class BaseAssumptions:
         travel: displacement of a base on wheels in the trial run [m]; 0 for other robots.
         without_effort: joints with effort 0 in the file, which states an effort of other joints.
         decisions: decisions behind these assumptions, with their evidence.
+        steering: actuated joints that turn wheels; an effort of 0 on one of them is a gap of the file.
     """
 
     base: str | None
@@ -87,6 +88,12 @@ class BaseAssumptions:
     travel: float = 0.0
     without_effort: set[str] = field(default_factory=set)
     decisions: list[DraftDecision] = field(default_factory=list)
+    steering: set[str] = field(default_factory=set)
+
+    def steer(self, joint: str, remark: str = "steering") -> None:
+        """Add a joint that turns wheels to the actuators: it is driven, whatever effort the file states."""
+        self.actuators.append((joint, remark))
+        self.steering.add(joint)
 
     def hold(self, joints: Iterable[str], start: Mapping[str, float], why: str) -> None:
         """Lock joints at their start values, and note the reason."""
@@ -339,14 +346,14 @@ def assume_motors(
     idle = [name for name in others if name in undriven]
     if idle:
         mobility.decisions.append(_decision_on_others(idle, drives))
-    named = [name for name in weak if drives.says(name)]
+    named = [name for name in weak if drives.says(name) or name in mobility.steering]
     if powered:
         mobility.without_effort = set(weak) - set(named)
         if mobility.travel or mobility.weightless:  # a loose joint without an effort is held
             undriven += [name for name in weak if name not in {*named, *of_base, *undriven}]
         mobility.passive |= mobility.without_effort
         if named:
-            said = "effort 0 in the file, which names them as driven all the same: driven without a limit"
+            said = "effort 0 in the file, although they steer or the file names their motors: driven without a limit, CHECK"
             mobility.notes.append(f"{said}: {', '.join(named)}")
     elif weak and not is_mjcf:
         mobility.notes.append("the file states no effort: 0 for every joint, so that they are driven without a limit")

@@ -57,7 +57,7 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     _add_unit(result, unit, lateral=True)
     wheeled_base.add_wheel_motors(result, layout, at_start)
     pivot = unit.pivot
-    result.actuators.append((pivot.joint, "turns the turret"))
+    result.steer(pivot.joint, "turns the turret")
     frame = body_frame(at_start.robot, pivot.index)
     along = np.abs(at_start.data.oMi[pivot.index].rotation.T @ unit.wheels[0].heading)
     speed: dict[str, Json] = {"frame_speed": {"frame": frame, "axis": "xyz"[int(along.argmax())]}}
@@ -88,7 +88,8 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
         upward = np.sign(turning_axis(at_start.robot.model, at_start.data, each.pivot.index)[2])
         result.outputs.append(({"joint": each.pivot.joint}, float(upward * BENT)))
     wheeled_base.add_wheel_motors(result, layout, at_start)
-    result.actuators += [(each.pivot.joint, "steering") for each in layout.steered]
+    for each in layout.steered:
+        result.steer(each.pivot.joint)
     wheeled_base.support_by_casters(result, layout, at_start)
     result.vertical += place_and_heading(result.frame)
     if len(layout.steered) > len(guides):
@@ -96,7 +97,11 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     pivots = [each.pivot.joint for each in layout.steered]
     evidence, sure, asked = "each driven wheel has a pivot of its own", LIKELY, pivots[:1]
     if not layout.motorized:
-        evidence, sure, asked = "wheels are only drawn on pivots, and the file has no joints about their axles", GUESSED, pivots
+        evidence, sure, asked = (
+            "wheels are only drawn on pivots, and the file has no joints about their axles",
+            GUESSED,
+            pivots,
+        )
     _decide(result, "Are the wheels steered one by one?", "yes", evidence, *asked, confidence=sure)
     return result
 

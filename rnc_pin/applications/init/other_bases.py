@@ -134,7 +134,8 @@ def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions
     _lie_down(result, [rear, front], at_start)
     result.constraints.append((rolls(rear), measured(rear)))
     result.constraints.append((rolls(front), f"steered by {fork.pivot.joint}; {measured(front)}"))
-    result.actuators += [(rear.joint, "drives"), (fork.pivot.joint, "steering")]
+    result.actuators.append((rear.joint, "drives"))
+    result.steer(fork.pivot.joint)
     result.passive.add(front.joint)
     across = at_start.along(rear.axle)
     along, steering = at_start.along(rear.heading), fork.pivot.joint

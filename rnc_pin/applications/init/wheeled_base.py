@@ -129,7 +129,9 @@ def planar_on_wheels(layout: WheelLayout, at_start: RobotAtStart, kind: str) -> 
     result.lock_carriers(layout.wheels, at_start.start)
     drawn = [wheel.frame for wheel in layout.wheels if wheel.edge is not None]
     if drawn:
-        result.notes.append(f"no joint turns these wheels about their axles, so that they are knife edges: {few(drawn)}")
+        result.notes.append(
+            f"no joint turns these wheels about their axles, so that they are knife edges: {few(drawn)}"
+        )
     gliding = [wheel.joint for wheel in layout.balls]
     result.hold(gliding, at_start.start, "ball casters slide, so that they are locked and only drawn")
     result.passive |= {dolly for dolly in layout.dollies if not at_start.drives.says(dolly)}
@@ -290,7 +292,7 @@ def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart)
     steered = _steered_axles(layout, fixed[0])
     main = steered[0]
     driver = at_start.driver(main[0].pivot.joint)
-    result.actuators.append((driver, "steering"))
+    result.steer(driver)
     result.outputs.append(({"joint": driver}, BENT))
     for number, axle in enumerate(steered):
         for one in axle:

@@ -1,5 +1,6 @@
 """Structure decides what a robot is: axle lines, motors, what carries what; names only help, and options overrule."""
 
+import re
 from xml.etree import ElementTree
 
 import numpy as np
@@ -94,6 +95,18 @@ def test_the_driven_wheel_may_be_the_steered_one(given, confidence, drafted, tmp
     assert (found.answer, found.confidence) == ("drive_joint", confidence)
     assert found.is_open == (confidence < 0.6)
     assert moved(tmp_path) > 0.05
+
+
+@pytest.mark.parametrize(("text", "joint"), [(car(), "knuckle_l_joint"), (truck(), "steer_joint")])
+def test_effort_and_velocity_0_of_a_steering_joint_are_a_gap_of_the_file(text, joint, drafted, tmp_path):
+    """As CAD exporters write them. Front wheels beside their kingpins could steer by their torques, too."""
+    text = re.sub(r'(name="(?:knuckle|steer).*?)effort="10.0" velocity="20"', r'\1effort="0" velocity="0"', text)
+    text = re.sub(r'(child link="front_(?:l|r)"/><origin xyz="0 )0', r"\g<1>0.06", text)
+    _, content, _ = drafted(text, driven=["front_l_joint", "front_r_joint"] if "front_l" in text else ["drive_joint"])
+    assert joint in content["actuators"]
+    said = " ".join((tmp_path / "unit.yaml").read_text().replace("# ", "").split())
+    assert f"driven without a limit, CHECK: {joint}" in said
+    assert execute(Scenario.load(str(tmp_path / "unit.yaml"), {"simulation.duration": 1})).trajectory.verdict.succeeded
 
 
 def test_options_name_joints_of_the_file(drafted):
@@ -221,7 +234,9 @@ def tracks_on_bogies():
 def drawn(name, parent, at, axis="0 0 1", kind="revolute", limits=(-0.6, 0.6)):
     """A wheel without a joint about its axle: fixed to a body, or on a pivot."""
     shape = '<cylinder radius="0.1" length="0.04"/>'
-    return link(name, 0.5, shape, turn="1.570796326794897 0 0") + joint(f"{name}_joint", parent, name, at, axis, kind, limits=limits)
+    return link(name, 0.5, shape, turn="1.570796326794897 0 0") + joint(
+        f"{name}_joint", parent, name, at, axis, kind, limits=limits
+    )
 
 
 def drawn_pair(name, parent, x, **more):
@@ -231,7 +246,11 @@ def drawn_pair(name, parent, x, **more):
 def semi():
     """The tree begins at the trailer; the truck has an axle and a steered wheel, and all wheels are only drawn."""
     body, still = '<box size="0.3 0.2 0.05"/>', {"kind": "fixed"}
-    parts = [link("trailer", 5.0, body, at="0 0 0.1"), drawn_pair("tw", "trailer", 0.0, **still), link("truck", 5.0, body, at="0 0 0.1")]
+    parts = [
+        link("trailer", 5.0, body, at="0 0 0.1"),
+        drawn_pair("tw", "trailer", 0.0, **still),
+        link("truck", 5.0, body, at="0 0 0.1"),
+    ]
     hitch = joint("pin", "trailer", "truck", (0.6, 0, 0), "0 0 1")
     return robot(*parts, hitch, drawn_pair("rw", "truck", 0.0, **still), drawn("front", "truck", (0.4, 0, 0)))
 
@@ -242,7 +261,8 @@ DRAWN_REAR = robot(
     wheel("w", "steer", (0, 0, 0)),
 )  # fmt: skip
 DRAWN_SWERVE = robot(
-    link("base", 10.0, BOX), *(drawn_pair(f"w{k}", "base", x, kind="continuous", limits=None) for k, x in enumerate((0.3, -0.3)))
+    link("base", 10.0, BOX),
+    *(drawn_pair(f"w{k}", "base", x, kind="continuous", limits=None) for k, x in enumerate((0.3, -0.3))),
 )
 PUSHED = {"force": {"frame": "truck", "axis": "x"}}
 TURRET, DRIVE = "planar: 5 wheels, driven by a turret with 2 wheels", ["drive_l_joint", "drive_r_joint"]
