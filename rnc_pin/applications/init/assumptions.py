@@ -353,7 +353,7 @@ def assume_motors(
             undriven += [name for name in weak if name not in {*named, *of_base, *undriven}]
         mobility.passive |= mobility.without_effort
         if named:
-            said = "effort 0 in the file, although they steer or the file names their motors: driven without a limit, CHECK"
+            said = "effort 0 in the file, although they steer or it names their motors: driven without a limit, CHECK"
             mobility.notes.append(f"{said}: {', '.join(named)}")
     elif weak and not is_mjcf:
         mobility.notes.append("the file states no effort: 0 for every joint, so that they are driven without a limit")
