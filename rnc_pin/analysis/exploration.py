@@ -16,7 +16,7 @@ The classes are those of the paper, section 3.2 (``classify`` has the same with 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import combinations
@@ -26,7 +26,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.analysis.growth import grow
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import ConfigurationError, InputError, RncError, SingularityError
+from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError, SingularityError
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.compiled import evaluator_for
@@ -38,7 +38,7 @@ from rnc_pin.model.rows import GroundContact, OutputKind, OutputRows, Rows
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.model.task import OutputTarget, find_output
-from rnc_pin.outputs import CenterOfMass, FrameOrientation, FramePosition, FrameYaw, JointPosition
+from rnc_pin.outputs import CenterOfMass, FrameOrientation, FramePosition, FrameTilt, FrameYaw, JointPosition
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted
 from rnc_pin.robots.robot import Robot
 
@@ -49,6 +49,7 @@ _WEAK = 0.05  # part of the median singular value below which a sample counts as
 _MOST_SETS = 300  # sets of outputs that are tried
 _CLOSURES = 3  # configurations at which brackets are evaluated
 _DEEPEST, _BRACKETS = 4, 1e-5  # order of brackets, and their precision
+_POSES = 4  # samples at which a straight joint has to make D singular
 _POINT = 1e-3  # [m] below which a robot has no length
 _WORKING = 0.25  # of the motion of the busiest actuator, above which one counts as working
 _MOST_ACTUATORS = 4
@@ -67,6 +68,7 @@ class Use:
         smallest: smallest singular value at any sample.
         singular_share: share of the samples at which D is singular or nearly so.
         singular_at: configuration (nq,) of the smallest one.
+        straight: joints that make D singular when they are straight or folded (0 or pi), whatever the others do.
         redundant: names of the coordinates x22 that reduce best.
         actuators: actuators that do most of the work.
         effort: largest static effort of these over the samples, in the median [N or N m]; None without gravity.
@@ -80,6 +82,7 @@ class Use:
     smallest: float
     singular_share: float
     singular_at: Float[Array, " nq"]
+    straight: tuple[str, ...]
     redundant: tuple[str, ...]
     actuators: tuple[str, ...]
     effort: float | None
@@ -140,20 +143,25 @@ def explore(
     candidates: Sequence[OutputTarget | Sequence[OutputTarget]] | None = None,
     samples: int = 64,
     seed: int = 0,
+    region: Mapping[str, tuple[float, float]] | None = None,
 ) -> Exploration:
     """Find what the redundancy of a robot can do beside primary outputs, at seeded random configurations.
 
     Args:
         reduced: the model, with any reducing outputs; a rheonomic one is explored at time zero.
         primary: primary outputs, by name or as output objects.
-        candidates: vertical outputs: names, output objects, or lists of them that belong together. By default position
-            and orientation of the base and of the ends of chains, the centre of mass, and joints.
+        candidates: vertical outputs: names, output objects, or lists of them that belong together. By default the
+            vertical outputs of the model, position and orientation of the base and of the ends of chains, yaw and tilt
+            of a free base under gravity, the centre of mass, and joints. A joint also stands for its distance to a
+            limit, and that of a trailer for its angle.
         samples: number of configurations.
         seed: of the random configurations.
+        region: ranges (smallest, largest) of joints, by name [rad or m]; by default the limits, within half a turn.
 
     Raises:
         ConfigurationError: an unknown output, or primary outputs that the robot cannot move independently.
-        InputError: ``samples`` is not a positive integer.
+        InputError: ``samples`` is not a positive integer, or a range of ``region`` is wrong.
+        ModelError: ``region`` names an unknown joint.
         SingularityError: every sampled configuration is singular.
 
     Example:
@@ -166,7 +174,8 @@ def explore(
     """
     if not is_count(samples, 1):
         raise InputError(f"samples: expected an integer of at least 1, found {samples!r}")
-    return _Exploring(reduced.frozen(0.0), primary, candidates, samples, seed).found()
+    model = reduced.frozen(0.0)
+    return _Exploring(model, primary, candidates, _regular(model, samples, seed, region or {}), seed).found()
 
 
 class _Bound:
@@ -229,41 +238,33 @@ class _Exploring:
         reduced: ReducedModel,
         primary: Sequence[OutputTarget],
         candidates: Sequence[OutputTarget | Sequence[OutputTarget]] | None,
-        samples: int,
+        q: Array,
         seed: int,
     ) -> None:
         self._reduced, self._robot, self._seed = reduced, reduced.robot, seed
-        q = _regular(reduced, samples, seed)
         chosen = [find_output(reduced, each, "a primary output has to be") for each in primary]
         if not primary:
             raise ConfigurationError("primary outputs: expected at least one")
         self._by_default = candidates is None
         self._primary = tuple(stack.names[row] for stack, rows in chosen for row in rows)
-        offered = _default_candidates(reduced, q[0]) if candidates is None else candidates
-        groups = [[find_output(reduced, one, "a candidate has to be") for one in _listed(each)] for each in offered]
+        offered = [*_own(reduced), *default_candidates(reduced)] if candidates is None else map(_listed, candidates)
+        groups = [[find_output(reduced, one, "a candidate has to be") for one in each] for each in offered]
         used = [*chosen, *(pair for group in groups for pair in group)]
         self._outputs = OutputStack(_unique([block for stack, _ in used for block in _blocks(stack)]))
         self._names = self._outputs.names
         self._first = [self._names.index(name) for name in self._primary]
         self._evaluator = evaluator_for(reduced.reduction_data.measuring(self._outputs), reduced.evaluator)
-        here = reduced.at(q).in_reduction(self._evaluator)
-        _, values, right = np.linalg.svd(here.A_star[:, self._first])
-        count = len(self._primary)
-        good = (values[:, -1] > _RANK * values[:, 0]) & (count <= reduced.r)
+        self._length = _length(self._robot)
+        angles = np.array([unit.startswith("rad") for unit in self._robot.velocity_units])
+        self._lengths = np.where(angles, self._length, 1.0)[:, None]
+        angular = np.array([unit.startswith("rad") for unit in self._outputs.units])
+        self._scale = scale = np.where(angular, self._length, 1.0)[:, None]
+        good, (self._A, self._J, self._P, self._ways, self._D) = self._motions_at(q)
         if not good.mean() > _USUAL:
             raise ConfigurationError(
                 f"primary outputs {', '.join(self._primary)}: the robot cannot move them independently"
             )
-        self._q, self._R, self._A, self._J = q[good], here.R[good], here.A_star[good], here.J1[good]
-        self._P, N = self._A[:, self._first], right[good, count:].mT
-        self.motions = N.shape[-1]
-        self._length = _length(self._robot)
-        angles = np.array([unit.startswith("rad") for unit in self._robot.velocity_units])
-        self._lengths = np.where(angles, self._length, 1.0)[:, None]
-        self._ways = np.linalg.qr(self._lengths * (self._R @ N))[0] / self._lengths  # (S, nv, r2)
-        angular = np.array([unit.startswith("rad") for unit in self._outputs.units])
-        scale = np.where(angular, self._length, 1.0)[:, None]
-        self._D = scale * (self._J @ self._ways)
+        self._q, self.motions = q[good], self._ways.shape[-1]
         size, moved = _largest(scale * self._J), _largest(scale * self._A)
         nothing = size <= _ZERO * size.max()
         self._conserved = ~nothing & (moved <= _ZERO * moved.max())
@@ -272,6 +273,15 @@ class _Exploring:
         self._groups = list(dict.fromkeys(group for group in kept if group))
         self._redundant = self._coordinates() if self.motions else []
         self._redundant_names = tuple(self._robot.velocity_names[k] for k in self._redundant)
+
+    def _motions_at(self, q: Array) -> tuple[Array, tuple[Array, ...]]:
+        """Mask of the configurations where the primary outputs are independent; A_star, J, P, R N and D at these."""
+        here, count = self._reduced.at(q).in_reduction(self._evaluator), len(self._first)
+        _, values, right = np.linalg.svd(here.A_star[:, self._first])
+        good = (values[:, -1] > _RANK * values[:, 0]) & (count <= self._reduced.r)
+        A, J = here.A_star[good], here.J1[good]
+        ways = np.linalg.qr(self._lengths * (here.R[good] @ right[good, count:].mT))[0] / self._lengths  # (S, nv, r2)
+        return good, (A, J, A[:, self._first], ways, self._scale * (J @ ways))
 
     # ------------------------------------------------------------------ search
 
@@ -417,7 +427,38 @@ class _Exploring:
         names, at = each.names(self._names), self._q[worst].copy()
         at.setflags(write=False)
         work = self._work(each)
-        return Use(names, kind, each.rank, typical, float(last[worst]), weak, at, self._redundant_names, *work, reason)
+        smallest, straight = float(last[worst]), self._straight(each) if each.rank else ()
+        redundant = self._redundant_names
+        return Use(names, kind, each.rank, typical, smallest, weak, at, straight, redundant, *work, reason)
+
+    def _straight(self, each: _Set) -> tuple[str, ...]:
+        """Joints that make D singular at 0 or pi."""
+        return tuple(
+            dict.fromkeys(
+                name
+                for name, D in self._at_straight_joints
+                if not len(D)
+                or np.linalg.svd(D[:, list(each.rows)], compute_uv=False)[:, each.rank - 1].max()
+                < _RANK * np.abs(self._D).max()
+            )
+        )
+
+    @cached_property
+    def _at_straight_joints(self) -> list[tuple[str, Array]]:
+        """D at samples with one joint straight or folded; empty where the primary outputs are singular then."""
+        found: list[tuple[str, Array]] = []
+        model = self._robot.model
+        names = [] if self._reduced.assembly.size else _single_joints(self._robot)  # others would have to follow
+        for name in names:
+            joint = self._robot.single_joint(name)
+            low, high = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+            for angle in (0.0, np.pi) if joint.unit == "rad/s" else ():
+                if joint.continuous or low <= angle <= high:
+                    q = self._q[:_POSES].copy()
+                    joint.put(q, np.array(angle))
+                    with suppress(SingularityError):
+                        found.append((name, self._motions_at(q)[1][-1]))
+        return found
 
     def _work(self, each: _Set) -> tuple[tuple[str, ...], float | None]:
         """Actuators that move most for unit motions of the outputs, and their static effort."""
@@ -442,22 +483,30 @@ class _Exploring:
             return T if np.abs(T).max(initial=0.0) > _ZERO else None
         return None
 
-    def _order(self, use: Use) -> tuple[int, int, float]:
-        """Best first: by class, then frames and joints without an actuator before the others."""
+    def _order(self, use: Use) -> tuple[bool, int, int, float, int]:
+        """Best first: by class, but frames and joints without an actuator before the others."""
         own = {*self._reduced.actuation.names, *self._redundant_names}
         typical = float(use.singular_values[use.rank - 1]) if use.rank else 0.0
-        return _ORDER.index(use.redundancy_class), sum(name in own for name in use.vertical), -typical
+        kind, count = use.redundancy_class, len(use.vertical)
+        return kind is None, sum(name in own for name in use.vertical), _ORDER.index(kind), -typical, count
 
 
-def _regular(reduced: ReducedModel, samples: int, seed: int) -> Array:
-    """Regular random configurations (S, nq)."""
+def _regular(reduced: ReducedModel, samples: int, seed: int, region: Mapping[str, tuple[float, float]]) -> Array:
+    """Regular random configurations (S, nq), with joints of a region in their ranges."""
     generator, found, failure = np.random.default_rng(seed), [], None
+    joints = [reduced.robot.single_joint(name, "a region needs one") for name in region]
+    for name, ends in region.items():
+        if not (len(ends) == 2 and np.isfinite(ends).all() and ends[0] <= ends[1]):
+            raise InputError(f"region: joint '{name}': expected (smallest, largest), found {ends!r}")
     for _ in range(samples):
         q = reduced.random_configuration(generator)
         try:
+            for joint, ends in zip(joints, region.values(), strict=True):
+                joint.put(q, np.array(generator.uniform(*ends)))
+            q = reduced.assembled(q, list(region)) if joints else q
             _ = reduced.at(q).R
             found.append(q)
-        except SingularityError as error:
+        except (ConstraintError, SingularityError) as error:
             failure = error
     if not found:
         assert failure is not None
@@ -472,6 +521,11 @@ def _largest(matrices: Array) -> Array:
 
 def _listed(candidate: OutputTarget | Sequence[OutputTarget]) -> Sequence[OutputTarget]:
     return [candidate] if isinstance(candidate, str | OutputKind) else candidate
+
+
+def _own(reduced: ReducedModel) -> list[Sequence[OutputTarget]]:
+    """Vertical outputs of the model, those of one object together."""
+    return [place.of(np.array(place.block.names)).tolist() for place in reduced.vertical.places]
 
 
 def _blocks(stack: OutputStack) -> list[OutputRows]:
@@ -507,13 +561,22 @@ def _length(robot: Robot) -> float:
     return found if found > _POINT else 1.0
 
 
-def _wheel_joints(reduced: ReducedModel) -> set[int]:
-    """Joints of bodies that roll; a body with an axle of its own, such as a trailer, is none."""
+def _single_joints(robot: Robot) -> list[str]:
+    """Joints with one degree of freedom."""
+    return [name for name in robot.joint_names if robot.model.joints[robot.joint_id(name)].nv == 1]
+
+
+def _wheel_joints(reduced: ReducedModel, *, steered: bool = False) -> set[int]:
+    """Joints of bodies that roll, and those of last bodies on runners that an actuator steers, but not a trailer's."""
     robot, found = reduced.robot, set()
+    inner = list(robot.model.parents)
     for place in reduced.all_constraints.places:
         for each in place.block.mechanisms():
-            if isinstance(each, GroundContact) and each.radius:
-                found.add(int(robot.model.frames[robot.frame_id(each.frame)].parentJoint))
+            if isinstance(each, GroundContact):
+                joint = int(robot.model.frames[robot.frame_id(each.frame)].parentJoint)
+                driven = joint not in inner and robot.model.names[joint] in reduced.actuation.names
+                if each.radius or (steered and driven):
+                    found.add(joint)
     return found
 
 
@@ -527,7 +590,10 @@ def tip_frames(reduced: ReducedModel) -> tuple[str, ...]:
     parents = [int(each) for each in model.parents]
     bodies = {int(each.parentJoint): str(each.name) for each in model.frames if each.type.name == "BODY"}
     first = [joint for joint in range(1, model.njoints) if parents[joint] == 0 and model.joints[joint].nv > 1]
-    inner = {*parents, *first, *_wheel_joints(reduced)}
+    rolling, wheels = _wheel_joints(reduced), _wheel_joints(reduced, steered=True)
+    carriers = [parents[joint] for joint in rolling]
+    single = {joint for joint in carriers if carriers.count(joint) == 1}  # casters, forks and steering knuckles
+    inner = {*first, *wheels, *single, *(parents[joint] for joint in range(1, model.njoints) if joint not in wheels)}
     ends = [joint for joint in range(1, model.njoints) if joint not in inner]
     found = []
     for joint in ends:
@@ -537,22 +603,47 @@ def tip_frames(reduced: ReducedModel) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for name in found if name))
 
 
-def _default_candidates(reduced: ReducedModel, q: Array) -> list[OutputKind | list[OutputKind]]:
-    robot = reduced.robot
-    position = reduced.at(q).position
+def tip_positions(reduced: ReducedModel) -> list[FramePosition]:
+    """Return the positions of the ends of chains, in the directions that the robot can move: primary outputs to try.
+
+    Args:
+        reduced: the model, whose rows name the wheels.
+    """
+    q = _regular(reduced, 1, 0, {})[0]
+    outputs = [each for frame in tip_frames(reduced) for each in _frame_outputs(reduced, q, frame)]
+    return [each for each in outputs if isinstance(each, FramePosition)]
+
+
+def _frame_outputs(reduced: ReducedModel, q: Array, frame: str) -> list[OutputKind]:
+    """Position and orientation of a frame, in the directions in which it moves."""
+    moves = np.abs(reduced.at(q).position.jacobian(reduced.robot.frame_id(frame))).max(axis=1) > _ZERO
+    found: list[OutputKind] = []
+    if moves[:3].any():
+        found.append(FramePosition(frame, "".join(np.array(list("xyz"))[moves[:3]])))
+    if moves[3:].any():
+        found.append(FrameOrientation(frame) if moves[3:5].any() else FrameYaw(frame))
+    return found
+
+
+def default_candidates(reduced: ReducedModel) -> list[list[OutputKind]]:
+    """Return the vertical outputs that ``explore`` tries by default, without those of the model.
+
+    Args:
+        reduced: the model.
+    """
+    robot, q = reduced.robot, _regular(reduced, 1, 0, {})[0]
     frames = list(tip_frames(reduced))
     base = next(
         (str(each.name) for each in robot.model.frames if each.type.name == "BODY" and each.parentJoint == 1), None
     )
+    found: list[list[OutputKind]] = []
     if base is not None and robot.model.joints[1].nv > 1 and base not in frames:
         frames.insert(0, base)
-    found: list[OutputKind | list[OutputKind]] = []
+        if robot.model.joints[1].nv == 6 and robot.model.gravity.linear.any():
+            found += [[FrameYaw(base)], [FrameTilt(base, "x"), FrameTilt(base, "y")]]
     for frame in frames:
-        turning = np.abs(position.jacobian(robot.frame_id(frame))[3:]).max(axis=1)
-        parts: list[OutputKind] = [FramePosition(frame)]
-        if turning.max() > _ZERO:
-            parts.append(FrameOrientation(frame) if turning[:2].max() > _ZERO else FrameYaw(frame))
-        found += [*parts, parts]
+        parts = _frame_outputs(reduced, q, frame)
+        found += [*([each] for each in parts), parts]
     rolling = _wheel_joints(reduced)
-    joints = [joint for joint in list(robot.model.joints)[1:] if joint.nv == 1 and joint.id not in rolling]
-    return [*found, CenterOfMass(), *(JointPosition(str(robot.model.names[joint.id])) for joint in joints)]
+    joints = [name for name in _single_joints(robot) if robot.joint_id(name) not in rolling]
+    return [*found, [CenterOfMass()], *(list[OutputKind]([JointPosition(name)]) for name in joints)]

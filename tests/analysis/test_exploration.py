@@ -9,6 +9,7 @@ from hypothesis import assume, given, settings
 import rnc_pin as rnc
 from random_systems import recipes, reduced_of
 from rnc_pin.analysis import classify
+from rnc_pin.analysis.exploration import default_candidates, tip_positions
 from systems import fire_truck, mobile_manipulator, space_robot
 
 LINK = (
@@ -62,6 +63,23 @@ def test_a_second_arm_turns_a_free_hub_and_the_centre_of_mass_is_conserved(tmp_p
     assert center.redundancy_class is None
     assert "no motion of the robot changes" in center.reason
     np.testing.assert_allclose(center.singular_values, 0.0, atol=1e-9)
+
+
+def test_a_distance_along_an_arm_is_lost_where_the_arm_is_straight(tmp_path):
+    reduced = hub(tmp_path, 1, 2, "fixed")
+    along, primary = [rnc.Distance("left_1", "left_2_hand")], [rnc.JointPosition("pivot")]
+    (use,) = rnc.explore(reduced, primary, along).rows
+    assert use.straight == ("left_2_joint",)
+    (bent,) = rnc.explore(reduced, primary, along, region={"left_2_joint": (0.5, 1.0)}).rows
+    assert bent.singular_share == 0.0
+    assert 0.5 <= reduced.robot.joint_values(bent.singular_at)["left_2_joint"] <= 1.0
+
+
+def test_a_free_base_under_gravity_has_yaw_and_tilt_and_a_steered_axle_is_no_end_of_a_chain():
+    robot = rnc.Robot.from_example("hyq_no_sensors", base="free")
+    outputs = [name for group in default_candidates(rnc.NonholonomicSystem(robot).reduce()) for name in group]
+    assert {rnc.FrameYaw("base_link"), rnc.FrameTilt("base_link", "x"), rnc.FrameTilt("base_link", "y")} <= {*outputs}
+    assert tip_positions(fire_truck()) == [rnc.FramePosition("trailer", "xy")]
 
 
 BASE = rnc.FramePosition("base", "xy")
@@ -126,3 +144,5 @@ def test_classes_are_those_of_the_best_partition(system):
 def test_refusals(primary, samples, error, words):
     with pytest.raises(error, match=words):
         rnc.explore(space_robot(), primary, samples=samples)
+    with pytest.raises(rnc.InputError, match=r"region: joint 'joint_1': expected \(smallest, largest\)"):
+        rnc.explore(space_robot(), ["tip_x"], region={"joint_1": (1.0, 0.0)})
