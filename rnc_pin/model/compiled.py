@@ -19,10 +19,10 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import SingularityError
+from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.model.compiled_states import CompiledArraysAtQ, CompiledArraysAtV, concatenated, empty_records
 from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations, Evaluator, HasArraysAtQ, ReducedTerms, States
-from rnc_pin.model.input_validation import ArrayInput
+from rnc_pin.model.input_validation import ArrayInput, admit_numbers
 from rnc_pin.model.kinematics import VelocityKinematics
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator, PlannedFeedback
 from rnc_pin.model.reduction_data import ReductionData
@@ -134,22 +134,25 @@ class CompiledEvaluator(NumPyEvaluator):
     ) -> Array | None:
         """Result of a call of the kernel; None if NumPy has to decide. Lists and other numbers are converted first."""
         rates = self._rates(t, arguments[0])
-        found = call(*arguments, rates)
-        if found is None and not all(isinstance(each, Array) and each.dtype == float for each in arguments):
-            try:
-                found = call(*(np.ascontiguousarray(each, float) for each in arguments), rates)
-            except (TypeError, ValueError):  # NumPy's path names what is wrong
-                return None
-        return found
+        for each in arguments:
+            if type(each) is not Array or each.dtype != float:
+                try:
+                    arguments = tuple(np.ascontiguousarray(admit_numbers(one, "")) for one in arguments)
+                except InputError:  # NumPy's path names what is wrong
+                    return None
+                break
+        return call(*arguments, rates)
 
     def _rates(self, t: ArrayInput | None, q: ArrayInput | None = None) -> Array | None:
         """Right-hand sides of constraints over one time t of states q; None for other constraints and other times."""
+        if t is not None and type(t) is not float:
+            admit_numbers(t, "t")
         if self._steady or not isinstance(t, float | int | np.floating):
             return None
         return self.kernel.rates_at(float(t), q.shape[:-1] if isinstance(q, Array) else ())
 
     def terms(self, q: ArrayInput, v2: ArrayInput) -> ReducedTerms:
-        numbers = self._calls.terms(q, v2)
+        numbers = self._calls.terms(q, v2) if type(q) is type(v2) is Array else None
         if numbers is None:
             return super().terms(q, v2)
         numbers.setflags(write=False)
@@ -253,7 +256,9 @@ class CompiledEvaluator(NumPyEvaluator):
         kernel = self.kernel
         if not self.data.kinematics.axes_are_constant:
             return None
-        numbers = self._calls.state_derivatives(q, v2, T, self._rates(t, q))
+        numbers = None
+        if type(q) is type(v2) is type(T) is Array:
+            numbers = self._calls.state_derivatives(q, v2, T, self._rates(t, q))
         if numbers is None:
             return None
         numbers.setflags(write=False)

@@ -20,8 +20,9 @@ from rnc_pin.errors import ConfigurationError, InputError, few, printable, short
 from rnc_pin.math.linear_algebra import Component
 from rnc_pin.robots.robot import Robot
 
+_FLOAT = np.dtype(float)
 ArrayInput: TypeAlias = object
-"""Argument of any type. Values that NumPy does not convert to a float array are refused."""
+"""Argument of any type. Values that are no real numbers are refused."""
 
 
 class ConfigurationValidator:
@@ -37,10 +38,9 @@ class ConfigurationValidator:
 
     def validate(self, q: ArrayInput) -> np.ndarray:
         """Validated copy of q (..., nq), so that later changes of the caller's array have no effect."""
-        try:
-            q = np.array(q, float)  # by position: a keyword costs as much as the call
-        except (TypeError, ValueError):
-            raise _not_numbers("q", q) from None
+        if type(q) is not np.ndarray or q.dtype is not _FLOAT:
+            q = admit_numbers(q, "q")
+        q = np.array(q, float)  # by position: a keyword costs as much as the call
         if q.shape == self._shape:  # one state, on the hot path
             if not isfinite(sum(q.tolist())):
                 check_finite("q", q)
@@ -60,10 +60,8 @@ _NOT_OF_UNIT_LENGTH = InputError("q holds a (cos, sin) pair or a quaternion that
 
 def vector(array: ArrayInput, size: int, name: str, entries: Sequence[str] = ()) -> np.ndarray:
     """Convert an input to a float array (..., size) of finite numbers; an error about its size names the entries."""
-    try:
-        array = np.asarray(array, float)
-    except (TypeError, ValueError):
-        raise _not_numbers(name, array) from None
+    if type(array) is not np.ndarray or array.dtype is not _FLOAT:
+        array = admit_numbers(array, name)
     if array.shape == (size,):
         if not isfinite(sum(array.tolist())):  # for few numbers this is faster than array functions
             check_finite(name, array)
@@ -103,14 +101,23 @@ def numbers_of(array: ArrayInput, name: str) -> np.ndarray:
     Raises:
         InputError: the input does not consist of numbers.
     """
+    return np.array(admit_numbers(array, name))
+
+
+def admit_numbers(array: ArrayInput, name: str) -> np.ndarray:
+    """Convert an input to a float array of any shape, which may be the input.
+
+    Raises:
+        InputError: the input does not consist of real numbers; text, truth values, objects and masked arrays do not.
+    """
     try:
-        return np.array(array, float)
+        found = np.asarray(array)
     except (TypeError, ValueError):
-        raise _not_numbers(name, array) from None
-
-
-def _not_numbers(name: str, array: ArrayInput) -> InputError:
-    return InputError(f"{name} is not an array of numbers: {printable(repr(array), 60)}")
+        found = np.zeros((), dtype=object)
+    masked = any(each.__name__ == "MaskedArray" for each in type(array).__mro__)  # an import of numpy.ma takes long
+    if found.dtype.kind not in "fiu" or masked:
+        raise InputError(f"{name} is not an array of numbers: {printable(repr(array), 60)}")
+    return found.astype(float, copy=False)
 
 
 def check_finite(name: str, array: np.ndarray) -> None:

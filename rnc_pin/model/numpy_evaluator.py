@@ -12,7 +12,14 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
 from rnc_pin.model.configuration_evaluation import NOTHING_AT_Q, ConfigurationEvaluation
 from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations, HasArraysAtQ, ReducedTerms, States
-from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator, admit_times, broadcast_states, vector
+from rnc_pin.model.input_validation import (
+    ArrayInput,
+    ConfigurationValidator,
+    admit_numbers,
+    admit_times,
+    broadcast_states,
+    vector,
+)
 from rnc_pin.model.reduced_kinematics import output_slopes
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -77,6 +84,8 @@ class NumPyEvaluator:
     ) -> ConfigurationEvaluation | StateEvaluation:
         """Validate and evaluate configurations or states, as ``ReducedModel.at``."""
         q, data = self._validator.validate(q), self.data
+        if t is not None and type(t) is not float:
+            admit_numbers(t, "t")
         t = None if t is None or not data.rheonomic else admit_times(t, q.shape[:-1])
         if v2 is not None:
             if v is not None:

@@ -170,7 +170,7 @@ class StateEvaluation(ReducedKinematics):
 
     def _total_force(self, T: ArrayInput, external: Array | None) -> Array:
         force = self._force(vector(T, self._data.p, "T", self._data.actuation.names), None)
-        return force if external is None else force + external
+        return force if external is None else force + vector(external, self._data.n, "external")
 
     @cached_property
     def unforced(self) -> Array:

@@ -21,6 +21,7 @@ from rnc_pin.model.independence import (
     check_reactions,
     select_independent,
 )
+from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.passive_forces import ForceKind, PassiveForces
 from rnc_pin.model.reduced_model import ReducedModel, system_headline, system_lines
@@ -172,7 +173,7 @@ class NonholonomicSystem(SummaryMixin):
         Raises:
             ConstraintError: no such configuration was found.
         """
-        return self.assembly.project(np.asarray(q, dtype=float), hold)
+        return self.assembly.project(numbers_of(q, "q"), hold)
 
     def reduce(
         self,

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from rnc_pin.control.controller import Command
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, SingularityError
-from rnc_pin.model.input_validation import is_number
+from rnc_pin.model.input_validation import is_number, numbers_of
 from rnc_pin.model.integrators import AdaptiveIntegrator
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -94,12 +94,14 @@ def free_motion(
     stop_monitor = StopMonitor(stop, model.robot)
     lift_off = lift_off_monitor(stop, model, model)
     feedback = inputs if callable(inputs) else None
-    constant = dynamics.saturate(np.zeros(model.p) if inputs is None or callable(inputs) else np.array(inputs, float))
+    constant = dynamics.saturate(
+        np.zeros(model.p) if inputs is None or callable(inputs) else numbers_of(inputs, "inputs")
+    )
 
     def inputs_at(t: float, state: StateEvaluation) -> np.ndarray:
         if feedback is None:
             return constant
-        return dynamics.saturate(np.asarray(feedback(t, state.q, state.v2), dtype=float))
+        return dynamics.saturate(numbers_of(feedback(t, state.q, state.v2), "inputs"))
 
     def rate(t: float, q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         try:
@@ -115,7 +117,7 @@ def free_motion(
         q = dynamics.project(q, y)
         return q, dynamics.recentre(q, y)[1]
 
-    q = assembled_start(model, np.array(q0, dtype=float))
+    q = assembled_start(model, numbers_of(q0, "q0"))
     start = model.at(pin.normalize(model.robot.model, q), v2_0, t=0.0)
     _ = start.flow(inputs_at(0.0, start))  # raise errors of shape or singularity before the integration
     y = dynamics.initial(start.q, start.v)

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.control import Command
 from rnc_pin.model.input_validation import ConfigurationValidator, check_finite, check_positive_settings, vector
+from simple_controllers import Memoryless
 from systems import space_robot
 from textbook_systems import sliders
 
@@ -56,6 +58,42 @@ def test_angles_without_end_are_of_unit_length_to_a_millionth(kinds):
                 words = r"^q holds a \(cos, sin\) pair or a quaternion that is not of"
                 with pytest.raises(rnc.InputError, match=words):
                     validator.validate(given)
+
+
+NO_NUMBERS = [
+    lambda array: array.astype(complex),
+    lambda array: array.astype(str),
+    lambda array: array.astype(object),
+    lambda array: array.astype(bool),
+    lambda array: np.ma.masked_array(array, mask=array == 0),
+    lambda array: [str(each) for each in array],
+]
+
+
+@pytest.mark.parametrize("made", NO_NUMBERS)
+def test_states_and_times_are_real_numbers(made):
+    reduced, idle = space_robot(), Command(T=np.zeros(3))
+    q, v2, v, T = reduced.robot.configuration(), np.zeros(3), np.zeros(4), np.zeros(3)
+    controller = Memoryless(lambda *_: idle)
+    loop, t = rnc.ControlLoop(reduced, controller, dt=0.01), made(np.zeros(1))
+    calls = [
+        lambda: reduced.at(made(q)), lambda: reduced.at(q, made(v2)), lambda: reduced.at(q, v=made(v)),
+        lambda: reduced.at(q, v2, t=t), lambda: reduced.at(q, t=True),
+        lambda: reduced.assembled(made(q)), lambda: reduced.terms(made(q), v2),
+        lambda: reduced.forward_dynamics(made(q), v2, T), lambda: reduced.forward_dynamics(q, v2, made(T)),
+        lambda: reduced.forward_dynamics(q, v2, T, t=t), lambda: reduced.inverse_dynamics(q, v2, made(T)),
+        lambda: rnc.state_derivatives(reduced, q, made(v2), T), lambda: reduced.at(q, v2).contact_forces(T, made(v)),
+        lambda: rnc.simulate(reduced, controller, made(q), 0.1, 0.01),
+        lambda: rnc.free_motion(reduced, made(q), v2, 1.0),
+        lambda: rnc.free_motion(reduced, q, v2, 1.0, inputs=made(T)), lambda: rnc.ReducedPlant(reduced).apply(made(T)),
+    ]  # fmt: skip
+    for call in calls:
+        with pytest.raises(rnc.InputError, match=r"^\w+ is not an array of numbers: ") as caught:
+            call()
+        assert len(str(caught.value).splitlines()) == 1
+    for measured in ((0.0, made(q), v), (0.0, q, made(v)), (t, q, v)):
+        loop.step(*measured)
+        assert loop.state.fault is not None
 
 
 def test_a_wrong_size_names_the_entries():

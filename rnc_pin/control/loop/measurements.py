@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.loop.loop_state import LoopState, VelocityEstimate
+from rnc_pin.errors import InputError
+from rnc_pin.model.input_validation import is_number, numbers_of
 from rnc_pin.model.reduced_model import ReducedModel
 
 _UNIT_TOLERANCE = 0.1  # largest deviation of a (cos, sin) pair or quaternion from unit length
@@ -136,16 +138,13 @@ class Guard:
 
 def is_time(t: float) -> bool:
     """True if t is a finite number."""
-    try:
-        return isfinite(t)
-    except (TypeError, ValueError, OverflowError):
-        return False
+    return is_number(t)
 
 
 def _numbers(name: str, value: ArrayLike, size: int) -> Array:
     try:
-        numbers = np.array(value, dtype=float)
-    except (TypeError, ValueError):
+        numbers = numbers_of(value, name)
+    except InputError:
         raise InvalidMeasurementError(f"{name} is not made of numbers") from None
     if numbers.shape != (size,):
         raise InvalidMeasurementError(f"{name} has shape {numbers.shape}, expected ({size},)")

@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Controller, State, VelocityTarget
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, nearest
-from rnc_pin.model.input_validation import NotNegative, Positive, is_number
+from rnc_pin.model.input_validation import NotNegative, Positive, is_number, numbers_of
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
@@ -195,7 +195,7 @@ def input_of(reduced: ReducedModel, state: StateEvaluation, command: Command) ->
         if T.ndim > 1:
             raise InputError(f"the F of a command has shape {np.asarray(F).shape}, expected ({reduced.r},)")
         return T
-    T = np.array(T, dtype=float)  # the controller may use its memory again
+    T = numbers_of(T, "the T of a command")  # the controller may use its memory again
     if T.shape != (reduced.p,):
         raise InputError(f"the T of a command has shape {T.shape}, expected ({reduced.p},)")
     if not (isfinite(sum(T.tolist())) or np.isfinite(T).all()):  # the sum of finite inputs may be too large

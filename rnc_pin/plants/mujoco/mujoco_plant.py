@@ -7,6 +7,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import DivergenceError, InputError
+from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.mujoco.actuator_mapping import ActuatorMapping
 from rnc_pin.plants.mujoco.body_tree import BodyTree, JointEquality, add_equalities
@@ -112,7 +113,7 @@ class MuJoCoPlant:
         Raises:
             DivergenceError: the robot does not come to rest.
         """
-        q, v = (np.asarray(each, dtype=float) for each in (q, v))
+        q, v = (numbers_of(each, "the state") for each in (q, v))
         if q.shape != (self._reduced.robot.nq,) or v.shape != (self._reduced.robot.nv,):
             raise InputError(f"the state has shapes {q.shape} and {v.shape}, expected that of q and v of the robot")
         mujoco.mj_resetData(self.model, self.data)
@@ -136,7 +137,7 @@ class MuJoCoPlant:
         return self._joints.read(self.data.qpos, self.data.qvel)
 
     def apply(self, T: Float[Array, " p"]) -> None:
-        T = np.array(T, dtype=float)
+        T = numbers_of(T, "T")
         if T.shape != self.applied.shape:
             raise InputError(f"T has shape {T.shape}, expected {self.applied.shape}")
         if not np.isfinite(T).all():

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, InputError, SimulationError
-from rnc_pin.model.input_validation import own_vector
+from rnc_pin.model.input_validation import numbers_of, own_vector
 from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -201,7 +201,7 @@ class ContactPlant:
         """
         self._time, self._past_work, self.contact_events = 0.0, 0.0, ()
         self._closed, self._plant = NONE, self._flight
-        self._flight.reset(np.array(q, dtype=float), np.array(v, dtype=float))
+        self._flight.reset(numbers_of(q, "q"), numbers_of(v, "v"))
         self._size = radius_of_gyration(self.reduced.robot.model, self.read()[0])
         if self._sliding is not None:
             self._sliding.restart(self._size)
