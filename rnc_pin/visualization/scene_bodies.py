@@ -83,8 +83,8 @@ def _names(root: ElementTree.Element) -> Iterator[str]:
     for library in root.iter():
         if str(library.tag).endswith("library_images"):
             for element in library.iter():
-                if "init_from" in str(element.tag):
-                    yield from ([element.text] if element.text and element.text.strip() else [])
+                if "init_from" in str(element.tag) and (len(element) or (element.text or "").strip()):
+                    yield "".join(element.itertext())  # viewers take the text of child elements too
                 elif str(element.tag).endswith("ref") and element.text:
                     yield element.text
 

@@ -15,6 +15,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.simulation import Sample, tracking_errors
+from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.drawn_state import View
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.recording import Recording
@@ -134,6 +135,28 @@ def test_runs_are_compared_in_one_scene(browser, space_robot, tmp_path):
     assert changed(shown, picture(page)) > 1000
     assert problems == []
     page.context.close()
+
+
+FOREIGN = """new Promise(done => {
+    document.addEventListener("securitypolicyviolation", event => done(event.blockedURI));
+    if (%r === "picture") new Image().src = "http://192.0.2.1/skin.png";
+    else if (%r === "socket") { try { new WebSocket("ws://192.0.2.1/"); } catch { /* the event tells */ } }
+    else fetch("http://192.0.2.1/skin.png").catch(() => null);
+})"""
+
+
+@pytest.mark.parametrize("how", ["picture", "socket", "request"])
+@pytest.mark.parametrize("served", [False, True])
+def test_no_page_reaches_another_host(browser, served, how, tmp_path):
+    window, path = SceneWindow(), tmp_path / "page.html"
+    path.write_text(window.page(), encoding="utf-8")
+    try:
+        page, _ = visit(browser, window.serve() if served else path.as_uri())
+        page.wait_for_function("window.viewer !== undefined", timeout=1000 * PATIENCE)
+        assert "192.0.2.1" in page.evaluate(FOREIGN % (how, how))
+        page.context.close()
+    finally:
+        window.close()
 
 
 def test_the_live_page_follows_the_robot_and_may_be_closed(browser, robot):

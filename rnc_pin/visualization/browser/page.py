@@ -132,6 +132,7 @@ VIEWER = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
 _PAGE = """<!DOCTYPE html>
 <html lang="en">
 <head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
 <title>{title}</title><style>
 {style}</style></head>
 <body>
@@ -152,6 +153,20 @@ _PAGE = """<!DOCTYPE html>
 </body>
 </html>
 """
+
+
+def content_policy(own: str = "") -> str:
+    """Content-Security-Policy of a page: it loads nothing but its own text.
+
+    Args:
+        own: addresses of its server, such as ``'self'``; none for a page that needs no server.
+    """
+    return (
+        f"default-src 'none'; script-src {own} 'unsafe-inline'; style-src 'unsafe-inline'; font-src data:; "
+        f"img-src {own} data: blob:; connect-src {own} data: blob:; base-uri 'none'; form-action 'none'"
+    )
+
+
 Key = tuple[str, str]
 """Path of a node, and the kind of command: object, transform, one property, ..."""
 Commands = dict[Key, bytes]
@@ -194,7 +209,7 @@ def live_page(title: str, panel: str | None = None) -> str:
     parts = [_part("page.js"), *scripts_of_panel, "viewer.connect();"]
     scripts = "\n".join(['<script src="main.min.js"></script>', *(f"<script>{part}</script>" for part in parts)])
     style = _part("page.css") + ("" if panel is None else _part("panel.css"))
-    return _PAGE.format(title=escape(title), style=style, scripts=scripts)
+    return _PAGE.format(title=escape(title), policy=content_policy("'self' ws:"), style=style, scripts=scripts)
 
 
 def recorded_page(title: str, commands: Iterable[bytes], begin: float | None = None) -> str:
@@ -209,7 +224,7 @@ def recorded_page(title: str, commands: Iterable[bytes], begin: float | None = N
     start = f'play_recording("{text}"' + (")" if begin is None else f", {begin!r})")
     parts = (VIEWER.read_text(encoding="utf-8"), _part("page.js"), start)
     scripts = "\n".join(f"<script>{part}</script>" for part in parts)
-    return _PAGE.format(title=escape(title), style=_part("page.css"), scripts=scripts)
+    return _PAGE.format(title=escape(title), policy=content_policy(), style=_part("page.css"), scripts=scripts)
 
 
 def bundle(commands: Iterable[bytes]) -> bytes:

@@ -32,6 +32,7 @@ from rnc_pin.visualization.browser.page import (
     RequestFilter,
     apply_commands,
     bundle,
+    content_policy,
     in_order,
     live_page,
     put_latest,
@@ -268,6 +269,7 @@ class _StaticFile(FilteredHandler):
     def get(self) -> None:
         self.set_header("Content-Type", f"{self._kind}; charset=utf-8")
         self.set_header("Cache-Control", "no-store")
+        self.set_header("Content-Security-Policy", content_policy(f"'self' ws://{self.request.host}"))
         self.write(self._text)
 
 

@@ -21,7 +21,7 @@ from rnc_pin.applications.scenario.saved_run import load_run
 from rnc_pin.errors import nearest
 from rnc_pin.io.json import dump_json
 from rnc_pin.robots.robot_files import shipped_directory
-from rnc_pin.visualization.scene_bodies import MeshVisualizer
+from rnc_pin.visualization.scene_bodies import MeshVisualizer, has_own_textures
 from urdf_parts import INERTIAL, write
 
 LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
@@ -255,6 +255,16 @@ def test_pages_take_along_images_of_the_robot_alone(image, shown, tmp_path):
         with pytest.warns(rnc.ModelWarning, match="is not an image below the robot's own folders"):
             drawn = visualizer.loadMeshFromFile(shape)
         assert not hasattr(drawn, "img_resources")
+
+
+@pytest.mark.parametrize("namespace", ["http://www.collada.org/2005/11/COLLADASchema", "urn:other"])
+@pytest.mark.parametrize("image", ["<ref>{}</ref>", "<b>{}</b>", "<b/>{}", "<b><c>{}</c></b>", "\n<b>{}</b>"])
+def test_an_image_whose_name_has_child_elements_is_left_out(image, namespace, tmp_path):
+    """Meshcat's page takes the text of all of them as an address, in any namespace."""
+    text = collada(image.format("http://192.0.2.1/skin.png"))
+    text = text.replace("http://www.collada.org/2005/11/COLLADASchema", namespace)
+    with pytest.warns(rnc.ModelWarning, match="is not an image below the robot's own folders"):
+        assert not has_own_textures(write(tmp_path / "m.dae", text), [])
 
 
 LONG = "x" * 5000
