@@ -162,8 +162,8 @@ def content_policy(own: str = "") -> str:
         own: addresses of its server, such as ``'self'``; none for a page that needs no server.
     """
     return (
-        f"default-src 'none'; script-src {own} 'unsafe-inline'; style-src 'unsafe-inline'; font-src data:; "
-        f"img-src {own} data: blob:; connect-src {own} data: blob:; base-uri 'none'; form-action 'none'"
+        f"default-src 'none'; script-src {own} 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; "
+        f"font-src data:; img-src {own} data: blob:; connect-src {own} data: blob:; base-uri 'none'; form-action 'none'"
     )
 
 
