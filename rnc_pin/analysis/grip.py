@@ -168,9 +168,7 @@ class Grip(SummaryMixin):
         sizes = (each.shape[len(each.shape) - order :] for each, order in zip(arrays, (1, 2, 1, 1, 1), strict=True))
         many = (np.broadcast_to(each, (*batch, *size)) for each, size in zip(arrays, sizes, strict=True))
         count = int(np.prod(batch))
-        q, rows, contact_forces, normal_forces, shares = (
-            each.reshape(count, *each.shape[len(batch) :]) for each in many
-        )
+        q, rows, contact_forces, normal_forces, shares = (a.reshape(count, *a.shape[len(batch) :]) for a in many)
         free = self._set.free(q, rows)
         forces, shares = self._set.known(contact_forces, normal_forces), shares.copy()
         column = np.cumsum(self._set.gripping) - 1

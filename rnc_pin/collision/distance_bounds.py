@@ -46,9 +46,7 @@ class ShapePoses:
         """
         if joints.ndim == 2:
             found = cls.__new__(cls)
-            found.rotations, found.origins, found.middles = (
-                np.empty(each.shape) for each in (rotations, *[origins] * 2)
-            )
+            found.rotations, found.origins, found.middles = (np.empty(a.shape) for a in (rotations, origins, origins))
             known = joints, carriers, rotations.reshape(-1, 9), origins, centers
             if _kernel.library.shape_poses(*known, found.rotations, found.origins, found.middles):
                 return found

@@ -9,11 +9,16 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier
-from rnc_pin.constraints.surface_contact import SurfaceContactRows, contact_wrench_rates, contact_wrenches
+from rnc_pin.constraints.surface_contact import (
+    BodyContactRows,
+    SurfaceContactRows,
+    contact_wrench_rates,
+    contact_wrenches,
+)
 from rnc_pin.constraints.surfaces import BodyShape, CurvedGround, Sphere, admit_ground, support_numbers
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, vector_product
-from rnc_pin.model.frame_rows import FLAT, ConstantWrenchRows, WrenchRows, point_name, triple
+from rnc_pin.model.frame_rows import FLAT, ConstantWrenchRows, triple
 from rnc_pin.model.input_validation import Positive, Vector, is_number
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.model.kinematics import Placement, PositionKinematics
@@ -96,14 +101,12 @@ def _outward(rotation: np.ndarray, normal: np.ndarray) -> np.ndarray:
     return -apply_transposed(rotation, np.broadcast_to(normal, rotation.shape[:-1]))
 
 
-class _RollingBodyRows(WrenchRows):
+class _RollingBodyRows(BodyContactRows):
     """Velocity of the material at the contact point, along the axes of the plane.
 
     The arm goes from the frame's origin to the contact point. In the shape's axes the outward normal there turns at
     ``R^T (w x n)``. Without pivoting there is the angular velocity about the normal too.
     """
-
-    on_ground = True
 
     def __init__(self, kind: RollingBody, shape: BodyShape, plane: GroundPlane, robot: Robot) -> None:
         self._shape, self.frame = shape, robot.frame_id(kind.frame)
@@ -111,10 +114,7 @@ class _RollingBodyRows(WrenchRows):
         self.ground = None if plane.is_default else plane
         self.twist, self.affine = plane.twist, plane.moves
         self._axes, self._normal, self._point = plane.axes, plane.axes[2], np.asarray(plane.point, dtype=float)
-        parts = ("rolling_x", "rolling_y", "vertical", "pivoting")[: 3 if kind.pivoting else 4]
-        self.names = tuple(f"{part}({point_name(kind.frame, self._center)})" for part in parts)
-        self.units = ("m/s",) * 3 + ("rad/s",) * (len(parts) - 3)
-        self.holonomic = tuple(part == "vertical" for part in parts)
+        self.name_rows(kind.frame, self._center, kind.pivoting)
 
     def _arm(self, rotation: np.ndarray) -> np.ndarray:
         center = apply(rotation, np.broadcast_to(self._center, rotation.shape[:-1]))
@@ -159,12 +159,8 @@ class _RollingBodyRows(WrenchRows):
         pivot = wrench_rows(Form.WORLD, frame, [[0.0, 0.0, 0.0, *self._normal]], self.twist)
         return [*wrench_rows(Form.ROLLING, frame, numbers, self.twist), *pivot][: len(self.names)]
 
-    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        contact = self._contact(at)
-        points = np.full((*contact.shape[:-1], len(self.names), 3), np.nan)
-        directions = points.copy()
-        points[..., :3, :], directions[..., :3, :] = contact[..., None, :], self._axes
-        return points, directions
+    def contact_axes(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        return self._contact(at), self._axes
 
 
 @dataclass(frozen=True)
@@ -201,9 +197,8 @@ class RollingBall:
         if not (is_number(self.radius) and self.radius > 0):
             raise ConstraintError(f"radius of ball '{self.frame}' has to be positive, found {self.radius!r}")
         if self.ground is None or isinstance(self.ground, GroundPlane):
-            return on_carrier(
-                _RollingBallRows(self, self.ground or GroundPlane(), robot), self.frame, self.ground, robot
-            )
+            rows = _RollingBallRows(self, self.ground or GroundPlane(), robot)
+            return on_carrier(rows, self.frame, self.ground, robot)
         return RollingBody(self.frame, Sphere(self.radius), ground=self.ground).bind(robot)
 
 

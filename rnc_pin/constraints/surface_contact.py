@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from threading import get_ident
 from typing import NamedTuple
@@ -111,7 +112,31 @@ def curved_wrench(
     return [*force, *(m + weights[3] * n for m, n in zip(cross(arm, force), normal, strict=True))]
 
 
-class SurfaceContactRows(WrenchRows):
+class BodyContactRows(WrenchRows):
+    """Rows of a body at its contact with the ground: two rolling rows, a vertical row, and one about the normal."""
+
+    on_ground = True
+
+    def name_rows(self, frame: str, center: np.ndarray, pivots: bool) -> None:
+        """Name the rows of a contact below a point of a frame; without pivoting there are four."""
+        parts = ("rolling_x", "rolling_y", "vertical", "pivoting")[: 3 if pivots else 4]
+        self.names = tuple(f"{part}({point_name(frame, center)})" for part in parts)
+        self.units = ("m/s",) * 3 + ("rad/s",) * (len(parts) - 3)
+        self.holonomic = tuple(part == "vertical" for part in parts)
+
+    @abstractmethod
+    def contact_axes(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        """Contact point (..., 3) in the world, and the axes there as rows (..., 3, 3)."""
+
+    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        contact, axes = self.contact_axes(at)
+        points = np.full((*contact.shape[:-1], len(self.names), 3), np.nan)
+        directions = points.copy()
+        points[..., :3, :], directions[..., :3, :] = contact[..., None, :], axes
+        return points, directions
+
+
+class SurfaceContactRows(BodyContactRows):
     """Rows ``axes (v + w x arm) = axes u`` and, without pivoting, ``n . w = n . W``, with axes that follow the surface.
 
     The point g of the surface, with the normal n, and the body's point with the outward normal -n are a distance d
@@ -127,8 +152,6 @@ class SurfaceContactRows(WrenchRows):
         robot: the robot.
     """
 
-    on_ground = True
-
     def __init__(
         self, frame: str, shape: BodyShape, placement: pin.SE3, pivots: bool, ground: CurvedGround, robot: Robot
     ) -> None:
@@ -138,11 +161,7 @@ class SurfaceContactRows(WrenchRows):
         if ground.moves:
             velocity = np.asarray(ground.material_velocity(np.zeros(3)), dtype=float)
             self.affine, self.twist = True, np.concatenate([velocity, np.asarray(ground.angular_velocity, dtype=float)])
-        parts = ("rolling_x", "rolling_y", "vertical", "pivoting")[: 3 if pivots else 4]
-        self._count = len(parts)
-        self.names = tuple(f"{part}({point_name(frame, self._center)})" for part in parts)
-        self.units = ("m/s",) * 3 + ("rad/s",) * (len(parts) - 3)
-        self.holonomic = tuple(part == "vertical" for part in parts)
+        self.name_rows(frame, self._center, pivots)
         # The Jacobian and the bias acceleration of a thread share the contact; its wrenches and their rates the other.
         self._seen: dict[int, tuple[np.ndarray, SurfaceContact]] = {}
         self._near: dict[int, tuple[Placement, SurfaceContact]] = {}
@@ -252,30 +271,22 @@ class SurfaceContactRows(WrenchRows):
 
     def wrench(self, place: Placement) -> np.ndarray:
         found = self._found(place)
-        return contact_wrenches(self._axes(found), found.arm, self._count)
+        return contact_wrenches(self._axes(found), found.arm, len(self.names))
 
     def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
         found, v, w = self._found(place), velocity[..., :3], velocity[..., 3:]
         arm_rate, normal_rate = self._rates(found, v, w)
         axes, axes_rate = self._axes(found), self._axes_rate(found, normal_rate)
-        return contact_wrench_rates(axes, axes_rate, found.arm, arm_rate, self._count)
+        return contact_wrench_rates(axes, axes_rate, found.arm, arm_rate, len(self.names))
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
         return np.asarray(self._contact(at).gap[..., None] * self.holonomic)
 
     # ------------------------------------------------------------------ descriptions
 
-    def _contact_axes(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        """Contact point (..., 3), and the axes there as rows (..., 3, 3)."""
+    def contact_axes(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         found = self._contact(at)
         return at.placement(self.frame).translation + found.arm, self._axes(found)
-
-    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        contact, axes = self._contact_axes(at)
-        points = np.full((*contact.shape[:-1], len(self.names), 3), np.nan)
-        directions = points.copy()
-        points[..., :3, :], directions[..., :3, :] = contact[..., None, :], axes
-        return points, directions
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
         """Rows of the kernel for a ball on a sphere or cylinder; None for other shapes and grounds."""
@@ -290,7 +301,7 @@ class SurfaceContactRows(WrenchRows):
             return None
         scale = (-1.0 if ground.inside else 1.0) / ground.radius
         quadric = [*map(float, point), scale, *axis.tolist(), float(shape.radius)]
-        numbers = [[*quadric, *weights] for weights in np.eye(4)[: self._count].tolist()]
+        numbers = [[*quadric, *weights] for weights in np.eye(4)[: len(self.names)].tolist()]
         return wrench_rows(Form.CURVED, attached(model, self.frame, pin.SE3(_EYE, self._center)), numbers, self.twist)
 
 

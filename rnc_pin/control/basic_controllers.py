@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy import ndarray as Array
 
 from rnc_pin.analysis.linearization import Linearization
 from rnc_pin.control.controller import (
@@ -82,7 +83,7 @@ class ComputedTorque(DescribedMixin):
 
     described = ("k", "target")
 
-    def __init__(self, reduced: ReducedModel, target: KinematicController, k: float | np.ndarray = 20.0) -> None:
+    def __init__(self, reduced: ReducedModel, target: KinematicController, k: float | Array = 20.0) -> None:
         check_target(target)
         self._reduced, self.target, self.k = reduced, target, k
 
@@ -128,11 +129,7 @@ class StateFeedback(ReprMixin):
     """
 
     def __init__(
-        self,
-        linear: Linearization,
-        K: np.ndarray,
-        reference: Reference | None = None,
-        outputs: Sequence[str] | None = None,
+        self, linear: Linearization, K: Array, reference: Reference | None = None, outputs: Sequence[str] | None = None
     ) -> None:
         self.linear, self.K, self.reference = linear, np.asarray(K, float), reference
         if self.K.shape != linear.B.T.shape:
@@ -214,8 +211,8 @@ class ReducingOutputController(DescribedMixin):
         self,
         reduced: ReducedModel,
         reference: Reference,
-        k2: float | np.ndarray = 2.0,
-        monitored: tuple[np.ndarray, Reference] | None = None,
+        k2: float | Array = 2.0,
+        monitored: tuple[Array, Reference] | None = None,
     ) -> None:
         check_size(reference, reduced.r, "reducing")
         self.monitored = monitored

@@ -246,9 +246,7 @@ class WheelRegressor:
     def _copy(self, reduced: ReducedModel) -> ParametrizedCopy:
         """Copies of the model and of the rolling rows, with unit radii and tracks."""
         model = reduced.robot.model.copy()
-        blocks = [
-            copy(block) if isinstance(block, RollingRows) else block for block, *_ in reduced.all_constraints.places
-        ]
+        blocks = [copy(rows) if isinstance(rows, RollingRows) else rows for rows, *_ in reduced.all_constraints.places]
         copies = {block.wheel: block for block in blocks if isinstance(block, RollingRows)}
         wheels = [(copies[wheel.rows.wheel], wheel.radius, wheel.axle) for wheel in self._unknown]
         _set_parameters(model, wheels, np.ones(len(self.names)))

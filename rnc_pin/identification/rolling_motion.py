@@ -152,9 +152,7 @@ class RollingMotion:
             p: parameters (P,).
             times: stamps of the sensor (M,) [s].
         """
-        late = [
-            k for k, each in enumerate(self.parameters) if isinstance(each.kind, TimeShift) and each.kind.of is None
-        ]
+        late = [k for k, one in enumerate(self.parameters) if isinstance(one.kind, TimeShift) and one.kind.of is None]
         path = RolledPath(self.time, *self._steps(p), len(p))
         base = path.at(times - sum(p[k] for k in late))
         mount = self.mount.copy()

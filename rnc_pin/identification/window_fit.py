@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray as Array
 
 from rnc_pin.model.coordinates import arc_chord
 
@@ -16,10 +17,10 @@ _SMALL = 1e-3  # angle below which series replace quotients
 class Poses(NamedTuple):
     """Poses (M, 3) along a path, x, y [m] and heading [rad], with their derivatives."""
 
-    values: np.ndarray
-    slopes: np.ndarray
+    values: Array
+    slopes: Array
     """Derivatives with respect to the parameters, (M, 3, P)."""
-    rates: np.ndarray
+    rates: Array
     """Rates (M, 3) [m/s, rad/s]."""
 
 
@@ -33,19 +34,19 @@ class RolledPath:
         size: number of parameters P.
     """
 
-    def __init__(self, time: np.ndarray, steps: np.ndarray, slopes: Mapping[int, np.ndarray], size: int) -> None:
+    def __init__(self, time: Array, steps: Array, slopes: Mapping[int, Array], size: int) -> None:
         self._time, self._steps, self._slopes, self._size = time, steps, slopes, size
         self._pose = np.zeros((3, len(time)))
         np.cumsum(steps[2], out=self._pose[2, 1:])
         displacement = _Displacement(self._pose[2, :-1], steps)
         np.cumsum(displacement.values, axis=1, out=self._pose[:2, 1:])
-        self._d_pose: dict[int, np.ndarray] = {}
+        self._d_pose: dict[int, Array] = {}
         for k, slope in slopes.items():
             change = self._d_pose[k] = np.zeros((3, len(time)))
             np.cumsum(slope[2], out=change[2, 1:])
             np.cumsum(displacement.along(slope, change[2, :-1]), axis=1, out=change[:2, 1:])
 
-    def at(self, times: np.ndarray) -> Poses:
+    def at(self, times: Array) -> Poses:
         """Poses at times (M,) within the path."""
         k = np.clip(np.searchsorted(self._time, times, side="right") - 1, 0, self._steps.shape[1] - 1)
         interval = self._time[k + 1] - self._time[k]
@@ -65,7 +66,7 @@ class RolledPath:
         return Poses(values, slopes, rates)
 
 
-def rotated(angle: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+def rotated(angle: Array, vectors: Array) -> Array:
     """Plane vectors (M, 2, ...) turned by angles (M,)."""
     angle = angle.reshape(-1, *[1] * (vectors.ndim - 2))
     cosine, sine = np.cos(angle), np.sin(angle)
@@ -73,7 +74,7 @@ def rotated(angle: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
 
 
-def sideways(vectors: np.ndarray) -> np.ndarray:
+def sideways(vectors: Array) -> Array:
     """Plane vectors (M, 2) turned by a right angle."""
     return np.stack([-vectors[:, 1], vectors[:, 0]], axis=1)
 
@@ -81,7 +82,7 @@ def sideways(vectors: np.ndarray) -> np.ndarray:
 class _Displacement:
     """Displacements (2, N) of twists (3, N) of a base with a heading (N,), with their derivatives."""
 
-    def __init__(self, heading: np.ndarray, twist: np.ndarray) -> None:
+    def __init__(self, heading: Array, twist: Array) -> None:
         x, y, w = twist
         small = np.abs(w) < _SMALL
         safe = np.where(small, 1.0, w)
@@ -95,7 +96,7 @@ class _Displacement:
         self._a, self._b = cosine * along - sine * side, sine * along + cosine * side
         self.values = np.stack([self._p * x - self._q * y, self._q * x + self._p * y])
 
-    def along(self, slope: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    def along(self, slope: Array, turn: Array) -> Array:
         """Derivatives (2, N) for those of the twist (3, N) and of the heading (N,)."""
         x, y, w = slope
         return np.stack([
@@ -113,16 +114,16 @@ _STEP = 1e-9  # step relative to the sizes of the parameters at which the iterat
 _MOST_DAMPING = 1e12
 
 
-Prediction = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+Prediction = Callable[[Array], tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
 class Windows:
     """Windows of time: the window of each sample, in the order of time."""
 
-    samples: np.ndarray
+    samples: Array
     """Indices of the samples that are in a window, (M,)."""
-    number: np.ndarray
+    number: Array
     """Number of the window of each of them, from 0, (M,)."""
 
     @property
@@ -130,7 +131,7 @@ class Windows:
         """Number of windows."""
         return int(self.number[-1]) + 1 if len(self.number) else 0
 
-    def sums(self, values: np.ndarray) -> np.ndarray:
+    def sums(self, values: Array) -> Array:
         """Sums (windows, ...) of values (M, ...)."""
         starts = np.flatnonzero(np.diff(self.number, prepend=-1))
         return np.add.reduceat(values, starts, axis=0)
@@ -140,30 +141,28 @@ class Windows:
 class Fit:
     """Residuals of aligned windows, with standard deviations and weights."""
 
-    residuals: np.ndarray
+    residuals: Array
     """Predicted minus measured x, y [m] and heading [rad], (M, 3)."""
-    jacobian: np.ndarray
+    jacobian: Array
     """Derivatives (M, 3, P) for first poses that follow the parameters."""
-    weights: np.ndarray
+    weights: Array
     """Robust weights of the position and of the heading, (M, 2), at most 1."""
-    deviations: np.ndarray
+    deviations: Array
     """Standard deviations of position and heading (2,) [m, rad]."""
 
     @property
-    def sizes(self) -> tuple[np.ndarray, np.ndarray]:
+    def sizes(self) -> tuple[Array, Array]:
         """Distances (M,) [m] and errors of the heading (M,) [rad]."""
         return np.hypot(self.residuals[:, 0], self.residuals[:, 1]), np.abs(self.residuals[:, 2])
 
-    def scaled(self) -> tuple[np.ndarray, np.ndarray]:
+    def scaled(self) -> tuple[Array, Array]:
         """Weighted residuals (3 M,) and derivatives (3 M, P), without unit; all x first, then all y and headings."""
         root = (np.sqrt(self.weights)[:, [0, 0, 1]] / self.deviations[[0, 0, 1]]).ravel(order="F")
         J = self.jacobian.reshape(len(root), -1, order="F")
         return root * self.residuals.ravel(order="F"), (root * J.T).T
 
 
-def aligned(
-    poses: np.ndarray, slopes: np.ndarray, measured: np.ndarray, windows: Windows, previous: Fit | None, heading: bool
-) -> Fit:
+def aligned(poses: Array, slopes: Array, measured: Array, windows: Windows, previous: Fit | None, heading: bool) -> Fit:
     """Fit of predicted poses (M, 3), with the best first pose of each window for the weights of the previous fit."""
     count = len(poses)
     deviations = np.ones(2) if previous is None else previous.deviations
@@ -202,9 +201,7 @@ def aligned(
     return Fit(residuals, J, weights, deviations)
 
 
-def _first_poses(
-    poses: np.ndarray, measured: np.ndarray, windows: Windows, w: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _first_poses(poses: Array, measured: Array, windows: Windows, w: Array) -> tuple[Array, Array]:
     """Rotation (windows,) and shift (windows, 2) that bring predicted poses to measured ones, for weights (M, 2)."""
     total = windows.sums(w[:, :1])
     at = windows.number
@@ -228,7 +225,7 @@ def _first_poses(
     return turn, means[1] - rotated(turn, means[0])
 
 
-def weighted(fit: Fit, heading: bool, previous: np.ndarray | None = None) -> Fit:
+def weighted(fit: Fit, heading: bool, previous: Array | None = None) -> Fit:
     """The fit with standard deviations from the medians of its residuals, and the weights that follow (Huber).
 
     Previous deviations (2,) stay if the new ones hardly differ. Medians jump from step to step. A cost that follows
@@ -245,7 +242,7 @@ def weighted(fit: Fit, heading: bool, previous: np.ndarray | None = None) -> Fit
     return Fit(fit.residuals, fit.jacobian, np.minimum(np.stack(limits, axis=1), 1.0), deviations)
 
 
-def cost(fit: Fit, deviations: np.ndarray) -> float:
+def cost(fit: Fit, deviations: Array) -> float:
     """Huber's cost of a fit for standard deviations (2,)."""
     total = 0.0
     for size, limit, deviation in zip(fit.sizes, (_POSITION, _HEADING), deviations, strict=True):
@@ -259,7 +256,7 @@ def correlation_of(fit: Fit) -> float:
     return max(correlation_length(column) for column in fit.residuals.T)
 
 
-def correlation_length(residuals: np.ndarray) -> float:
+def correlation_length(residuals: Array) -> float:
     """Number of samples over which residuals (N,) are correlated: 1 plus twice the sum of their first correlations."""
     r = residuals - residuals.mean()
     limit = len(r) // 2
@@ -283,18 +280,18 @@ class WindowFit:
         heading: True if headings are measured.
     """
 
-    def __init__(self, predict: Prediction, measured: np.ndarray, windows: Windows, heading: bool) -> None:
+    def __init__(self, predict: Prediction, measured: Array, windows: Windows, heading: bool) -> None:
         self._predict, self._measured, self._windows, self._heading = predict, measured, windows, heading
 
-    def at(self, p: np.ndarray) -> Fit:
+    def at(self, p: Array) -> Fit:
         """Fit at parameters (P,), with weights that follow from its residuals."""
         poses, slopes = self._predict(p)
         return self._settled(poses, slopes, self._aligned(poses, slopes[:, :, :0], None))
 
-    def _aligned(self, poses: np.ndarray, slopes: np.ndarray, previous: Fit | None) -> Fit:
+    def _aligned(self, poses: Array, slopes: Array, previous: Fit | None) -> Fit:
         return aligned(poses, slopes, self._measured, self._windows, previous, self._heading)
 
-    def _settled(self, poses: np.ndarray, slopes: np.ndarray, fit: Fit, previous: np.ndarray | None = None) -> Fit:
+    def _settled(self, poses: Array, slopes: Array, fit: Fit, previous: Array | None = None) -> Fit:
         """The fit with first poses that are best for the weights of its residuals.
 
         Derivatives follow the first poses for these weights too; else parameters that are hardly told from a first
@@ -303,8 +300,8 @@ class WindowFit:
         return self._aligned(poses, slopes, weighted(fit, self._heading, previous))
 
     def minimized(
-        self, p: np.ndarray, scales: np.ndarray, valid: Callable[[np.ndarray], bool], precision: float, prior: float
-    ) -> tuple[np.ndarray, Fit, bool]:
+        self, p: Array, scales: Array, valid: Callable[[Array], bool], precision: float, prior: float
+    ) -> tuple[Array, Fit, bool]:
         """Levenberg-Marquardt on Huber's cost; standard deviations follow the residuals.
 
         Args:
@@ -320,7 +317,7 @@ class WindowFit:
         """
         fit, damping, known, first = self.at(p), 1e-6, 1.0 / prior**2, p
 
-        def total(found: Fit, other: np.ndarray) -> float:
+        def total(found: Fit, other: Array) -> float:
             return cost(found, fit.deviations) + known / 2 * float(np.sum(((other - first) / scales) ** 2))
 
         for _ in range(_ITERATIONS):

@@ -10,21 +10,14 @@ from typing import Annotated, Literal, TypeVar
 
 import numpy as np
 from annotated_types import Ge, Le
+from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, ModelWarning, short_text
 from rnc_pin.model.input_validation import NotNegative, check_settings, is_count, is_number
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.bounds import (
-    BoundKind,
-    DistanceBound,
-    DistanceRows,
-    FileLimits,
-    Goal,
-    GoalRows,
-    NodeBound,
-)
+from rnc_pin.optimal.bounds import BoundKind, DistanceBound, DistanceRows, FileLimits, Goal, GoalRows, NodeBound
 from rnc_pin.optimal.costs import CostKind, EffortCost, OutputCost
 from rnc_pin.optimal.guesses import Guess, guesses
 from rnc_pin.optimal.motion_plan import MotionPlan
@@ -123,7 +116,7 @@ def check_ends(problem: Transcription, accuracy: float) -> None:
             _compare("start", bound, dict(zip(bound.names, values, strict=True)), accuracy)
 
 
-def check_distances(what: str, bound: DistanceRows, q: np.ndarray, t: float, accuracy: float) -> None:
+def check_distances(what: str, bound: DistanceRows, q: Array, t: float, accuracy: float) -> None:
     """Refuse a configuration that is nearer to something than a bound allows.
 
     Args:

@@ -222,11 +222,9 @@ class _Batch:
             which = np.flatnonzero(steps_of_runs == steps)
             charts = tuple(self._chart_calls[which])
             q, y, T, kinematics = (each[which] for each in (self._q, self._y, self._T, self._kinematics))
-            q, y, status, roughness = self._calls.integrate(
-                charts, RunStarts(q, y, T, kinematics), self._dt / steps, steps
-            )
+            q, y, status, rough = self._calls.integrate(charts, RunStarts(q, y, T, kinematics), self._dt / steps, steps)
             before = IntegrationErrors._make(each[which] for each in self._errors)
-            accepted, after = before.after(cast(float, roughness), self._dt, self._plants[0].followed * self._dt)
+            accepted, after = before.after(cast(float, rough), self._dt, self._plants[0].followed * self._dt)
             good = np.asarray(accepted) & (status == 1.0)
             alone[which[good]] = False
             ends = q, y, *cast("tuple[Array, ...]", after)

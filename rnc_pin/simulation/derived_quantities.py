@@ -110,15 +110,11 @@ class DerivedQuantities:
         residual, kept, missing = kinematic.residual, plant.constraints.names, 0.0 if rows.switching else np.nan
         return {
             "F": F,
-            "multipliers": columns_by_name(rows.multipliers, kept, multipliers, missing),
-            "contact_forces": columns_by_name(
-                rows.contact_forces, plant.all_constraints.names, contact_forces, missing
-            ),
-            "normal_forces": columns_by_name(
-                rows.normal_forces, () if normal is None else normal.names, pushing, missing
-            ),
+            "multipliers": by_name(rows.multipliers, kept, multipliers, missing),
+            "contact_forces": by_name(rows.contact_forces, plant.all_constraints.names, contact_forces, missing),
+            "normal_forces": by_name(rows.normal_forces, () if normal is None else normal.names, pushing, missing),
             "energy": np.asarray(own.energy),
-            "slip": columns_by_name(rows.multipliers, kept, residual, missing) if rows.switching else residual,
+            "slip": by_name(rows.multipliers, kept, residual, missing) if rows.switching else residual,
             "constraint_residual": np.abs(residual).max(axis=-1, initial=0.0),
             "position_residual": np.abs(assembly.residual(q, t)).max(axis=-1, initial=0.0),
             "singular_value": np.asarray(seen.smallest_singular_value),
@@ -143,7 +139,7 @@ def _free_evaluator(reduced: ReducedModel, entries: tuple[int, ...]) -> NumPyEva
     return known[entries]
 
 
-def columns_by_name(wanted: Sequence[str], known: Sequence[str], values: Array, missing: float) -> Array:
+def by_name(wanted: Sequence[str], known: Sequence[str], values: Array, missing: float) -> Array:
     """Select columns of values (N, k) by name; those of unknown names have the value ``missing``."""
     if tuple(wanted) == tuple(known):
         return values

@@ -48,9 +48,8 @@ class FrictionDemand:
         lifted = _complaint(self.lift_off)
         if self.used <= 1.0 + _CLOSE:
             return lifted
-        remedy = (
-            f"slow it down {self.time_scale:.3g} times" if np.isfinite(self.time_scale) else "it slips at any speed"
-        )
+        slower = f"slow it down {self.time_scale:.3g} times"
+        remedy = slower if np.isfinite(self.time_scale) else "it slips at any speed"
         return [
             f"the reference needs {self.used:.3g} times the grip that '{self.contact}' has, at t = {self.time:.2f} s; "
             f"{remedy}",

@@ -169,9 +169,8 @@ def _axis(run: RunData, name: str) -> _Axis:
     unit, integral = columns.units[column], _is_integral(run, name)
     if any(start <= column < start + 3 for start in columns.rotations):
         return _Axis("rotation vector", unit)
-    return _Axis(
-        (INTEGRAL_NAMES if integral else AXIS_NAMES).get(unit, "integral" if integral else "value"), unit or "-"
-    )
+    names = INTEGRAL_NAMES if integral else AXIS_NAMES
+    return _Axis(names.get(unit, "integral" if integral else "value"), unit or "-")
 
 
 def _grouped_by(names: Iterable[str], key: Callable[[str], _Key]) -> list[tuple[_Key, list[str]]]:

@@ -145,15 +145,13 @@ class Arrow(Element):
         width = self.width
         if not length > 0.2 * width:  # True if NaN
             for part in ("shaft", "head"):
-                scene.place(f"{self.node}/{part}", _cylinder_transform(np.nan_to_num(point), np.eye(3)[1], 1e-4, 1e-4))
+                scene.place(f"{self.node}/{part}", _cylinder(np.nan_to_num(point), np.eye(3)[1], 1e-4, 1e-4))
             return
         along = vector / length
         head = min(3.5 * width, length)
         shaft = max(length - head, 1e-4)
-        scene.place(f"{self.node}/shaft", _cylinder_transform(point + along * shaft / 2, along, shaft, width / 2))
-        scene.place(
-            f"{self.node}/head", _cylinder_transform(point + along * (shaft + head / 2), along, head, 0.4 * head)
-        )
+        scene.place(f"{self.node}/shaft", _cylinder(point + along * shaft / 2, along, shaft, width / 2))
+        scene.place(f"{self.node}/head", _cylinder(point + along * (shaft + head / 2), along, head, 0.4 * head))
 
 
 def drawn_scale(shape: pin.GeometryObject) -> np.ndarray:
@@ -194,7 +192,7 @@ class Ghost(Element):
             scene.place(f"{self.node}/{shape.name}", matrix)
 
 
-def _cylinder_transform(middle: np.ndarray, along: np.ndarray, height: float, radius: float) -> np.ndarray:
+def _cylinder(middle: np.ndarray, along: np.ndarray, height: float, radius: float) -> np.ndarray:
     """Transform (4, 4) of a cylinder of unit height and radius whose axis is y."""
     side = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
     side /= np.linalg.norm(side)
@@ -250,9 +248,7 @@ class Overlay:
         self.rows = [OverlayRow("time", "s", lambda state: state.time), *errors[:_MAX_ERRORS]]
         if margin:
             self.rows.append(
-                OverlayRow(
-                    "singularity margin", "", lambda state: state.margin, lambda state: margin_color(state.margin)
-                )
+                OverlayRow("singularity margin", "", lambda each: each.margin, lambda each: margin_color(each.margin))
             )
 
     def labels(self) -> list[dict[str, Json]]:

@@ -178,8 +178,7 @@ def test_the_largest_dimensions_are_generic_not_the_longest_vector(monkeypatch):
     evidence, agreeing = generic_growth(None, np.array([[0.0], [1.0], [2.0], [3.0]]))
     assert [(each.vector, q[0]) for each, q in agreeing] == [((2, 3, 5), 1.0), ((2, 3, 5), 2.0)]
     assert (evidence.samples, evidence.agreeing, evidence.doubtful) == (4, 2, 1)
-    assert dict(evidence.others) == {(2, 3, 4, 5): 1, (2, 3, 4): 1}
-    assert evidence.margin == 2e6
+    assert (dict(evidence.others), evidence.margin) == ({(2, 3, 4, 5): 1, (2, 3, 4): 1}, 2e6)
     assert evidence.decided
     assert not generic_growth(None, np.array([[3.0]]))[0].decided
     assert str(evidence) == (

@@ -30,9 +30,7 @@ def test_pendulum_on_wheels_falls_at_the_rate_of_the_closed_form(actuators):
     pole = np.sqrt(coupling * 9.81 * rolling / (turning * rolling - coupling**2))
     np.testing.assert_allclose(found.eigenvalues, [-pole, 0, 0, pole], rtol=1e-12, atol=1e-12)
     assert found.state_names == ("pitch", "base_speed_x", "pitch_dot", "base_yaw_dot")
-    assert found.input_names == actuators
-    assert found.B.shape == (4, len(actuators))
-    assert found.difference_error == 0.0
+    assert (found.input_names, found.B.shape, found.difference_error) == (actuators, (4, len(actuators)), 0.0)
 
 
 def test_whole_state_of_a_steady_motion_is_the_variational_equation():

@@ -127,8 +127,7 @@ def test_the_worst_sample_is_told_where_nothing_vanishes(jump):
     configurations = np.array([[-0.3, 1.2], [0.2, 0.4], [-0.1, 1.5], [0.3, 0.25], [0.1, 0.7], [0.2, 0.3]])
     (found,) = stack_singularities(reduced, configurations)
     assert not found.located
-    assert found.configuration == {"s0": 0.3, "s1": 0.25}
-    assert found.rows == ("a", "b")
+    assert (found.configuration, found.rows) == ({"s0": 0.3, "s1": 0.25}, ("a", "b"))
     # Unit rows at an angle t: of the two singular values the smaller is sqrt(2) sin(t / 2).
     assert found.smallest_singular_value == pytest.approx(np.sqrt(2) * np.sin(0.125), rel=1e-12)
 

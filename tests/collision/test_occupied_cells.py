@@ -84,8 +84,7 @@ def test_boxes_are_where_the_cells_are(tmp_path):
     # The lowest row comes first: its third cell, then the first cell of the row above.
     np.testing.assert_allclose(box.position, [*(turn @ [1.25, 0.25] + [-1.0, 2.0]), 0.6])
     np.testing.assert_allclose(other.position, [*(turn @ [0.25, 0.75] + [-1.0, 2.0]), 0.6])
-    assert np.ravel(box.shape.halfSide).tolist() == [0.25, 0.25, 0.6]
-    assert box.yaw == yaw
+    assert (np.ravel(box.shape.halfSide).tolist(), box.yaw) == ([0.25, 0.25, 0.6], yaw)
     assert [box.name, other.name] == ["map 1", "map 2"]
 
 

@@ -22,8 +22,7 @@ def test_a_drum_of_many_corners_keeps_its_shape():
 
 def test_the_tip_of_a_fine_cone_gets_a_box_that_contains_it():
     hull = hull_of(np.vstack([RING, [[0.0, 0.0, 1.0]]]), "cone")
-    assert hull.num_points == 8
-    assert hull.computeVolume() == pytest.approx(4.0)
+    assert (hull.num_points, hull.computeVolume()) == (8, pytest.approx(4.0))
 
 
 def wheel_on_an_axle(shape, placement):

@@ -19,8 +19,7 @@ def test_a_gap_of_a_coupling_forgets_the_turns_that_its_joints_forget(kinds, rat
     """Whole turns of continuous joints: none of it for joints with ends, and the least of what is left."""
     robot, offset = sliders(kinds, chain=False), 0.2
     row = CouplingRow(robot, "a", "b", ratio, offset)
-    assert row.units == ("m/s" if kinds == "XX" else "rad/s",)
-    assert row.holonomic == (True,)
+    assert (row.units, row.holonomic) == (("m/s" if kinds == "XX" else "rad/s",), (True,))
     np.testing.assert_array_equal(row.matrix, [[1.0, -ratio]])
     turns = np.arange(-12, 13)
     generator, kinematics = np.random.default_rng(7), Kinematics(robot)
@@ -42,8 +41,7 @@ def test_a_ratio_that_is_no_fraction_couples_rates_alone():
     for ratio, holonomic in ((1 / 1000, True), (1 / 1001, False), (997 / 999, True), (2**0.5, False)):
         assert CouplingRow(robot, "a", "b", ratio, 0.1).holonomic == (holonomic,)
     held = CouplingRow(robot, "b", None, 1.0, 0.1)
-    assert held.names == ("coupling(b, None)",)
-    assert held.pair == {"b", None}
+    assert (held.names, held.pair) == (("coupling(b, None)",), {"b", None})
     np.testing.assert_array_equal(held.matrix, [[0.0, 1.0]])
     q = robot.configuration({"a": 2.0, "b": 0.1 - 3.1})
     np.testing.assert_allclose(held.residual(Kinematics(robot).position(q)), [-3.1], atol=1e-12)

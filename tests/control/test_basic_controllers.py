@@ -37,8 +37,7 @@ def test_computed_torque_makes_the_velocity_error_fade_at_its_gain():
         assert state == 6
         rate = reduced.forward_dynamics(q, v2, reduced.allocate(q, command.F))
         np.testing.assert_allclose(rate, [1.1, 0.7, -0.9] + k * ([0.4, -0.2, 0.3] - v2), atol=1e-8)
-        assert command.estimates.tolist() == [0.7]
-        assert command.v2_desired.tolist() == [0.4, -0.2, 0.3]
+        assert (command.estimates.tolist(), command.v2_desired.tolist()) == ([0.7], [0.4, -0.2, 0.3])
     assert law.describe()["k"] == [3.0, 7.0, 1.5]
 
 

@@ -42,8 +42,7 @@ def test_estimates_take_the_step_of_the_law_within_their_bounds():
     np.testing.assert_array_equal(same, error)
     expected = first.p + 0.35 * Y.T @ np.linalg.solve(np.eye(3) + 0.35 * Y @ Y.T, error)
     np.testing.assert_allclose(second.p, expected, rtol=1e-12)
-    assert free.model.parameters == tuple(second.p)
-    assert free.initial_state().p.tolist() == [1.0, 2.0]
+    assert (free.model.parameters, free.initial_state().p.tolist()) == (tuple(second.p), [1.0, 2.0])
     assert free.model.parameters == (1.0, 2.0)
     for settings in ({"alpha": 0.0}, {"dead_zone": 0.5}, {"dead_zone": np.array([0.0, 0.0, 0.6])}):
         still = estimator(**settings)

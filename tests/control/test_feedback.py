@@ -12,9 +12,7 @@ from rnc_pin.planning.references import ReferencePoint
 
 
 def test_time_passes_from_sample_to_sample_and_may_stand_still():
-    assert elapsed_time(7.0, None) == 0.0
-    assert elapsed_time(7.0, 7.0) == 0.0
-    assert elapsed_time(7.25, 7.0) == 0.25
+    assert (elapsed_time(7.0, None), elapsed_time(7.0, 7.0), elapsed_time(7.25, 7.0)) == (0.0, 0.0, 0.25)
     with pytest.raises(rnc.InputError) as caught:
         elapsed_time(6.5, 7.0)
     assert str(caught.value) == "time runs backwards: 6.5 s after 7 s"

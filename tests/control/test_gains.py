@@ -139,8 +139,7 @@ def test_default_adaptation_under_gravity_leaves_a_phase_margin(dt, delay):
         w = np.sqrt((rate**2 + np.sqrt(rate**4 + 4.0 * (rate * a) ** 2)) / 2.0)
         assert abs(rate * (1j * w + a) / (1j * w) ** 2) == pytest.approx(1.0)
         assert np.degrees(np.arctan(w / a) - w * age) > 20.0
-    assert adaptation_rate(False, dt, delay) == 1.0
-    assert adaptation_rate(True, 0.01, 0.0) == 20.0
+    assert (adaptation_rate(False, dt, delay), adaptation_rate(True, 0.01, 0.0)) == (1.0, 20.0)
 
 
 def test_gravity_loads_the_outputs_that_lift_something():

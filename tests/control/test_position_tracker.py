@@ -146,8 +146,7 @@ def test_a_position_tracker_takes_the_step_of_its_law_output_by_output(sigma, zo
         np.testing.assert_allclose(found[i, j], learnt[i, j] if stays else new, rtol=1e-11, atol=1e-12)
         F = found[i, j] @ regressor + gains.k1[j] * 1.7**2 * w[i, j] + gains.k2[j] * 1.7**2 * e[i, j] + [0.3, -2.0][j]
         np.testing.assert_allclose(command.F[i, j], F, rtol=1e-11)
-    assert kinds == ({False, True} if clipped or np.any(zone) else {False})
-    assert after.time == t
+    assert (kinds, after.time) == ({False, True} if clipped or np.any(zone) else {False}, t)
     for name, value in (("v2_desired", now.velocity), ("x2_desired", now.position)):
         np.testing.assert_array_equal(getattr(command, name)[:, WHERE], np.broadcast_to(value, (7, 2)))
         assert np.isnan(getattr(command, name)[:, 1]).all()

@@ -92,8 +92,7 @@ def test_the_class_1_law_gives_up_where_its_rates_exceed_what_it_has_to_do_a_hun
     np.testing.assert_allclose(law.step(0.0, asked(limit * (1 + 1e-9)))[0].v2, [[3e8], [0.0]], rtol=1e-8)
     with pytest.raises(rnc.SingularityError, match="A4 is singular") as caught:
         law.step(0.0, asked(limit * (1 - 1e-9)))
-    assert caught.value.condition == pytest.approx(1 / limit)
-    assert caught.value.rows == ("c_0", "b_0")
+    assert (caught.value.condition, caught.value.rows) == (pytest.approx(1 / limit), ("c_0", "b_0"))
     np.testing.assert_array_equal(caught.value.q, q[0])  # the first run that is singular
     assert not np.shares_memory(caught.value.q, q)
     flat = RedundancyController(task_at([], [0, 1], [0, 1]), Cubic(*np.zeros((4, 0))), Hold([3.0, 1.0]))
@@ -103,8 +102,7 @@ def test_the_class_1_law_gives_up_where_its_rates_exceed_what_it_has_to_do_a_hun
         flat.step(0.0, Measurement(v2=still, x1=still, x2=still, v1=still, A_star=A, A_star_dot=0 * A))
     unit = even / np.linalg.norm(even, axis=1, keepdims=True)
     assert caught.value.condition == pytest.approx(np.linalg.cond(unit), rel=0.5)
-    assert caught.value.q.shape == (0,)
-    assert caught.value.rows == ("c_0", "c_1", "b_0", "b_1")
+    assert (caught.value.q.shape, caught.value.rows) == ((0,), ("c_0", "c_1", "b_0", "b_1"))
 
 
 def test_the_class_1_law_says_which_outputs_are_too_few():

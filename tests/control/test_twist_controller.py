@@ -78,8 +78,7 @@ def test_wheels_and_pivots_have_the_closed_forms_of_their_base(name, forward):
     controller = TwistController(reduced, "base", DT)
     found = controller.feasible(start(reduced), twist)
     np.testing.assert_allclose(found.twist, twist, atol=1e-9)
-    assert found.cuts == ()
-    assert len(controller.steering) == STEERED.get(name, 1)
+    assert (found.cuts, len(controller.steering)) == ((), STEERED.get(name, 1))
     rates, slips = expected_wheels(name, twist, reduced.robot.joint_values(found.q))
     for joint, rate in rates.items():
         assert found.v[reduced.robot.velocity_indices(joint).start] == pytest.approx(rate, abs=1e-6)

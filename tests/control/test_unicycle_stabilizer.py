@@ -127,8 +127,7 @@ def test_a_unicycle_waits_until_it_may_begin():
         target, state = stabilizer.step(t, here, state)
         assert np.array_equal(state, [since, False, False], equal_nan=True)
         assert target.v2.shape == target.v2_dot.shape == (2,)
-        assert target.v2.any() == (t > 1.5)
-        assert target.v2_dot.any() == np.isfinite(since)
+        assert (target.v2.any(), target.v2_dot.any()) == (t > 1.5, np.isfinite(since))
         np.testing.assert_array_equal(target.x1, [GOAL[1], np.nan, GOAL[0]])
         np.testing.assert_array_equal(target.x2, [np.nan, GOAL[2]])
     assert stabilizer.describe() == {
@@ -154,8 +153,7 @@ def test_a_unicycle_rests_below_its_limit_and_wakes_at_twice_that(backwards):
         (seen(0.0, 0.0, 0.0, (outside, 0.0)), False),
     ):
         target, state = stabilizer.step(4.0, at, drives)
-        assert state.resting == rest
-        assert state.since == (4.0 if rest else 0.0)
+        assert (state.resting, state.since) == (rest, 4.0 if rest else 0.0)
         if rest:
             assert state.backwards == backwards
             assert not target.v2.any()

@@ -125,8 +125,7 @@ def test_nothing_to_assemble():
     q = np.array([0.1, 0.2, 0.3])
     assert nothing.project(q) is q
     assert (nothing.rank(q), nothing.size, nothing.names) == (0, 0, ())
-    assert nothing.leading.shape == (0,)
-    assert nothing.residual(np.zeros((4, 2, 3))).shape == (4, 2, 0)
+    assert (nothing.leading.shape, nothing.residual(np.zeros((4, 2, 3))).shape) == ((0,), (4, 2, 0))
     assert nothing.random_configuration(np.random.default_rng(0)).shape == (3,)
 
 
@@ -135,8 +134,7 @@ def test_what_contradicts_itself_is_met_half_way_and_told():
     robot = sliders()
     rows = [coupling("b", "a", 2.0, 0.3).bind(robot), coupling("a", "b", 0.5, 0.5).bind(robot)]
     assembly = Assembly(robot, rows)
-    assert assembly.names == ("coupling(b, a)", "coupling(a, b)")
-    assert assembly.leading.tolist() == [True, False]
+    assert (assembly.names, assembly.leading.tolist()) == (("coupling(b, a)", "coupling(a, b)"), [True, False])
     assert np.array(assembly.names)[~assembly.leading].tolist() == ["coupling(a, b)"]
     q = np.array([0.2, 0.1, 0.0])
     assert assembly.rank(q) == 1
@@ -169,8 +167,7 @@ def test_rows_of_the_ground_that_no_joint_moves_are_left_alone():
     ground, given = (
         Assembly(robot, [Flat(matrix, "vwxyz", None, flags, units, on_ground)]) for on_ground in (True, False)
     )
-    assert ground.names == ("y", "z")
-    assert given.names == ("v", "w", "y", "z")
+    assert (ground.names, given.names) == (("y", "z"), ("v", "w", "y", "z"))
     q = np.ones(3)
     np.testing.assert_allclose(given.residual(q), matrix[[0, 1, 3, 4]].sum(axis=1) - 1.0)
     np.testing.assert_allclose(ground.residual(q), matrix[[3, 4]].sum(axis=1) - 1.0)

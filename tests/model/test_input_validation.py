@@ -16,8 +16,7 @@ def test_configurations_are_admitted_by_shape_number_and_length():
     given = np.array([1.0, 2.0, 3.0])
     admitted = flat.validate(given)
     given[0] = 9.0
-    assert admitted.tolist() == [1.0, 2.0, 3.0]
-    assert flat.validate(np.ones((2, 4, 3))).shape == (2, 4, 3)
+    assert (admitted.tolist(), flat.validate(np.ones((2, 4, 3))).shape) == ([1.0, 2.0, 3.0], (2, 4, 3))
     unit = np.array([0.6, 0.8, 5.0, 6.0])
     for q in (unit, np.stack([unit, unit])):
         np.testing.assert_array_equal(turning.validate(q * [1 + 1e-9, 1 + 1e-9, 1, 1]), q * [1 + 1e-9, 1 + 1e-9, 1, 1])
@@ -36,8 +35,7 @@ def test_configurations_are_admitted_by_shape_number_and_length():
             call()
     with pytest.raises(rnc.InputError, match=r": \[ 0., 1., 2., 3., nan, 5., 6., 7., 8., 9.\]$"):
         check_finite("q", np.where(np.arange(10) == 4, np.nan, np.arange(10.0)))
-    assert vector([1, 2], 2, "v").tolist() == [1.0, 2.0]
-    assert vector(np.ones((5, 2)), 2, "v").shape == (5, 2)
+    assert (vector([1, 2], 2, "v").tolist(), vector(np.ones((5, 2)), 2, "v").shape) == ([1.0, 2.0], (5, 2))
     for wrong in (1.0, np.ones((2, 3))):
         with pytest.raises(rnc.InputError, match=r"v has shape .*, expected \(..., 2\)"):
             vector(wrong, 2, "v")

@@ -58,8 +58,7 @@ def test_a_reduction_is_put_together_again_in_other_velocities():
         (parts.in_entries((1, 3), free=True), ("b", "d"), np.eye(4)[[1, 3]], [1.0, 1.0], True),
     ):
         assert (other.reducing.names, other.free, other.kept) == (names, free, (0, 2))
-        assert other.reducing.quasi.tolist() == [True, True]
-        assert other.reducing.units == ("", "")
+        assert (other.reducing.quasi.tolist(), other.reducing.units) == ([True, True], ("", ""))
         np.testing.assert_array_equal(other.template[2:], matrix)
         np.testing.assert_array_equal(other.lengths, [5.0, 0.5, *sizes])
         assert (other.kinematics, other.singularity_limit) == (parts.kinematics, 1e5)

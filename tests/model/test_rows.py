@@ -27,8 +27,7 @@ def test_a_stack_of_some_rows_is_what_its_blocks_say_one_by_one():
     for kept in (None, [0, 2, 4, 6], [3, 5, 7], [1, 2, 3], [4], []):
         stack, chosen = RowStack(blocks, kept), list(range(8)) if kept is None else kept
         names = [name for block in blocks for name in block.names]
-        assert stack.names == tuple(names[row] for row in chosen)
-        assert stack.size == len(chosen)
+        assert (stack.names, stack.size) == (tuple(names[row] for row in chosen), len(chosen))
         joined = RowStack.joined(RowStack([fixed]), stack, RowStack([wheels[0]], [1]))
         assert joined.names == ("p", "q", *stack.names, names[1])
         assert joined.units == ("N", "kg", *stack.units, "m/s")
@@ -147,8 +146,7 @@ def test_built_in_kinds_say_which_mechanism_enforces_them():
     """Those of the ground, of joints and of loops; a user's rows and a momentum have none."""
     arm = rnc.Robot.from_urdf("space_robot.urdf")
     rows = rnc.Pfaffian(lambda q: np.eye(4)[:1], lambda q, v: np.zeros((1, 4))).bind(arm)
-    assert rows.mechanisms() == ()
-    assert rnc.MomentumConservation("platform").bind(arm).mechanisms() == ()
+    assert (rows.mechanisms(), rnc.MomentumConservation("platform").bind(arm).mechanisms()) == ((), ())
     (coupler,) = rnc.JointCoupling("joint_2", "joint_1", ratio=-0.5).bind(arm).mechanisms()
     assert coupler == JointCoupler("joint_2", "joint_1", -0.5)
     (anchor,) = rnc.LoopClosure("platform_body", "tip", "point", offset_b=(0.1, 0.0, 0.0)).bind(arm).mechanisms()

@@ -177,8 +177,7 @@ def test_a_holonomic_row_follows_from_rows_that_are_not_but_for_rounding():
     rates = Bound(Flat([[-2.0, 1.0, 0.0]], ["rates"], holonomic=(False,)))
     near = Bound(Flat([[-2.0 - 3e-6, 1.0, 0.0], [0.0, 0.0, 1.0]], ["near", "other"]))
     system, _ = warnings_of(robot, [rates, near])
-    assert system.constraints.names == ("rates", "other")
-    assert system.assembly.names == ("near", "other")
+    assert (system.constraints.names, system.assembly.names) == (("rates", "other"), ("near", "other"))
     assert np.array(system.assembly.names)[~system.assembly.leading].tolist() == ["near"]
 
 
@@ -186,8 +185,7 @@ def test_joints_that_should_mimic_others_are_told():
     robot = sliders()
     robot.mimics = (Mimic("b", "a", 2.0, 0.0), Mimic("c", "a", -1.0, 0.0))
     coupled, said = warnings_of(robot)
-    assert coupled.constraints.names == ("coupling(b, a)", "coupling(c, a)")
-    assert said == []
+    assert (coupled.constraints.names, said) == (("coupling(b, a)", "coupling(c, a)"), [])
     words = (
         "robot 'sliders': joints that should mimic others move independently: {}; couple them (mimic=True, "
         "JointCoupling), or lock them together with the joints that they follow"
@@ -298,8 +296,7 @@ def test_without_outputs_the_entries_are_those_that_are_best_where_they_are_wors
 
 def test_best_entries_leave_the_rest_moderate():
     rows = np.array([[1.0, 10.0, 0.1, 0.0], [0.0, 0.0, 1.0, 9.0]])
-    assert best_entries(rows, 2) == [0, 2]
-    assert best_entries(np.zeros((0, 3)), 3) == [0, 1, 2]
+    assert (best_entries(rows, 2), best_entries(np.zeros((0, 3)), 3)) == ([0, 2], [0, 1, 2])
 
 
 def test_of_entries_that_do_equally_well_the_first_is_taken():

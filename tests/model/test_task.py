@@ -27,8 +27,7 @@ def test_outputs_are_divided_by_name():
     assert (task.primary_names, task.redundant_names, task.vertical_names) == (("b", "d"), ("a",), ("a", "c"))
     assert task.r == 3
     everything = rnc.Task.of(reduced, ["b", "d", "a"], [])
-    assert everything.vertical.tolist() == [0, 1, 2]
-    assert everything.redundant.dtype == int
+    assert (everything.vertical.tolist(), everything.redundant.dtype) == ([0, 1, 2], int)
     for given, words in (
         ((["b", "x"], ["a"]), "^no reducing output 'x'"),
         ((["b", "d"], ["a"], ["b"]), "^no vertical output 'b'"),

@@ -286,8 +286,7 @@ def test_each_kind_has_a_reduction(monkeypatch):
         ]
         forms |= {row.form for row in rows}
         values |= {row.value[0] for row in rows}
-    assert {kind.__name__ for kind in kinds - bound} == BY_PYTHON
-    assert forms == set(Form) - {Form.EXTERNAL}
+    assert ({kind.__name__ for kind in kinds - bound}, forms) == (BY_PYTHON, set(Form) - {Form.EXTERNAL})
     assert values == set(Value)
 
 

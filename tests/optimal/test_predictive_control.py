@@ -71,8 +71,7 @@ def test_bounds_of_accelerations_are_limits_of_the_run(mass, word):
     assert run.verdict.word == word
     if word == "failed":
         found = next(each for each in run.verdict.findings if each.where == reduced.reducing.names[0])
-        assert found.kind == "acceleration"
-        assert found.amount == pytest.approx(rates.max() - 0.4)
+        assert (found.kind, found.amount) == ("acceleration", pytest.approx(rates.max() - 0.4))
 
 
 def test_prediction_over_the_delay_is_the_simulated_state():

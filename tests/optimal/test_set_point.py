@@ -42,8 +42,7 @@ def nodes_at(model, q, w=None, u=None):
 
 def test_wheels_that_roll_may_stay_undetermined():
     point = SetPoint(systems.differential_drive(), pose("base", 0.5, -0.2, 0.7))
-    assert point.ignored == ("left_wheel_joint", "right_wheel_joint")
-    assert point.coordinates.weights == (1, 1, 2)
+    assert (point.ignored, point.coordinates.weights) == (("left_wheel_joint", "right_wheel_joint"), (1, 1, 2))
     np.testing.assert_allclose(point.q[:4], [0.5, -0.2, np.cos(0.7), np.sin(0.7)], atol=1e-6)
 
 
@@ -172,8 +171,7 @@ def test_quadratic_costs_warn_and_their_stall_is_in_the_verdict():
     with pytest.warns(rnc.ModelWarning, match=r"weights 1, 1, 2: quadratic costs stall"):
         controller = controller_of(reduced, QUADRATIC)
     run, distance, _ = driven(reduced, controller, 0.3, 0.0, 2.0)
-    assert distance == pytest.approx(0.3)
-    assert run.verdict.word == "failed"
+    assert (distance, run.verdict.word) == (pytest.approx(0.3), "failed")
     found = run.verdict.first
     assert (found.kind, found.where) == ("goal", "sleigh_y")
     assert found.amount == pytest.approx(0.3)
@@ -218,8 +216,7 @@ def test_searches_in_vain_are_rare_and_the_stall_stays_in_the_verdict():
     reduced = systems.sleigh()
     controller = controller_of(reduced, bounds=[InputBound([0.0, -1.0], [0.0, 1.0])], nodes=6)
     run, distance, _ = driven(reduced, controller, 0.3, 0.0, 1.0)
-    assert distance == pytest.approx(0.3, abs=1e-6)
-    assert run.verdict.word == "failed"
+    assert (distance, run.verdict.word) == (pytest.approx(0.3, abs=1e-6), "failed")
     assert "no motion led to it" in run.verdict.first.message
 
 
@@ -244,8 +241,7 @@ def test_a_long_way_is_begun_by_a_longer_plan():
     point = controller_of(reduced).set_point
     q = reduced.robot.configuration({"root_joint": [-4.0, 0.0, 0.0]})
     found = first_motion(model, point, standing(model, q, 3.0, 15), [rnc.optimal.VelocityBound(-1.0, 1.0)], seed=0)
-    assert found.q.shape == (31, 4)
-    assert found.duration == 6.0
+    assert (found.q.shape, found.duration) == ((31, 4), 6.0)
     np.testing.assert_allclose(found.q[0], q, atol=1e-12)
     assert -3.5 < found.q[15, 0] < -1.0
 

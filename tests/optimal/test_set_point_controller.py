@@ -66,8 +66,7 @@ def test_leaves_the_tube_brakes_and_plans_again():
     assert inside.mode == "follow"
     pushed = middle.q[0] + [0.0, 0.2, 0.0, 0.0]  # aside, a second before the end
     command, outside = controller.step(4.0, reduced.at(pushed, middle.w[0]).measure(np.zeros(2)), state)
-    assert outside.mode == "stop"
-    assert np.sign(command.T[0]) == -np.sign(middle.w[0, 0])
+    assert (outside.mode, np.sign(command.T[0])) == ("stop", -np.sign(middle.w[0, 0]))
     still = reduced.at(pushed, np.zeros(2)).measure(np.zeros(2))
     _, standing = controller.step(4.1, still, outside)
     assert standing.mode == "stand"

@@ -108,8 +108,7 @@ def test_limits_hold_and_are_reported():
         goal = shoulder + (first + second) * np.array([np.cos(0.7), np.sin(0.7)])
         result = rnc.solve_ik(reduced, np.zeros(2), {rnc.FramePosition("tip", "xy"): goal})
         assert not result.converged
-        assert result.active_limits == ("joint_1 (upper)",)
-        assert result.q[0] == 0.5
+        assert (result.active_limits, result.q[0]) == (("joint_1 (upper)",), 0.5)
         # The best second joint is a one-dimensional problem.
         angles = np.linspace(-0.4, 0.4, 200_001)
         tips = shoulder[:, None] + first * np.array([[np.cos(0.5)], [np.sin(0.5)]])

@@ -94,8 +94,7 @@ def test_body_that_rocks(turning, closed):
             break
     before, landing = plant.contact_events
     assert before.closed == ("left",)
-    assert landing.cause == "landing of right"
-    assert landing.closed == closed
+    assert (landing.cause, landing.closed) == ("landing of right", closed)
     # Energy of the fall, half of it along the vertical: w^2 (I + m a^2 cos^2) = 2 m g a sin(tilt), at the end cos = 1.
     w = np.sqrt(2 * mass * G * a * np.sin(tilt) / (turning + mass * a**2))
     if closed == ("right",):  # an impulse at the right foot alone stops this foot

@@ -27,8 +27,7 @@ GRAVITY = (0.0, 0.0, -9.81)
 def test_sizes_on_each_base(file, base, nq, nv):
     robot = rnc.Robot.from_urdf(file, base=base)
     assert (robot.nq, robot.nv) == (nq, nv) == (robot.model.nq, robot.model.nv)
-    assert len(robot.velocity_names) == nv
-    assert ("root_joint" in robot.joint_names) == (base != "fixed")
+    assert (len(robot.velocity_names), "root_joint" in robot.joint_names) == (nv, base != "fixed")
 
 
 @pytest.mark.parametrize(("file", "base", "body", "links"), [

@@ -76,5 +76,4 @@ def test_a_base_on_two_wheels_is_midway_between_them(base):
 
 
 def test_what_does_not_touch_the_ground_is_not_there():
-    assert ground_bodies(space_robot()) == ()
-    assert ground_bodies(free_flying_panda()) == ()
+    assert (ground_bodies(space_robot()), ground_bodies(free_flying_panda())) == ((), ())

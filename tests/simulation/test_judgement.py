@@ -246,8 +246,7 @@ def test_single_invalid_samples_are_no_end(share, word):
     plant = Blind(reduced, 0)
     plant.blind = lambda count: garbage[count - 2] if count > 1 else False
     run = rnc.simulate(reduced, Idle(3), bent(reduced), 1.0, 0.01, plant=plant)
-    assert run.info.fallback.samples == garbage.sum()
-    assert run.verdict.word == word
+    assert (run.info.fallback.samples, run.verdict.word) == (garbage.sum(), word)
 
 
 def test_a_run_whose_first_samples_are_lost_still_knows_its_goals():
@@ -319,8 +318,7 @@ def test_thresholds():
     assert distance_findings(replay_of(near), 0.1) == []
     (found,) = distance_findings(replay_of(nearer), 0.1)
     assert (found.kind, found.severity) == ("clearance", "fails")
-    assert found.amount == pytest.approx(1.1e-4)
-    assert distance_findings(replay_of(nearer)) == []
+    assert (found.amount, distance_findings(replay_of(nearer))) == (pytest.approx(1.1e-4), [])
 
 
 def test_a_pair_has_one_finding_with_its_deepest_value():

@@ -36,10 +36,8 @@ def test_a_mutant_meets_the_tests_of_its_line_those_of_its_module_first(mutation
         return mutation.tests_of(module, line, of, seconds, patience)
 
     assert [chosen(line) for line in (2, 4, 5, 6, 9)] == [[own, package, other]] * 3 + [[own]] * 2
-    assert chosen(4, patience=5.0) == [own, package]
-    assert chosen(4, patience=1.0) == [own]
-    assert sorted(chosen(4, of={2: [""], 4: [""]})) == sorted(seconds)
-    assert chosen(4, of={}) == []
+    assert (chosen(4, patience=5.0), chosen(4, patience=1.0)) == ([own, package], [own])
+    assert (sorted(chosen(4, of={2: [""], 4: [""]})), chosen(4, of={})) == (sorted(seconds), [])
 
 
 def test_a_sample_says_what_the_whole_has_at_least(mutation):

@@ -87,14 +87,12 @@ def test_everything_is_drawn_and_can_be_switched(browser, fire_truck, tmp_path):
     # The viewer's own controls list what is there.
     layers = {"robot", "ground", "plan", "goal", "path", "tracks", "constraint forces"}
     assert layers | {"compared"} <= set(children(page))
-    assert len(children(page, "tracks")) == 6
-    assert len(children(page, "constraint forces")) == 3
+    assert (len(children(page, "tracks")), len(children(page, "constraint forces"))) == (6, 3)
     assert page.evaluate("Object.keys(viewer.gui.__folders)") == ["Scene", "Save / Load / Capture", "Animations"]
     # The overlay says what the run says.
     i = 400
     position = [tracking_errors(run)[name][i] for name in ("tractor_x", "tractor_y")]
-    assert row(page, "time") == "4.00 s"
-    assert row(page, "error of tractor") == f"{np.hypot(*position):.4f} m"
+    assert (row(page, "time"), row(page, "error of tractor")) == ("4.00 s", f"{np.hypot(*position):.4f} m")
     assert row(page, "singularity margin") == f"{run.singular_value[i]:.4f}"
     # A force is where its axle is, and as long as its multiplier says.
     data = experiment.reduced.robot.model.createData()

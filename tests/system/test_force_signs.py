@@ -46,8 +46,7 @@ def test_driven_wheels_push_the_robot_forward_and_a_turn_to_its_inside():
     com = data.acom[0]
     along = sum(force for name, force in named.items() if name.startswith("rolling"))
     across = sum(force for name, force in named.items() if name.startswith("lateral"))
-    assert along == pytest.approx(mass * com[0], rel=1e-10)
-    assert across == pytest.approx(mass * com[1], rel=1e-10)
+    assert (along, across) == (pytest.approx(mass * com[0], rel=1e-10), pytest.approx(mass * com[1], rel=1e-10))
     assert across > 0
 
 

@@ -64,8 +64,7 @@ def swing(request):
 
 def test_one_joint_is_named_set_and_read(swing):
     robot, axis, *_ = swing
-    assert robot.velocity_names == ("hinge",)
-    assert robot.velocity_units == ("rad/s",)
+    assert (robot.velocity_names, robot.velocity_units) == (("hinge",), ("rad/s",))
     assert robot.velocity_indices("hinge") == slice(0, 1)
     for angle in (-2.9, 0.0, 1.7):
         q = robot.configuration({"hinge": angle})

@@ -87,7 +87,6 @@ def test_controllers_of_other_classes_take_unknown_wheels_too():
     unknown = {"controller.unknown": {"radii": [{"wheels": ["wheel"], "initial": 0.4}]}}
     quiet = {"comparisons": {}, "plots": {}, "simulation.dt": 0.004, "simulation.duration": 4.0}
     run = execute(Scenario.load("unicycle", {**quiet, **unknown})).trajectory
-    assert run.outcome == "completed"
-    assert run.estimates[-1] == pytest.approx([0.25], rel=1e-3)
+    assert (run.outcome, run.estimates[-1]) == ("completed", pytest.approx([0.25], rel=1e-3))
     with pytest.raises(rnc.ConfigurationError, match="needs 'unknown', which is missing"):
         Scenario.load("unicycle", {"controller.alpha": 1.0}).build()

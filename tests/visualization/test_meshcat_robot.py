@@ -109,8 +109,7 @@ def test_meshes_that_cannot_be_had_cost_one_warning_that_names_the_remedy(gaps):
     assert names == {"arm_0", "whole_0", *stand_ins}  # nothing for what has no mass
     assert robot.stand_ins == stand_ins
     collision, told = warned(lambda: robot.collision_model)
-    assert told == []
-    assert [shape.name for shape in collision.geometryObjects] == ["arm_0"]
+    assert (told, [shape.name for shape in collision.geometryObjects]) == ([], ["arm_0"])
 
 
 def test_a_stand_in_has_the_inertia_of_its_link(gaps):
@@ -141,8 +140,7 @@ def test_stand_ins_survive_locked_joints_and_mounting(gaps):
     carrier = rnc.Robot.from_urdf("space_robot.urdf")
     assert carrier.stand_ins == frozenset()
     with warnings.catch_warnings(action="ignore", category=rnc.ModelWarning):
-        assert len(locked.stand_ins) == 4
-        assert len(carrier.attach(locked, "tip").stand_ins) == 4
+        assert (len(locked.stand_ins), len(carrier.attach(locked, "tip").stand_ins)) == (4, 4)
 
 
 # ---------------------------------------------------------------------- mirrored meshes
@@ -295,8 +293,7 @@ def test_a_robot_is_no_scenario_but_can_become_one(command, name, call, tmp_path
     status, _, error = call(command, name, *more)
     assert status == 2
     assert "that is a robot, not a scenario: draft one with: rnc-pin init " in error
-    assert shlex.split(error)[-1] == name
-    assert len(error.splitlines()) == 1
+    assert (shlex.split(error)[-1], len(error.splitlines())) == (name, 1)
 
 
 def test_what_a_draft_says_to_do_next_can_be_pasted(call, tmp_path):

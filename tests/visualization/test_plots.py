@@ -240,8 +240,7 @@ def test_a_video_has_the_runs_length(recording, pictures, tmp_path, monkeypatch,
     monkeypatch.setattr(capture, "take_pictures", lambda _, *which: asked.append(which) or taken)
     path = capture.write_video(recording, tmp_path / f"run.{ending}", rate=2.0, size=(320, 240))
     ((times, *others),) = asked
-    assert (list(times), *others) == asked_for
-    assert [each.name for each in tmp_path.iterdir()] == [path.name]
+    assert ((list(times), *others), [each.name for each in tmp_path.iterdir()]) == (asked_for, [path.name])
     wanted = ["-show_entries", "stream=nb_read_frames,width,height", "-count_frames", "-of", "csv=p=0", str(path)]
     told = subprocess.run(["ffprobe", "-v", "error", *wanted], capture_output=True, text=True, check=True)
     assert told.stdout.strip().split(",") == ["320", "240", "3"]

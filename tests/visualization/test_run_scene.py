@@ -14,7 +14,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.simulation import Columns, OutputNames, output_names
 from rnc_pin.visualization.drawn_state import DrawnState, View, recorded_states
-from rnc_pin.visualization.elements import Overlay, _cylinder_transform
+from rnc_pin.visualization.elements import Overlay, _cylinder
 from rnc_pin.visualization.meshcat_scene import ASPECT, FIELD_OF_VIEW, VIEW_DIRECTION, Keyframes, fitting_camera
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.scene_kinematics import SceneKinematics
@@ -133,7 +133,7 @@ def test_an_axle_without_drawn_wheels_leaves_a_track_itself(truck):
 
 def test_an_arrow_goes_from_a_point_along_a_vector():
     along = np.array([2.0, -1.0, 0.5]) / np.linalg.norm([2.0, -1.0, 0.5])
-    matrix = _cylinder_transform(np.array([1.0, 2.0, 3.0]), along, 4.0, 0.1)
+    matrix = _cylinder(np.array([1.0, 2.0, 3.0]), along, 4.0, 0.1)
     top, bottom, side = (matrix @ np.array([*point, 1.0]) for point in ([0, 0.5, 0], [0, -0.5, 0], [1, 0, 0]))
     np.testing.assert_allclose(top[:3], [1, 2, 3] + 2 * along)
     np.testing.assert_allclose(bottom[:3], [1, 2, 3] - 2 * along)

@@ -154,9 +154,7 @@ class OutputFolder:
         manifest = Manifest.read(self.path)
         if manifest is None:
             if os.path.lexists(self.path / MANIFEST):
-                raise ConfigurationError(
-                    f"--out {self.path}: its {MANIFEST} is not a regular file; choose another folder"
-                )
+                raise ConfigurationError(f"--out {self.path}: its {MANIFEST} is no regular file; choose another folder")
             if not self._force and any(self.path.iterdir()):
                 raise ConfigurationError(
                     f"--out {self.path}: exists and was not made by rnc-pin; choose another folder or add --force"

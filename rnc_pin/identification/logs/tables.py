@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy import ndarray as Array
 from scipy.spatial.transform import Rotation
 
 from rnc_pin.errors import ConfigurationError, nearest
@@ -20,7 +21,7 @@ from rnc_pin.io.strict_mapping import Strict
 _MOST = 0.4  # largest step as a fraction of the range; near one half, its direction is not known
 
 
-def unwrapped(counts: np.ndarray, span: float, what: str = "encoder") -> np.ndarray:
+def unwrapped(counts: Array, span: float, what: str = "encoder") -> Array:
     """Return continuous counts (N,) of a counter that returns to its start after ``span`` counts.
 
     A step is the shortest of all that agree with the counter: it is less than half the span. The first count keeps its
@@ -90,13 +91,11 @@ def _given(keys: Strict) -> dict[str, ColumnKeys]:
     return {name: column for name in type(keys).model_fields if (column := getattr(keys, name)) is not None}
 
 
-def _channels(
-    path: Path, mapping: LogMapping, time: np.ndarray, numbers: Mapping[Place, np.ndarray]
-) -> Iterator[Channel]:
+def _channels(path: Path, mapping: LogMapping, time: Array, numbers: Mapping[Place, Array]) -> Iterator[Channel]:
     # Counters are unwrapped in the order of time, and without the samples that have no number.
     order = np.argsort(time, kind="stable")
 
-    def value(column: ColumnKeys, what: str) -> np.ndarray:
+    def value(column: ColumnKeys, what: str) -> Array:
         found = numbers[column.column].copy()
         if column.wrap is not None:
             whole = order[np.isfinite(found[order])]
@@ -104,7 +103,7 @@ def _channels(
         turn = 1.0 if column.ticks is None else 2.0 * np.pi / column.ticks
         return column.scale * turn * found + column.offset
 
-    def stacked(keys: Strict, names: Sequence[str], what: str) -> np.ndarray:
+    def stacked(keys: Strict, names: Sequence[str], what: str) -> Array:
         given = _given(keys)
         zero = np.zeros(len(time))
         return np.stack([value(given[name], f"{what}.{name}") if name in given else zero for name in names], axis=1)
@@ -133,7 +132,7 @@ def _channels(
 # ---------------------------------------------------------------------- files
 
 
-def _read_text(path: Path, mapping: LogMapping, places: Sequence[Place]) -> list[np.ndarray]:
+def _read_text(path: Path, mapping: LogMapping, places: Sequence[Place]) -> list[Array]:
     separator = _SEPARATORS[mapping.separator]
     header = mapping.header
     if header is None:
@@ -165,9 +164,7 @@ def _number(path: Path, place: Place, names: Sequence[str]) -> int:
     return names.index(place)
 
 
-def _numbers(
-    path: Path, lines: Iterator[str], separator: str | None, comment: str, wanted: list[int]
-) -> list[np.ndarray]:
+def _numbers(path: Path, lines: Iterator[str], separator: str | None, comment: str, wanted: list[int]) -> list[Array]:
     """Columns of text lines. Empty fields are NaN; only blocks of lines that have some are read slowly."""
     blocks, start = [], 0
     while block := list(itertools.islice(lines, 100_000)):
@@ -186,7 +183,7 @@ def _numbers(
 
 def _block(
     lines: list[str], separator: str | None, comment: str, wanted: list[int], converter: Callable[[str], float] | None
-) -> np.ndarray:
+) -> Array:
     return np.loadtxt(
         lines, delimiter=separator, comments=comment, usecols=wanted, ndmin=2, quotechar='"', converters=converter
     )
@@ -206,7 +203,7 @@ def _explained(message: str, start: int) -> str:
     return message.split("; use `usecols`")[0].rstrip(".")
 
 
-def _read_archive(path: Path, places: Sequence[Place]) -> list[np.ndarray]:
+def _read_archive(path: Path, places: Sequence[Place]) -> list[Array]:
     """Columns of an archive: a vector by its name, column k of a matrix by ``name[k]``."""
     parts = [re.fullmatch(r"(.+?)(?:\[(\d+)\])?", str(place)) for place in places]
     names = [part[1] for part in parts if part]
@@ -231,7 +228,7 @@ def _read_archive(path: Path, places: Sequence[Place]) -> list[np.ndarray]:
     return columns
 
 
-def _floats(path: Path, name: str, column: np.ndarray) -> np.ndarray:
+def _floats(path: Path, name: str, column: Array) -> Array:
     try:
         return np.asarray(column, dtype=float)
     except (TypeError, ValueError):

@@ -114,23 +114,19 @@ def test_the_trajectory_holds_finite_arrays_of_the_right_sizes(first_run):
     meta = parsed(str(trajectory.pop("meta")))
     assert trajectory["time"].tolist() == pytest.approx(np.arange(101) * 0.002)
     for name, size in ARRAYS.items():
-        assert trajectory[name].shape == (101, *size)
-        assert trajectory[name].dtype == np.float64
+        assert (trajectory[name].shape, trajectory[name].dtype) == ((101, *size), np.float64)
         assert np.isfinite(trajectory[name]).all(), name
-    assert meta["names"]["x2"] == ["tip_x", "tip_y", "joint_1"]
-    assert meta["units"]["x2"] == ["m", "m", "rad"]
+    assert (meta["names"]["x2"], meta["units"]["x2"]) == (["tip_x", "tip_y", "joint_1"], ["m", "m", "rad"])
     assert {"scenario", "versions", "seed"} <= set(meta)
 
 
 def test_the_summary_fits_the_trajectory(first_run):
     _, folder = first_run
     summary, trajectory = parsed((folder / "summary.json").read_text()), arrays(folder / "trajectory.npz")
-    assert summary["scenario"] == "space-robot"
-    assert summary["outcome"] == "completed"
+    assert (summary["scenario"], summary["outcome"]) == ("space-robot", "completed")
     assert summary["duration"] == trajectory["time"][-1]
     error = np.abs(trajectory["x2_desired"][:, 0] - trajectory["x2"][:, 0])
-    assert summary["final_error"]["tip_x"] == error[-1]
-    assert summary["max_error"]["tip_x"] == error.max()
+    assert (summary["final_error"]["tip_x"], summary["max_error"]["tip_x"]) == (error[-1], error.max())
     assert summary["rms_error"]["tip_x"] == pytest.approx(np.sqrt(np.mean(error**2)))
     assert set(summary["final_error"]) == {"tip_x", "tip_y", "platform"}
     assert summary["constraint_residual_max"] == trajectory["constraint_residual"].max() < 1e-12
@@ -218,8 +214,7 @@ def test_a_folder_of_somebody_elses_is_refused_without_force(call, tmp_path, no_
         "thesis.txt": "mine",
         "summary.json": "mine",
     }
-    assert call(*arguments, "--force")[0] == 0
-    assert (tmp_path / "thesis.txt").read_text() == "mine"
+    assert (call(*arguments, "--force")[0], (tmp_path / "thesis.txt").read_text()) == (0, "mine")
     assert parsed((tmp_path / "summary.json").read_text())["outcome"] == "completed"
 
 
@@ -276,8 +271,7 @@ def test_inspect_takes_a_system_without_actuators_task_controller_or_simulation(
     report = parsed(out)
     assert (report["p"], report["actuation_rank"]) == (0, 0)
     assert report["unactuated"] == ["base_link_speed_x", "base_link_yaw"]
-    assert report["growth_vector"] == [2, 3, 4]
-    assert len(report["dropped_rows"]) == 3
+    assert (report["growth_vector"], len(report["dropped_rows"])) == ([2, 3, 4], 3)
     status, out, _ = call("inspect", file, "--samples", 4)
     assert status == 0
     assert "0 of 2 reduced forces, not fully actuated: base_link_speed_x, base_link_yaw" in told(out)
@@ -385,8 +379,7 @@ def test_a_sweep_with_runs_that_fail_says_so(call, tmp_path):
     ranges = "sweep={initial.q.joint_2: [0, 0], initial.q.joint_3: [0, 0]}"
     twice = ["--runs", 2, "--jobs", 1]
     status, out, _ = call("sweep", "space-robot", "--set", ranges, *twice, "--json", "--out", tmp_path)
-    assert status == 1
-    assert parsed(out)["outcomes"] == {"infeasible": 2}
+    assert (status, parsed(out)["outcomes"]) == (1, {"infeasible": 2})
     first, command, *_ = (tmp_path / "failures.txt").read_text().splitlines()
     assert first.startswith("# run 0: infeasible: ")
     assert "singular configuration" in first
@@ -408,8 +401,7 @@ def test_the_command_of_a_failed_run_repeats_it(call, no_pictures, tmp_path):
     row = next(results.failures())
     assert call(*shlex.split(results.command(row))[1:], "--out", tmp_path / "one")[0] == 1
     summary = parsed((tmp_path / "one" / "summary.json").read_text())
-    assert summary["message"] == row["message"]
-    assert summary["energy_drift"] == row["energy_drift"]
+    assert (summary["message"], summary["energy_drift"]) == (row["message"], row["energy_drift"])
     assert summary["rms_error"]["tip_x"] == row["rms_error.tip_x"]
     assert len(set(results["seed"])) == 4  # each run has its own noise
 

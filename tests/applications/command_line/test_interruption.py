@@ -64,8 +64,7 @@ def test_whatever_a_controller_does_the_run_so_far_is_kept(then, cause, words):
     assert (cause is None and error.__cause__ is None) or isinstance(error.__cause__, cause)
     run = error.trajectory
     assert run.outcome is rnc.Outcome.FAILED
-    assert run.info.message == str(error)
-    assert len(run.time) == 11
+    assert (run.info.message, len(run.time)) == (str(error), 11)
     assert np.isfinite(run.energy).all()
 
 

@@ -50,10 +50,8 @@ def test_the_queue_is_bounded_and_says_what_it_refuses():
 
 def test_commands_are_due_once_at_their_sample():
     log = CommandLog([LoggedCommand(3, StopMotion()), LoggedCommand(5, JointGoal(joint="j0", position=0.1))])
-    assert log.due(0, 2) == []
-    assert log.due(0, 4) == [StopMotion()]
-    assert log.due(1, 5) == [JointGoal(joint="j0", position=0.1)]
-    assert log.due(2, 9) == []
+    assert (log.due(0, 2), log.due(0, 4)) == ([], [StopMotion()])
+    assert (log.due(1, 5), log.due(2, 9)) == ([JointGoal(joint="j0", position=0.1)], [])
     assert ends([StopMotion(), EndRun()])
     assert not ends([StopMotion()])
 
@@ -71,9 +69,7 @@ def test_a_record_is_read_back_with_all_digits(tmp_path):
     written, log = record()
     write_drive(written, tmp_path / "commands.json")
     found = read_drive(tmp_path / "commands.json")
-    assert found == written
-    assert found.log(CONTROLS).commands == log.commands
-    assert found.commands[0]["time"] == 0.03
+    assert (found, found.log(CONTROLS).commands, found.commands[0]["time"]) == (written, log.commands, 0.03)
 
 
 REFUSED = [

@@ -72,10 +72,8 @@ BASES = {  # wheels and their radii, how many outputs, the base's
 def test_a_draft_for_a_wheeled_robot_runs_as_it_is(name, expected, tmp_path):
     wheels, size, base = expected
     content, path = drafted(name, tmp_path)
-    assert content["robot"]["base"] == "planar"
-    assert radii(content) == pytest.approx(wheels)
-    assert len(content["task"]["primary"]) == size
-    assert content["task"]["primary"][: len(base)] == base
+    assert (content["robot"]["base"], radii(content)) == ("planar", pytest.approx(wheels))
+    assert (len(content["task"]["primary"]), content["task"]["primary"][: len(base)]) == (size, base)
     summary = outcome_of(path, 0.2 if name == "tiago_no_hand" else 0.05)
     assert summary["outcome"] == "completed"
     assert max(summary["max_error"].values()) < 5e-3
@@ -92,8 +90,7 @@ def test_a_draft_for_a_wheeled_robot_runs_as_it_is(name, expected, tmp_path):
 ])  # fmt: skip
 def test_a_draft_for_a_robot_without_wheels_runs_as_it_is(name, constraints, primary, tmp_path):
     content, path = drafted(name, tmp_path)
-    assert content.get("constraints", []) == constraints
-    assert content["task"]["primary"] == primary
+    assert (content.get("constraints", []), content["task"]["primary"]) == (constraints, primary)
     if "no_side_slip" in str(constraints):
         assert "# Assumed: wheels are not joints of this file" in path.read_text()
     summary = outcome_of(path, 0.5)
@@ -103,8 +100,7 @@ def test_a_draft_for_a_robot_without_wheels_runs_as_it_is(name, constraints, pri
 
 def test_a_floating_base_keeps_its_momentum(tmp_path):
     content, path = drafted("panda", tmp_path, base="free")
-    assert content["constraints"] == [{"momentum": "root_joint"}]
-    assert content["robot"]["gravity"] == [0, 0, 0]
+    assert (content["constraints"], content["robot"]["gravity"]) == ([{"momentum": "root_joint"}], [0, 0, 0])
     assert outcome_of(path, 0.2)["outcome"] == "completed"
 
 

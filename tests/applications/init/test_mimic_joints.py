@@ -71,8 +71,7 @@ def test_a_motion_of_a_follower_keeps_the_limits_of_its_leader(tmp_path):
 
 def test_a_lock_of_a_follower_locks_its_leader(tmp_path):
     content, text = run_draft(gripper(), tmp_path, lock={"mirror": 0.01})
-    assert content["robot"]["lock"] == {"mirror": 0.01, "grip": -0.01}
-    assert content["actuators"] == WHEELS
+    assert (content["robot"]["lock"], content["actuators"]) == ({"mirror": 0.01, "grip": -0.01}, WHEELS)
     assert "# Assumed: locked together with mirror, which mimics it: grip." in text
 
 
@@ -94,8 +93,7 @@ DISK, TURNED = '<cylinder radius="0.1" length="0.04"/>', "1.570796326794897 0 0"
 def test_wheels_on_a_belt_have_one_motor(named, end, tmp_path):
     content, text = run_draft(belt_rover(*named), tmp_path)
     motors = [f"{end}_l_joint", f"{end}_r_joint"]
-    assert content["actuators"] == motors
-    assert content["task"]["primary"] == ["base_speed_x", "base_yaw"]
+    assert (content["actuators"], content["task"]["primary"]) == (motors, ["base_speed_x", "base_yaw"])
     assert f"Which wheels are driven? {', '.join(motors)} (" in text
     assert "Otherwise" not in text.partition("title:")[0].partition("Which wheels are driven?")[2].partition("\n# D")[0]
 
@@ -142,6 +140,5 @@ def test_one_motor_moves_a_pair_of_an_mjcf_whichever_leads(parts, pair, motors, 
     pytest.importorskip("mujoco")
     leader, follower = pair[::-1] if swapped else pair
     content, _ = run_draft(mjcf(parts, leader, follower, motors, base), tmp_path, "unit.xml")
-    assert content["actuators"] == motors
-    assert content["task"]["primary"] == primary
+    assert (content["actuators"], content["task"]["primary"]) == (motors, primary)
     assert {*content["robot"].get("lock", {})} == {*lock}

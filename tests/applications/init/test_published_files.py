@@ -108,8 +108,7 @@ def test_a_hitch_is_not_driven(tmp_path):
 
 def test_a_balancer_comes_upright_and_drives(tmp_path):
     content, _, path = drafted("balancer", tmp_path)
-    assert content["controller"]["type"] == "state_feedback"
-    assert content["robot"]["lock"] == {"neck": 0.0}
+    assert (content["controller"]["type"], content["robot"]["lock"]) == ("state_feedback", {"neck": 0.0})
     result = execute(Scenario.load(str(path), {"simulation.duration": 10, "simulation.dt": 0.02}))
     tilt = result.trajectory.x2[:, 2]
     assert abs(tilt[0]) == pytest.approx(0.05, abs=1e-3)

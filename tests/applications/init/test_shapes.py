@@ -78,8 +78,7 @@ def test_a_body_keeps_no_part_of_the_geometry_that_lacks_a_mesh_and_the_base_doe
     assert [each.name for each in shapes["collision"]] == ["base_link_0"]
     assert [each.name for each in shapes["visual"]] == ["left_wheel_0", "right_wheel_0"]
     lost = {"base_link": ("bumper.stl",), "left_wheel": ("tyre.stl",), "right_wheel": ("tyre.stl",)}
-    assert robot.missing_meshes("collision") == lost
-    assert robot.missing_meshes("visual") == {}
+    assert (robot.missing_meshes("collision"), robot.missing_meshes("visual")) == (lost, {})
 
 
 def radii(folder, shapes):

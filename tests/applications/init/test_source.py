@@ -52,8 +52,7 @@ SENSOR = joint("sensor", "elbow_link", (0.2, 0.2), axis="1 0 0")
 ], ids=["tool", "chosen", "mimic", "follower"])  # fmt: skip
 def test_what_is_locked_beside_a_joint_without_a_range(parts, options, lock, moving, tmp_path):
     content, _ = drafted(parts, tmp_path, **options)
-    assert content["robot"].get("lock") == lock
-    assert content["task"]["primary"] == moving
+    assert (content["robot"].get("lock"), content["task"]["primary"]) == (lock, moving)
     if "gauge" in parts:
         assert content["initial"]["q"]["gauge"] == pytest.approx(0.4)
 

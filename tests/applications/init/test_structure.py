@@ -128,8 +128,7 @@ def test_options_name_joints_of_the_file(drafted):
 def test_joints_that_a_file_drives(text, expected):
     joints = '<joint name="a"/><joint name="b"/>'
     named, is_list = named_as_driven(ElementTree.fromstring(f"<robot>{joints}{text}</robot>"))
-    assert set(named) == expected
-    assert is_list == (bool(expected) and "plugin" not in text)
+    assert (set(named), is_list) == (expected, bool(expected) and "plugin" not in text)
 
 
 def test_options_of_an_alternative_are_choices():
@@ -164,8 +163,7 @@ def test_one_steered_wheel_on_casters_does_not_hold_the_heading(drafted, tmp_pat
     assert kind == "planar: 3 wheels, in any direction"
     assert f"casters do not hold the heading of the base (if they are fixed: {remedy}): the base is assumed" in said
     kind, content, _ = drafted(robot(*parts), lock=dict.fromkeys(remedy.split()[1::2], 0.0))
-    assert kind == "planar: 3 wheels, steered like a car"
-    assert len(of(content, "rolling_wheel")) == 3
+    assert (kind, len(of(content, "rolling_wheel"))) == ("planar: 3 wheels, steered like a car", 3)
 
 
 def body_above_its_drive():
@@ -324,8 +322,7 @@ def test_all_steered_axles_turn_about_one_point(shuffled, drafted, tmp_path):
     """The rear wheels steer the other way, with cot(l) L_l - cot(r) L_r equal to the distance across."""
     kind, content, _ = drafted(rover(shuffled))
     assert kind == "planar: 6 wheels, steered like a car"
-    assert len(of(content, "ackermann")) == 3
-    assert len(content["actuators"]) == 7
+    assert (len(of(content, "ackermann")), len(content["actuators"])) == (3, 7)
     assert len(content["outputs"]["reducing"]) == 2
     result = execute(Scenario.load(str(tmp_path / "unit.yaml"), {"simulation.duration": 3, "simulation.dt": 0.01}))
     run = result.trajectory
@@ -609,12 +606,10 @@ def test_sprockets_above_the_ground_drive_their_tracks(called, listed, drafted, 
         parts += [wheel(f"sprocket_{side}", "base", (0.6, y, 0.12), 0.08)]
     sprockets = ["sprocket_l_joint", "sprocket_r_joint"]
     kind, content, _ = drafted(robot(*parts, transmissions(*sprockets) if listed else ""))
-    assert kind == "planar: 8 wheels, on tracks, skid-steered"
-    assert content["actuators"] == sprockets
+    assert (kind, content["actuators"]) == ("planar: 8 wheels, on tracks, skid-steered", sprockets)
     couplings = {each["joint_coupling"]["joint"]: each["joint_coupling"]["ratio"] for each in content["constraints"]
                  if "joint_coupling" in each}  # fmt: skip
-    assert len(couplings) == 8
-    assert couplings["sprocket_l_joint"] == pytest.approx(0.1 / 0.08)
+    assert (len(couplings), couplings["sprocket_l_joint"]) == (8, pytest.approx(0.1 / 0.08))
     run = execute(Scenario.load(str(tmp_path / "unit.yaml"), {"simulation.dt": 0.01})).trajectory
     assert run.verdict.succeeded, run.verdict.first  # both ends of a track carry
     assert np.linalg.norm(run.q[-1, :2] - run.q[0, :2]) > 0.25
@@ -669,8 +664,7 @@ def test_a_body_with_links_called_wheels_stays_on_the_ground_and_init_asks(draft
 def test_a_boat_is_no_spacecraft_and_an_unknown_body_is_a_question(drafted):
     hull = link("link_1", 50.0, '<box size="2 0.6 0.4"/>')
     kind, content, _ = drafted(robot(hull, name="survey_boat"))
-    assert kind == "planar: a name of something that swims on the surface"
-    assert len(content["actuators"]) == 3
+    assert (kind, len(content["actuators"])) == ("planar: a name of something that swims on the surface", 3)
     kind, _, decided = drafted(robot(hull))
     (question,) = decided.values()
     assert kind == "free: one rigid body"

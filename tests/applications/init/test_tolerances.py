@@ -120,5 +120,4 @@ def test_noise_changes_no_draft_of_a_bicycle_that_is_held_upright(tmp_path):
 
 
 def test_the_first_of_equal_values_is_chosen():
-    assert first_smallest([0.3000002, 0.3, 0.5], 1e-3) == 0
-    assert first_smallest([0.4, 0.3, 0.3000002], 1e-3) == 1
+    assert (first_smallest([0.3000002, 0.3, 0.5], 1e-3), first_smallest([0.4, 0.3, 0.3000002], 1e-3)) == (0, 1)

@@ -143,9 +143,7 @@ def test_an_error_of_half_the_motion_fails():
         found = run_findings(Trial(2.0, "yaw", error, 1.0), run, rolling(), system.robot)
         return [each.severity for each in found]
 
-    assert severities(0.1) == []
-    assert severities(0.3) == [Severity.DEGRADES]
-    assert severities(0.6) == [Severity.FAILS]
+    assert (severities(0.1), severities(0.3), severities(0.6)) == ([], [Severity.DEGRADES], [Severity.FAILS])
 
 
 def test_efforts_beyond_the_file_are_said(tmp_path, brief):

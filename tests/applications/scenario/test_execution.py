@@ -17,8 +17,7 @@ def test_comparisons_follow_the_run_and_their_progress_adds_up():
     prepared = Scenario.load("space-robot", QUICK).build()
     result = execute(prepared, progress=lambda done, name: shown.append((done, name)))
     (label,) = result.comparisons
-    assert result.summary["comparisons"].keys() == {label}
-    assert shown == sorted(shown, key=lambda each: each[0])
+    assert (result.summary["comparisons"].keys(), shown) == ({label}, sorted(shown, key=lambda each: each[0]))
     assert [name for _, name in (shown[0], shown[-1])] == ["space-robot", f"space-robot: {label}"]
     assert shown[-1][0] == pytest.approx(prepared.total_duration)
 

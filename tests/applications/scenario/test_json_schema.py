@@ -17,8 +17,7 @@ def test_rnc_pin_prints_it(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["rnc-pin", "schema"])
     with pytest.raises(SystemExit) as end:
         main()
-    assert end.value.code == 0
-    assert json.loads(capsys.readouterr().out) == WRITTEN
+    assert (end.value.code, json.loads(capsys.readouterr().out)) == (0, WRITTEN)
 
 
 def test_it_is_a_schema_and_accepts_every_built_in_scenario():

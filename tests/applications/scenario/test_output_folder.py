@@ -62,8 +62,7 @@ def test_a_new_folder_is_made_with_its_parents_and_a_manifest(tmp_path):
     files = {"a.png": "a", "summary.json": "b"}
     write(place, files)
     manifest = json.loads((place / MANIFEST).read_text())
-    assert manifest["files"] == {name: digest(text) for name, text in files.items()}
-    assert contents(place) == files
+    assert (manifest["files"], contents(place)) == ({name: digest(text) for name, text in files.items()}, files)
     assert sorted(path.name for path in place.iterdir()) == [MANIFEST, "a.png", "summary.json"]
 
 

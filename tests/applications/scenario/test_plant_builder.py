@@ -40,8 +40,7 @@ def test_contact_with_a_coefficient_of_friction():
     run = rnc.simulate(built.reduced, built.controller, built.q0, 0.3, 0.02, v2_0=spin, plant=built.plant)
     speed = 0.1 * 1.5 * np.sqrt(2 * 9.81 * 0.3)
     travelled = speed * (0.3 - np.sqrt(2 * 0.3 / 9.81))
-    assert run.q[-1, 0] == pytest.approx(travelled, rel=1e-6)
-    assert run.info.phases[0].end == "landing of ball"
+    assert (run.q[-1, 0], run.info.phases[0].end) == (pytest.approx(travelled, rel=1e-6), "landing of ball")
     assert np.ptp(run.energy - run.work) < 1e-7
 
 

@@ -26,8 +26,7 @@ def written(folder, **more):
 def test_a_file_of_the_dynamics_alone_has_a_model(tmp_path):
     """Reducing velocities are chosen as by ``reduce()``, and a run says what it lacks."""
     scenario = rnc.Scenario.load(written(tmp_path))
-    assert scenario.reduced.r == 2
-    assert scenario.reduced.reducing.names == scenario.system.reduce().reducing.names
+    assert (scenario.reduced.r, scenario.reduced.reducing.names) == (2, scenario.system.reduce().reducing.names)
     words = r"^mine.yaml: outputs: is missing, and so are controller and simulation"
     with pytest.raises(rnc.ConfigurationError, match=words):
         scenario.run()

@@ -49,17 +49,13 @@ def test_columns_and_statistics_of_rows_with_different_values(tmp_path):
     (tmp_path / "specification.json").write_text('{"runs": 4, "build": "f"}')
     results = rnc.load_sweep(tmp_path)
     assert (len(results), results.complete) == (3, False)
-    assert results["run"].tolist() == [0, 1, 2]
-    assert results["a"].tolist() == [0.1, 1.0, 1.5]
+    assert (results["run"].tolist(), results["a"].tolist()) == ([0, 1, 2], [0.1, 1.0, 1.5])
     assert results["n"].tolist() == pytest.approx([math.nan, 2.0, 3.0], nan_ok=True)
-    assert results["b"].dtype == bool
-    assert results["what"].tolist() == [None, None, [1, 2]]
-    assert results.drawn == ["a", "n", "b", "what"]
-    assert results.verdicts == {"succeeded": 2, "goal": 1}
+    assert (results["b"].dtype, results["what"].tolist()) == (bool, [None, None, [1, 2]])
+    assert (results.drawn, results.verdicts) == (["a", "n", "b", "what"], {"succeeded": 2, "goal": 1})
     assert [row["run"] for row in results.failures()] == [2]
     found = sweep_statistics(results)
-    assert found["redrawn"] == 5
-    assert found["final_error"] == {"x": {"median": 0.25, "95 %": 0.25, "max": 0.25}}
+    assert (found["redrawn"], found["final_error"]) == (5, {"x": {"median": 0.25, "95 %": 0.25, "max": 0.25}})
     results.to_csv(tmp_path / "all.csv")
     with (tmp_path / "all.csv").open(newline="") as file:
         table = list(csv.DictReader(file))

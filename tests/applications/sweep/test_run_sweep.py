@@ -66,8 +66,7 @@ def test_an_interrupted_sweep_continues_where_it_was(whole, tmp_path):
     assert rows_of(part) == rows_of(whole)[:5]
     again = []
     results = rnc.sweep(Sleighs(again), rnc.Draws(12, LAWS, 4), out=tmp_path / "out")
-    assert len(again) == 7
-    assert rows_of(results) == rows_of(whole)
+    assert (len(again), rows_of(results)) == (7, rows_of(whole))
     rnc.sweep(Sleighs(again), rnc.Draws(12, LAWS, 4), out=tmp_path / "out")
     assert len(again) == 7  # nothing is left to do
 
@@ -80,12 +79,10 @@ def test_a_line_that_was_cut_off_is_repeated_and_more_runs_are_added(whole, tmp_
         file.write('{"run": 8, "spe')
     calls = []
     results = rnc.sweep(Sleighs(calls), rnc.Draws(12, LAWS, 4), out=out)
-    assert len(calls) == 4
-    assert rows_of(results) == rows_of(whole)
+    assert (len(calls), rows_of(results)) == (4, rows_of(whole))
     more = rnc.sweep(Sleighs(calls), rnc.Draws(14, LAWS, 4), out=out)
     assert len(calls) == 6  # two more than before
-    assert rows_of(more)[:12] == rows_of(whole)
-    assert more.row(13)["run"] == 13
+    assert (rows_of(more)[:12], more.row(13)["run"]) == (rows_of(whole), 13)
 
 
 class Deadly(Sleighs):
@@ -162,8 +159,7 @@ def test_another_sweep_in_the_folder_is_refused(whole, tmp_path):
     assert "exists and holds no sweep" in refusal(out=tmp_path)
     assert before == {path: path.read_bytes() for path in whole.path.rglob("*") if path.is_file()}
     results = rnc.sweep(Sleighs(), rnc.Draws(2, LAWS), out=tmp_path, force=True)
-    assert len(results) == 2
-    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert (len(results), (tmp_path / "notes.txt").read_text()) == (2, "mine")
 
 
 REFUSED = {

@@ -45,8 +45,7 @@ def test_a_drawn_part_of_the_system_has_a_model_of_its_own():
 def test_seeds_of_runs_with_faults_differ_and_others_have_that_of_the_scenario():
     with_faults, without = runs("space-robot"), ScenarioRuns("space-robot", {"seed": 5})
     seeds = [with_faults.options_of(run, {"faults.masses": 0.1})["seed"] for run in range(50)]
-    assert len(set(seeds)) == 50
-    assert with_faults.options_of(3, {"faults.masses": 0.1})["seed"] == seeds[3]
+    assert (len(set(seeds)), with_faults.options_of(3, {"faults.masses": 0.1})["seed"]) == (50, seeds[3])
     assert without.options_of(3, {"initial.q.joint_2": 1.7})["seed"] == 5
     assert with_faults.options_of(3, {"faults.masses": 0.1, "seed": 9})["seed"] == 9
 
@@ -82,8 +81,7 @@ def test_integers_and_choices_are_equally_probable():
 def test_each_run_has_a_stream_of_its_own():
     draws = SeededDraws.of({"x": [0, 1]}, seed=1)
     values = [next(draws.of_run(run))["x"] for run in range(100)]
-    assert len(set(values)) == 100
-    assert next(draws.of_run(7))["x"] == values[7]
+    assert (len(set(values)), next(draws.of_run(7))["x"]) == (100, values[7])
     assert values[0] == np.random.default_rng([1, 0]).uniform()
 
 

@@ -44,8 +44,7 @@ def test_a_command_is_the_admissible_motion_of_the_target():
     assert command.v == pytest.approx(state.v, abs=1e-12)
     assert np.abs(state.A @ command.v).max() < 1e-12
     assert command.twist == pytest.approx((command.v[0], command.v[1], command.v[2]), abs=1e-14)
-    assert loop.joints == ("joint_1", "joint_2")
-    assert command.joints == pytest.approx(command.v[3:])
+    assert (loop.joints, command.joints) == (("joint_1", "joint_2"), pytest.approx(command.v[3:]))
     assert command.u == pytest.approx(state.B.T @ command.v)  # forward, yaw, two joints
     assert command.u[:2] == pytest.approx([command.twist.forward, command.twist.yaw])
 
@@ -95,8 +94,7 @@ def test_invalid_measurements_hold_the_command_and_then_stop():
     first = loop.step(0.0, q, rest)
     assert loop.command.v == pytest.approx(first.v, abs=1e-12)
     held = loop.step(DT, np.full(6, np.nan), rest)
-    assert held.u == pytest.approx(first.u)
-    assert held.v == pytest.approx(first.v)
+    assert (held.u, held.v) == (pytest.approx(first.u), pytest.approx(first.v))
     assert held.twist == pytest.approx(first.twist, abs=1e-12)
     loop.step(2 * DT, q, rest + 1e4)
     assert "v reaches 1e+04" in loop.state.fault

@@ -125,8 +125,7 @@ def test_a_space_robot_keeps_its_momentum():
     plant, q, v = driven(system.reduce(), q0, np.zeros(3), np.array([0.5, -0.3, 0.2]), 1.5)
     assert max(q, v) < 1e-10
     assert np.abs(plant.slip()).max() < 1e-10
-    assert plant.wheel_names == ()
-    assert plant.friction_used().shape == (0,)
+    assert (plant.wheel_names, plant.friction_used().shape) == ((), (0,))
 
 
 def test_geared_joints_and_closed_loops():
@@ -213,8 +212,7 @@ def test_a_differential_drive_grips_and_follows_the_model():
     reduced = differential_drive()
     q0, T = reduced.robot.configuration(), np.array([0.5, 0.6])
     plant, q, v = driven(reduced, q0, np.zeros(2), T, 1.0, integrator="implicitfast")
-    assert plant.stance == "free"
-    assert plant.casters == ("caster[0]", "caster[1]")
+    assert (plant.stance, plant.casters) == ("free", ("caster[0]", "caster[1]"))
     assert max(q, v) < 1e-2  # angles of wheels, which are ten times what the base goes [m]
     assert np.abs(plant.slip()).max() < 1e-3
     used = plant.friction_used()
@@ -244,8 +242,7 @@ def test_wheels_that_slide_are_in_the_verdict(friction, word):
     plant = MuJoCoPlant(reduced, MuJoCoSettings(friction=(friction, 0.0, 0.0)))
     run = rnc.simulate(reduced, Inputs(lambda t: np.ones(2)), reduced.robot.configuration(), 0.5, 0.01, plant=plant)
     slips = {each.where for each in run.verdict.findings if each.kind == "slip" and each.severity == "fails"}
-    assert slips == ({"left_wheel", "right_wheel"} if word == "failed" else set())
-    assert run.verdict.word == word
+    assert (slips, run.verdict.word) == ({"left_wheel", "right_wheel"} if word == "failed" else set(), word)
 
 
 @pytest.mark.parametrize(("share", "slips"), [(0.995, False), (1.3, True)])
@@ -288,9 +285,7 @@ def test_forces_on_a_car_become_torques_of_its_drawn_wheels():
     reduced = system.reduce([rnc.FrameSpeed("rear_axle"), rnc.JointPosition("front_steering")])
     q0, v2, T = robot.configuration(), np.array([0.5, 0.0]), np.array([10.0, 0.05])
     plant, q, _ = driven(reduced, q0, v2, T, 1.0)
-    assert plant.stance == "free"
-    assert plant.casters == ()
-    assert plant.wheel_driven == ("force(rear_axle.x)",)
+    assert (plant.stance, plant.casters, plant.wheel_driven) == ("free", (), ("force(rear_axle.x)",))
     assert plant.wheel_names == ("front_axle[0]", "front_axle[1]", "rear_axle[0]", "rear_axle[1]")
     assert q < 1e-3
 
@@ -310,8 +305,7 @@ def test_what_would_tip_is_held_level():
     reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drives).reduce()
     q0 = robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
     plant, q, _ = driven(reduced, q0, np.zeros(4), np.array([5.0, 3.0, 0.5, 0.2]), 1.0)
-    assert plant.stance == "level"
-    assert plant.wheel_driven == ("force(base.x)", "torque(base.z)")
+    assert (plant.stance, plant.wheel_driven) == ("level", ("force(base.x)", "torque(base.z)"))
     assert q < 1e-3
 
 

@@ -206,8 +206,7 @@ def test_pinocchio_and_mujoco_are_given_no_files_of_meshes(tmp_path, monkeypatch
     (tmp_path / "r.xml").write_text(solid.mjcf("m.stl"))
     for robot in (rnc.Robot.from_urdf(tmp_path / "r.urdf"), rnc.Robot.from_mjcf(tmp_path / "r.xml")):
         (shape,) = robot.visual_model.geometryObjects
-        assert shape.geometry.num_tris == len(solid.TRIANGLES)
-        assert shape.meshPath == str(tmp_path / "m.stl")
+        assert (shape.geometry.num_tris, shape.meshPath) == (len(solid.TRIANGLES), str(tmp_path / "m.stl"))
     assert len(given) == 2
     assert not any("m.stl" in text for text in given)
 
@@ -239,8 +238,7 @@ TETRAHEDRON = "0 0 0 1 0 0 0 1 0 0 0 1"
 def test_points_of_an_mjcf_are_drawn_as_their_hull(tmp_path):
     path = write(tmp_path / "r.xml", mjcf(f'<mesh name="m" vertex="{TETRAHEDRON} 0.1 0.1 0.1" scale="1 2 3"/>'))
     (shape,) = rnc.Robot.from_mjcf(path).visual_model.geometryObjects
-    assert shape.geometry.num_tris == 4
-    assert abs(shape.geometry.computeVolume()) == pytest.approx(1.0)
+    assert (shape.geometry.num_tris, abs(shape.geometry.computeVolume())) == (4, pytest.approx(1.0))
 
 
 def test_a_hull_looks_outward():

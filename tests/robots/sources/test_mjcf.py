@@ -468,8 +468,7 @@ def test_a_base_takes_the_place_of_the_free_joint(base, first, nv, tmp_path):
         "</body></body></body></worldbody></mujoco>"
     )
     robot = rnc.Robot.from_mjcf(written(tmp_path, text), base)
-    assert robot.joint_names[0] == first
-    assert robot.nv == nv
+    assert (robot.joint_names[0], robot.nv) == (first, nv)
 
 
 def test_the_floor_of_an_mjcf_is_not_drawn_with_the_robot(tmp_path):

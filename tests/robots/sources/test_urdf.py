@@ -141,8 +141,7 @@ def test_continuous_joints_about_negative_and_skew_axes_are_like_others():
     assert said == []
     values = {"left_wheel_joint": 0.7, "right_wheel_joint": -2.0}
     found = robot.joint_values(robot.configuration(values))
-    assert found.pop("root_joint") == [0, 0, 0]
-    assert found == pytest.approx(values)
+    assert (found.pop("root_joint"), found) == ([0, 0, 0], pytest.approx(values))
     assert loaded("negative_and_skew_axes.urdf", lock={"right_wheel_joint": 0.4})[0].nv == 1
 
 
@@ -237,8 +236,7 @@ def test_a_link_and_a_joint_of_one_name():
     whole, said = loaded("link_and_joint_of_one_name.urdf")
     assert said == []
     robot, _ = loaded("link_and_joint_of_one_name.urdf", lock={"right": 0.5})
-    assert robot.joint_names == ("left",)
-    assert [frame.name for frame in robot.model.frames].count("right") == 2
+    assert (robot.joint_names, [frame.name for frame in robot.model.frames].count("right")) == (("left",), 2)
     index = robot.frame_id("right")
     assert robot.model.frames[index].type == pin.FrameType.BODY
     assert len(robot.collision_model.geometryObjects) == len(whole.collision_model.geometryObjects) == 3
@@ -310,8 +308,7 @@ OPEN = np.inf
 ])  # fmt: skip
 def test_a_limit_that_is_none_is_infinite(limit, words, expected, tmp_path):
     said, limits = limited(limit, tmp_path)
-    assert said == ([f"r.urdf: {words}: joint lift, wrist"] if words else [])
-    assert limits == [expected, expected]
+    assert (said, limits) == ([f"r.urdf: {words}: joint lift, wrist"] if words else [], [expected, expected])
 
 
 def test_joints_without_limits_move_without_end():
@@ -403,8 +400,7 @@ def test_numbers_are_those_of_the_file():
     robot, _ = loaded("incomplete_inertials.urdf")
     assert robot.model.inertias[robot.joint_id("shoulder")].mass == 2
     np.testing.assert_allclose(robot.model.inertias[robot.joint_id("wrist")].inertia, 0.1 * np.eye(3), atol=ROUNDING)
-    assert loaded("floating_and_planar.urdf")[0].nv == 6 + 3 + 3
-    assert loaded("no_name.urdf")[0].name == "no_name"
+    assert (loaded("floating_and_planar.urdf")[0].nv, loaded("no_name.urdf")[0].name) == (6 + 3 + 3, "no_name")
 
 
 def test_limits_of_a_continuous_joint_do_not_bound_it():

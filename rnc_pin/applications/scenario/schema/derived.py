@@ -315,10 +315,8 @@ def descriptions(kind: Callable[..., object]) -> dict[str, str]:
         family = [each for each in reversed(inspect.getmro(typing.cast(type, kind))) if dataclasses.is_dataclass(each)]
     found: dict[str, str] = {}
     for each in family:
-        for section in re.findall(
-            r"^(?:Args|Attributes):\n((?:    .*\n?|\n)*)", inspect.getdoc(each) or "", re.MULTILINE
-        ):
-            for names, text in re.findall(r"^    (\w+(?:, \w+)*): (.*\n?(?:     .*\n?)*)", section, re.MULTILINE):
+        for part in re.findall(r"^(?:Args|Attributes):\n((?:    .*\n?|\n)*)", inspect.getdoc(each) or "", re.MULTILINE):
+            for names, text in re.findall(r"^    (\w+(?:, \w+)*): (.*\n?(?:     .*\n?)*)", part, re.MULTILINE):
                 found |= dict.fromkeys(names.split(", "), text)
         if isinstance(each, type):
             found |= attribute_texts(each)

@@ -42,8 +42,7 @@ def test_arrives_where_quadratic_costs_stall(tmp_path, controller):
 
 def test_a_goal_that_is_missed_is_in_the_verdict(tmp_path):
     run = scenario(tmp_path, {**PLANNED, "duration": 0.2, "seeds": 0}, simulation={"duration": 0.5, "dt": 0.05}).run()
-    assert run.verdict.word == "failed"
-    assert run.verdict.first.where == "sleigh_y"
+    assert (run.verdict.word, run.verdict.first.where) == ("failed", "sleigh_y")
 
 
 def test_velocities_of_a_plant_with_servos(tmp_path):

@@ -103,8 +103,7 @@ def test_a_new_dataclass_takes_one_line():
     assert part["description"] == "A spring between two frames."
     check_fields(Spring, part)
     texts = {name: field["description"] for name, field in part["properties"].items()}
-    assert texts["frame_b"] == "Where it is fixed."
-    assert texts["ends"] == "Where it stops [m]; null for nowhere."
+    assert (texts["frame_b"], texts["ends"]) == ("Where it is fixed.", "Where it stops [m]; null for nowhere.")
 
 
 @pytest.mark.parametrize(("changes", "words"), [

@@ -59,8 +59,7 @@ def test_every_shape_is_built(tmp_path):
     found = prepared(tmp_path, text).experiment.obstacles
     assert [each.name for each in found] == ["box 1", "sphere 2", "person", "mesh 4", "cylinder 5", "floor"]
     np.testing.assert_allclose(2 * np.ravel(found[0].shape.halfSide), [1, 2, 3])
-    assert found[2].shape.halfLength == 0.2
-    assert found[3].shape.computeVolume() == pytest.approx(1e-3 / 6)
+    assert (found[2].shape.halfLength, found[3].shape.computeVolume()) == (0.2, pytest.approx(1e-3 / 6))
     assert found[5].unbounded
     assert found[5].ignored_links == ("panda_link0",)
     assert found[4].placement(1.25).translation[0] == pytest.approx(6.0)
@@ -162,8 +161,7 @@ def test_a_map_is_boxes(tmp_path):
     text = "  - box: {size: [0.1, 0.1, 0.1], position: [3, 0, 0]}\n  - map: {file: lot.yaml, height: 1.0}\n"
     box, first, second = prepared(tmp_path, text).experiment.obstacles
     assert [each.name for each in (box, first, second)] == ["box 1", "map 2 1", "map 2 2"]
-    assert first.position.tolist() == [3.25, 1.25, 0.5]
-    assert second.position.tolist() == [2.25, 1.75, 0.5]
+    assert (first.position.tolist(), second.position.tolist()) == ([3.25, 1.25, 0.5], [2.25, 1.75, 0.5])
     with pytest.raises(rnc.ConfigurationError, match=r"obstacle 'map 2': map 'lott\.yaml'"):
         prepared(tmp_path, text.replace("lot", "lott"))
 
