@@ -136,7 +136,9 @@ def run(**given: Given) -> int:
 @click.option("--browser/--no-browser", default=True, help="Open the browser, or print the address only.")
 @_written
 def drive(**given: Given) -> int:
-    """Drive a robot in real time from the browser, within its limits: a SCENARIO or a ROBOT's file or name.
+    """Drive a robot in real time from the browser: a SCENARIO or a ROBOT's file or name.
+
+    Accelerations are those that the efforts and masses of the model allow, and links keep apart.
 
     Arrow keys or W A S D drive the base, a click on the ground sets a goal, and sliders move joints. Space stops.
     """

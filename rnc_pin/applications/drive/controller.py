@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,9 @@ import pinocchio as pin
 from rnc_pin.applications.drive.commands import CommandLog
 from rnc_pin.applications.drive.controls import (
     ARRIVED,
+    SLOWING,
+    TURNING,
+    Approach,
     BaseRates,
     DriveControls,
     DrivenBase,
@@ -27,7 +31,7 @@ from rnc_pin.applications.drive.goals import (
 )
 from rnc_pin.control import Description, TrackerState, VelocityTarget
 from rnc_pin.control.whole_body import ControlSample, LimitReport, ProgramState, VelocityQP
-from rnc_pin.control.whole_body.limits import ControlLimit
+from rnc_pin.control.whole_body.limits import AccelerationLimit, ControlLimit
 from rnc_pin.control.whole_body.tasks import BoundTask, ControlTask, DampingTask, TaskRows
 from rnc_pin.model import Measurement, ReducedModel, heading_of
 
@@ -41,6 +45,21 @@ class GoalBoard:
 
     def __init__(self, controls: DriveControls, goals: DriveGoals) -> None:
         self.controls, self.goals = controls, goals
+        self.accelerations = np.zeros(0)
+        """Limits of the accelerations of the reduced velocities (r,)."""
+
+    def approach(self, error: float, gain: float, speed: float, row: np.ndarray) -> float:
+        """Speed towards a goal: a gain and a largest speed, and so slow that the robot can brake.
+
+        Args:
+            error: distance that is left.
+            gain: speed over distance [1/s].
+            speed: largest speed.
+            row: rate of the distance over the reduced velocities (r,).
+        """
+        needed = np.abs(row) / max(float(row @ row), 1e-300)
+        braking = float((self.accelerations / np.maximum(needed, 1e-12)).min(initial=np.inf))
+        return min(gain * abs(error), speed, float(np.sqrt(braking * abs(error))))
 
     def gain(self, name: str) -> float:
         """Value of a gain or a speed."""
@@ -99,7 +118,15 @@ class _Base(BoundTask):
         shares = board.goals.velocity_at(sample.time - sample.dt)
         if shares is not None:
             forward, left, round_ = shares
-            return BaseRates(speed * forward, speed * left, turn * round_ * (1.0 if base.turns else base.steering_sign))
+            if base.turns or base.steering is None:
+                return BaseRates(speed * forward, speed * left, turn * round_)
+            rate, reach = turn * round_ * base.steering_sign, board.controls.joints[base.steering]
+            angle = float(self._robot.single_joint(base.steering).position(sample.end.q))
+            row = sample.end.R[self._robot.velocity_indices(base.steering).start]
+            room = (reach.upper if rate > 0 else reach.lower) - angle
+            return BaseRates(
+                speed * forward, speed * left, np.sign(rate) * board.approach(room, TURNING, abs(rate), row)
+            )
         goal = board.goals.base_goal
         if goal is None:
             return None
@@ -109,7 +136,11 @@ class _Base(BoundTask):
         bend = 0.0
         if not base.turns:
             bend = curvature(sample.end, base_rows(self._robot, base.frame, sample.end), self._places)
-        return rates_to_goal(base, (x, y, yaw), goal, bend, speed, turn)
+        return rates_to_goal(base, (x, y, yaw), goal, bend, self._approach(sample), (speed, turn))
+
+    def _approach(self, sample: ControlSample) -> Approach:
+        rows, gains = base_rows(self._robot, self._base.frame, sample.end) @ sample.end.R, (SLOWING, TURNING)
+        return lambda error, axis, speed: self._board.approach(error, gains[axis], speed, rows[axis])
 
 
 class _Frame(BoundTask):
@@ -136,7 +167,10 @@ class _Frame(BoundTask):
         placed, jacobian = at.placement(self._frame), at.jacobian(self._frame).copy()
         gain, speed = board.gain("frame gain"), board.gain("frame speed")
         rate = np.zeros(6)
-        rate[:3] = limited(gain * (np.array(goal.position) - placed.translation), speed)
+        error = np.array(goal.position) - placed.translation
+        distance = float(np.linalg.norm(error))
+        row = error / max(distance, 1e-300) @ jacobian[:3] @ sample.end.R
+        rate[:3] = limited(gain * error, board.approach(distance, gain, speed, row))
         if goal.orientation is None:
             jacobian[3:] = 0.0
         else:
@@ -167,7 +201,9 @@ class _Posture(BoundTask):
         goal = self._robot.configuration(board.goals.posture)
         error = pin.difference(self._robot.model, sample.end.q, goal)[self._places]
         speed, gain = board.gain("joint speed"), board.gain("posture gain")
-        rate = np.clip(gain * error, -speed, speed)
+        rows = sample.end.R[self._places]
+        fastest = [board.approach(each, gain, speed, row) for each, row in zip(error.tolist(), rows, strict=True)]
+        rate = np.sign(error) * fastest
         root = 1.0 if gain > 0 else _STILL
         return TaskRows(root * self._jacobian, root * rate)
 
@@ -215,6 +251,11 @@ class DriveController:
         self._reduced, self._motions, self._dt = reduced, tuple(motions), dt
         self._board = GoalBoard(controls, initial_goals(controls))
         self.program = VelocityQP(reduced, self._tasks(), limits, dt=dt)
+        bounded = [each.entries(reduced) for each in limits if isinstance(each, AccelerationLimit) and not each.joints]
+        self._board.accelerations = np.full(reduced.r, np.inf)
+        for each in chain(*bounded):
+            if each.quantity == "v2":
+                self._board.accelerations[each.column] = each.upper
         robot = reduced.robot
         self._joints = {name: robot.single_joint(name) for name in controls.joints}
         base = controls.base

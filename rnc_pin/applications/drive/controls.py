@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -19,8 +19,12 @@ _ROOT = "root_joint"
 _RANK = 1e-6  # smallest singular value, of rows of unit length, at which motions are independent
 _TURNED = 0.7  # [rad or m] by which a joint moves in the test of whether the motions of others depend on it
 _STEERED = 0.1  # [rad] by which a joint turns in the test of whether it steers
-_SLOWING = 1.5  # speed of the base over its distance from the goal [1/s]
-_TURNING = 2.5  # turn rate over the bearing of the goal [1/s]
+SLOWING = 1.5
+"""Speed of the base over its distance from the goal [1/s]."""
+TURNING = 2.5
+"""Turn rate over the bearing of the goal [1/s]."""
+Approach = Callable[[float, int, float], float]
+"""Speed towards a goal from what is left, whether forward (0) or in turning (1), and the largest speed."""
 _WAITING = 0.8  # share of its speed that a base gives up while it has to steer first
 _BENT = 0.03  # angle of the curvature's error from which it waits most
 _FADING = 5.0  # steering rate and waiting, over the effect of steering that is left and that is lost; both up to 1
@@ -249,8 +253,8 @@ def rates_to_goal(
     pose: tuple[float, float, float],
     goal: tuple[float, float],
     bend: float,
-    speed: float,
-    turn: float,
+    approach: Approach,
+    fastest: tuple[float, float],
 ) -> BaseRates:
     """Rates that bring a base to a point.
 
@@ -262,19 +266,20 @@ def rates_to_goal(
         pose: position [m] and yaw [rad] of its frame.
         goal: the point [m].
         bend: curvature of its present path [rad/m]; only for a steered base.
-        speed: largest speed [m/s].
-        turn: largest turn rate, or rate of the steering joint [rad/s].
+        approach: speed towards what is left.
+        fastest: largest speed [m/s], and largest turn rate or rate of the steering joint [rad/s].
     """
+    speed, turn = fastest
     dx, dy = goal[0] - pose[0], goal[1] - pose[1]
     distance = float(np.hypot(dx, dy))
     if distance < ARRIVED:
         return BaseRates(0.0, 0.0, 0.0)
     bearing = float(wrapped(np.arctan2(dy, dx) - pose[2]))
-    ahead = min(speed, _SLOWING * distance)
+    ahead = approach(distance, 0, speed)
     if base.slides:
         return BaseRates(ahead * np.cos(bearing), ahead * np.sin(bearing), 0.0)
     if base.turns:
-        return BaseRates(ahead * max(np.cos(bearing), 0.0), 0.0, float(np.clip(_TURNING * bearing, -turn, turn)))
+        return BaseRates(ahead * max(np.cos(bearing), 0.0), 0.0, float(np.sign(bearing)) * approach(bearing, 1, turn))
     return _steered(base, (distance * np.cos(bearing), distance * np.sin(bearing)), bend, ahead, turn)
 
 
@@ -291,7 +296,7 @@ def _steered(base: DrivenBase, goal: tuple[float, float], bend: float, speed: fl
     share = min(_FADING * (1.0 - lost), 1.0)
     error = float(np.arctan(2.0 * y / reach) - np.arctan(bend))
     waiting = _WAITING * share * min(_FADING * lost, 1.0) * min(abs(error) / _BENT, 1.0)
-    rate = float(np.clip(share * _TURNING * base.steering_sign * error, -turn, turn))
+    rate = float(np.clip(share * TURNING * base.steering_sign * error, -turn, turn))
     return BaseRates(speed * (1.0 - waiting) * (1.0 if x >= 0 else -1.0), 0.0, rate)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
@@ -21,11 +22,11 @@ from rnc_pin.applications.scenario.builder import Experiment, build_experiment, 
 from rnc_pin.applications.scenario.files import ROBOT_FILES, built_in_names, mapping_of, robot_names
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema import ScenarioFile
-from rnc_pin.applications.scenario.schema.scenario import validate
+from rnc_pin.applications.scenario.schema.scenario import output_of, validate
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import ActuatorVelocityController, ComputedTorque, VelocityQP, VelocityTracker, describe
 from rnc_pin.control.whole_body.limits import CollisionAvoidance, ControlLimit
-from rnc_pin.errors import ConfigurationError, few
+from rnc_pin.errors import ConfigurationError, RncError, few
 from rnc_pin.io import Json, load_yaml
 from rnc_pin.model import NonholonomicSystem, ReducedModel
 from rnc_pin.robots import Robot
@@ -33,13 +34,10 @@ from rnc_pin.robots import Robot
 PERIOD = 0.01
 """Sampling period of a driven run [s], if no option gives another one."""
 _MOST_FRAMES = 4
-_ACCELERATION = 4.0  # [rad/s^2 or m/s^2]; a new goal starts without a jerk
-_CONTROLLER: dict[str, Json] = {
-    "type": "qp",
-    "tracker": "computed_torque",
-    "tasks": [{"damping": {}}],
-    "limits": {"acceleration": {"limit": _ACCELERATION}},
-}
+_ACCELERATION, _SLOWEST = 4.0, 0.02  # [rad/s^2 or m/s^2]; a new goal starts without a jerk, and starts
+_CONTROLLER: dict[str, Json] = {"type": "qp", "tracker": "computed_torque", "tasks": [{"damping": {}}]}
+_STATES, _SPEED = 20, 0.5  # random states, and their largest reduced velocity, at which efforts are compared
+_SHARE, _NEEDED = 0.8, 0.01  # of an effort limit: what accelerations may use, and what counts
 _REPLACED = (
     "task",
     "planner",
@@ -155,7 +153,7 @@ def _with_obstacles(
     geometry = reduced.robot.collision_model
     kept = [each for each in limits if not isinstance(each, CollisionAvoidance)]
     given = next((each for each in limits if isinstance(each, CollisionAvoidance)), None)
-    if geometry is None or not len(geometry.geometryObjects) or (given is None and not obstacles):
+    if geometry is None or not len(geometry.geometryObjects):
         return list(limits)
     avoidance = given or CollisionAvoidance(q0=experiment.q0)
     return [*kept, replace(avoidance, obstacles=tuple(obstacles))]
@@ -182,7 +180,12 @@ def _driven_config(
         "vertical": [{"frame_position": {"frame": frame}} for frame in frames],
     }
     given = raw.get("controller")
-    config["controller"] = given if isinstance(given, Mapping) and given.get("type") == "qp" else _CONTROLLER
+    if isinstance(given, Mapping) and given.get("type") == "qp":
+        config["controller"] = given
+    else:
+        reduced = system.reduce([output_of(entry) for entry in chosen.entries])
+        limits: Json = {"acceleration": {"limit": _accelerations(reduced, q0)}}
+        config["controller"] = {**_CONTROLLER, "limits": limits}
     simulation = raw.get("simulation")
     settings = dict(simulation) if isinstance(simulation, Mapping) else {}
     if settings.get("duration", "plan") == "plan":
@@ -195,6 +198,27 @@ def _driven_config(
     base = base_frame(system.robot, [])
     config["view"] = {**view, "trail": view.get("trail") or [*frames[:2], *([base] if base else [])]}
     return config
+
+
+def _accelerations(reduced: ReducedModel, q0: np.ndarray) -> list[Json]:
+    """Accelerations of the reduced velocities that efforts allow, at the start and at random states.
+
+    All together they use the root of the sum of squares of what each uses alone.
+    """
+    generator, found = np.random.default_rng(0), np.full(reduced.r, _ACCELERATION)
+    limits = reduced.actuation.limits
+    for k in range(_STATES):
+        with suppress(RncError):
+            q = reduced.random_configuration(generator) if k else q0
+            v2 = generator.uniform(-_SPEED, _SPEED, reduced.r) if k else np.zeros(reduced.r)
+            at = reduced.at(q, v2)
+            held = np.abs(at.allocate(reduced.inverse_dynamics(q, v2, np.zeros(reduced.r))))
+            used = np.abs(np.array([at.allocate(column) for column in at.H.T])).T * found
+            room = np.maximum(_SHARE * limits - held, _NEEDED * limits)
+            scale = np.minimum(room / np.maximum(np.linalg.norm(used, axis=1), 1e-300), 1.0)
+            counts = (used > _NEEDED * limits[:, None]) & ((held < _SHARE * limits)[:, None] | (k == 0))
+            found *= np.where(counts, scale[:, None], 1.0).min(axis=0, initial=1.0)
+    return [float(f"{max(each, _SLOWEST):.3g}") for each in found]
 
 
 def _output_candidates(
