@@ -38,3 +38,18 @@ def test_a_failed_search_of_a_depth_is_an_error(placed, monkeypatch, memory):
         monkeypatch.setattr(placed, "_memory", None)
     with pytest.raises(SimulationError, match="no penetration depth of 0 / 4"):
         placed.measure([3])
+
+
+def test_wheels_that_touch_have_distance_0_at_every_turn():
+    """Two wheels of 0.1 m whose axles are 0.2 m apart: coal fails with its finest tolerance in 1 of 100 poses."""
+    generator = np.random.default_rng(0)
+    measurement = PairMeasurement([coal.Cylinder(0.1, 0.04)] * 2, [LinkPair(0, 1, ("front", "rear"))])
+    for _ in range(1000):
+        turned = np.linalg.qr(generator.standard_normal((3, 3)))[0]
+        turned[:, 0] *= np.linalg.det(turned)
+        rolled = [
+            [[c, -s, 0], [s, c, 0], [0, 0, 1]] for c, s in ((np.cos(a), np.sin(a)) for a in generator.uniform(-3, 3, 2))
+        ]
+        middle = generator.standard_normal(3)
+        measurement.place([0], turned @ rolled, np.array([middle, middle + 0.2 * turned[:, 0]]))
+        assert abs(measurement.measure([0])[0, 0]) < 1e-6
