@@ -149,6 +149,7 @@ def measured(wheel: Wheel) -> str:
     return f"radius from the {wheel.measured} geometry"
 
 
+_ROUNDING = 1e-9  # entry of a row, relative to the longest row, that is rounding
 _SLID = 0.05  # displacement of the reference of a prismatic joint [m]
 
 
@@ -188,11 +189,11 @@ def select_outputs(
     """
     chosen = ChosenOutputs()
     position = Kinematics(system.robot).position(q)
-    rows = unit_rows(system.constraints.jacobian(position)) if system.m else np.zeros((0, system.n))
+    rows = _unit_rows(system.constraints.jacobian(position)) if system.m else np.zeros((0, system.n))
     for entry, step in wanted:
         kind = output_of(entry)
         bound = kind.bind(system.robot)
-        added = unit_rows(bound.jacobian(position))
+        added = _unit_rows(bound.jacobian(position), 1.0)
         if len(chosen.names) + len(added) > system.r or not _independent(rows, added):
             continue
         rows = np.vstack([rows, added])
@@ -263,9 +264,9 @@ class ActuatorCandidates:
         Args:
             input_matrix: reduced forces for unit inputs of all entries (r, p).
         """
-        columns = list(range(len(self.sure)))
+        columns, rows = list(range(len(self.sure))), _unit_rows(input_matrix)
         for column in range(len(self.sure), len(self.all)):
-            if _rank(input_matrix[:, [*columns, column]]) > _rank(input_matrix[:, columns]):
+            if _rank(rows[:, [*columns, column]]) > _rank(rows[:, columns]):
                 columns.append(column)
         chosen = [self.all[column] for column in columns]
         alike = self.wheels if any(wheel in chosen for wheel in self.wheels) else []
@@ -313,9 +314,15 @@ def _forces(mobility: BaseAssumptions) -> list[Entry]:
     return [{kind: {"frame": mobility.frame, "axis": axis}} for kind, axes in kinds for axis in axes]
 
 
-def _rank(input_matrix: np.ndarray) -> int:
+def _rank(forces: np.ndarray) -> int:
     """Number of independent reduced forces of actuators."""
-    return int(np.linalg.matrix_rank(unit_rows(input_matrix), tol=INDEPENDENT)) if input_matrix.size else 0
+    return int(np.linalg.matrix_rank(forces, tol=INDEPENDENT)) if forces.size else 0
+
+
+def _unit_rows(rows: np.ndarray, least: float = 0.0) -> np.ndarray:
+    """Rows of unit length; entries that are rounding beside the longest row, or beside ``least``, are zero."""
+    longest = np.linalg.norm(rows, axis=-1).max(initial=least)
+    return unit_rows(np.where(np.abs(rows) > _ROUNDING * longest, rows, 0.0))
 
 
 # ---------------------------------------------------------------------- joints without a motor

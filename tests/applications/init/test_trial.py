@@ -5,7 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.applications.init import DraftOptions, draft, draft_with_decisions, scenario_candidate, trial
-from rnc_pin.applications.init.assumptions import BaseAssumptions
+from rnc_pin.applications.init.assumptions import ActuatorCandidates, BaseAssumptions
 from rnc_pin.applications.init.trial import Trial, model_findings, run_findings
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
@@ -197,6 +197,14 @@ def test_actuators_with_effort_0_are_not_driven_silently(tmp_path, brief):
     text, content, _ = drafted(car(rear=0), tmp_path)
     assert set(content["actuators"]) == {"rear_left_joint", "rear_right_joint", "steer_left_joint"}
     assert "- rear_left_joint  # effort 0 in the file: CHECK its limit" in text
+
+
+def test_forces_that_are_rounding_steer_no_wheel():
+    """Two wheels push a car; their effect of 2e-32 on its steering is no force."""
+    candidates = ActuatorCandidates([("left", ""), ("right", "")], [("steer", ""), ("other", "")], [], [])
+    forces = np.array([[10.0, 10.0, 0.0, 0.0], [2e-32, -2e-32, 1.0, 3.0]])
+    assert candidates.enough(forces) == [("left", ""), ("right", ""), ("steer", "")]
+    assert candidates.enough(forces[:, [0, 1, 0, 0]]) == candidates.sure
 
 
 def test_a_wheel_with_effort_0_is_left_idle_if_another_drives(tmp_path, brief):
