@@ -187,14 +187,18 @@ class Assembly:
         tries = f"any of {_TRIES} random configurations" if len(failures) != _OF else f"{_OF} random configurations"
         raise ConstraintError(f"constraints cannot be satisfied from {tries}{worst if failures else ''}")
 
-    def samples(self, count: int) -> Array:
+    def samples(self, count: int, spread: float = np.pi) -> Array:
         """Seeded random configurations and the neutral one, (count or count + 1, nq), which satisfy the rows.
 
         At other configurations, the rank of the rows may differ. The neutral configuration is omitted if it cannot be
         assembled, or if loops lose rank there, e.g. of a linkage that is folded flat and can continue in several ways.
+
+        Args:
+            count: number of random configurations.
+            spread: largest distance from the neutral configuration before they are assembled [rad or m].
         """
         generator = np.random.default_rng(0)
-        configurations = [self.random_configuration(generator) for _ in range(count)]
+        configurations = [self.random_configuration(generator, spread) for _ in range(count)]
         with suppress(ConstraintError, SingularityError):
             neutral = self.project(self.robot.configuration())
             if self.rank(neutral) >= max(map(self.rank, configurations)):

@@ -39,6 +39,10 @@ class DroppedRow:
     rounding: float = 0.0
 
 
+class RankError(ConstraintError):
+    """The rank of the constraints is not the same at every sample."""
+
+
 class Selection(NamedTuple):
     """Independent rows of a stack, and the dropped rows."""
 
@@ -73,8 +77,8 @@ def select_independent(
             longest lever arm of the rows, so that a robot and its small model have the same margin.
 
     Raises:
-        ConstraintError: the rank is not the same at every sample, or a dependent row requires a velocity that
-            contradicts the others.
+        RankError: the rank is not the same at every sample.
+        ConstraintError: a dependent row requires a velocity that contradicts the others.
     """
     scale = np.abs(samples).max(initial=0.0)
     samples = np.where(np.abs(samples) > 1e-12 * scale, samples, 0.0)
@@ -86,7 +90,7 @@ def select_independent(
     # Near a singular configuration, a sample has a lower rank only for the larger tolerance.
     rank = max(rough)
     if min(exact) < rank:
-        raise ConstraintError(
+        raise RankError(
             f"rank of the constraints changes with the configuration, from {min(exact)} to {max(exact)} "
             f"of {len(names)} rows ({', '.join(names)}): the reduction needs a constant one"
         )

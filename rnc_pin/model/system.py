@@ -9,11 +9,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError, few
+from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError, argument, few
 from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model.actuation import Actuation, Actuators
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.independence import (
+    RankError,
     Selection,
     block_row_scales,
     check_actuators,
@@ -31,11 +32,13 @@ from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import ConstraintKind, FrameAnchor, OutputKind, Rows
 from rnc_pin.printing import ObjectSummary, SummaryMixin
 from rnc_pin.robots.joint_values import base_of, fixed_base
+from rnc_pin.robots.model_checks import flat_links
 from rnc_pin.robots.robot import Robot
 
 _Kind = TypeVar("_Kind", ConstraintKind, OutputKind, ForceKind)
 
 _SAMPLES = 12
+_NEAR = 0.3  # distance of samples from the neutral configuration if the rank differs farther away [rad or m]
 _AT_REST = 1e-12  # largest entry of a row that no joint moves
 _THIN = 1e-3  # smallest singular value of unit rows below which a warning is given
 
@@ -45,7 +48,8 @@ class NonholonomicSystem(SummaryMixin):
 
     A maximal independent set of the constraint rows is kept. ``dropped_rows`` lists the redundant rows with the
     reasons. Rows that are dependent to rounding count as dependent. Nearly dependent rows count as independent. A
-    ``ModelWarning`` names both. The rank is computed at configurations that satisfy the holonomic rows.
+    ``ModelWarning`` names both. The rank is computed at configurations that satisfy the holonomic rows: at any, or if
+    it differs among them, at those near the neutral one.
 
     Args:
         robot: the robot.
@@ -110,14 +114,17 @@ class NonholonomicSystem(SummaryMixin):
         self.rows = RowStack(blocks)
         _check_unique(self.rows.names, "constraint row")
         self.assembly = Assembly(robot, blocks)
-        self._samples = self.assembly.samples(_SAMPLES)
-        samples, rates = _sample_rows(self.rows, robot, self._samples)
-        scales = [block_row_scales(block, samples[:, at]) for block, at, _ in self.rows.places]
-        lengths = np.concatenate([np.zeros(0), *scales])  # relative to which rows count as zero
         coupled = [name for block in blocks[len(self.kinds) :] for name in block.names]
-        check_reactions(self.rows, samples, lengths, coupled)
-        angular = np.array([unit == "rad/s" for unit in robot.velocity_units])
-        found = select_independent(samples, self.rows.names, rates if self.rows.affine else None, lengths, angular)
+        try:
+            samples, found = self._selected(coupled)
+        except RankError:  # the rank counts where the robot can be, and not upside down
+            if base_of(robot.model) == "free" and (flat := flat_links(robot.model)):
+                planar = argument("base", "planar")
+                why = "have a moment of inertia about one axis only, so that its motion in space has no inertia"
+                raise ConstraintError(
+                    f"robot '{robot.name}': {few(flat)} {why}: give all moments, or {planar}"
+                ) from None
+            samples, found = self._selected(coupled, _NEAR)
         self.kept, self.dropped_rows = found.kept, found.dropped
         self.row_margin = found.margin
         self.nearly_dependent_rows = tuple(found.weak) if found.margin < _THIN else ()
@@ -139,6 +146,17 @@ class NonholonomicSystem(SummaryMixin):
         check_forces(blocks, self.forces, kinematics, self._samples)
         for doubt in _doubts(robot, blocks, samples[:, self.kept], found):
             warnings.warn(f"robot '{robot.name}': {doubt}", ModelWarning, stacklevel=2)
+
+    def _selected(self, couplings: Sequence[str], spread: float = np.pi) -> tuple[np.ndarray, Selection]:
+        """All rows (samples, k, nv) at sampled configurations, and the independent ones."""
+        self._samples = self.assembly.samples(_SAMPLES, spread)
+        samples, rates = _sample_rows(self.rows, self.robot, self._samples)
+        scales = [block_row_scales(block, samples[:, at]) for block, at, _ in self.rows.places]
+        lengths = np.concatenate([np.zeros(0), *scales])  # relative to which rows count as zero
+        check_reactions(self.rows, samples, lengths, couplings)
+        angular = np.array([unit == "rad/s" for unit in self.robot.velocity_units])
+        mu = rates if self.rows.affine else None
+        return samples, select_independent(samples, self.rows.names, mu, lengths, angular)
 
     def with_constraints(self, constraints: Sequence[ConstraintKind], may_stop: bool = False) -> NonholonomicSystem:
         """The same robot, actuators and forces with further constraints.

@@ -4,6 +4,7 @@ from .joint_values import NO_LIMIT as NO_LIMIT
 from .model_checks import MOVES_NONE as MOVES_NONE
 from .model_checks import Massless as Massless
 from .model_checks import UselessInertia as UselessInertia
+from .model_checks import flat_links as flat_links
 from .model_checks import mass_of_box as mass_of_box
 from .robot import Robot as Robot
 from .robot_files import example_urdfs as example_urdfs

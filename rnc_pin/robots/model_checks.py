@@ -14,6 +14,7 @@ from rnc_pin.printing import significant
 from rnc_pin.robots.joint_values import NamedModel
 from rnc_pin.robots.sources.description import Body
 
+_FLAT = 1e-9  # share of the largest moment of inertia below which another one is zero
 _BODY_FIXED = ("Planar", "FreeFlyer", "Spherical", "Translation")  # joints of several axes, constant in the body
 
 
@@ -43,6 +44,14 @@ def check_model(model: pin.Model) -> None:
             ModelWarning,
             stacklevel=2,
         )
+
+
+def flat_links(model: pin.Model) -> list[str]:
+    """Links if all bodies have a moment of inertia about one axis only, as files of robots in a plane have them."""
+    heavy = {joint: np.linalg.eigvalsh(each.inertia) for joint, each in enumerate(model.inertias) if each.mass > 0}
+    if not all(most > 0 and middle <= _FLAT * most for _, middle, most in heavy.values()):
+        return []
+    return [each.name for each in model.frames if each.type == pin.FrameType.BODY and each.parentJoint in heavy]
 
 
 def joints_with_moving_axes(model: pin.Model) -> list[str]:

@@ -8,6 +8,7 @@ import pytest
 import scipy.linalg
 
 import rnc_pin as rnc
+import urdf_parts
 from bodies import add_body
 from rnc_pin.model.reduction_data import best_entries
 from rnc_pin.model.relative_rows import is_loose
@@ -59,6 +60,19 @@ def test_what_does_not_fit_is_refused_in_one_line(make, error, words):
     with pytest.raises(error, match=words) as caught:
         make()
     assert "\n" not in str(caught.value)
+
+
+def test_rank_counts_where_a_robot_stands_and_not_upside_down(tmp_path):
+    """A car before a curb, a cylinder below its front wheels, can only roll on. On its roof, the rank differs."""
+    places = {
+        f"{end}_{side}": (x, y, 0) for end, x in (("f", 0.3), ("r", -0.3)) for side, y in (("l", 0.2), ("r", -0.2))
+    }
+    parts = [urdf_parts.link("base", 10.0), *(urdf_parts.wheel(name, "base", at) for name, at in places.items())]
+    file = urdf_parts.write(tmp_path / "car.urdf", urdf_parts.robot(*parts))
+    curb = rnc.CylindricalGround(0.05, axis=(0, 1, 0), point=(0.6, 0, 0))
+    wheels = [rnc.RollingWheel(name, 0.1, ground=curb if name[0] == "f" else None) for name in places]
+    system = rnc.NonholonomicSystem(rnc.Robot.from_urdf(file, base="free"), wheels)
+    assert (system.n, system.m) == (10, 9)
 
 
 # ---------------------------------------------------------------------- singular and wrong states

@@ -20,6 +20,7 @@ from rnc_pin.applications.init.wheeled_base import one_lateral, planar
 from rnc_pin.errors import ConfigurationError, few
 from rnc_pin.io import Json
 from rnc_pin.printing import significant
+from rnc_pin.robots import flat_links
 
 _SUPPORT = "caster.*|.*caster|castor.*|.*castor|support|skid|stabili[sz]er|ball|roller|slider|foot|feet|leg_rest"
 _BALANCES = "balanc.*|segway|pendul.*|upkie|hoverboard|two_?wheel(?:ed)?|self_?balanc.*"
@@ -287,6 +288,12 @@ def without_wheels(
         result = _on_ice(at_start, called)
         _decide(result, "planar", called, GUESSED, at_start)
         return _doubting_wheels(result, at_start)
+    flat = [] if own else flat_links(at_start.robot.model)
+    if flat and asked is None:
+        flat_says = f"{why}, and {few(flat)} have a moment of inertia about one axis only, as of a robot in a plane"
+        result = _afloat(at_start, "planar", flat_says)
+        _decide(result, "planar", flat_says, LIKELY, at_start)
+        return _doubting_wheels(result, at_start)
     result = _afloat(at_start, None if own and asked is None else "free", why)
     if asked is None:
         _decide(result, "free", why, sure, at_start)
@@ -357,7 +364,9 @@ def _afloat(at_start: RobotAtStart, base: str | None, why: str) -> BaseAssumptio
     result.notes.append(
         "a floating base is free of contacts and of gravity, as in space; for a bolted one: --base fixed"
     )
-    place = {"frame_position": {"frame": at_start.frame}}
+    place: dict[str, Json] = {"frame_position": {"frame": at_start.frame}}
+    if base == "planar":
+        place["frame_position"] = {"frame": at_start.frame, "axes": "xy"}
     if not at_start.start:  # one rigid body: with conserved momentum it would not move
         for kind, axis in itertools.product(("force", "torque"), "xyz"):
             result.act(kind, axis, "thrusters")

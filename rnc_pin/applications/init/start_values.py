@@ -252,6 +252,8 @@ def with_regular_inertia(robot: Robot, start: Mapping[str, float]) -> tuple[_Val
 def _smallest_eigenvalue(robot: Robot, start: Mapping[str, float]) -> float:
     """Smallest eigenvalue of the inertia matrix with ones on its diagonal."""
     M = pin.crba(robot.model, robot.model.createData(), robot.configuration(start))
+    if not np.diag(M).all():
+        return 0.0
     return float(np.linalg.eigvalsh(unit_diagonal(M))[0])
 
 

@@ -12,7 +12,10 @@ from rnc_pin.applications.init.evidence import named_as_driven
 from rnc_pin.applications.init.source import with_choices
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.errors import ConfigurationError, ModelError
+from rnc_pin.constraints import MomentumConservation
+from rnc_pin.errors import ConfigurationError, ConstraintError, ModelError
+from rnc_pin.model import NonholonomicSystem
+from rnc_pin.robots import Robot
 from rnc_pin.simulation import ground_paths
 from urdf_parts import BOX, caster, joint, link, pivot, plugin, robot, transmissions, wheel
 
@@ -671,6 +674,23 @@ def test_a_boat_is_no_spacecraft_and_an_unknown_body_is_a_question(drafted):
     assert question.is_open
     assert [each.command for each in question.alternatives] == ["--base planar"]
     assert not any(each.is_open for each in drafted(robot(hull, name="cube_satellite"))[2].values())
+
+
+def test_bodies_with_one_moment_of_inertia_float_in_a_plane(drafted, tmp_path):
+    parts = [link("bus", 20.0, '<box size="0.4 0.4 0.1"/>')]
+    for name, x in (("a", 0.3), ("b", -0.3), ("c", 0.4)):
+        parts += [link(name, 1.0, at=f"{x / 2} 0 0"), joint(f"{name}_joint", "bus", name, (x, 0, 0), "0 0 1")]
+    text = re.sub('ixx="[^"]*" iyy="[^"]*"', 'ixx="0" iyy="0"', robot(*parts))
+    kind, content, _ = drafted(text)
+    assert kind.startswith(
+        "planar: no wheels, and 3 limbs on one body, and bus, a, b and 1 more have a moment of inertia"
+    )
+    assert content["constraints"] == [{"momentum": "root_joint"}]
+    free = Robot.from_urdf(tmp_path / "unit.urdf", base="free", gravity=(0, 0, 0))
+    with pytest.raises(
+        ConstraintError, match=r"bus, a, b and 1 more have a moment of inertia about one axis only.*planar"
+    ):
+        NonholonomicSystem(free, [MomentumConservation("root_joint")])
 
 
 def test_the_desired_path_belongs_to_the_point_that_is_drawn(drafted, tmp_path):
