@@ -67,9 +67,12 @@ def test_rank_counts_where_a_robot_stands_and_not_upside_down(tmp_path):
     places = {
         f"{end}_{side}": (x, y, 0) for end, x in (("f", 0.3), ("r", -0.3)) for side, y in (("l", 0.2), ("r", -0.2))
     }
-    parts = [urdf_parts.link("base", 10.0), *(urdf_parts.wheel(name, "base", at) for name, at in places.items())]
+    parts = [
+        urdf_parts.link("base", 10.0, urdf_parts.BOX),
+        *(urdf_parts.wheel(name, "base", at) for name, at in places.items()),
+    ]
     file = urdf_parts.write(tmp_path / "car.urdf", urdf_parts.robot(*parts))
-    curb = rnc.CylindricalGround(0.05, axis=(0, 1, 0), point=(0.6, 0, 0))
+    curb = rnc.CylindricalGround(0.05, axis=(0, 1, 0), point=(0.6, 0, 0), inside=False)
     wheels = [rnc.RollingWheel(name, 0.1, ground=curb if name[0] == "f" else None) for name in places]
     system = rnc.NonholonomicSystem(rnc.Robot.from_urdf(file, base="free"), wheels)
     assert (system.n, system.m) == (10, 9)
