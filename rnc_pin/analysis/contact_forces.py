@@ -93,7 +93,7 @@ class ContactForceSet:
     ) -> tuple[Float[Array, "M e y"], Float[Array, "N e"]]:
         """Return W and b at states (N,), or at one state (M = 1), under inputs T."""
         batch = state.q if state.q.ndim > 1 else state.q[None]
-        lines = self._lines(state if state.q.ndim == 1 else state.q)
+        lines = self._lines(state)
         effects, kept = self._effects(state.all_rows.reshape(len(batch), *state.all_rows.shape[-2:]), lines)
         needed, v_dot = state.forced_motion(T)
         if lines is None or kept is None:

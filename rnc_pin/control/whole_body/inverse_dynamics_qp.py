@@ -303,13 +303,13 @@ class InverseDynamicsQP(WholeBodyProgram):
         state, motion = sample.start, self._limits.bounds(sample, rows)
         rest = program.motion.T @ (self._decay * state.v2)  # computed torque, which carries the load
 
-        def solved(limits: ProgramBounds, start: Array | None, near: tuple[float, ...] = ()) -> RelaxedSolution:
+        def solved(
+            limits: ProgramBounds, start: Array | None, near: tuple[float, ...], exclusive: bool
+        ) -> RelaxedSolution:
             bounds, given = self._bounds(limits, program), sampled._replace(near=near)
-            return solve_within(
-                levels, bounds, self._limits, rest, multipliers=start, before=self._forces, sampled=given
-            )
+            return solve_within(levels, bounds, self._limits, rest, 0.0, start, self._forces, given, exclusive)
 
-        found = best = solved(motion, multipliers)
+        found = best = solved(motion, multipliers, (), False)
         least, best_end, averaged = np.inf, None, self._limits.averaged[motion.places]
         for _ in range(_CORRECTIONS + 1 if len(motion.lower) and not found.unsolved else 0):
             end = self._end(state, self._inputs(program, found.unknowns))
@@ -330,7 +330,7 @@ class InverseDynamicsQP(WholeBodyProgram):
                 lower=motion.lower - np.minimum(reached, below) + expected,
                 upper=motion.upper - np.maximum(reached, above) + expected,
             )
-            found = solved(corrected, found.multipliers, found.damping)
+            found = solved(corrected, found.multipliers, found.damping, bool(found.excess.any()))
             if found.unsolved:
                 break
         found = best

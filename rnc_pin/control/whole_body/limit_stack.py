@@ -35,7 +35,7 @@ class NearestPoint(NamedTuple):
 
 
 def nearest_point(
-    goal: Array, rows: Array, lower: Array, upper: Array, multipliers: Array | None = None
+    goal: Array, rows: Array, lower: Array, upper: Array, multipliers: Array | None = None, coarse: bool = True
 ) -> NearestPoint | None:
     """Return the point nearest to a goal (n,) with ``lower <= rows x <= upper``; None if there is none.
 
@@ -44,10 +44,13 @@ def nearest_point(
         rows: (k, n).
         lower, upper: bounds, (k,) each; infinite if there are none.
         multipliers: multipliers of a similar program, (k,), to start from.
+        coarse: True to try a coarser tolerance too.
     """
-    tried: list[tuple[Array | None, dict[str, float]]] = [(None, _SETTINGS), (None, _COARSE)]
+    tried: list[tuple[Array | None, dict[str, float]]] = [(None, _SETTINGS)]
     if multipliers is not None and multipliers.any():
-        tried = [(multipliers, _SETTINGS), *tried]
+        tried.insert(0, (multipliers, _SETTINGS))
+    if coarse:
+        tried.append((None, _COARSE))
     identity, kinds = np.eye(len(goal)), np.zeros(len(rows), dtype=np.int32)
     for start, settings in tried:
         x, _, status, info = daqp.solve(identity, -goal, rows, upper, lower, kinds, dual_start=start, **settings)
@@ -282,7 +285,8 @@ class LimitStack:
             belongs[members] = True
             group = np.flatnonzero(belongs[bounds.places])
             both = np.concatenate([fixed, group])
-            if (found := nearest_point(np.zeros(r), rows[both], lower[both], upper[both])) is not None:
+            found = nearest_point(np.zeros(r), rows[both], lower[both], upper[both], coarse=False)
+            if found is not None:
                 inside = found.point
             else:
                 v2 = self._least_excess(bounds._replace(lower=lower, upper=upper), fixed, group)

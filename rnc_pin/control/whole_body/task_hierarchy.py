@@ -200,6 +200,7 @@ def solve_within(
     multipliers: Array | None = None,
     before: Sequence[Array] = (),
     sampled: SampledDamping | None = None,
+    exclusive: bool = False,
 ) -> RelaxedSolution:
     """Solve the levels; limits that exclude each other give way.
 
@@ -209,9 +210,10 @@ def solve_within(
         limits: the limits, in the order in which they give way.
         otherwise: unknowns (n,) if no program is solved.
         before: groups of further places of the bounds that come before the limits.
+        exclusive: True if the limits of a similar program exclude each other.
     """
     start = None if multipliers is None else multipliers[:, bounds.places]
-    found = solve_cascade(levels, bounds, damping, start, sampled)
+    found = None if exclusive else solve_cascade(levels, bounds, damping, start, sampled)
     if found is not None:
         return RelaxedSolution(
             found.unknowns, bounds.spread(found.multipliers), np.zeros(bounds.total), damping=found.damping
@@ -225,7 +227,8 @@ def solve_within(
         found, reason = CascadeSolution(relaxed[1], none), "tasks within limits that gave way are not solved"
     excess = bounds.excess(found.unknowns)
     excess[excess < _EXCEEDED] = 0.0
-    return RelaxedSolution(found.unknowns, bounds.spread(found.multipliers), bounds.spread(excess), reason)
+    multipliers = bounds.spread(found.multipliers)
+    return RelaxedSolution(found.unknowns, multipliers, bounds.spread(excess), reason, found.damping)
 
 
 class _FreeDirections(NamedTuple):
