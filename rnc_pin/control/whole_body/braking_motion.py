@@ -25,7 +25,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
 _KEPT = 1e-8  # [rad, m, and per second] excess over a limit that is rounding
-_REST = 1e-6  # [rad/s, m/s] speed that counts as rest
+_REST = 1e-4  # [rad/s, m/s] speed that counts as rest: its inputs remove it within a sample
 _DECISIONS = 60  # of one motion, so that runs repeat
 _RESERVE = 1.1  # of the time in which efforts stop all joints
 _LEAST = 1e-14  # effect of an input on the energy, relative to the sum of all
