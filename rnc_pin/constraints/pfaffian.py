@@ -16,7 +16,7 @@ from rnc_pin.math.linear_algebra import Component, apply
 from rnc_pin.model.coordinates import Coordinates, left_jacobian
 from rnc_pin.model.kernel_rows import KernelRow
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
-from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, Rows, admit_rows
+from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, Rows, admit_rows, admitting
 from rnc_pin.model.user_functions import DerivedRate, Function, Rate, central_difference, check_rate
 from rnc_pin.robots.robot import Robot
 
@@ -308,14 +308,18 @@ class _PfaffianRows(Rows):
         self.affine = kind.rate is not None
         self.holonomic = (kind.residual is not None,) * self._shape[0]
         admit_rows(sample, self._shape, "rows(q) of a Pfaffian constraint")
-        self._rows_dot = self._rate_of(kind.rows, kind.rows_dot, ("rows(q)", "rows_dot(q, v)"), robot)
+        admitted = {
+            name: admitting(getattr(kind, name), shape, f"{name}(q) of a Pfaffian constraint")
+            for name, shape in (("rows", self._shape), ("rate", self._shape[:1]), ("residual", self._shape[:1]))
+        }
+        self._rows_dot = self._rate_of(admitted["rows"], kind.rows_dot, ("rows(q)", "rows_dot(q, v)"), robot)
         if kind.rate is not None:
             admit_rows(kind.rate(*first), self._shape[:1], "rate(q) of a Pfaffian constraint")
-            self._rate_dot = self._rate_of(kind.rate, kind.rate_dot, ("rate(q)", "rate_dot(q, v)"), robot)
+            self._rate_dot = self._rate_of(admitted["rate"], kind.rate_dot, ("rate(q)", "rate_dot(q, v)"), robot)
         if kind.residual is not None:
             labels = "residual(q)", "rows(q) v of a Pfaffian constraint" + (", less rate(q)," if self.affine else "")
             timed = self.rheonomic
-            check_rate(robot, kind.residual, self._residual_rate, labels, self.names, angular=True, timed=timed)
+            check_rate(robot, admitted["residual"], self._residual_rate, labels, self.names, angular=True, timed=timed)
 
     def _residual_rate(self, q: Array, v: Array, *t: float) -> Array:
         """Rate (k,) that the residual has by the rows."""
@@ -357,8 +361,7 @@ class _PfaffianRows(Rows):
     def _evaluated(
         self, function: Callable[..., object], what: str, shape: tuple[int, ...], at: PositionKinematics, *arrays: Array
     ) -> Array:
-        def admitted(*state: Array | float) -> Array:
-            return admit_rows(function(*state), shape, f"{what} of a Pfaffian constraint")
+        admitted = admitting(function, shape, f"{what} of a Pfaffian constraint")
 
         def admitted_at(*state: Array) -> Array:
             return admitted(*state[:-1], float(state[-1][0]))

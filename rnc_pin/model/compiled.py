@@ -141,7 +141,11 @@ class CompiledEvaluator(NumPyEvaluator):
                 except InputError:  # NumPy's path names what is wrong
                     return None
                 break
-        return call(*arguments, rates)
+        try:
+            return call(*arguments, rates)
+        except ValueError:  # of Pinocchio
+            self.data.robot.check_unchanged()
+            raise
 
     def _rates(self, t: ArrayInput | None, q: ArrayInput | None = None) -> Array | None:
         """Right-hand sides of constraints over one time t of states q; None for other constraints and other times."""
@@ -152,6 +156,7 @@ class CompiledEvaluator(NumPyEvaluator):
         return self.kernel.rates_at(float(t), q.shape[:-1] if isinstance(q, Array) else ())
 
     def terms(self, q: ArrayInput, v2: ArrayInput) -> ReducedTerms:
+        self.data.robot.check_unchanged()
         numbers = self._calls.terms(q, v2) if type(q) is type(v2) is Array else None
         if numbers is None:
             return super().terms(q, v2)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import ConstraintError, InputError, SingularityError
+from rnc_pin.errors import ConstraintError, DivergenceError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import Component, apply, apply_transposed, inverse, product, weakest_rows
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.evaluator import ArraysAtQ, Evaluator, filled_for_q, solved_for_q
@@ -321,9 +321,12 @@ class ConfigurationEvaluation(SummaryMixin):
 
     # ------------------------------------------------------------------ singular configurations
 
-    def _singularity(self, regular: Array) -> SingularityError:
+    def _singularity(self, regular: Array) -> SingularityError | DivergenceError:
         """Error for the first state that is not regular."""
         first = np.unravel_index(int(np.argmin(regular)), regular.shape) if regular.ndim else ()
+        finite = np.isfinite(self.E[first]).all(axis=1)
+        if not finite.all():
+            return DivergenceError(f"row '{self._names(first)[int(finite.argmin())]}' is not finite")
         values = self._singular_values[first]
         return SingularityError(
             "singular configuration",
@@ -338,8 +341,10 @@ class ConfigurationEvaluation(SummaryMixin):
         Args:
             state: index of the state, for many states.
         """
-        names = (*(self._data.rows.names[row] for row in self.kept_rows[state]), *self._data.reducing.names)
-        return weakest_rows(self.scaled_stack[state], names)
+        return weakest_rows(self.scaled_stack[state], self._names(state))
+
+    def _names(self, state: int | tuple[np.intp, ...]) -> tuple[str, ...]:
+        return *(self._data.rows.names[row] for row in self.kept_rows[state]), *self._data.reducing.names
 
 
 def no_time(data: ReductionData) -> InputError:

@@ -33,7 +33,7 @@ class ConfigurationValidator:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self._model, self._nq, self._shape = robot.model, robot.nq, (robot.nq,)
+        self._robot, self._model, self._nq, self._shape = robot, robot.model, robot.nq, (robot.nq,)
         self._on_spheres = any(joint.nq != joint.nv for joint in list(robot.model.joints)[1:])
 
     def validate(self, q: ArrayInput) -> np.ndarray:
@@ -41,6 +41,8 @@ class ConfigurationValidator:
         if type(q) is not np.ndarray or q.dtype is not _FLOAT:
             q = admit_numbers(q, "q")
         q = np.array(q, float)  # by position: a keyword costs as much as the call
+        if self._model.nq != self._nq:
+            self._robot.check_unchanged()
         if q.shape == self._shape:  # one state, on the hot path
             if not isfinite(sum(q.tolist())):
                 check_finite("q", q)

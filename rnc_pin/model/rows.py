@@ -16,7 +16,7 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import InputError, SingularityError
+from rnc_pin.errors import InputError, SingularityError, short_text
 from rnc_pin.math.linear_algebra import Component, smallest
 from rnc_pin.model.kernel_rows import Form, KernelRow
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
@@ -290,8 +290,16 @@ def check_defined(what: str, q: np.ndarray, sizes: Component, limit: float, name
 
 
 def admit_rows(rows: object, expected: tuple[int, ...], what: str) -> np.ndarray:
-    """Convert the result of a user's function to an array; raise ``InputError`` if its shape is wrong."""
-    array = np.array(rows, dtype=float)  # the function may use its memory again
+    """Convert the result of a user's function to an array; raise ``InputError`` if it is none, or of wrong shape."""
+    try:
+        array = np.array(rows, dtype=float)  # the function may use its memory again
+    except (TypeError, ValueError):
+        raise InputError(f"{what} returned {short_text(rows)}, expected an array of shape {expected}") from None
     if array.shape != expected:
         raise InputError(f"{what} returned shape {array.shape}, expected {expected}")
     return array
+
+
+def admitting(function: Callable[..., object], expected: tuple[int, ...], what: str) -> Callable[..., np.ndarray]:
+    """Function of a user whose results are admitted by ``admit_rows``."""
+    return lambda *state: admit_rows(function(*state), expected, what)

@@ -190,8 +190,18 @@ class StateEvaluation(ReducedKinematics):
         with np.errstate(over="ignore", invalid="ignore"):  # near the largest number, the sum overflows first
             finite = np.isfinite(v2_dot.sum(axis=-1)).all()
         if not finite:
-            raise DivergenceError("reduced acceleration is not finite: H is nearly singular or a force is too large")
+            raise DivergenceError(f"reduced acceleration is not finite: {self._cause()}")
         return v2_dot
+
+    def _cause(self) -> str:
+        """What makes accelerations infinite or NaN: rates of a row, a passive force, or else inertia or inputs."""
+        for name, rates in zip(self._data.stack.names, np.moveaxis(self.gamma, -1, 0), strict=True):
+            if not np.isfinite(rates).all():
+                return f"the rate of row '{name}' is not finite"
+        for each in self._data.forces:
+            if not np.isfinite(each.force(self.motion)).all():
+                return f"the force '{each.name}' is not finite"
+        return "H is nearly singular or a force is too large"
 
     def inverse_dynamics(self, v2_dot: ArrayInput) -> Float[Array, "*batch r"]:
         """Reduced forces ``F = H v2dot + V v2 + G``."""

@@ -99,6 +99,7 @@ class NonholonomicSystem(SummaryMixin):
         forces: Sequence[ForceKind] = (),
         may_stop: bool = False,
     ) -> None:
+        robot.check_unchanged()
         self.robot = robot
         if isinstance(actuators, list | np.ndarray):  # the caller may change it
             actuators = actuators.copy()
@@ -214,6 +215,7 @@ class NonholonomicSystem(SummaryMixin):
         Raises:
             ConstraintError: not n - m reducing outputs, a duplicate output, or outputs that are dependent everywhere.
         """
+        self.robot.check_unchanged()
         x1 = OutputStack([kind.bind(self.robot) for kind in _kinds(vertical, "vertical outputs")])
         if reducing is None:
             return self._reduced(self._entries(), x1, singularity_limit, free=True)

@@ -14,7 +14,7 @@ from rnc_pin.math.linear_algebra import Entry, apply, complex_step, components, 
 from rnc_pin.model.frame_rows import OffsetFrame, PointRows, axis_index, evaluated, rate_of
 from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
-from rnc_pin.model.rows import ConstantRows, OutputRows, admit_rows, check_defined
+from rnc_pin.model.rows import ConstantRows, OutputRows, admit_rows, admitting, check_defined
 from rnc_pin.model.user_functions import DerivedRate, Rate, check_rate
 from rnc_pin.robots.robot import Robot
 
@@ -266,16 +266,18 @@ class _CustomRows(OutputRows):
         self._shape = (size, robot.nv)
         admit_rows(kind.jacobian(robot.configuration()), self._shape, f"jacobian(q) of output {self.names}")
         whose = f" of output {self.names}"
+        jacobian = admitting(kind.jacobian, self._shape, f"jacobian(q){whose}")
         if kind.value is not None:
-            along = partial(_product, kind.jacobian)
+            along = partial(_product, jacobian)
+            value = admitting(kind.value, self._shape[:1], f"value(q){whose}")
             admit_rows(kind.value(robot.configuration()), self._shape[:1], f"value(q){whose}")
-            check_rate(robot, kind.value, along, ("value(q)", f"jacobian(q) v{whose}"), self.names, kind.angular)
+            check_rate(robot, value, along, ("value(q)", f"jacobian(q) v{whose}"), self.names, kind.angular)
         if kind.jacobian_dot is None:
-            self._jacobian_dot: Rate = DerivedRate(robot, kind.jacobian, f"jacobian(q){whose}")
+            self._jacobian_dot: Rate = DerivedRate(robot, jacobian, f"jacobian(q){whose}")
         else:
             self._jacobian_dot = kind.jacobian_dot
             labels = "jacobian(q)", f"jacobian_dot(q, v){whose}"
-            check_rate(robot, kind.jacobian, kind.jacobian_dot, labels, self.names)
+            check_rate(robot, jacobian, kind.jacobian_dot, labels, self.names)
 
     def value(self, at: PositionKinematics) -> np.ndarray:
         value = self._kind.value

@@ -114,6 +114,11 @@ class NamedModel:
         self.nv: int = model.nv
         self.name: str = model.name
 
+    def check_unchanged(self) -> None:
+        """Raise ``ModelError`` if joints were added to the model, e.g. by ``model.addJoint``."""
+        if self.model.nq != self.nq:
+            raise ModelError(f"joints were added to the model of robot '{self.name}': make a new Robot of it")
+
     def joint_id(self, name: str) -> int:
         """Index of a joint. An unknown name raises ModelError with the nearest name."""
         model, valid = self.model, self.joint_names

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
 from rnc_pin.model.user_functions import DerivedRate, check_rate
+from simple_controllers import Inputs
 
 
 @pytest.fixture
@@ -188,3 +190,53 @@ def test_rows_that_jump_have_no_rate_to_derive():
     robot = rnc.Robot.from_urdf("space_robot.urdf")
     with pytest.raises(rnc.ConstraintError, match="has no rate that differences can find"):
         rnc.Pfaffian(lambda q: np.array([[1.0, np.floor(1e4 * q[1]), 0.0, 0.0]])).bind(robot)
+
+
+LEVEL, RATE = np.array([[0.0, 0.0, 1.0, 1.0]]), np.zeros((1, 4))
+
+
+@pytest.mark.parametrize("bad", [np.zeros((1, 3)), np.zeros((2, 4)), None, "x", [[1, 2], [3]]])
+def test_what_is_no_row_while_differences_are_taken_is_refused_with_its_shape(bad):
+    """The first configuration, by which the number of rows is known, is the neutral one."""
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    jacobian, value = (lambda q, good=good: bad if q.any() else good for good in (LEVEL, np.zeros(1)))
+    for build in (
+        lambda: rnc.Pfaffian(jacobian),
+        lambda: rnc.Pfaffian(lambda q: LEVEL, lambda q, v: RATE, residual=value),
+        lambda: rnc.FixedOutput(rnc.Output(value, lambda q: LEVEL, names=["y"]), 0.0),
+        lambda: rnc.FixedOutput(rnc.Output(lambda q: LEVEL @ q, jacobian, names=["y"]), 0.0),
+    ):
+        with pytest.raises(rnc.InputError, match=r"\(q\).* returned .*, expected"):
+            rnc.NonholonomicSystem(robot, [build()], robot.joint_names).reduce()
+
+
+@pytest.mark.parametrize("where", ["rows", "rows_dot", "force"])
+def test_a_function_that_is_not_finite_in_mid_run_is_named(where):
+    robot, begun = rnc.Robot.from_urdf("space_robot.urdf"), []
+
+    def until(good):
+        return lambda q, *v: good if not begun or q[0] < 0.03 else np.full(good.shape, np.nan)
+
+    given = {"rows": lambda q: LEVEL, "rows_dot": lambda q, v: RATE} | {
+        where: until(RATE if where[-1] == "t" else LEVEL)
+    }
+    forces = [rnc.forces.ForceFunction(until(np.zeros(4)), "drag")] if given.pop("force", None) else []
+    system = rnc.NonholonomicSystem(robot, [rnc.Pfaffian(**given, names=["level"])], robot.joint_names, forces=forces)
+    reduced = system.reduce()
+    begun.append(True)
+    pushed = Inputs(lambda t: [5.0, 0.0, 0.0, 0.0])
+    with pytest.raises(rnc.DivergenceError, match="'drag' is not finite" if forces else "'level' is not finite"):
+        rnc.simulate(reduced, pushed, robot.configuration(), 1.0, 0.01)
+
+
+def test_joints_that_are_added_after_reduction_are_refused_in_one_line():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    system, q, v = rnc.NonholonomicSystem(robot), robot.configuration(), np.zeros(4)
+    reduced = system.reduce()
+    robot.model.addJoint(4, pin.JointModelRX(), pin.SE3.Identity(), "new")
+    for call in (
+        lambda: reduced.at(q, v), lambda: reduced.terms(q, v), lambda: reduced.forward_dynamics(q, v, np.zeros(0)),
+        system.reduce, lambda: rnc.NonholonomicSystem(robot),
+    ):  # fmt: skip
+        with pytest.raises(rnc.ModelError, match="joints were added to the model of robot 'space_robot'"):
+            call()

@@ -14,6 +14,7 @@ from rnc_pin.applications.scenario.schema.scenario import validate
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 DOCUMENTS = pages()
 BLOCK = re.compile(r"^```python\n(.*?)^```", flags=re.DOTALL | re.MULTILINE)
+FOLDERS = "benchmarks|docs|examples|rnc_pin|tests|tools"
 FOLLOWED = ("tutorials", "explanation")  # folders whose pages test_tutorials follows, with their files and commands
 WITH_BLOCKS = [path for path in DOCUMENTS if BLOCK.search(path.read_text()) and path.parent.name not in FOLLOWED]
 
@@ -96,3 +97,5 @@ def test_links_lead_to_files(document):
     for target in re.findall(r"\]\(([^)#]+)\)", document.read_text()):
         if not target.startswith(("http:", "https:")):
             assert (document.parent / target).exists(), target
+    for name in re.findall(rf"(?<![\w./-])(?:{FOLDERS})/[\w./-]*\w", document.read_text()):
+        assert (ROOT / name).exists() or name == "docs/_scenes", name  # made from the recordings
