@@ -11,6 +11,7 @@ from rnc_pin.interruption import endings_as_ctrl_c, ignore_endings, interruptibl
 
 with interruptible_imports():
     import gc
+    import os
     import sys
     import traceback
 
@@ -25,9 +26,13 @@ def main() -> None:
     """Run the command line. Exit status: 0 success, 1 failed run, 2 wrong usage or input."""
     # At a second call in one process the imports are done already.
     started = _STARTED.pop() if _STARTED else time.perf_counter()
+    if sys.stdout is None:  # the next file that is opened would take its place
+        complain("standard output is closed: redirect it, e.g. to /dev/null")
+        sys.exit(USAGE)
     try:
         with endings_as_ctrl_c(), told_warnings():
             status = cli.main(standalone_mode=False, obj=started)
+            sys.stdout.flush()
     except click.exceptions.Abort:
         complain("interrupted")
         sys.exit(FAILED)
@@ -49,6 +54,12 @@ def main() -> None:
     except Exception as error:
         if "--debug" in sys.argv:
             traceback.print_exc()
+        try:
+            sys.stdout.flush()
+        except OSError as full:
+            sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (Python would write the rest at its end)
+            complain(f"standard output cannot be written: {full.strerror}")
+            sys.exit(FAILED)
         complain(f"unexpected {type(error).__name__}: {' '.join(str(error).split())} (--debug shows where)")
         sys.exit(FAILED)
     sys.exit(status if isinstance(status, int) else DONE)

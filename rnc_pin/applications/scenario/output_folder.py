@@ -15,6 +15,7 @@ import os.path
 import re
 import secrets
 import shutil
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -273,7 +274,11 @@ def one_line_errors(place: str | None = None) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise ConfigurationError(f"{place or error.filename}: cannot be written: {error.strerror}") from None
+        if place is None and error.filename is None:
+            sys.stdout.flush()  # what is left there fails again if it is no file that is full
+        raise ConfigurationError(
+            f"{place or error.filename or 'a file'}: cannot be written: {error.strerror}"
+        ) from None
 
 
 def check_new_file(option: str, path: Path, force: bool) -> None:

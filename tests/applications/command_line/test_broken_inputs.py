@@ -5,6 +5,8 @@ show where parts of a scenario meet. Elsewhere: keys of scenarios (``application
 a URDF (``robots/test_robot.py``), wrong usage (``test_cli.py``).
 """
 
+import re
+import subprocess
 import sys
 
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
+from patience import PATIENCE
 from rnc_pin.applications.command_line.cli import main
 from rnc_pin.applications.command_line.report import print_summary
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
@@ -462,3 +465,13 @@ def test_a_plant_that_tells_no_work_has_no_drift(capsys):
     out = capsys.readouterr().out
     assert "nan" not in out
     assert "drift" not in out
+
+
+@pytest.mark.parametrize(("output", "words"), [(">/dev/full", "cannot be written: No space"), (">&-", "is closed")])
+@pytest.mark.parametrize("command", ["list", "run space-robot --out OUT --set simulation.duration=0.1"])
+def test_a_standard_output_that_takes_nothing_is_told_in_one_line(command, output, words, tmp_path):
+    line = f"{sys.executable} -m rnc_pin {command.replace('OUT', str(tmp_path / 'run'))} {output}"
+    ended = subprocess.run(["sh", "-c", line], capture_output=True, text=True, timeout=PATIENCE)
+    assert ended.returncode != 0
+    (told,) = ended.stderr.splitlines()
+    assert re.fullmatch(f"rnc-pin: error: standard output {words}.*", told)
