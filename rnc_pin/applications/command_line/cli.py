@@ -55,7 +55,8 @@ def main() -> None:
         if "--debug" in sys.argv:
             traceback.print_exc()
         try:
-            sys.stdout.flush()
+            if isinstance(error, OSError) and error.filename is None:
+                print(flush=True)  # this fails again if standard output is full, and no file
         except OSError as full:
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (Python would write the rest at its end)
             complain(f"standard output cannot be written: {full.strerror}")

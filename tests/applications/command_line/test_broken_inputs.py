@@ -376,7 +376,7 @@ WRONG_ARGUMENTS = {
         "the controller is the class VelocityTracker: pass an instance of it"),
     "no model": ({"reduced": None}, "expected a ReducedModel, found None"),
     "words for q0": ({"q0": "here"}, "q0 is not an array of numbers: 'here'"),
-    "no q0": ({"q0": None}, r"q has shape \(\), expected"),
+    "no q0": ({"q0": None}, "q0 is not an array of numbers: None"),
     "words for v2_0": ({"v2_0": "fast"}, "v2 is not an array of numbers: 'fast'"),
     "a time in words": ({"duration": "1"}, "duration '1' and dt 0.01 have to be positive numbers"),
     "a step backwards": ({"dt": -1.0}, "duration 0.1 and dt -1.0 have to be positive numbers"),
