@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.errors import argument
 
 SINGULAR = rnc.SingularityError("no inverse", q=np.array([0.5]), condition=1e12, rows=["x"], time=0.25)
 
@@ -27,9 +26,9 @@ def test_a_place_is_prepended_and_the_data_stay(error, words):
 
 
 def test_arguments_are_said_as_python_and_as_scenario_files_take_them():
-    assert argument("base", "free") == "base='free' (robot: {base: free})"
-    assert argument("snap", False) == "snap=False (robot: {snap: false})"
-    assert argument("masses", {"a": 0.1}) == "masses={'a': 0.1} (robot: {masses: {a: 0.1}})"
+    assert rnc.errors.argument("base", "free") == "base='free' (robot: {base: free})"
+    assert rnc.errors.argument("snap", False) == "snap=False (robot: {snap: false})"
+    assert rnc.errors.argument("masses", {"a": 0.1}) == "masses={'a': 0.1} (robot: {masses: {a: 0.1}})"
     robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
     with pytest.raises(rnc.ModelError, match=r"load it with base='fixed' \(robot: \{base: fixed\}\) to mount it"):
         robot.attach(robot, "axle")

@@ -9,8 +9,6 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin import control
-from rnc_pin.planning import Hold
-from rnc_pin.simulation import judge
 from rnc_pin.simulation.summary import add_verdict
 from systems import space_robot
 
@@ -45,7 +43,7 @@ def test_what_prints_a_run_begins_with_its_verdict_and_the_finding_that_decides(
     """A run that came to its end, but not to its goal."""
     reduced = system.reduce()
     run = rnc.free_motion(reduced, reduced.robot.configuration(), [1.0, 0.0, 0.0, 0.0], 0.2, 0.1)
-    run.keep_verdict(judge(run, goal_errors={"hand": 0.3}))
+    run.keep_verdict(rnc.simulation.judge(run, goal_errors={"hand": 0.3}))
     summary = rnc.summarize(run)
     add_verdict(summary, run.verdict)
     why = "failed: the goal of hand is missed by 0.3, allowed is 0.02"
@@ -61,7 +59,7 @@ def test_what_prints_a_run_begins_with_its_verdict_and_the_finding_that_decides(
 def test_a_controller_says_its_settings_and_parts():
     reduced = space_robot()
     task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
-    target = control.RedundancyController(task, Hold(np.zeros(2)), Hold(np.zeros(1)), k3=1.5)
+    target = control.RedundancyController(task, rnc.planning.Hold(np.zeros(2)), rnc.planning.Hold(np.zeros(1)), k3=1.5)
     tracker = control.VelocityTracker(target, control.VelocityGains(k=np.array([1.0, 2.5, 3.0]), beta=10.0, sigma=0.1))
     assert repr(target) in repr(tracker)
     assert repr(task) in repr(target)

@@ -12,15 +12,8 @@ from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 
+from rnc_pin.control import typical_inertia
 from rnc_pin.control.controller import Description, check_known, listed
-from rnc_pin.control.typical_inertia import (
-    adaptation_rate,
-    fastest_rate,
-    gravity_loads,
-    inertia_of_modes,
-    inertia_of_outputs,
-    no_gains,
-)
 from rnc_pin.errors import ConfigurationError, InfeasibleError, short_text
 from rnc_pin.model.input_validation import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
@@ -171,19 +164,21 @@ class VelocityGains(TrackerGains):
         region = np.atleast_2d(configurations)
         H = reduced.at(region).H
         H = H if outputs is None else H[:, outputs][:, :, outputs]
-        fastest = fastest_rate(dt, delay)
-        inertia = inertia_of_outputs(H)
+        fastest = typical_inertia.fastest_rate(dt, delay)
+        inertia = typical_inertia.inertia_of_outputs(H)
         low, high = inertia.window(slowest, fastest)
         if low > high and combine:
-            inertia = inertia_of_modes(H)
+            inertia = typical_inertia.inertia_of_modes(H)
             low, high = inertia.window(slowest, fastest)
         if low > high:
-            raise no_gains(reduced, region, times, inertia, slowest, dt, delay)
+            raise typical_inertia.no_gains(reduced, region, times, inertia, slowest, dt, delay)
         if bandwidth is not None and not low <= bandwidth <= high:
             raise ConfigurationError(f"bandwidth {bandwidth:g} rad/s is outside the window {low:.3g} to {high:.3g}")
         k = (high if bandwidth is None else bandwidth) * inertia.weights
         if adaptation is None:
-            adaptation = adaptation_rate(gravity_loads(reduced, region, outputs), dt, delay)
+            adaptation = typical_inertia.adaptation_rate(
+                typical_inertia.gravity_loads(reduced, region, outputs), dt, delay
+            )
         return _override(cls(k=k, beta=adaptation * k, modes=inertia.modes), design)
 
 
@@ -232,7 +227,7 @@ class PositionGains(TrackerGains):
             ConfigurationError: the delay is negative.
         """
         _check_delay(delay)
-        diagonal, _, eigenvalues = inertia_of_outputs(inertia)
+        diagonal, _, eigenvalues = typical_inertia.inertia_of_outputs(inertia)
         square = gamma / (dt + 2.0 * delay) * float(eigenvalues.min())
         kappa2 = rate * square / (2.0 * gamma**3)
         kappa1 = (square - kappa2 * gamma**2) / gamma**4

@@ -12,16 +12,9 @@ import pinocchio as pin
 
 from rnc_pin.simulation import PlannedPath, RunInfo, Trajectory
 from rnc_pin.visualization import elements as e
+from rnc_pin.visualization import meshcat_scene
 from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, tracked_frames
 from rnc_pin.visualization.elements import Overlay
-from rnc_pin.visualization.meshcat_scene import (
-    VIEW_DIRECTION,
-    Follower,
-    MeshcatScene,
-    enlarged_box,
-    fitting_camera,
-    with_plan,
-)
 from rnc_pin.visualization.scene_bodies import MeshcatRobot, corners_over_time, ground_elements, obstacle_elements
 from rnc_pin.visualization.scene_kinematics import SceneKinematics, SwitchingForces
 
@@ -72,7 +65,7 @@ class RunScene:
         ModelError: the robot has no geometry, or a frame of the view does not exist.
     """
 
-    def __init__(self, shown: ShownRun, view: View, scene: MeshcatScene, first: DrawnState) -> None:
+    def __init__(self, shown: ShownRun, view: View, scene: meshcat_scene.MeshcatScene, first: DrawnState) -> None:
         self.shown, self.view, self.scene = shown, view, scene
         self.robot, self.reduced = shown.drawn_model.robot, shown.drawn_model.reduced
         self.outputs = shown.info.outputs
@@ -83,7 +76,7 @@ class RunScene:
         self.size = float(np.clip(np.linalg.norm(np.ptp(self.kinematics.corners(first.q), axis=0)) / 2, 0.05, 20.0))
         self._largest_force = 1e-9  # the largest so far scales the arrows of a live view
         self.ground = shown.drawn_model.ground_height(view)
-        self._follower: Follower | None = None
+        self._follower: meshcat_scene.Follower | None = None
         times = (first.time,) if run is None else np.linspace(run.time[0], run.time[-1], 5).tolist()
         bodies = corners_over_time(shown.drawn_model.obstacles, times)
         self._look(first, np.concatenate([*(self.kinematics.corners(q) for q in moments), bodies]))
@@ -126,16 +119,18 @@ class RunScene:
 
     def _look(self, first: DrawnState, points: np.ndarray) -> None:
         """Place the camera for points (N, 3) [m] of the robot along its known motion."""
-        view, whole = self.view, with_plan(points, self._path, self.ground or 0.0)
+        view, whole = self.view, meshcat_scene.with_plan(points, self._path, self.ground or 0.0)
         given = None if view.camera is None else np.array(view.camera, dtype=float)
-        forward = np.array(VIEW_DIRECTION) if given is None else np.array(view.target, dtype=float) - given
+        forward = (
+            np.array(meshcat_scene.VIEW_DIRECTION) if given is None else np.array(view.target, dtype=float) - given
+        )
         radius = float(np.linalg.norm(np.ptp(whole, axis=0))) / 2
         # In a picture of a motion much longer than the robot, the robot would be only a dot.
         far = self._path is None and radius > _MAX_MOTION * self.size
         over = self.shown.trajectory is not None
         if given is None:
-            shown = enlarged_box(self.kinematics.corners(first.q)) if far else whole
-            camera, target = fitting_camera(shown, forward)
+            shown = meshcat_scene.enlarged_box(self.kinematics.corners(first.q)) if far else whole
+            camera, target = meshcat_scene.fitting_camera(shown, forward)
         else:
             camera, target = given, np.array(view.target, dtype=float)
         self.scene.set_camera(camera, target)
@@ -143,7 +138,7 @@ class RunScene:
             self.scene.grid(self.ground, target, max(10.0, 2.5 * radius))
         if far or given is not None or not over:
             close = given is None and self._path is None
-            self._follower = Follower(camera, target, self.kinematics.center_of_mass(first.q), close)
+            self._follower = meshcat_scene.Follower(camera, target, self.kinematics.center_of_mass(first.q), close)
 
     # ------------------------------------------------------------------ elements
 

@@ -10,7 +10,6 @@ import systems
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control.whole_body.limit_stack import ContactCones
-from rnc_pin.planning import MinimumJerk, Slowed
 from rnc_pin.simulation import grip_along, judge
 from simple_controllers import Inputs
 from systems import rolling_base
@@ -45,7 +44,7 @@ def test_the_side_force_of_a_sleigh_in_a_steady_turn_is_m_v_w(gripping):
 
 def turn(duration=2.0):
     """A metre and a half turn at once."""
-    return MinimumJerk([0.0, 0.0], [1.5, 1.5], duration)
+    return rnc.planning.MinimumJerk([0.0, 0.0], [1.5, 1.5], duration)
 
 
 def rolled_out(gripping, reference):
@@ -60,7 +59,7 @@ def test_a_reference_that_needs_more_than_the_grip_is_told_by_how_much(gripping)
     rate = 1.5 / 2.0 * 15 / 8
     assert needed.used >= rate**2 / (0.1 * G) * 0.99
     np.testing.assert_allclose(needed.time_scale, np.sqrt(needed.used), rtol=1e-6)
-    slowed = grip_along(gripping, grip, *rolled_out(gripping, Slowed(turn(), needed.time_scale)))
+    slowed = grip_along(gripping, grip, *rolled_out(gripping, rnc.planning.Slowed(turn(), needed.time_scale)))
     np.testing.assert_allclose(slowed.used, 1.0, rtol=2e-2)
     assert "times the grip that 'sleigh' has" in needed.complaints()[0]
     assert not slowed.complaints() or slowed.used < 1.02

@@ -5,7 +5,6 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.analysis import lemma_1_residuals
 from systems import ALL, random_states, reacting, without_outputs
 from textbook_systems import rail_sliders
 from tolerances import CONSTRAINT, FINITE_DIFFERENCE, KKT, LEMMA_1, ROUNDING
@@ -197,7 +196,7 @@ def test_residuals_of_lemma_1_are_those_of_the_slides(moving, step):
     reduced = slides(slopes, wrong_rate, moving)
     configurations = np.random.default_rng(5).normal(size=(4, 3))
     seed = 11
-    found = lemma_1_residuals(reduced, configurations, seed, step)
+    found = rnc.analysis.lemma_1_residuals(reduced, configurations, seed, step)
     draws = np.random.default_rng(seed).uniform(-1, 1, (4, 2))
 
     def H(q):
@@ -223,14 +222,14 @@ def test_residuals_of_lemma_1_are_those_of_the_slides(moving, step):
     assert found["smallest eigenvalue of H"] == pytest.approx(min(ratio), rel=1e-9)
     assert max(found["A R"], found["H - H^T"]) < 1e-14
     if step < 1e-3:
-        usual = lemma_1_residuals(reduced, configurations, seed)
+        usual = rnc.analysis.lemma_1_residuals(reduced, configurations, seed)
         assert usual == pytest.approx(found, rel=1e-12)
 
 
 def test_lemma_1_holds_of_slides():
-    found = lemma_1_residuals(slides(slopes, right_rate), np.random.default_rng(5).normal(size=(4, 3)))
+    found = rnc.analysis.lemma_1_residuals(slides(slopes, right_rate), np.random.default_rng(5).normal(size=(4, 3)))
     assert max(found[name] for name in ("A R", "H - H^T", "Hdot - V - V^T", "V linear")) < 1e-9
     free = rnc.NonholonomicSystem(rail_sliders(1), []).reduce([rnc.JointPosition("s0")])
-    assert lemma_1_residuals(free, np.zeros((1, 1))) == {
+    assert rnc.analysis.lemma_1_residuals(free, np.zeros((1, 1))) == {
         "A R": 0.0, "H - H^T": 0.0, "Hdot - V - V^T": 0.0, "V linear": 0.0, "smallest eigenvalue of H": 1.0,
     }  # fmt: skip

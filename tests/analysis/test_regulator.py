@@ -5,7 +5,6 @@ import pytest
 import scipy.linalg
 
 import rnc_pin as rnc
-from rnc_pin.analysis import check_sampling
 from textbook_systems import linear
 
 # ---------------------------------------------------------------------- the regulator
@@ -48,9 +47,9 @@ def test_what_grows_and_costs_nothing_is_mirrored():
 
 def test_sampled_gains_are_stable_as_long_as_a_sample_takes_less_than_twice_the_error():
     """``x' = 2 u`` with ``u = -4 x`` over a sample: ``x`` becomes ``(1 - 8 dt) x``."""
-    check_sampling(linear([[0.0]], [[2.0]]), np.array([[4.0]]), 0.249)
+    rnc.analysis.check_sampling(linear([[0.0]], [[2.0]]), np.array([[4.0]]), 0.249)
     with pytest.raises(rnc.InfeasibleError, match=r"eigenvalue is 8/s and the sampling period 0\.251 s"):
-        check_sampling(linear([[0.0]], [[2.0]]), np.array([[4.0]]), 0.251)
+        rnc.analysis.check_sampling(linear([[0.0]], [[2.0]]), np.array([[4.0]]), 0.251)
 
 
 OSCILLATOR = [[0.3, 2.7, 0.0, 0.0], [-1.9, -0.3, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 0.0, 0.0, 0.0]]

@@ -10,7 +10,6 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body, add_frame
 from random_systems import CONSTRAINTS, KINDS, Recipe, constraint, robot_of
-from rnc_pin.control import ComputedTorque, RedundancyController
 from rnc_pin.planning import MinimumJerk
 from systems import drifting_manipulator, random_states, reacting, spinning_space_robot, tumbling_panda
 from tolerances import KKT, ROUNDING
@@ -274,8 +273,8 @@ def test_a_run_keeps_momentum_and_energy():
     x1, x2 = reduced.at(q0).outputs()
     # The platform turns by itself and is told to turn elsewhere: (12) has to count with the rate that it has anyway.
     primary = MinimumJerk(x2[:2], x2[:2] + np.array([-0.2, 0.3]), 3.0)
-    target = RedundancyController(task, primary, MinimumJerk(x1, x1 + 0.4, 3.0), k3=3.0, k21=3.0)
-    run = rnc.simulate(reduced, ComputedTorque(reduced, target, 40.0), q0, 4.0, 0.005)
+    target = rnc.control.RedundancyController(task, primary, MinimumJerk(x1, x1 + 0.4, 3.0), k3=3.0, k21=3.0)
+    run = rnc.simulate(reduced, rnc.control.ComputedTorque(reduced, target, 40.0), q0, 4.0, 0.005)
     assert run.constraint_residual.max() < 1e-9
     assert np.abs(run.v[0]).max() > 0.1, "it does not start at rest"
     np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=1e-6)

@@ -7,7 +7,6 @@ import rnc_pin as rnc
 from rnc_pin.control.controller import check_size, elapsed_time
 from rnc_pin.control.feedback import Feedback, apply_dead_zone, fed_back, saturation_mask
 from rnc_pin.model.coordinates import Coordinates
-from rnc_pin.planning import Hold
 from rnc_pin.planning.references import ReferencePoint
 
 
@@ -17,9 +16,9 @@ def test_time_passes_from_sample_to_sample_and_may_stand_still():
         elapsed_time(6.5, 7.0)
     assert str(caught.value) == "time runs backwards: 6.5 s after 7 s"
     with pytest.raises(rnc.ConfigurationError) as caught:
-        check_size(Hold([1.0, 2.0]), 3, "tip's")
+        check_size(rnc.planning.Hold([1.0, 2.0]), 3, "tip's")
     assert str(caught.value) == "the tip's reference has 2 values for 3 outputs"
-    check_size(Hold([1.0, 2.0]), 2, "tip's")
+    check_size(rnc.planning.Hold([1.0, 2.0]), 2, "tip's")
 
 
 def test_an_output_without_a_value_needs_none_where_nothing_is_fed_back():

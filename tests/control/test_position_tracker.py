@@ -10,7 +10,6 @@ from controlled_tasks import ARM_START, Cubic, learnt_over
 from rnc_pin.control import PositionGains, PositionTracker
 from rnc_pin.control.position_tracker import PositionState
 from rnc_pin.model.reduced_kinematics import Measurement
-from rnc_pin.planning import Harmonic, Hold
 from systems import space_robot_in_joints
 
 
@@ -25,7 +24,7 @@ def test_error_converges_to_a_ball_that_shrinks_as_the_gains_grow():
     reduced, q0, x2 = in_joints()
     balls = []
     for k in (8.0, 24.0):
-        waves = Harmonic(x2, 0.3 * np.ones(3), [0.1, 0.13, 0.16], ramp=2.0)
+        waves = rnc.planning.Harmonic(x2, 0.3 * np.ones(3), [0.1, 0.13, 0.16], ramp=2.0)
         tracker = PositionTracker(waves, PositionGains(k1=k, k2=3 * k, gamma=4.0, beta=k))
         run = rnc.simulate(reduced, tracker, q0, 6.0, 0.004)
         error = np.linalg.norm(run.x2_desired - run.x2, axis=1)
@@ -39,7 +38,7 @@ def test_position_error_decays_exponentially_from_far_away():
     rate = 3.0
     gains = PositionGains.scaled(reduced.at(q0).H[None], 0.002, rate=rate)
     for beta in (gains.beta, 1e-12):
-        tracker = PositionTracker(Hold(x2 + np.array([0.05, -0.04, 0.06])), replace(gains, beta=beta))
+        tracker = PositionTracker(rnc.planning.Hold(x2 + np.array([0.05, -0.04, 0.06])), replace(gains, beta=beta))
         run = rnc.simulate(reduced, tracker, q0, 2.4, 0.002)
         # The loop oscillates as it decays: the largest error of each 0.6 s is what counts.
         peaks = np.linalg.norm(run.x2_desired - run.x2, axis=1)[:1200].reshape(4, 300).max(axis=1)
@@ -50,7 +49,7 @@ def test_rate_free_form_is_the_papers_laws_with_rates():
     """(8)-(9) with the dot the scan lost, integrated by brute force with edot known, against ours."""
     generator = np.random.default_rng(3)
     g = PositionGains(k1=3.0, k2=5.0, gamma=2.0, beta=4.0, sigma=0.3)
-    reference = Harmonic([0.1, -0.2], [0.4, 0.3], [0.3, 0.2], ramp=0.5)
+    reference = rnc.planning.Harmonic([0.1, -0.2], [0.4, 0.3], [0.3, 0.2], ramp=0.5)
     phase = generator.uniform(0, 6, 2)
 
     def actual(t):

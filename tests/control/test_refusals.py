@@ -6,7 +6,6 @@ import pytest
 
 import rnc_pin as rnc
 from controlled_tasks import TASK
-from rnc_pin.control import SlitheringReference
 from systems import fire_truck, mobile_manipulator, sleigh
 
 
@@ -24,7 +23,7 @@ def refusals():
     tip = {rnc.FramePosition("tip", "xy"): [1.0, 0.5]}
 
     return [
-        (lambda: SlitheringReference(truck, of_two, "tractor", "rear_axle"),
+        (lambda: rnc.control.SlitheringReference(truck, of_two, "tractor", "rear_axle"),
             "slithers by one vertical output, its yaw; the task has trailer_yaw, tractor_yaw"),
         (lambda: rnc.NonholonomicSystem(flat, [rnc.Pfaffian(two, two, ["one"])]),
             "1 names for 2 Pfaffian rows"),

@@ -9,7 +9,6 @@ from controlled_tasks import TASK
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import DrivenPath, SlitheringReference, SteeringController
 from rnc_pin.model.reduced_kinematics import Measurement
-from rnc_pin.planning import CarPath
 from rnc_pin.robots.robot_files import find_urdf
 from systems import fire_truck
 
@@ -116,7 +115,7 @@ def test_what_is_no_tractor_with_a_trailer_is_refused(arguments, words):
 def test_steering_along_the_driven_path_needs_its_state():
     reduced = fire_truck()
     task = rnc.Task.of(reduced, *TASK)
-    path = CarPath((0, 0, 0), (5, 0, 0), 5.0, 1.0)
+    path = rnc.planning.CarPath((0, 0, 0), (5, 0, 0), 5.0, 1.0)
     steering = SteeringController(
         reduced, task, path.reference, SlitheringReference(reduced, task, "tractor", "rear_axle")
     )

@@ -10,7 +10,6 @@ import rnc_pin as rnc
 from controlled_tasks import Cubic, task_at
 from rnc_pin.control import OuterGains, SteeringController
 from rnc_pin.model.reduced_kinematics import Measurement, kinematic_gradient
-from rnc_pin.planning import Hold
 from systems import fire_truck, random_states
 from tolerances import FINITE_DIFFERENCE
 
@@ -57,7 +56,7 @@ def test_steering_is_the_damped_least_squares_of_what_the_vertical_rates_miss(ma
     generator = np.random.default_rng(3)
     k3, k21, k4, damping, t = np.array([1.3, 0.4]), np.array([0.9, 2.2, 0.6]), 4.7, 0.35, 0.6
     gains = {"gains": OuterGains(k3=k3, k21=k21, k4=k4), "damping": damping, "max_rate": max_rate}
-    aside = Hold([0.77])
+    aside = rnc.planning.Hold([0.77])
     for _ in range(5):
         gradient = generator.uniform(-1, 1, (3, 6, 6))
         law, first, base = steering(gradient, **gains, monitored=(np.array([1]), aside) if monitored else None)

@@ -7,14 +7,13 @@ import rnc_pin as rnc
 from controlled_tasks import gains_along, learnt_over, space_robot_task
 from rnc_pin.control import ReducingOutputController, TrackerState, VelocityGains, VelocityTarget, VelocityTracker
 from rnc_pin.model.reduced_kinematics import Measurement
-from rnc_pin.planning import Harmonic
 from simple_controllers import Memoryless
 from systems import space_robot_in_joints
 
 
 def oscillation(amplitude, frequency):
     """Return a velocity target that never rests: every joint at a frequency of its own."""
-    reference = Harmonic(np.zeros(len(amplitude)), amplitude, frequency, ramp=1.0)
+    reference = rnc.planning.Harmonic(np.zeros(len(amplitude)), amplitude, frequency, ramp=1.0)
     return Memoryless(lambda t, _: VelocityTarget(v2=reference.at(t).velocity, v2_dot=reference.at(t).acceleration))
 
 

@@ -7,7 +7,6 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.errors import ConstraintError, InputError
 from rnc_pin.forces import Damper, ForceFunction, SmoothFriction, Spring, Wrench
 from rnc_pin.model.user_functions import gradient
 from systems import random_states
@@ -152,7 +151,7 @@ def test_scenario_files_have_forces_of_the_robot_and_of_the_plant_alone():
     assert experiment.reduced.reduction_data.forces.names == ("spring(joint_2)",)
     plant = experiment.plant.plant.reduced
     assert plant.reduction_data.forces.names == ("spring(joint_2)", "wrench(tip)", "damper(joint_1)")
-    with pytest.raises(InputError, match=r"mobile-manipulator: spring\(joint_2\): stiffness"):
+    with pytest.raises(rnc.InputError, match=r"mobile-manipulator: spring\(joint_2\): stiffness"):
         Scenario.load(
             "mobile-manipulator", {"forces": [{"spring": {**both["spring"], "stiffness": [1.0, 2.0]}}]}
         ).build()
@@ -170,7 +169,7 @@ def test_scenario_files_have_forces_of_the_robot_and_of_the_plant_alone():
     (lambda: HAND, "is no force"),
 ])  # fmt: skip
 def test_wrong_forces_are_refused_by_name(force, message):
-    with pytest.raises((ConstraintError, InputError, rnc.ModelError), match=message):
+    with pytest.raises((rnc.ConstraintError, rnc.InputError, rnc.ModelError), match=message):
         of_arm([force()])
 
 
@@ -179,5 +178,5 @@ def test_a_force_on_a_conserved_momentum_is_refused():
     momentum, joints = [rnc.MomentumConservation("platform")], robot.joint_names[1:]
     within = Spring(rnc.Distance("platform_body", "tip"), 3.0)
     assert "distance" in str(rnc.NonholonomicSystem(robot, momentum, joints, forces=[within]))
-    with pytest.raises(ConstraintError, match=r"damper\(platform\) acts on momentum"):
+    with pytest.raises(rnc.ConstraintError, match=r"damper\(platform\) acts on momentum"):
         rnc.NonholonomicSystem(robot, momentum, joints, forces=[within, Damper(rnc.JointPosition("platform"), 1.0)])

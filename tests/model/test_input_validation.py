@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.control import Command
 from rnc_pin.model.input_validation import ConfigurationValidator, check_finite, check_positive_settings, vector
 from simple_controllers import Memoryless
 from systems import space_robot
@@ -70,7 +69,7 @@ NO_NUMBERS = [
 
 @pytest.mark.parametrize("made", NO_NUMBERS)
 def test_states_and_times_are_real_numbers(made):
-    reduced, idle = space_robot(), Command(T=np.zeros(3))
+    reduced, idle = space_robot(), rnc.control.Command(T=np.zeros(3))
     q, v2, v, T = reduced.robot.configuration(), np.zeros(3), np.zeros(4), np.zeros(3)
     controller = Memoryless(lambda *_: idle)
     loop, t = rnc.ControlLoop(reduced, controller, dt=0.01), made(np.zeros(1))

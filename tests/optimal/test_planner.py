@@ -5,7 +5,6 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.optimal.guesses import resampled
 from rnc_pin.optimal.transcription import Iterate
 
@@ -72,7 +71,7 @@ def test_a_plan_and_its_verdict_survive_a_file(tmp_path):
     assert again.info == plan.info
     np.testing.assert_array_equal(again.K, plan.K)
     hasty = rnc.optimal.SolverSettings(nodes=5, refinements=0, accuracy=1e-6)
-    with pytest.raises(InfeasibleError) as refusal:
+    with pytest.raises(rnc.InfeasibleError) as refusal:
         rnc.optimal.plan(reduced, plan.q[0], sleigh_goal(1.0, 0.5, 0.5), 2.0, seeds=0, settings=hasty)
     refusal.value.plan.save(tmp_path / "refused.npz")
     again = rnc.optimal.MotionPlan.load(tmp_path / "refused.npz")
@@ -81,10 +80,10 @@ def test_a_plan_and_its_verdict_survive_a_file(tmp_path):
     assert not again.verdict.succeeded
     assert {each.kind for each in again.verdict.failures} == {"goal"}
     assert {each.unit for each in again.verdict.failures} <= {"m", "rad", "m/s", "rad/s"}
-    with pytest.raises(ConfigurationError, match="no file"):
+    with pytest.raises(rnc.ConfigurationError, match="no file"):
         rnc.optimal.MotionPlan.load(tmp_path / "other.npz")
     np.savez(tmp_path / "wrong.npz", u=np.zeros(3))
-    with pytest.raises(ConfigurationError, match="not a plan"):
+    with pytest.raises(rnc.ConfigurationError, match="not a plan"):
         rnc.optimal.MotionPlan.load(tmp_path / "wrong.npz")
 
 
@@ -94,7 +93,7 @@ def test_refinement_reduces_the_violation_after_verification():
     start, coarse = reduced.robot.configuration(), rnc.optimal.SolverSettings(nodes=10, refinements=0, accuracy=1.0)
     first = rnc.optimal.plan(reduced, start, goal, 2.0, settings=coarse).info.verification.inputs
     finer = rnc.optimal.SolverSettings(nodes=10, refinements=1, accuracy=1e-9)
-    with pytest.raises(InfeasibleError, match=r"goal sleigh_y is missed by .* the accuracy is 1e-09") as refusal:
+    with pytest.raises(rnc.InfeasibleError, match=r"goal sleigh_y is missed by .* the accuracy is 1e-09") as refusal:
         rnc.optimal.plan(reduced, start, goal, 2.0, settings=finer, seeds=0)
     plan = refusal.value.plan
     assert len(plan.u) == 20

@@ -90,11 +90,7 @@ REFUSALS = [
     (lambda: planned(time_weight="1"), WRONG, "time_weight: expected a number of at least 0, found '1'"),
     (lambda: planned(feedback=lambda _: np.zeros((2, 2))), WRONG, r"feedback: gains of shape \(2, 2\), expected"),
     (moving_obstacle, WRONG, "an obstacle moves over time"),
-    (
-        lambda: planned(settings=SolverSettings(reserve=0.5)),
-        WRONG,
-        "reserve of SolverSettings has to be at least 0",
-    ),
+    (lambda: planned(settings=SolverSettings(reserve=0.5)), WRONG, "reserve of SolverSettings has to be at least 0"),
     (lambda: bound(VelocityCost({"sleigh_jaw": 1.0}), systems.sleigh(), "acceleration"), WRONG, "did you mean"),
     (lambda: bound(VelocityCost(-1.0), systems.sleigh(), "acceleration"), WRONG, "no weight may be negative"),
     (lambda: rnc.tvlqr(systems.space_robot_in_joints(), short_plan()), WRONG, "the plan is for inputs"),

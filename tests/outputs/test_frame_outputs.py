@@ -8,7 +8,6 @@ import pytest
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.control import PositionTracker, RedundancyController
 from rnc_pin.model.coordinates import Coordinates, left_jacobian
 from rnc_pin.planning import Harmonic, Hold, MinimumJerk
 from rnc_pin.planning.reference_kinds import RelativeMinimumJerk
@@ -98,7 +97,7 @@ def test_the_exact_rate_of_the_class_1_target():
     reduced = reaction_wheels()
     task = rnc.Task.of(reduced, ["antenna"], ["wheel_x", "wheel_y", "wheel_z"])
     references = MinimumJerk([0.0], [0.8], 2.0), Harmonic([0.1, 0.4, -0.3], [0.5, 0.4, 0.6], [0.2, 0.3, 0.25])
-    controller = RedundancyController(task, *references, k3=2.0, k21=2.0)
+    controller = rnc.control.RedundancyController(task, *references, k3=2.0, k21=2.0)
     h, t = 1e-5, 1.3
     for q, v2 in random_states(reduced, 4):
         v = reduced.terms(q, v2).v
@@ -113,7 +112,7 @@ def test_the_exact_rate_of_the_class_1_target():
 
 def test_the_position_tracker_refuses_orientations():
     with pytest.raises(rnc.ConfigurationError, match="not orientations"):
-        PositionTracker(Hold(np.zeros(3)), angular=ROTATION)
+        rnc.control.PositionTracker(Hold(np.zeros(3)), angular=ROTATION)
 
 
 def test_an_orientation_is_not_torn_apart():

@@ -6,7 +6,6 @@ import pytest
 
 import rnc_pin as rnc
 from bodies import add_body, add_frame
-from rnc_pin.planning import find_steering
 from rnc_pin.planning.shortest_paths import reeds_shepp_words, word_length
 from textbook_systems import planar_model
 
@@ -42,7 +41,7 @@ def test_every_motion_arrives_along_the_rows_by_the_shortest_way(steered, room, 
         base, arm = generator.uniform(-3.0, 3.0, 3), generator.uniform(-1.0, 1.0)
         ends.append(reduced.robot.configuration({"root_joint": base, "arm": arm} | bent))
     start, goal = ends
-    steering = find_steering(reduced, start, room=room)
+    steering = rnc.planning.find_steering(reduced, start, room=room)
     first, second = (reduced.at(q).outputs()[0] for q in ends)
     c, s, here, there = np.cos(first[2]), np.sin(first[2]), first[2], second[2]
     seen = np.array([[c, s], [-s, c]]) @ (second - first)[:2]
@@ -79,7 +78,7 @@ def test_long_turns_are_divided_and_long_slides_are_not():
     reduced = rnc.NonholonomicSystem(rnc.Robot(model)).reduce()
     steps = np.zeros((7, 11))
     steps[range(7), [0, 1, 2, 5, 7, 9, 10]] = 9.0, -9.0, -5.0, 3.5, 1.8, 6.9, 9.0
-    steering, start = find_steering(reduced, reduced.robot.configuration()), reduced.robot.configuration()
+    steering, start = rnc.planning.find_steering(reduced, reduced.robot.configuration()), reduced.robot.configuration()
     found = steering.along(start, steps)
     counts = [1, 1, 3, 3, 2, 5, 1]
     np.testing.assert_allclose(found.steps, np.repeat(steps / np.array(counts)[:, None], counts, axis=0))
@@ -94,4 +93,4 @@ def test_a_wheel_that_two_joints_steer_is_refused():
     with pytest.raises(
         rnc.ConfigurationError, match="the motion of the base is not that of a car with one steering joint"
     ):
-        find_steering(reduced, reduced.robot.configuration({"wheel": 0.1, "knuckle": 0.2}))
+        rnc.planning.find_steering(reduced, reduced.robot.configuration({"wheel": 0.1, "knuckle": 0.2}))

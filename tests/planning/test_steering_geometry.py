@@ -7,7 +7,6 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body, add_frame
 from rnc_pin.errors import InfeasibleError
-from rnc_pin.planning import SteeringGeometry
 from textbook_systems import planar_model
 
 WHEELBASE, TRACK, OFFSET, RADIUS = 0.8, 0.5, 0.06, 0.1
@@ -33,7 +32,7 @@ def vehicle(speed=None, steering="steer_left", limit=1.0):
 
 def geometry(reduced, frame="body", largest=1.0):
     q = reduced.robot.configuration()
-    return SteeringGeometry(reduced, q, frame, speed=0, steering=1, largest=largest)
+    return rnc.planning.SteeringGeometry(reduced, q, frame, speed=0, steering=1, largest=largest)
 
 
 @pytest.mark.parametrize(("steering", "left"), [("steer_left", 1), ("steer_right", -1)])

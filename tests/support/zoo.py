@@ -10,7 +10,6 @@ import pinocchio as pin
 from scipy.linalg import null_space, qr
 
 import rnc_pin as rnc
-from rnc_pin.analysis import lemma_1_residuals
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.robots.robot_files import example_urdfs
 from systems import reacting
@@ -166,7 +165,7 @@ def residuals(name: str, kind: str) -> Residuals:
     reduced = KINDS[kind](name)
     robot = reduced.robot
     drawn = states(reduced)
-    lemma = lemma_1_residuals(reduced, np.stack([q for q, _ in drawn]))
+    lemma = rnc.analysis.lemma_1_residuals(reduced, np.stack([q for q, _ in drawn]))
     generator, data = np.random.default_rng(1), robot.model.createData()
     worst, rows = 0.0, reacting(reduced)
     for q, v2 in drawn:

@@ -12,9 +12,7 @@ from browsing import changed, children, picture, place, shape_place, visit, vivi
 from patience import PATIENCE, eventually
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.control import Command
 from rnc_pin.model.reduced_kinematics import Measurement
-from rnc_pin.simulation import Sample, tracking_errors
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.drawn_state import View
 from rnc_pin.visualization.live import LiveView
@@ -91,7 +89,7 @@ def test_everything_is_drawn_and_can_be_switched(browser, fire_truck, tmp_path):
     assert page.evaluate("Object.keys(viewer.gui.__folders)") == ["Scene", "Save / Load / Capture", "Animations"]
     # The overlay says what the run says.
     i = 400
-    position = [tracking_errors(run)[name][i] for name in ("tractor_x", "tractor_y")]
+    position = [rnc.simulation.tracking_errors(run)[name][i] for name in ("tractor_x", "tractor_y")]
     assert (row(page, "time"), row(page, "error of tractor")) == ("4.00 s", f"{np.hypot(*position):.4f} m")
     assert row(page, "singularity margin") == f"{run.singular_value[i]:.4f}"
     # A force is where its axle is, and as long as its multiplier says.
@@ -192,7 +190,7 @@ def test_the_live_page_follows_the_robot_and_may_be_closed(browser, robot):
 
 
 def at(t, q):
-    return Sample(t, Measurement(q=q), Command(), np.empty(0))
+    return rnc.simulation.Sample(t, Measurement(q=q), rnc.control.Command(), np.empty(0))
 
 
 def keep_moving(live, times, q):

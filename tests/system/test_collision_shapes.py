@@ -9,7 +9,6 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.collision import CollisionDistances
 
 FIXED = {"ball_on_plate", "space_robot", "disk_on_slope", "shaken_pendulum"}  # with a stand, or a base without mass
 APART = {"rattleback"}  # a stone that a mesh draws, with nothing to collide
@@ -72,7 +71,7 @@ def test_collision_shapes_contain_what_is_drawn_and_little_else(file):
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_links_that_are_not_adjacent_are_apart_at_the_neutral_configuration(file):
-    distances = CollisionDistances(load(file))
+    distances = rnc.collision.CollisionDistances(load(file))
     assert {each.reason for each in distances.omitted} <= {"adjacent links"}
     robot = distances.robot
     data, placed = robot.model.createData(), robot.collision_model.createData()

@@ -12,7 +12,6 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.analysis import lemma_1_residuals
 from tolerances import CONSTRAINT, KKT, LEMMA_1
 
 pytest.importorskip("hypothesis", reason="hypothesis is in the extra 'test' and not installed")
@@ -111,10 +110,10 @@ def check(recipe, tally):
     if not found or not reduced.r:
         tally.ends["no state far from singular"] += 1
         return
-    figures = lemma_1_residuals(reduced, np.stack(found), recipe.seed)
+    figures = rnc.analysis.lemma_1_residuals(reduced, np.stack(found), recipe.seed)
     assert figures.pop("smallest eigenvalue of H") > 0
     for step in STEPS:  # next to a wheel that lies flat H is steep; a wrong V is wrong at every step
-        finer = lemma_1_residuals(reduced, np.stack(found), recipe.seed, step)
+        finer = rnc.analysis.lemma_1_residuals(reduced, np.stack(found), recipe.seed, step)
         figures["Hdot - V - V^T"] = min(figures["Hdot - V - V^T"], finer["Hdot - V - V^T"])
     for q in found:
         v2, T = generator.uniform(-1, 1, reduced.r), generator.normal(size=reduced.p)

@@ -8,8 +8,6 @@ import pytest
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.control import ReducingOutputController, VelocityGains, VelocityTracker
-from rnc_pin.planning import Hold
 from systems import tiago
 from tolerances import ROUNDING
 
@@ -120,12 +118,12 @@ def test_a_tracker_that_knows_what_holds_the_robot_lets_nothing_drop():
     x2, rest = reduced.at(q0).outputs()[1], np.zeros(reduced.r)
     held = reduced.inverse_dynamics(q0, rest, rest)
     assert np.abs(held).max() > 100
-    target = ReducingOutputController(reduced, Hold(x2))
-    gains = VelocityGains.scaled(reduced, q0[None], 0.002)
+    target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(x2))
+    gains = rnc.control.VelocityGains.scaled(reduced, q0[None], 0.002)
 
     def dropped(tracker):
         run = rnc.simulate(reduced, tracker, q0, duration=0.2, dt=0.002)
         return np.abs(run.x2 - x2).max()
 
-    assert dropped(VelocityTracker(target, gains, held)) < 1e-9
-    assert dropped(VelocityTracker(target, gains)) > 1e-2
+    assert dropped(rnc.control.VelocityTracker(target, gains, held)) < 1e-9
+    assert dropped(rnc.control.VelocityTracker(target, gains)) > 1e-2

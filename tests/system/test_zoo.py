@@ -6,7 +6,6 @@ import pytest
 
 import rnc_pin as rnc
 import zoo
-from rnc_pin.analysis import integrability
 from rnc_pin.robots.robot_files import example_urdfs
 from tolerances import CONSTRAINT, KKT, LEMMA_1
 from tools import tables
@@ -74,7 +73,7 @@ def test_growth_vectors_of_wheeled_robots(name, growth):
     of wheel angles.
     """
     reduced = zoo.KINDS["rolling wheels"](name)
-    found = integrability(reduced, [zoo.states(reduced)[0][0]])
+    found = rnc.analysis.integrability(reduced, [zoo.states(reduced)[0][0]])
     assert found.growth_vector == growth
 
 

@@ -22,9 +22,7 @@ from held_memory import holding_at_most
 from patience import PATIENCE, eventually
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.control import Command
 from rnc_pin.model.reduced_kinematics import Measurement
-from rnc_pin.simulation import Sample
 from rnc_pin.visualization.browser.page import in_order, is_loopback
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.live import LiveView
@@ -54,7 +52,7 @@ def robot():
 
 def sample(t, q):
     """Sample that an observer of a bare robot gets."""
-    return Sample(t, Measurement(q=q), Command(), np.empty(0))
+    return rnc.simulation.Sample(t, Measurement(q=q), rnc.control.Command(), np.empty(0))
 
 
 # ---------------------------------------------------------------------- who can connect

@@ -20,7 +20,6 @@ from rnc_pin.applications.command_line.cli import main
 from rnc_pin.applications.scenario import pictures, saved_run
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.errors import nearest
 from rnc_pin.visualization.drawn_state import DrawnState, View
 from rnc_pin.visualization.elements import drawn_scale
 from rnc_pin.visualization.live import LiveView
@@ -314,7 +313,7 @@ def test_what_a_draft_says_to_do_next_can_be_pasted(call, tmp_path):
     ("tpi", ["base", "tip"], "tip"),
 ])  # fmt: skip
 def test_the_nearest_name_begins_like_the_one_given(name, valid, meant):
-    assert nearest(name, valid) == f"; did you mean '{meant}'?"
+    assert rnc.errors.nearest(name, valid) == f"; did you mean '{meant}'?"
 
 
 # ---------------------------------------------------------------------- camera and floor

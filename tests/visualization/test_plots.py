@@ -21,7 +21,6 @@ from browsing import give_up
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.figures import save, style
-from rnc_pin.simulation import ground_paths
 from rnc_pin.simulation.run_panels import learning_panels, panels
 from rnc_pin.visualization import recording as capture
 from rnc_pin.visualization.plots import draw_footprints, footprints, plot_top_view
@@ -181,7 +180,7 @@ def test_a_body_that_leans_is_one_path(drive):
     """Its origin sways, the point on the ground does not: two points of one body."""
     run, _ = drive
     sways = replace(run, x1=run.x1 + 0.05 * np.sin(run.time)[:, None])
-    names = [path.name for path in ground_paths(sways)]
+    names = [path.name for path in rnc.simulation.ground_paths(sways)]
     assert names.count("tractor") == 1
 
 
@@ -262,7 +261,7 @@ def test_integrals_of_speeds_are_no_path_on_the_ground():
     reduced = mecanum()
     run = rnc.free_motion(reduced, reduced.robot.configuration(), [0.5, 0.2, 1.0], duration=0.2)
     assert reduced.reducing.names[:2] == ("base_speed_x", "base_speed_y")
-    assert [path.name for path in ground_paths(run)] == ["root_joint"]
+    assert [path.name for path in rnc.simulation.ground_paths(run)] == ["root_joint"]
 
 
 # ---------------------------------------------------------------------- outlines of a robot from above

@@ -9,15 +9,7 @@ from statistics import median
 import numpy as np
 
 from rnc_pin.applications.init.assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, place_and_heading
-from rnc_pin.applications.init.evidence import (
-    GUESSED,
-    LIKELY,
-    SURE,
-    Alternative,
-    DraftDecision,
-    body_frame,
-    has_word,
-)
+from rnc_pin.applications.init.evidence import GUESSED, LIKELY, SURE, Alternative, DraftDecision, body_frame, has_word
 from rnc_pin.applications.init.robot_at_start import RobotAtStart, placed
 from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import TOWED, WheelGroup, WheelLayout, are_parallel, in_line

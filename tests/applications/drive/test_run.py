@@ -11,7 +11,6 @@ from rnc_pin.applications.drive.controls import DriveControls, DrivenBase, find_
 from rnc_pin.applications.drive.goals import PlacedGoal, initial_goals
 from rnc_pin.applications.drive.run import CommandQueue, DriveStatus, drive, goal_distances, record_of
 from rnc_pin.control.whole_body import LimitReport
-from rnc_pin.simulation import Outcome
 from urdf_parts import BOX, joint, link, robot, wheel
 
 DT = 0.02
@@ -33,7 +32,7 @@ def test_a_frame_reaches_its_goal_and_the_record_has_it():
     np.testing.assert_allclose(found[:2], [2.0, 0.6], atol=2e-3)
     np.testing.assert_allclose(result.trajectory.x1_desired[-1, :2], [2.0, 0.6])
     np.testing.assert_array_equal(result.trajectory.x1_desired[:5], result.trajectory.x1[:5])  # no goal before
-    assert result.trajectory.outcome is Outcome.COMPLETED
+    assert result.trajectory.outcome is rnc.Outcome.COMPLETED
     assert result.trajectory.constraint_residual.max() < 1e-9
 
 
@@ -347,7 +346,7 @@ def test_commands_of_a_queue_are_logged_at_their_sample_and_replay_from_the_reco
 
     result = drive(live, queue, watcher=User())
     assert [each.sample for each in live.log.commands] == [11, 91]
-    assert result.trajectory.outcome is Outcome.COMPLETED
+    assert result.trajectory.outcome is rnc.Outcome.COMPLETED
     assert len(result.trajectory.time) == 92
     record = record_of(live, result)
     again = manipulator()

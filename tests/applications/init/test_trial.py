@@ -10,7 +10,6 @@ from rnc_pin.applications.init.trial import Trial, model_findings, run_findings
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.errors import ModelWarning
 from rnc_pin.verdict import FindingKind, Severity
 from urdf_parts import BOX, joint, link, pivot, robot, wheel
 
@@ -58,7 +57,7 @@ def test_a_tracker_that_misses_its_reference_gives_way_to_the_next(tmp_path):
 @pytest.mark.usefixtures("strict")
 def test_what_remains_of_an_error_is_said(tmp_path, monkeypatch):
     monkeypatch.setattr(scenario_candidate, "_TRACKERS", {"adaptive": scenario_candidate._ADAPTIVE})
-    with pytest.warns(ModelWarning, match="'arm' is drafted, but its run misses its reference: .* is off by"):
+    with pytest.warns(rnc.ModelWarning, match="'arm' is drafted, but its run misses its reference: .* is off by"):
         text, _, path = drafted(upright_arm(), tmp_path)
     assert "NOT CONFIRMED: its run misses its reference: elbow is off by" in text
     worst = max(execute(Scenario.load(str(path))).summary["max_error"].values())
@@ -147,7 +146,7 @@ def test_an_error_of_half_the_motion_fails():
 
 
 def test_efforts_beyond_the_file_are_said(tmp_path, brief):
-    with pytest.warns(ModelWarning, match="'car' is drafted, but effort of rear_left_joint: .*, limit 1e-06"):
+    with pytest.warns(rnc.ModelWarning, match="'car' is drafted, but effort of rear_left_joint: .*, limit 1e-06"):
         text, _, path = drafted(car(rear=1e-6), tmp_path)
     said = text.partition("CHECK: effort of rear_left_")[2]
     run = execute(Scenario.load(str(path))).trajectory
@@ -174,7 +173,7 @@ def test_a_joint_starts_where_its_motor_holds_the_weight(tmp_path):
 
 
 def test_a_weight_that_no_start_makes_bearable_is_said(tmp_path):
-    with pytest.warns(ModelWarning, match="effort of axle: .* limit 5"):
+    with pytest.warns(rnc.ModelWarning, match="effort of axle: .* limit 5"):
         text, content, _ = drafted(pendulum(-0.5, 0.5, effort=5.0), tmp_path)
     assert "q" not in content.get("initial", {}) or not content["initial"]["q"]
     assert "CHECK: effort of axle: " in text

@@ -11,7 +11,6 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body, add_frame
 from rnc_pin.extras import missing_extra
-from rnc_pin.plants import Plant
 from systems import differential_drive, floating_robot
 
 mujoco = pytest.importorskip("mujoco", reason="comes with the extra mujoco")
@@ -109,7 +108,7 @@ def driven(reduced, q0, v2_0, T, duration, **settings):
     """A plant and the exact motion of the reduced model: (plant, difference of q, difference of v)."""
     exact = rnc.free_motion(reduced, q0, v2_0, duration, duration / 10, T)
     plant = MuJoCoPlant(reduced, MuJoCoSettings(**settings), q0)
-    assert isinstance(plant, Plant)
+    assert isinstance(plant, rnc.plants.Plant)
     plant.reset(q0, reduced.at(q0, v2_0).v)
     plant.apply(np.zeros(reduced.p) if T is None else T)
     plant.advance(duration)

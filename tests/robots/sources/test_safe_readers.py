@@ -18,7 +18,6 @@ from patience import ending_within
 from rnc_pin.applications.command_line.report import print_object, print_summary
 from rnc_pin.applications.scenario.files import parse_option, read_yaml
 from rnc_pin.applications.scenario.saved_run import load_run
-from rnc_pin.errors import nearest
 from rnc_pin.io.json import dump_json
 from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.visualization.scene_bodies import MeshVisualizer, has_own_textures
@@ -114,8 +113,8 @@ def test_xml_too_deep_is_refused(name, tmp_path):
 
 def test_a_name_is_compared_with_others_in_bounded_time():
     with ending_within(3):
-        nearest("x" * 100_000, ["y" * 100_000, "z"])
-        nearest("joint_5", [f"joint_{k}" for k in range(100_000)])
+        rnc.errors.nearest("x" * 100_000, ["y" * 100_000, "z"])
+        rnc.errors.nearest("joint_5", [f"joint_{k}" for k in range(100_000)])
 
 
 def test_many_mimics_of_nothing_are_told_at_once(tmp_path):

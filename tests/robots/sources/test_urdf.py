@@ -15,7 +15,6 @@ import pytest
 import rnc_pin as rnc
 from places import DIRT, ROOT
 from rnc_pin.applications.scenario.schema.world import RobotSource
-from rnc_pin.robots import UselessInertia
 from rnc_pin.robots.sources.urdf_repairs import decimals, is_rounding, snapped_angle, snapped_direction
 from tolerances import ROUNDING
 from urdf_parts import TETRAHEDRON, XACRO, write
@@ -176,7 +175,7 @@ def test_a_remedy_works_when_it_is_followed(name):
 
 def massless_joints(**settings):
     """Joints that the refusal of a file names."""
-    with pytest.raises(UselessInertia) as caught:
+    with pytest.raises(rnc.robots.UselessInertia) as caught:
         loaded("massless_knuckle.urdf", **settings)
     return caught.value.joints
 

@@ -16,16 +16,7 @@ import yaml
 
 from rnc_pin.errors import ModelError, ModelWarning, nearest
 from rnc_pin.io.safe_read import BoundedLoader, load_yaml, read_bytes
-from rnc_pin.robots.sources.xacro.expressions import (
-    LETTERS,
-    Budget,
-    Function,
-    Namespace,
-    Value,
-    builtins,
-    evaluate,
-    mathematical,
-)
+from rnc_pin.robots.sources.xacro import expressions
 
 ENVIRONMENT = (
     *("ROS_DISTRO", "ROS_VERSION", "*_URDF_EXTRAS", "ROBOT_*", "TURTLEBOT*", "HUSKY_*", "JACKAL_*", "RIDGEBACK_*"),
@@ -37,7 +28,7 @@ _PIECES = re.compile(r"(?P<escape>\$\$+[{(])|\$\{(?P<value>[^}]*)\}|\$\((?P<comm
 _COMMANDS = ("arg", "dirname", "env", "eval", "find", "optenv")
 
 
-class Arguments(Mapping[str, Value]):
+class Arguments(Mapping[str, expressions.Value]):
     """Arguments of a file. The mapping converts their values to numbers and bools if possible.
 
     Attributes:
@@ -64,7 +55,7 @@ class Arguments(Mapping[str, Value]):
             raise ModelError(f"argument '{name}' has no value: give it with {given}")
         return self._texts[name]
 
-    def __getitem__(self, name: str) -> Value:
+    def __getitem__(self, name: str) -> expressions.Value:
         text = self.text(name)
         for kind in (int, float) if "." not in text else (float,):
             try:
@@ -115,14 +106,14 @@ class Substitution:
 
     def __init__(self, path: Path, arguments: Arguments, access: FileAccess) -> None:
         self.files = [path]
-        self.budget = Budget()
+        self.budget = expressions.Budget()
         self.arguments = arguments
         self._access = access
         for text in arguments.given:
             self._chosen(text)
-        self.symbols = builtins() | self._xacro()
+        self.symbols = expressions.builtins() | self._xacro()
         kinds = ("list", "dict", "str", "float", "int")
-        self._commands = mathematical() | {name: self.symbols[name] for name in kinds}
+        self._commands = expressions.mathematical() | {name: self.symbols[name] for name in kinds}
         self._commands |= {"true": True, "false": False}
         for name, run in (
             ("arg", arguments.__getitem__),
@@ -131,11 +122,11 @@ class Substitution:
             ("optenv", self._optional_variable),
             ("find", self._found),
         ):
-            self._commands[name] = Function(run)
+            self._commands[name] = expressions.Function(run)
 
-    def value(self, text: str, names: Mapping[str, Value]) -> Value:
+    def value(self, text: str, names: Mapping[str, expressions.Value]) -> expressions.Value:
         """Return a text with all substitutions; a text of a single expression keeps its type."""
-        values: list[Value] = []
+        values: list[expressions.Value] = []
         place = 0
         self.budget.spend(1 + len(text) // 16)
         while place < len(text):
@@ -154,8 +145,8 @@ class Substitution:
         if len(values) == 1:
             return values[0]
         parts = [str(each) for each in values]
-        if sum(map(len, parts)) > LETTERS:
-            raise ModelError(f"a text of more than {LETTERS:,} characters")
+        if sum(map(len, parts)) > expressions.LETTERS:
+            raise ModelError(f"a text of more than {expressions.LETTERS:,} characters")
         return "".join(parts)
 
     def path(self, name: str) -> Path:
@@ -166,16 +157,16 @@ class Substitution:
         """Return the absolute path of a file; raise ModelError if the description may not name it."""
         return self._access.admit(path, f"file '{path}'")
 
-    def _expression(self, text: str, names: Mapping[str, Value]) -> Value:
-        value = evaluate(str(self.value(text, names)), names, self.budget)
-        if isinstance(value, Function | Namespace):
+    def _expression(self, text: str, names: Mapping[str, expressions.Value]) -> expressions.Value:
+        value = expressions.evaluate(str(self.value(text, names)), names, self.budget)
+        if isinstance(value, expressions.Function | expressions.Namespace):
             raise ModelError(f"'{text[:80]}' is a function or namespace, no value")
         return value
 
     def _command(self, text: str) -> str:
         if text.startswith("eval "):
             names = ChainMap(self._commands, self.arguments)  # type: ignore[arg-type]  # both are only read
-            return str(evaluate(text[5:], names, self.budget))
+            return str(expressions.evaluate(text[5:], names, self.budget))
         command, *words = text.split() or [""]
         if command not in _COMMANDS:
             raise ModelError(f"unknown command in '$({text[:60]})'{nearest(command, _COMMANDS)}")
@@ -216,22 +207,22 @@ class Substitution:
             self._access.add(path)
         return text
 
-    def _xacro(self) -> dict[str, Value]:
+    def _xacro(self) -> dict[str, expressions.Value]:
         functions = {
-            "load_yaml": Function(self._load_yaml),
-            "abs_filename": Function(lambda name: str(self.path(name))),
+            "load_yaml": expressions.Function(self._load_yaml),
+            "abs_filename": expressions.Function(lambda name: str(self.path(name))),
         }
         members = functions | {
-            "arg": Function(self.arguments.text),
-            "fatal": Function(_fail),
-            "message": Function(_say_nothing),
-            "print_location": Function(_say_nothing),
-            "warning": Function(self._warn),
-            "error": Function(self._warn),
+            "arg": expressions.Function(self.arguments.text),
+            "fatal": expressions.Function(_fail),
+            "message": expressions.Function(_say_nothing),
+            "print_location": expressions.Function(_say_nothing),
+            "warning": expressions.Function(self._warn),
+            "error": expressions.Function(self._warn),
         }
-        return {**functions, "xacro": Namespace("xacro", members)}
+        return {**functions, "xacro": expressions.Namespace("xacro", members)}
 
-    def _load_yaml(self, name: str) -> Value:
+    def _load_yaml(self, name: str) -> expressions.Value:
         path = self.admitted(self.path(name))
         try:
             text = read_bytes(path).decode()
@@ -241,7 +232,7 @@ class Substitution:
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise ModelError(f"'{path}' is not YAML: {error}") from None
 
-    def _warn(self, *words: Value, **_options: Value) -> str:
+    def _warn(self, *words: expressions.Value, **_options: expressions.Value) -> str:
         text = " ".join(map(str, words))
         warnings.warn(f"{self.files[0].name}: {text[:300]}", ModelWarning, stacklevel=2)
         return ""
@@ -252,11 +243,11 @@ def _is_readable(name: str) -> bool:
     return any(fnmatchcase(name, pattern) for pattern in ENVIRONMENT)
 
 
-def _fail(*words: Value) -> Value:
+def _fail(*words: expressions.Value) -> expressions.Value:
     raise ModelError(" ".join(map(str, words)))
 
 
-def _say_nothing(*_words: Value, **_options: Value) -> str:
+def _say_nothing(*_words: expressions.Value, **_options: expressions.Value) -> str:
     return ""
 
 
@@ -270,17 +261,17 @@ _UNITS: Mapping[str, float] = {
 }
 
 
-def unit_loader(budget: Budget) -> type[BoundedLoader]:
+def unit_loader(budget: expressions.Budget) -> type[BoundedLoader]:
     """Return a safe YAML loader with support for units.
 
     Args:
         budget: limit on the steps of the expressions in it.
     """
-    names = builtins()
+    names = expressions.builtins()
 
     def reading(factor: float) -> Callable[[BoundedLoader, yaml.ScalarNode], float]:
         def read(loader: BoundedLoader, node: yaml.ScalarNode) -> float:
-            return float(evaluate(str(loader.construct_scalar(node)), names, budget)) * factor
+            return float(expressions.evaluate(str(loader.construct_scalar(node)), names, budget)) * factor
 
         return read
 

@@ -11,15 +11,13 @@ from annotated_types import Gt, Len
 from pydantic import TypeAdapter, ValidationError
 
 import rnc_pin as rnc
-from rnc_pin import constraints, outputs
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, one_of
 from rnc_pin.applications.scenario.schema.kinds import ConstraintItem
 from rnc_pin.applications.scenario.schema.scenario import schema, validate
-from rnc_pin.errors import ConfigurationError
 from rnc_pin.visualization.drawn_state import View
 
-KINDS = [getattr(package, name) for package in (constraints, outputs) for name in package.__all__]
+KINDS = [getattr(package, name) for package in (rnc.constraints, rnc.outputs) for name in package.__all__]
 KINDS = [kind for kind in KINDS if dataclasses.is_dataclass(kind)]
 TAKE_FUNCTIONS = {rnc.Pfaffian, rnc.Output}  # which no file can say
 KINDS = [kind for kind in KINDS if kind not in TAKE_FUNCTIONS] + [rnc.FrameForce, rnc.FrameTorque]
@@ -86,7 +84,7 @@ class Spring:
 
     def __post_init__(self):
         if self.frame_a == self.frame_b:
-            raise ConfigurationError(f"spring from '{self.frame_a}' to itself")
+            raise rnc.ConfigurationError(f"spring from '{self.frame_a}' to itself")
 
 
 ITEM = TypeAdapter(Annotated[object, one_of(True, spring=Spring)])
