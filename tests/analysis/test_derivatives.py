@@ -66,9 +66,7 @@ def check_differences(reduced, found, q, v2, T, tolerance=EXACT, step=1e-3):
     model = reduced.robot.model
     near(found.v_q, gradient(model, lambda p: np.array(reduced.at(p, v2).v), q, step), tolerance, "v_q")
     near(found.v2_dot_q, gradient(model, lambda p: reduced.forward_dynamics(p, v2, T), q, step), tolerance, "v2_dot_q")
-    ahead, behind = (
-        [reduced.forward_dynamics(q, v2 + sign * unit, T) for unit in np.eye(reduced.r)] for sign in (1, -1)
-    )
+    ahead, behind = ([reduced.forward_dynamics(q, v2 + s * unit, T) for unit in np.eye(reduced.r)] for s in (1, -1))
     near(found.v2_dot_v2, np.transpose(np.subtract(ahead, behind)) / 2, tolerance, "v2_dot_v2")
     pushed = [reduced.forward_dynamics(q, v2, T + unit) - found.v2_dot for unit in np.eye(reduced.p)]
     near(found.v2_dot_T, np.reshape(pushed, (reduced.p, reduced.r)).T, tolerance, "v2_dot_T")

@@ -151,9 +151,7 @@ def test_a_circle_in_coordinates_that_do_not_move():
     """``rho' = u cos(phi)``, ``phi' = w - u sin(phi) / rho`` of a unicycle; its rates in another order."""
     reduced, speed, turn = unicycle(), 6.0, 4.0
     rho = speed / turn
-    q = reduced.robot.configuration(
-        {"root_joint": (3.0, 2.0 - rho, 0.0)}
-    )  # heading along x, to the left of its bearing
+    q = reduced.robot.configuration({"root_joint": (3.0, 2.0 - rho, 0.0)})  # heading along x, left of its bearing
     found = rnc.linearize(reduced, q, [speed, turn], coordinates=[round_a_center()], rates=["body_yaw", "body_speed_x"])
     assert found.state_names == ("rho", "phi", "body_yaw_dot", "body_speed_x")
     A = np.zeros((4, 4))

@@ -105,9 +105,7 @@ def test_words_shorter_than_the_weight_vanish(hitches):
     shape = [symbol - value for symbol, value in zip(symbols, center, strict=True)]
     z = []
     for linear, polynomial in zip(coordinates.linear, coordinates.polynomials, strict=True):
-        terms = [
-            value * sp.prod([z[i] ** p for i, p in enumerate(powers) if p]) for powers, value in polynomial.items()
-        ]
+        terms = [c * sp.prod([z[i] ** p for i, p in enumerate(powers) if p]) for powers, c in polynomial.items()]
         z.append(sum(float(a) * b for a, b in zip(linear, shape, strict=True)) + sum(terms))
     for f, weight in zip(z, coordinates.weights, strict=True):
         words = [f]

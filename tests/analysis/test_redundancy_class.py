@@ -65,9 +65,7 @@ def test_figures_are_those_of_the_columns_and_rows_of_the_task():
 
 def test_what_only_the_value_of_an_output_steers():
     """``x11dot = sin(x22) s0dot``: its derivative is the cosine, times a speed of about one."""
-    reduced = sliders_with_rows(
-        lambda q: [[np.sin(q[1]), 0.0], [3.0, 0.0]], lambda q, v: [[np.cos(q[1]) * v[1], 0], [0, 0]]
-    )
+    reduced = sliders_with_rows(lambda q: [[np.sin(q[1]), 0], [3, 0]], lambda q, v: [[np.cos(q[1]) * v[1], 0], [0, 0]])
     task = rnc.Task.of(reduced, ["s0"], ["s1"])
     configurations = np.random.default_rng(1).uniform(-1, 1, size=(5, 4))
     found = classify(reduced, task, configurations)

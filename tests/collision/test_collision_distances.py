@@ -126,9 +126,7 @@ def test_rates_agree_with_differences(name, request):
         v = generator.normal(size=robot.nv)
         t = generator.uniform(0.0, 2.0)
         found = distances.at(q, t)
-        ahead, behind = (
-            distances.at(pin.integrate(robot.model, q, sign * step * v), t + sign * step) for sign in (1.0, -1.0)
-        )
+        ahead, behind = (distances.at(pin.integrate(robot.model, q, s * step * v), t + s * step) for s in (1.0, -1.0))
         difference = (ahead.distance - behind.distance) / (2 * step)
         # A difference across a change of the nearest feature shows as a second difference.
         smooth = np.abs(ahead.distance - 2 * found.distance + behind.distance) < 1e-8

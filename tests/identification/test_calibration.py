@@ -137,24 +137,21 @@ def test_outliers_are_named_and_hardly_count(tmp_path):
     assert (np.abs(found.values - values(TRICYCLE.true)) < 3.5 * found.std).all()
 
 
-def test_gaps_in_the_joints_end_windows(tmp_path):
-    log = DIFFERENTIAL.log(6, noise=0.0, ticks=0)
-    parts = []
-    for each in log:
-        cut = (each.time < 11.0) | (each.time > 14.0) if each.quantity == "position" else each.time >= 0
-        parts.append(Channel(each.quantity, each.of, each.time[cut], each.values[cut]))
-    found = rnc.calibrate(DIFFERENTIAL.system(tmp_path), rnc.Log(parts), DIFFERENTIAL.unknown, "sensor")
-    np.testing.assert_allclose(found.values, values(DIFFERENTIAL.true), atol=1e-4)
+def with_gap(each):
+    kept = (each.time < 11.0) | (each.time > 14.0)
+    return Channel(each.quantity, each.of, each.time[kept], each.values[kept])
 
 
-def test_velocities_serve_where_positions_are_missing(tmp_path):
-    log = DIFFERENTIAL.log(7, noise=0.0, ticks=0)
-    parts = []
-    for each in log:
-        rates = np.gradient(each.values[:, 0], each.time)[:, None]
-        parts.append(Channel("velocity", each.of, each.time, rates) if each.quantity == "position" else each)
+def as_velocity(each):
+    return Channel("velocity", each.of, each.time, np.gradient(each.values[:, 0], each.time)[:, None])
+
+
+@pytest.mark.parametrize(("change", "seed", "atol"), [(with_gap, 6, 1e-4), (as_velocity, 7, 2e-3)])
+def test_gaps_in_the_joints_end_windows_and_velocities_serve_as_positions(change, seed, atol, tmp_path):
+    log = DIFFERENTIAL.log(seed, noise=0.0, ticks=0)
+    parts = [change(each) if each.quantity == "position" else each for each in log]
     found = rnc.calibrate(DIFFERENTIAL.system(tmp_path), rnc.Log(parts), DIFFERENTIAL.unknown, "sensor")
-    np.testing.assert_allclose(found.values, values(DIFFERENTIAL.true), atol=2e-3)
+    np.testing.assert_allclose(found.values, values(DIFFERENTIAL.true), atol=atol)
 
 
 def test_headings_need_not_be_measured(tmp_path):

@@ -24,16 +24,12 @@ def test_a_right_model_has_no_suspect(tmp_path):
     assert list(found.slip) == ["rolling(front)", "lateral(front)", "lateral(rear)"]
 
 
-def _rate(seed, time):
-    return 4 * signal(np.random.default_rng(seed))(time) + 2
-
-
 def _with_slip(log, seed):
     """The left wheel turns by a third more than it rolls, from 8 to 10 s and from 20 to 22 s."""
     parts = []
     for each in log:
         if each.name == "position(left_joint)":
-            rate = _rate(seed, each.time)
+            rate = 4 * signal(np.random.default_rng(seed))(each.time) + 2
             spins = ((each.time > 8) & (each.time < 10)) | ((each.time > 20) & (each.time < 22))
             more = np.cumsum(0.3 * np.where(spins, rate, 0.0)) * 0.02
             each = Channel("position", "left_joint", each.time, each.values + more[:, None])

@@ -88,9 +88,7 @@ def test_a_target_out_of_reach_is_reported_with_its_distance():
     assert not result.converged
     assert result.unreachable == {"tip": pytest.approx(distance - first - second, abs=1e-6)}
     tip = reduced.at(result.q).outputs()[1]
-    assert tip - shoulder == pytest.approx(
-        (first + second) / distance * (goal - shoulder), abs=1e-3
-    )  # the minimum is flat
+    assert tip - shoulder == pytest.approx((first + second) / distance * (goal - shoulder), abs=1e-3)  # flat
     # Two targets of which one can be reached alone: both errors are reported.
     both = rnc.solve_ik(reduced, q0, {"tip_x": goal[0], "tip_y": shoulder[1]}, search=rnc.IkSearch(starts=5))
     assert set(both.residuals) == {"tip_x", "tip_y"}

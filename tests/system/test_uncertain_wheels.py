@@ -33,15 +33,12 @@ def drive(radii=(0.1, 0.1), track=0.4, folder=None):
     return system.reduce([rnc.JointPosition(joint) for joint in joints], [rnc.FramePosition("nose", "xy")])
 
 
-def own_and_track(wheels):
-    return [UnknownRadius(wheels[:1]), UnknownRadius(wheels[1:]), UnknownTrack(wheels)]
-
-
 def test_the_estimated_model_is_the_other_robot(tmp_path):
     """A copy with shifted joints and rows of other radii against a URDF that was written so."""
     truth = np.array([0.13, 0.08, 0.55])
     other, reduced = drive(truth[:2], truth[2], tmp_path), drive()
-    model = WheelRegressor(reduced, own_and_track(DRIVE)).estimated(reduced).at(truth)
+    unknown = [UnknownRadius(DRIVE[:1]), UnknownRadius(DRIVE[1:]), UnknownTrack(DRIVE)]
+    model = WheelRegressor(reduced, unknown).estimated(reduced).at(truth)
     for q, v2 in random_states(other, 5):
         believed, true = model.at(q, v2).measure(), other.at(q, v2).measure()
         for name in ("v", "x1", "x2", "v1", "A_star", "A_star_dot"):

@@ -153,15 +153,11 @@ def test_a_browser_that_reads_no_more_costs_no_memory():
             for _ in range(200):  # 100 MB in all
                 scene["path"].set_object(mg.PointCloud(points, np.abs(points).clip(max=1)))
             scene["late"].set_transform(np.eye(4))
-            assert eventually(lambda: "late" in stored(window))
+            assert eventually(lambda: "late" in {path.rsplit("/", 1)[-1] for path, _ in list(window.latest)})
         assert window.browsers == 1
     finally:
         connection.close()
         window.close()
-
-
-def stored(window):
-    return {path.rsplit("/", 1)[-1] for path, _ in list(window.latest)}
 
 
 def test_the_loop_does_not_wait_for_a_browser_that_reads_no_more(prepared, run):

@@ -24,11 +24,9 @@ pytestmark = [pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning"), pytest
 
 def moved(folder, **options):
     """Distance that the base moves in 2 s of the drafted run [m]."""
-    trajectory = execute(
-        Scenario.load(str(folder / "unit.yaml"), {"simulation.duration": 2, "simulation.dt": 0.01, **options})
-    )
-    assert trajectory.error is None
-    q = trajectory.trajectory.q
+    run = execute(Scenario.load(f"{folder}/unit.yaml", {"simulation.duration": 2, "simulation.dt": 0.01, **options}))
+    assert run.error is None
+    q = run.trajectory.q
     return float(np.linalg.norm(q[-1, :2] - q[0, :2]))
 
 
@@ -567,9 +565,7 @@ def test_omni_wheels_beside_others_slide(drafted):
     assert kind == "planar: 4 wheels, differential drive"
     assert content["actuators"] == ["drive_l_joint", "drive_r_joint"]
     assert decided["Do the wheels have rollers?"].answer == "only omni_l_joint, omni_r_joint, which slide"
-    rows = {
-        each["rolling_wheel"]["frame"]: each["rolling_wheel"].get("lateral", True) for each in content["constraints"]
-    }
+    rows = {each["frame"]: each.get("lateral", True) for each in of(content, "rolling_wheel")}
     assert rows == {"drive_l": True, "drive_r": False, "omni_l": False, "omni_r": False}
     assert drafted(text, rollers=True)[0] == "planar: 4 Mecanum wheels"
     assert drafted(text, rollers=False)[0] == "planar: 4 wheels, skid-steered"

@@ -138,9 +138,7 @@ def test_obstacles_without_collision_geometry_are_reported(tmp_path):
     assert any("no collision geometry" in each for each in ready.experiment.warnings)
 
 
-@pytest.mark.parametrize(
-    "shape", [coal.Box(1, 2, 3), coal.Sphere(0.5), coal.Cylinder(0.3, 1.0), coal.Capsule(0.2, 0.6)]
-)
+@pytest.mark.parametrize("shape", [coal.Box(1, 2, 3), coal.Sphere(0.5), coal.Cylinder(0.3, 1), coal.Capsule(0.2, 0.6)])
 def test_drawn_points_are_on_the_shape(shape):
     points = surface_points(shape)
     for direction in np.eye(3):
