@@ -31,7 +31,7 @@ from rnc_pin.applications.init.wheel_detection import find_raised_wheels, find_w
 from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels, find_drawn_axles, find_drawn_wheels
 from rnc_pin.applications.init.wheeled_base import knife_edge_base, wheeled_base
 from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
-from rnc_pin.verdict import FindingKind
+from rnc_pin.verdict import Finding, FindingKind
 
 _STANDS = 3  # smallest number of drawn wheels on which a robot without other wheels stands
 _BaseBuilder = Callable[[], BaseAssumptions]
@@ -72,11 +72,11 @@ def draft(source: str, folder: Path, wishes: DraftOptions | None = None) -> str:
 def draft_with_decisions(source: str, folder: Path, wishes: DraftOptions | None = None) -> DraftedScenario:
     """Return a scenario as ``draft`` does, with the decisions behind it.
 
-    If its run exceeds a position or collides and a decision is open, another answer that leaves no doubts is taken.
+    If its run exceeds limits or collides and a decision is open, another answer that leaves no doubts is taken.
     """
     choices = wishes or DraftOptions()
     taken = first = _tried(source, folder, choices)
-    wrong = [str(each) for each in first.trial.findings if each.kind in (FindingKind.POSITION, FindingKind.COLLISION)]
+    wrong = [str(each) for each in first.trial.findings if _speaks_against(each)]
     for decision in first.scenario.questions if wrong else ():
         evidence = f"with the answer '{decision.answer}', its run has {wrong[0]}"
         for other in decision.alternatives if taken is first else ():
@@ -87,6 +87,13 @@ def draft_with_decisions(source: str, folder: Path, wishes: DraftOptions | None 
     for message in dict.fromkeys(taken.warnings):
         warnings.warn(message, ModelWarning, stacklevel=3)
     return taken.scenario
+
+
+def _speaks_against(finding: Finding) -> bool:
+    """True for a finding of a run that another answer may avoid; a small excess of an effort is none."""
+    if finding.kind is FindingKind.EFFORT:
+        return finding.amount is None or finding.amount > 1.0
+    return finding.kind in (FindingKind.POSITION, FindingKind.COLLISION)
 
 
 class _Draft(NamedTuple):

@@ -20,7 +20,7 @@ from rnc_pin.applications.init.wheeled_base import one_lateral, planar
 from rnc_pin.errors import ConfigurationError, few
 from rnc_pin.io import Json
 from rnc_pin.printing import significant
-from rnc_pin.robots import flat_links
+from rnc_pin.robots import NO_LIMIT, flat_links
 
 _SUPPORT = "caster.*|.*caster|castor.*|.*castor|support|skid|stabili[sz]er|ball|roller|slider|foot|feet|leg_rest"
 _BALANCES = "balanc.*|segway|pendul.*|upkie|hoverboard|two_?wheel(?:ed)?|self_?balanc.*"
@@ -50,15 +50,25 @@ def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
         return DraftDecision(question, "yes" if asked else "no", SURE, "by an option")
     above, beside = _center_of_mass(layout, at_start)
     named = has_word(_BALANCES, *at_start.title)  # a load balancer on a cart is none
-    if beside >= max(0.5 * above, 0.2 * one.radius) or above <= (0.0 if named else _TALL * one.radius):
-        return DraftDecision(question, "no", LIKELY, "its center of mass is low, or beside the axle", (yes,))
-    if named:
-        return DraftDecision(question, "yes", LIKELY, "by a name, and its center of mass is above the axle", (no,))
-    support = _support(layout, at_start)
+    on_legs = bool(one.carriers and other.carriers)
+    if beside >= max(0.5 * above, 0.2 * one.radius) or above <= (0.0 if named or on_legs else _TALL * one.radius):
+        where = "its center of mass is low, or beside the axle"
+        if on_legs:
+            return DraftDecision(question, "no", GUESSED, f"{where}, but its wheels are on legs", (yes,))
+        return DraftDecision(question, "no", LIKELY, where, (yes,))
+    support = "" if named else _support(layout, at_start)
     if support:
         return DraftDecision(question, "no", LIKELY, f"{support} supports it", (yes,))
+    efforts = [effort_limit(at_start.robot, wheel.joint) for wheel in layout.fixed]
+    stated = sum(each for each in efforts if 0 < each < NO_LIMIT)
+    needed = _holding_torque(layout, at_start)
+    if stated and needed > stated:
+        need = f"it takes {needed:.2g} N m at a tilt of 0.1 rad, and its wheels have {stated:.2g} N m"
+        return DraftDecision(question, "no", GUESSED, f"{need}: a caster may be missing in the file", (yes,))
+    if named:
+        return DraftDecision(question, "yes", LIKELY, "by a name, and its center of mass is above the axle", (no,))
     evidence = "nothing else reaches the ground, and its center of mass is high"
-    return DraftDecision(question, "yes", LIKELY, evidence, (no,))
+    return DraftDecision(question, "yes", LIKELY if stated or on_legs else GUESSED, evidence, (no,))
 
 
 def balancing_base(layout: WheelLayout, at_start: RobotAtStart, decided: DraftDecision) -> BaseAssumptions:
@@ -206,12 +216,14 @@ def _support(layout: WheelLayout, at_start: RobotAtStart) -> str:
     A link without a shape counts by its name if its origin is not higher than the axle.
     """
     axle, radius = layout.fixed[0].center[2], layout.fixed[0].radius
-    own = {at_start.robot.joint_id(wheel.joint) for wheel in layout.fixed}
+    model, joint_id = at_start.robot.model, at_start.robot.joint_id
+    supports = [int(each) for wheel in layout.fixed for each in model.supports[joint_id(wheel.joint)]]
+    own = {each for each in supports if each > at_start.root}  # wheels and legs
     everything = [each for kind in at_start.shapes.values() for each in kind if each.joint not in own]
     for shape in everything:
         if shape.bottom - (axle - radius) < _NEAR * radius:
             return shape.name
-    for index, frame in enumerate(at_start.robot.model.frames):
+    for index, frame in enumerate(model.frames):
         low = at_start.data.oMf[index].translation[2] <= axle
         if low and frame.parentJoint not in own and frame.name != "universe" and has_word(_SUPPORT, frame.name):
             return str(frame.name)
@@ -220,9 +232,14 @@ def _support(layout: WheelLayout, at_start: RobotAtStart) -> str:
 
 def _input_cost(layout: WheelLayout, at_start: RobotAtStart) -> float:
     """Inverse square of the torque that holds the body at a tilt of 0.1 rad [1/(N m)^2]."""
+    return significant(_holding_torque(layout, at_start) ** -2)
+
+
+def _holding_torque(layout: WheelLayout, at_start: RobotAtStart) -> float:
+    """Torque that holds the body at a tilt of 0.1 rad [N m]."""
     above, _ = _center_of_mass(layout, at_start)
     weight = 9.81 * sum(inertia.mass for inertia in at_start.robot.model.inertias)
-    return significant((0.1 * weight * max(above, layout.fixed[0].radius)) ** -2)
+    return float(0.1 * weight * max(above, layout.fixed[0].radius))
 
 
 _LIMBS = 3  # a body with at least this number of limbs probably floats

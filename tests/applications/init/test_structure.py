@@ -672,6 +672,43 @@ def test_a_boat_is_no_spacecraft_and_an_unknown_body_is_a_question(drafted):
     assert not any(each.is_open for each in drafted(robot(hull, name="cube_satellite"))[2].values())
 
 
+def legged(hang, ahead=0.0, effort=10.0):
+    """A body on two legs, whose wheels are below it [m], and ahead of it."""
+    parts, foot = [link("base", 8.0, '<box size="0.2 0.2 0.15"/>')], '<box size="0.02 0.02 0.1"/>'
+    for side, y in (("l", 0.15), ("r", -0.15)):
+        turns = ("0 1 0", "revolute", 20.0, (-2, 2))
+        parts += [link(f"thigh_{side}", 0.5), joint(f"hip_{side}", "base", f"thigh_{side}", (0, y, 0), *turns)]
+        parts += [
+            link(f"shank_{side}", 0.4, foot),
+            joint(f"knee_{side}", f"thigh_{side}", f"shank_{side}", (0, 0, -hang), *turns),
+        ]
+        parts += [wheel(f"w_{side}", f"shank_{side}", (ahead, 0, 0), 0.06, effort)]
+    return robot(*parts)
+
+
+def stands_on_two(effort, name="unit_7"):
+    return re.sub('effort="10.0"', effort, two_wheels(CONTROLLER, name=name))
+
+
+WEAK = 'effort="0.06"'  # 70 times less than 0.1 rad of tilt takes: 0.1 rad * 11 kg * 9.8 m/s^2 * 0.4 m
+
+
+@pytest.mark.parametrize(("text", "kind", "is_open"), [
+    (stands_on_two(WEAK), DRIVES, True),
+    (stands_on_two(WEAK, "segway"), DRIVES, True),
+    (stands_on_two(""), BALANCES, True),
+    (stands_on_two('effort="10.0"'), BALANCES, False),
+    (legged(0.3), BALANCES, False),
+    (legged(0.05), BALANCES, False),  # folded
+    (legged(0.05, ahead=0.08), DRIVES, True),
+    (legged(0.05, effort=0.02), DRIVES, True),
+])  # fmt: skip
+def test_efforts_of_the_file_decide_whether_a_base_balances(text, kind, is_open, drafted):
+    found, _, decided = drafted(text)
+    assert found.startswith(kind)
+    assert decided["Does the base balance on its two wheels?"].is_open is is_open
+
+
 def test_bodies_with_one_moment_of_inertia_float_in_a_plane(drafted, tmp_path):
     parts = [link("bus", 20.0, '<box size="0.4 0.4 0.1"/>')]
     for name, x in (("a", 0.3), ("b", -0.3), ("c", 0.4)):
