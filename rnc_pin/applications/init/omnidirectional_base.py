@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,6 +18,7 @@ from rnc_pin.applications.init.evidence import (
     body_frame,
     has_word,
     turning_axis,
+    words_of,
 )
 from rnc_pin.applications.init.robot_at_start import SAME, RobotAtStart
 from rnc_pin.applications.init.wheel_detection import Wheel
@@ -126,6 +128,7 @@ def _decide(
 
 
 _OMNIDIRECTIONAL = "mecanum.*|.*mecanum|omni|omniwheel|omnidirectional|swedish|holonomic|planar_move"
+_SENSOR = "cam|camera|vision|eye|lidar|laser|scan|scanner|sensor|microphone|mic|antenna|wrist|tool"
 _APART = 0.05  # smallest singular value of three independent rows on the base velocity
 _MECANUM = np.pi / 4
 
@@ -133,6 +136,17 @@ _MECANUM = np.pi / 4
 def wheels_called_omni(wheels: Sequence[Wheel], at_start: RobotAtStart) -> list[Wheel]:
     """Return the wheels of which a joint, a link or a mesh has the name of a wheel with rollers."""
     return [wheel for wheel in wheels if has_word(_OMNIDIRECTIONAL, *at_start.names_on(wheel.joint))]
+
+
+def _is_called_omni(at_start: RobotAtStart) -> bool:
+    """True if a name of the whole robot tells of rollers; "omni" before a word for a sensor is one of its sensors."""
+    for name in at_start.title:
+        words = words_of(name)
+        for word, after in itertools.zip_longest(words, words[1:], fillvalue=""):
+            called = has_word(_OMNIDIRECTIONAL, word) or (word, after) == ("planar", "move")
+            if called and not has_word(_SENSOR, after):
+                return True
+    return False
 
 
 def rollers_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | None) -> DraftDecision | None:
@@ -157,8 +171,10 @@ def rollers_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     if layout.sliding:
         called = few([wheel.joint for wheel in layout.sliding])
         return DraftDecision(question, f"only {called}, which slide", LIKELY, "by their names", (no, yes))
-    if wheels_called_omni(wheels, at_start) or has_word(_OMNIDIRECTIONAL, *at_start.title):
-        return DraftDecision(question, "yes", LIKELY, "by the name of a wheel, a plugin or the robot", (no,))
+    if wheels_called_omni(wheels, at_start):
+        return DraftDecision(question, "yes", LIKELY, "by the name of a wheel", (no,))
+    if _is_called_omni(at_start):
+        return DraftDecision(question, "yes", GUESSED, "by the name of a plugin or the robot", (no,))
     return DraftDecision(question, "no", LIKELY, "nothing in the file tells of rollers", (yes,))
 
 

@@ -166,7 +166,8 @@ class Source:
         root = self._urdf
         if root is None:
             return FileNames(self.name)
-        plugins = [value for each in root.iter("plugin") for value in each.attrib.values()]
+        sensors = {id(each) for sensor in root.iter("sensor") for each in sensor.iter("plugin")}
+        plugins = [value for each in root.iter("plugin") if id(each) not in sensors for value in each.attrib.values()]
         meshes = {
             str(link.get("name")): " ".join(Path(each.get("filename", "")).name for each in link.iter("mesh"))
             for link in root.iter("link")

@@ -289,14 +289,18 @@ def classify_wheels(
     """
     result = WheelLayout()
     on_base = [wheel for wheel in wheels if not wheel.pivots]
-    others = any(not wheel.is_ball for wheel in on_base)  # if all are spheres, the file draws its wheels as spheres
+    others = any(not wheel.is_ball for wheel in wheels)  # if all are spheres, the file draws its wheels as spheres
     for wheel in on_base:
         glides = wheel.is_ball and (others or has_word(_GLIDES, *wheel.names)) and drives.says(wheel.joint) is not True
         (result.balls if glides or _is_caster_across(wheel, on_base, drives) else result.fixed).append(wheel)
     groups: dict[str, list[Wheel]] = {}
-    for wheel in wheels:
-        if wheel.pivots:
-            groups.setdefault(wheel.pivots[0].joint, []).append(wheel)
+    for wheel in (each for each in wheels if each.pivots):
+        groups.setdefault(wheel.pivots[0].joint, []).append(wheel)
+    for group in groups.values():
+        balls = [each for each in group if each.is_ball and drives.says(each.joint) is not True]
+        if len(balls) < len(group):
+            result.balls += balls
+            group[:] = [each for each in group if all(each is not ball for ball in balls)]
     carriages = [WheelGroup(group[0].pivots[0], tuple(group)) for group in groups.values()]
     for carriage in carriages:
         is_paired = any(_are_knuckles(carriage, each) for each in carriages if each is not carriage)

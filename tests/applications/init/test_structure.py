@@ -155,6 +155,21 @@ def turret(beside=0.0, arm=False):
     return robot(*parts, pair("drive", holder, back, 0.15), driven)
 
 
+def turret_on_balls(carrier):
+    """The body or the turret stands on three balls, each with a joint about one axis."""
+    parts = [
+        link("body", 20.0, '<box size="0.5 0.5 0.2"/>', at="0 0 0.2"),
+        pivot("turn", "body", (0, 0, 0.1), turns_round=True),
+    ]
+    for k, (x, y) in enumerate(((0.3, 0.0), (-0.15, 0.25), (-0.15, -0.25))):
+        at = (x, y, 0.05 if carrier == "body" else -0.05)
+        parts += [link(f"b{k}", 0.1, '<sphere radius="0.05"/>'), joint(f"b{k}_joint", carrier, f"b{k}", at, effort=0.0)]
+    return robot(*parts, pair("drive", "turn", 0.0, 0.15), transmissions("turn_joint", *DRIVE))
+
+
+DRIVE = ["drive_l_joint", "drive_r_joint"]
+
+
 def test_one_steered_wheel_on_casters_does_not_hold_the_heading(drafted, tmp_path):
     parts = [link("base", 20.0, BOX), pivot("steer", "base", (0.5, 0, 0.05)), wheel("front", "steer", (0, 0, 0))]
     parts += [caster(f"rear_{side}", "base", (-0.4, y, 0)) for side, y in (("l", 0.2), ("r", -0.2))]
@@ -264,7 +279,7 @@ DRAWN_SWERVE = robot(
     *(drawn_pair(f"w{k}", "base", x, kind="continuous", limits=None) for k, x in enumerate((0.3, -0.3))),
 )
 PUSHED = {"force": {"frame": "truck", "axis": "x"}}
-TURRET, DRIVE = "planar: 5 wheels, driven by a turret with 2 wheels", ["drive_l_joint", "drive_r_joint"]
+TURRET = "planar: 5 wheels, driven by a turret with 2 wheels"
 SIX, TOWING = "planar: 6 wheels, steered like a car", "planar: 6 wheels, steered like a car with 1 trailer"
 HELD = {"lock": {"axle_l_joint", "axle_r_joint"}}
 
@@ -273,6 +288,8 @@ HELD = {"lock": {"axle_l_joint", "axle_r_joint"}}
     (turret(), TURRET, [*DRIVE, "turn_joint"], {"reducing": 3}),
     (turret(beside=0.1), TURRET, [*DRIVE, "turn_joint"], {"reducing": 2}),  # the body moves in any direction
     (turret(beside=0.1, arm=True), TURRET, [*DRIVE, "turn_joint"], {"reducing": 2, "lock": {"arm_joint"}}),
+    (turret_on_balls("body"), TURRET, [*DRIVE, "turn_joint"], {"lock": {"b0_joint", "b1_joint", "b2_joint"}}),
+    (turret_on_balls("turn"), TURRET, [*DRIVE, "turn_joint"], {"lock": {"b0_joint", "b1_joint", "b2_joint"}}),
     (body_above_its_drive(), "planar: 5 wheels, differential drive", [*DRIVE, "body_joint"], {"rolling_wheel": 5}),
     (bogies(True), SIX, {*BOGIE_WHEELS}, {"ackermann": 3}),
     (bogies(False), SIX, {"w_ml_joint", "w_mr_joint"}, {"ackermann": 3}),
@@ -431,6 +448,8 @@ SKIDS, MECANUM, ARM = "planar: 4 wheels, skid-steered", "planar: 4 Mecanum wheel
     *((on_legs(beside), {}, BALANCES) for beside in (0.0, 0.02)),
     (four_wheels(CAMERA), {}, SKIDS),
     (four_wheels(CAMERA), {"rollers": True}, MECANUM),
+    (four_wheels(name="rover_omni_camera"), {}, SKIDS),
+    (four_wheels('<gazebo><sensor><plugin name="omni_top" filename="libcamera.so"/></sensor></gazebo>'), {}, SKIDS),
     (four_wheels(wheels="mecanum_wheel"), {}, MECANUM),
     (four_wheels(name="OmniRover"), {}, MECANUM),
     (four_wheels(name="OmniRover"), {"rollers": False}, SKIDS),
