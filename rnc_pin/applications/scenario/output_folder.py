@@ -15,7 +15,6 @@ import os.path
 import re
 import secrets
 import shutil
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -275,10 +274,9 @@ def one_line_errors(place: str | None = None) -> Iterator[None]:
         yield
     except OSError as error:
         if place is None and error.filename is None:
-            sys.stdout.flush()  # what is left there fails again if it is no file that is full
-        raise ConfigurationError(
-            f"{place or error.filename or 'a file'}: cannot be written: {error.strerror}"
-        ) from None
+            print(flush=True)  # this fails again if standard output is full, and no file
+        what = place or error.filename or "a file"
+        raise ConfigurationError(f"{what}: cannot be written: {error.strerror}") from None
 
 
 def check_new_file(option: str, path: Path, force: bool) -> None:
