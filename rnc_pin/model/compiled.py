@@ -259,8 +259,6 @@ class CompiledEvaluator(NumPyEvaluator):
         self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None = None
     ) -> Mapping[str, Array] | None:
         kernel = self.kernel
-        if not self.data.kinematics.axes_are_constant:
-            return None
         numbers = None
         if type(q) is type(v2) is type(T) is Array:
             numbers = self._calls.state_derivatives(q, v2, T, self._rates(t, q))
@@ -278,7 +276,7 @@ def evaluator_for(data: ReductionData, known: NumPyEvaluator | None = None) -> N
         data: the reduction.
         known: evaluator of another reduction of the same system. Rows that were compared for it are not compared again.
     """
-    if _kernel.library is _kernel.NUMPY_ALONE:
+    if _kernel.library is _kernel.NUMPY_ALONE or not data.kinematics.axes_are_constant:
         return NumPyEvaluator(data)
     compared = isinstance(known, CompiledEvaluator) and data.varies_as(known.data)
     try:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.errors import ModelError
 from rnc_pin.math.linear_algebra import Component
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.robots.model_checks import joints_with_moving_axes
@@ -84,9 +85,21 @@ class Kinematics:
     def axes_are_constant(self) -> bool:
         """True if the axes of each joint are constant in the body that it moves.
 
-        Pinocchio's derivatives and the kernel assume it. Universal, ZYX and composite joints are different.
+        Pinocchio's derivatives and rates, and the kernel, assume it. Universal, ZYX and composite joints are different.
         """
         return not joints_with_moving_axes(self.model)
+
+    def check_rates(self, frame: int | None = None) -> None:
+        """Raise ``ModelError`` if Pinocchio's rates of the robot, or of one frame, are wrong: axes move in bodies."""
+        if self.axes_are_constant:
+            return
+        supports = range(self.model.njoints) if frame is None else self.model.supports[self.frame_constants(frame)[0]]
+        for name in joints_with_moving_axes(self.model):
+            if self.model.getJointId(name) in list(supports):
+                raise ModelError(
+                    f"rates of Jacobians and the Coriolis matrix are unknown: axes of '{name}' depend on its own "
+                    "position; accelerations are known. Use joints of one degree of freedom instead"
+                )
 
     @property
     def time(self) -> float | None:
@@ -250,7 +263,8 @@ class VelocityKinematics(PositionKinematics):
 
     @cached_property
     def C(self) -> np.ndarray:
-        """Coriolis matrices C* (..., nv, nv), with ``Hdot* = C* + C*^T``."""
+        """Coriolis matrices C* (..., nv, nv), with ``Hdot* = C* + C*^T``; ``ModelError`` where axes move in bodies."""
+        self._at.check_rates()
         return self._at.over_states(pin.computeCoriolisMatrix, (self._at.nv, self._at.nv), self.q, self.v)
 
     def bias_gradient(self) -> np.ndarray:
@@ -284,7 +298,8 @@ class VelocityKinematics(PositionKinematics):
         return self._moving.get(_acceleration, (6,), frame, axes)[..., rows]
 
     def jacobian_dot(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
-        """Time derivative of ``jacobian``, (..., 6, nv)."""
+        """Time derivative of ``jacobian``, (..., 6, nv); ``ModelError`` where axes move in the bodies below."""
+        self._at.check_rates(frame)
         return self._rates.get(_jacobian_dot, (6, self._at.nv), frame, axes)
 
     def own_acceleration_gradient(self, frame: int) -> np.ndarray:

@@ -109,7 +109,9 @@ class StateEvaluation(ReducedKinematics):
     @cached_property
     def g(self) -> Float[Array, "*batch nv"]:
         """Gravity forces g* before reduction, minus passive forces."""
-        return self.bias - apply(self.C, self.v)
+        if self._data.kinematics.axes_are_constant:
+            return self.bias - apply(self.C, self.v)
+        return self.position.with_velocity(np.zeros_like(self.v)).bias - self.passive_force
 
     @cached_property
     def V(self) -> Float[Array, "*batch r r"]:

@@ -39,8 +39,8 @@ def check_model(model: pin.Model) -> None:
     if moving:
         warnings.warn(
             f"robot '{model.name}': axes of {few(moving)} depend on the joint's own position. Pinocchio's Jacobian "
-            "rates and Coriolis matrix are wrong for such joints, so R_dot, V and A_star_dot are; accelerations are "
-            "right. Use joints of one degree of freedom instead",
+            "rates and Coriolis matrix are wrong for such joints, so R_dot, V and A_star_dot are refused. "
+            "Accelerations are right. Use joints of one degree of freedom instead",
             ModelWarning,
             stacklevel=2,
         )

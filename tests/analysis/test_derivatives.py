@@ -214,13 +214,22 @@ def test_joints_with_axes_that_depend_on_their_position_take_differences():
             joint = model.addJoint(joint, pin.JointModelRY(), place, "second")
         model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.1, 0.4, -0.3]), np.diag([0.2, 0.3, 0.4])), place)
         hand = model.addJoint(joint, pin.JointModelRX(), place, "hand")
+        model.addFrame(pin.Frame("tip", hand, place, pin.FrameType.OP_FRAME))
         model.appendBodyToJoint(hand, pin.Inertia(1.0, np.array([0.3, 0.1, 0.2]), np.diag([0.3, 0.2, 0.1])), place)
         return rnc.NonholonomicSystem(rnc.Robot(model), [], np.eye(3)).reduce()
 
     q, v2, T = np.array([0.4, -0.7, 0.9]), np.array([0.5, -1.2, 0.8]), np.array([0.3, 1.0, -0.2])
     with pytest.warns(rnc.ModelWarning, match="axes of both depend on the joint's own position"):
         reduced = arm(composite=True)
-    found, expected = state_derivatives(reduced, q, v2, T), state_derivatives(arm(composite=False), q, v2, T)
+    chain = arm(composite=False)
+    ours, state = reduced.at(q, v2), chain.at(q, v2)
+    near(ours.acceleration(T), state.acceleration(T), 1e-12, "accelerations")
+    near(ours.G, state.G, 1e-12, "G")
+    tip = rnc.NonholonomicSystem(reduced.robot, []).reduce(vertical=[rnc.FramePosition("tip", "x")]).at(q, v2)
+    for read in (lambda: ours.C, lambda: ours.V, lambda: reduced.terms(q, v2), lambda: tip.A_star_dot):
+        with pytest.raises(rnc.ModelError, match="axes of 'both' depend on its own position; accelerations are known"):
+            read()
+    found, expected = state_derivatives(reduced, q, v2, T), state_derivatives(chain, q, v2, T)
     assert 0 < found.difference_error < 1e-8
     for each in BLOCKS:
         near(getattr(found, each), getattr(expected, each), 1e-9, each)
