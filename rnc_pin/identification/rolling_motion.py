@@ -9,18 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, argument, few, nearest
+from rnc_pin.identification import unknowns
 from rnc_pin.identification.logs.channel import Channel
 from rnc_pin.identification.logs.log import Log
 from rnc_pin.identification.row_geometry import RowGeometry, Virtual
-from rnc_pin.identification.unknowns import (
-    EncoderOffset,
-    EncoderScale,
-    SensorPlace,
-    TimeShift,
-    Unknown,
-    number_of,
-    radii_of,
-)
 from rnc_pin.identification.window_fit import Poses, RolledPath, rotated, sideways
 from rnc_pin.model.coordinates import heading_of
 from rnc_pin.model.system import NonholonomicSystem
@@ -66,7 +58,7 @@ class RollingMotion:
         ConfigurationError: a name is unknown, or the measured joints do not determine the motion of the base.
     """
 
-    def __init__(self, system: NonholonomicSystem, log: Log, unknown: Sequence[Unknown], sensor: str) -> None:
+    def __init__(self, system: NonholonomicSystem, log: Log, unknown: Sequence[unknowns.Unknown], sensor: str) -> None:
         robot = system.robot
         model = robot.model
         if model.njoints < 2 or model.joints[1].shortname() != "JointModelPlanar":
@@ -78,7 +70,7 @@ class RollingMotion:
             raise ConfigurationError(f"sensor '{sensor}' is on a body behind joint '{model.names[frame.parentJoint]}', "
                                      "expected a frame of the base")  # fmt: skip
         self.mount = np.array([*frame.placement.translation[:2], heading_of(frame.placement.rotation)])
-        self.parameters = [number_of(each, system, self.mount) for each in unknown]
+        self.parameters = [unknowns.number_of(each, system, self.mount) for each in unknown]
         names = [each.name for each in self.parameters]
         for name in names:
             if names.count(name) > 1:
@@ -122,7 +114,7 @@ class RollingMotion:
             )
         for parameter in self.parameters:
             kind = parameter.kind
-            name = getattr(kind, "joint", None) or (kind.of if isinstance(kind, TimeShift) else None)
+            name = getattr(kind, "joint", None) or (kind.of if isinstance(kind, unknowns.TimeShift) else None)
             names = [each.name for each in self._joints]
             if name is not None and name not in names:
                 raise ConfigurationError(
@@ -152,12 +144,16 @@ class RollingMotion:
             p: parameters (P,).
             times: stamps of the sensor (M,) [s].
         """
-        late = [k for k, one in enumerate(self.parameters) if isinstance(one.kind, TimeShift) and one.kind.of is None]
+        late = [
+            k
+            for k, one in enumerate(self.parameters)
+            if isinstance(one.kind, unknowns.TimeShift) and one.kind.of is None
+        ]
         path = RolledPath(self.time, *self._steps(p), len(p))
         base = path.at(times - sum(p[k] for k in late))
         mount = self.mount.copy()
         places = [(k, ("x", "y", "yaw").index(each.kind.axis)) for k, each in enumerate(self.parameters)
-                  if isinstance(each.kind, SensorPlace)]  # fmt: skip
+                  if isinstance(each.kind, unknowns.SensorPlace)]  # fmt: skip
         for k, axis in places:
             mount[axis] = p[k]
         heading = base.values[:, 2]
@@ -248,7 +244,7 @@ class RollingMotion:
         for value, parameter in zip(p, self.parameters, strict=True):
             for virtual, share in parameter.displaced.items():
                 shifts[virtual] = shifts.get(virtual, 0.0) + share * (value - parameter.nominal)
-        geometry.set_radii(radii_of(self.parameters, p))
+        geometry.set_radii(unknowns.radii_of(self.parameters, p))
         positions, changes, d_middle, d_changes = self._measured(p)
         rows = geometry.evaluate(positions, shifts, self._columns)
         solution = _Solution(rows.matrix, changes)
@@ -284,20 +280,20 @@ class RollingMotion:
         for index, joint in enumerate(self._joints):
             own = {type(each.kind): k for k, each in enumerate(self.parameters)
                    if joint.name in (getattr(each.kind, "joint", None), getattr(each.kind, "of", None))}  # fmt: skip
-            scale = p[own[EncoderScale]] if EncoderScale in own else 1.0
-            offset = p[own[EncoderOffset]] if EncoderOffset in own else 0.0
-            late = p[own[TimeShift]] if TimeShift in own else 0.0
+            scale = p[own[unknowns.EncoderScale]] if unknowns.EncoderScale in own else 1.0
+            offset = p[own[unknowns.EncoderOffset]] if unknowns.EncoderOffset in own else 0.0
+            late = p[own[unknowns.TimeShift]] if unknowns.TimeShift in own else 0.0
             # Stamps are late: what was true at a time has a later stamp.
             raw = _held(joint.channel, self.time + late)
             middle, change = (raw[1:] + raw[:-1]) / 2, np.diff(raw)
             moved.append(scale * change)
             slopes: dict[type, tuple[np.ndarray, np.ndarray]] = {
-                EncoderScale: (middle, change),
-                EncoderOffset: (np.ones_like(middle), np.zeros_like(change)),
+                unknowns.EncoderScale: (middle, change),
+                unknowns.EncoderOffset: (np.ones_like(middle), np.zeros_like(change)),
             }
-            if TimeShift in own:
+            if unknowns.TimeShift in own:
                 rate = scale * _slope(joint.channel, self.time + late)
-                slopes[TimeShift] = (rate[1:] + rate[:-1]) / 2, np.diff(rate)
+                slopes[unknowns.TimeShift] = (rate[1:] + rate[:-1]) / 2, np.diff(rate)
             for kind, k in own.items():
                 d_moved[k] = index, slopes[kind][1]
                 if joint.column in self._geometry.shape:

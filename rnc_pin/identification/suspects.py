@@ -9,19 +9,10 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy import ndarray as Array
 
+from rnc_pin.identification import unknowns
 from rnc_pin.identification.calibration import PoseProblem, calibrated
 from rnc_pin.identification.logs.log import Log
 from rnc_pin.identification.rolling_motion import RollingMotion
-from rnc_pin.identification.unknowns import (
-    EncoderOffset,
-    EncoderScale,
-    JointShift,
-    SensorPlace,
-    TimeShift,
-    Unknown,
-    WheelRadius,
-    corrections_of,
-)
 from rnc_pin.identification.window_fit import Fit
 from rnc_pin.model.system import NonholonomicSystem
 
@@ -68,22 +59,27 @@ class Suspect:
         return _ASSUMPTIONS.get(first, "sensor")
 
 
-def candidates(system: NonholonomicSystem, motion: RollingMotion) -> list[Unknown]:
+def candidates(system: NonholonomicSystem, motion: RollingMotion) -> list[unknowns.Unknown]:
     """Numbers that may be wrong: of wheels and joints of the rows in use, of encoders, clocks and of the sensor."""
     radii = {str(getattr(each, "frame", "")): float(each.radius) for each in system.kinds if hasattr(each, "radius")}
     radii = {wheel: size for wheel, size in radii.items() if any(f"({wheel})" in row for row in motion.used)}
     alike = [[wheel for wheel in radii if radii[wheel] == size] for size in dict.fromkeys(radii.values())]
-    found: list[Unknown] = [SensorPlace("x"), SensorPlace("y"), SensorPlace("yaw"), TimeShift()]
-    found += [WheelRadius(wheels) for wheels in alike if len(wheels) > 1]
-    found += [WheelRadius(wheel) for wheel in radii]
+    found: list[unknowns.Unknown] = [
+        unknowns.SensorPlace("x"),
+        unknowns.SensorPlace("y"),
+        unknowns.SensorPlace("yaw"),
+        unknowns.TimeShift(),
+    ]
+    found += [unknowns.WheelRadius(wheels) for wheels in alike if len(wheels) > 1]
+    found += [unknowns.WheelRadius(wheel) for wheel in radii]
     for joint in motion.shape_joints:
-        found += [EncoderOffset(joint), EncoderScale(joint), TimeShift(joint)]
+        found += [unknowns.EncoderOffset(joint), unknowns.EncoderScale(joint), unknowns.TimeShift(joint)]
     model = system.robot.model
     places = {joint: model.jointPlacements[system.robot.joint_id(joint)].translation for joint in motion.row_joints}
     for joint, place in places.items():
-        found.append(JointShift(joint, "x"))
+        found.append(unknowns.JointShift(joint, "x"))
         mirrored = [other for other, there in places.items() if np.allclose(there, place * [1, -1, 1]) and place[1] > 0]
-        found += [JointShift({joint: 0.5, other: -0.5}, "y") for other in mirrored]
+        found += [unknowns.JointShift({joint: 0.5, other: -0.5}, "y") for other in mirrored]
     return found
 
 
@@ -178,7 +174,7 @@ def pursued(
     return Pursuit(
         suspects,
         calibrated(system, parameters, p[chosen], sensor) if chosen else system,
-        log.corrected(corrections_of(parameters, p[chosen], sensor)) if chosen else log,
+        log.corrected(unknowns.corrections_of(parameters, p[chosen], sensor)) if chosen else log,
         first,
         remaining,
         sizes,

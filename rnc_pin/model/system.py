@@ -11,17 +11,9 @@ import numpy as np
 
 from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError, argument, few
 from rnc_pin.math.linear_algebra import null_space
+from rnc_pin.model import independence
 from rnc_pin.model.actuation import Actuation, Actuators
 from rnc_pin.model.assembly import Assembly
-from rnc_pin.model.independence import (
-    RankError,
-    Selection,
-    block_row_scales,
-    check_actuators,
-    check_forces,
-    check_reactions,
-    select_independent,
-)
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.passive_forces import ForceKind, PassiveForces
@@ -118,7 +110,7 @@ class NonholonomicSystem(SummaryMixin):
         coupled = [name for block in blocks[len(self.kinds) :] for name in block.names]
         try:
             samples, found = self._selected(coupled)
-        except RankError:  # the rank counts where the robot can be, and not upside down
+        except independence.RankError:  # the rank counts where the robot can be, and not upside down
             if base_of(robot.model) == "free" and (flat := flat_links(robot.model)):
                 planar = argument("base", "planar")
                 why = "have a moment of inertia about one axis only, so that its motion in space has no inertia"
@@ -143,21 +135,21 @@ class NonholonomicSystem(SummaryMixin):
                 f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom{hint}{still}"
             )
         kinematics = Kinematics(robot)
-        check_actuators(blocks, self.actuation, kinematics, self._samples)
-        check_forces(blocks, self.forces, kinematics, self._samples)
+        independence.check_actuators(blocks, self.actuation, kinematics, self._samples)
+        independence.check_forces(blocks, self.forces, kinematics, self._samples)
         for doubt in _doubts(robot, blocks, samples[:, self.kept], found):
             warnings.warn(f"robot '{robot.name}': {doubt}", ModelWarning, stacklevel=2)
 
-    def _selected(self, couplings: Sequence[str], spread: float = np.pi) -> tuple[np.ndarray, Selection]:
+    def _selected(self, couplings: Sequence[str], spread: float = np.pi) -> tuple[np.ndarray, independence.Selection]:
         """All rows (samples, k, nv) at sampled configurations, and the independent ones."""
         self._samples = self.assembly.samples(_SAMPLES, spread)
         samples, rates = _sample_rows(self.rows, self.robot, self._samples)
-        scales = [block_row_scales(block, samples[:, at]) for block, at, _ in self.rows.places]
+        scales = [independence.block_row_scales(block, samples[:, at]) for block, at, _ in self.rows.places]
         lengths = np.concatenate([np.zeros(0), *scales])  # relative to which rows count as zero
-        check_reactions(self.rows, samples, lengths, couplings)
+        independence.check_reactions(self.rows, samples, lengths, couplings)
         angular = np.array([unit == "rad/s" for unit in self.robot.velocity_units])
         mu = rates if self.rows.affine else None
-        return samples, select_independent(samples, self.rows.names, mu, lengths, angular)
+        return samples, independence.select_independent(samples, self.rows.names, mu, lengths, angular)
 
     def with_constraints(self, constraints: Sequence[ConstraintKind], may_stop: bool = False) -> NonholonomicSystem:
         """The same robot, actuators and forces with further constraints.
@@ -343,7 +335,7 @@ def _not_implied(couplings: Sequence[CouplingRow], robot: Robot, blocks: Sequenc
     return [each for each in couplings if is_loose(each.matrix[0], samples)]
 
 
-def _doubts(robot: Robot, blocks: Sequence[Rows], samples: np.ndarray, found: Selection) -> Iterator[str]:
+def _doubts(robot: Robot, blocks: Sequence[Rows], samples: np.ndarray, found: independence.Selection) -> Iterator[str]:
     """Texts of warnings about a system whose kept rows are ``samples`` (samples, m, nv).
 
     They are about mimic joints and loops of the robot's file that no constraint keeps, about rows that are dependent

@@ -7,16 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rnc_pin import errors
 from rnc_pin.analysis import NormalForces
-from rnc_pin.errors import (
-    ConfigurationError,
-    DivergenceError,
-    InputError,
-    LimitError,
-    RncError,
-    SimulationError,
-    SingularityError,
-)
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -56,7 +48,7 @@ class Stop:
 
     def __post_init__(self) -> None:
         if not self.speed > 0:
-            raise InputError(f"speed of a Stop has to be positive, found {self.speed}")
+            raise errors.InputError(f"speed of a Stop has to be positive, found {self.speed}")
 
 
 DEFAULT_STOP = Stop()
@@ -109,10 +101,10 @@ class StopMonitor:
         if not np.vdot(state.v2, state.v2) < self._speed * self._speed:  # the length bounds every entry
             speed = np.abs(state.v2).max()
         if not speed < self._speed:
-            raise DivergenceError(f"reduced velocities reached {speed:.3g}, limit {self._speed:g}", time=t)
+            raise errors.DivergenceError(f"reduced velocities reached {speed:.3g}, limit {self._speed:g}", time=t)
         for name, index, low, high in self._ranges:
             if not low <= state.q[index] <= high:
-                raise LimitError(
+                raise errors.LimitError(
                     f"joint '{name}' left its range [{low:g}, {high:g}]: {state.q[index]:.4g} at t = {t:.3f} s"
                 )
 
@@ -141,7 +133,7 @@ class LiftOffMonitor:
         margin = _ROUNDING * max(float(np.abs(forces).sum()), _ROUNDING)
         for name, force in zip(self._forces.names, forces, strict=True):
             if force < -margin:
-                raise LimitError(
+                raise errors.LimitError(
                     f"contact '{name}' lifts off at t = {t:.3f} s: the model pulls with {-force:.3g} N, and "
                     "the contact can only push"
                 )
@@ -161,15 +153,19 @@ def lift_off_monitor(stop: Stop, model: ReducedModel | None, reduced: ReducedMod
     if not stop.lift_off:
         return None
     if model is None:
-        raise ConfigurationError(
+        raise errors.ConfigurationError(
             "lift_off of a Stop: normal forces need the reduced model of the plant; in MuJoCo, contacts lift off"
         )
     if not NormalForces(model).names:
-        raise ConfigurationError("lift_off of a Stop: the model has no contact with a normal force")
+        raise errors.ConfigurationError("lift_off of a Stop: the model has no contact with a normal force")
     return LiftOffMonitor(model, model is not reduced)
 
 
-_OUTCOMES = {SingularityError: Outcome.SINGULAR, DivergenceError: Outcome.DIVERGED, LimitError: Outcome.LIMIT}
+_OUTCOMES = {
+    errors.SingularityError: Outcome.SINGULAR,
+    errors.DivergenceError: Outcome.DIVERGED,
+    errors.LimitError: Outcome.LIMIT,
+}
 _LONGEST = 300  # largest number of characters from the message of a foreign error
 
 MODEL = "the model"
@@ -209,7 +205,7 @@ def complete_run(advance: Callable[[Progress], str | None], finish: Finish) -> T
         return finish(outcome if reason is None else Outcome.FAILED, reason)
 
 
-def run_error(error: Exception, component: str, t: float) -> RncError:
+def run_error(error: Exception, component: str, t: float) -> errors.RncError:
     """Return an error of a run as an RncError, which can carry the run so far.
 
     Args:
@@ -220,17 +216,17 @@ def run_error(error: Exception, component: str, t: float) -> RncError:
     Returns:
         The error itself if it is an RncError, else a SimulationError with the error as its cause.
     """
-    if isinstance(error, RncError):
-        if isinstance(error, SingularityError | DivergenceError) and error.time is None:
+    if isinstance(error, errors.RncError):
+        if isinstance(error, errors.SingularityError | errors.DivergenceError) and error.time is None:
             error.time = t
         return error
     message = " ".join(str(error).split())
     message = f": {message[:_LONGEST]}" if message else ""
-    failure = SimulationError(f"{component} raised {type(error).__name__} at t = {t:.3f} s{message}")
+    failure = errors.SimulationError(f"{component} raised {type(error).__name__} at t = {t:.3f} s{message}")
     failure.__cause__ = error
     return failure
 
 
-def outcome_of(error: RncError) -> Outcome:
+def outcome_of(error: errors.RncError) -> Outcome:
     """Outcome of a run that an error ended."""
     return next((outcome for kind, outcome in _OUTCOMES.items() if isinstance(error, kind)), Outcome.FAILED)

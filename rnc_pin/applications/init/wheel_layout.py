@@ -11,29 +11,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.applications.init import robot_at_start
 from rnc_pin.applications.init.evidence import DriveEvidence, DrivenJoints, has_word, turning_axis
-from rnc_pin.applications.init.robot_at_start import (
-    ALIGNED,
-    GEOMETRY,
-    LEVEL,
-    NEAR,
-    PLACED,
-    RobotAtStart,
-    Shape,
-    across,
-    first_smallest,
-    fitted_disk,
-    placed,
-)
 from rnc_pin.applications.init.wheel_detection import Pivot, Wheel, joints_above
 
 
-def find_drawn_axles(at_start: RobotAtStart) -> list[Wheel]:
+def find_drawn_axles(at_start: robot_at_start.RobotAtStart) -> list[Wheel]:
     """Return pairs of coaxial horizontal disks at the ground on one body, each as one wheel that is only drawn."""
     drawn = at_start.shapes["visual"] or at_start.shapes["collision"]
     ground = _ground(at_start)
     axles: list[Wheel] = []
-    disks = [s for s in drawn if s.axis is not None and abs(s.axis[2]) < LEVEL and _thin(s)]
+    disks = [s for s in drawn if s.axis is not None and abs(s.axis[2]) < robot_at_start.LEVEL and _thin(s)]
     for one in disks:
         for other in disks:
             if one.name >= other.name or one.joint != other.joint:
@@ -42,18 +30,18 @@ def find_drawn_axles(at_start: RobotAtStart) -> list[Wheel]:
             assert axle is not None
             radii = [_radius(each) for each in (one, other)]
             apart = np.linalg.norm(between)
-            level = one.bottom - ground < NEAR * radii[0]
-            aligned = apart > radii[0] and abs(between @ axle) > (1 - 0.5 * ALIGNED) * apart
+            level = one.bottom - ground < robot_at_start.NEAR * radii[0]
+            aligned = apart > radii[0] and abs(between @ axle) > (1 - 0.5 * robot_at_start.ALIGNED) * apart
             if not level or not aligned or abs(radii[0] - radii[1]) > 0.1 * radii[0]:
                 continue
             center = (one.points.mean(axis=0) + other.points.mean(axis=0)) / 2
-            wheel = _drawn(at_start, one.joint, radii[0], center, axle, max(PLACED, 0.2 * radii[0]))
+            wheel = _drawn(at_start, one.joint, radii[0], center, axle, max(robot_at_start.PLACED, 0.2 * radii[0]))
             if wheel is not None and all(wheel.frame != each.frame for each in axles):
                 axles.append(wheel)
     return axles
 
 
-def find_drawn_wheels(at_start: RobotAtStart, wheels: Sequence[Wheel]) -> list[Wheel]:
+def find_drawn_wheels(at_start: robot_at_start.RobotAtStart, wheels: Sequence[Wheel]) -> list[Wheel]:
     """Return disks on the ground that a pivot turns, and no joint about their axle: wheels that only steer.
 
     Args:
@@ -64,30 +52,34 @@ def find_drawn_wheels(at_start: RobotAtStart, wheels: Sequence[Wheel]) -> list[W
     ground = min((each.center[2] - each.radius for each in wheels), default=_ground(at_start))
     rolling = {int(each) for wheel in wheels for each in model.supports[model.getJointId(wheel.joint)]}
     found: dict[int, Wheel] = {}
-    for shape in (each for kind in GEOMETRY for each in at_start.shapes[kind]):
+    for shape in (each for kind in robot_at_start.GEOMETRY for each in at_start.shapes[kind]):
         index = shape.joint
         if index in {*rolling, *found} or index <= at_start.root or model.joints[index].nv != 1:
             continue
-        if abs(turning_axis(model, at_start.data, index)[2]) < 1 - ALIGNED:
+        if abs(turning_axis(model, at_start.data, index)[2]) < 1 - robot_at_start.ALIGNED:
             continue
         center = (shape.points.min(axis=0) + shape.points.max(axis=0)) / 2
         for axle in at_start.data.oMi[index].rotation.T if shape.axis is None else (shape.axis,):
-            disk = fitted_disk([shape], center, axle) if abs(axle[2]) < LEVEL else None
-            if disk and disk.width < 1.5 * disk.radius and abs(disk.bottom - ground) < NEAR * disk.radius:
+            disk = robot_at_start.fitted_disk([shape], center, axle) if abs(axle[2]) < robot_at_start.LEVEL else None
+            if (
+                disk
+                and disk.width < 1.5 * disk.radius
+                and abs(disk.bottom - ground) < robot_at_start.NEAR * disk.radius
+            ):
                 wheel = _drawn(at_start, index, disk.radius, center, axle, np.inf)
                 if wheel is not None:
                     found[index] = wheel
     return [*found.values()]
 
 
-def _ground(at_start: RobotAtStart) -> float:
+def _ground(at_start: robot_at_start.RobotAtStart) -> float:
     """Height of the lowest drawn shape [m]."""
     drawn = at_start.shapes["visual"] or at_start.shapes["collision"]
     return min((each.bottom for each in drawn), default=0.0)
 
 
 def _drawn(
-    at_start: RobotAtStart, joint: int, radius: float, center: np.ndarray, axle: np.ndarray, near: float
+    at_start: robot_at_start.RobotAtStart, joint: int, radius: float, center: np.ndarray, axle: np.ndarray, near: float
 ) -> Wheel | None:
     """Wheel without a joint about its axle, or None if no frame of its body is along the axle."""
     place = _frame_on(at_start, joint, center, axle, near)
@@ -99,22 +91,24 @@ def _drawn(
     placement = at_start.data.oMf[at_start.robot.frame_id(frame)]
     ahead = float((center - placement.translation) @ wheel.heading)
     at = [round(float(each), 6) + 0.0 for each in placement.rotation.T @ (ahead * wheel.heading)]
-    return replace(wheel, edge={"frame": frame, "axis": axis, **({"at": at} if abs(ahead) > placed(radius) else {})})
+    return replace(
+        wheel, edge={"frame": frame, "axis": axis, **({"at": at} if abs(ahead) > robot_at_start.placed(radius) else {})}
+    )
 
 
-def _thin(disk: Shape) -> bool:
+def _thin(disk: robot_at_start.Shape) -> bool:
     assert disk.axis is not None
     return bool(np.ptp(disk.points @ disk.axis) < 1.5 * _radius(disk))
 
 
-def _radius(cylinder: Shape) -> float:
+def _radius(cylinder: robot_at_start.Shape) -> float:
     assert cylinder.axis is not None
     offsets = cylinder.points - cylinder.points.mean(axis=0)
-    return float(np.linalg.norm(across(offsets, cylinder.axis), axis=1).max())
+    return float(np.linalg.norm(robot_at_start.across(offsets, cylinder.axis), axis=1).max())
 
 
 def _frame_on(
-    at_start: RobotAtStart, joint: int, point: np.ndarray, axle: np.ndarray, near: float
+    at_start: robot_at_start.RobotAtStart, joint: int, point: np.ndarray, axle: np.ndarray, near: float
 ) -> tuple[str, str] | None:
     """Frame of the body with its origin above or on the axle [m], and its local axis along the axle, or None."""
     best, nearest = None, near
@@ -123,9 +117,9 @@ def _frame_on(
             continue
         offset = at_start.data.oMf[index].translation - point
         along = np.abs(at_start.data.oMf[index].rotation.T @ axle)
-        beside = across(offset, axle)
+        beside = robot_at_start.across(offset, axle)
         away = float(np.hypot(beside[0], beside[1]))
-        if away <= nearest and along.max() > np.cos(2 * ALIGNED):
+        if away <= nearest and along.max() > np.cos(2 * robot_at_start.ALIGNED):
             best, nearest = (str(frame.name), "xyz"[int(along.argmax())]), away
     return best
 
@@ -244,7 +238,7 @@ class WheelLayout:
         """Fixed axle nearest to the middle of all: a base with steered wheels turns about a point of its line."""
         axles = self.axles
         distances = [abs(float((axle[0].center - self.middle) @ axle[0].heading)) for axle in axles]
-        return axles[first_smallest(distances, placed(axles[0][0].radius))]
+        return axles[robot_at_start.first_smallest(distances, robot_at_start.placed(axles[0][0].radius))]
 
     @property
     def is_on_one_track(self) -> bool:

@@ -11,18 +11,8 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.rows import FrameAnchor, JointCoupler, Rows
+from rnc_pin.plants.mujoco import joint_coordinates
 from rnc_pin.plants.mujoco.engine import mujoco
-from rnc_pin.plants.mujoco.joint_coordinates import (
-    BallJoint,
-    BaseCoordinates,
-    ContinuousHinge,
-    EqualCoordinates,
-    FreeBase,
-    FreePlanarBase,
-    JointCoordinates,
-    PlanarBase,
-    scalar_first,
-)
 from rnc_pin.robots.robot import Robot
 
 Root = Literal["as it is", "free", "level"]
@@ -57,7 +47,7 @@ class BodyTree:
     def __init__(self, spec: mujoco.MjSpec, robot: Robot, root: Root, joint_limits: bool) -> None:
         self.robot = robot
         self._limits = joint_limits
-        self._planned: list[tuple[str, Callable[[int, int], JointCoordinates]]] = []
+        self._planned: list[tuple[str, Callable[[int, int], joint_coordinates.JointCoordinates]]] = []
         """Name of the first MuJoCo joint of a joint, and its conversion as a function of the indices in MuJoCo."""
         spec.compiler.degree = False
         spec.compiler.balanceinertia = True
@@ -88,15 +78,15 @@ class BodyTree:
                 self._add_planar(body, index, root)
             elif kind == "JointModelFreeFlyer" and parent == 0:
                 body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
-                self._plan(FreeBase, name, index, placement=placement)
+                self._plan(joint_coordinates.FreeBase, name, index, placement=placement)
             elif kind == "JointModelSpherical":
                 body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_BALL)
-                self._plan(BallJoint, name, index)
+                self._plan(joint_coordinates.BallJoint, name, index)
             elif kind in _STACKS:
                 moves, axes = _STACKS[kind]
                 for axis in axes:
                     _move(body, f"{name}/{axis}", moves == "slide", np.eye(3)["xyz".index(axis)])
-                self._plan(EqualCoordinates, f"{name}/{axes[0]}", index)
+                self._plan(joint_coordinates.EqualCoordinates, f"{name}/{axes[0]}", index)
             else:
                 raise ConfigurationError(
                     f"MuJoCo has no joint like '{name}' ({kind}): expected a hinge, slide, ball, planar or free base"
@@ -109,7 +99,7 @@ class BodyTree:
         q, v = joint.idx_q, joint.idx_v + number
         if number:
             q = joint.extract().joints[number].idx_q
-        kind = ContinuousHinge if single.continuous else EqualCoordinates
+        kind = joint_coordinates.ContinuousHinge if single.continuous else joint_coordinates.EqualCoordinates
         self._planned.append((name, partial(kind, name, q, v, 1)))
         if self._limits and not single.continuous:
             model = self.robot.model
@@ -121,21 +111,25 @@ class BodyTree:
         name, placement = str(self.robot.model.names[index]), self.robot.model.jointPlacements[index]
         if root == "free":
             body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
-            self._plan(FreePlanarBase, name, index, placement=placement)
+            self._plan(joint_coordinates.FreePlanarBase, name, index, placement=placement)
             return
         for axis in "xyz" if root == "level" else "xy":
             _move(body, f"{name}/{axis}", True, np.eye(3)["xyz".index(axis)])
         _move(body, f"{name}/yaw", False, np.eye(3)[2])
-        self._plan(PlanarBase, f"{name}/x", index, lifted=root == "level")
+        self._plan(joint_coordinates.PlanarBase, f"{name}/x", index, lifted=root == "level")
 
-    def _plan(self, coordinates: Callable[..., JointCoordinates], first: str, index: int, **more: object) -> None:
+    def _plan(
+        self, coordinates: Callable[..., joint_coordinates.JointCoordinates], first: str, index: int, **more: object
+    ) -> None:
         joint = self.robot.model.joints[index]
         name = str(self.robot.model.names[index])
         self._planned.append((first, partial(coordinates, name, joint.idx_q, joint.idx_v, joint.nv, **more)))
 
     # ------------------------------------------------------------------ once it is compiled
 
-    def finish(self, model: mujoco.MjModel, data: mujoco.MjData, damping: bool) -> list[JointCoordinates]:
+    def finish(
+        self, model: mujoco.MjModel, data: mujoco.MjData, damping: bool
+    ) -> list[joint_coordinates.JointCoordinates]:
         """Set what a specification lacks in a compiled model: zero masses, rotor inertias, damping per axis.
 
         Returns:
@@ -150,7 +144,7 @@ class BodyTree:
         joints = [make(int(place.qposadr[0]), int(place.dofadr[0])) for place, make in places]
         for joint in joints:
             here, there = slice(joint.v, joint.v + joint.nv), slice(joint.dof, joint.dof + joint.nv)
-            if isinstance(joint, BaseCoordinates):
+            if isinstance(joint, joint_coordinates.BaseCoordinates):
                 if own.armature[here].any() or (damping and own.damping[here].any()):
                     raise ConfigurationError(
                         f"MuJoCo: base '{joint.name}' has rotor inertia or damping, which MuJoCo bases do not support"
@@ -211,7 +205,7 @@ def _weigh(body: mujoco.MjsBody, inertia: pin.Inertia) -> None:
 
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:
-    return scalar_first(pin.Quaternion(rotation).coeffs())
+    return joint_coordinates.scalar_first(pin.Quaternion(rotation).coeffs())
 
 
 # ---------------------------------------------------------------------- equality constraints
