@@ -10,7 +10,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from types import FrameType
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -34,10 +34,12 @@ def termination_handler(handler: Handler, instead_of: Handler | signal.Handlers)
         yield
     finally:
         for number in replaced:
-            signal.signal(number, instead_of)
+            if signal.getsignal(number) is handler:  # it may be ignored meanwhile
+                signal.signal(number, instead_of)
 
 
 _WORDS = "rnc-pin: error: interrupted"
+_of_command = False
 
 
 @contextmanager
@@ -54,6 +56,13 @@ def interruptible_imports() -> Iterator[None]:
             sys.exit(_WORDS)
 
 
+@contextmanager
+def nothing_to_keep() -> Iterator[None]:
+    """In a command, end the process at once as in imports: pydantic and finalizers swallow exceptions."""
+    with termination_handler(_end, signal.default_int_handler) if _of_command else nullcontext():
+        yield
+
+
 def _end(number: int, frame: FrameType | None) -> None:
     os.write(2, f"{_WORDS}\n".encode())
     os._exit(1)  # as sys.exit with words
@@ -61,9 +70,14 @@ def _end(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def endings_as_ctrl_c() -> Iterator[None]:
-    """Treat SIGTERM and SIGHUP (closed terminal) as Ctrl-C: results so far are kept."""
-    with termination_handler(signal.default_int_handler, signal.SIG_DFL):
-        yield
+    """Treat SIGTERM and SIGHUP (closed terminal) as Ctrl-C in a command: results so far are kept."""
+    global _of_command
+    before, _of_command = _of_command, True
+    try:
+        with termination_handler(signal.default_int_handler, signal.SIG_DFL):
+            yield
+    finally:
+        _of_command = before
 
 
 def ignore_endings() -> None:
@@ -93,11 +107,13 @@ class _Deferral:
     @contextmanager
     def section(self, accepting: bool) -> Iterator[None]:
         """Accept or defer interruptions inside."""
-        before, self._accepting = self._accepting, accepting
+        before, self._accepting, raised = self._accepting, accepting, self._raised
         try:
             if accepting:
                 self.raise_pending()
             yield
+            if accepting and self._raised and not raised:  # something swallowed it, such as a finalizer
+                raise KeyboardInterrupt
         finally:
             self._accepting = before
         if before:

@@ -70,10 +70,12 @@ def run() -> None:
     """Run the command line in a process of its own. A signal after the command does not change its status."""
     gc.set_threshold(50_000)  # what imports and runs make lives to the end: collections find little
     try:
-        try:
-            main()
-        finally:
-            ignore_endings()
+        with endings_as_ctrl_c():  # until they are ignored
+            try:
+                main()
+            finally:
+                ignore_endings()
+                gc.freeze()  # a collection at the exit would take as long as writing a run
     except KeyboardInterrupt:  # it came between the command and the end
         sys.exit(FAILED)
 

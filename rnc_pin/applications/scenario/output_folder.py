@@ -166,8 +166,8 @@ class OutputFolder:
                 f"--out {self.path}: {few(foreign)} {'was' if len(foreign) == 1 else 'were'} changed or not written by "
                 "rnc-pin; choose another folder or add --force"
             )
-        for leftover in filter(_is_folder, self.path.glob(f"{TEMPORARY_PREFIX}*")):
-            shutil.rmtree(leftover)
+        for leftover in self.path.glob(f"{TEMPORARY_PREFIX}*"):  # of a run that was killed
+            shutil.rmtree(leftover) if _is_folder(leftover) else leftover.unlink()
         return manifest
 
     def _may_write(self, name: str, manifest: Manifest) -> bool:

@@ -25,6 +25,7 @@ from rnc_pin.applications.scenario.simulated_run import Simulated, judged_summar
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller
 from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.interruption import nothing_to_keep
 from rnc_pin.io import Json
 from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
 from rnc_pin.planning import Reference
@@ -145,6 +146,7 @@ class Scenario(SummaryMixin):
         return validate(self.raw, self._label)
 
     @cached_property
+    @nothing_to_keep()
     def model(self) -> BuiltModel:
         """System and reduced model, with the warnings about them."""
         with RncError.at(self._label), collected_model_warnings(self.show_warnings) as told:
@@ -250,6 +252,7 @@ class Scenario(SummaryMixin):
     def _plans(self) -> Plans:
         return Plans()
 
+    @nothing_to_keep()
     def _experiment(self, content: ScenarioFile, reduced: ReducedModel | None, where: str = "") -> Experiment:
         with RncError.at(f"{self._label}: {where}" if where else self._label):
             with collected_model_warnings(self.show_warnings) as told:

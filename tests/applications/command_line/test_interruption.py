@@ -195,6 +195,40 @@ def test_ctrl_c_while_pictures_are_drawn_costs_pictures_alone(tmp_path, call, mo
         assert names == {".rnc_pin", "trajectory.npz", "summary.json", "scenario.yaml"}
 
 
+SWALLOWS = """
+import signal, sys
+from rnc_pin.interruption import endings_as_ctrl_c, interruptible, nothing_to_keep, uninterrupted
+class Left:
+    def __del__(self):  # Python prints an exception in a finalizer, and continues
+        signal.raise_signal(signal.SIGTERM)
+with endings_as_ctrl_c():
+    with {}:
+        Left()
+sys.exit(0)
+"""
+
+
+@pytest.mark.parametrize("where", ["nothing_to_keep()", "uninterrupted(), interruptible()"])
+def test_an_interruption_that_is_swallowed_counts(where):
+    code = [sys.executable, "-c", SWALLOWS.format(where)]
+    assert subprocess.run(code, capture_output=True, check=False, timeout=PATIENCE).returncode in (1, -2)
+
+
+def test_a_run_ends_with_status_1_at_any_moment(tmp_path):
+    """From the imports to the last picture; a picture that was not finished does not stay."""
+    command = [sys.executable, "-m", "rnc_pin", "run", "space-robot", "--set", "simulation.duration=1", "--out"]
+    with subprocess.Popen([*command, tmp_path / "whole"], stdout=subprocess.DEVNULL) as process:
+        used = os.wait4(process.pid, 0)[2]
+    for k, share in enumerate((0.1, 0.35, 0.55, 0.75)):
+        out = tmp_path / str(k)
+        with subprocess.Popen([*command, out], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+            assert eventually(lambda p=process.pid, share=share: processor_time(p) > share * used.ru_utime)
+            process.send_signal((signal.SIGTERM, signal.SIGHUP, signal.SIGINT)[k % 3])
+            _, error = process.communicate(timeout=PATIENCE)
+        assert process.returncode == 1, error
+        assert not [*out.rglob(".rnc_pin_*")]
+
+
 # ---------------------------------------------------------------------- sweeps
 
 

@@ -88,6 +88,13 @@ def test_a_second_run_removes_what_the_first_wrote_and_nothing_else(tmp_path):
     assert contents(tmp_path) == {"new.png": "new", "notes.txt": "mine", "photos/robot.txt": "mine"}
 
 
+def test_the_next_run_removes_the_half_picture_of_a_killed_one(tmp_path):
+    run(tmp_path, summary_json="first")
+    (tmp_path / ".rnc_pin_0a1b2c3d.png").write_text("half a picture")
+    run(tmp_path, summary_json="second")
+    assert not [*tmp_path.glob(".rnc_pin_*")]
+
+
 @pytest.mark.parametrize("before", [{}, {"summary.json": "old", "overview.png": "old"}], ids=["empty", "run"])
 def test_earlier_results_stay_until_the_new_ones_are_complete(before, tmp_path):
     write(tmp_path, before)

@@ -20,6 +20,7 @@ from rnc_pin.constraints import GroundPlane
 from rnc_pin.control.loop import LoopSettings
 from rnc_pin.errors import nearest
 from rnc_pin.figures import Sheet, Size
+from rnc_pin.interruption import nothing_to_keep
 from rnc_pin.io import LIST, Json, Strict, validated
 from rnc_pin.model import ConstraintKind, NonholonomicSystem, NotNegative, OutputKind, Positive, ReducedModel
 from rnc_pin.plants import Faults, Payload, StuckJoint
@@ -243,6 +244,7 @@ class ScenarioFile(Strict):
         return self
 
 
+@nothing_to_keep()
 def validate(raw: Mapping[str, Json], source: str) -> ScenarioFile:
     """Validate the mapping of a scenario.
 
