@@ -33,6 +33,7 @@ from rnc_pin.robots import Robot
 
 Entry = str | Mapping[str, Json]
 
+_BALANCED = 0.2  # largest distance of a wheel's center of mass from its axle, in radii
 UNMEASURED = "MEASURE the radius: no round shape of the wheel was read"
 DRIVEN, TURNED, BENT = 0.5, 0.4, 0.2  # displacements of the reference: base, heading, joint [m, rad, rad]
 DURATION = 5  # duration of the reference [s]
@@ -64,6 +65,7 @@ class BaseAssumptions:
         travel: displacement of a base on wheels in the trial run [m]; 0 for other robots.
         without_effort: joints with effort 0 in the file, which states an effort of other joints.
         decisions: decisions behind these assumptions, with their evidence.
+        doubts: facts of the file to be checked: joint, amount [m], and the fact in words.
         steering: actuated joints that turn wheels; an effort of 0 on one of them is a gap of the file.
     """
 
@@ -88,6 +90,7 @@ class BaseAssumptions:
     travel: float = 0.0
     without_effort: set[str] = field(default_factory=set)
     decisions: list[DraftDecision] = field(default_factory=list)
+    doubts: list[tuple[str, float, str]] = field(default_factory=list)
     steering: set[str] = field(default_factory=set)
 
     def steer(self, joint: str, remark: str = "steering") -> None:
@@ -114,6 +117,9 @@ class BaseAssumptions:
                 self.constraints.append(({"no_side_slip": dict(wheel.edge)}, f"{what or 'knife edge'}; only drawn"))
             return
         self.constraints.append((turned(wheel, **keys), f"{what}; {measured(wheel)}" if what else measured(wheel)))
+        if wheel.imbalance > _BALANCED * wheel.radius:
+            said = f"the center of mass of wheel {wheel.joint} is {wheel.imbalance:.2g} m from its axle in the file"
+            self.doubts.append((wheel.joint, wheel.imbalance, said))
 
     def act(self, kind: str, axis: str, remark: str) -> None:
         """Add a force or torque along an axis of the base's frame to the actuators."""

@@ -27,7 +27,12 @@ from rnc_pin.applications.init.scenario_candidate import ScenarioCandidate
 from rnc_pin.applications.init.source import DraftOptions, Source, with_choices
 from rnc_pin.applications.init.start_values import start_values
 from rnc_pin.applications.init.trial import Trial
-from rnc_pin.applications.init.wheel_detection import find_raised_wheels, find_wheels, stand_below_body
+from rnc_pin.applications.init.wheel_detection import (
+    find_raised_wheels,
+    find_virtual_joints,
+    find_wheels,
+    stand_below_body,
+)
 from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels, find_drawn_axles, find_drawn_wheels
 from rnc_pin.applications.init.wheeled_base import knife_edge_base, wheeled_base
 from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
@@ -168,6 +173,7 @@ def _candidate_bases(at_start: RobotAtStart, source: Source) -> Iterator[_BaseBu
     asked = source.options.base
     if asked in (None, "planar"):
         wheels = find_wheels(at_start)
+        source.hold(find_virtual_joints(at_start), "virtual wheels move no shape and nearly no mass")
         if other_bases.is_called_afloat(at_start) and not stand_below_body(wheels, at_start):
             wheels = []
         on_ice = bool(not wheels and (other_bases.moves_over_ground(at_start) or at_start.own_planar_joints))

@@ -77,7 +77,7 @@ class Shape:
         return float(self.points[:, 2].min() - self.margin)
 
 
-def _joints_without_mesh(robot: Robot, kind: Kind) -> set[int]:
+def joints_without_mesh(robot: Robot, kind: Kind) -> set[int]:
     """Indices of the joints that carry links whose "visual" or "collision" geometry lacks a mesh."""
     try:
         links = robot.missing_meshes(kind)
@@ -245,7 +245,7 @@ class RobotAtStart:
         """
         found: dict[str, list[Shape]] = {}
         for kind in GEOMETRY:
-            lost = _joints_without_mesh(self.robot, kind)
+            lost = joints_without_mesh(self.robot, kind)
             every = shapes(self.robot, kind, self.q)
             found[kind] = [each for each in every if each.joint <= self.root or each.joint not in lost]
         return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import zip_longest
@@ -217,10 +217,14 @@ class Source:
         if still and len(still) == sum(joint.get("type") != "fixed" for joint in movable):
             self.notes.append("the file states no limits: lower and upper are equal for every joint")
             return
-        new = {name: value for name, value in still.items() if name not in self.held}
+        self.hold(still, "the limits of the file leave no motion", still)
+
+    def hold(self, joints: Iterable[str], why: str, values: Mapping[str, float] | None = None) -> None:
+        """Lock joints from now on, at zero or at given values, and note the reason."""
+        new = {name: (values or {}).get(name, 0.0) for name in joints if name not in self.held}
         self.held.update(new)
         if new:
-            self.notes.append(f"locked, because the limits of the file leave no motion: {', '.join(new)}")
+            self.notes.append(f"locked, because {why}: {', '.join(new)}")
 
     def _lock_leaders(self, robot: Robot) -> bool:
         """Lock the joints that mimic joints locked by the user follow; return True if there are any."""
@@ -249,11 +253,9 @@ class Source:
         if new:  # joints that carry these links move some mass from now on
             self.masses.update(new)
             return True
-        held = [joint for joint in idle if joint not in self.held]
-        self.held.update(dict.fromkeys(held, 0.0))
-        if held:
-            self.notes.append(f"locked, because they move no mass: {', '.join(held)}")
-        return bool(held)
+        before = len(self.held)
+        self.hold(idle, "they move no mass")
+        return len(self.held) > before
 
 
 def _stated_limits(robot: ElementTree.Element) -> Iterator[tuple[str, float, float]]:

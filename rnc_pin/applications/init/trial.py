@@ -150,7 +150,7 @@ def model_findings(
         chosen: entries of the reducing outputs.
         against: passive joints that are driven, because the other actuators are not enough.
     """
-    found = []
+    found = [_model(where, amount, Severity.DEGRADES, message) for where, amount, message in mobility.doubts]
     severity = Severity.FAILS if mobility.travel else Severity.DEGRADES
     if system.nearly_dependent_rows:
         rows = few(system.nearly_dependent_rows)

@@ -14,11 +14,13 @@ from rnc_pin.applications.init.robot_at_start import (
     GEOMETRY,
     LEVEL,
     NEAR,
+    PLACED,
     SAME,
     RobotAtStart,
     Shape,
     across,
     fitted_disk,
+    joints_without_mesh,
     placed,
 )
 from rnc_pin.io import Json
@@ -30,6 +32,7 @@ _WIDEST = 8.0  # largest width of a wheel, in radii
 _ROLLERS = 4  # smallest number of child joints on a rim that are rollers
 _IN_PLANE = 3  # smallest number of wheels on the ground in the plane of a sprocket
 _SIZES = (0.003, 1.5)  # plausible radii if no shape gives one [m]
+_VIRTUAL = 0.01  # largest mass of a virtual wheel, as a share of that of a wheel
 _ON_AXLE = 1e-4  # largest distance of a wheel's frame from its axle [m]: a wheel that is farther away is eccentric
 _WHEEL = ".*wheel|wheel.*|tire|tyre|.*caster|caster.*|.*castor|castor.*"
 _NO_WHEEL = "reaction_wheel|flywheel|momentum_wheel|steering_?wheel|rotor|propeller|prop|pulley|gear|spider"
@@ -76,6 +79,7 @@ class Wheel:
         rollers: joints of the rollers on the rim.
         is_ball: True if the wheel is a sphere.
         edge: settings of the knife edge that stands for a wheel without a joint about its axle; else None.
+        imbalance: distance of its center of mass from the axle [m].
     """
 
     joint: str
@@ -89,6 +93,7 @@ class Wheel:
     rollers: tuple[str, ...] = ()
     is_ball: bool = False
     edge: Mapping[str, Json] | None = None
+    imbalance: float = 0.0
 
     @property
     def heading(self) -> np.ndarray:
@@ -135,6 +140,26 @@ def find_wheels(at_start: RobotAtStart) -> list[Wheel]:
     return [wheel for wheel in wheels if wheel.joint not in carriers]
 
 
+def find_virtual_joints(at_start: RobotAtStart) -> list[str]:
+    """Return joints at the height of axles that move no shape and nearly no mass beside a wheel: virtual wheels.
+
+    Controllers of steered bases ask for such a wheel in the middle of each axle, and for a pivot above it.
+    """
+    model, data = at_start.robot.model, at_start.data
+    wheels = [each for each in _candidates(at_start) if any(each.parts.values())]
+    shaped = {shape.joint for every in at_start.shapes.values() for shape in every}
+    shaped = shaped.union(*(joints_without_mesh(at_start.robot, kind) for kind in GEOMETRY))
+    lightest = min((float(model.inertias[each.index].mass) for each in wheels), default=0.0)
+    found = []
+    for joint in range(at_start.root + 1, model.njoints):
+        behind = [int(each) for each in model.subtrees[joint]]
+        level = any(abs(data.oMi[joint].translation[2] - each.center[2]) < PLACED for each in wheels)
+        mass = sum(model.inertias[each].mass for each in behind)
+        if level and model.joints[joint].nv == 1 and not shaped & {*behind} and mass < _VIRTUAL * lightest:
+            found.append(str(model.names[joint]))
+    return found
+
+
 def find_raised_wheels(at_start: RobotAtStart, wheels: Sequence[Wheel]) -> list[Wheel]:
     """Return round bodies above the ground in the plane of several wheels: sprockets and idlers of a track."""
     standing = {wheel.joint for wheel in wheels}
@@ -170,7 +195,8 @@ def _measured_wheels(at_start: RobotAtStart) -> tuple[list[_Found], list[_Candid
     found: list[_Found] = []
     unmeasured: list[_Candidate] = []
     bare: list[_Candidate] = []  # without shapes, a wheel's name and a round inertia
-    candidates = list(_candidates(at_start))
+    virtual = find_virtual_joints(at_start)
+    candidates = [each for each in _candidates(at_start) if at_start.robot.model.names[each.index] not in virtual]
     rollers = {each for candidate in candidates for each in candidate.rollers}
     for candidate in candidates:
         if candidate.index in rollers:
@@ -361,6 +387,7 @@ def _on_the_ground(found: list[_Found], everything: list[Shape], root: int) -> l
 
 def _wheel(at_start: RobotAtStart, candidate: _Candidate, size: _Size) -> Wheel:
     model = at_start.robot.model
+    lever = model.inertias[candidate.index].lever
     pivots, carriers = joints_above(
         at_start, model.parents[candidate.index], candidate.center, candidate.axle, size.radius
     )
@@ -375,6 +402,7 @@ def _wheel(at_start: RobotAtStart, candidate: _Candidate, size: _Size) -> Wheel:
         carriers=carriers,
         rollers=tuple(str(model.names[each]) for each in candidate.rollers),
         is_ball=size.is_ball,
+        imbalance=float(np.linalg.norm(across(at_start.data.oMi[candidate.index].rotation @ lever, candidate.axle))),
     )
 
 

@@ -533,6 +533,17 @@ def conveyor():
     return robot(link("base", 20.0, BOX), *(pair(f"w{k}", "base", 0.2 * k, 0.3) for k in range(3)), *rollers)
 
 
+def with_virtual_wheels(*named):
+    """A car with what controllers of steered bases ask for: 0.06 g on each axle, the front one on a pivot, no shapes."""
+    parts = [link(name, 6e-5, moment=1e-8) for name in ("rear", "turn", "front")]
+    parts += [joint("rear_v", "base", "rear", (-0.3, 0, 0)), joint("front_v", "turn", "front", (0, 0, 0))]
+    parts += [joint("turn_v", "base", "turn", (0.3, 0, 0), "0 0 1", "revolute", limits=(-0.6, 0.6))]
+    return robot(
+        link("base", 10.0, BOX), pair("back", "base", -0.3), knuckles("k", "f", 0.3), *parts, transmissions(*named)
+    )
+
+
+VIRTUAL = ("rear_v", "turn_v", "front_v")
 FORK, LEANS = (DIRT / "raked_fork.urdf").read_text(), "free: 2 wheels in line: a bicycle, which leans"
 L_R, W_LR = ["l_joint", "r_joint"], ["w_l_joint", "w_r_joint"]
 REAR, CAR = ["rear_l_joint", "rear_r_joint"], "planar: 4 wheels, steered like a car"
@@ -560,6 +571,8 @@ ROW = [f"w{k}_{side}_joint" for k in range(5) for side in "lr"]
     (kingpins(), {}, CAR, [*REAR, "kingpin_l_joint"], {}),
     (kingpins(*REAR, "kingpin_l_joint"), {}, CAR, [*REAR, "kingpin_l_joint"], {}),
     (live_axle(), {}, CAR, None, {"rolling_wheel": 4}),
+    (with_virtual_wheels(), {}, CAR, ["back_l_joint", "back_r_joint", "k_l_joint"], {"lock": {*VIRTUAL}}),
+    (with_virtual_wheels(*VIRTUAL), {}, CAR, ["back_l_joint", "back_r_joint", "k_l_joint"], {"lock": {*VIRTUAL}}),
     (conveyor(), {}, "planar: 6 wheels, skid-steered", 9, {}),
     (cart(limits=ONCE, names=DISKS), {}, DRIVES, ["part_3_joint", "part_4_joint"], {}),
     (FORK.replace("front_hub", "steering_wheel"), {}, LEANS, ["rear_hub", "steering"], {}),
@@ -567,6 +580,22 @@ ROW = [f"w{k}_{side}_joint" for k in range(5) for side in "lr"]
 ])  # fmt: skip
 def test_motors_locks_and_wheels_of_a_draft(text, wishes, kind, actuators, counts, drafted):
     assert_base(drafted(text, **wishes), kind, actuators, counts)
+
+
+def test_a_wheel_with_its_mass_beside_the_axle_is_to_be_checked(drafted, tmp_path):
+    text = robot(
+        link("base", 10.0, BOX, at="0.02 0 0.05"),
+        pair("w", "base", 0),
+        fixed("skid", (0.2, 0, -0.07), "<sphere radius='0.03'/>"),
+    )
+    moved_mass = text.replace(
+        '<link name="w_r"><inertial><origin xyz="0 0 0"', '<link name="w_r"><inertial><origin xyz="0.3 0.1 0"'
+    )
+    for each in (text, moved_mass):
+        drafted(each)
+        said = " ".join((tmp_path / "unit.yaml").read_text().replace("# ", "").split())
+        wanted = "CHECK: the center of mass of wheel w_r_joint is 0.3 m from its axle in the file"
+        assert (wanted in said) == (each is moved_mass)
 
 
 def test_wheels_in_line_do_not_skid_steer(drafted):
