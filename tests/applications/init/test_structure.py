@@ -534,7 +534,7 @@ def conveyor():
 
 
 def with_virtual_wheels(*named):
-    """A car with what controllers of steered bases ask for: 0.06 g on each axle, the front one on a pivot, no shapes."""
+    """A car with what controllers of steered bases ask for: 0.06 g on each axle, one on a pivot, no shapes."""
     parts = [link(name, 6e-5, moment=1e-8) for name in ("rear", "turn", "front")]
     parts += [joint("rear_v", "base", "rear", (-0.3, 0, 0)), joint("front_v", "turn", "front", (0, 0, 0))]
     parts += [joint("turn_v", "base", "turn", (0.3, 0, 0), "0 0 1", "revolute", limits=(-0.6, 0.6))]
