@@ -8,7 +8,10 @@ from .equilibrium import Equilibrium as Equilibrium
 from .equilibrium import equilibrium as equilibrium
 from .exploration import Exploration as Exploration
 from .exploration import Use as Use
+from .exploration import default_candidates as default_candidates
 from .exploration import explore as explore
+from .exploration import short_names as short_names
+from .exploration import tip_positions as tip_positions
 from .grip import Grip as Grip
 from .growth import GrowthEvidence as GrowthEvidence
 from .growth import growth_vector as growth_vector

@@ -18,15 +18,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import TypedDict
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.analysis.growth import grow
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError, SingularityError
+from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError, SingularityError, few
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.compiled import evaluator_for
@@ -63,6 +64,7 @@ class Use:
     Attributes:
         vertical: names of the outputs (k,).
         redundancy_class: "1", "2", "2s", "3" or None.
+        moved: names of those that the class says move or are steered.
         rank: usual rank of D.
         singular_values: median of each over the samples (k,); angles of outputs and joints count by ``length``.
         smallest: smallest singular value at any sample.
@@ -72,11 +74,12 @@ class Use:
         redundant: names of the coordinates x22 that reduce best.
         actuators: actuators that do most of the work.
         effort: largest static effort of these over the samples, in the median [N or N m]; None without gravity.
-        reason: one sentence.
+        reason: one sentence: what moves, by which motion of the joints, where that is lost.
     """
 
     vertical: tuple[str, ...]
     redundancy_class: str | None
+    moved: tuple[str, ...]
     rank: int
     singular_values: Float[Array, " k"]
     smallest: float
@@ -205,6 +208,11 @@ class _HeldRows(Rows):
         return self._outputs.bias_acceleration(at)
 
 
+class _Work(TypedDict):
+    actuators: tuple[str, ...]
+    effort: float | None
+
+
 class _Set:
     """Set of vertical outputs.
 
@@ -257,8 +265,8 @@ class _Exploring:
         self._length = _length(self._robot)
         angles = np.array([unit.startswith("rad") for unit in self._robot.velocity_units])
         self._lengths = np.where(angles, self._length, 1.0)[:, None]
-        angular = np.array([unit.startswith("rad") for unit in self._outputs.units])
-        self._scale = scale = np.where(angular, self._length, 1.0)[:, None]
+        self._angular = [unit.startswith("rad") for unit in self._outputs.units]
+        self._scale = scale = np.where(self._angular, self._length, 1.0)[:, None]
         good, (self._A, self._J, self._P, self._ways, self._D) = self._motions_at(q)
         if not good.mean() > _USUAL:
             raise ConfigurationError(
@@ -320,26 +328,23 @@ class _Exploring:
         own = {*self._reduced.actuation.names, *self._redundant_names}
         return self._by_default and own.issuperset(each.names(self._names))
 
-    def _decided(self, each: _Set) -> tuple[str | None, str]:
-        """Class and reason: by rank, then by first derivatives, then by brackets."""
+    def _decided(self, each: _Set) -> tuple[str | None, Array, str]:
+        """Class, mask of the outputs that move, and words: by rank, then by first derivatives, then by brackets."""
         rows, count, moved = list(each.rows), len(each.rows), int(each.moved.sum())
+        every = np.ones(count, dtype=bool)
         if self._conserved[rows].any():
-            fixed = " ".join(
-                name for name, row in zip(each.names(self._names), rows, strict=True) if self._conserved[row]
-            )
-            return None, f"no motion of the robot changes {fixed}"
+            fixed = [name for name, row in zip(each.names(self._names), rows, strict=True) if self._conserved[row]]
+            return None, ~every, f"no motion of the robot changes {short_names(fixed)}"
         if each.full:
-            left = self.motions - count
-            return "1", f"set at will; {counted(left, 'further motion')} left" if left else "set at will"
+            return "1", every, ""
         if not moved and (steered := self._steered(rows)).any():
-            names = ", ".join(np.array(each.names(self._names))[steered].tolist())
-            return "2s", f"{names} steered by the values of {', '.join(self._redundant_names)}, not by their rates"
+            return "2s", steered, ""
         if 0 < moved < count and moved == self.motions and self._splits(each):
-            names = ", ".join(np.array(each.names(self._names))[each.moved].tolist())
-            return "2", f"{names} set at will; the rest follows from the primary outputs"
+            return "2", each.moved, "the rest follows from the primary outputs"
         if self.motions > 1 and each.rank < count and self._is_reached(rows):
-            return "3", "reached by manoeuvres that leave the primary outputs alone, not at will"
-        return None, f"{each.rank} of {counted(count, 'direction')} moved" if moved else "not moved"
+            return "3", every, "not directly"
+        still = f"{each.rank} of {counted(count, 'direction')} of {short_names(each.names(self._names))} can be moved"
+        return None, ~every, still if moved else f"{short_names(each.names(self._names))} cannot be moved"
 
     def _steered(self, rows: Sequence[int]) -> Array:
         """Mask of the outputs whose rates the values of the redundant coordinates steer; none if not all at will."""
@@ -417,7 +422,7 @@ class _Exploring:
     # ------------------------------------------------------------------ report
 
     def _use(self, each: _Set) -> Use:
-        kind, reason = self._decided(each)
+        kind, mask, words = self._decided(each)
         typical = np.zeros(len(each.rows))
         typical[: each.values.shape[1]] = np.median(each.values, axis=0)
         typical.setflags(write=False)
@@ -426,10 +431,43 @@ class _Exploring:
         weak = float((last < _WEAK * np.median(last)).mean()) if each.rank else 0.0
         names, at = each.names(self._names), self._q[worst].copy()
         at.setflags(write=False)
-        work = self._work(each)
+        moved = tuple(name for name, moves in zip(names, mask, strict=True) if moves)
         smallest, straight = float(last[worst]), self._straight(each) if each.rank else ()
-        redundant = self._redundant_names
-        return Use(names, kind, each.rank, typical, smallest, weak, at, straight, redundant, *work, reason)
+        use = Use(
+            vertical=names,
+            redundancy_class=kind,
+            moved=moved,
+            rank=each.rank,
+            singular_values=typical,
+            smallest=smallest,
+            singular_share=weak,
+            singular_at=at,
+            straight=straight,
+            redundant=self._redundant_names,
+            **self._work(each),
+            reason="",
+        )
+        return replace(use, reason=self._sentence(use, words, [self._angular[row] for row in each.rows]))
+
+    def _sentence(self, use: Use, words: str, angles: list[bool]) -> str:
+        """One sentence: what moves, by which motion of the joints, and where that is lost."""
+        primary, moved, means = short_names(self._primary), short_names(use.moved), use.actuators or use.redundant
+        if use.redundancy_class is None:
+            return f"with {primary} at rest, {words}"
+        if use.redundancy_class == "2s":
+            return f"while {primary} moves, the values of {few(use.redundant)} steer {moved}, not their rates"
+        if use.redundancy_class == "3":
+            return f"with {primary} at rest, manoeuvres of {few(use.redundant)} reach {moved}, {words}"
+        turn, slowest = all(angles), float(use.singular_values[use.rank - 1])
+        parts = [f"with {primary} at rest, {few(means)} can {'turn' if turn else 'move'} {moved}", words]
+        motion = 1.0 / (slowest if turn else slowest * self._length)
+        parts.append(f"1 {'rad' if turn else 'm'} takes {motion:.3g} rad of the joints")
+        parts.append(f"holding its weight takes {use.effort:.3g} N or N m" if use.effort else "")
+        if use.straight:
+            parts.append(f"lost where {' or '.join(use.straight)} is straight")
+        elif use.singular_share:
+            parts.append(f"nearly lost at {100 * use.singular_share:.0f} % of the poses")
+        return "; ".join(part for part in parts if part)
 
     def _straight(self, each: _Set) -> tuple[str, ...]:
         """Joints that make D singular at 0 or pi."""
@@ -460,11 +498,11 @@ class _Exploring:
                         found.append((name, self._motions_at(q)[1][-1]))
         return found
 
-    def _work(self, each: _Set) -> tuple[tuple[str, ...], float | None]:
+    def _work(self, each: _Set) -> _Work:
         """Actuators that move most for unit motions of the outputs, and their static effort."""
         names = self._reduced.actuation.names
         if not (names and each.rank):
-            return (), None
+            return {"actuators": (), "effort": None}
         moving = self._ways @ np.linalg.pinv(each.D, rcond=_RANK)
         motion = np.abs(self._reduced.at(self._q).B.mT @ moving).max(axis=2)  # (S, p)
         shares = np.median(motion, axis=0)
@@ -472,7 +510,8 @@ class _Exploring:
         working = [k for k in busiest if shares[k] > _WORKING * shares.max()]
         load = self._static_inputs
         effort = None if load is None else float(np.median(np.abs(load[:, working]).max(axis=1)))
-        return tuple(names[k] for k in working), effort
+        effort = None if effort is None or effort < _ZERO else effort
+        return {"actuators": tuple(names[k] for k in working), "effort": effort}
 
     @cached_property
     def _static_inputs(self) -> Array | None:

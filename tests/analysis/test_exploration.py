@@ -70,6 +70,8 @@ def test_a_distance_along_an_arm_is_lost_where_the_arm_is_straight(tmp_path):
     along, primary = [rnc.Distance("left_1", "left_2_hand")], [rnc.JointPosition("pivot")]
     (use,) = rnc.explore(reduced, primary, along).rows
     assert use.straight == ("left_2_joint",)
+    assert "with pivot at rest, left_2_joint, left_1_joint can move distance_left_1_left_2_hand" in use.reason
+    assert "lost where left_2_joint is straight" in use.reason
     (bent,) = rnc.explore(reduced, primary, along, region={"left_2_joint": (0.5, 1.0)}).rows
     assert bent.singular_share == 0.0
     assert 0.5 <= reduced.robot.joint_values(bent.singular_at)["left_2_joint"] <= 1.0
