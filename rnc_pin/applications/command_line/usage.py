@@ -161,6 +161,22 @@ def inspect(**given: Given) -> None:
 
 
 @cli.command(context_settings=_HELP)
+@click.argument("system", shell_complete=_scenarios)
+@_options
+@click.option("--primary", metavar="A,B", help="Primary outputs; by default the scenario's own, then each tip.")
+@click.option("--write", type=_PATH, metavar="FILE", help="Write the scenario of a row, after a trial run.")
+@click.option("--row", type=click.IntRange(min=1), help="With --write: this row; the best one by default.")
+@_json
+@_debug
+def explore(**given: Given) -> int | None:
+    """Tell what the redundancy of a SYSTEM can do while its primary outputs rest, best use first."""
+    find_scenario(given["system"])
+    announce(f"{given['system']}: exploring the redundancy", quiet=True)
+    status: int | None = _command("explore_system")(**given)
+    return status
+
+
+@cli.command(context_settings=_HELP)
 @click.argument("robot", shell_complete=_files)
 @click.option("--out", type=_PATH, help="File to write; ROBOT.yaml in this folder by default.")
 @click.option("--base", type=click.Choice(["fixed", "planar", "free"]), help="Base type; guessed by default.")
