@@ -63,7 +63,9 @@ def find_uses(scenario: Scenario, primary: Sequence[str] = ()) -> tuple[list[Fou
     own = [] if primary or not scenario.task.primary_names else [list(scenario.task.primary_names)]
     tips = [] if primary else [list(each.bind(reduced.robot).names) for each in tip_positions(reduced)]
     found: list[FoundUse] = []
-    failures: list[str] = []
+    driven = int(np.linalg.matrix_rank(reduced.at(scenario.q0).input_matrix)) if reduced.actuation.names else 0
+    short = f"actuators drive {driven} of {reduced.r} motions: the others follow, and a use may need them"
+    failures = [short] if driven < reduced.r else []
     for names in [list(primary)] if primary else [*own, *(each for each in tips if each not in own)]:
         try:
             each = explore(reduced, _whole(known, names))

@@ -239,6 +239,9 @@ def test_inspect_answers_every_question_on_one_page(call):
     ):  # fmt: skip
         assert words in told(out), words
     assert len(out.splitlines()) <= 50
+    *best, command = out.splitlines()[-4:]
+    assert all(line.startswith("class 1: with tip_xy at rest, ") for line in best)
+    assert command == "more: rnc-pin explore space-robot"
     status, out, error = call(*inspect, "--json")
     assert (status, error) == (0, "")
     report = parsed(out)
@@ -282,6 +285,52 @@ def test_inspect_looks_at_the_vertical_outputs_that_the_task_names(call):
     report = parsed(out)
     assert report["redundancy_class"] == "2s"
     assert (report["redundancy"]["tracked"], report["redundancy"]["driven"]) == (["trailer_yaw"], [])
+
+
+# ---------------------------------------------------------------------- explore
+
+
+@pytest.mark.parametrize(("system", "kind", "vertical", "controller"), [
+    ("space-robot", "1", {"platform"}, "redundancy"),
+    ("fire-truck", "2s", {"trailer_yaw"}, "steering"),
+    ("mobile-manipulator", "3", {"base_x", "base_y"}, "two_phase"),
+])  # fmt: skip
+def test_explore_finds_the_answers_of_the_paper_and_writes_scenarios_that_succeed(
+    system, kind, vertical, controller, call, tmp_path
+):
+    status, out, error = call("explore", system, "--json")
+    assert (status, error) == (0, "")
+    row = next(
+        each for each in parsed(out)["rows"] if (each["redundancy_class"], {*each["vertical"]}) == (kind, vertical)
+    )
+    file = tmp_path / "use.yaml"
+    status, out, _ = call("explore", system, "--write", file, "--row", row["row"])
+    assert status == 0
+    *table, end = out.splitlines()
+    assert len(table) <= 20
+    assert f"class {kind}: {row['reason']}" in out
+    assert end == f"wrote {file}, whose run succeeded: rnc-pin run {file}"
+    written = rnc.Scenario.load(file)
+    assert written.content.controller.type == controller
+    run = written.run()
+    assert run.verdict.succeeded
+    moved = [run.info.outputs.x1.names.index(name) for name in vertical]
+    assert np.linalg.norm(run.x1[-1, moved] - run.x1[0, moved]) > 0.03
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["--primary", "tipp_x"], "--primary: no output 'tipp_x'; did you mean 'tip_x'"),
+    (["--row", 99, "--write", "use.yaml"], "--row 99: expected a row from 1 to 6"),
+    (["--row", 6, "--write", "use.yaml"], "1 of 2 directions of center_of_mass_xy can be moved"),
+    (["--write", "there.yaml"], "--write there.yaml: exists"),
+])  # fmt: skip
+def test_explore_refuses(arguments, words, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("there.yaml").touch()
+    status, _, error = call("explore", "space-robot", *arguments)
+    assert status == 2
+    assert words in error
+    assert not Path("use.yaml").exists()
 
 
 # ---------------------------------------------------------------------- replay

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import shlex
 from contextlib import suppress
+
+import click
 
 from rnc_pin.analysis import analyze
 from rnc_pin.applications.command_line.messages import print_json, warn
 from rnc_pin.applications.command_line.report import print_object
+from rnc_pin.applications.init import best_rows, find_uses
 from rnc_pin.applications.scenario.files import parse_options
 from rnc_pin.applications.scenario.plant_builder import start_findings, warnings_of
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -33,6 +37,10 @@ def inspect_system(system: str, options: tuple[str, ...], samples: int, seed: in
         }
         lines = [(label, items(listed or ["none"])) for label, listed in names.items()]
         print_object(report, f"{system} ({reduced.robot.name})", lines)
+        uses, _ = find_uses(scenario)
+        for k in best_rows(uses, 3):
+            click.echo(uses[k].title)
+        click.echo(f"more: rnc-pin explore {shlex.quote(system)}")
         return
     print_json(
         {
