@@ -236,7 +236,7 @@ class DivergenceError(SimulationError):
 
 
 class LimitError(SimulationError):
-    """A joint left its position range while limits were enforced.
+    """A condition of ``Stop`` ended a run: a joint left its position range, or a contact would have to pull.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf")

@@ -196,7 +196,7 @@ class StateEvaluation(ReducedKinematics):
         return v2_dot
 
     def _cause(self) -> str:
-        """What makes accelerations infinite or NaN: rates of a row, a passive force, or else inertia or inputs."""
+        """Cause of accelerations that are not finite: rates of a row, a passive force, or else inertia or inputs."""
         for name, rates in zip(self._data.stack.names, np.moveaxis(self.gamma, -1, 0), strict=True):
             if not np.isfinite(rates).all():
                 return f"the rate of row '{name}' is not finite"
