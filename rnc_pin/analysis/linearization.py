@@ -19,6 +19,7 @@ from rnc_pin.math.linear_algebra import sorted_eigenvalues
 from rnc_pin.model.independence import ROUNDING
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.reduction_data import best_entries
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import OutputKind
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, described, items
@@ -117,7 +118,8 @@ def linearize(
         T: inputs that hold the motion (p,); by default the smallest ones.
         coordinates: configuration part of the state: outputs, or entries of ``v`` by name (``robot.velocity_names``).
             An entry of ``v`` is a small motion of that joint; ``"root_joint[3]"`` is the roll of a free base in its own
-            axes. By default all entries of ``v``, as perturbations in a frame that moves along with the motion.
+            axes. By default all entries of ``v``, as perturbations in a frame that moves along with the motion; of
+            those that holonomic rows relate, such as heights of wheels, as many as they leave free.
         rates: names of the reducing outputs whose rates are states; all of them by default.
         cyclic: joints, or entries of v by name, whose positions count as having no effect although they have a small
             one, such as the angle of a slightly non-round wheel; the same as in ``equilibrium``.
@@ -150,12 +152,15 @@ def linearize(
     A, B = _whole(reduced, derivatives)
     for name in cyclic:
         A[:, entries_of(reduced.robot, name)] = 0.0
-    read = _Coordinates(reduced, coordinates)
+    held, names = state.A[list(reduced.constraints.holonomic)], reduced.robot.velocity_names
+    own = names if not len(held) else [names[k] for k in best_entries(held, reduced.n - len(held))]
+    read = _Coordinates(reduced, own if coordinates is None else coordinates)
     kept = _kept_rates(reduced, rates)
     if not (read.names or kept):
         raise InputError("coordinates and rates are both empty: the state needs at least one entry")
-    if coordinates is not None or len(kept) < reduced.r:
-        A, B = _restricted(reduced, read, kept, derivatives.v, q, A, B)
+    if coordinates is not None or len(held) or len(kept) < reduced.r:
+        moving = derivatives.v if coordinates is not None else np.zeros(reduced.n)
+        A, B = _restricted(reduced, read, kept, moving, q, A, B)
     outputs = reduced.reducing
     rate_names = [outputs.names[i] + ("" if outputs.quasi[i] else "_dot") for i in kept]
     return Linearization(

@@ -115,8 +115,14 @@ class Assembly:
         row = int(np.argmax(np.abs(residual)))
         raise ConstraintError(
             f"no configuration near q satisfies {', '.join(self.names)}: {self.names[row]} has residual "
-            f"{abs(residual[row]):.3g}, limit {_GOOD:.0e}"
+            f"{abs(residual[row]):.3g}, limit {_GOOD:.0e}{self.remedy(self.names[row])}"
         )
+
+    def remedy(self, name: str) -> str:
+        """Proposal for a row that is not satisfied: on a ball as ground, bodies roll outside. Empty without one."""
+        grounds = (getattr(block.kind, "ground", None) for block, _ in self._places if name in block.names)
+        outside = any(getattr(each, "inside", False) for each in grounds)
+        return "; its ground is hollow: inside=False if bodies roll on the outside of a ball or pipe" if outside else ""
 
     def _closest(
         self, q: Array, hold: Sequence[str] = (), by_inertia: bool = True, t: float | None = None, steps: int = _STEPS
@@ -182,6 +188,7 @@ class Assembly:
                 failures.append(float(np.linalg.norm(residual)))
                 row = int(np.argmax(np.abs(residual)))
                 worst = f": {self.names[row]} has residual {abs(residual[row]):.3g}, limit {_GOOD:.0e}"
+                worst += self.remedy(self.names[row])
             if len(failures) == _OF and _out_of_reach(failures):
                 break
         tries = f"any of {_TRIES} random configurations" if len(failures) != _OF else f"{_OF} random configurations"

@@ -379,6 +379,7 @@ def assembled_start(reduced: ReducedModel, q0: Array) -> Array:
         raise InputError(
             f"the initial configuration violates {name} by {residual:.3g} [m or rad]; "
             "reduced.assembled(q0) or system.assembled(q0) returns the nearest one that satisfies it"
+            f"{reduced.assembly.remedy(name)}"
         )
     return reduced.assembled(q0)
 

@@ -164,3 +164,14 @@ def test_a_weight_is_negative_beyond_rounding(unit):
     assert str(raised.value) == "state_cost: no weight may be negative"
     K = rnc.lqr(system, unit * np.array([3.0, -0.97 * 3e-12]), unit)
     np.testing.assert_allclose(K, [[np.sqrt(3.0), np.sqrt(2 * np.sqrt(3.0))]], rtol=1e-6)
+
+
+def test_default_coordinates_leave_out_what_rows_hold():
+    """A welded joint, and two joints that move by equal amounts: what is left is regulated."""
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    rows = [rnc.FixedOutput(rnc.JointPosition("joint_3"), 0.4), rnc.JointCoupling("joint_1", "joint_2", 1.0, 0.0)]
+    reduced = rnc.NonholonomicSystem(robot, rows, robot.joint_names).reduce()
+    system = rnc.linearize(reduced, robot.configuration({"joint_3": 0.4}))
+    assert len(system.state_names) == 4
+    assert not any("joint_3" in name for name in system.state_names)
+    assert np.linalg.eigvals(system.A - system.B @ rnc.lqr(system, 1.0)).real.max() < 0
