@@ -26,6 +26,7 @@ from rnc_pin.planning.action_models import ActionModel, Form, KinematicModel, No
 from rnc_pin.printing import ReprMixin
 
 _AT_REST = 1e-3  # part of an interval: a plan that brakes in less time ends at rest
+_APPROACH = 50.0  # rate of the motion that ends at a bound [1/s], if samples are shorter than 10 ms
 _HORIZON = 1000  # intervals of the regulator at rest
 _ROUNDING = 1e-12  # part of the largest velocity of the plan that is rounding
 
@@ -130,6 +131,12 @@ class PlanFeedback(ReprMixin):
     It reads the model. The dynamic form commands inputs T; the others command the reduced force of the acceleration
     that results. Reads from the measurement ``q, v2``.
 
+    Commands are held from sample to sample: planned inputs are their means over a sample, and forces those of the
+    state in its middle. The state of the controller is the time of the last sample.
+
+    Inputs stay within the bounds of the plan. In the forms "kinematic" and "acceleration" they also keep reducing
+    outputs within theirs: each approaches a bound no faster than a critically damped motion ends there.
+
     A plan that ends at rest stands still after its end. Other plans brake: the planned reduced velocities fall linearly
     to zero, within the largest accelerations of the plan, and at most in its duration. In the kinematic form the
     planned velocity jumps to zero.
@@ -174,6 +181,16 @@ class PlanFeedback(ReprMixin):
         if self.K.shape != plan.K.shape or not np.isfinite(self.K).all():
             raise ConfigurationError(f"gains of shape {self.K.shape}: expected finite numbers {plan.K.shape}")
         self._after = PlanEnd(self._model, plan)
+        self._driven = action_model(reduced, "acceleration")
+        self._sides: dict[str, dict[int, tuple[float, float]]] = {"output": {}, "velocity": {}, "input": {}}
+        valued = [name for name, quasi in zip(reduced.reducing.names, reduced.reducing.quasi, strict=True) if not quasi]
+        for quantity, name, low, high in plan.info.bounds:
+            quantity = "input" if quantity == "velocity" and self._model.form == "kinematic" else quantity
+            own = valued if quantity == "output" else reduced.reducing.names
+            names, every = (plan.info.input_names,) * 2 if quantity == "input" else (own, reduced.reducing.names)
+            if name in names:
+                before = self._sides[quantity].get(every.index(name), (-np.inf, np.inf))
+                self._sides[quantity][every.index(name)] = max(low, before[0]), min(high, before[1])
         self.weights = (1.0, 1.0) if K is None and weights is None else weights
         names = (*reduced.reducing.names, *reduced.vertical.names)
         self._outputs = plan.reference() if plan.info.output_names == names else None
@@ -193,23 +210,47 @@ class PlanFeedback(ReprMixin):
         }
 
     def initial_state(self, measurement: Measurement) -> None:
-        """Return None: the controller has no state."""
+        """Return None: there is no last sample."""
 
-    def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[Command, None]:
+    def step(self, t: float, measurement: Measurement, state: float | None = None) -> tuple[Command, float]:
         q, v2, model = np.asarray(measurement.q), np.asarray(measurement.v2), self._model
+        dt = 0.0 if state is None else t - state
         planned, feedforward, K = self.planned(t)
+        if dt > 0 and t < self.plan.duration:
+            ends = np.clip(self.plan.time, t, t + dt) - t
+            feedforward = np.diff(ends) @ self.plan.u / dt + (1.0 - ends[-1] / dt) * self._after.at(0.0)[1]
         moved = pin.difference(self._reduced.robot.model, planned.q[0], q)
         u = feedforward + K @ (np.concatenate([moved, v2 - planned.w[0]]) if model.nw else moved)
+        u = self._bounded(u, q, v2, dt)
         v2_desired = model.velocity(planned, feedforward[None])[0]
         x1, x2 = None, None
         over = t - self.plan.duration > 0 and self._after.duration > 0  # the plan has no outputs after its end
         if self._outputs is not None and not over:  # a plan for other outputs of the same inputs has none of these
             x2, x1 = np.split(self._outputs.at(t).position, [model.r])
         if model.form == "dynamic":
-            return Command(None, u, v2_desired, x1, x2), None
+            return Command(None, u, v2_desired, x1, x2), t
         rate = u if model.form == "acceleration" else self.bandwidth * (u - v2)
-        F = self._reduced.evaluator.inverse_dynamics(q, v2, rate, t)
-        return Command(F, None, v2_desired, x1, x2), None
+        middle = Nodes(q[None], v2[None])
+        if dt > 0:
+            middle = self._driven.step(middle, rate[None], np.array([dt / 2]))
+        F = self._reduced.evaluator.inverse_dynamics(middle.q[0], middle.w[0], rate, t + dt / 2)
+        return Command(F, None, v2_desired, x1, x2), t
+
+    def _bounded(self, u: Array, q: Array, v2: Array, dt: float) -> Array:
+        """Input within its bounds, by which reducing outputs and velocities stay within theirs."""
+        model, rate = self._model, _APPROACH if self._model.nw else self.bandwidth / 4.0
+        rate = min(rate, 0.5 / dt) if dt > 0 else rate
+        x = self._reduced.at(q).outputs()[1] if any(self._sides["output"].values()) else np.zeros(model.r)
+        if model.form != "dynamic":
+            for k, (low, high) in self._sides["output"].items():
+                room = rate * (np.array([low, high]) - x[k])
+                u[k] = np.clip(u[k], *(room if model.form == "kinematic" else rate * (room - 2.0 * v2[k])))
+        if model.form == "acceleration":
+            for k, (low, high) in self._sides["velocity"].items():
+                u[k] = np.clip(u[k], *(rate * (np.array([low, high]) - v2[k])))
+        for k, (low, high) in self._sides["input"].items():
+            u[k] = np.clip(u[k], low, high)
+        return u
 
     @cached_property
     def _at_rest(self) -> Array:
@@ -221,7 +262,7 @@ class PlanFeedback(ReprMixin):
         h = np.diff(self.plan.time)[-1:]
         step = self._model.step_derivatives(at, u[None], h)
         AB, H = np.concatenate([step.x, step.u], axis=2), h[0] * np.diag(np.concatenate([Q, R]))
-        long = RiccatiFactors(*(np.repeat(each, _HORIZON, axis=0) for each in (AB, H[None])), np.diag(h[0] * Q))
+        long = RiccatiFactors(np.repeat(AB, _HORIZON, axis=0), np.repeat(H[None], _HORIZON, axis=0), np.diag(h[0] * Q))
         return long.K[0] if np.isfinite(long.K[0]).all() else self.K[-1]
 
     def planned(self, t: float) -> tuple[Nodes, Array, Array]:

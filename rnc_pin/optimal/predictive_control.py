@@ -163,7 +163,8 @@ class PredictiveController(DescribedMixin):
         self._solver_settings, self._model = SolverSettings(nodes=self.nodes), action_model(reduced, self.form)
         start = initial_node(self._model, reduced.robot.configuration())
         end = None if goal is None else GoalRows(self._model, goal, at_rest=True)
-        self._problem = build_problem(self._model, start, end, self.horizon, self.costs, self.bounds, self.nodes)
+        problem = build_problem(self._model, start, end, self.horizon, self.costs, self.bounds, self.nodes)
+        self._problem = problem.with_reserve(self._solver_settings.reserve)  # for the feedback between updates
         points = [each.point for each in self._problem.costs if isinstance(each, SetPointBound)]
         self.set_point = SetPoint(reduced, goal) if goal is not None else points[0] if points else None
         if self.set_point is not None:

@@ -244,6 +244,10 @@ def _first_guess(
     duration = tuple(given) if isinstance(given, list) else given
     if settings.type == "global":
         assert goal is not None
+        for each in obstacles:
+            if each.motion is not None:
+                text = f"obstacle '{each.name}' moves, and type 'global' searches a way in a world that stands"
+                raise ConfigurationError(f"{text}; use type 'optimal', which follows its motion")
         beside = () if settings.clearance is None else obstacles
         selection, clearance, seed = PairSelection(links=settings.links), settings.clearance or 0.0, scenario.seed
         search = partial(find_way, selection=selection, clearance=clearance, settings=feedback.WAY_SEARCH, seed=seed)

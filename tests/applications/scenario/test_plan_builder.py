@@ -102,6 +102,10 @@ def test_a_goal_is_what_the_planner_names(tmp_path, moved, word):
     assert verdict == word
 
 
+ROLLS = {"minimum_jerk": {"to": [4.5, 0, 0.3, 0], "duration": 10}}
+ROLLING = {"sphere": {"name": "ball", "radius": 0.2, "position": [4.5, 3, 0.3], "motion": ROLLS}}
+
+
 @pytest.mark.parametrize(("changes", "message"), [
     ({"planner": {"goal": {"sleigh_z": 1.0}}}, "planner: goal: no output 'sleigh_z'; did you mean 'sleigh_[xy]'"),
     ({"planner": {"bounds": {"input": {"T": [0, 1]}}}}, "planner: bound: no 'T'"),
@@ -109,6 +113,7 @@ def test_a_goal_is_what_the_planner_names(tmp_path, moved, word):
     ({"planner": {"guess": {"path": {}, "reducing": {}}}}, "planner.guess.path"),
     ({"planner": {"goal": {"sleigh_speed_x": 1.0}}}, "is a speed: it has no value"),
     ({"controller": {"gains": "plan"}}, "controller.state_cost: belongs to gains 'tvlqr'"),
+    ({"planner": {"type": "global"}, "obstacles": [ROLLING]}, "planner: obstacle 'ball' moves, and type 'global'"),
     ({"planner": None}, "controller.type: 'plan_feedback' requires a plan: set 'planner'"),
 ])  # fmt: skip
 def test_mistakes_are_refused(tmp_path, changes, message):
