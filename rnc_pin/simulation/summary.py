@@ -67,8 +67,9 @@ class Summary(Compared):
     ``smallest_own_distance`` is that of two links whose distance changes. They are None if no such bodies come near.
     All three are in summaries of scenarios. ``limits_gave_way`` has the largest amounts by which limits of a
     whole-body program gave way to others; it is missing if none did. ``goal_error`` has the errors at the end of the
-    goals of such a program, whose outputs the model need not have. ``goals_missed`` has the errors of goals that a
-    completed run of a scenario did not reach within ``goal_tolerance``; it is missing if it reached all.
+    goals of such a program, whose outputs the model need not have, or of a planner.
+    ``goals_missed`` has the errors of goals that a completed run of a scenario did not reach within ``goal_tolerance``;
+    it is missing if it reached all.
     ``verdict`` is "succeeded", "degraded" or "failed", with its ``findings`` and the kinds that are ``accepted``.
     ``first_finding`` fails or degrades the run; it is missing if no finding does.
     ``integration`` is missing if the plant does not estimate its error.

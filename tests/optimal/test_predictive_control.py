@@ -5,7 +5,17 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.optimal import EffortCost, InputBound, OutputCost, PredictiveController, UpdateSchedule, VelocityCost
+from rnc_pin.optimal import (
+    EffortCost,
+    InputBound,
+    OutputBound,
+    OutputCost,
+    PredictiveController,
+    SetPointCost,
+    UpdateSchedule,
+    VelocityBound,
+    VelocityCost,
+)
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*quadratic costs stall:rnc_pin.errors.ModelWarning")
 
@@ -82,3 +92,15 @@ def test_prediction_over_the_delay_is_the_simulated_state():
     _, state = controller.step(0.0, moving, controller.initial_state(moving))
     np.testing.assert_allclose(state.q[0][:2], [0.04, 0.0], atol=1e-3)  # coasting: no inputs before
     assert state.begin == 0.1
+
+
+def test_a_bound_holds_between_the_nodes_of_its_own_plant_too():
+    """Feedback between updates once turned 2.2 mrad beyond a bound of 0.4 rad."""
+    reduced = systems.sleigh()
+    goal = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.5], rnc.FrameYaw("sleigh"): 0.0}
+    costs = [SetPointCost(goal, weight=10.0, velocity_weight=0.1), EffortCost(0.01)]
+    bounds = [OutputBound(rnc.FrameYaw("sleigh"), -0.4, 0.4), VelocityBound(-0.5, 0.5)]
+    controller = PredictiveController(reduced, costs, 3.0, form="acceleration", bounds=bounds)
+    run = rnc.simulate(reduced, controller, reduced.robot.configuration(), 3.0, dt=0.01)
+    assert 0.39 < np.arctan2(run.q[:, 3], run.q[:, 2]).max() < 0.4
+    assert 0.49 < np.abs(run.v2).max() < 0.5
