@@ -31,6 +31,13 @@ def test_every_extra_that_a_file_names_exists():
     assert {extra: name for extra, name in named.items() if extra not in DECLARED} == {}
 
 
+def test_all_has_the_extras_that_commands_ask_for_and_the_table_has_every_extra():
+    assert DECLARED["all"] == [f"rnc_pin[{','.join(extras._PACKAGES)}]"]
+    table = (ROOT / "docs" / "commands.md").read_text().partition("\n## Extras\n")[2].partition("\n## ")[0]
+    rows = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]
+    assert {name for row in rows for name in re.findall(r"`(\w+)`", row)} == DECLARED.keys()
+
+
 @pytest.mark.parametrize("extra", extras._PACKAGES)
 def test_a_message_names_an_extra_that_brings_the_package(extra):
     package = extras._PACKAGES[extra]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
@@ -15,6 +16,7 @@ from rnc_pin.errors import ModelWarning, printable
 from rnc_pin.io import dump_json
 
 DONE, FAILED, USAGE = 0, 1, 2
+_MINUTE = 60.0  # between the lines of a log [s]
 
 
 def print_json(content: object) -> None:
@@ -33,6 +35,24 @@ def announce(text: str, quiet: bool = False) -> None:
         click.echo(f"{printable(text)} ...", err=True)
     elif not quiet:
         click.echo(f"{printable(text)} ...")
+
+
+@contextmanager
+def told_each_minute(activity: Callable[[], str], quiet: bool) -> Iterator[None]:
+    """Print the activity each minute inside, if the output is a log and no terminal."""
+    over = threading.Event()
+
+    def tell() -> None:
+        begin = time.perf_counter()
+        while not over.wait(_MINUTE):
+            announce(f"{activity()}, {(time.perf_counter() - begin) / 60:.0f} min", quiet)
+
+    if not (quiet or sys.stderr.isatty()):
+        threading.Thread(target=tell, daemon=True).start()
+    try:
+        yield
+    finally:
+        over.set()
 
 
 def seconds_since_start() -> float:

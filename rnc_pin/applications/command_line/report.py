@@ -29,7 +29,7 @@ class ProgressBar:
     Args:
         console: console of the bar.
         total: value at 100 %.
-        text: current activity. Without a terminal only this line is printed.
+        text: current activity. Without a terminal this line is printed, and one each minute.
         quiet: print nothing.
     """
 
@@ -46,8 +46,14 @@ class ProgressBar:
             disable=quiet or not console.is_terminal,
         )
         self._task = self._bar.add_task(text, total=total)
+        self._log = messages.told_each_minute(self._reached, quiet)
+
+    def _reached(self) -> str:
+        task = self._bar.tasks[0]
+        return f"{task.description}: {task.percentage:.0f} %"
 
     def __enter__(self) -> Advance:
+        self._log.__enter__()
         self._bar.start()
         return self._advance
 
@@ -62,6 +68,7 @@ class ProgressBar:
         if error[0] is None:
             self._bar.update(self._task, completed=self._bar.tasks[0].total)
         self._bar.stop()
+        self._log.__exit__(None, None, None)
 
 
 def print_object(found: SummaryMixin, title: str, lines: Sequence[Line] = ()) -> None:

@@ -1,10 +1,14 @@
 """Printed tables: errors of outputs and goals; distances to obstacles apart from those between links."""
 
+import time
+
 import numpy as np
 import pytest
+from rich.console import Console
 
 import rnc_pin as rnc
-from rnc_pin.applications.command_line.report import print_summary
+from rnc_pin.applications.command_line import messages
+from rnc_pin.applications.command_line.report import ProgressBar, print_summary
 from rnc_pin.simulation import Clearance, LimitReplay, add_limits
 
 
@@ -37,3 +41,13 @@ def test_goals_of_a_program_are_printed_with_their_errors(summary, capsys):
     print_summary({**summary, "goal_error": {"hand_x": 0.0123}})
     (row,) = [line for line in capsys.readouterr().out.splitlines() if "hand_x" in line]
     assert row.split() == ["│", "hand_x", "│", "1.23e-02", "│", "-", "│", "-", "│"]
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_a_log_gets_a_line_each_minute(quiet, monkeypatch, capsys):
+    monkeypatch.setattr(messages, "_MINUTE", 0.02)
+    with ProgressBar(Console(stderr=True), 10.0, "driving", quiet) as advance:
+        advance(4.0, "driving")
+        time.sleep(0.5)
+    first, *lines = capsys.readouterr().out.splitlines() or [""]
+    assert (first, set(lines)) == (("", set()) if quiet else ("driving ...", {"driving: 40 %, 0 min ..."}))

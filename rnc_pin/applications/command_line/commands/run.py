@@ -7,7 +7,7 @@ from typing import TypedDict, Unpack
 
 from rich.console import Console
 
-from rnc_pin.applications.command_line.messages import FAILED, announce, warn
+from rnc_pin.applications.command_line.messages import FAILED, announce, told_each_minute, warn
 from rnc_pin.applications.command_line.report import ProgressBar, keep_run, report_run
 from rnc_pin.applications.scenario.execution import Result, data_names, execute
 from rnc_pin.applications.scenario.files import parse_options
@@ -37,9 +37,12 @@ def run_scenario(
 ) -> int:
     """Run a scenario, write its folder and return the exit status."""
     prepared = Scenario.load(scenario, parse_options(options))
-    if prepared.content.planner is not None:  # which takes most of the time before the run
-        announce(f"{prepared.name}: planning the motion", as_json)
-    prepared = prepared.build()
+    plans = prepared.content.planner is not None  # which takes most of the time before the run
+    activity = f"{prepared.name}: {'planning the motion' if plans else 'preparing the run'}"
+    if plans:
+        announce(activity, as_json)
+    with told_each_minute(lambda: activity, as_json):
+        prepared = prepared.build()
     for warning in prepared.experiment.warnings:
         warn(warning)
     name = prepared.name.strip(".") or "scenario"  # a file "...yaml" must not write into ".."
