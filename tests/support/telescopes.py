@@ -2,16 +2,11 @@
 
 _INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 
-
-def _box(name: str, length: float) -> str:
-    shape = f'<collision><geometry><box size="{length} 0.1 0.1"/></geometry></collision>'
-    return f'<link name="{name}">{_INERTIAL}{shape}</link>'
-
-
-def _joint(name: str, parent: str, child: str, reach: float) -> str:
-    limit = f'<limit lower="0" upper="{reach}" velocity="9" effort="99"/>'
-    ends = f'<parent link="{parent}"/><child link="{child}"/><axis xyz="1 0 0"/>'
-    return f'<joint name="{name}" type="prismatic">{ends}{limit}</joint>'
+_LINK = f'<link name="{{}}">{_INERTIAL}<collision><geometry><box size="{{}} 0.1 0.1"/></geometry></collision></link>'
+_JOINT = (
+    '<joint name="{}" type="prismatic"><parent link="{}"/><child link="{}"/><axis xyz="1 0 0"/>'
+    '<limit lower="0" upper="{}" velocity="9" effort="99"/></joint>'
+)
 
 
 def telescope(reach: float) -> str:
@@ -20,6 +15,6 @@ def telescope(reach: float) -> str:
     Args:
         reach: upper limit of "two" [m].
     """
-    links = f'{_box("rail", 2.0)}<link name="middle">{_INERTIAL}</link>{_box("tool", 0.04)}'
-    joints = _joint("one", "rail", "middle", 0.01) + _joint("two", "middle", "tool", reach)
+    links = _LINK.format("rail", 2.0) + f'<link name="middle">{_INERTIAL}</link>' + _LINK.format("tool", 0.04)
+    joints = _JOINT.format("one", "rail", "middle", 0.01) + _JOINT.format("two", "middle", "tool", reach)
     return f'<robot name="telescope">{links}{joints}</robot>'
