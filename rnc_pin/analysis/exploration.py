@@ -51,6 +51,7 @@ _MOST_SETS = 300  # sets of outputs that are tried
 _CLOSURES = 3  # configurations at which brackets are evaluated
 _DEEPEST, _BRACKETS = 4, 1e-5  # order of brackets, and their precision
 _POSES = 4  # samples at which a straight joint has to make D singular
+_FINGER = 3  # joints of a finger
 _POINT = 1e-3  # [m] below which a robot has no length
 _WORKING = 0.25  # of the motion of the busiest actuator, above which one counts as working
 _MOST_ACTUATORS = 4
@@ -70,6 +71,7 @@ class Use:
         smallest: smallest singular value at any sample.
         singular_share: share of the samples at which D is singular or nearly so.
         singular_at: configuration (nq,) of the smallest one.
+        best_at: configuration (nq,) of the largest one.
         straight: joints that make D singular when they are straight or folded (0 or pi), whatever the others do.
         redundant: names of the coordinates x22 that reduce best.
         actuators: actuators that do most of the work.
@@ -85,6 +87,7 @@ class Use:
     smallest: float
     singular_share: float
     singular_at: Float[Array, " nq"]
+    best_at: Float[Array, " nq"]
     straight: tuple[str, ...]
     redundant: tuple[str, ...]
     actuators: tuple[str, ...]
@@ -429,8 +432,9 @@ class _Exploring:
         last = each.values[:, max(each.rank - 1, 0)]
         worst = int(np.argmin(last))
         weak = float((last < _WEAK * np.median(last)).mean()) if each.rank else 0.0
-        names, at = each.names(self._names), self._q[worst].copy()
-        at.setflags(write=False)
+        names = each.names(self._names)
+        ends = self._q[[worst, int(np.argmax(last))]]
+        ends.setflags(write=False)
         moved = tuple(name for name, moves in zip(names, mask, strict=True) if moves)
         smallest, straight = float(last[worst]), self._straight(each) if each.rank else ()
         use = Use(
@@ -441,7 +445,8 @@ class _Exploring:
             singular_values=typical,
             smallest=smallest,
             singular_share=weak,
-            singular_at=at,
+            singular_at=ends[0],
+            best_at=ends[1],
             straight=straight,
             redundant=self._redundant_names,
             **self._work(each),
@@ -523,11 +528,12 @@ class _Exploring:
         return None
 
     def _order(self, use: Use) -> tuple[bool, int, int, float, int]:
-        """Best first: by class, but frames and joints without an actuator before the others."""
+        """Best first: by class, but what one actuator moves alone after the others."""
         own = {*self._reduced.actuation.names, *self._redundant_names}
         typical = float(use.singular_values[use.rank - 1]) if use.rank else 0.0
         kind, count = use.redundancy_class, len(use.vertical)
-        return kind is None, sum(name in own for name in use.vertical), _ORDER.index(kind), -typical, count
+        alone = max(sum(name in own for name in use.vertical), int(len(use.actuators) == 1))
+        return kind is None, alone, _ORDER.index(kind), -typical, count
 
 
 def _regular(reduced: ReducedModel, samples: int, seed: int, region: Mapping[str, tuple[float, float]]) -> Array:
@@ -634,12 +640,19 @@ def tip_frames(reduced: ReducedModel) -> tuple[str, ...]:
     single = {joint for joint in carriers if carriers.count(joint) == 1}  # casters, forks and steering knuckles
     inner = {*first, *wheels, *single, *(parents[joint] for joint in range(1, model.njoints) if joint not in wheels)}
     ends = [joint for joint in range(1, model.njoints) if joint not in inner]
-    found = []
-    for joint in ends:
-        hand = parents[joint]
-        alone = hand == 0 or hand in first or [parents[each] for each in ends].count(hand) == 1
-        found.append(bodies.get(joint if alone else hand, bodies.get(joint, "")))
-    return tuple(dict.fromkeys(name for name in found if name))
+    hands = {joint: _hand(joint, parents, {0, *first}) for joint in ends}
+    tips = [hands[joint] if list(hands.values()).count(hands[joint]) > 1 else joint for joint in ends]
+    named = (bodies.get(tip or joint, bodies.get(joint, "")) for tip, joint in zip(tips, ends, strict=True))
+    return tuple(dict.fromkeys(name for name in named if name))
+
+
+def _hand(joint: int, parents: list[int], bases: set[int]) -> int:
+    """Body that carries a short chain, such as a finger, beside others; zero if the chain is long."""
+    for _ in range(_FINGER):
+        joint = parents[joint]
+        if joint in bases or parents.count(joint) > 1:
+            break
+    return joint if joint not in bases and parents.count(joint) > 1 else 0
 
 
 def tip_positions(reduced: ReducedModel) -> list[FramePosition]:

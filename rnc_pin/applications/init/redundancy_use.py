@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Literal
 
 import numpy as np
 
 from rnc_pin.analysis import Exploration, Use, default_candidates, explore, short_names, tip_positions
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.errors import ConfigurationError, RncError, nearest
+from rnc_pin.errors import ConfigurationError, RncError, SingularityError, nearest
 from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.model import OutputKind
 from rnc_pin.outputs import CenterOfMass, FrameAngularVelocity, FramePosition, FrameSpeed, FrameYaw, JointPosition
@@ -21,6 +22,7 @@ from rnc_pin.verdict import Verdict
 _KEPT = "robot", "ground", "constraints", "mimic", "actuators", "forces", "obstacles"
 _SHARES = 1.0, 0.3, 0.1  # of the usual motion
 _MOTION, _REST, _MANOEUVRE = 4.0, 2.0, 24.0  # [s]
+_NEAR = 0.7  # distance of joints from the start that is tried where the start is singular [rad or m]
 _BEND = 0.3  # motion of the joints [rad]
 _VECTORS = FramePosition | CenterOfMass
 _AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
@@ -63,9 +65,7 @@ def find_uses(scenario: Scenario, primary: Sequence[str] = ()) -> tuple[list[Fou
     own = [] if primary or not scenario.task.primary_names else [list(scenario.task.primary_names)]
     tips = [] if primary else [list(each.bind(reduced.robot).names) for each in tip_positions(reduced)]
     found: list[FoundUse] = []
-    driven = int(np.linalg.matrix_rank(reduced.at(scenario.q0).input_matrix)) if reduced.actuation.names else 0
-    short = f"actuators drive {driven} of {reduced.r} motions: the others follow, and a use may need them"
-    failures = [short] if driven < reduced.r else []
+    failures: list[str] = []
     for names in [list(primary)] if primary else [*own, *(each for each in tips if each not in own)]:
         try:
             each = explore(reduced, _whole(known, names))
@@ -77,6 +77,10 @@ def find_uses(scenario: Scenario, primary: Sequence[str] = ()) -> tuple[list[Fou
         found += [FoundUse(each, use) for use in each.rows]
         if not each.motions:
             failures.append(f"no motion is left beside {short_names(each.primary)}")
+    if found and reduced.actuation.names:
+        driven = int(np.linalg.matrix_rank(reduced.at(found[0].use.best_at).input_matrix))
+        if driven < reduced.r:
+            failures.append(f"actuators drive {driven} of {reduced.r} motions: a use may need the others too")
     return found, failures
 
 
@@ -106,30 +110,56 @@ def scenario_of(scenario: Scenario, found: FoundUse) -> tuple[Scenario, Verdict]
     """
     failures: list[str] = []
     best: tuple[Scenario, Verdict] | None = None
-    for share in _SHARES:
-        for tracker in ("adaptive", "computed_torque"):
-            try:
-                made = Scenario("use", _content(scenario, found, share, tracker), scenario.folder, show_warnings=False)
-                verdict = made.run().verdict
-            except RncError as error:
-                failures.append(str(error))
-                continue
-            if verdict.succeeded:
-                return made, verdict
-            best = best or (made, verdict)
+    singular: set[bool] = set()
+    for bent, share, tracker in product((False, True), _SHARES, ("adaptive", "computed_torque")):
+        if bent in singular:
+            continue
+        try:
+            start = _bent_start(scenario, found) if bent else (found, {})
+            made = replace(scenario, raw=_content(scenario, *start, share, tracker), show_warnings=False)
+            verdict = made.run().verdict
+        except RncError as error:
+            failures.append(str(error))
+            singular |= {bent} if isinstance(error, SingularityError) else set()
+            continue
+        if verdict.succeeded:
+            return made, verdict
+        best = best or (made, verdict)
     if best is None:
         raise ConfigurationError(f"{short_names(found.use.vertical)}: {failures[0]}")
     return best
 
 
-def _content(scenario: Scenario, found: FoundUse, share: float, tracker: str) -> dict[str, Json]:
+def _bent_start(scenario: Scenario, found: FoundUse) -> tuple[FoundUse, dict[str, float]]:
+    """Return a use near the start, and the joints there at which it moves its outputs best."""
+    known, robot, model = _known_outputs(scenario), scenario.robot, scenario.robot.model
+    joints = {kind.joint: robot.single_joint(kind.joint) for kind in known.values() if isinstance(kind, JointPosition)}
+    region: dict[str, tuple[float, float]] = {}
+    for name, joint in joints.items():
+        value, k = float(joint.position(scenario.q0)), joint.idx_q
+        low, high = (
+            (-np.inf, np.inf) if joint.continuous else (model.lowerPositionLimit[k], model.upperPositionLimit[k])
+        )
+        region[name] = max(low, min(value, high) - _NEAR), min(high, max(value, low) + _NEAR)
+    primary, vertical = _whole(known, found.exploration.primary), _whole(known, found.use.moved)
+    local = explore(scenario.reduced, primary, [vertical], 32, region=region)
+    if not local.rows:
+        raise ConfigurationError(f"{short_names(found.use.vertical)}: not moved near the start")
+    use = local.rows[0]
+    start = {name: round(float(joint.position(use.best_at)), 3) for name, joint in joints.items()}
+    return FoundUse(local, use), start
+
+
+def _content(
+    scenario: Scenario, found: FoundUse, start: Mapping[str, float], share: float, tracker: str
+) -> dict[str, Json]:
     """Content of the scenario file."""
     use, known, robot = found.use, _known_outputs(scenario), scenario.robot
     primary, vertical = _whole(known, found.exploration.primary), _whole(known, use.moved)
     redundant = _whole(known, use.redundant)
     if use.redundancy_class == "3":  # a platform that drives and turns
         redundant = [FrameSpeed(_base(robot), "x"), FrameYaw(_base(robot))]
-    initial = scenario.raw.get("initial")
+    given = scenario.content.initial.q
     content = {
         "title": found.title,
         **{key: scenario.raw[key] for key in _KEPT if key in scenario.raw},
@@ -139,7 +169,7 @@ def _content(scenario: Scenario, found: FoundUse, share: float, tracker: str) ->
             "redundant": _names(redundant, robot),
             "vertical": _names(vertical, robot),
         },
-        "initial": {"q": initial.get("q", {}) if isinstance(initial, Mapping) else {}},
+        "initial": {"q": {**given, **start}},
         **_control(scenario, found, share, tracker),
     }
     return to_json_mapping(content, "use")

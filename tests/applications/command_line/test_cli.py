@@ -290,21 +290,22 @@ def test_inspect_looks_at_the_vertical_outputs_that_the_task_names(call):
 # ---------------------------------------------------------------------- explore
 
 
-@pytest.mark.parametrize(("system", "kind", "vertical", "controller"), [
-    ("space-robot", "1", {"platform"}, "redundancy"),
-    ("fire-truck", "2s", {"trailer_yaw"}, "steering"),
-    ("mobile-manipulator", "3", {"base_x", "base_y"}, "two_phase"),
+@pytest.mark.parametrize(("system", "start", "kind", "vertical", "controller"), [
+    ("space-robot", [], "1", {"platform"}, "redundancy"),
+    ("space-robot", ["--set", "initial.q={}"], "1", {"platform"}, "redundancy"),  # a straight arm
+    ("fire-truck", [], "2s", {"trailer_yaw"}, "steering"),
+    ("mobile-manipulator", [], "3", {"base_x", "base_y"}, "two_phase"),
 ])  # fmt: skip
 def test_explore_finds_the_answers_of_the_paper_and_writes_scenarios_that_succeed(
-    system, kind, vertical, controller, call, tmp_path
+    system, start, kind, vertical, controller, call, tmp_path
 ):
-    status, out, error = call("explore", system, "--json")
+    status, out, error = call("explore", system, *start, "--json")
     assert (status, error) == (0, "")
     row = next(
         each for each in parsed(out)["rows"] if (each["redundancy_class"], {*each["vertical"]}) == (kind, vertical)
     )
     file = tmp_path / "use.yaml"
-    status, out, _ = call("explore", system, "--write", file, "--row", row["row"])
+    status, out, _ = call("explore", system, *start, "--write", file, "--row", row["row"])
     assert status == 0
     *table, end = out.splitlines()
     assert len(table) <= 20
