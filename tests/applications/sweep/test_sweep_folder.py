@@ -3,11 +3,10 @@
 import json
 import os
 
-import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from systems import sleigh
+from rnc_pin.applications.sweep.runs import SeededDraws
 
 ROW = {"run": 0, "outcome": "completed", "verdict": "succeeded", "finding": "", "message": "", "wall_time": 0.1}
 LINES = {
@@ -28,47 +27,37 @@ LINES = {
 }
 
 
-DRAWS = {"draws": {"seed": 4, "distributions": {"mass": [1.0, 2.0], "wheel": {"choice": ["a", "b"]}}}}
+DRAWS = {"seed": 4, "distributions": {"mass": [1.0, 2.0], "wheel": {"choice": ["a", "b"]}}}
+OWN, OTHER = ({**ROW, **next(SeededDraws.of(DRAWS["distributions"], 4).of_run(run))} for run in (0, 1))
 STRANGE = {
-    "values of another run": (1, {}, "mass: run 0 of this sweep draws 1."),
-    "no values": (0, {"mass": None}, "found None"),
-    "other text": (0, {"wheel": "c"}, "wheel: run 0 of this sweep draws "),
-    "another draw": (0, {"redrawn": 1}, "mass: run 0 of this sweep draws "),
-    "endless draws": (0, {"redrawn": 10**15}, "redrawn: expected a number from 0 to 19"),
+    "values of another run": ([OTHER], "mass: run 0 of this sweep draws 1."),
+    "no values": ([ROW], "found None"),
+    "another draw": ([{**OWN, "redrawn": 1}], "mass: run 0 of this sweep draws "),
+    "endless draws": ([{**OWN, "redrawn": 10**15}], "redrawn: expected a number from 0 to 19"),
+    "twice": ([OWN, OWN], "run: 0 is there twice"),
 }
 
 
-@pytest.mark.parametrize(("of", "changed", "words"), STRANGE.values(), ids=STRANGE)
-def test_a_row_that_has_other_values_than_its_run_draws_is_refused(of, changed, words, tmp_path):
-    own = rnc.Draws(3, DRAWS["draws"]["distributions"], seed=4)
-    drawn = []
-    kept = rnc.sweep(lambda draw: drawn.append(dict(draw)) or still(), own, out=tmp_path / "whole").draw(0)
-    assert kept == drawn[0]
-    assert rnc.load_sweep(folder(tmp_path, {**ROW, **drawn[0]}, **DRAWS)).draw(0) == drawn[0]
-    row = {**ROW, **drawn[of], **changed}
-    with pytest.raises(rnc.ConfigurationError, match=r"runs\.jsonl: line 1 is not the row of a run: ") as caught:
-        rnc.load_sweep(folder(tmp_path, row, **DRAWS))
+@pytest.mark.parametrize(("rows", "words"), STRANGE.values(), ids=STRANGE)
+def test_a_row_that_has_other_values_than_its_run_draws_is_refused(rows, words, tmp_path):
+    assert len(rnc.load_sweep(folder(tmp_path, OWN, draws=DRAWS))) == 1
+    with pytest.raises(rnc.ConfigurationError, match="is not the row of a run: ") as caught:
+        rnc.load_sweep(folder(tmp_path, b"".join(json.dumps(row).encode() + b"\n" for row in rows), draws=DRAWS))
     assert words in str(caught.value)
-    with pytest.raises(rnc.ConfigurationError, match="run: 0 is there twice"):
-        rnc.load_sweep(folder(tmp_path, 2 * (json.dumps({**ROW, **drawn[0]}).encode() + b"\n"), **DRAWS))
 
 
 MACRO = '<robot xmlns:xacro="http://ros.org/xacro"><xacro:property name="mass" value="{}"/></robot>'
 SLEIGH = """<robot name="sleigh" xmlns:xacro="http://ros.org/xacro"><xacro:include filename="parts/mass.xacro"/>
-<link name="sleigh"><inertial><mass value="${mass}"/><inertia ixx="1" iyy="1" izz="1"
- ixy="0" ixz="0" iyz="0"/></inertial>
-<collision><geometry><mesh filename="hull.obj"/></geometry></collision></link></robot>"""
+<link name="sleigh"><inertial><mass value="${mass}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>
+</inertial><collision><geometry><mesh filename="hull.obj"/></geometry></collision></link></robot>"""
 HULL = "v 0 0 {}\nv 1 0 0\nv 0 1 0\nv 0 0 -1\nf 1 2 3\nf 1 2 4\nf 2 3 4\nf 1 3 4\n"
 LOT = "image: lot.pgm\nresolution: 0.5\norigin: [5, 5, 0]\nnegate: 0\noccupied_thresh: 0.6\nfree_thresh: 0.2\n"
 SCENARIO = """
 robot: {urdf: sleigh.urdf.xacro, base: planar}
 constraints: [{no_side_slip: {frame: sleigh}}]
-actuators: [{force: {frame: sleigh, axis: x}}, {torque: {frame: sleigh, axis: z}}]
-outputs: {reducing: [{frame_speed: {frame: sleigh}}, {frame_yaw: {frame: sleigh}}]}
 obstacles: [{map: {file: lot.yaml}}]
 controller: {type: none}
 sweep: {simulation.duration: {choice: [0.02, 0.03]}}
-simulation: {duration: 0.02, dt: 0.01}
 """
 READ = {
     "included macro": ("parts/mass.xacro", MACRO.format(3)),
@@ -90,10 +79,6 @@ def test_a_sweep_does_not_continue_after_a_file_that_it_read_changed(name, text,
     (tmp_path / name).write_text(text)
     with pytest.raises(rnc.ConfigurationError, match=f"holds another sweep: its files.{name} is "):
         rnc.sweep(run, 3, out=tmp_path / "out")
-
-
-def still():
-    return rnc.free_motion(sleigh(), sleigh().robot.configuration(), np.zeros(2), 0.01)
 
 
 def folder(path, line, **specification):

@@ -11,7 +11,13 @@ from rnc_pin.control import Command
 from rnc_pin.control.loop import control_loop, loop_state
 from rnc_pin.control.loop.loop_state import VelocityEstimate, write_state
 from rnc_pin.control.loop.measurements import VelocityObserver
-from rnc_pin.optimal import predictive_control, set_point_controller
+from rnc_pin.optimal import (
+    EffortCost,
+    PredictiveController,
+    SetPointController,
+    predictive_control,
+    set_point_controller,
+)
 from rnc_pin.plants import FaultyPlant, ReducedPlant
 from simple_controllers import Memoryless
 
@@ -56,28 +62,25 @@ def slow(monkeypatch, *spent):
     return Memoryless(law)
 
 
-@pytest.mark.parametrize("of", ["SetPointController", "PredictiveController"])
-def test_a_prepared_loop_has_searched_before_its_first_step(of, monkeypatch):
-    """Steps give the inputs of a loop that was not prepared, of which the first one searches."""
-    reduced, _ = sleigh()
+SEARCHING = {
+    "nearer_plan": (set_point_controller, lambda *of, **options: SetPointController(*of, 3.0, **options)),
+    "first_motion": (predictive_control, lambda reduced, goal, **options: PredictiveController(
+        reduced, [EffortCost()], 3.0, goal=goal, **options)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SEARCHING)
+def test_a_prepared_loop_has_searched_before_its_first_step(name, monkeypatch):
+    """Its inputs are those of a loop that was not prepared, whose first step searches."""
+    reduced, (module, make), searches = systems.sleigh(), SEARCHING[name], []
     goal = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.0], rnc.FrameYaw("sleigh"): 0.0}
-    options = {"form": "dynamic", "nodes": 15}
-    controller = (
-        rnc.optimal.SetPointController(reduced, goal, 3.0, **options)
-        if of == "SetPointController"
-        else rnc.optimal.PredictiveController(reduced, [rnc.optimal.EffortCost()], 3.0, goal=goal, **options)
-    )
-    q, searches = reduced.robot.configuration(), []
-    for module, name in ((set_point_controller, "nearer_plan"), (predictive_control, "first_motion")):
-        search = getattr(module, name)
-        monkeypatch.setattr(module, name, lambda *each, search=search: searches.append(each) or search(*each))
-    loops = [rnc.ControlLoop(reduced, controller, DT) for _ in range(2)]
+    q, search = reduced.robot.configuration(), getattr(module, name)
+    monkeypatch.setattr(module, name, lambda *each: searches.append(each) or search(*each))
+    loops = [rnc.ControlLoop(reduced, make(reduced, goal, form="dynamic", nodes=15), DT) for _ in range(2)]
     loops[0].prepare(q)
-    assert len(searches) == 1
     inputs = loops[0].step(5.0, q, np.zeros(3))
     assert len(searches) == 1
     np.testing.assert_array_equal(inputs, loops[1].step(5.0, q, np.zeros(3)))
-    assert len(searches) == 2
     assert np.abs(inputs).max() > 0.0
 
 
