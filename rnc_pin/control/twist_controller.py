@@ -7,7 +7,7 @@ the base slows or waits.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -42,6 +42,20 @@ _HALVINGS = 12
 _MOST = 6  # steered wheels with limits for which all choices of rolling are compared
 _ITERATIONS = 50
 _SETTLED = 1e-12  # [rad]
+_QUIET = 1e-3  # [m/s] speed of a command that turns no pivot of a program: rest of an error
+_REGULAR = 0.04  # smallest singular value of the model's guides, at angles for which a program aims
+_PROFILE = 30.0  # [1/s] rate of a pivot over its last turn
+_STEERING_ACCELERATION = 4.0  # [rad/s^2]
+_AIMED = 0.2  # [rad] within which a base of a program begins to drive
+
+
+class AimedTwist(NamedTuple):
+    """Twist that a base can have at the present angles of its pivots, while they turn to the commanded one."""
+
+    twist: Float[Array, " 3"]
+    """(vx, vy, wz) of the frame in its own axes [m/s, m/s, rad/s]."""
+    rates: Float[Array, " k"]
+    """Rates of the pivots [rad/s]."""
 
 
 class TwistController(ReprMixin):
@@ -53,7 +67,7 @@ class TwistController(ReprMixin):
 
     The twist is the nearest that the rows allow: the yaw rate counts times the base's length. Limits of velocity and
     position scale it as a whole, so its centre of rotation stays. A wheel whose trail is not zero does not count as
-    steered: it follows the base at once, as a powered caster. Motors' accelerations are not limited.
+    steered: it follows the base at once, as a powered caster.
 
     Args:
         reduced: the model; only its kinematics is used.
@@ -63,6 +77,9 @@ class TwistController(ReprMixin):
             Position limits are always those of the file.
         length: length that weights yaw rates beside speeds [m]; by default the largest lever of a wheel.
         slip: side slip that a pivot may have on its way, as a share of the speed. Beyond it the base waits.
+        waits: angle between the motion that pivots on their way allow and the commanded one, beyond which the base
+            stands [rad]. With a small one a base that turns on the spot does not creep, e.g. 0.01.
+        max_acceleration: largest accelerations in x, y and yaw [m/s^2, m/s^2, rad/s^2]; by default there is no limit.
 
     Attributes:
         joints: names of the joints in ``TwistCommand.joints``: those that the actuators drive.
@@ -94,9 +111,16 @@ class TwistController(ReprMixin):
         limits: bool | Float[Array, " nv"] = True,
         length: float | None = None,
         slip: float = 0.02,
+        waits: float = np.pi / 4,
+        max_acceleration: Sequence[float] | None = None,
     ) -> None:
-        if not (0 < dt < np.inf and 0 < slip < 1):
-            raise ConfigurationError(f"a twist controller needs dt > 0 and 0 < slip < 1, found {dt!r} and {slip!r}")
+        most = np.array((np.inf,) * 3 if max_acceleration is None else max_acceleration, dtype=float)
+        if not (0 < dt < np.inf and 0 < slip < 1 and 0 < waits <= np.pi / 2 and most.shape == (3,) and most.min() > 0):
+            raise ConfigurationError(
+                f"a twist controller needs dt > 0, 0 < slip < 1, 0 < waits <= pi / 2 and three positive accelerations, "
+                f"found {dt!r}, {slip!r}, {waits!r} and {max_acceleration!r}"
+            )
+        self.waits, self._steps = float(waits), dt * most
         self.base, self.dt, self.slip = WheeledBase(reduced, frame, length), float(dt), float(slip)
         self.frame, self.joints = frame, driven_joints(reduced)
         self._reduced = reduced
@@ -130,7 +154,8 @@ class TwistController(ReprMixin):
         """
         q, wanted = self._admitted(q, twist)
         motion, bounds = self.base.at(q), self._bounds(q, self.dt, self._limits)
-        goal, beyond = self._in_range(motion, q, motion.allowed(wanted), state.rates)
+        last = state.twist * self._scale
+        goal, beyond = self._in_range(motion, q, self._accelerated(last, motion.allowed(wanted)), state.rates)
         aim = goal if goal.any() else motion.allowed(state.aim * self._scale)
         turn = aimed = self._turns(motion, q, aim, state.rates).turn
         share, _ = _largest_share(motion.turning @ turn / self.dt, 0.0, bounds)
@@ -142,7 +167,7 @@ class TwistController(ReprMixin):
             motion = self.base.at(pin.integrate(self._reduced.robot.model, q, 0.5 * self.dt * (motion.turning @ rates)))
             rates = rates * _largest_share(motion.turning @ rates, 0.0, bounds)[0]
         offset = motion.turning @ rates
-        allowed = self._nearest(motion, goal, waits=share > _STILL)
+        allowed = self._nearest(motion, goal, self.waits * (share > _STILL))
         along = motion.moving @ allowed
         scale, joint = _largest_share(along, offset, bounds)
         v, reached = scale * along + offset, scale * allowed / self._scale
@@ -184,7 +209,7 @@ class TwistController(ReprMixin):
                 q = self._reduced.assembled(q, hold=self.steering)
         else:
             raise InfeasibleError(f"no angles of {', '.join(self.steering)} found for twist {twist} of '{self.frame}'")
-        allowed, bounds = self._nearest(motion, goal, waits=False), self._bounds(q, self.dt, self._limits)
+        allowed, bounds = self._nearest(motion, goal, waits=0.0), self._bounds(q, self.dt, self._limits)
         along = motion.moving @ allowed
         scale, joint = _largest_share(along, 0.0, bounds)
         cuts = (
@@ -193,7 +218,69 @@ class TwistController(ReprMixin):
         )
         return FeasibleTwist(scale * allowed / self._scale, q, scale * along, cuts)
 
+    def aimed(self, q: Float[Array, " nq"], twist: Twist, v: Float[Array, " nv"]) -> AimedTwist:
+        """Return goals of a program that limits velocities and accelerations itself, such as one of the whole body.
+
+        The base waits until its pivots are aimed. Angles at which the model's own rows become dependent are left out:
+        two guides whose axles are in line. There the twist differs by up to 4 %.
+
+        Args:
+            q: configuration (nq,).
+            twist: commanded twist, as for ``step``.
+            v: present velocity (nv,).
+
+        Raises:
+            InputError: q or the twist has another shape, or is not finite.
+        """
+        q, wanted = self._admitted(q, twist)
+        if not self.base.slides:
+            wanted[1] = np.nan
+        motion, pivots = self.base.at(q), self.base.pivots
+        last, rates = np.linalg.solve(motion.moving[self.base.base], v[self.base.base]), v[pivots]
+        goal, turn = self._regular(motion, q, self._in_range(motion, q, motion.allowed(wanted), rates)[0], rates)
+        independence = self._independence(motion, 0.0 * turn)
+        largest, still = np.abs(turn).max(initial=0.0), max(_QUIET, _MOVING * float(np.linalg.norm(goal)))
+        if largest > min(_AIMED, 0.25 * independence) and np.linalg.norm(last) > still:
+            goal, turn = np.zeros(3), 0.0 * turn  # it stops before its pivots turn far
+        speed = min(_PROFILE, np.sqrt(_STEERING_ACCELERATION / max(largest, _SETTLED)))
+        turning = speed * turn * (np.linalg.norm(goal) > _QUIET)
+        bounds, change = self._bounds(q, self.dt, self._limits), _STEERING_ACCELERATION * self.dt
+        turning *= _largest_share(motion.turning @ turning, 0.0, bounds)[0]
+        goal = self._accelerated(last, self._nearest(motion, goal, _AIMED))
+        allowed = min(1.0, 2.0 * independence / _REGULAR) * self._nearest(motion, goal, waits=0.0)
+        allowed *= _largest_share(motion.moving @ allowed, 0.0, bounds)[0]
+        return AimedTwist(allowed / self._scale, np.clip(turning, rates - change, rates + change))
+
     # ------------------------------------------------------------------ one sample
+
+    def _accelerated(self, last: Array, goal: Array) -> Array:
+        """Scaled twist after one sample, on the way from the last to a goal within the limits of acceleration."""
+        excess = np.max(np.abs(goal - last) / self._scale / self._steps)
+        return np.asarray(last + (goal - last) / max(1.0, excess))
+
+    def _regular(self, motion: BaseMotion, q: Array, goal: Array, rates: Array) -> tuple[Array, Array]:
+        """Scaled twist near a goal for which the model's guides are independent, and the turns of the pivots."""
+        turn = self._turns(motion, q, goal, rates).turn
+        missing, size = 1.0 - self._independence(motion, turn) / _REGULAR, np.linalg.norm(goal)
+        if missing <= 0.0 or not size:
+            return goal, turn
+        part = motion.free.T @ goal / size
+        found = []
+        for across in np.linalg.svd(part[None])[2][1:]:
+            for sign in (1.0, -1.0):
+                twist = goal + sign * missing * _REGULAR * size * (motion.free @ across)
+                turn = self._turns(motion, q, twist, rates).turn
+                found.append((-round(self._independence(motion, turn), 4), float(np.abs(turn).max()), twist, turn))
+        _, _, twist, turn = min(found, key=lambda each: (each[0], each[1]))
+        return twist, turn
+
+    def _independence(self, motion: BaseMotion, turn: Array) -> float:
+        """Smallest singular value of the guides of the model after turns of the pivots; infinite for one guide."""
+        aims, own = self.base.aims[self.base.kept], self.base.kept
+        if len(aims) < 2:
+            return np.inf
+        turned = motion.guides[aims] * np.cos(turn[own])[:, None] + motion.slopes[aims] * np.sin(turn[own])[:, None]
+        return float(np.linalg.svd(turned, compute_uv=False)[-1])
 
     def _admitted(self, q: Array, twist: Twist) -> tuple[Array, Array]:
         """Return the configuration, and the scaled twist."""
@@ -305,12 +392,12 @@ class TwistController(ReprMixin):
         """True if the pivots can turn within one sample."""
         return _largest_share(motion.turning @ turn / self.dt, 0.0, bounds)[0] == 1.0
 
-    def _nearest(self, motion: BaseMotion, wanted: Array, waits: bool) -> Array:
+    def _nearest(self, motion: BaseMotion, wanted: Array, waits: float) -> Array:
         """Scaled twist nearest to a wanted one that the rows allow at the present angles, up to the side slip.
 
         It minimizes ``|w - wanted|^2 + |guides w / slip|^2``. So it is continuous where guides become dependent.
-        A base that waits for its pivots is slowed by the cosine of twice the angle between w and the wanted twist:
-        beyond 45 degrees it stands, because it would go elsewhere.
+        A base that waits for its pivots is slowed by the angle between w and the wanted twist: beyond the angle
+        ``waits`` it stands, because it would go elsewhere. 0 does not wait.
         """
         part = motion.free.T @ wanted
         if len(motion.guides) and part.size:
@@ -319,7 +406,8 @@ class TwistController(ReprMixin):
             weights[: len(values)] = 1.0 / (1.0 + (values / self.slip) ** 2)
             size, part = part @ part, axes.T @ (weights * (axes @ part))
             if waits and size > 0.0:
-                part = part * max(2.0 * (part @ part) / size - 1.0, 0.0)
+                angle = np.arccos(min(np.sqrt(part @ part / size), 1.0))
+                part = part * np.cos(0.5 * np.pi * min(angle / waits, 1.0))
         return np.asarray(motion.free @ part)
 
     # ------------------------------------------------------------------ report

@@ -75,6 +75,8 @@ class WheeledBase:
         base: indices in v of the base's velocities, (3,).
         pivots: indices in v of the joints that steer, (k,).
         aims: for each pivot, the index of the guide that aims it, (k,).
+        kept: for each pivot, True if its guide is a row of the model, and not one of a wheel without a lateral row.
+        slides: True if the rows hold the base sideways at all angles of its pivots, so that it may move to any side.
         length: length of the base [m].
 
     Raises:
@@ -198,6 +200,8 @@ class WheeledBase:
         guides = sorted({*aim_of.values(), *(row for row in pivot_of if row in self.reduced.reduction_data.kept)})
         self.pivots = np.array(sorted(aim_of), dtype=int)
         self.aims = np.array([guides.index(aim_of[joint]) for joint in self.pivots], dtype=int)
+        self.kept = np.isin([aim_of[joint] for joint in self.pivots], self.reduced.reduction_data.kept)
+        self.slides = len(self.pivots) > 0 and self.kept.sum() >= min(2, len(self.pivots))
         self._followers = np.setdiff1d(self._others, self.pivots)
         self._turned = unit[self.pivots].sum(axis=0)
         self._guides, self._weights = self._rows.selected(tuple(guides)), self._scales[guides]

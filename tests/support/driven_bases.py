@@ -73,10 +73,10 @@ def differential():
     return _base(*parts, swivel, driven=wheels, wheels=wheels)
 
 
-def tricycle():
-    """Two wheels behind, one in front on a pivot with limits."""
+def tricycle(turns_round=False):
+    """Two wheels behind, one in front on a pivot, with limits or not."""
     back, wheels = _fixed(left=(-0.4, 0.2), right=(-0.4, -0.2))
-    front, more = _steered(front=(0.5, 0.0))
+    front, more = _steered(turns_round, front=(0.5, 0.0))
     return _base(*back, *front, driven=["front_joint", "turn_front_joint"], wheels=wheels | more)
 
 

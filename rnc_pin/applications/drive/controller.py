@@ -29,7 +29,7 @@ from rnc_pin.applications.drive.goals import (
     initial_goals,
     with_command,
 )
-from rnc_pin.control import Description, TrackerState, VelocityTarget
+from rnc_pin.control import Description, TrackerState, TwistController, VelocityTarget
 from rnc_pin.control.whole_body import ControlSample, LimitReport, ProgramState, VelocityQP
 from rnc_pin.control.whole_body.limits import AccelerationLimit, ControlLimit
 from rnc_pin.control.whole_body.tasks import BoundTask, ControlTask, DampingTask, TaskRows
@@ -37,6 +37,7 @@ from rnc_pin.model import Measurement, ReducedModel, heading_of
 
 _ATTITUDE = 0.3  # [m/rad]; error of the orientation beside that of the position
 _STILL = 0.1  # weight of joints whose posture gain is zero
+_ACCELERATION = 2.0  # of a base with pivots [m/s^2, rad/s^2]
 _BASE_AT_REST = 1.0  # weight of the base's velocity beside the posture
 
 
@@ -87,20 +88,30 @@ class _Base(BoundTask):
         reduced: the model.
         board: goals.
         base: the base.
+        dt: sampling period [s].
         resting: True for the task at the lowest level that keeps the base at rest; False for the commands.
     """
 
     constant = True  # speeds of the base
 
-    def __init__(self, reduced: ReducedModel, board: GoalBoard, base: DrivenBase, resting: bool = False) -> None:
+    def __init__(
+        self, reduced: ReducedModel, board: GoalBoard, base: DrivenBase, dt: float, resting: bool = False
+    ) -> None:
         self._robot, self._board, self._base, self._resting = reduced.robot, board, base, resting
         self._frame = reduced.robot.frame_id(base.frame)
         self._places = [reduced.robot.velocity_indices(name).start for name in board.controls.joints]
-        self.names = tuple(f"{base.frame} {name}" for name in ("forward", "turn", "left"))
+        self._pivots = [reduced.robot.velocity_indices(name).start for name in base.pivots]
+        self._aiming: TwistController | None = None
+        if base.pivots:
+            self._aiming = TwistController(reduced, base.frame, dt, max_acceleration=(_ACCELERATION,) * 3)
+        names = *(f"{base.frame} {name}" for name in ("forward", "turn", "left")), *base.pivots
+        self.names = tuple(names)
 
     def rows(self, sample: ControlSample) -> TaskRows:
         base, board, resting = self._base, self._board, self._resting
         goals = board.goals
+        if self._aiming is not None:
+            return self._aimed(sample, self._aiming)
         moving = base_rows(self._robot, base.frame, sample.end)
         rows = base.rates(moving, self._robot)
         wanted = None if resting else self._rates(sample)
@@ -111,6 +122,16 @@ class _Base(BoundTask):
         if not base.turns:
             rows[1] = 0.0 if resting or base.folding == 0 else moving[1]  # the posture has the steering joint
         return TaskRows((_BASE_AT_REST if resting else 1.0) * rows, np.zeros(3))
+
+    def _aimed(self, sample: ControlSample, aiming: TwistController) -> TaskRows:
+        """Rows of the base and of its pivots, which are aimed at its twist."""
+        wanted = None if self._resting else self._rates(sample)
+        rows = np.vstack([base_rows(self._robot, self._base.frame, sample.end), np.eye(self._robot.nv)[self._pivots]])
+        if wanted is None and not self._resting and not self._board.goals.hold_base:
+            return TaskRows(np.zeros_like(rows), np.zeros(len(rows)))
+        forward, left, turn = wanted or (0.0, 0.0, 0.0)
+        twist, rates = aiming.aimed(sample.end.q, [forward, left if self._base.slides else None, turn], sample.start.v)
+        return TaskRows(rows, np.array([twist[0], twist[2], twist[1], *rates]))
 
     def _rates(self, sample: ControlSample) -> BaseRates | None:
         board, base = self._board, self._base
@@ -267,8 +288,8 @@ class DriveController:
             DrivenTask(rows=_Frame(reduced, board, name), priority=1) for name in controls.frames
         ]
         if controls.base is not None:
-            tasks.append(DrivenTask(rows=_Base(reduced, board, controls.base)))
-            tasks.append(DrivenTask(rows=_Base(reduced, board, controls.base, resting=True), priority=2))
+            tasks.append(DrivenTask(rows=_Base(reduced, board, controls.base, self._dt)))
+            tasks.append(DrivenTask(rows=_Base(reduced, board, controls.base, self._dt, resting=True), priority=2))
         if controls.joints:
             tasks.append(DrivenTask(rows=_Posture(reduced, board), priority=2))
         return [*tasks, DampingTask(weight=_DAMPING, priority=2)]

@@ -10,12 +10,14 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.collision import Obstacle
+from rnc_pin.control.wheeled_base import WheeledBase
 from rnc_pin.errors import InputError, RncError
 from rnc_pin.model import ConfigurationEvaluation, ReducedModel, wrapped
 from rnc_pin.outputs import FrameSpeed, FrameYaw
 from rnc_pin.robots import NO_LIMIT, Robot
 
 _ROOT = "root_joint"
+_PLANE = 3  # directions of a twist in the plane
 _RANK = 1e-6  # smallest singular value, of rows of unit length, at which motions are independent
 _TURNED = 0.7  # [rad or m] by which a joint moves in the test of whether the motions of others depend on it
 _STEERED = 0.1  # [rad] by which a joint turns in the test of whether it steers
@@ -47,6 +49,7 @@ class DrivenBase:
         shape: joints on whose positions the motion of the base depends, such as steering angles and hitches.
         ahead: distance of the frame ahead of the axle that cannot move sideways [m]; zero without such an axle.
         folding: yaw over change of curvature, while the steering joint turns and the base does not drive [m].
+        pivots: joints that are aimed at the twist of the base, such as those of steered drives.
     """
 
     frame: str
@@ -58,6 +61,7 @@ class DrivenBase:
     shape: tuple[str, ...] = ()
     ahead: float = 0.0
     folding: float = 0.0
+    pivots: tuple[str, ...] = ()
 
     def rates(self, rows: np.ndarray, robot: Robot) -> np.ndarray:
         """Return the rows (3, nv) of the rates that a user sets: zero for motions that the base does not have.
@@ -112,6 +116,9 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
     frame = base_frame(robot, [name for name in preferred if robot.model.existFrame(name)])
     if frame is None or any(name.startswith("momentum(") for name in reduced.constraints.names):
         return None  # a base that floats moves by the reaction to its joints only
+    pivots, slides = find_pivots(reduced, q0, frame)
+    if slides or len(pivots) > 1:  # a single pivot of a car is steered by hand
+        return DrivenBase(frame, turns=True, slides=slides, wheels=pivots, pivots=pivots)
     here = reduced.at(q0)
     rows = base_rows(robot, frame, here)
     shape = _shape(reduced, q0)
@@ -125,13 +132,29 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
     slides = _independent(resting, forward, left)
     if turns:
         return DrivenBase(frame, turns, slides, wheels=wheels, shape=shape)
-    steering, bending = _steering(reduced, q0, frame, [j for j in joints if j not in wheels])
+    steering, bending = _steering(reduced, q0, frame, pivots or [j for j in joints if j not in wheels])
     folding = 0.0
     if steering is not None:
         folding = curvature(here, rows, rest, 1 + rest.index(robot.velocity_indices(steering).start)) / bending
     sign = float(np.sign(bending)) or 1.0
     ahead = _ahead(reduced, q0, frame, steering)
     return DrivenBase(frame, turns, slides, steering, sign, wheels, shape, ahead, folding)
+
+
+def find_pivots(reduced: ReducedModel, q0: np.ndarray, frame: str) -> tuple[tuple[str, ...], bool]:
+    """Return the joints that steer a base, and whether they let it move to any side; none without wheels.
+
+    Args:
+        reduced: the model.
+        q0: a configuration (nq,).
+        frame: frame of the base.
+    """
+    try:
+        base = WheeledBase(reduced, frame)
+    except RncError:  # such as a base that a force drives
+        return (), False
+    slides = base.slides and base.at(q0).free.shape[1] == _PLANE
+    return tuple(str(reduced.robot.velocity_names[each]) for each in base.pivots), slides
 
 
 def base_rows(robot: Robot, frame: str, at: ConfigurationEvaluation) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 
 from rnc_pin.applications.drive.commands import CommandLog
 from rnc_pin.applications.drive.controller import DriveController
-from rnc_pin.applications.drive.controls import DriveControls, base_frame, find_controls
+from rnc_pin.applications.drive.controls import DriveControls, base_frame, find_controls, find_pivots
 from rnc_pin.applications.drive.goals import movable
 from rnc_pin.applications.init import draft
 from rnc_pin.applications.init.assumptions import select_outputs
@@ -120,7 +120,11 @@ def rebuild_drive(name: str, config: Mapping[str, Json], folder: Path, frames: S
     Raises:
         RncError: the configuration is invalid.
     """
-    return _driven(Scenario(name, dict(config), folder, name in built_in_names()), tuple(frames))
+    scenario = validate(config, name)
+    system = build_system(scenario, folder)
+    reducing, _ = _reducing(config, scenario, system)
+    config = {**config, "outputs": {**mapping_of(config.get("outputs")), "reducing": list(reducing)}}
+    return _driven(Scenario(name, config, folder, name in built_in_names()), tuple(frames))
 
 
 def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
@@ -171,19 +175,16 @@ def _driven_config(
 ) -> dict[str, Json]:
     """Return the scenario with outputs that are never dependent, and with a velocity program."""
     config = {key: value for key, value in raw.items() if key not in _REPLACED}
-    q0 = system.robot.configuration(scenario.initial.q)
-    if system.assembly.size:
-        q0 = system.assembled(q0, list(scenario.initial.q))
-    chosen = select_outputs(_output_candidates(raw, scenario, system.robot), system, q0)
+    reducing, q0 = _reducing(raw, scenario, system)
     config["outputs"] = {
-        "reducing": [dict(entry) for entry in chosen.entries],
+        "reducing": list(reducing),
         "vertical": [{"frame_position": {"frame": frame}} for frame in frames],
     }
     given = raw.get("controller")
     if isinstance(given, Mapping) and given.get("type") == "qp":
         config["controller"] = given
     else:
-        reduced = system.reduce([output_of(entry) for entry in chosen.entries])
+        reduced = system.reduce([output_of(entry) for entry in reducing])
         limits: Json = {"acceleration": {"limit": _accelerations(reduced, q0)}}
         config["controller"] = {**_CONTROLLER, "limits": limits}
     simulation = raw.get("simulation")
@@ -221,8 +222,22 @@ def _accelerations(reduced: ReducedModel, q0: np.ndarray) -> list[Json]:
     return [float(f"{max(each, _SLOWEST):.3g}") for each in found]
 
 
+def _reducing(
+    raw: Mapping[str, Json], scenario: ScenarioFile, system: NonholonomicSystem
+) -> tuple[list[dict[str, Json]], np.ndarray]:
+    """Independent outputs, and the start. Joints come first if pivots are aimed: speeds of the base may vanish."""
+    robot, q0 = system.robot, system.robot.configuration(scenario.initial.q)
+    if system.assembly.size:
+        q0 = system.assembled(q0, list(scenario.initial.q))
+    base = base_frame(robot, [])
+    pivots, slides = find_pivots(system.reduce(), q0, base) if base is not None else ((), False)
+    aimed = slides or len(pivots) > 1
+    chosen = select_outputs(_output_candidates(raw, scenario, robot, aimed), system, q0)
+    return [dict(entry) for entry in chosen.entries], q0
+
+
 def _output_candidates(
-    raw: Mapping[str, Json], scenario: ScenarioFile, robot: Robot
+    raw: Mapping[str, Json], scenario: ScenarioFile, robot: Robot, joints_first: bool
 ) -> Iterator[tuple[Mapping[str, Json], float]]:
     """Yield output entries by preference: speeds and joints of the scenario, the base, joints, then all others."""
     given = mapping_of(raw.get("outputs")).get("reducing")
@@ -234,6 +249,8 @@ def _output_candidates(
     actuated = [each for each in scenario.actuators if isinstance(each, str)]
     rest = [name for name in robot.joint_names if name != "root_joint" and name not in actuated]
     told += [{"joint": name} for name in (*actuated, *rest) if name in robot.joint_names]
+    if joints_first:
+        told.sort(key=lambda each: "joint" not in each)
     seen: list[Mapping[str, Json]] = []
     for entry in (*told, *entries):
         if entry not in seen:

@@ -6,10 +6,12 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from driven_bases import swerve
 from drives import Watcher, point_of, pose_of, prepared, reduced_of
 from rnc_pin.applications.drive.controls import DriveControls, DrivenBase, find_base
 from rnc_pin.applications.drive.goals import PlacedGoal, initial_goals
 from rnc_pin.applications.drive.run import CommandQueue, DriveStatus, drive, goal_distances, record_of
+from rnc_pin.applications.init import draft
 from rnc_pin.control.whole_body import LimitReport
 from urdf_parts import BOX, joint, link, robot, wheel
 
@@ -210,6 +212,25 @@ def test_a_hitch_without_a_motor_follows_the_base(tmp_path):
     base = base_of(tmp_path, text, constraints, [rnc.FrameSpeed("base"), rnc.JointPosition("hitch")])
     assert "hitch" in base.shape
     assert (base.turns, base.steering, base.wheels) == (True, None, ("hitch",))
+
+
+@pytest.mark.parametrize(("forward", "left", "turn"), [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1)])
+def test_four_steered_drives_are_aimed_at_one_point(forward, left, turn, tmp_path):
+    """A wheel at (x, y) of a base with the twist (vx, vy, w) moves along (vx - w y, vy + w x)."""
+    kind, folder = swerve((0.5, 0.4), (0.5, -0.4), (-0.5, 0.4), (-0.5, -0.4)), tmp_path
+    (folder / "unit.urdf").write_text(kind.urdf)
+    (folder / "unit.yaml").write_text(draft(str(folder / "unit.urdf"), folder))
+    key = {"kind": "base_velocity", "forward": float(forward), "left": float(left), "turn": float(turn)}
+    run = prepared(str(folder / "unit.yaml"), [(k, key) for k in range(0, 240, 20)], simulation__dt=DT)
+    trajectory, joints = drive(run, samples=240).trajectory, reduced_of(run).robot
+    for q, v in zip(trajectory.q, trajectory.v, strict=True):
+        angles, (vx, vy, w) = joints.joint_values(q), v[:3]
+        for each in kind.wheels.values():
+            c, s = np.cos(angles[each.pivot]), np.sin(angles[each.pivot])
+            assert abs(c * (vy + w * each.x) - s * (vx - w * each.y)) < 0.005
+    speeds = np.array([0.5, 0.5, 0.8]) * [forward, left, turn]
+    np.testing.assert_allclose(trajectory.v[-1, :3], speeds, atol=0.03)
+    assert np.abs(trajectory.T).max() < 1.0
 
 
 def test_a_key_moves_the_base_until_half_a_second_after_the_last_command():
