@@ -31,6 +31,7 @@ from rnc_pin.robots.robot import Robot
 _SAMPLES = 3
 _ROUNDED = 1e-3  # slope of an axle, or trail of a wheel in lengths of the base, that rounding in a file may cause
 _ZERO = 1e-9  # effect of a joint on a row of unit length that rounding of numbers may cause
+_UPRIGHT = 0.9  # vertical part of the axis of a pivot
 _RANK = 1e-5  # smallest relative singular value of the followers' columns
 _PLANAR, _LIFT = (0, 1, 5), (2, 3, 4)  # rows of a frame's velocity in the plane of its x and y axes, and out of it
 
@@ -99,7 +100,7 @@ class WheeledBase:
         self._others = np.setdiff1d(np.arange(reduced.n), self.base)
         self.length = 1.0
         self._own = reduced.all_constraints.size
-        self._use(RowStack.joined(reduced.all_constraints, RowStack(_missing_lateral_rows(reduced))), samples)
+        self._use(RowStack.joined(reduced.all_constraints, missing_lateral_rows(reduced)), samples)
         self.length = self._lever(np.ones(len(self._scales), dtype=bool))  # for tolerances
         self._find_pivots(samples)
         self.length = self._lever(self._belongs) if length is None else float(length)
@@ -231,17 +232,33 @@ def _base_entries(robot: Robot, frame: str) -> Array:
     return np.array(entries)
 
 
-def _missing_lateral_rows(reduced: ReducedModel) -> list[RollingRows]:
-    """Lateral rows of the wheels without rollers that have none."""
-    lateral = np.array([[0.0, 1.0, 0.0]])
-    found = []
+def missing_lateral_rows(reduced: ReducedModel, *, steered: bool = False) -> RowStack:
+    """Lateral rows of the wheels without rollers that have none.
+
+    Args:
+        reduced: the model.
+        steered: True for those only that an upright pivot carries, with no joint between: wheels that have to be aimed.
+    """
+    lateral, robot = np.array([[0.0, 1.0, 0.0]]), reduced.robot
+    found, position = [], Kinematics(robot).position(robot.configuration())
     for block, *_ in reduced.all_constraints.places:
         parts = {name.partition("(")[0] for name in block.names}
         if isinstance(block, RollingRows) and "rolling" in parts and "lateral" not in parts:
+            if steered and not _on_pivot(robot, position, block.frame):
+                continue
             disk = WheelDisk(block.wheel, block.radius, block.axle, ("lateral",), lateral)
             plane = block.ground if isinstance(block.ground, GroundPlane) else GroundPlane()
-            found.append(RollingRows(disk, "all", plane, reduced.robot))
-    return found
+            found.append(RollingRows(disk, "all", plane, robot))
+    return RowStack(found)
+
+
+def _on_pivot(robot: Robot, position: PositionKinematics, wheel: int) -> bool:
+    """True if an upright joint on the base carries the joint of a wheel."""
+    model = robot.model
+    pivot = int(model.parents[model.frames[wheel].parentJoint])
+    if model.nvs[pivot] != 1 or sum(model.nvs[each] for each in model.supports[pivot]) < 4:
+        return False  # with fewer velocities it is the base's own
+    return bool(abs(position.joint_jacobian(pivot)[5, model.idx_vs[pivot]]) > _UPRIGHT)
 
 
 # ------------------------------------------------------------------ odometry

@@ -12,9 +12,12 @@ import numpy as np
 from rnc_pin.analysis import Grip, first_lift_off
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import LimitedAcceleration, MissedGoal
+from rnc_pin.control.wheeled_base import missing_lateral_rows
 from rnc_pin.errors import InputError, RncError, few
+from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.robots.robot import Robot
+from rnc_pin.simulation.derived_quantities import blocks
 from rnc_pin.simulation.limit_replay import ROUNDING, Clearance, FurtherLimits, LimitReplay, LimitUse, replay_limits
 from rnc_pin.simulation.run_info import Outcome
 from rnc_pin.simulation.trajectory import Trajectory
@@ -33,6 +36,7 @@ _AT_LIMIT = 0.99  # use of friction of a contact that slides, if its plant does 
 _CREEP = 1e-3  # [m/s]; slower contacts stick: those of MuJoCo are soft
 _MOMENT = 0.01  # share of a run at the limit of friction that fails: more than a landing
 _SLIDING = 0.01  # [m/s or rad/s]; contacts of MuJoCo that stick creep by less than 1e-3
+_SLID = 0.05  # [m] sideways of a steered wheel without a lateral row, that fails
 _SLIPS = 1.0 + 1e-3  # use of friction that is beyond the stated friction, and not rounding
 
 
@@ -281,6 +285,34 @@ def _slips(run: Trajectory) -> Iterator[Finding]:
             yield Finding(FindingKind.SLIP, name, speed, "m/s or rad/s", time, Severity.DEGRADES, message)
 
 
+def side_slip_findings(run: Trajectory, reduced: ReducedModel) -> list[Finding]:
+    """Findings of steered wheels without a lateral row that slide sideways: they are not aimed.
+
+    More than 0.01 m/s at some time degrades a run, and more than 0.05 m in all fails it.
+
+    Args:
+        run: the run.
+        reduced: its model.
+    """
+    rows, found = missing_lateral_rows(reduced, steered=True), []
+    kinematics, speeds = Kinematics(reduced.robot), np.zeros((len(run.time), rows.size))
+    for block in blocks(len(run.time), rows.size * reduced.n) if rows.size else ():
+        q, v = np.nan_to_num(run.q[block]), np.nan_to_num(run.v[block])
+        with suppress(RncError):  # a wheel that lies flat
+            speeds[block] = np.abs(apply(rows.jacobian(kinematics.position(q)), v))
+    for name, speed in zip(rows.names, speeds.T, strict=True):
+        most, way = int(speed.argmax()) if len(speed) else 0, float(np.trapezoid(speed, run.time))
+        if speed.max(initial=0.0) > _SLIDING:
+            wheel, time = name.removeprefix("lateral(").removesuffix(")"), float(run.time[most])
+            message = (
+                f"steered wheel '{wheel}' is not aimed: it slides sideways by {way:.3g} m in all, with up to "
+                f"{speed[most]:.3g} m/s at t = {time:.2f} s"
+            )
+            severity = Severity.FAILS if way > _SLID else Severity.DEGRADES
+            found.append(Finding(FindingKind.SLIP, wheel, float(speed[most]), "m/s", time, severity, message))
+    return found
+
+
 def _saturation(run: Trajectory, replay: LimitReplay) -> Iterator[Finding]:
     """Findings of actuators that are at their bound for a large part of the run."""
     limits = {use.name: use.limit for use in replay.uses if use.kind == "effort" and use.limit > 0}
@@ -350,14 +382,14 @@ def judged_by(
         missed: goals of the controller that the run has missed at its end.
     """
     further = FurtherLimits(accelerations, reduced.actuation.stated_limits)
-    return run.judged_later(partial(_judged, reduced.robot, further, missed))
+    return run.judged_later(partial(_judged, reduced, further, missed))
 
 
-def _judged(robot: Robot, further: FurtherLimits, missed: Sequence[MissedGoal], run: Trajectory) -> Verdict:
+def _judged(reduced: ReducedModel, further: FurtherLimits, missed: Sequence[MissedGoal], run: Trajectory) -> Verdict:
     if not len(run.time):
         return judge(run)
-    replay = replay_limits(robot, run, exact=0.0, further=further)
-    return judge(run, replay, more=missed_goal_findings(run, missed))
+    replay = replay_limits(reduced.robot, run, exact=0.0, further=further)
+    return judge(run, replay, more=[*missed_goal_findings(run, missed), *side_slip_findings(run, reduced)])
 
 
 def missed_goal_findings(run: Trajectory, missed: Sequence[MissedGoal]) -> list[Finding]:

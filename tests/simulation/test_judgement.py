@@ -7,6 +7,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from driven_bases import KINDS, drafted_model
 from rnc_pin.collision import OmittedPair
 from rnc_pin.simulation import Clearance, LimitReplay, distance_findings, sampled_run
 from rnc_pin.verdict import FindingKind, Severity
@@ -356,3 +357,15 @@ def test_overlaps_at_the_start_are_notes_and_fast_motions_degrade():
 def test_a_clearance_that_the_replay_cannot_know_is_refused():
     with pytest.raises(rnc.InputError, match=r"clearance is 0.3 m, but the replay knows distances up to 0.2 m"):
         distance_findings(replay_of(), 0.3)
+
+
+@pytest.mark.parametrize(("angle", "severity"), [(0.0, None), (0.025, Severity.DEGRADES), (0.3, Severity.FAILS)])
+def test_a_steered_wheel_without_a_lateral_row_that_is_not_aimed_slides(angle, severity):
+    """At v along x it slides with v sin(angle); 1 s at 0.5 m/s."""
+    reduced = drafted_model(KINDS["four steered drives"])
+    q = reduced.robot.configuration({"turn_w1_joint": angle})  # w0 and w2 have the lateral rows
+    run = rnc.free_motion(reduced, q, 0.5 * (np.array(reduced.reducing.names) == "base_speed_x"), duration=1.0)
+    slides = [each for each in run.verdict.findings if each.kind is FindingKind.SLIP]
+    assert [(each.where, each.severity) for each in slides] == ([("w1", severity)] if severity else [])
+    for each in slides:
+        assert each.amount == pytest.approx(0.5 * np.sin(angle), rel=0.02)

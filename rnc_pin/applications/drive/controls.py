@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.collision import Obstacle
-from rnc_pin.control.wheeled_base import WheeledBase
+from rnc_pin.control import TwistController
 from rnc_pin.errors import InputError, RncError
 from rnc_pin.model import ConfigurationEvaluation, ReducedModel, wrapped
 from rnc_pin.outputs import FrameSpeed, FrameYaw
@@ -150,11 +150,11 @@ def find_pivots(reduced: ReducedModel, q0: np.ndarray, frame: str) -> tuple[tupl
         frame: frame of the base.
     """
     try:
-        base = WheeledBase(reduced, frame)
+        controller = TwistController(reduced, frame)
     except RncError:  # such as a base that a force drives
         return (), False
-    slides = base.slides and base.at(q0).free.shape[1] == _PLANE
-    return tuple(str(reduced.robot.velocity_names[each]) for each in base.pivots), slides
+    base = controller.base
+    return controller.steering, base.slides and base.at(q0).free.shape[1] == _PLANE
 
 
 def base_rows(robot: Robot, frame: str, at: ConfigurationEvaluation) -> np.ndarray:

@@ -35,6 +35,7 @@ from rnc_pin.simulation import (
     judge,
     missed_goal_findings,
     replay_limits,
+    side_slip_findings,
     summarize,
 )
 from rnc_pin.verdict import Finding, FindingKind, Severity
@@ -113,6 +114,7 @@ def judged_summary(
         *(_unfinished(experiment, run) if ended else ()),
         *(_missed(experiment, run) if goals and len(run.time) else ()),
         *(() if replay is None else distance_findings(replay, asked, _accuracy(scenario))),
+        *side_slip_findings(run, experiment.reduced),
     ]
     verdict = judge(
         run,

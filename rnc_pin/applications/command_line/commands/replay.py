@@ -22,6 +22,7 @@ from rnc_pin.simulation import (
     export_run,
     judge,
     replay_limits,
+    side_slip_findings,
     summarize,
 )
 from rnc_pin.verdict import Verdict
@@ -102,7 +103,8 @@ def _verdict(run: Run) -> Verdict:
     """Verdict of the run's file; else a new one, without the goals and obstacles of its scenario."""
     stored, reduced = run.trajectory.info.verdict, run.reduced
     further = FurtherLimits(efforts=reduced.actuation.stated_limits)
-    return stored or judge(run.trajectory, replay_limits(reduced.robot, run.trajectory, further=further))
+    replay = replay_limits(reduced.robot, run.trajectory, further=further)
+    return stored or judge(run.trajectory, replay, more=side_slip_findings(run.trajectory, reduced))
 
 
 def _show(run: Run, speed: float, browser: bool, host: str) -> None:
