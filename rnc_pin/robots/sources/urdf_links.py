@@ -54,7 +54,7 @@ class Meshes:
             if found is not None:
                 element.set("filename", str(found))
             elif element.tag == "mesh":
-                self._missing[name] = self._home(name)
+                self._missing[name] = self._home(name, packages)
 
     def geometry(self, model: pin.Model, kind: str) -> pin.GeometryModel:
         """Return the geometry of a kind, "visual" or "collision". Visual boxes replace links that lose all meshes.
@@ -63,7 +63,7 @@ class Meshes:
             ModelError: a shape other than a mesh cannot be built.
         """
         root = deepcopy(self._root)
-        missing, faults = dict[str, str](), dict[str, str]()
+        missing, faults = set[str](), dict[str, str]()
         shapes, bare = MeshShapes(), dict[str, ElementTree.Element]()
         loaded: dict[str, LoadedMesh] = {}
         gone: dict[str, tuple[str, ...]] = {}
@@ -89,7 +89,7 @@ class Meshes:
                 _stand_in(geometry, model, name, link)
         if (missing or faults) and not self._warned:
             self._warned = True
-            self._warn(missing, faults)
+            self._warn(self._missing if missing else {}, faults)
         return geometry
 
     def lost(self, kind: str) -> Mapping[str, tuple[str, ...]]:
@@ -97,12 +97,12 @@ class Meshes:
         return self._lost[kind]
 
     def _load(
-        self, mesh: ElementTree.Element, shapes: MeshShapes, missing: dict[str, str], faults: dict[str, str]
+        self, mesh: ElementTree.Element, shapes: MeshShapes, missing: set[str], faults: dict[str, str]
     ) -> LoadedMesh | None:
         """Return the shape of a ``<mesh>``, or None if it is missing or cannot be used."""
         name = mesh.get("filename", "")
         if name in self._missing:
-            missing[name] = self._missing[name]
+            missing.add(name)
             return None
         try:
             return shapes.load(Path(name), mesh.get("scale"))
@@ -126,7 +126,10 @@ class Meshes:
     def _warn(self, missing: Mapping[str, str], faults: Mapping[str, str]) -> None:
         parts = []
         if missing:
-            homes = [f"{home} ({count})" for home, count in Counter(missing.values()).most_common()]
+            homes = []
+            for home, count in Counter(missing.values()).most_common():
+                names = [Path(name).name for name, other in missing.items() if other == home]
+                homes.append(f"{home} ({count})" if home.startswith("package") else f"{few(names)} in {home}")
             remedy = (
                 "give the folder of packages with package_dirs (--package-dir, ROS_PACKAGE_PATH)"
                 if any(home.startswith("package") for home in missing.values())
@@ -139,11 +142,13 @@ class Meshes:
         text = f"{self._path}: {'; '.join(parts)}; boxes of the inertia's size stand in"
         warnings.warn(text, ModelWarning, stacklevel=6)
 
-    def _home(self, name: str) -> str:
-        """Package or folder where a file is expected, in words."""
+    def _home(self, name: str, packages: description.Packages) -> str:
+        """Folder where a file is expected, or its package if that is not found, in words."""
         scheme, separator, rest = name.partition("://")
         if separator and scheme in ("package", "model"):
-            return f"package '{rest.partition('/')[0]}'"
+            package, _, inside = rest.partition("/")
+            folder = packages.folder(package)
+            return f"package '{package}'" if folder is None else f"folder '{(folder / inside).parent}'"
         return f"folder '{(self._path.parent / (rest if separator else name)).parent}'"
 
 

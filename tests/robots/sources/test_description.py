@@ -305,6 +305,20 @@ def test_a_package_is_found_as_xacro_names_it_although_the_file_is_none(name, tm
     assert vertices(rnc.Robot.from_urdf(path)) == 4
 
 
+def test_missing_meshes_of_a_known_package_are_named_with_their_folder(tmp_path):
+    """One of them is drawn and collides, the other is drawn only: two files, and the package needs no folder."""
+    package(tmp_path / "checkout", "shapes")
+    mast, lid = (
+        f'<geometry><mesh filename="package://shapes/meshes/{name}.stl"/></geometry>' for name in ("mast", "lid")
+    )
+    more = f"</visual><collision>{mast}</collision><collision>{lid}</collision>"
+    text = urdf("package://shapes/meshes/mast.stl").replace("</visual>", more)
+    robot = rnc.Robot.from_urdf(write(tmp_path / "checkout/urdf/arm.urdf", text))
+    expected = rf"2 meshes were not found: mast.stl, lid.stl in folder '{tmp_path}/checkout/meshes'; put them there"
+    with pytest.warns(rnc.ModelWarning, match=expected):
+        assert vertices(robot) == 0
+
+
 @pytest.mark.parametrize("name", ["", "..", "a/b", "nowhere_at_all"])
 def test_a_package_of_no_name_is_not_found(name, tmp_path):
     assert Packages(tmp_path).folder(name) is None
