@@ -44,8 +44,8 @@ def ground_paths(run: RunData) -> list[GroundPath]:
         ]
         if not same:
             found.append(frame)
-        elif found[same[0]].desired is None and frame.desired is not None:
-            one = found[same[0]]  # the actual path is that of the point that has a goal
+        elif (one := found[same[0]]).desired is None and (frame.desired is not None or one.name == frame.name):
+            # the actual path is that of the point that has a goal or the name, not that of the contact
             found[same[0]] = GroundPath(one.name, frame.points, one.headings, frame.desired)
     return found[:MAX_LINES]
 

@@ -785,6 +785,15 @@ def test_the_desired_path_belongs_to_the_point_that_is_drawn(drafted, tmp_path):
     assert np.linalg.norm(path.points[-1] - path.points[0]) == pytest.approx(0.5, abs=0.02)
 
 
+def test_the_path_of_a_name_begins_at_its_point(drafted, tmp_path):
+    """The outputs are speeds; the contacts of a car have another middle than its base, and those of a cart stand aside."""
+    for text in (car(), DRAWN_CAR, robot(link("base", 10.0, BOX), pair("w", "base", 0.3))):
+        drafted(text)
+        run = execute(Scenario.load(str(tmp_path / "unit.yaml"), {"simulation.duration": 0.5})).trajectory
+        (path,) = [each for each in ground_paths(run) if each.name == "base"]
+        np.testing.assert_allclose(path.points, run.q[:, :2], atol=1e-9)
+
+
 @pytest.mark.parametrize("turned", [False, True], ids=["propellers", "azimuth thrusters"])
 def test_a_boat_with_propellers_stays_on_the_water(turned, drafted):
     parts = [link("base", 80.0, '<box size="2 0.8 0.5"/>')]
