@@ -33,7 +33,13 @@ from rnc_pin.applications.init.wheel_detection import (
     find_wheels,
     stand_below_body,
 )
-from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels, find_drawn_axles, find_drawn_wheels
+from rnc_pin.applications.init.wheel_layout import (
+    WheelLayout,
+    classify_wheels,
+    find_crossed_wheels,
+    find_drawn_axles,
+    find_drawn_wheels,
+)
 from rnc_pin.applications.init.wheeled_base import knife_edge_base, wheeled_base
 from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
 from rnc_pin.verdict import Finding, FindingKind
@@ -123,6 +129,8 @@ def _tried(name: str, folder: Path, choices: DraftOptions, decided: Iterable[Dra
             begun = len(heard)
             try:
                 mobility = way()
+                crossed = "the axis of joint {} is across that of its drawn cylinder"
+                mobility.doubts += [(each, 0.0, crossed.format(each)) for each in find_crossed_wheels(at_start)]
                 if at_start.loose:
                     mobility.lock.update(at_start.loose)
                     mobility.notes.append(f"locked, because nothing drives them: {', '.join(at_start.loose)}")
@@ -202,7 +210,7 @@ def _candidate_wheeled_bases(found: WheelLayout, at_start: RobotAtStart, source:
     if wishes.base is None and other_bases.is_bicycle(found):
         yield lambda: other_bases.bicycle_base(found, at_start)
     elif wishes.base is None and found.is_on_one_track:
-        yield lambda: other_bases.refuse_one_track(found)
+        yield lambda: other_bases.refuse_one_track(found, find_crossed_wheels(at_start))
         return
     balance = other_bases.balance_decision(found, at_start, wishes.balance) if wishes.base is None else None
     rollers = rollers_decision(found, at_start, wishes.rollers)

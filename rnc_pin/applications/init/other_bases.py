@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from statistics import median
 from typing import NoReturn
 
@@ -122,12 +122,16 @@ def is_bicycle(layout: WheelLayout) -> bool:
     return bool(np.linalg.norm(between[:2]) < 1.05 * along and along > 0.8 * rear.radius)
 
 
-def refuse_one_track(layout: WheelLayout) -> NoReturn:
-    """Refuse wheels in line without steering.
+def refuse_one_track(layout: WheelLayout, crossed: Collection[str]) -> NoReturn:
+    """Refuse wheels in line without steering, or wheels that seem so because the axes of their joints are wrong.
 
     Raises:
         ConfigurationError: always.
     """
+    if crossed:
+        raise ConfigurationError(
+            f"{few([*crossed])}: the joint's axis is across that of its drawn cylinder; correct <axis> in the file"
+        )
     raise ConfigurationError(
         f"the wheels {few([wheel.joint for wheel in layout.wheels])} stand in line: such a robot falls sideways and "
         "cannot turn by its wheels; add a steered wheel to the file, or hold it upright with --base planar"

@@ -72,6 +72,24 @@ def find_drawn_wheels(at_start: robot_at_start.RobotAtStart, wheels: Sequence[Wh
     return [*found.values()]
 
 
+def find_crossed_wheels(at_start: robot_at_start.RobotAtStart) -> list[str]:
+    """Return joints with a horizontal axis across that of the disk on the ground that they turn: mistakes of a file."""
+    model, ground = at_start.robot.model, _ground(at_start)
+    crossed = []
+    for shape in at_start.shapes["visual"] or at_start.shapes["collision"]:
+        joint = shape.joint
+        if shape.axis is None or joint <= at_start.root or model.joints[joint].nv != 1 or not _thin(shape):
+            continue
+        axis, down = (
+            turning_axis(model, at_start.data, joint),
+            shape.bottom - ground < robot_at_start.NEAR * _radius(shape),
+        )
+        level = max(abs(axis[2]), abs(shape.axis[2])) < robot_at_start.LEVEL
+        if down and level and axis.any() and abs(axis @ shape.axis) < _ACROSS:
+            crossed.append(str(model.names[joint]))
+    return crossed
+
+
 def _ground(at_start: robot_at_start.RobotAtStart) -> float:
     """Height of the lowest drawn shape [m]."""
     drawn = at_start.shapes["visual"] or at_start.shapes["collision"]
@@ -124,6 +142,7 @@ def _frame_on(
     return best
 
 
+_ACROSS = 0.1  # largest cosine of two axes that are across each other
 _TRAILS = 0.2  # smallest caster trail, in radii: from the swivel axis to the wheel
 _AXLE = 1.0  # smallest such distance of several wheels on one pivot that carry a trailer, in radii
 _SAME_LINE = 0.25  # largest distance of wheels of one axle line along their heading, in radii: at ends of legs too

@@ -605,6 +605,25 @@ def test_wheels_in_line_do_not_skid_steer(drafted):
     assert drafted(robot(*parts), base="planar")[0].startswith("planar")
 
 
+def test_an_axis_across_a_drawn_cylinder_is_said(drafted, tmp_path):
+    """Joints without an <axis> turn about x, and the cylinders of these wheels are about y."""
+    turned = (
+        two_wheels(LOW, tall=0.5)
+        .replace('axis xyz="0 1 0"', 'axis xyz="1 0 0"')
+        .replace('"l', '"wheel_l')
+        .replace('"r', '"wheel_r')
+    )
+    with pytest.raises(
+        ConfigurationError, match="wheel_l_joint, wheel_r_joint: the joint's axis is across that of its drawn"
+    ):
+        drafted(turned)
+    drafted(four_wheels().replace('axis xyz="0 1 0"', 'axis xyz="1 0 0"'))
+    assert (
+        "# CHECK: the axis of joint w_0_joint is across that of its drawn cylinder"
+        in (tmp_path / "unit.yaml").read_text()
+    )
+
+
 def test_omni_wheels_beside_others_slide(drafted):
     """A differential drive on two omni wheels in front; an option says that all wheels have rollers, or none."""
     places = {"drive_l": (-0.2, 0.2, 0), "drive_r": (-0.2, -0.2, 0), "omni_l": (0.3, 0.2, 0), "omni_r": (0.3, -0.2, 0)}
@@ -786,7 +805,7 @@ def test_the_desired_path_belongs_to_the_point_that_is_drawn(drafted, tmp_path):
 
 
 def test_the_path_of_a_name_begins_at_its_point(drafted, tmp_path):
-    """The outputs are speeds; the contacts of a car have another middle than its base, and those of a cart stand aside."""
+    """The outputs are speeds; the contacts of a car have another middle than its base, or stand aside."""
     for text in (car(), DRAWN_CAR, robot(link("base", 10.0, BOX), pair("w", "base", 0.3))):
         drafted(text)
         run = execute(Scenario.load(str(tmp_path / "unit.yaml"), {"simulation.duration": 0.5})).trajectory
