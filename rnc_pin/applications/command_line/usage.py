@@ -80,6 +80,18 @@ _showing = _all(
 )
 """Options of the live view."""
 _written = _all(_json, _force, _debug)
+_robot = _all(
+    click.option("--arg", "arguments", metavar="A=B", multiple=True, help="Argument of a xacro file."),
+    click.option(
+        "--package-dir",
+        "package_dirs",
+        metavar="FOLDER",
+        multiple=True,
+        type=click.Path(path_type=Path, exists=True, file_okay=False),
+        help="Further folder for files of the robot: a package, a folder of packages, or any other.",
+    ),
+)
+"""Options of a robot's file."""
 
 
 _HELP = {"help_option_names": ["-h", "--help"]}
@@ -132,6 +144,7 @@ def run(**given: Given) -> int:
 @click.option(
     "--frame", "frames", metavar="FRAME", multiple=True, help="Frame that can have a goal; guessed by default."
 )
+@_robot
 @click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after this time [s].")
 @click.option("--browser/--no-browser", default=True, help="Open the browser, or print the address only.")
 @_written
@@ -180,15 +193,7 @@ def explore(**given: Given) -> int | None:
 @click.argument("robot", shell_complete=_files)
 @click.option("--out", type=_PATH, help="File to write; ROBOT.yaml in this folder by default.")
 @click.option("--base", type=click.Choice(["fixed", "planar", "free"]), help="Base type; guessed by default.")
-@click.option("--arg", "arguments", metavar="A=B", multiple=True, help="Argument of a xacro file.")
-@click.option(
-    "--package-dir",
-    "package_dirs",
-    metavar="FOLDER",
-    multiple=True,
-    type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="Further folder for files of the robot: a package, a folder of packages, or any other.",
-)
+@_robot
 @click.option("--lock", metavar="JOINT[=VALUE]", multiple=True, help="Lock a joint at zero or at a value [rad or m].")
 @click.option("--driven", metavar="JOINT", multiple=True, help="A joint with a motor.")
 @click.option("--passive", metavar="JOINT", multiple=True, help="A joint without a motor.")

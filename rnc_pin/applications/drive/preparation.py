@@ -16,7 +16,7 @@ from rnc_pin.applications.drive.commands import CommandLog
 from rnc_pin.applications.drive.controller import DriveController
 from rnc_pin.applications.drive.controls import DriveControls, base_frame, find_controls, find_pivots
 from rnc_pin.applications.drive.goals import movable
-from rnc_pin.applications.init import draft
+from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.applications.init.assumptions import select_outputs
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
 from rnc_pin.applications.scenario.files import ROBOT_FILES, built_in_names, mapping_of, robot_names
@@ -74,19 +74,26 @@ class PreparedDrive:
     frames: tuple[str, ...]
 
 
-def read_source(source: str, options: Mapping[str, Json]) -> Scenario:
+def read_source(source: str, options: Mapping[str, Json], wishes: DraftOptions | None = None) -> Scenario:
     """Return a scenario, or a draft for a robot, with options.
 
+    Args:
+        source: a scenario or a robot.
+        options: dotted keys and values of the scenario.
+        wishes: choices for the draft of a robot.
+
     Raises:
-        RncError: neither a scenario nor a robot, or no draft of the robot runs.
+        RncError: neither a scenario nor a robot, no draft of the robot runs, or choices for a scenario.
     """
     is_file = os.path.isfile(source)
     is_robot = source.lower().endswith(ROBOT_FILES) if is_file else source in robot_names()
     if is_robot and source not in built_in_names():
-        raw = load_yaml(draft(source, Path()))
+        raw = load_yaml(draft(source, Path(), wishes))
         if not isinstance(raw, dict):
             raise ConfigurationError(f"{source}: its draft is not a mapping")
         return Scenario(Path(source).name.split(".")[0], raw, Path().resolve()).with_options(options)
+    if wishes and (wishes.xacro_arguments or wishes.package_dirs):
+        raise ConfigurationError(f"{source}: --arg and --package-dir are for a robot; a scenario has keys of 'robot'")
     return Scenario.read(source).with_options(options)
 
 

@@ -62,6 +62,7 @@ def read_urdf(
     packages = description.Packages(path.parent, package_dirs)
     root = parse_urdf(path, xacro_arguments, packages)
     notes = repair(root, path)
+    _check_unique(root, path)
     _check_joints(root, path)
     meshes = Meshes(root, path, packages)
     if masses:
@@ -171,6 +172,21 @@ def _first_complaint(lines: list[str]) -> str | None:
         return None
     place = next((error for error in errors[1:] if "[" in error), None)
     return errors[0] if place is None else f"{errors[0]} ({place[0].lower()}{place[1:]})"
+
+
+def _check_unique(root: ElementTree.Element, path: Path) -> None:
+    """Check that links and joints have names of their own, and name the files of those that have not."""
+    for tag in ("link", "joint"):
+        seen: dict[str | None, ElementTree.Element] = {}
+        for each in root.findall(tag):
+            first = seen.setdefault(each.get("name"), each)
+            if first is not each:
+                both = [
+                    (getattr(one, "file", None), getattr(one, "line", 0)) for one in (first, each)
+                ]  # of a xacro file
+                places = [f"{file.name} line {line}" for file, line in both if file is not None]
+                where = f": in {' and in '.join(dict.fromkeys(places))}" if places else ""
+                raise ModelError(f"{path}: {tag} '{each.get('name')}' is not unique{where}")
 
 
 def _check_joints(root: ElementTree.Element, path: Path) -> None:

@@ -319,6 +319,16 @@ def test_missing_meshes_of_a_known_package_are_named_with_their_folder(tmp_path)
         assert vertices(robot) == 0
 
 
+def test_two_links_of_one_name_are_told_with_their_files(tmp_path):
+    write(tmp_path / "part.xacro", f'<robot {XACRO}>\n<link name="b"/></robot>')
+    text = urdf("t.obj").replace('<link name="a"/>', '<link name="a"/>\n<xacro:include filename="part.xacro"/>\n')
+    path = write(tmp_path / "arm.xacro", text)
+    with pytest.raises(
+        rnc.ModelError, match=r"arm.xacro: link 'b' is not unique: in part.xacro line 2 and in arm.xacro line 3"
+    ):
+        rnc.Robot.from_urdf(path)
+
+
 @pytest.mark.parametrize("name", ["", "..", "a/b", "nowhere_at_all"])
 def test_a_package_of_no_name_is_not_found(name, tmp_path):
     assert Packages(tmp_path).folder(name) is None

@@ -14,6 +14,7 @@ from rnc_pin.applications.drive.commands import RecordedDrive, read_drive, write
 from rnc_pin.applications.drive.page import DrivePage
 from rnc_pin.applications.drive.preparation import PreparedDrive, prepare_drive, read_source, rebuild_drive
 from rnc_pin.applications.drive.run import CommandQueue, RealTimeClock, drive, record_of
+from rnc_pin.applications.init import DraftOptions
 from rnc_pin.applications.scenario.execution import Result, data_names
 from rnc_pin.applications.scenario.files import find_scenario, parse_options
 from rnc_pin.applications.scenario.output_folder import OutputFolder
@@ -30,6 +31,8 @@ class NewDrive(TypedDict):
 
     options: tuple[str, ...]
     frames: tuple[str, ...]
+    arguments: tuple[str, ...]
+    package_dirs: tuple[Path, ...]
     duration: float | None
 
 
@@ -52,7 +55,8 @@ def drive_robot(
         prepared = _rebuilt(record, replayed)
     else:
         given = parse_options(new["options"])
-        prepared = prepare_drive(read_source(str(source), given), given, new["frames"])
+        wishes = DraftOptions(xacro_arguments=parse_options(new["arguments"]), package_dirs=new["package_dirs"])
+        prepared = prepare_drive(read_source(str(source), given, wishes), given, new["frames"])
     for warning in prepared.scenario.experiment.warnings:
         warn(warning)
     names = [*data_names(), _COMMANDS, *picture_names(prepared.scenario)]
@@ -92,7 +96,7 @@ def _driven(prepared: PreparedDrive, duration: float | None, browser: bool) -> R
 
 
 def _check_replay(new: NewDrive) -> None:
-    if new["options"] or new["frames"] or new["duration"] is not None:
+    if any(value not in ((), None) for value in new.values()):
         raise ConfigurationError(
             "--replay: takes scenario, frames and duration from its file; remove the other options"
         )
