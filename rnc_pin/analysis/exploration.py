@@ -20,7 +20,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import TypedDict
 
 import numpy as np
 from numpy import ndarray as Array
@@ -209,11 +208,6 @@ class _HeldRows(Rows):
 
     def bias_acceleration(self, at: VelocityKinematics) -> Array:
         return self._outputs.bias_acceleration(at)
-
-
-class _Work(TypedDict):
-    actuators: tuple[str, ...]
-    effort: float | None
 
 
 class _Set:
@@ -432,7 +426,7 @@ class _Exploring:
         last = each.values[:, max(each.rank - 1, 0)]
         worst = int(np.argmin(last))
         weak = float((last < _WEAK * np.median(last)).mean()) if each.rank else 0.0
-        names = each.names(self._names)
+        names, (actuators, effort) = each.names(self._names), self._work(each)
         ends = self._q[[worst, int(np.argmax(last))]]
         ends.setflags(write=False)
         moved = tuple(name for name, moves in zip(names, mask, strict=True) if moves)
@@ -449,7 +443,8 @@ class _Exploring:
             best_at=ends[1],
             straight=straight,
             redundant=self._redundant_names,
-            **self._work(each),
+            actuators=actuators,
+            effort=effort,
             reason="",
         )
         return replace(use, reason=self._sentence(use, words, [self._angular[row] for row in each.rows]))
@@ -476,15 +471,11 @@ class _Exploring:
 
     def _straight(self, each: _Set) -> tuple[str, ...]:
         """Joints that make D singular at 0 or pi."""
-        return tuple(
-            dict.fromkeys(
-                name
-                for name, D in self._at_straight_joints
-                if not len(D)
-                or np.linalg.svd(D[:, list(each.rows)], compute_uv=False)[:, each.rank - 1].max()
-                < _RANK * np.abs(self._D).max()
-            )
-        )
+        found, limit = list[str](), _RANK * np.abs(self._D).max()
+        for name, D in self._at_straight_joints:
+            values = np.linalg.svd(D[:, list(each.rows)], compute_uv=False)[:, each.rank - 1]
+            found += [name] if values.max(initial=0.0) < limit else []
+        return tuple(dict.fromkeys(found))
 
     @cached_property
     def _at_straight_joints(self) -> list[tuple[str, Array]]:
@@ -503,11 +494,11 @@ class _Exploring:
                         found.append((name, self._motions_at(q)[1][-1]))
         return found
 
-    def _work(self, each: _Set) -> _Work:
+    def _work(self, each: _Set) -> tuple[tuple[str, ...], float | None]:
         """Actuators that move most for unit motions of the outputs, and their static effort."""
         names = self._reduced.actuation.names
         if not (names and each.rank):
-            return {"actuators": (), "effort": None}
+            return (), None
         moving = self._ways @ np.linalg.pinv(each.D, rcond=_RANK)
         motion = np.abs(self._reduced.at(self._q).B.mT @ moving).max(axis=2)  # (S, p)
         shares = np.median(motion, axis=0)
@@ -516,7 +507,7 @@ class _Exploring:
         load = self._static_inputs
         effort = None if load is None else float(np.median(np.abs(load[:, working]).max(axis=1)))
         effort = None if effort is None or effort < _ZERO else effort
-        return {"actuators": tuple(names[k] for k in working), "effort": effort}
+        return tuple(names[k] for k in working), effort
 
     @cached_property
     def _static_inputs(self) -> Array | None:
@@ -696,6 +687,6 @@ def default_candidates(reduced: ReducedModel) -> list[list[OutputKind]]:
     for frame in frames:
         parts = _frame_outputs(reduced, q, frame)
         found += [*([each] for each in parts), parts]
-    rolling = _wheel_joints(reduced)
-    joints = [name for name in _single_joints(robot) if robot.joint_id(name) not in rolling]
+    rolling, following = _wheel_joints(reduced), [mimic.joint for mimic in robot.mimics]
+    joints = [name for name in _single_joints(robot) if robot.joint_id(name) not in rolling and name not in following]
     return [*found, [CenterOfMass()], *(list[OutputKind]([JointPosition(name)]) for name in joints)]

@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Literal
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError, nearest
 from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.model import OutputKind
-from rnc_pin.outputs import CenterOfMass, FrameAngularVelocity, FramePosition, FrameSpeed, FrameYaw, JointPosition
+from rnc_pin.outputs import CenterOfMass, FramePosition, FrameSpeed, FrameYaw, JointPosition
 from rnc_pin.robots import Robot
 from rnc_pin.verdict import Verdict
 
@@ -24,8 +23,6 @@ _SHARES = 1.0, 0.3, 0.1  # of the usual motion
 _MOTION, _REST, _MANOEUVRE = 4.0, 2.0, 24.0  # [s]
 _NEAR = 0.7  # distance of joints from the start that is tried where the start is singular [rad or m]
 _BEND = 0.3  # motion of the joints [rad]
-_VECTORS = FramePosition | CenterOfMass
-_AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 _TRAVEL = 8.0  # distance of a vehicle that steers, in lengths of the robot
 
 
@@ -59,16 +56,13 @@ def find_uses(scenario: Scenario, primary: Sequence[str] = ()) -> tuple[list[Fou
         ConfigurationError: an output is unknown, or the robot cannot move the primary ones independently.
     """
     reduced, known = scenario.reduced, _known_outputs(scenario)
-    for name in primary:
-        if name not in known:
-            raise ConfigurationError(f"--primary: no output '{name}'{nearest(name, known)}")
     own = [] if primary or not scenario.task.primary_names else [list(scenario.task.primary_names)]
     tips = [] if primary else [list(each.bind(reduced.robot).names) for each in tip_positions(reduced)]
     found: list[FoundUse] = []
     failures: list[str] = []
     for names in [list(primary)] if primary else [*own, *(each for each in tips if each not in own)]:
         try:
-            each = explore(reduced, _whole(known, names))
+            each = explore(reduced, _kinds(known, names))
         except ConfigurationError as error:
             if primary:
                 raise
@@ -110,21 +104,20 @@ def scenario_of(scenario: Scenario, found: FoundUse) -> tuple[Scenario, Verdict]
     """
     failures: list[str] = []
     best: tuple[Scenario, Verdict] | None = None
-    singular: set[bool] = set()
-    for bent, share, tracker in product((False, True), _SHARES, ("adaptive", "computed_torque")):
-        if bent in singular:
-            continue
-        try:
-            start = _bent_start(scenario, found) if bent else (found, {})
-            made = replace(scenario, raw=_content(scenario, *start, share, tracker), show_warnings=False)
-            verdict = made.run().verdict
-        except RncError as error:
-            failures.append(str(error))
-            singular |= {bent} if isinstance(error, SingularityError) else set()
-            continue
-        if verdict.succeeded:
-            return made, verdict
-        best = best or (made, verdict)
+    for bent in (False, True):
+        for share, tracker in product(_SHARES, ("adaptive", "computed_torque")):
+            try:
+                start = _bent_start(scenario, found) if bent else (found, {})
+                made = replace(scenario, raw=_content(scenario, *start, share, tracker), show_warnings=False)
+                verdict = made.run().verdict
+            except RncError as error:
+                failures.append(str(error))
+                if isinstance(error, SingularityError):
+                    break
+                continue
+            if verdict.succeeded:
+                return made, verdict
+            best = best or (made, verdict)
     if best is None:
         raise ConfigurationError(f"{short_names(found.use.vertical)}: {failures[0]}")
     return best
@@ -136,12 +129,11 @@ def _bent_start(scenario: Scenario, found: FoundUse) -> tuple[FoundUse, dict[str
     joints = {kind.joint: robot.single_joint(kind.joint) for kind in known.values() if isinstance(kind, JointPosition)}
     region: dict[str, tuple[float, float]] = {}
     for name, joint in joints.items():
-        value, k = float(joint.position(scenario.q0)), joint.idx_q
-        low, high = (
-            (-np.inf, np.inf) if joint.continuous else (model.lowerPositionLimit[k], model.upperPositionLimit[k])
-        )
-        region[name] = max(low, min(value, high) - _NEAR), min(high, max(value, low) + _NEAR)
-    primary, vertical = _whole(known, found.exploration.primary), _whole(known, found.use.moved)
+        ends = joint.position(scenario.q0) + np.array([-_NEAR, _NEAR])
+        if not joint.continuous:
+            ends = np.clip(ends, model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q])
+        region[name] = float(ends[0]), float(ends[1])
+    primary, vertical = _kinds(known, found.exploration.primary), _kinds(known, found.use.moved)
     local = explore(scenario.reduced, primary, [vertical], 32, region=region)
     if not local.rows:
         raise ConfigurationError(f"{short_names(found.use.vertical)}: not moved near the start")
@@ -155,58 +147,50 @@ def _content(
 ) -> dict[str, Json]:
     """Content of the scenario file."""
     use, known, robot = found.use, _known_outputs(scenario), scenario.robot
-    primary, vertical = _whole(known, found.exploration.primary), _whole(known, use.moved)
-    redundant = _whole(known, use.redundant)
+    primary, vertical = _kinds(known, found.exploration.primary), _kinds(known, use.moved)
+    redundant = _kinds(known, use.redundant)
     if use.redundancy_class == "3":  # a platform that drives and turns
         redundant = [FrameSpeed(_base(robot), "x"), FrameYaw(_base(robot))]
-    given = scenario.content.initial.q
+    roles = {"primary": primary, "redundant": redundant, "vertical": vertical}
+    names = {role: [name for each in kinds for name in each.bind(robot).names] for role, kinds in roles.items()}
     content = {
         "title": found.title,
         **{key: scenario.raw[key] for key in _KEPT if key in scenario.raw},
         "outputs": {"reducing": _entries([*primary, *redundant]), "vertical": _entries(vertical)},
-        "task": {
-            "primary": _names(primary, robot),
-            "redundant": _names(redundant, robot),
-            "vertical": _names(vertical, robot),
-        },
-        "initial": {"q": {**given, **start}},
+        "task": names,
+        "initial": {"q": {**scenario.content.initial.q, **start}},
         **_control(scenario, found, share, tracker),
     }
     return to_json_mapping(content, "use")
 
 
-def _control(scenario: Scenario, found: FoundUse, share: float, tracker: str) -> dict[str, Json]:
+def _control(scenario: Scenario, found: FoundUse, share: float, tracker: str) -> dict[str, object]:
     """Controller of the class, a reference that moves the vertical outputs a little, and the duration."""
-    exploration, use, robot = found.exploration, found.use, scenario.robot
-    controller: dict[str, Json] = {"type": "redundancy", "preset": "scaled", "tracker": tracker}
-    simulation: dict[str, Json] = {"duration": _MOTION + _REST, "dt": 0.002}
-    bent = _BEND * share * exploration.length
-    if use.redundancy_class == "1" or use.redundancy_class == "2":
-        units = [unit for each in _whole(_known_outputs(scenario), use.moved) for unit in each.bind(robot).units]
-        step = bent * float(use.singular_values[use.rank - 1]) / np.sqrt(len(units))
-        by = [step / exploration.length if unit.startswith("rad") else step for unit in units]
-        wide = {"posture": dict[str, Json]()} if exploration.motions > len(use.moved) else {}
-        return {"reference": {"vertical": _motion(by)}, "controller": {**controller, **wide}, "simulation": simulation}
-    if use.redundancy_class == "2s":  # it steers only while it drives
-        travel = share * _TRAVEL * exploration.length
-        drive = [travel if "_speed_" in name else 0.0 for name in exploration.primary]
-        reference = {"primary": _motion(drive), "vertical": _motion([_BEND * share] * len(use.moved))}
-        return {
-            "reference": dict(reference),
-            "controller": {**controller, "type": "steering"},
-            "simulation": simulation,
-        }
-    if use.redundancy_class == "3":
-        platform = _parking(scenario, use, bent)
-        return {
-            "controller": {"type": "two_phase", "preset": "scaled", "platform": platform},
-            "simulation": {**simulation, "duration": _MANOEUVRE},
-        }
-    raise ConfigurationError(use.reason)
-
-
-def _motion(by: list[float]) -> dict[str, Json]:
-    return to_json_mapping({"minimum_jerk": {"by": np.round(by, 4).tolist(), "duration": _MOTION}}, "reference")
+    exploration, use = found.exploration, found.use
+    controller: dict[str, object] = {"type": "redundancy", "preset": "scaled", "tracker": tracker}
+    by: dict[str, list[float]] = {}
+    bent, duration = _BEND * share * exploration.length, _MOTION + _REST
+    match use.redundancy_class:
+        case "1" | "2":
+            kinds = _kinds(_known_outputs(scenario), use.moved)
+            units = [unit for each in kinds for unit in each.bind(scenario.robot).units]
+            step = bent * float(use.singular_values[use.rank - 1]) / np.sqrt(len(units))
+            by["vertical"] = [step / exploration.length if unit.startswith("rad") else step for unit in units]
+            controller |= {"posture": {}} if exploration.motions > len(use.moved) else {}
+        case "2s":  # it steers only while it drives
+            travel = share * _TRAVEL * exploration.length
+            by["primary"] = [travel if "_speed_" in name else 0.0 for name in exploration.primary]
+            by["vertical"] = [_BEND * share] * len(use.moved)
+            controller["type"] = "steering"
+        case "3":
+            controller = {"type": "two_phase", "preset": "scaled", "platform": _parking(scenario, use, bent)}
+            duration = _MANOEUVRE
+        case _:
+            raise ConfigurationError(use.reason)
+    motions = {
+        role: {"minimum_jerk": {"by": np.round(each, 4).tolist(), "duration": _MOTION}} for role, each in by.items()
+    }
+    return {"reference": motions, "controller": controller, "simulation": {"duration": duration, "dt": 0.002}}
 
 
 def _parking(scenario: Scenario, use: Use, aside: float) -> dict[str, Json]:
@@ -230,55 +214,28 @@ def _base(robot: Robot) -> str:
 
 
 def _known_outputs(scenario: Scenario) -> dict[str, OutputKind]:
-    """Outputs of one row, or of three of a rotation, by the names of their rows, and of entries of v by their names."""
-    reduced, robot = scenario.reduced, scenario.robot
-    found: dict[str, OutputKind] = {}
-    for kind in (*scenario.content.listed_outputs, *(each for group in default_candidates(reduced) for each in group)):
-        parts = [replace(kind, axes=axis) for axis in kind.axes] if isinstance(kind, _VECTORS) else [kind]
-        for each in parts:
+    """Outputs of one row, or of three of a rotation, by the names of their rows."""
+    robot, found = scenario.robot, dict[str, OutputKind]()
+    candidates = (each for group in default_candidates(scenario.reduced) for each in group)
+    for kind in (*scenario.content.listed_outputs, *candidates):
+        axes = kind.axes if isinstance(kind, FramePosition | CenterOfMass) else ""
+        for each in [replace(kind, axes=axis) for axis in axes] or [kind]:  # type: ignore[type-var]
             found |= {name: found.get(name, each) for name in each.bind(robot).names}
-    for joint, model in zip(robot.joint_names, list(robot.model.joints)[1:], strict=True):
-        if model.nv == 1:
-            found.setdefault(joint, JointPosition(joint))
-    size = int(robot.model.joints[1].nv)
-    if size in (3, 6):
-        base = _base(robot)
-        spins: list[OutputKind] = (
-            [FrameYaw(base)] if size == 3 else [FrameAngularVelocity(base, axis) for axis in _AXES]
-        )
-        speeds = [FrameSpeed(base, axis) for axis in _AXES[: size - len(spins)]]
-        moving = {f"{robot.joint_names[0]}[{k}]": each for k, each in enumerate([*speeds, *spins])}
-        found |= moving | {name: each for each in moving.values() for name in each.bind(robot).names}
     return found
 
 
-def _whole(known: Mapping[str, OutputKind], names: Iterable[str]) -> list[OutputKind]:
-    """Outputs of these names, with all axes of a vector in one."""
-    found: list[OutputKind] = []
-    for kind in dict.fromkeys(known[name] for name in names):
-        last = found[-1] if found else None
-        if (
-            isinstance(kind, _VECTORS)
-            and isinstance(last, _VECTORS)
-            and replace(last, axes="") == replace(kind, axes="")
-        ):
-            found[-1] = replace(last, axes=last.axes + kind.axes)
-        else:
-            found.append(kind)
-    return found
-
-
-def _names(kinds: Iterable[OutputKind], robot: Robot) -> list[str]:
-    return [name for each in kinds for name in each.bind(robot).names]
+def _kinds(known: Mapping[str, OutputKind], names: Iterable[str]) -> list[OutputKind]:
+    """Outputs of these names."""
+    for name in names:
+        if name not in known:
+            raise ConfigurationError(f"no output '{name}'{nearest(name, known)}")
+    return list(dict.fromkeys(known[name] for name in names))
 
 
 def _entries(kinds: Iterable[OutputKind]) -> list[dict[str, object]]:
     """Entries of a scenario file."""
     found: list[dict[str, object]] = []
     for each in kinds:
-        if isinstance(each, JointPosition):
-            found.append({"joint": each.joint})
-            continue
-        key = re.sub("(?<!^)([A-Z])", r"_\1", type(each).__name__).lower()
+        key = re.sub("(?<!^)([A-Z])", r"_\1", type(each).__name__).lower().replace("joint_position", "joint")
         found.append({key: {name: value for name, value in vars(each).items() if value is not None}})
     return found

@@ -320,7 +320,7 @@ def test_explore_finds_the_answers_of_the_paper_and_writes_scenarios_that_succee
 
 
 @pytest.mark.parametrize(("arguments", "words"), [
-    (["--primary", "tipp_x"], "--primary: no output 'tipp_x'; did you mean 'tip_x'"),
+    (["--primary", "tipp_x"], "no output 'tipp_x'; did you mean 'tip_x'"),
     (["--row", 99, "--write", "use.yaml"], "--row 99: expected a row from 1 to 6"),
     (["--row", 6, "--write", "use.yaml"], "1 of 2 directions of center_of_mass_xy can be moved"),
     (["--write", "there.yaml"], "--write there.yaml: exists"),
