@@ -1,7 +1,6 @@
 """The benchmark measures what it says and writes down what its first page promises; times are not judged here."""
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -17,27 +16,6 @@ def mutation():
     from benchmarks import mutation
 
     return mutation
-
-
-def test_a_mutant_meets_the_tests_of_its_line_those_of_its_module_first(mutation, tmp_path):
-    """A statement is recorded at its first line; a line that only an import executes has all tests of its module."""
-    (tmp_path / "tests.xml").write_text(
-        '<testsuite><testcase classname="tests.control.test_a" name="test_long[1]" time="3.0"/>'
-        '<testcase classname="tests.control.test_b" name="test_b" time="2.0"/>'
-        '<testcase classname="tests.model.test_m" name="test_m" time="0.5"/></testsuite>'
-    )
-    seconds = mutation.durations(tmp_path / "tests.xml")
-    own, package, other = seconds
-    assert seconds[own] == 3.0
-    contexts = {1: [""], 4: [f"{other}|run", f"{package}|run", f"{own}|run"], 6: [f"{own}|run", f"{own}|setup"], 9: []}
-    module = Path("rnc_pin/control/a.py")
-
-    def chosen(line, patience=60.0, of=contexts):
-        return mutation.tests_of(module, line, of, seconds, patience)
-
-    assert [chosen(line) for line in (2, 4, 5, 6, 9)] == [[own, package, other]] * 3 + [[own]] * 2
-    assert (chosen(4, patience=5.0), chosen(4, patience=1.0)) == ([own, package], [own])
-    assert (sorted(chosen(4, of={2: [""], 4: [""]})), chosen(4, of={})) == (sorted(seconds), [])
 
 
 def test_a_sample_says_what_the_whole_has_at_least(mutation):
@@ -62,40 +40,8 @@ def test_json_has_what_is_documented(tmp_path, capsys):
     assert SYSTEM in capsys.readouterr().out
 
 
-def test_one_command_lists_and_runs_all_benchmarks(monkeypatch, capsys):
-    listed = entry.benchmarks()
-    assert {"reduction", "validation", "peers", "verdicts"} <= set(listed)
-    assert not {"states", "timing"} & set(listed)  # parts of others
-    assert all(listed.values())
-    monkeypatch.setattr("sys.argv", ["benchmarks", "verdict"])
-    with pytest.raises(SystemExit, match="no benchmark 'verdict'; did you mean 'verdicts'"):
-        entry.main()
-    monkeypatch.setattr("sys.argv", ["benchmarks"])
-    entry.main()
-    assert "reduction" in capsys.readouterr().out
-
-
 def test_every_record_has_its_benchmark():
     assert {path.stem.split("-")[0] for path in recording.FOLDER.glob("*.txt")} <= set(entry.benchmarks())
-
-
-def test_a_record_states_command_date_machine_and_load(tmp_path, monkeypatch, capsys):
-    """A benchmark that fails leaves the earlier record as it is."""
-    monkeypatch.setattr(recording, "FOLDER", tmp_path)
-    recording.record("codebase", [])
-    kept = (tmp_path / "codebase.txt").read_text()
-    head, _, output = kept.partition("\n\n")
-    facts = dict(line.split(": ", 1) for line in head.splitlines())
-    assert facts["command"] == "python -m benchmarks codebase"
-    assert set(facts) == {"command", "date", "machine", "commit", "load", "duration"}
-    assert output.strip()
-    shown = recording.sections()
-    assert "## codebase\n" in shown
-    assert facts["machine"] in shown
-    assert output in shown
-    with pytest.raises(SystemExit, match="nothing is recorded"):
-        recording.record("codebase", ["--nothing"])
-    assert (tmp_path / "codebase.txt").read_text() == kept
 
 
 def test_a_tree_that_grew_beyond_its_table_is_refused(tmp_path):

@@ -197,32 +197,3 @@ def keep_moving(live, times, q):
     for t in times:
         live(at(t, q + 0.1 * np.sin(t)))
         time.sleep(0.005)
-
-
-def boxes(page, *selectors):
-    """Left, top, right and bottom of parts of a page [pixels]."""
-    return [
-        page.eval_on_selector(each, "part => { const b = part.getBoundingClientRect(); "
-                              "return [b.left, b.top, b.right, b.bottom]; }")
-        for each in selectors
-    ]  # fmt: skip
-
-
-def test_a_phone_shows_overlay_and_player_in_the_picture(browser, space_robot, tmp_path):
-    title = "A title that is wider than the page of a phone"
-    recording = Recording(space_robot[0].experiment.reduced, space_robot[1].trajectory, VIEW, title)
-    page, problems = loaded(browser, recording, tmp_path / "page.html", begin=1.0)
-    wide = page.evaluate("viewer.camera.position.distanceTo(viewer.controls.target)")
-    page.set_viewport_size({"width": 390, "height": 844})
-    distance = "viewer.camera.position.distanceTo(viewer.controls.target)"
-    page.wait_for_function(f"{distance} > {1.5 * wide}", timeout=1000 * PATIENCE)  # the page has seen its new size
-    narrow = page.evaluate(distance)
-    assert narrow / wide == pytest.approx(1.5 * 844 / 390)  # the motion still fits
-    parts = boxes(page, "#overlay", "#legend", "#player")
-    for left, top, right, bottom in parts:
-        assert 0 <= left < right <= 390
-        assert 0 <= top < bottom <= 844
-    assert parts[0][3] < parts[1][1] < parts[1][3] <= parts[2][1]
-    assert not page.is_visible(".dg.main")
-    assert problems == []
-    page.context.close()

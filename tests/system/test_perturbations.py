@@ -7,10 +7,7 @@ import pinocchio as pin
 import pytest
 
 import perturbed_urdf as perturbed
-from base_kind import BaseKind, base_kind
 from benchmarks import perturbations
-from places import DIRT
-from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.robots.robot_files import shipped_directory
 
 pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
@@ -25,23 +22,6 @@ def test_a_changed_robot_turns_as_heavily(name):
     found = np.linalg.eigvalsh(changed)
     np.testing.assert_allclose(found, np.linalg.eigvalsh(M), rtol=2e-2 if name == "noise" else 1e-9)
     assert urdf != perturbed.PERTURBATIONS[name](urdf, 1) != perturbed.PERTURBATIONS["noise"](urdf, 2)
-
-
-def drafted(name, folder):
-    urdf = (DIRT / f"{name}.urdf").read_text()
-    (folder / f"{name}.urdf").write_text(urdf)
-    return draft(str(folder / f"{name}.urdf"), folder, DraftOptions()), urdf
-
-
-@pytest.mark.parametrize(("name", "expected"), [
-    ("wide_wheels", BaseKind("planar", "skid-steered", 0, 4, 4)),
-    ("truck_and_trailer", BaseKind("planar", "car", 1, 8, 3)),
-    ("satellite", BaseKind("free", "floating", 0, 0, 0)),
-    ("rigid_drone", BaseKind("free", "floating", 0, 0, 6)),
-    ("raked_fork", BaseKind("free", "bicycle", 0, 2, 2)),
-])  # fmt: skip
-def test_the_kind_of_a_draft(name, expected, brief, tmp_path):
-    assert base_kind(*drafted(name, tmp_path)) == expected
 
 
 def test_trials_of_a_robot(brief):

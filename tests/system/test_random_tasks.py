@@ -2,9 +2,7 @@
 
 import pytest
 
-from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.sweep.runs import ScenarioRuns, draws_of
-from rnc_pin.errors import InfeasibleError
 
 # A path next to the edge of the region counts as well as one through its middle: the largest error is what matters.
 LARGEST = {"space-robot": 0.02, "space-robot-uncertain": 0.02, "mobile-manipulator": 0.02, "fire-truck": 0.02}
@@ -37,18 +35,6 @@ def test_a_random_task_that_passes_preflight_is_done(scenario, run):
     errors = {key: value for key, value in row.items() if key.startswith("final_error.")}
     assert errors
     assert max(errors.values()) < LARGEST[scenario], errors
-
-
-OUT_OF_REACH = {"reference.primary.minimum_jerk.to": [2.9, 1.2], "comparisons": {}, "plots": {}}
-
-
-def test_preflight_refuses_or_warns_as_it_is_told():
-    """The arm of the space robot is 3 m long; a goal farther out stretches it."""
-    with pytest.raises(InfeasibleError, match=r"space-robot: the reference .* singular configuration.* t = "):
-        Scenario.load("space-robot", {**OUT_OF_REACH, "preflight": "refuse"}).build()
-    warnings = Scenario.load("space-robot", {**OUT_OF_REACH, "controller.preset": "paper"}).experiment.warnings
-    assert warnings
-    assert all("singular configuration" in each for each in warnings)
 
 
 def test_a_task_that_does_not_pass_is_drawn_again():

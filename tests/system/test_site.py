@@ -20,18 +20,6 @@ def test_loads_from_other_hosts_and_missing_files_are_found(page, fault, tmp_pat
     assert list(docs_script("check_site").faults_of_page(page, tmp_path)) == [fault]
 
 
-def test_links_and_files_of_the_site_are_no_fault(tmp_path):
-    (tmp_path / "here.js").touch()
-    page = (
-        '<a href="https://example.org">a</a> <script src="here.js?v=1"></script> <img src="data:image/png;base64,AA">'
-    )
-    assert list(docs_script("check_site").faults_of_page(page, tmp_path)) == []
-
-
-def test_an_empty_site_is_a_fault(tmp_path):
-    assert list(docs_script("check_site").faults_of_site(tmp_path)) == [f"{tmp_path}: no page"]
-
-
 def test_the_maintainers_page_has_the_layers_and_paths_of_the_code():
     text = (ROOT / "docs" / "maintainers.md").read_text()
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]

@@ -10,7 +10,6 @@ from places import ROOT, docs_script
 tutorials = docs_script("make_tutorial_pictures")
 TUTORIALS = [page for page in sorted(tutorials.PAGES.glob("*.md")) if page.name != "index.md"]
 EXPLANATIONS = sorted((ROOT / "docs" / "explanation").glob("*.md"))
-LARGEST_PICTURE = 80_000  # bytes
 
 
 @pytest.mark.parametrize("page", [*TUTORIALS, *EXPLANATIONS], ids=lambda page: page.name)
@@ -27,17 +26,6 @@ def test_page_can_be_followed(page, call, no_pictures, brief, tmp_path, monkeypa
     assert not missing or any("rnc-pin" in step.text for step in tutorials.steps(page))  # whose pictures are left out
 
 
-@pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.name)
-def test_tutorial_shows_what_it_makes(page):
-    text = page.read_text()
-    assert text.splitlines()[2].startswith("**At the end you have")
-    names = tutorials.pictures(page)
-    assert names
-    for name in names:
-        assert (tutorials.PICTURES / name).stat().st_size < LARGEST_PICTURE
-    assert "## Read on" in text
-
-
 def test_index_lists_all_tutorials():
     listed = re.findall(r"\]\((\w+\.md)\)", (tutorials.PAGES / "index.md").read_text())
     assert sorted(listed) == [page.name for page in TUTORIALS]
@@ -48,11 +36,3 @@ def test_a_block_prints_what_its_page_says(tmp_path):
     page.write_text("```python\nprint(1)\n```\n\n    2\n")
     with pytest.raises(ValueError, match="printed\n1\ninstead of\n2"):
         tutorials.follow(page, tmp_path, print)
-
-
-def test_a_step_that_cannot_be_followed_is_refused(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("Save this as `a.txt`:\n\n```yaml\na: 1\n```\n\n```bash\nrm -r a\n```\n")
-    with pytest.raises(ValueError, match="rm -r a"):
-        tutorials.follow(page, tmp_path, print)
-    assert (tmp_path / "a.txt").read_text() == "a: 1\n"

@@ -4,23 +4,17 @@ import os
 import shutil
 import subprocess
 from dataclasses import fields, replace
-from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
-from matplotlib import image
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.path import Path as MarkerPath
-from matplotlib.text import Text
 
 import rnc_pin as rnc
 from browsing import give_up
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.figures import save, style
+from rnc_pin.figures import save
 from rnc_pin.simulation.run_panels import learning_panels, panels
 from rnc_pin.visualization import recording as capture
 from rnc_pin.visualization.plots import draw_footprints, footprints, plot_top_view
@@ -33,25 +27,6 @@ def run():
     """One second of the paper's figure 4."""
     options = {"simulation.duration": 1.0, "simulation.dt": 0.01, "comparisons": {}}
     return execute(Scenario.load("space-robot", options)).trajectory
-
-
-def ink(path):
-    """Share of pixels that are not white, of a PNG."""
-    assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
-    return float((image.imread(path)[..., :3] < 0.99).any(axis=-1).mean())
-
-
-def test_an_overview_cuts_no_title_of_a_scenario_off(run, tmp_path):
-    """The longest, broken into lines, is within the picture."""
-    builtin = Path(rnc.__file__).parent / "applications" / "scenario" / "builtin"
-    titles = [yaml.safe_load(path.read_text())["title"] for path in builtin.glob("*.yaml")]
-    figure = run.plot(title=max(titles, key=len), file=(path := tmp_path / "overview.png"))
-    assert image.imread(path).shape[1] == 2800
-    assert 0.02 < ink(path) < 0.5
-    shown = figure.get_suptitle()
-    assert shown.replace("\n", " ").replace("\\", "") == max(titles, key=len)
-    extent = next(text for text in figure.findobj(Text) if text.get_text() == shown).get_window_extent()
-    assert 0 <= extent.x0 <= extent.x1 <= figure.bbox.width
 
 
 def test_every_comparison_is_drawn(run):
@@ -72,15 +47,6 @@ def test_what_is_learnt_is_plotted():
     (panel,) = learning_panels(learning, {}, "estimates")
     assert (panel.quantity, panel.unit) == ("estimate", "kg")  # the paper counts masses in units of 10 kg
     np.testing.assert_array_equal(panel.series[1].values, 10.0 * learning.estimates[:, 1])
-
-
-def test_series_differ_without_colour(run):
-    """In grey, and for people who see colours differently: marker and lightness tell series apart."""
-    arm = replace(run, info=replace(run.info, goals=()))
-    lines = [line for axes in arm.plot(["tip_x", "tip_y", "platform"]).axes for line in axes.get_lines()]
-    assert [line.get_marker() for line in lines] == ["o", "s", "o"]
-    grey = [float(np.dot(to_rgb(color), [0.299, 0.587, 0.114])) for color in style.COLORS]
-    assert min(abs(one - other) for one, other in pairwise(grey)) > 0.05
 
 
 def test_a_run_of_one_sample_has_nothing_to_plot(run):
@@ -182,15 +148,6 @@ def test_a_body_that_leans_is_one_path(drive):
     sways = replace(run, x1=run.x1 + 0.05 * np.sin(run.time)[:, None])
     names = [path.name for path in rnc.simulation.ground_paths(sways)]
     assert names.count("tractor") == 1
-
-
-def test_no_panel_has_more_lines_than_can_be_told_apart(drive):
-    run, other = drive
-    for others in ({}, {"one": other}, {"one": other, "two": other}):
-        for panel in panels(run, others):
-            assert 1 <= len(panel.series) <= 6
-            assert len(panel.series) * (1 + len(panel.series[0].compared)) <= 6
-            assert len({each.name for each in panel.series}) == len(panel.series)
 
 
 def test_of_a_hundred_joints_those_are_shown_that_move_most(run):

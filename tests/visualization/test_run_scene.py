@@ -14,7 +14,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.simulation import Columns, OutputNames, output_names
 from rnc_pin.visualization.drawn_state import DrawnState, View, recorded_states
-from rnc_pin.visualization.elements import Overlay, _cylinder
+from rnc_pin.visualization.elements import Overlay
 from rnc_pin.visualization.meshcat_scene import ASPECT, FIELD_OF_VIEW, VIEW_DIRECTION, Keyframes, fitting_camera
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.scene_kinematics import SceneKinematics
@@ -112,33 +112,11 @@ def test_a_momentum_acts_on_no_point():
     assert np.isnan(directions).all()
 
 
-def test_wheels_leave_tracks(truck):
-    reduced, run = truck
-    first = next(recorded_states(reduced.robot, run))
-    poses = SceneKinematics(reduced.robot, reduced.constraints)
-    wheels = poses.wheels(first, -0.13)
-    where = np.sort([wheel(first) for wheel in wheels.values()], axis=0)
-    # Three axles at -9, -8 and -7, wheels 0.24 to 0.26 beside the middle, on the ground.
-    np.testing.assert_allclose(where[:, 0], [-9, -9, -8, -8, -7, -7], atol=1e-9)
-    np.testing.assert_allclose(where[:, 1] - 3.0, [-0.26, -0.24, -0.24, 0.24, 0.24, 0.26], atol=1e-9)
-    np.testing.assert_allclose(where[:, 2], -0.13)
-
-
 def test_an_axle_without_drawn_wheels_leaves_a_track_itself(truck):
     reduced, run = truck
     first = next(recorded_states(reduced.robot, run))
     tracks = SceneKinematics(rnc.Robot(reduced.robot.model), reduced.constraints).wheels(first, 0.0)
     np.testing.assert_allclose(np.sort([track(first)[0] for track in tracks.values()]), [-9, -8, -7], atol=1e-9)
-
-
-def test_an_arrow_goes_from_a_point_along_a_vector():
-    along = np.array([2.0, -1.0, 0.5]) / np.linalg.norm([2.0, -1.0, 0.5])
-    matrix = _cylinder(np.array([1.0, 2.0, 3.0]), along, 4.0, 0.1)
-    top, bottom, side = (matrix @ np.array([*point, 1.0]) for point in ([0, 0.5, 0], [0, -0.5, 0], [1, 0, 0]))
-    np.testing.assert_allclose(top[:3], [1, 2, 3] + 2 * along)
-    np.testing.assert_allclose(bottom[:3], [1, 2, 3] - 2 * along)
-    np.testing.assert_allclose(np.linalg.norm(side[:3] - [1, 2, 3]), 0.1)
-    assert np.linalg.det(matrix[:3, :3]) > 0
 
 
 # ---------------------------------------------------------------------- overlay, camera

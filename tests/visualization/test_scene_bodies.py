@@ -38,18 +38,6 @@ def test_patches_are_on_the_surface_under_the_motion(name):
     assert (vertices[:, :2].max(axis=0) >= feet.max(axis=0)).all()
 
 
-def test_each_side_of_a_patch_has_one_normal_at_a_vertex():
-    """Normals of a vertex that both sides share cancel each other: the surface had blotches."""
-    vertices, triangles = ground_patch(GROUNDS["bowl"], np.array([[0.0, 0.0, 0.2], [0.6, 0.1, 0.4]]), 0.2)
-    a, b, c = vertices[triangles].transpose(1, 0, 2)
-    normals = np.cross(b - a, c - a)
-    inward = np.sign(np.einsum("ij,ij->i", normals, GROUNDS["bowl"].center - a))
-    sides = [set(triangles[inward == side].ravel().tolist()) for side in (-1.0, 1.0)]
-    assert sides[0]
-    assert sides[1]
-    assert not sides[0] & sides[1]
-
-
 def test_ground_on_a_body_moves_with_it_and_is_drawn_if_the_body_is_not():
     plane = rnc.GroundPlane(frame="plate")
     robot = rnc.Robot.from_urdf("ball_on_plate.urdf")
