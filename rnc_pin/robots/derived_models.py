@@ -130,6 +130,8 @@ class _UniqueFrameNames:
         self.models = tuple(model.copy() for model in models)
         self._names: dict[str, str] = {}
         for model in self.models:
+            # Pinocchio refuses a lower limit above the upper one, which nothing else reads.
+            model.lowerVelocityLimit = np.minimum(model.lowerVelocityLimit, model.upperVelocityLimit)
             names = [frame.name for frame in model.frames]
             counts = Counter(names)
             for index, frame in enumerate(model.frames):
