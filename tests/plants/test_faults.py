@@ -106,20 +106,6 @@ def test_energy_less_work_is_constant_whatever_is_wrong(kind):
     np.testing.assert_allclose(run.energy[own], expected[own], rtol=1e-12)
 
 
-def test_a_plant_that_changes_keeps_its_state():
-    reduced = mobile_manipulator()
-    plant = ChangingPlant(ReducedPlant(reduced), ReducedPlant(reduced), 0.5 * DT)
-    twin = ReducedPlant(reduced)
-    q = reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
-    v = reduced.at(q, [0.3, 0.1, 0.2, 0.1]).v
-    for each in (plant, twin):
-        each.reset(q, v)
-        each.apply(np.array([1.0, 0.1, 0.2, -0.1]))
-        for _ in range(5):
-            each.advance(DT)
-    assert np.abs(plant.read()[0] - twin.read()[0]).max() < 1e-10
-
-
 # ---------------------------------------------------------------------- in scenarios
 
 

@@ -11,7 +11,6 @@ from bodies import add_body
 from tolerances import ROUNDING
 from urdf_parts import INERTIAL
 
-SHIPPED = ["space_robot.urdf", "mobile_manipulator.urdf", "fire_truck.urdf"]
 GRAVITY = (0.0, 0.0, -9.81)
 
 
@@ -44,14 +43,6 @@ def test_case_studies_have_the_inertia_of_the_paper(file, base, body, links):
         assert not each.inertia.any()
 
 
-@pytest.mark.parametrize("file", SHIPPED)
-def test_visual_geometry_loads(file, capfd):
-    geometry = rnc.Robot.from_urdf(file).visual_model
-    assert len(geometry.geometryObjects) > 10
-    assert all(shape.meshColor[3] > 0 for shape in geometry.geometryObjects)
-    assert capfd.readouterr() == ("", "")
-
-
 def test_any_pinocchio_model_will_do_and_has_no_geometry_unless_given():
     model = rnc.Robot.from_urdf("space_robot.urdf").model
     assert rnc.Robot(model).visual_model is None
@@ -63,14 +54,6 @@ def test_a_file_is_found_relative_to_where_one_stands_before_a_shipped_one(tmp_p
     monkeypatch.chdir(tmp_path)
     assert rnc.Robot.from_urdf("space_robot.urdf").name == "tiny"
     assert rnc.Robot.from_urdf("fire_truck.urdf").name == "fire_truck"
-
-
-def test_an_example_robot_by_name(capfd):
-    robot = rnc.Robot.from_example("panda", base="planar")
-    assert robot.joint_names[:2] == ("root_joint", "panda_joint1")
-    assert (robot.nq, robot.nv) == (4 + 9, 3 + 9)
-    assert len(robot.visual_model.geometryObjects) >= 10
-    assert capfd.readouterr() == ("", "")
 
 
 def test_gravity_is_the_one_given_and_the_earths_otherwise():
@@ -243,13 +226,6 @@ def test_a_model_with_an_inertia_that_is_not_finite_is_refused(bad, capfd):
     model = pin.Model()
     add_body(model, "hinge", "RZ", 1.0, com=(bad, 0.0, 0.0))
     assert "'hinge' is not finite" in refusal(lambda: rnc.Robot(model), capfd)
-
-
-def test_a_link_called_as_its_joint_is_the_link():
-    robot = rnc.Robot.from_example("z1", lock={"jointGripper": 0.0})
-    frame = robot.model.frames[robot.frame_id("gripperStator")]
-    assert frame.type == pin.FrameType.BODY
-    assert [each.name for each in robot.model.frames].count("gripperStator") == 2
 
 
 def test_joints_that_are_not_added_branch_by_branch_are_refused():

@@ -66,13 +66,6 @@ def test_files_keep_the_names_and_those_without_have_numbers(run, tmp_path):
     assert header == "time [s]," + ",".join(f"q.{k}" for k in range(7))
 
 
-def test_units_of_constraint_forces_follow_those_of_their_rows():
-    options = {"simulation.duration": 0.1, "comparisons": {}}
-    run = execute(Scenario.load("space-robot", options)).trajectory
-    assert run.info.outputs.multipliers_units == ("",)
-    assert run.info.outputs.q == run.info.outputs.v == ("platform", "joint_1", "joint_2", "joint_3")
-
-
 def test_the_command_replaces_no_file_unasked(run, tmp_path, call):
     run.save(tmp_path / "trajectory.npz")
     file = tmp_path / "run.csv"

@@ -8,7 +8,6 @@ import pytest
 
 import rnc_pin as rnc
 from bodies import add_body
-from systems import tiago
 from tolerances import ROUNDING
 
 RADIUS = 0.0985
@@ -110,20 +109,3 @@ def _renamed():
     model.name = "other"
     add_body(model, "turn", "RZ", 1.0, frame="satellite")
     return (model,)
-
-
-def test_a_tracker_that_knows_what_holds_the_robot_lets_nothing_drop():
-    reduced = tiago()
-    q0 = reduced.robot.configuration({"torso_lift_joint": 0.15, "arm_1_joint": 0.7, "arm_4_joint": 1.9})
-    x2, rest = reduced.at(q0).outputs()[1], np.zeros(reduced.r)
-    held = reduced.inverse_dynamics(q0, rest, rest)
-    assert np.abs(held).max() > 100
-    target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(x2))
-    gains = rnc.control.VelocityGains.scaled(reduced, q0[None], 0.002)
-
-    def dropped(tracker):
-        run = rnc.simulate(reduced, tracker, q0, duration=0.2, dt=0.002)
-        return np.abs(run.x2 - x2).max()
-
-    assert dropped(rnc.control.VelocityTracker(target, gains, held)) < 1e-9
-    assert dropped(rnc.control.VelocityTracker(target, gains)) > 1e-2

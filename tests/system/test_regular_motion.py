@@ -172,18 +172,3 @@ def test_a_car_moves_as_all_rows_say_in_every_order(order):
     # One call for straight and turning alike: what is chosen for one state must not be kept for the next.
     accelerations = np.stack(expected)[:, [0, robot.velocity_indices("left_steer").start]]
     close(reduced.forward_dynamics(*map(np.stack, zip(*states, strict=True))), accelerations, KKT)
-
-
-def test_a_car_steers_through_straight_in_any_order():
-    """If both front wheels come first, the first two lateral rows coincide there."""
-    runs = []
-    for order in (("fl", "fr", "bl", "br"), ("br", "bl", "fr", "fl")):
-        reduced = in_speed_and_steering(car(order))
-        q = steered(reduced.robot, 0.35)
-        runs.append(rnc.free_motion(reduced, q, [1.5, -3.0], 1.0, dt=0.05, tolerance=1e-12))
-    run, other = runs
-    assert run.v[0, 2] > 0.5
-    assert run.v[-1, 2] < -0.3
-    np.testing.assert_allclose(run.q, other.q, rtol=0, atol=MOTION)
-    np.testing.assert_allclose(run.energy, run.energy[0], rtol=1e-9)
-    assert run.position_residual.max() < 1e-9

@@ -8,7 +8,6 @@ import pytest
 from scipy.special import ellipk
 
 import rnc_pin as rnc
-from rnc_pin.planning import Hold, TaskReference
 from simple_controllers import Idle
 from tolerances import ROUNDING
 
@@ -114,22 +113,6 @@ def test_a_pendulum_is_back_after_its_period(swing):
 
 
 # ---------------------------------------------------------------------- every output and constraint on one joint
-
-
-@pytest.mark.parametrize("swing", [("revolute", AXES[0]), ("continuous", AXES[2])], indirect=True)
-def test_analysis_of_one_joint(swing):
-    robot, _, _, weight = swing
-    reduced = reduced_of(robot, [rnc.FramePosition("tip", "z")])
-    report = rnc.analyze(reduced, primary=["hinge"])
-    assert (report.n, report.r, report.actuation_rank, report.growth_vector) == (1, 1, 1, (1,))
-    assert report.lemma1_holds
-    task = rnc.Task.of(reduced, [], ["hinge"])
-    q = robot.configuration({"hinge": 1.0})
-    height = reduced.at(q).outputs()[0]
-    margins = rnc.preflight(reduced, task, TaskReference(Hold([]), Hold(height)), q, 0.1)
-    assert margins.stack.value == pytest.approx(1.0, abs=ROUNDING)
-    # What the tip rises by in a radian.
-    assert margins.A4.value == pytest.approx(weight * np.sin(1.0) / (MASS * GRAVITY), abs=ROUNDING)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -7,7 +7,6 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
-from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import UnknownRadius, UnknownTrack, WheelRegressor
@@ -78,12 +77,3 @@ def test_a_scenario_names_what_is_unknown(tmp_path):
 def test_a_scenario_with_unknown_nonsense_is_refused(unknown, words, tmp_path):
     with pytest.raises(rnc.ConfigurationError, match=words):
         wheels_of(unknown, tmp_path)
-
-
-def test_controllers_of_other_classes_take_unknown_wheels_too():
-    unknown = {"controller.unknown": {"radii": [{"wheels": ["wheel"], "initial": 0.4}]}}
-    quiet = {"comparisons": {}, "plots": {}, "simulation.dt": 0.004, "simulation.duration": 4.0}
-    run = execute(Scenario.load("unicycle", {**quiet, **unknown})).trajectory
-    assert (run.outcome, run.estimates[-1]) == ("completed", pytest.approx([0.25], rel=1e-3))
-    with pytest.raises(rnc.ConfigurationError, match="needs 'unknown', which is missing"):
-        Scenario.load("unicycle", {"controller.alpha": 1.0}).build()

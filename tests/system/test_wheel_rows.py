@@ -7,11 +7,9 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body, add_frame
 from kinds import BESIDE
-from places import DIRT
 from rnc_pin.control.wheel_regressor import UnknownRadius, WheelRegressor
 from rnc_pin.model.kinematics import Kinematics
 from row_kinds import OF_TWO_WHEELS
-from simple_controllers import Idle
 from systems import (
     CORNERS,
     TRACK,
@@ -25,8 +23,6 @@ from systems import (
     rolling_base,
 )
 from tolerances import ROUNDING
-
-STEERING = rnc.AckermannSteering("left_steer", "right_steer", "bl")
 
 
 @pytest.mark.parametrize("name", ["mecanum", "omni", "skid", "side slip x", "side slip y", "caster of a wheel"])
@@ -209,29 +205,6 @@ def test_a_point_beside_a_frame_is_as_a_frame_there():
                 np.testing.assert_allclose(getattr(ours, method)(rates), expected, atol=ROUNDING)
 
 
-FOOT = rnc.LoopClosure("right_shin", "left_shin", "point", (0, 0.005, 0.2), (0, 0.01, 0.2))
-MOTORS = ["right_motor_joint", "left_motor_joint"]
-
-
-def test_a_leg_of_two_halves_is_assembled_and_stays_so(tmp_path):
-    """As Minitaur has it: the loop leaves the two motors, is closed from zero angles, and stays closed as it falls."""
-    path = tmp_path / "leg.urdf"
-    text = (DIRT / "five_bar.urdf").read_text()
-    path.write_text(text.replace("1.57075", repr(np.pi / 2)).replace("3.141592", repr(np.pi)))
-    system = rnc.NonholonomicSystem(rnc.Robot.from_urdf(path), [FOOT], MOTORS)
-    assert (system.n, system.r) == (4, 2)
-    neutral = system.robot.configuration()
-    assert np.abs(system.assembly.residual(neutral)).max() == pytest.approx(0.04)
-    assert np.abs(system.assembly.residual(system.assembled(neutral))).max() < 1e-13
-    reduced = system.reduce([rnc.JointPosition(motor) for motor in MOTORS])
-    start = dict.fromkeys(MOTORS, 1.4) | {"right_knee": -2.2, "left_knee": -2.2}
-    q = system.assembled(system.robot.configuration(start), hold=MOTORS)
-    run = rnc.simulate(reduced, Idle(2), q, 0.3, 0.002)
-    assert np.ptp(run.v2) > 0.1
-    assert run.position_residual.max() < 1e-12
-    np.testing.assert_allclose(run.energy, run.energy[0], rtol=1e-5)
-
-
 @pytest.mark.parametrize(("loop", "error", "words"), [
     (rnc.LoopClosure("rear", "front", "point", rpy=(0, 0, 1)), rnc.ConfigurationError, "omit rpy"),
     (rnc.LoopClosure("rear", "front", "point", (0, 1)), rnc.ConfigurationError,
@@ -269,15 +242,6 @@ def test_the_linkage_as_a_coupler_has_its_angle_and_slope(first):
         left, right = (follower, driver) if first == "left" else (driver, follower)
         assert 1 / np.tan(right) - 1 / np.tan(left) == pytest.approx(k, rel=1e-12)
         assert slope == pytest.approx(-((np.sin(follower) / np.sin(driver)) ** 2), rel=1e-12)
-
-
-def test_a_car_on_a_free_base_stands_and_steers():
-    robot = ackermann_robot(base="free")
-    wheels = [rnc.RollingWheel(name, WHEEL) for name in ("fl", "fr", "bl", "br")]
-    system = rnc.NonholonomicSystem(robot, [*wheels, STEERING], ["left_steer", "bl_spin", "br_spin"])
-    assert system.r == 2
-    q = system.assembled(robot.configuration({"left_steer": 0.4}), hold=["left_steer"])
-    assert q[2] == pytest.approx(WHEEL, abs=1e-12)
 
 
 def test_a_car_that_is_steered_behind_turns_its_rear_wheels_the_other_way():

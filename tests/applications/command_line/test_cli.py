@@ -5,7 +5,6 @@ import json
 import shlex
 import subprocess
 import sys
-import sysconfig
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import NamedTuple
@@ -21,7 +20,6 @@ from rnc_pin.applications.scenario.files import built_in_names, find_scenario
 from rnc_pin.robots.robot_files import shipped_directory
 from terminal import results
 
-COMMAND = Path(sysconfig.get_path("scripts")) / "rnc-pin"
 SHORT = ["--set", "simulation.duration=0.2"]
 ALONE = ["--set", "comparisons={}"]
 BARE = [*SHORT, *ALONE, "--set", "plots={}"]
@@ -253,31 +251,6 @@ def test_inspect_answers_every_question_on_one_page(call):
     assert report["lemma1_holds"] is True
     assert report["lemma1"]["A R"] < 1e-12
     assert (report["primary"], report["redundant"]) == (["tip_x", "tip_y"], ["joint_1"])
-
-
-BARE_SYSTEM = """
-robot: {example: tiago_no_hand, base: planar, lock: {%s}}
-constraints:
-  - rolling_wheel: {frame: wheel_left_link, radius: 0.0985}
-  - rolling_wheel: {frame: wheel_right_link, radius: 0.0985}
-outputs:
-  reducing: [{frame_speed: {frame: base_link, axis: x}}, {frame_yaw: base_link}]
-"""
-
-
-def test_inspect_takes_a_system_without_actuators_task_controller_or_simulation(call, tmp_path):
-    joints = ["torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8)), "head_1_joint", "head_2_joint"]
-    file = tmp_path / "bare.yaml"
-    file.write_text(BARE_SYSTEM % ", ".join(f"{joint}: 0.1" for joint in joints))
-    status, out, error = call("inspect", file, "--samples", 4, "--json")
-    assert (status, error) == (0, "")
-    report = parsed(out)
-    assert (report["p"], report["actuation_rank"]) == (0, 0)
-    assert report["unactuated"] == ["base_link_speed_x", "base_link_yaw"]
-    assert (report["growth_vector"], len(report["dropped_rows"])) == ([2, 3, 4], 3)
-    status, out, _ = call("inspect", file, "--samples", 4)
-    assert status == 0
-    assert "0 of 2 reduced forces, not fully actuated: base_link_speed_x, base_link_yaw" in told(out)
 
 
 def test_inspect_looks_at_the_vertical_outputs_that_the_task_names(call):

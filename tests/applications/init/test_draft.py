@@ -132,13 +132,6 @@ def test_the_radius_of_a_mesh(tmp_path):
     assert radii(content) == pytest.approx({"left": 0.123, "right": 0.123}, abs=1e-5)
 
 
-def test_arms_that_turn_on_and_on_are_no_wheels(tmp_path):
-    arm = link("upper", shape='<cylinder radius="0.05" length="0.1"/>') + joint("elbow", "base", "upper", (0, 0, 0.6))
-    content, _ = drafted(write(tmp_path, cart(PAIR, arm)), tmp_path)
-    assert set(radii(content)) == {"left", "right"}
-    assert content["actuators"] == ["left_joint", "right_joint", "elbow"]
-
-
 def test_init_writes_what_inspect_and_run_accept(call, tmp_path, monkeypatch, no_pictures):
     monkeypatch.chdir(tmp_path)
     write(tmp_path, cart(PAIR))

@@ -75,29 +75,6 @@ def test_a_lock_of_a_follower_locks_its_leader(tmp_path):
     assert "# Assumed: locked together with mirror, which mimics it: grip." in text
 
 
-def belt_rover(*named):
-    """Four wheels; a belt on each side couples the rear one to the front one."""
-    parts = [link("base", 10.0, BOX)]
-    for side, y in (("l", 0.2), ("r", -0.2)):
-        parts += [wheel(f"front_{side}", "base", (0.2, y, 0)), link(f"rear_{side}", 0.5, DISK, TURNED)]
-        parts.append(
-            following(joint(f"rear_{side}_joint", "base", f"rear_{side}", (-0.2, y, 0)), f"front_{side}_joint")
-        )
-    return robot(*parts, transmissions(*named))
-
-
-DISK, TURNED = '<cylinder radius="0.1" length="0.04"/>', "1.570796326794897 0 0"
-
-
-@pytest.mark.parametrize(("named", "end"), [((), "front"), (("rear_l_joint", "rear_r_joint"), "rear")])
-def test_wheels_on_a_belt_have_one_motor(named, end, tmp_path):
-    content, text = run_draft(belt_rover(*named), tmp_path)
-    motors = [f"{end}_l_joint", f"{end}_r_joint"]
-    assert (content["actuators"], content["task"]["primary"]) == (motors, ["base_speed_x", "base_yaw"])
-    assert f"Which wheels are driven? {', '.join(motors)} (" in text
-    assert "Otherwise" not in text.partition("title:")[0].partition("Which wheels are driven?")[2].partition("\n# D")[0]
-
-
 FINGERS = "".join(
     f'<body name="{name}" pos="0.2 {y} 0.05"><joint name="{name}" type="slide" axis="0 {axis} 0" range="0 0.03"/>'
     '<geom type="box" size="0.01 0.005 0.02" mass="0.03"/></body>'

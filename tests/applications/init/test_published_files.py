@@ -8,7 +8,6 @@ from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.errors import ModelError
 
 pytestmark = [pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning"), pytest.mark.usefixtures("brief")]
 
@@ -100,12 +99,6 @@ def test_mecanum_wheels_move_sideways(tmp_path):
     assert trajectory.x2[-1][1] == pytest.approx(0.3, abs=0.02)
 
 
-def test_a_hitch_is_not_driven(tmp_path):
-    content, text, _ = drafted("truck_and_trailer", tmp_path)
-    assert content["actuators"] == ["rear_left", "rear_right", "turntable"]
-    assert "Is kingpin a free hitch? yes" in text
-
-
 def test_a_balancer_comes_upright_and_drives(tmp_path):
     content, _, path = drafted("balancer", tmp_path)
     assert (content["controller"]["type"], content["robot"]["lock"]) == ("state_feedback", {"neck": 0.0})
@@ -132,13 +125,6 @@ def test_joints_that_move_no_mass(tmp_path):
     assert content["robot"]["masses"]
     assert "WEIGH them" in text
     run(path, {"simulation.duration": 0.05})
-
-
-def test_joints_are_held_as_asked(tmp_path):
-    content, _, _ = drafted("wide_wheels", tmp_path, lock={"front_left_joint": 0.0})
-    assert content["robot"]["lock"] == {"front_left_joint": 0.0}
-    with pytest.raises(ModelError, match="did you mean 'front_left_joint'"):
-        drafted("wide_wheels", tmp_path, lock={"front_left": 0.0})
 
 
 def test_packages_that_another_shell_would_not_find_are_recorded(tmp_path, call, monkeypatch):

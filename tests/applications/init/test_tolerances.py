@@ -9,7 +9,6 @@ import yaml
 from noisy import with_noise
 from places import DIRT
 from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
-from rnc_pin.applications.init.robot_at_start import first_smallest
 from rnc_pin.applications.init.trial import Trial
 from rnc_pin.applications.scenario.builder import build_experiment
 from rnc_pin.applications.scenario.schema.scenario import validate
@@ -113,11 +112,3 @@ def test_a_wheel_may_be_off_the_ground_by_rounding(base, kind, higher, tmp_path)
     if base == "planar":  # a fork that leans would lift the base, which a planar one cannot do
         front = content["constraints"][1]["rolling_wheel"]
         assert front == {"frame": "front_hub_link", "radius": 0.3, "vertical": False}
-
-
-def test_noise_changes_no_draft_of_a_bicycle_that_is_held_upright(tmp_path):
-    assert_same_with_noise(DIRT / "raked_fork.urdf", tmp_path, "planar")
-
-
-def test_the_first_of_equal_values_is_chosen():
-    assert (first_smallest([0.3000002, 0.3, 0.5], 1e-3), first_smallest([0.4, 0.3, 0.3000002], 1e-3)) == (0, 1)

@@ -1,18 +1,13 @@
 """Each type of controller has settings of its own, and the schema knows whose they are."""
 
-import dataclasses
-import json
 from functools import cache
 
-import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.applications.scenario.builder import build_reduced, build_task
-from rnc_pin.applications.scenario.controllers import TYPES, ControllerContext
+from rnc_pin.applications.scenario.controllers import TYPES
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.applications.scenario.schema.scenario import schema, validate
-from rnc_pin.planning import Hold
 
 jsonschema = pytest.importorskip("jsonschema", reason="reads schemas; comes with the test extra")
 
@@ -104,34 +99,3 @@ def test_null_takes_a_setting_away_so_that_a_comparison_may_change_the_type():
 def test_what_is_wrong_is_told_without_words_of_the_union(controller, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         validate(scenario(controller), "mine")
-
-
-def test_settings_of_every_type_are_shown_in_words_by_editors():
-    content = schema()
-    branches = next(each for each in content["properties"]["controller"]["anyOf"] if "discriminator" in each)
-    assert set(branches["discriminator"]["mapping"]) == set(TYPES)
-    for reference in branches["discriminator"]["mapping"].values():
-        part = content["$defs"][reference.rpartition("/")[2]]
-        assert part["description"]
-        assert all("description" in value or "$ref" in json.dumps(value) for value in part["properties"].values())
-
-
-def test_what_a_controller_is_built_from_cannot_be_changed():
-    given = validate(read_yaml(find_scenario("space-robot")), "space-robot")
-    _, reduced = build_reduced(given, find_scenario("space-robot").parent)
-    task = build_task(given, reduced)
-    q0 = reduced.robot.configuration(given.initial.q)
-    x1, x2 = reduced.at(q0).outputs()
-    starts = {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
-    context = ControllerContext(
-        reduced=reduced, task=task, **{name: Hold(start) for name, start in starts.items()}, given=("primary",), q0=q0,
-        simulation=given.simulation,
-    )  # fmt: skip
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        context.given = ()
-    first, second = given.controller.build(context), given.controller.build(context)
-    assert first.controller is not second.controller
-    np.testing.assert_array_equal(first.controller.gains.k, second.controller.gains.k)
-    assert first.warnings == second.warnings == ()
-    with pytest.raises(rnc.ConfigurationError, match=r"reference.redundant: is not followed by .* 'redundancy'; contr"):
-        given.controller.build(dataclasses.replace(context, given=("redundant",)))

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
-from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, one_of
+from rnc_pin.applications.scenario.schema.derived import Entry, one_of
 from rnc_pin.applications.scenario.schema.kinds import ConstraintItem
 from rnc_pin.applications.scenario.schema.scenario import schema, validate
 from rnc_pin.visualization.drawn_state import View
@@ -126,33 +126,6 @@ def test_an_entry_tells_what_a_file_says_otherwise():
     assert momentum.validate_python("platform") == momentum.validate_python({"joint": "platform"})
     with pytest.raises(ValidationError, match="expected a joint's name or a mapping with joint and momentum, found 3"):
         momentum.validate_python(3)
-
-
-class Motor:
-    """A motor on a spring.
-
-    Args:
-        spring: what it pulls.
-        power: largest power [W].
-        gear: ratio; that of the catalogue by default.
-    """
-
-    def __init__(self, spring: Spring, power: float = np.inf, gear: Annotated[float, Gt(0)] | np.ndarray = 1.0) -> None:
-        self.spring, self.power, self.gear = spring, power, gear
-
-
-def test_a_class_is_read_by_its_constructor_and_built_once_the_rest_is_known():
-    entry = Entry(Motor, late=("spring",), optional=("gear",))
-    reader = TypeAdapter(Annotated[object, entry])
-    call = reader.validate_python({"power": None, "gear": [2, 3]})
-    assert call == PartialCall(Motor, {"gear": [2.0, 3.0]})
-    motor = call.build(spring=Spring("a", "b", 2.0))
-    assert (motor.spring.frame_b, motor.power, motor.gear) == ("b", np.inf, [2.0, 3.0])
-    fields = reader.json_schema()["properties"]
-    assert (list(fields), fields["gear"]["default"]) == (["power", "gear"], None)
-    assert fields["gear"]["description"] == "Ratio; that of the catalogue by default."
-    with pytest.raises(ValidationError, match="'spring' is not known"):
-        reader.validate_python({"spring": SPRING})
 
 
 def test_a_rolling_body_is_written_with_its_shape_and_ground():

@@ -146,12 +146,6 @@ def test_drawn_points_are_on_the_shape(shape):
         assert (points @ direction).max() == pytest.approx(shape.aabb_local.max_ @ direction, abs=1e-9)
 
 
-def test_outline_from_above():
-    box = rnc.collision.Obstacle(coal.Box(2, 1, 5), position=(1, 1, 0), yaw=np.pi / 2, name="box")
-    corners = outline(box, 0.0)
-    assert sorted(map(tuple, corners.round(9).tolist())) == [(0.5, 0.0), (0.5, 2.0), (1.5, 0.0), (1.5, 2.0)]
-
-
 def test_a_map_is_boxes(tmp_path):
     (tmp_path / "lot.pgm").write_bytes(b"P5 3 2 255\n" + bytes([0, 254, 254, 254, 254, 0]))
     keys = "resolution: 0.5\norigin: [2, 1, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
