@@ -9,7 +9,6 @@ from .calibration import calibrate as calibrate
 from .comparison import Comparison as Comparison
 from .comparison import Replay as Replay
 from .comparison import compare as compare
-from .suspects import Suspect as Suspect
 from .unknowns import EncoderOffset as EncoderOffset
 from .unknowns import EncoderScale as EncoderScale
 from .unknowns import JointShift as JointShift

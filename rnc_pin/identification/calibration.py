@@ -213,16 +213,11 @@ def calibrate(
 
 
 class PoseProblem:
-    """Measured poses beside those of a rolling motion, except those in some intervals (K, 2) [s]."""
+    """Measured poses beside those of a rolling motion."""
 
-    def __init__(
-        self, motion: RollingMotion, channel: Channel, heading: bool, skip: Sequence[Sequence[float]] | np.ndarray = ()
-    ) -> None:
+    def __init__(self, motion: RollingMotion, channel: Channel, heading: bool) -> None:
         self._motion, self._heading = motion, heading
-        self._breaks = np.sort([*motion.breaks, *(end for _, end in skip)])
         inside = (channel.time >= motion.time[0]) & (channel.time <= motion.time[-1])
-        for start, end in skip:
-            inside &= (channel.time < start) | (channel.time > end)
         self.times, poses = channel.time[inside], channel.values[inside]
         x, y, z, w = poses[:, 3:].T
         yaw = np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2)))
@@ -239,7 +234,7 @@ class PoseProblem:
         """Windows of a duration between two times; none contains a break of the joints' log."""
         chosen = np.flatnonzero((self.times >= start) & (self.times <= end))
         times = self.times[chosen]
-        piece = np.searchsorted(self._breaks, times, side="right")
+        piece = np.searchsorted(self._motion.breaks, times, side="right")
         if np.isfinite(duration):
             piece = piece * (len(times) + 1) + np.floor((times - times[:1]) / duration).astype(int)
         _, number, counts = np.unique(piece, return_inverse=True, return_counts=True)

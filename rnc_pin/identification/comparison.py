@@ -1,9 +1,9 @@
-"""A measured log beside the open-loop path of a model: errors, slip, and the assumption that fails."""
+"""A measured log beside the open-loop path of a model: errors and slip."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.identification.calibration import PathError, PoseProblem
 from rnc_pin.identification.logs.log import Log
 from rnc_pin.identification.rolling_motion import RollingMotion
-from rnc_pin.identification.suspects import NO_TIMES, Suspect, pursued
 from rnc_pin.identification.window_fit import rotated
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
@@ -19,10 +18,6 @@ from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 _WINDOWS = (1.0, 10.0, 100.0)  # durations of windows whose errors are stated [s]
 _SLIP = 1.0  # duration over which slip is averaged [s]
 _ROUNDING = 1e-12  # slip of rows that hold in any case [m/s]
-_FAR = 6.0  # standard deviations of the slip beyond which a wheel slips
-_TRACE = 0.02  # smallest slip that counts, relative to the speed of the log
-_NORMAL = 1.4826  # standard deviation over the median of |x|
-_MOST_KNOWN = 0.5  # share of the error by numbers above which they are the whole truth
 
 
 @dataclass(frozen=True)
@@ -65,8 +60,8 @@ class Comparison(SummaryMixin):
         >>> time, q = rnc.kinematic_rollout(reduced, target, robot.configuration(), duration=20.0)
         >>> log = rnc.Log.of_motion(robot, time, q, frames=["base"])
         >>> wrong = rnc.NonholonomicSystem(robot, [rnc.RollingWheel(wheel, 0.12) for wheel in pair])
-        >>> rnc.compare(wrong, log, "base").suspects[0].name
-        'radius of left_wheel, right_wheel'
+        >>> list(rnc.compare(wrong, log, "base").slip)
+        ['rolling(left_wheel)', 'rolling(right_wheel)']
     """
 
     errors: Mapping[float, PathError]
@@ -76,28 +71,10 @@ class Comparison(SummaryMixin):
 
     A row that a joint without measurement satisfies in any case is left out, e.g. rolling of such a wheel.
     """
-    suspects: tuple[Suspect, ...]
-    """Numbers that explain the error, the most suspicious first."""
     unused_rows: tuple[str, ...]
     """Rows that depend on joints which the log does not have."""
     replay: Replay = field(repr=False)
     """Measured and predicted motion."""
-
-    @property
-    def first(self) -> Suspect | None:
-        """Suspect that fails first; None if the error is noise."""
-        return next(iter(self.suspects), None)
-
-    @property
-    def conclusion(self) -> str:
-        """Sentence about the assumption that fails first."""
-        if not self.suspects:
-            return "no number of the model explains the error: it is noise of the sensor"
-        first, *others = self.suspects
-        text = f"the {first.name} fails first: {first.explained:.0%} of the squared error of the path"
-        if not others:
-            return text
-        return f"{text}, and {others[-1].explained:.0%} with {', '.join(each.name for each in others)}"
 
     def _summary(self) -> ObjectSummary:
         lines = [
@@ -105,31 +82,18 @@ class Comparison(SummaryMixin):
             for duration, error in self.errors.items()
         ]
         lines += [("slip", [Item(name, f"{size:.2g} m/s") for name, size in self.slip.items()])]
-        lines += [
-            ("suspect", [Item(f"{each.name}: {each.value:.6g} {each.unit}".strip(),
-                              f"model {each.nominal:.6g}, explains {each.explained:.0%}")])
-            for each in self.suspects
-        ]  # fmt: skip
         lines += [("unused rows", [Item(name) for name in self.unused_rows])] if self.unused_rows else []
-        return ObjectSummary(f"Comparison: {self.conclusion}", lines)
+        return ObjectSummary("Comparison", lines)
 
 
-def compare(
-    system: NonholonomicSystem, log: Log, sensor: str, *, heading: bool = True, speeds: bool = False
-) -> Comparison:
+def compare(system: NonholonomicSystem, log: Log, sensor: str, *, heading: bool = True) -> Comparison:
     """Compare a log with the path that measured joints give in a model of a rolling robot.
-
-    Numbers of the model are changed one after the other. Each time, the number is chosen that explains most of the
-    remaining squared error, and all that were chosen before are fitted again with it. The order is that of evidence:
-    numbers with the same effect, such as a radius and the scale of its encoder, cannot be told apart. Slip in a few
-    windows is a suspect too.
 
     Args:
         system: the robot on a planar base, with its constraints.
         log: positions of joints and poses of the sensor.
         sensor: frame on the base whose pose is measured.
         heading: True if the sensor measures the heading.
-        speeds: True to replay measured velocities of wheels instead of their positions.
 
     Raises:
         ConfigurationError: a name is unknown, or the log does not determine the motion of the base.
@@ -146,9 +110,6 @@ def compare(
     """
     channel = log.channel("pose", sensor)
     plain = RollingMotion(system, log, (), sensor)
-    if speeds:
-        log = _by_speeds(log, plain)
-        plain = RollingMotion(system, log, (), sensor)
     problem = PoseProblem(plain, channel, heading)
     durations = [each for each in _WINDOWS if each < np.ptp(problem.times)]
     errors = {}
@@ -163,67 +124,9 @@ def compare(
     return Comparison(
         errors,
         {name: size for name, size in sizes.items() if not size < _ROUNDING},
-        _suspects(system, log, sensor, heading),
         plain.unused,
         _replay(plain, problem, {name: (times, each) for name, each in slips.items()}),
     )
-
-
-def _by_speeds(log: Log, motion: RollingMotion) -> Log:
-    """The log without positions of joints that have velocities, unless rows depend on these positions."""
-    rolling = set(log.names("velocity")) - set(motion.shape_joints)
-    return Log(each for each in log if not (each.quantity == "position" and each.of in rolling))
-
-
-def _suspects(system: NonholonomicSystem, log: Log, sensor: str, heading: bool) -> tuple[Suspect, ...]:
-    """Numbers and slip that explain the error of the path.
-
-    Slip is not constant: it shows as windows whose slip is far from that of most windows, with the best numbers. These
-    windows are left out, and the numbers are looked for again.
-    """
-    numbers = pursued(system, log, sensor, heading, NO_TIMES)
-    share = numbers.suspects[-1].explained if numbers.suspects else 0.0
-    slipped = _slipped(numbers.system, numbers.log, sensor, heading)
-    if slipped is None and share < _MOST_KNOWN:
-        slipped = _slipped(system, log, sensor, heading)
-    if slipped is None or not numbers.before:
-        return numbers.suspects
-    name, speed, times = slipped
-    rest = pursued(system, log, sensor, heading, times, numbers.deviations)
-    explained = 1.0 - rest.before / numbers.before
-    if explained <= 0:
-        return numbers.suspects
-    slip = Suspect(f"slip of {name}", "m/s", 0.0, speed, explained)
-
-    if numbers.suspects and numbers.suspects[0].explained > explained:
-        both = 1.0 - rest.after / numbers.before
-        return (*numbers.suspects, replace(slip, explained=max(both, share)))
-    # The others explain a part of what the windows without slip leave.
-    left = [replace(each, explained=1.0 - (1.0 - explained) * (1.0 - each.explained)) for each in rest.suspects]
-    return (slip, *left)
-
-
-def _slipped(system: NonholonomicSystem, log: Log, sensor: str, heading: bool) -> tuple[str, float, np.ndarray] | None:
-    """Row that slips most, its largest slip [m/s], and the intervals (K, 2) in which a row slips; None without slip."""
-    motion = RollingMotion(system, log, (), sensor)
-    problem = PoseProblem(motion, log.channel("pose", sensor), heading)
-    times, slips = _slip(motion, problem)
-    if not len(times):
-        return None
-    path = problem.base_poses(motion.time)
-    length = np.nansum(np.hypot(*np.diff(path[:, :2], axis=0).T))
-    floor = _TRACE * length / np.ptp(motion.time)
-    found, worst = np.zeros(len(times), dtype=bool), ("", 0.0)
-    for name, values in slips.items():
-        away = np.abs(values - np.median(values))
-        far = away > np.maximum(_FAR * _NORMAL * np.median(away), floor)
-        found |= far
-        size = float(away[far].max(initial=0.0))
-        worst = max(worst, (name, size), key=lambda each: each[1])
-    if not found.any() or found.mean() > 0.5:
-        return None
-    middle = times[found]
-    return *worst, np.column_stack([middle - _SLIP, middle + _SLIP])
 
 
 def _replay(motion: RollingMotion, problem: PoseProblem, slip: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Replay:

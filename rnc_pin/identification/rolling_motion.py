@@ -173,17 +173,6 @@ class RollingMotion:
         return Poses(values, slopes, rates)
 
     @property
-    def shape_joints(self) -> tuple[str, ...]:
-        """Measured joints on whose positions the rows in use depend."""
-        return tuple(each.name for each in self._joints if each.column in self._geometry.shape)
-
-    @property
-    def row_joints(self) -> tuple[str, ...]:
-        """Joints that move a row in use."""
-        acting = {*self._columns, *self._geometry.shape}
-        return tuple(name for name, column in self._geometry.columns.items() if column in acting)
-
-    @property
     def _nominal(self) -> np.ndarray:
         return np.array([each.nominal for each in self.parameters])
 
