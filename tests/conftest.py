@@ -128,4 +128,3 @@ def no_pictures(monkeypatch):
     from rnc_pin.applications.scenario.pictures import Drawn
 
     monkeypatch.setattr("rnc_pin.applications.command_line.report.draw_pictures", lambda *_: Drawn())
-    monkeypatch.setattr("rnc_pin.applications.sweep.results.draw_distributions", lambda *_: None)

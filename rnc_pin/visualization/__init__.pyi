@@ -8,8 +8,6 @@ from .drawn_state import recorded_states as recorded_states
 from .live import LiveView as LiveView
 from .loop_view import LoopView as LoopView
 from .loop_view import show as show
-from .plots import Histogram as Histogram
-from .plots import plot_distributions as plot_distributions
 from .plots import plot_limits as plot_limits
 from .plots import plot_top_view as plot_top_view
 from .recording import Recording as Recording

@@ -1,4 +1,4 @@
-"""Results of a sweep: its rows by column, its reports, and pictures of their distributions."""
+"""Results of a sweep: its rows by column, and its reports."""
 
 from __future__ import annotations
 
@@ -7,24 +7,17 @@ import json
 import shlex
 from collections import Counter
 from collections.abc import Iterator
-from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict, cast
+from typing import Any, TypedDict, cast
 
 import numpy as np
 
 from rnc_pin.applications.scenario.files import one_line_yaml
-from rnc_pin.applications.sweep.runs import LIMITS, Row, drawn_values, is_result_column, with_options_of_sweeps
+from rnc_pin.applications.sweep.runs import Row, drawn_values, is_result_column, with_options_of_sweeps
 from rnc_pin.applications.sweep.sweep_folder import Specification, read_rows, read_specification
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.io import Json, atomic_file, dump_json
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rnc_pin.figures import Size
-    from rnc_pin.visualization import Histogram
 
 SUCCESSFUL = ("succeeded", "degraded")
 """Verdicts of runs that did not fail."""
@@ -115,16 +108,11 @@ class SweepResults(SummaryMixin):
         """Number of runs by outcome, such as "completed"."""
         return dict(sorted(Counter(self._values.get("outcome", ())).items()))
 
-    @cached_property
-    def labels(self) -> list[str]:
-        """Verdict of each run; the kind of the finding that failed it instead of "failed"."""
-        pairs = zip(self._values.get("verdict", ()), self._values.get("finding", ()), strict=True)
-        return [finding if verdict == "failed" else verdict for verdict, finding in pairs]
-
     @property
     def verdicts(self) -> dict[str, int]:
         """Number of runs by verdict: "succeeded", "degraded", and of the others by the kind of their first failure."""
-        found = Counter(self.labels)
+        pairs = zip(self._values.get("verdict", ()), self._values.get("finding", ()), strict=True)
+        found = Counter(finding if verdict == "failed" else verdict for verdict, finding in pairs)
         first = [name for name in SUCCESSFUL if name in found]
         return {name: found[name] for name in (*first, *sorted(set(found) - set(first)))}
 
@@ -177,22 +165,6 @@ class SweepResults(SummaryMixin):
             writer = csv.writer(file)
             writer.writerow(self.columns)
             writer.writerows(zip(*self._values.values(), strict=True))
-
-    def plot(self, *, size: Size | None = None, file: str | Path | None = None) -> Figure:
-        """Plot the distributions of results, and the share of each finding over drawn values.
-
-        Args:
-            size: size of the figure, as for ``rnc.Trajectory.plot``.
-            file: file to write: .png, .pdf or .svg. An existing one is replaced.
-
-        Raises:
-            InputError: no column has two different numbers, or the panels do not fit the size.
-            ConfigurationError: the file has another ending.
-        """
-        figure = draw_distributions(self, size, file)
-        if figure is None:
-            raise InputError(f"{self.path}: the runs are too few or too much alike to plot their distributions")
-        return figure
 
     def _summary(self) -> ObjectSummary:
         found = sweep_statistics(self)
@@ -281,7 +253,7 @@ def failure_lines(results: SweepResults, row: Row) -> Iterator[str]:
 
 
 def write_reports(results: SweepResults) -> None:
-    """Write ``sweep.json``, ``failures.txt`` and ``distributions.png`` into the folder of a sweep."""
+    """Write ``sweep.json`` and ``failures.txt`` into the folder of a sweep."""
     if not len(results):
         return
     with atomic_file(results.path / "sweep.json") as partial:
@@ -294,68 +266,3 @@ def write_reports(results: SweepResults) -> None:
             partial.write_text("".join(lines), encoding="utf-8")
     else:
         failures.unlink(missing_ok=True)
-    draw_distributions(results, None, results.path / "distributions.png")
-
-
-# ------------------------------------------------------------------ distributions
-
-_MOST_PANELS = 24
-_TITLES = {
-    "smallest_distance": "smallest distance from obstacles [m]",
-    "smallest_own_distance": "smallest distance between links [m]",
-    "min_singular_value": "smallest singular value of E",
-}
-_BINS = (10, 40)  # smallest and largest number
-_SHARES, _RUNS_IN_BIN = (4, 20), 10  # the same of shares, and the runs that one needs: a share of few runs is noise
-
-
-def draw_distributions(results: SweepResults, size: Size | None, file: str | Path | None) -> Figure | None:
-    """Figure of ``SweepResults.plot``, also as a file; None if no column has two different numbers."""
-    from rnc_pin.figures import save
-    from rnc_pin.visualization import plot_distributions
-
-    names = [name for name in results.columns if name.startswith("final_error.")]
-    names += [name for name in _TITLES if name in results.columns]
-    names += [name for name in results.columns if name.startswith(LIMITS)]
-    names += [name for name in results.drawn if name != "seed"]
-    panels = [panel for name in names[:_MOST_PANELS] if (panel := _histogram(results, name)) is not None]
-    if not panels:
-        return None
-    figure = plot_distributions(panels, f"{Path(results.of).stem}: {len(results)} runs" if size is None else "", size)
-    if file is not None:
-        save(figure, file)
-    return figure
-
-
-def _histogram(results: SweepResults, name: str) -> Histogram | None:
-    """Histogram of a column of numbers by verdict; None if it has no two different numbers."""
-    from rnc_pin.visualization import Histogram
-
-    column = results[name]
-    if column.dtype.kind not in "if":
-        return None
-    fine = np.isfinite(column)
-    values, labels = column[fine].astype(float), np.array(results.labels)[fine]
-    if not len(values) or values.min() == values.max():
-        return None
-    low, high, positive = values.min(), values.max(), values[values > 0].min(initial=np.inf)
-    logarithmic = bool(low >= 0.0 and high > 100.0 * positive)
-    shares, runs = name in results.drawn, len(results)
-    bins = int(np.clip(runs / _RUNS_IN_BIN, *_SHARES) if shares else np.clip(np.sqrt(runs), *_BINS))
-    edges = np.geomspace(positive, high, bins + 1) if logarithmic else np.linspace(low, high, bins + 1)
-    inside = np.clip(values, edges[0], edges[-1])  # zeros go into the first bin of a logarithmic axis
-    shown = {
-        label if label in SUCCESSFUL else f"failed: {label}": np.histogram(inside[labels == label], edges)[0]
-        for label in results.verdicts
-    }
-    return Histogram(_title(name), edges, shown, logarithmic, shares)
-
-
-def _title(name: str) -> str:
-    """Title of the axis of a column: results in words, drawn values as their keys."""
-    group, _, rest = name.partition(".")
-    if group == "final_error":
-        return f"final error of {rest} [m or rad]"
-    if group == LIMITS:
-        return f"excess over {rest} limits [share of range]"
-    return _TITLES.get(name, name)

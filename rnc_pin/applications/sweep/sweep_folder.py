@@ -28,7 +28,7 @@ SPECIFICATION = "specification.json"
 """File of the specification in the folder of a sweep."""
 RUNS = "runs.jsonl"
 """File of the finished runs, in the order in which they finished."""
-REPORTS = ("sweep.json", "failures.txt", "distributions.png")
+REPORTS = ("sweep.json", "failures.txt")
 """Files that a sweep writes when it is complete."""
 _MOST = 2**63  # beyond, NumPy has no integers
 

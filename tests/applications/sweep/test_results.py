@@ -1,4 +1,4 @@
-"""Results of a sweep: columns, statistics, and panels of its picture."""
+"""Results of a sweep: columns and statistics."""
 
 import csv
 import json

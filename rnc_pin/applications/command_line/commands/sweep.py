@@ -55,7 +55,7 @@ def sweep_scenario(
         print_json({"scenario": results.specification["scenario"], **figures})
     else:
         print_object(results, f"{scenario}: {len(results)} runs")
-        click.echo(f"in {out}: runs.jsonl, distributions.png, sweep.json")
+        click.echo(f"in {out}: runs.jsonl, sweep.json")
         _print_failures(results, runs - _succeeded(figures))
     return DONE if _succeeded(figures) == runs else FAILED
 
