@@ -1,4 +1,4 @@
-"""What a command without a terminal tells of its progress."""
+"""Progress of a command without a terminal."""
 
 import time
 
