@@ -3,7 +3,7 @@
 ``python -m benchmarks.perturbations [ROBOT ...] [--draws N]``
 
 Each robot is drafted by ``rnc-pin init`` as it is, and after each change of ``tests/support/perturbed_urdf.py``: noise
-on all placements, random names, another order, no drives, the mirror image.
+on all placements, random names, another order, no drives, the mirror image, gaps that exporters leave.
 
 A trial *keeps* the kind if base, family, and numbers of trailers, wheels and inputs of the base are equal. Meshes are
 hidden, as in ``docs/zoo.md``.

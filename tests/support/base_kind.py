@@ -31,7 +31,7 @@ class BaseKind:
         base: "fixed", "planar", "free", or "file" for the base of the file.
         family: e.g. "skid-steered"; the draft's own words if none is known.
         trailers: how many are towed.
-        wheels: how many roll; of wheels that are only drawn, how many the draft counts.
+        wheels: how many the draft counts, or how many roll.
         actuators: inputs of the base: forces and torques on it, and joints between the base and a wheel.
     """
 
@@ -73,7 +73,7 @@ def base_kind(draft: str, urdf: str) -> BaseKind:
     towed = re.search(r"with (\d+) trailer", words)
     return BaseKind(
         content["robot"].get("base", "file"), _family(words), int(towed[1]) if towed else 0,
-        len(rolling) or (int(counted[1]) if counted else 0), len(_of_base(content, urdf)),
+        int(counted[1]) if counted else len(rolling), len(_of_base(content, urdf)),
     )  # fmt: skip
 
 
@@ -89,7 +89,8 @@ def _rolling(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 def _of_base(content: Mapping[str, Any], urdf: str) -> list[str]:
     """Actuators of the base: names of joints, and an empty string for each force and torque."""
     above = _joints_above(urdf)
-    carrying = {joint for each in _rolling(content) for joint in above.get(each["frame"], [])}
+    edges = [each["no_side_slip"] for each in content["constraints"] if "no_side_slip" in each]
+    carrying = {joint for each in (*_rolling(content), *edges) for joint in above.get(each["frame"], [])}
     given = [each if isinstance(each, str) else "" for each in content["actuators"]]
     return [each for each in given if not each or each in carrying]
 

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.applications.init.evidence import named_as_driven
 from rnc_pin.io.safe_read import parse_tree
 from rnc_pin.robots.sources.description import read_numbers
 
@@ -97,12 +98,54 @@ def mirrored(urdf: str, seed: int = 0) -> str:
     return _text(robot)
 
 
+def exported(urdf: str, seed: int = 0) -> str | None:
+    """Return a URDF with gaps that exporters leave; None if it has fewer than two wheels on the base.
+
+    Pivots of wheels, and joints beside the motors that the file lists, have effort and velocity 0. Wheels on pivots
+    without a motor of their own are fixed to them. A virtual wheel of 0.06 g is on the axle of a wheel on the base.
+    """
+    robot = parse_tree(urdf)
+    joints = {_child(each, "child").get("link"): each for each in robot.findall("joint")}
+    driven, is_list = named_as_driven(robot)
+    wheels = [each for each in joints.values() if _turns_a_disk(robot, each)]
+    above = {each: joints.get(_child(each, "parent").get("link")) for each in wheels}
+    pivots = [
+        each for each in above.values() if each is not None and each.get("type") != "fixed" and each not in wheels
+    ]
+    fixed = [each for each in wheels if above[each] not in pivots]
+    if len(fixed) < 2:
+        return None
+    left_out = [each for each in joints.values() if is_list and each.get("name") not in driven and each not in wheels]
+    for each in (*pivots, *left_out):
+        if each.get("type") != "fixed" and each.find("mimic") is None:
+            _child(each, "limit").attrib.update(effort="0", velocity="0")
+    for wheel in wheels:
+        alone = [*above.values()].count(above[wheel]) == 1
+        if wheel not in fixed and alone and wheel.get("name") not in driven and wheel.find("mimic") is None:
+            wheel.set("type", "fixed")
+    virtual = ElementTree.fromstring(ElementTree.tostring(fixed[0]))
+    virtual.set("name", "virtual_joint")
+    _child(virtual, "child").set("link", "virtual")
+    link = '<link name="virtual"><inertial><mass value="6e-5"/><inertia ixx="1e-8" iyy="1e-8" izz="1e-8" '
+    robot.extend([virtual, ElementTree.fromstring(f'{link}ixy="0" ixz="0" iyz="0"/></inertial></link>')])
+    return _text(robot)
+
+
+def _turns_a_disk(robot: ElementTree.Element, joint: ElementTree.Element) -> bool:
+    """True for a continuous joint whose link has a cylinder, and no joints behind."""
+    name = _child(joint, "child").get("link")
+    leaf = all(_child(each, "parent").get("link") != name for each in robot.findall("joint"))
+    link = next(each for each in robot.findall("link") if each.get("name") == name)
+    return joint.get("type") == "continuous" and leaf and link.find(".//cylinder") is not None
+
+
 PERTURBATIONS: dict[str, Callable[[str, int], str | None]] = {
     "noise": with_noise,
     "names": renamed,
     "order": shuffled,
     "no drives": without_drives,
     "mirrored": mirrored,
+    "exported": exported,
 }
 """Perturbations by name: functions of a URDF and a seed."""
 

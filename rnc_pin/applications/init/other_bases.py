@@ -11,7 +11,17 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.applications.init.assumptions import DRIVEN, DURATION, BaseAssumptions, measured, place_and_heading, rolls
-from rnc_pin.applications.init.evidence import GUESSED, LIKELY, SURE, Alternative, DraftDecision, effort_limit, has_word
+from rnc_pin.applications.init.evidence import (
+    GUESSED,
+    LIKELY,
+    SURE,
+    Alternative,
+    DraftDecision,
+    effort_limit,
+    has_word,
+    joint_limits,
+    turning_axis,
+)
 from rnc_pin.applications.init.omnidirectional_base import push
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.wheel_detection import Wheel
@@ -247,6 +257,7 @@ def _holding_torque(layout: WheelLayout, at_start: RobotAtStart) -> float:
 
 
 _LIMBS = 3  # a body with at least this number of limbs probably floats
+_UPRIGHT = 0.8  # smallest vertical part of the axes of rotors, and ratio of the lengths of their arms
 _HEAVY, _VERY_HEAVY = 0.5, 0.8  # share of the mass in the first link above which the base may float, and floats
 _AFLOAT = (
     "satellite|spacecraft|space_?robot|space|chaser|servicer|free_?fly(?:er|ing)|free_?float.*|floating|drone"
@@ -309,15 +320,19 @@ def without_wheels(
         result = _on_ice(at_start, called)
         _decide(result, "planar", called, GUESSED, at_start)
         return _doubting_wheels(result, at_start)
-    flat = [] if own else flat_links(at_start.robot.model)
-    if flat and asked is None:
-        flat_says = f"{why}, and {few(flat)} have a moment of inertia about one axis only, as of a robot in a plane"
-        result = _afloat(at_start, "planar", flat_says)
-        _decide(result, "planar", flat_says, LIKELY, at_start)
-        return _doubting_wheels(result, at_start)
-    result = _afloat(at_start, None if own and asked is None else "free", why)
+    base, flat, rotors = (
+        "free",
+        flat_links(at_start.robot.model) if asked is None and not own else [],
+        _rotors(at_start),
+    )
+    if flat:
+        why = f"{why}, and {few(flat)} have a moment of inertia about one axis only, as of a robot in a plane"
+        base, sure = "planar", LIKELY
+    elif rotors:
+        why, sure = f"{why}: {len(rotors)} rotors with upright axes around it carry it", min(sure, GUESSED)
+    result = _afloat(at_start, None if own and asked is None else base, why, rotors)
     if asked is None:
-        _decide(result, "free", why, sure, at_start)
+        _decide(result, base, why, sure, at_start)
     return _doubting_wheels(result, at_start)
 
 
@@ -379,20 +394,41 @@ def _on_ice(at_start: RobotAtStart, why: str) -> BaseAssumptions:
     return result
 
 
-def _afloat(at_start: RobotAtStart, base: str | None, why: str) -> BaseAssumptions:
-    result = BaseAssumptions(base, why, at_start.frame, weightless=True)
+def _rotors(at_start: RobotAtStart) -> list[str]:
+    """Joints that turn on and on about upright axes, in a circle around the base and at one height: a multicopter's."""
+    model, data = at_start.robot.model, at_start.data
+    leaves = [k for k in range(1, model.njoints) if model.parents[k] == at_start.root and not len(model.children[k])]
+    upright = [k for k in leaves if model.joints[k].nv == 1 and abs(turning_axis(model, data, k)[2]) > _UPRIGHT]
+    found = [k for k in upright if np.isinf(joint_limits(at_start.robot, model.names[k])).all()]
+    if len(found) < _LIMBS:
+        return []
+    places = np.array([data.oMi[k].translation for k in found])
+    arms = np.linalg.norm((places - places.mean(axis=0))[:, :2], axis=1)
+    in_circle = arms.min() > _UPRIGHT * arms.max() and np.ptp(places[:, 2]) < 0.5 * arms.min()
+    return [str(model.names[k]) for k in found] if in_circle else []
+
+
+def _afloat(at_start: RobotAtStart, base: str | None, why: str, rotors: Collection[str] = ()) -> BaseAssumptions:
+    result = BaseAssumptions(base, why, at_start.frame, weightless=not rotors)
     joint = at_start.robot.joint_names[0] if base is None else "root_joint"
-    result.notes.append(
-        "a floating base is free of contacts and of gravity, as in space; for a bolted one: --base fixed"
+    said = (
+        "forces and torques on the body stand for those of its rotors, which are locked; none push it sideways, CHECK"
     )
+    if rotors:
+        result.hold(rotors, at_start.start, said)
+    else:
+        result.notes.append(
+            "a floating base is free of contacts and of gravity, as in space; for a bolted one: --base fixed"
+        )
     place: dict[str, Json] = {"frame_position": {"frame": at_start.frame}}
     if base == "planar":
         place["frame_position"] = {"frame": at_start.frame, "axes": "xy"}
-    if not at_start.start:  # one rigid body: with conserved momentum it would not move
+    if rotors or not at_start.start:  # one rigid body: with conserved momentum it would not move
         for kind, axis in itertools.product(("force", "torque"), "xyz"):
             result.act(kind, axis, "thrusters")
         result.outputs += [(place, DRIVEN), ({"frame_orientation": at_start.frame}, 0.0)]
-        result.notes.append("one rigid body: forces and torques stand for its thrusters or rotors")
+        if not rotors:
+            result.notes.append("one rigid body: forces and torques stand for its thrusters or rotors")
         return result
     result.constraints.append(({"momentum": joint}, "nothing pushes the base, and it starts at rest"))
     result.vertical += [place, {"frame_yaw": at_start.frame}]

@@ -739,6 +739,16 @@ def test_a_boat_is_no_spacecraft_and_an_unknown_body_is_a_question(drafted):
     assert not any(each.is_open for each in drafted(robot(hull, name="cube_satellite"))[2].values())
 
 
+def test_a_body_below_rotors_carries_its_weight_and_init_asks(drafted):
+    parts = [link("base", 1.0, '<box size="0.2 0.2 0.08"/>')]
+    for k, (x, y) in enumerate(((0.2, 0.2), (0.2, -0.2), (-0.2, 0.2), (-0.2, -0.2))):
+        parts += [link(f"p{k}", 0.01), joint(f"p{k}_joint", "base", f"p{k}", (x, y, 0.05), "0 0 1")]
+    kind, content, decided = drafted(robot(*parts))
+    assert kind.endswith("4 rotors with upright axes around it carry it")
+    assert (content["robot"].get("gravity"), len(content["robot"]["lock"])) == (None, 4)
+    assert [each.is_open for each in decided.values()] == [True]
+
+
 def legged(hang, ahead=0.0, effort=10.0):
     """A body on two legs, whose wheels are below it [m], and ahead of it."""
     parts, foot = [link("base", 8.0, '<box size="0.2 0.2 0.15"/>')], '<box size="0.02 0.02 0.1"/>'
