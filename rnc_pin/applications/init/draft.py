@@ -129,8 +129,10 @@ def _tried(name: str, folder: Path, choices: DraftOptions, decided: Iterable[Dra
             begun = len(heard)
             try:
                 mobility = way()
-                crossed = "the axis of joint {} is across that of its drawn cylinder"
-                mobility.doubts += [(each, 0.0, crossed.format(each)) for each in find_crossed_wheels(at_start)]
+                for each in find_crossed_wheels(at_start):
+                    mobility.doubts.append(
+                        (each, 0.0, f"the axis of joint {each} is across that of its drawn cylinder")
+                    )
                 if at_start.loose:
                     mobility.lock.update(at_start.loose)
                     mobility.notes.append(f"locked, because nothing drives them: {', '.join(at_start.loose)}")

@@ -140,13 +140,9 @@ def wheels_called_omni(wheels: Sequence[Wheel], at_start: RobotAtStart) -> list[
 
 def _is_called_omni(at_start: RobotAtStart) -> bool:
     """True if a name of the whole robot tells of rollers; "omni" before a word for a sensor is one of its sensors."""
-    for name in at_start.title:
-        words = words_of(name)
-        for word, after in itertools.zip_longest(words, words[1:], fillvalue=""):
-            called = has_word(_OMNIDIRECTIONAL, word) or (word, after) == ("planar", "move")
-            if called and not has_word(_SENSOR, after):
-                return True
-    return False
+    pairs = (pair for name in at_start.title for pair in itertools.pairwise([*words_of(name), ""]))
+    called = (pair for pair in pairs if has_word(_OMNIDIRECTIONAL, pair[0]) or pair == ("planar", "move"))
+    return any(not has_word(_SENSOR, after) for _, after in called)
 
 
 def rollers_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | None) -> DraftDecision | None:

@@ -395,16 +395,14 @@ def _on_ice(at_start: RobotAtStart, why: str) -> BaseAssumptions:
 
 
 def _rotors(at_start: RobotAtStart) -> list[str]:
-    """Joints that turn on and on about upright axes, in a circle around the base and at one height: a multicopter's."""
+    """Joints that turn on and on about upright axes in a circle around the base: those of a multicopter."""
     model, data = at_start.robot.model, at_start.data
     leaves = [k for k in range(1, model.njoints) if model.parents[k] == at_start.root and not len(model.children[k])]
     upright = [k for k in leaves if model.joints[k].nv == 1 and abs(turning_axis(model, data, k)[2]) > _UPRIGHT]
     found = [k for k in upright if np.isinf(joint_limits(at_start.robot, model.names[k])).all()]
-    if len(found) < _LIMBS:
-        return []
-    places = np.array([data.oMi[k].translation for k in found])
-    arms = np.linalg.norm((places - places.mean(axis=0))[:, :2], axis=1)
-    in_circle = arms.min() > _UPRIGHT * arms.max() and np.ptp(places[:, 2]) < 0.5 * arms.min()
+    places = np.array([data.oMi[k].translation[:2] for k in found]).reshape(-1, 2)
+    arms = np.linalg.norm(places - places.sum(axis=0) / max(len(found), 1), axis=1)
+    in_circle = len(found) >= _LIMBS and arms.min() > _UPRIGHT * arms.max()
     return [str(model.names[k]) for k in found] if in_circle else []
 
 
