@@ -175,9 +175,7 @@ def report_findings(verdict: Verdict, ending: str, others: str = "", told: Colle
     return messages.FAILED
 
 
-def keep_run(
-    scenario: Scenario, result: Result, target: OutputFolder, as_json: bool, more: Callable[[Path], str] | None = None
-) -> Drawn | None:
+def keep_run(scenario: Scenario, result: Result, target: OutputFolder, as_json: bool) -> Drawn | None:
     """Write a run, print its summary, and draw its pictures last. None if they cannot be written, after the error.
 
     Args:
@@ -185,12 +183,10 @@ def keep_run(
         result: the run.
         target: folder of the results.
         as_json: print nothing, because a program reads the results.
-        more: function that writes one more file into a folder and returns its name.
     """
     try:
         with target.writing() as fresh:
             files = write(scenario, result, fresh)
-            files += [] if more is None else [more(fresh)]
         target.keep_so_far()
         if not as_json:
             print_summary(result.summary, result.trajectory.info.outputs)

@@ -137,8 +137,7 @@ def run(**given: Given) -> int:
 
 
 @cli.command(context_settings=_HELP)
-@click.argument("source", metavar="SCENARIO|ROBOT", required=False, shell_complete=_scenarios)
-@click.option("--replay", "replayed", type=_PATH, help="Repeat a drive from its commands.json.")
+@click.argument("source", metavar="SCENARIO|ROBOT", shell_complete=_scenarios)
 @click.option("--out", type=_PATH, help="Folder for results; runs/SCENARIO-drive by default.")
 @_options
 @click.option(
@@ -155,7 +154,7 @@ def drive(**given: Given) -> int:
 
     Arrow keys or W A S D drive the base, a click on the ground sets a goal, and sliders move joints. Space stops.
     """
-    announce(f"{given['source'] or given['replayed'] or ''}: preparing the drive".removeprefix(": "), quiet=True)
+    announce(f"{given['source']}: preparing the drive", quiet=True)
     return _command("drive_robot")(**given)
 
 

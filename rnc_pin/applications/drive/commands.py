@@ -5,22 +5,16 @@ Commands come from a web page, so each number and name is checked.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple, TypeAlias
+from typing import Annotated, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 from pydantic import Field
 
 from rnc_pin.applications.drive.controls import FAR, DriveControls
-from rnc_pin.errors import ConfigurationError, InputError, RncError, nearest, short_text
-from rnc_pin.io import Json, Strict, dump_json, read_bytes, validated
+from rnc_pin.errors import InputError, nearest, short_text
+from rnc_pin.io import Strict, validated
 
-if TYPE_CHECKING:
-    Content = Mapping[str, Json]
-else:
-    Content = Mapping  # pydantic resolves no recursive alias
 _Name = Annotated[str, Field(max_length=200)]
 _Number = Annotated[float, Field(strict=True)]
 _Coordinate = Annotated[float, Field(strict=True, ge=-FAR, le=FAR)]
@@ -33,7 +27,7 @@ class DriveCommand(Strict):
     """Command of a user. Each kind is a class of its own."""
 
     kind: ClassVar[str]
-    """Name of the kind in messages and files."""
+    """Name of the kind in messages."""
 
 
 class FrameGoal(DriveCommand):
@@ -130,11 +124,6 @@ def parse_command(message: object, controls: DriveControls) -> DriveCommand:
     return command
 
 
-def command_entry(command: DriveCommand) -> dict[str, Json]:
-    """Return a command as a mapping that ``parse_command`` reads."""
-    return {"kind": command.kind, **command.model_dump(mode="json", exclude_none=True)}
-
-
 def command_target(command: DriveCommand) -> tuple[str, str]:
     """Kind and name of what a command sets: a later command with the same target replaces it."""
     named = [value for _, value in command if isinstance(value, str)]
@@ -172,9 +161,6 @@ def _known(what: str, name: str, valid: Mapping[str, object]) -> None:
         raise InputError(f"no {what} '{name}' to drive{nearest(name, valid)}")
 
 
-_MOST = 5_000_000  # samples or commands of a log
-
-
 class LoggedCommand(NamedTuple):
     """Command with the sample at which it takes effect."""
 
@@ -199,72 +185,6 @@ class CommandLog:
             found.append(self.commands[applied].command)
             applied += 1
         return found
-
-
-class RecordedDrive(Strict):
-    """Content of ``commands.json``: everything that a driven run depends on."""
-
-    format: Literal["rnc_pin commands 1"] = "rnc_pin commands 1"
-    scenario: str
-    """Name of the scenario."""
-    folder: str | None
-    """Base of relative paths; None for a scenario of the package."""
-    frames: list[str]
-    """Frames that could have a goal."""
-    samples: Annotated[int, Field(strict=True, ge=2, le=_MOST)]
-    """Number of samples."""
-    versions: dict[str, str]
-    """Versions of the software, and the kernel."""
-    config: Content
-    """Mapping of the scenario of the run."""
-    commands: Annotated[list[Content], Field(max_length=_MOST)]
-    """Entries of the commands, with their sample."""
-
-    def log(self, controls: DriveControls) -> CommandLog:
-        """Return the commands after a check of each.
-
-        Raises:
-            ConfigurationError: a command is invalid.
-        """
-        found: list[LoggedCommand] = []
-        for number, entry in enumerate(self.commands):
-            sample, last = entry.get("sample"), found[-1].sample if found else 0
-            if isinstance(sample, bool) or not isinstance(sample, int) or sample < last:
-                raise ConfigurationError(f"commands[{number}]: expected a sample of at least {last}")
-            message = {key: value for key, value in entry.items() if key not in ("sample", "time")}
-            try:
-                found.append(LoggedCommand(sample, parse_command(message, controls)))
-            except RncError as error:
-                raise ConfigurationError(f"commands[{number}]: {error}") from None
-        return CommandLog(found)
-
-
-def log_entries(log: CommandLog, dt: float) -> list[Mapping[str, Json]]:
-    """Return the entries of a log for ``commands.json``; ``time`` is for readers only."""
-    return [
-        {"sample": each.sample, "time": round(each.sample * dt, 9), **command_entry(each.command)}
-        for each in log.commands
-    ]
-
-
-def write_drive(record: RecordedDrive, path: Path) -> None:
-    """Write ``commands.json``. Numbers keep all digits, so that a replay gives the same bits."""
-    path.write_text(dump_json(record.model_dump()) + "\n", encoding="utf-8")
-
-
-def read_drive(path: Path) -> RecordedDrive:
-    """Read ``commands.json``. The commands are checked later, when the robot is known.
-
-    Raises:
-        ConfigurationError: the file cannot be read, or is not such a record.
-    """
-    try:
-        content = json.loads(read_bytes(path).decode())
-    except OSError as error:
-        raise ConfigurationError(f"{path}: cannot be read: {error.strerror}") from None
-    except (ValueError, RecursionError):
-        raise ConfigurationError(f"{path}: not JSON, expected the commands.json of 'rnc-pin drive'") from None
-    return validated(RecordedDrive, content, str(path))
 
 
 def ends(commands: Iterable[DriveCommand]) -> bool:

@@ -64,14 +64,12 @@ class PreparedDrive:
         controls: what a user may set.
         log: commands of the run.
         controller: kinematic controller of the run.
-        frames: frames that can have a goal.
     """
 
     scenario: Scenario
     controls: DriveControls
     log: CommandLog
     controller: DriveController
-    frames: tuple[str, ...]
 
 
 def read_source(source: str, options: Mapping[str, Json], wishes: DraftOptions | None = None) -> Scenario:
@@ -121,19 +119,6 @@ def prepare_drive(source: Scenario, options: Mapping[str, Json], frames: Sequenc
     return _driven(replace(source, raw=config), chosen)
 
 
-def rebuild_drive(name: str, config: Mapping[str, Json], folder: Path, frames: Sequence[str]) -> PreparedDrive:
-    """Build a driven run from the configuration of a record.
-
-    Raises:
-        RncError: the configuration is invalid.
-    """
-    scenario = validate(config, name)
-    system = build_system(scenario, folder)
-    reducing, _ = _reducing(config, scenario, system)
-    config = {**config, "outputs": {**mapping_of(config.get("outputs")), "reducing": list(reducing)}}
-    return _driven(Scenario(name, config, folder, name in built_in_names()), tuple(frames))
-
-
 def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
     content = validate(scenario.raw, scenario.name)
     experiment = build_experiment(content, scenario.folder)
@@ -154,7 +139,7 @@ def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
         provenance=replace(experiment.provenance, controller=describe(tracker)),
     )
     made = scenario.built_with(content=content, experiment=driven, comparisons={})
-    return PreparedDrive(made, controls, log, controller, frames)
+    return PreparedDrive(made, controls, log, controller)
 
 
 def _with_obstacles(

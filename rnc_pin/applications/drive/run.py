@@ -14,14 +14,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from rnc_pin.applications.drive.commands import (
-    DriveCommand,
-    RecordedDrive,
-    command_target,
-    ends,
-    log_entries,
-    parse_command,
-)
+from rnc_pin.applications.drive.commands import DriveCommand, command_target, ends, parse_command
 from rnc_pin.applications.drive.controller import drive_state_of
 from rnc_pin.applications.drive.controls import DriveControls
 from rnc_pin.applications.drive.goals import DriveGoals
@@ -197,7 +190,7 @@ def drive(
 
     Args:
         prepared: the run; its log is extended by the commands of the queue.
-        queue: commands of a user; None to replay the log.
+        queue: commands of a user; None for those of the log alone.
         samples: number of samples; None for no end.
         clock: clock to follow; None does not wait.
         watcher: page that shows each sample, and a status ten times per second.
@@ -278,19 +271,3 @@ def _observer(
         watcher.show(sample, status)
 
     return observe
-
-
-def record_of(prepared: PreparedDrive, result: Result) -> RecordedDrive:
-    """Return the record of a driven run, from which it can be repeated."""
-    from rnc_pin._kernel import kernel
-
-    scenario = prepared.scenario
-    return RecordedDrive(
-        scenario=scenario.name,
-        folder=None if scenario.built_in else str(scenario.folder),
-        frames=list(prepared.frames),
-        samples=max(2, len(result.trajectory.time)),
-        versions={**result.trajectory.info.versions, "kernel": kernel},
-        config=scenario.raw,
-        commands=log_entries(prepared.log, scenario.experiment.simulation.dt),
-    )

@@ -13,7 +13,7 @@ from browsing import listening, place, visit
 from drives import in_real_time, prepared
 from patience import PATIENCE, eventually
 from rnc_pin.applications.drive.page import DrivePage
-from rnc_pin.applications.drive.run import CommandQueue, RealTimeClock, drive
+from rnc_pin.applications.drive.run import CommandQueue, RealTimeClock
 from rnc_pin.applications.scenario.pictures import Drawn
 
 NO_PICTURES = "rnc_pin.applications.command_line.report.draw_pictures"
@@ -21,31 +21,15 @@ DT = {"simulation__dt": 0.02}
 QUICK = ["--no-browser", "--set", "simulation.dt=0.02"]
 
 
-def test_a_drive_is_a_normal_run_and_replays_bit_for_bit(call, tmp_path, monkeypatch):
+def test_a_drive_is_a_normal_run(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("rnc_pin.applications.scenario.pictures._write_plot", lambda *_: False)
     status, out, said = call("drive", "mobile-manipulator", *QUICK, "--duration", 0.4, "--out", "one", "--json")
     assert status == 0, said
     assert "http://127.0.0.1:" in said
     summary = json.loads(out)
-    assert {"trajectory.npz", "summary.json", "scenario.yaml", "commands.json", "animation.html"} <= {*summary["files"]}
+    assert {"trajectory.npz", "summary.json", "scenario.yaml", "animation.html"} <= {*summary["files"]}
     assert all((tmp_path / "one" / name).is_file() for name in summary["files"])
-    # Commands are put into the record by hand: a replay has no browser.
-    path = tmp_path / "one" / "commands.json"
-    record = json.loads(path.read_text())
-    record["commands"] = [{"sample": 3, "kind": "base_velocity", "forward": 0.5, "turn": 0.3}]
-    (tmp_path / "script.json").write_text(json.dumps(record))
-    monkeypatch.setattr(NO_PICTURES, lambda *_: Drawn())
-    status, _, said = call("drive", "--replay", "script.json", "--out", "two")
-    assert status == 0, said
-    two = rnc.Trajectory.load(tmp_path / "two" / "trajectory.npz")
-    here = prepared("mobile-manipulator", [(3, {"kind": "base_velocity", "forward": 0.5, "turn": 0.3})], **DT)
-    same = drive(here, samples=21).trajectory
-    assert np.array_equal(two.q, same.q)
-    assert np.array_equal(two.T, same.T)
-    assert two.q[-1, 0] > 0.01
-    record["commands"][0] |= {"left": 0.0, "time": 0.06}
-    assert json.loads((tmp_path / "two" / "commands.json").read_text()) == record
 
 
 def test_ctrl_c_keeps_the_folder(call, tmp_path, monkeypatch):
@@ -63,13 +47,10 @@ def test_ctrl_c_keeps_the_folder(call, tmp_path, monkeypatch):
     kept = rnc.Trajectory.load(tmp_path / "kept" / "trajectory.npz")
     assert kept.outcome is rnc.Outcome.INTERRUPTED
     assert len(kept.time) > 5
-    assert json.loads((tmp_path / "kept" / "commands.json").read_text())["samples"] == len(kept.time)
 
 
 REFUSED = {
-    "nothing": ([], "expected a scenario or a robot, or --replay"),
-    "both": (["space-robot", "--replay", "x.json"], "expected a scenario or a robot, or --replay"),
-    "no such file": (["--replay", "x.json"], "x.json: cannot be read"),
+    "nothing": ([], "Missing argument 'SCENARIO|ROBOT'"),
     "an unknown name": (["space-robott"], "did you mean 'space-robot'"),
     "an unknown frame": (["mobile-manipulator", "--frame", "tipp"], "did you mean 'tip'"),
     "underactuated": (["snakeboard"], "snakeboard: cannot be driven by velocities"),
@@ -160,10 +141,8 @@ def test_a_user_drives_from_a_real_browser(browser):
 
 def kinds(run_):
     """Kind and first number of the logged commands."""
-    from rnc_pin.applications.drive.commands import command_entry
-
-    entries = [command_entry(each.command) for each in run_.log.commands]
-    return [(entry["kind"], next((v for v in entry.values() if isinstance(v, float)), None)) for entry in entries]
+    commands = [each.command for each in run_.log.commands]
+    return [(each.kind, next((value for _, value in each if isinstance(value, float)), None)) for each in commands]
 
 
 def test_a_page_without_the_secret_may_watch_but_not_drive(browser):

@@ -18,7 +18,6 @@ from rnc_pin.applications.drive.commands import (
     ObstacleGoal,
     ReleaseFrame,
     StopMotion,
-    command_entry,
     command_target,
     parse_command,
 )
@@ -44,10 +43,10 @@ VALID = [
 ]
 
 
-def test_each_kind_is_read_and_written_without_loss():
+def test_each_kind_is_read_from_its_message():
     assert {command.kind for command in VALID} == set(KINDS)
     for command in VALID:
-        assert parse_command(json.loads(json.dumps(command_entry(command))), CONTROLS) == command
+        assert parse_command(json.loads(json.dumps({"kind": command.kind, **dict(command)})), CONTROLS) == command
 
 
 FRAME = {"kind": "frame_goal", "frame": "tip", "position": [0, 0, 0]}

@@ -1,6 +1,5 @@
 """Drafted scenarios: what they guess, and that they run as they are."""
 
-import json
 import re
 from pathlib import Path
 
@@ -164,8 +163,8 @@ def test_init_of_a_xacro_file_takes_its_arguments(call, tmp_path, monkeypatch):
     assert content["robot"]["xacro_arguments"] == {"size": 0.15}
     options = ("--arg", "size=0.15", "--duration", "0.05", "--no-browser")
     assert call("drive", "cart.urdf.xacro", *options)[0] == 0
-    commands = json.loads((tmp_path / "runs/cart-drive/commands.json").read_text())
-    assert commands["config"]["robot"]["xacro_arguments"] == {"size": 0.15}
+    driven = read_yaml(tmp_path / "runs/cart-drive/scenario.yaml")
+    assert driven["robot"]["xacro_arguments"] == {"size": 0.15}
     status, *_, said = call("drive", "cart.yaml", *options)
     assert status == 2
     assert "--arg and --package-dir are for a robot" in said
