@@ -78,14 +78,6 @@ class HoldBase(DriveCommand):
     on: Annotated[bool, Field(strict=True)]
 
 
-class ObstacleGoal(DriveCommand):
-    """Point to which an obstacle moves [m]."""
-
-    kind = "obstacle_goal"
-    obstacle: _Name
-    position: _Point
-
-
 class GainSetting(DriveCommand):
     """Value of a gain or a speed."""
 
@@ -134,7 +126,7 @@ def _check_names(command: DriveCommand, controls: DriveControls) -> None:
     """Check the names of a command, and the ranges of what they name.
 
     Raises:
-        InputError: the robot has no such frame, joint, base, obstacle or gain; or a number is out of its range.
+        InputError: the robot has no such frame, joint, base or gain; or a number is out of its range.
     """
     match command:
         case FrameGoal(frame=frame, orientation=orientation):
@@ -149,8 +141,6 @@ def _check_names(command: DriveCommand, controls: DriveControls) -> None:
         case GainSetting(gain=gain, value=value):
             _known("gain", gain, controls.gains)
             controls.gains[gain].check(f"'{gain}'", value)
-        case ObstacleGoal(obstacle=obstacle):
-            _known("obstacle", obstacle, controls.obstacles)
         case BaseVelocity() | BaseGoal() | HoldBase():
             if controls.base is None:
                 raise InputError("the robot has no base to drive")

@@ -23,12 +23,7 @@ from rnc_pin.applications.drive.controls import (
     curvature,
     rates_to_goal,
 )
-from rnc_pin.applications.drive.goals import (
-    DriveGoals,
-    MovedMotion,
-    initial_goals,
-    with_command,
-)
+from rnc_pin.applications.drive.goals import DriveGoals, initial_goals, with_command
 from rnc_pin.control import Description, TrackerState, TwistController, VelocityTarget
 from rnc_pin.control.whole_body import ControlSample, LimitReport, ProgramState, VelocityQP
 from rnc_pin.control.whole_body.limits import AccelerationLimit, ControlLimit
@@ -255,7 +250,6 @@ class DriveController:
         controls: what a user may set.
         log: commands with their samples; it may grow between two samples.
         limits: limits of the motion.
-        motions: motions of the obstacles, in the order of the controls.
         dt: sampling period [s].
     """
 
@@ -265,11 +259,10 @@ class DriveController:
         controls: DriveControls,
         log: CommandLog,
         limits: Sequence[ControlLimit],
-        motions: Sequence[MovedMotion],
         dt: float,
     ) -> None:
         self.controls, self.log = controls, log
-        self._reduced, self._motions, self._dt = reduced, tuple(motions), dt
+        self._reduced, self._dt = reduced, dt
         self._board = GoalBoard(controls, initial_goals(controls))
         self.program = VelocityQP(reduced, self._tasks(), limits, dt=dt)
         bounded = [each.entries(reduced) for each in limits if isinstance(each, AccelerationLimit) and not each.joints]
@@ -317,8 +310,6 @@ class DriveController:
             goals = with_command(goals, command, t, posture)
         goals = self._settled(goals, t, measurement.q, posture)
         self._board.goals = goals
-        for motion, legs in zip(self._motions, goals.obstacles.values(), strict=True):
-            motion.legs = legs
         target, program = self.program.step(t, measurement, state.program)
         target = target._replace(x1=self._desired(goals, measurement.x1))
         return target, DriveState(state.applied + len(due), goals, program)

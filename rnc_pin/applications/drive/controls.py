@@ -1,4 +1,4 @@
-"""Controls of a driven run: frames, joints, obstacles and gains that a user may set, with ranges; and the base."""
+"""Controls of a driven run: frames, joints and gains that a user may set, with ranges; and the base."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.collision import Obstacle
 from rnc_pin.control import TwistController
 from rnc_pin.errors import InputError, RncError
 from rnc_pin.model import ConfigurationEvaluation, ReducedModel, wrapped
@@ -352,33 +351,28 @@ GAINS: dict[str, Range] = {
     "joint speed": Range(0.05, 3.0, 0.8, "rad/s"),
     "base speed": Range(0.02, 2.0, 0.5, "m/s"),
     "turn rate": Range(0.05, 3.0, 0.8, "rad/s"),
-    "obstacle speed": Range(0.05, 2.0, 0.5, "m/s"),
 }
 """Gains and speeds of every driven run."""
 
 
 @dataclass(frozen=True)
 class DriveControls:
-    """Frames, joints, base, obstacles and gains that a user may set.
+    """Frames, joints, base and gains that a user may set.
 
     Attributes:
         frames: frames that can have a goal, with the axes (x, y, z) along which each can move.
         joints: joints of the posture, with their ranges [rad or m].
         base: the base; None if the robot cannot drive.
-        obstacles: obstacles that can move, with their positions at the start [m].
         gains: gains and speeds.
     """
 
     frames: Mapping[str, tuple[bool, bool, bool]]
     joints: Mapping[str, Range]
     base: DrivenBase | None = None
-    obstacles: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     gains: Mapping[str, Range] = field(default_factory=lambda: dict(GAINS))
 
 
-def find_controls(
-    reduced: ReducedModel, q0: np.ndarray, frames: Sequence[str], joints: Sequence[str], obstacles: Sequence[Obstacle]
-) -> DriveControls:
+def find_controls(reduced: ReducedModel, q0: np.ndarray, frames: Sequence[str], joints: Sequence[str]) -> DriveControls:
     """Return the controls of a robot.
 
     Args:
@@ -386,16 +380,13 @@ def find_controls(
         q0: initial configuration (nq,).
         frames: frames that can have a goal.
         joints: independent joints of one degree of freedom.
-        obstacles: bodies in the world.
     """
     base = find_base(reduced, q0, joints)
     driven = () if base is None else base.wheels
-    places = {each.name: tuple(float(x) for x in each.placement(0.0).translation) for each in obstacles}
     return DriveControls(
         {frame: _movable_axes(reduced, q0, frame) for frame in frames},
         {name: _range_of(reduced, q0, name) for name in joints if name not in driven},
         base,
-        {name: (x, y, z) for name, (x, y, z) in places.items()},
     )
 
 

@@ -78,8 +78,6 @@ class DrivePage(LiveView):
             name: np.array(position.placement(robot.frame_id(name)).translation).tolist() for name in controls.frames
         }
         aims: dict[str, Json] = {name: list(goal.position) for name, goal in goals.frames.items()}
-        for name, legs in goals.obstacles.items():
-            places[name], aims[name] = legs[-1].at(status.time)[0].tolist(), list(legs[-1].goal)
         return {
             "factor": status.factor,
             "limits": status.limits,
@@ -115,6 +113,5 @@ def controls_entry(controls: DriveControls, ground: float) -> dict[str, Json]:
         "frames": {name: list(axes) for name, axes in controls.frames.items()},
         "joints": ranges(controls.joints),
         "gains": ranges(controls.gains),
-        "obstacles": {name: list(place) for name, place in controls.obstacles.items()},
         "ground": ground,
     }

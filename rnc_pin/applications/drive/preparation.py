@@ -15,7 +15,6 @@ import numpy as np
 from rnc_pin.applications.drive.commands import CommandLog
 from rnc_pin.applications.drive.controller import DriveController
 from rnc_pin.applications.drive.controls import DriveControls, base_frame, find_controls, find_pivots
-from rnc_pin.applications.drive.goals import movable
 from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.applications.init.assumptions import select_outputs
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
@@ -23,7 +22,6 @@ from rnc_pin.applications.scenario.files import ROBOT_FILES, built_in_names, map
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.scenario import output_of, validate
-from rnc_pin.collision import Obstacle
 from rnc_pin.control import ActuatorVelocityController, ComputedTorque, VelocityQP, VelocityTracker, describe
 from rnc_pin.control.whole_body.limits import CollisionAvoidance, ControlLimit
 from rnc_pin.errors import ConfigurationError, RncError, few
@@ -124,35 +122,30 @@ def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
     experiment = build_experiment(content, scenario.folder)
     _check_drivable(scenario.name, experiment)
     reduced, settings = experiment.reduced, experiment.simulation
-    obstacles, motions = movable(experiment.obstacles)
     joints = [name for name in reduced.reducing.names if name in reduced.robot.joint_names]
-    controls, log = find_controls(reduced, experiment.q0, frames, joints, obstacles), CommandLog()
+    controls, log = find_controls(reduced, experiment.q0, frames, joints), CommandLog()
     program = cast(VelocityQP, experiment.program)  # the controller of every driven scenario
-    limits = _with_obstacles(program.limits, reduced, experiment, obstacles)
-    controller = DriveController(reduced, controls, log, limits, motions, settings.dt)
+    limits = _with_obstacles(program.limits, reduced, experiment)
+    controller = DriveController(reduced, controls, log, limits, settings.dt)
     tracker = copy.copy(experiment.controller)
     vars(tracker)["target"] = controller
-    driven = replace(
-        experiment,
-        controller=tracker,
-        obstacles=obstacles,
-        provenance=replace(experiment.provenance, controller=describe(tracker)),
-    )
+    provenance = replace(experiment.provenance, controller=describe(tracker))
+    driven = replace(experiment, controller=tracker, provenance=provenance)
     made = scenario.built_with(content=content, experiment=driven, comparisons={})
     return PreparedDrive(made, controls, log, controller)
 
 
 def _with_obstacles(
-    limits: Sequence[ControlLimit], reduced: ReducedModel, experiment: Experiment, obstacles: Sequence[Obstacle]
+    limits: Sequence[ControlLimit], reduced: ReducedModel, experiment: Experiment
 ) -> list[ControlLimit]:
-    """Return the limits of the scenario, with distances to the obstacles that move."""
+    """Return the limits of the scenario, with distances to its obstacles."""
     geometry = reduced.robot.collision_model
     kept = [each for each in limits if not isinstance(each, CollisionAvoidance)]
     given = next((each for each in limits if isinstance(each, CollisionAvoidance)), None)
     if geometry is None or not len(geometry.geometryObjects):
         return list(limits)
     avoidance = given or CollisionAvoidance(q0=experiment.q0)
-    return [*kept, replace(avoidance, obstacles=tuple(obstacles))]
+    return [*kept, replace(avoidance, obstacles=tuple(experiment.obstacles))]
 
 
 # ------------------------------------------------------------------ the configuration

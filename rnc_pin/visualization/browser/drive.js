@@ -17,7 +17,7 @@
     const title = make("h2", panel.element, "Drive");
     parts.factor = make("span", title, "1.00 x", "factor");
     parts.factor.title = "simulated time over real time";
-    const targets = [...(given.base ? ["base"] : []), ...Object.keys(given.frames), ...Object.keys(given.obstacles)];
+    const targets = [...(given.base ? ["base"] : []), ...Object.keys(given.frames)];
     if (targets.length) {
       make("h2", panel.element, "A click on the ground moves");
       for (const name of targets) {
@@ -144,8 +144,7 @@
 
   function command_to(name, position) {
     if (name === "base") send({ kind: "base_goal", x: position[0], y: position[1] });
-    else if (controls.frames[name]) send({ kind: "frame_goal", frame: name, position });
-    else send({ kind: "obstacle_goal", obstacle: name, position });
+    else send({ kind: "frame_goal", frame: name, position });
   }
 
   function raise(by) {

@@ -15,7 +15,6 @@ from rnc_pin.applications.drive.commands import (
     GainSetting,
     HoldBase,
     JointGoal,
-    ObstacleGoal,
     ReleaseFrame,
     StopMotion,
     command_target,
@@ -27,7 +26,6 @@ CONTROLS = DriveControls(
     frames={"tip": (True, True, True)},
     joints={"elbow": Range(-1.0, 2.0, 0.5, "rad")},
     base=DrivenBase("base", turns=True, slides=False),
-    obstacles={"ball": (0.0, 0.0, 0.0)},
 )
 VALID = [
     FrameGoal(frame="tip", position=(1.0, 2.5, -0.1), orientation=(0.0, 0.0, 0.0, 1.0)),
@@ -36,7 +34,6 @@ VALID = [
     BaseVelocity(forward=-1.0, turn=0.5),
     BaseGoal(x=1.0, y=-2.0),
     HoldBase(on=True),
-    ObstacleGoal(obstacle="ball", position=(0.0, 0.0, 1.0)),
     GainSetting(gain="base speed", value=0.3),
     StopMotion(),
     EndRun(),
