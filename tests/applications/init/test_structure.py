@@ -6,7 +6,6 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from places import DIRT
 from rnc_pin.applications.init import DraftOptions
 from rnc_pin.applications.init.evidence import named_as_driven
 from rnc_pin.applications.init.source import with_choices
@@ -140,19 +139,13 @@ def test_options_of_an_alternative_are_choices():
     assert with_choices(choices, ("--base", "planar")).base == "planar"
 
 
-def turret(beside=0.0, arm=False):
-    """A body on three casters; a pivot below it carries two driven wheels, on a suspension arm if asked."""
+def turret(beside=0.0):
+    """A body on three casters; a pivot below it carries two driven wheels."""
     parts = [link("body", 20.0, '<box size="0.5 0.5 0.2"/>', at="0 0 0.2")]
     for k, angle in enumerate((0.5, 2.6, 4.7)):
         parts.append(caster(f"c{k}", "body", (0.3 * np.cos(angle), 0.3 * np.sin(angle), 0.05)))
     parts.append(pivot("turn", "body", (0, 0, 0.1), turns_round=True))
-    holder = "turn"
-    if arm:
-        suspended = joint("arm_joint", "turn", "arm", (0.08, 0, 0), kind="revolute", limits=(-0.1, 0.1))
-        parts, holder = [*parts, link("arm", 0.4), suspended], "arm"
-    back = -beside - (0.08 if arm else 0.0)
-    driven = transmissions("turn_joint", "drive_l_joint", "drive_r_joint")
-    return robot(*parts, pair("drive", holder, back, 0.15), driven)
+    return robot(*parts, pair("drive", "turn", -beside, 0.15), transmissions("turn_joint", *DRIVE))
 
 
 def turret_on_balls(carrier):
@@ -182,15 +175,7 @@ def test_one_steered_wheel_on_casters_does_not_hold_the_heading(drafted, tmp_pat
     assert (kind, len(of(content, "rolling_wheel"))) == ("planar: 3 wheels, steered like a car", 3)
 
 
-def body_above_its_drive():
-    """The driven wheels belong to the root, and the pivot above them carries the body with its casters."""
-    casters = [caster(f"c{k}", "body", (x, y, -0.15)) for k, (x, y) in enumerate(((0.4, 0), (-0.3, 0.3), (-0.3, -0.3)))]
-    above = pivot("body", "drive", (0, 0, 0.1), turns_round=True)
-    driven = transmissions("drive_l_joint", "drive_r_joint", "body_joint")
-    return robot(link("drive", 10.0, BOX), pair("drive", "drive", 0), above, *casters, driven)
-
-
-def bogies(listed):
+def bogies():
     """Rockers and bogies carry six driven wheels; a bar across the body couples the rockers, and nothing drives it."""
     parts = [link("base", 20.0, BOX, at="0 0 0.2"), link("bar", 0.5)]
     parts.append(joint("bar_joint", "base", "bar", (0, 0, 0.4), "0 0 1", "revolute", 0.0, (-0.3, 0.3)))
@@ -201,19 +186,11 @@ def bogies(listed):
         parts.append(wheel(f"w_m{side}", bogie, (0.2, 0, -0.2)))
         for end, carrier, x in ((f"f{side}", rocker, 0.4), (f"b{side}", bogie, -0.2)):
             parts += [pivot(f"s_{end}", carrier, (x, 0, -0.2)), wheel(f"w_{end}", f"s_{end}", (0, 0, 0))]
-    return robot(*parts, transmissions(*BOGIE_WHEELS, *(f"s_{end}_joint" for end in CORNERS)) if listed else "")
+    return robot(*parts, transmissions(*BOGIE_WHEELS, *(f"s_{end}_joint" for end in CORNERS)))
 
 
 CORNERS = ("fl", "fr", "bl", "br")
 BOGIE_WHEELS = [f"w_{end}{side}_joint" for side in "lr" for end in "mfb"]
-
-
-def trailer_car(steered_trailer_first):
-    """A car whose trailer has a steered axle."""
-    tongue = joint("tongue", "base", "trailer", (-0.5, 0, 0), "0 0 1", "revolute", 0.0, (-1, 1))
-    parts = [link("trailer", 5.0, at="-0.5 0 0") + tongue + knuckles("axle", "tw", -0.6, parent="trailer")]
-    parts += [knuckles("k", "f", 0.3) + pair("b", "base", -0.3)]
-    return robot(link("base", 10.0, BOX), *(parts if steered_trailer_first else parts[::-1]))
 
 
 def swerve(*places):
@@ -280,25 +257,16 @@ DRAWN_SWERVE = robot(
 )
 PUSHED = {"force": {"frame": "truck", "axis": "x"}}
 TURRET = "planar: 5 wheels, driven by a turret with 2 wheels"
-SIX, TOWING = "planar: 6 wheels, steered like a car", "planar: 6 wheels, steered like a car with 1 trailer"
-HELD = {"lock": {"axle_l_joint", "axle_r_joint"}}
 
 
 @pytest.mark.parametrize(("text", "kind", "actuators", "counts"), [
     (turret(), TURRET, [*DRIVE, "turn_joint"], {"reducing": 3}),
     (turret(beside=0.1), TURRET, [*DRIVE, "turn_joint"], {"reducing": 2}),  # the body moves in any direction
-    (turret(beside=0.1, arm=True), TURRET, [*DRIVE, "turn_joint"], {"reducing": 2, "lock": {"arm_joint"}}),
     (turret_on_balls("body"), TURRET, [*DRIVE, "turn_joint"], {"lock": {"b0_joint", "b1_joint", "b2_joint"}}),
     (turret_on_balls("turn"), TURRET, [*DRIVE, "turn_joint"], {"lock": {"b0_joint", "b1_joint", "b2_joint"}}),
-    (body_above_its_drive(), "planar: 5 wheels, differential drive", [*DRIVE, "body_joint"], {"rolling_wheel": 5}),
-    (bogies(True), SIX, {*BOGIE_WHEELS}, {"ackermann": 3}),
-    (bogies(False), SIX, {"w_ml_joint", "w_mr_joint"}, {"ackermann": 3}),
-    (trailer_car(True), TOWING, None, HELD),
-    (trailer_car(False), TOWING, None, HELD),
+    (bogies(), "planar: 6 wheels, steered like a car", {*BOGIE_WHEELS}, {"ackermann": 3}),
     (swerve((0.3, 0.2), (-0.3, -0.2)), "planar: 2 wheels, 2 of them steered drives", drives_of(2), {}),
     (swerve((0.0, 0.3), (0.0, -0.3)), "planar: 2 wheels, 2 of them steered drives", drives_of(2), {}),
-    (swerve((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)), "planar: 4 wheels, 4 of them steered drives",
-        drives_of(4), {}),
     (tracks("idler"), "planar: 10 wheels, on tracks, skid-steered", 2, {"joint_coupling": 8}),
     (tracks("w"), "planar: 10 wheels, on tracks, skid-steered", 2, {"joint_coupling": 8}),
     (tracks_on_bogies(), "planar: 8 wheels, on tracks, skid-steered", ["sprocket_l_joint", "sprocket_r_joint"],
@@ -352,7 +320,7 @@ def test_all_steered_axles_turn_about_one_point(shuffled, drafted, tmp_path):
     np.testing.assert_allclose(centers, centers[0], rtol=1e-6)
 
 
-UPRIGHT, DISK = "1.570796326794897 0 0", '<cylinder radius="0.1" length="0.04"/>'
+UPRIGHT = "1.570796326794897 0 0"
 
 
 def fixed(name, at, shape="", mass=0.1, parent="base"):
@@ -389,20 +357,6 @@ def arm_with(name, title="unit_7"):
     return robot(*parts, name=title)
 
 
-def on_rotors(joints):
-    """Rotors of motors carry the wheels; one of the names tells of a wheel: of the joint, or of a tyre on the axle."""
-    parts = [link("base", 10.0, BOX, at="0.02 0 0.05"), fixed("skid", (0.2, 0, -0.07), '<sphere radius="0.03"/>')]
-    for name, y in zip(joints, (0.2, -0.2), strict=True):
-        own = f"{name}_ring" if "wheel" in name else f"{name}_wheel_tyre"
-        parts += [
-            link(f"{name}_rotor", 0.5),
-            joint(name, "base", f"{name}_rotor", (0, y, 0)),
-            link(own, 0.3, DISK, turn=UPRIGHT),
-        ]
-        parts += [joint(f"{own}_mount", f"{name}_rotor", own, (0.001, 0, 0), kind="fixed", effort=None)]
-    return robot(*parts)
-
-
 def mates(mass):
     """Without shapes and names: a file turned the inertia of one wheel, and its mate on the axle tells what it is."""
     wheels = []
@@ -419,14 +373,13 @@ def on_legs(beside):
     return robot(body, wheel("l", "base", (beside / 2, 0.2, 0)), wheel("r", "base", (-beside / 2, -0.2, 0)))
 
 
-def diver(name, gear=False):
-    """Thrusters beside a hull: cylinders about the long axis, not below it; or wheels of a landing gear below."""
+def diver(name):
+    """Thrusters beside a hull: cylinders about the long axis, not below it."""
     parts = [link("base", 10.0, '<box size="0.6 0.4 0.3"/>')]
     for k, (x, y) in enumerate(((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2))):
         parts.append(link(f"t{k}", 0.2, '<cylinder radius="0.05" length="0.1"/>', turn="0 1.5707963267948966 0"))
         parts.append(joint(f"t{k}_joint", "base", f"t{k}", (x, y, -0.1), "1 0 0"))
-    wheels = [wheel(f"g{k}", "base", (0.2 - 0.4 * (k > 0), 0.1 * (k - 1), -0.15)) for k in range(3)]
-    return robot(*([parts[0], *wheels] if gear else parts), name=name)
+    return robot(*parts, name=name)
 
 
 CONTROLLER = fixed("controller_box", (0, 0, 0.3), mass=0.2, parent="base_footprint")
@@ -455,8 +408,6 @@ SKIDS, MECANUM, ARM = "planar: 4 wheels, skid-steered", "planar: 4 Mecanum wheel
     (four_wheels(name="OmniRover"), {"rollers": False}, SKIDS),
     (mates(0.3), {}, DRIVES),
     (mates(0.9), {}, "planar: 1 wheel, one wheel"),
-    (on_rotors(("left_wheel", "right_wheel")), {}, DRIVES),
-    (on_rotors(("left", "right")), {}, DRIVES),
     *((arm_with(name), {}, ARM) for name in ("shoulder_rotor", "work_space_center", "floating_tool")),
     (arm_with("shoulder", "free_flyer"), {}, "free: no wheels, and a name"),
     (cart(limits=ONCE, names=DISKS), {}, DRIVES),
@@ -464,7 +415,6 @@ SKIDS, MECANUM, ARM = "planar: 4 wheels, skid-steered", "planar: 4 Mecanum wheel
     (cart(limits=(-2.0, 2.0)), {}, ARM),
     (diver("mini_rov"), {}, "free"),
     (diver("unit_7"), {}, "planar"),
-    (diver("mini_rov", gear=True), {}, "planar: 3 wheels"),
 ])  # fmt: skip
 def test_names_and_options_decide_where_structure_leaves_it_open(text, wishes, kind, drafted):
     assert drafted(text, **wishes)[0].startswith(kind)
@@ -473,21 +423,6 @@ def test_names_and_options_decide_where_structure_leaves_it_open(text, wishes, k
 def flap(*named):
     turns = joint("flap_joint", "base", "flap", (0.3, 0, 0.1), kind="revolute", limits=(-1, 1), effort=100.0)
     return robot(link("base", 10.0, BOX), pair("w", "base", 0), link("flap", 1.0), turns, transmissions(*named))
-
-
-def satellite():
-    """A flexible boom with effort 0 is no actuator beside reaction wheels."""
-    parts = [link("bus", 10.0, '<box size="0.3 0.3 0.3"/>'), link("boom", 0.3, at="0.5 0 0")]
-    parts += [joint("hinge", "bus", "boom", (0.2, 0, 0), "0 0 1", "revolute", 0.0, limits=(-0.3, 0.3))]
-    for name, axis in (("x", "1 0 0"), ("y", "0 1 0"), ("z", "0 0 1")):
-        parts += [link(f"rotor_{name}", 0.1), joint(f"reaction_wheel_{name}", "bus", f"rotor_{name}", (0, 0, 0), axis)]
-    return robot(*parts)
-
-
-def long_row(*named):
-    return robot(
-        link("base", 20.0, BOX), *(pair(f"w{k}", "base", 0.2 * k, 0.25) for k in range(5)), transmissions(*named)
-    )
 
 
 def two_steered_axles():
@@ -504,33 +439,10 @@ def with_axis_across(name):
     return two_wheels(link(name, 0.1, shape, turn="0 1.570796326794897 0"), turning)
 
 
-def with_spare_wheel():
-    """It has the only name of a wheel, and its axis is along the cart."""
-    shape = link("spare_wheel", 0.5, DISK, turn="0 1.570796326794897 0")
-    return cart(shape, joint("spare", "base", "spare_wheel", (-0.35, 0, 0.2), "1 0 0", effort=0.0))
-
-
-def kingpins(*named):
+def kingpins():
     """A kingpin of a trailer is one joint behind the base; those of knuckles stand side by side."""
     body = link("base", 10.0, BOX) + pair("rear", "base", -0.3)
-    return robot(body, knuckles("kingpin", "front", 0.3), transmissions(*named))
-
-
-def live_axle():
-    """The ring carries gears; two of them, on the axle, carry the rear wheels."""
-    parts = [link("base", 10.0, BOX), link("ring", 0.3), joint("ring_joint", "base", "ring", (-0.3, 0, 0))]
-    for side, y in (("l", 0.01), ("r", -0.01)):
-        parts += [
-            link(f"spider_{side}", 0.1),
-            joint(f"spider_{side}_joint", "ring", f"spider_{side}", (y, 0, 0), "1 0 0"),
-        ]
-    return robot(*parts, pair("rear", "ring", 0), knuckles("k", "f", 0.3))
-
-
-def conveyor():
-    """Rollers above six wheels."""
-    rollers = [wheel(f"roll{k}", "base", (0.1 * k, 0, 0.3), 0.03) for k in range(3)]
-    return robot(link("base", 20.0, BOX), *(pair(f"w{k}", "base", 0.2 * k, 0.3) for k in range(3)), *rollers)
+    return robot(body, knuckles("kingpin", "front", 0.3))
 
 
 def with_virtual_wheels(*named):
@@ -544,10 +456,8 @@ def with_virtual_wheels(*named):
 
 
 VIRTUAL = ("rear_v", "turn_v", "front_v")
-FORK, LEANS = (DIRT / "raked_fork.urdf").read_text(), "free: 2 wheels in line: a bicycle, which leans"
 L_R, W_LR = ["l_joint", "r_joint"], ["w_l_joint", "w_r_joint"]
-REAR, CAR = ["rear_l_joint", "rear_r_joint"], "planar: 4 wheels, steered like a car"
-ROW = [f"w{k}_{side}_joint" for k in range(5) for side in "lr"]
+CAR = "planar: 4 wheels, steered like a car"
 
 
 @pytest.mark.parametrize(("text", "wishes", "kind", "actuators", "counts"), [
@@ -555,10 +465,6 @@ ROW = [f"w{k}_{side}_joint" for k in range(5) for side in "lr"]
     (flap(*W_LR), {"driven": ["flap_joint"]}, DRIVES, [*W_LR, "flap_joint"], {"lock": set()}),
     (flap(), {}, DRIVES, [*W_LR, "flap_joint"], {}),
     (flap(), {"passive": ["flap_joint"]}, DRIVES, W_LR, {}),
-    (satellite(), {}, "free", [f"reaction_wheel_{name}" for name in "xyz"], {"lock": {"hinge"}}),
-    (long_row(*ROW), {}, "planar: 10 wheels, skid-steered", 10, {}),
-    (long_row(), {"driven": ROW}, "planar: 10 wheels, skid-steered", 10, {}),
-    (long_row(ROW[4], ROW[7]), {}, "planar: 10 wheels, on tracks, skid-steered", {ROW[4], ROW[7]}, {}),
     (two_steered_axles(), {}, CAR, ["m_l_joint", "m_r_joint", "front_joint"], {}),
     (two_steered_axles(), {"passive": ["front_joint"]}, CAR, ["m_l_joint", "m_r_joint", "back_joint"],
         {"lock": {"front_joint"}}),
@@ -567,16 +473,10 @@ ROW = [f"w{k}_{side}_joint" for k in range(5) for side in "lr"]
         {"lock": {"aux_joint"}}),
     (with_axis_across("aux"), {}, "planar: 3 omni wheels", 3, {}),
     (with_axis_across("caster"), {"driven": ["caster_joint"]}, "planar: 3 omni wheels", 3, {}),
-    (with_spare_wheel(), {}, DRIVES, L_R, {}),
-    (kingpins(), {}, CAR, [*REAR, "kingpin_l_joint"], {}),
-    (kingpins(*REAR, "kingpin_l_joint"), {}, CAR, [*REAR, "kingpin_l_joint"], {}),
-    (live_axle(), {}, CAR, None, {"rolling_wheel": 4}),
+    (kingpins(), {}, CAR, ["rear_l_joint", "rear_r_joint", "kingpin_l_joint"], {}),
     (with_virtual_wheels(), {}, CAR, ["back_l_joint", "back_r_joint", "k_l_joint"], {"lock": {*VIRTUAL}}),
     (with_virtual_wheels(*VIRTUAL), {}, CAR, ["back_l_joint", "back_r_joint", "k_l_joint"], {"lock": {*VIRTUAL}}),
-    (conveyor(), {}, "planar: 6 wheels, skid-steered", 9, {}),
     (cart(limits=ONCE, names=DISKS), {}, DRIVES, ["part_3_joint", "part_4_joint"], {}),
-    (FORK.replace("front_hub", "steering_wheel"), {}, LEANS, ["rear_hub", "steering"], {}),
-    (FORK.replace("front_hub", "gear_hub"), {}, LEANS, ["rear_hub", "steering"], {}),
 ])  # fmt: skip
 def test_motors_locks_and_wheels_of_a_draft(text, wishes, kind, actuators, counts, drafted):
     assert_base(drafted(text, **wishes), kind, actuators, counts)
@@ -823,24 +723,12 @@ def test_the_path_of_a_name_begins_at_its_point(drafted, tmp_path):
         np.testing.assert_allclose(path.points, run.q[:, :2], atol=1e-9)
 
 
-@pytest.mark.parametrize("turned", [False, True], ids=["propellers", "azimuth thrusters"])
-def test_a_boat_with_propellers_stays_on_the_water(turned, drafted):
+def test_a_boat_with_propellers_stays_on_the_water(drafted):
     parts = [link("base", 80.0, '<box size="2 0.8 0.5"/>')]
     for side, y in (("l", 0.3), ("r", -0.3)):
-        parent, at = ("base", (-1, y, -0.2))
-        if turned:
-            parts.append(pivot(f"thruster_{side}", "base", at))
-            parent, at = f"thruster_{side}", (0, 0, -0.1)
-        parts += [link(f"screw_{side}", 0.3), joint(f"screw_{side}_joint", parent, f"screw_{side}", at, "1 0 0")]
+        turns = joint(f"screw_{side}_joint", "base", f"screw_{side}", (-1, y, -0.2), "1 0 0")
+        parts += [link(f"screw_{side}", 0.3), turns]
     kind, content, _ = drafted(robot(*parts, name="survey_boat"))
     assert kind == "planar: a name of something that swims on the surface"
     assert content["robot"].get("gravity") is None
     assert [next(iter(each)) for each in content["actuators"][:3]] == ["force", "force", "torque"]
-
-
-@pytest.mark.parametrize(("mass", "is_open"), [(9.0, False), (3.0, True)])
-def test_half_of_the_mass_in_the_first_link_is_a_question(mass, is_open, drafted):
-    arm = link("arm", 2.0, at="0 0 0.2") + joint("turn", "base", "arm", (0, 0, 0.1), "0 1 0", "revolute", 9.0, (-1, 1))
-    kind, _, decided = drafted(robot(link("base", mass, BOX), arm))
-    assert kind.startswith("free: no wheels, and")
-    assert [each.is_open for each in decided.values()] == [is_open]
