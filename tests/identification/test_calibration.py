@@ -73,19 +73,6 @@ def test_slopes_of_the_path_are_those_of_differences(tmp_path):
         np.testing.assert_allclose(slopes[:, :, k], expected, atol=2e-8, err_msg=each.name)
 
 
-def test_rows_over_one_angle_are_interpolated_to_rounding(tmp_path, monkeypatch):
-    from rnc_pin.identification import row_geometry
-
-    unknown = [JointShift("front_joint", "x"), JointShift("front_joint", "y"), WheelRadius("front")]
-    motion = RollingMotion(TRICYCLE.system(tmp_path), TRICYCLE.log(0), unknown, "sensor")
-    p, times = np.array([0.3, 0.2, 0.12]), np.linspace(1, 29, 50)
-    fast = motion.poses(p, times)
-    monkeypatch.setattr(row_geometry, "_MANY", np.inf)
-    slow = motion.poses(p, times)
-    np.testing.assert_allclose(fast.values, slow.values, atol=1e-11)
-    np.testing.assert_allclose(fast.slopes, slow.slopes, atol=1e-10)
-
-
 def test_combinations_that_no_log_shows_are_named(tmp_path):
     log = DIFFERENTIAL.log(0)
     cases = [

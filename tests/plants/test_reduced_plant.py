@@ -30,13 +30,6 @@ def test_numbers_of_any_type_move_the_plant_alike(given, limits):
     np.testing.assert_array_equal(*ends)
 
 
-def test_a_start_of_integers_is_that_of_floats():
-    plant = rnc.ReducedPlant(systems.sleigh())
-    plant.reset(np.array([3, 2, 1, 0]), np.array([1, 0, 0]))
-    np.testing.assert_array_equal(plant.read()[0], [3.0, 2.0, 1.0, 0.0])
-    np.testing.assert_allclose(plant.read()[1], [1.0, 0.0, 0.0], atol=1e-15)
-
-
 def test_later_changes_of_given_arrays_have_no_effect():
     plant = rnc.ReducedPlant(systems.sleigh())
     q0, v0, T = plant.reduced.robot.configuration(), np.array([0.5, 0.0, 0.0]), np.array([1.0, 2.0])

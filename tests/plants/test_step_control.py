@@ -7,7 +7,6 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-import systems
 
 GRAVITY = 9.81
 DIRECTION = np.array([0.3, 0.5, 0.81])
@@ -67,16 +66,6 @@ def test_a_motion_gives_the_same_bits_again_and_after_a_rollback(ball):
     again = rnc.ReducedPlant(ball.reduce())
     flight(again, ball, 40.0, 0.3)
     assert np.array_equal(again.read()[0], pin.normalize(ball.robot.model, middle.q))
-
-
-def test_a_robot_that_needs_one_step_takes_one():
-    reduced = systems.space_robot()
-    (q, v2), *_ = systems.random_states(reduced, 1, seed=2)
-    plant = rnc.ReducedPlant(reduced)
-    plant.reset(q, reduced.at(q, 0.2 * v2).v)
-    for _ in range(200):
-        plant.advance(0.002)
-    assert plant.errors.most == 1
 
 
 def test_a_run_states_its_error(ball, tmp_path):

@@ -14,21 +14,6 @@ from urdf_parts import INERTIAL
 GRAVITY = (0.0, 0.0, -9.81)
 
 
-@pytest.mark.parametrize(("file", "base", "nq", "nv"), [
-    ("space_robot.urdf", "fixed", 4, 4),
-    ("mobile_manipulator.urdf", "fixed", 2, 2),
-    ("mobile_manipulator.urdf", "planar", 6, 5),
-    ("mobile_manipulator.urdf", "free", 9, 8),
-    ("fire_truck.urdf", "fixed", 3, 3),
-    ("fire_truck.urdf", "planar", 7, 6),
-    ("fire_truck.urdf", "free", 10, 9),
-])  # fmt: skip
-def test_sizes_on_each_base(file, base, nq, nv):
-    robot = rnc.Robot.from_urdf(file, base=base)
-    assert (robot.nq, robot.nv) == (nq, nv) == (robot.model.nq, robot.model.nv)
-    assert (len(robot.velocity_names), "root_joint" in robot.joint_names) == (nv, base != "fixed")
-
-
 @pytest.mark.parametrize(("file", "base", "body", "links"), [
     ("space_robot.urdf", "fixed", "platform", ["joint_1", "joint_2", "joint_3"]),
     ("mobile_manipulator.urdf", "planar", "root_joint", ["joint_1", "joint_2"]),

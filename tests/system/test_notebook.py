@@ -3,10 +3,8 @@
 import re
 
 import nbformat
-from matplotlib import image
 from nbclient import NotebookClient
 
-from browsing import PATIENCE, opened, visit
 from places import ROOT
 
 TOUR = ROOT / "examples" / "tour.ipynb"
@@ -21,7 +19,7 @@ def outputs(folder):
 
 
 def test_the_notebook_reaches_its_goal_and_shows_it(tmp_path):
-    """Runs once: the motion is inline and plays, as the notebook has it in a frame of its own, and so is the plot."""
+    """The motion is inline, in a frame of its own, and so is the plot."""
     found = outputs(tmp_path)
     printed = "".join(output.get("text", "") for output in found if output.output_type == "stream")
     assert "12 degrees of freedom, 6 left by 6 constraints" in printed
@@ -32,13 +30,3 @@ def test_the_notebook_reaches_its_goal_and_shows_it(tmp_path):
     pages = [output.data["text/html"] for output in found if "text/html" in output.get("data", {})]
     assert len(pages) == 1
     assert pages[0].startswith('<iframe srcdoc="')
-    path = tmp_path / "outer.html"
-    path.write_text(f"<!DOCTYPE html><html><body>{pages[0]}</body></html>", encoding="utf-8")
-    with opened() as browser:
-        page, problems = visit(browser, path.as_uri(), offline=True)
-        moving = "window.ready === true && viewer.animator.time > 0.1"
-        page.frames[1].wait_for_function(moving, timeout=1000 * PATIENCE)
-        page.screenshot(path=tmp_path / "shot.png")
-        shot = image.imread(tmp_path / "shot.png")[..., :3]
-        assert (shot.mean(axis=-1) < 0.6).sum() > 500
-        assert problems == []

@@ -81,13 +81,6 @@ def test_list_names_every_scenario(call):
     assert all(parsed(out).values())
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["--version"], ["run", "--help"], ["sweep", "-h"]])
-def test_help_is_no_error(arguments, call):
-    status, out, error = call(*arguments)
-    assert (status, error) == (0, "")
-    assert "rnc-pin" in out
-
-
 # ---------------------------------------------------------------------- run
 
 
@@ -196,24 +189,6 @@ def test_a_run_that_fails_at_once_still_gives_json(options, outcome, call, tmp_p
     assert status == 1
     the_line(error)
     assert parsed(out)["outcome"] == parsed((tmp_path / "summary.json").read_text())["outcome"] == outcome
-
-
-# ---------------------------------------------------------------------- the folder
-
-
-def test_a_folder_of_somebody_elses_is_refused_without_force(call, tmp_path, no_pictures):
-    (tmp_path / "thesis.txt").write_text("mine")
-    (tmp_path / "summary.json").write_text("mine")
-    arguments = ["run", "space-robot", *BARE, "--out", tmp_path]
-    status, out, error = call(*arguments)
-    assert (status, results(out)) == (2, "")
-    assert "--force" in the_line(error)
-    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
-        "thesis.txt": "mine",
-        "summary.json": "mine",
-    }
-    assert (call(*arguments, "--force")[0], (tmp_path / "thesis.txt").read_text()) == (0, "mine")
-    assert parsed((tmp_path / "summary.json").read_text())["outcome"] == "completed"
 
 
 # ---------------------------------------------------------------------- inspect

@@ -17,7 +17,6 @@ from rnc_pin.applications.drive.commands import (
     JointGoal,
     ReleaseFrame,
     StopMotion,
-    command_target,
     parse_command,
 )
 from rnc_pin.applications.drive.controls import DriveControls, DrivenBase, Range
@@ -88,10 +87,3 @@ def test_a_robot_without_a_base_refuses_its_commands():
     for message in (BASE, {"kind": "hold_base", "on": True}):
         with pytest.raises(rnc.InputError, match="no base"):
             parse_command(message, DriveControls(frames={}, joints={}))
-
-
-def test_the_target_of_a_command_is_its_kind_and_name():
-    elbow, moved, wrist = (command_target(JointGoal(joint=joint, position=place)) for joint, place in
-                           (("elbow", 0.0), ("elbow", 1.0), ("wrist", 0.0)))  # fmt: skip
-    assert elbow == moved != wrist
-    assert command_target(StopMotion()) != command_target(EndRun())

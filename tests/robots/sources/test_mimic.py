@@ -61,12 +61,6 @@ def test_a_mimic_joint_follows(tmp_path):
     )
 
 
-def test_it_can_be_turned_off(tmp_path):
-    robot = arm(tmp_path, b=mimic("a", -2, 0.1))
-    with pytest.warns(rnc.ModelWarning, match=r"move independently: b \(of a\); couple them \(mimic=True"):
-        assert rnc.NonholonomicSystem(robot, mimic=False).m == 0
-
-
 def test_one_that_is_given_takes_the_place_of_its_own_and_of_no_other(tmp_path):
     robot = arm(tmp_path, a=mimic("c", 2), b=mimic("c", -0.5))
     for given, names in (("a", ("coupling(a, c)", "coupling(b, c)")), ("b", ("coupling(b, c)", "coupling(a, c)"))):
@@ -115,13 +109,6 @@ def test_what_is_coupled_already_is_left_alone(tmp_path, given):
         warnings.simplefilter("ignore")  # another ratio is said to move independently
         system = rnc.NonholonomicSystem(robot, [given])
     assert system.rows.names == given.bind(robot).names
-
-
-def test_a_robot_that_is_mounted_keeps_its_couplings(tmp_path):
-    satellite = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    both = satellite.attach(arm(tmp_path, b=mimic("a", -2, 0.1), lock={"a": 0.3}), "sleigh")
-    system = rnc.NonholonomicSystem(both)
-    assert positions(system)["b"] == pytest.approx(-0.5, abs=1e-9)
 
 
 def test_a_conserved_momentum_and_a_coupling_of_its_joint_exclude_each_other():
