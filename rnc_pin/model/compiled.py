@@ -11,18 +11,20 @@ import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin import _kernel
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.model.compiled_states import CompiledArraysAtQ, CompiledArraysAtV, concatenated, empty_records
-from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations, HasArraysAtQ, ReducedTerms, States
+from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations, Evaluator, HasArraysAtQ, ReducedTerms, States
 from rnc_pin.model.input_validation import ArrayInput, admit_numbers
 from rnc_pin.model.kinematics import VelocityKinematics
-from rnc_pin.model.numpy_evaluator import Dissipation, NumPyEvaluator, PlannedFeedback
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator, PlannedFeedback
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -31,6 +33,37 @@ _TOLERANCE = 1e-9  # largest relative difference of kernel and NumPy at the stat
 _TIME = 0.3  # of rows over time [s]
 _FORMS = ("kinematic", "acceleration", "dynamic")
 _ATTEMPTS = 8  # random states that may be singular
+
+
+class RunRecords(NamedTuple):
+    """Quantities of states (..., size) each; rows of runs that were not measured are undefined."""
+
+    kinematics: Array
+    inverse: Array
+    rates: Array
+    values: Array
+    """Values of the reducing outputs, then of the vertical ones."""
+
+
+class RunStarts(NamedTuple):
+    """States and inputs of B runs at the start of a step."""
+
+    q: Float[Array, "B nq"]
+    y: Float[Array, "B s"]
+    T: Float[Array, "B p"]
+    kinematics: Array | None = None
+    """Records of kinematics at q, if known."""
+
+
+class Dissipation(NamedTuple):
+    """Damping and dry friction of B runs."""
+
+    damping: Float[Array, " nv"] | None
+    """Viscous coefficients; None for zero."""
+    joints: Float[Array, " j"]
+    """Entries of v with dry friction."""
+    limits: Float[Array, "B k"]
+    """Limits of the friction of these joints, then of the inputs if they have friction."""
 
 
 class CompiledEvaluator(NumPyEvaluator):
@@ -46,7 +79,7 @@ class CompiledEvaluator(NumPyEvaluator):
     def __init__(self, data: ReductionData, kernel: ReductionKernel) -> None:
         super().__init__(data)
         self.kernel, self._calls = kernel, kernel.calls
-        self._steady = not data.rheonomic
+        self.measures, self._steady = kernel.measures, not data.rheonomic
 
     def __reduce__(self) -> tuple[object, ...]:
         return evaluator_for, (self.data,)  # the kernel refers to memory
@@ -82,19 +115,9 @@ class CompiledEvaluator(NumPyEvaluator):
         kernel = self.kernel
         if not kernel.measures:
             return super().measured(q, v, t)
-        records, status = [np.empty(size) for size in kernel.measured_sizes], np.array([1.0])
-        self._calls.measure(q, v, *records, status, False)
-        if not status[0]:
-            return super().measured(q, v, t)
-        kinematics, inverse, rates = (
-            np.ndarray((), kind, record)
-            for kind, record in zip((kernel.kinematics, kernel.inverse, kernel.rates), records, strict=False)
-        )
-        values, r = records[-1], self.data.r
-        for each in (rates, values):  # CompiledArraysAtQ protects those at q
-            each.setflags(write=False)
-        at_q = CompiledArraysAtQ(kernel, q, None, kinematics, inverse, (values[r:], values[:r]))
-        return StateEvaluation.filled(self, q, v, (at_q, CompiledArraysAtV(at_q, v, None, t, rates)), t)
+        found, status = _run_records(kernel, ()), np.array([1.0])
+        self._calls.measure(q, v, *found, status, False)
+        return _measured_state(self, kernel, q, v, found, t) if status[0] else super().measured(q, v, t)
 
     # ------------------------------------------------------------------ whole calls
 
@@ -180,26 +203,14 @@ class CompiledEvaluator(NumPyEvaluator):
             return v, size[0]
         return super().admissible_velocity(q, v2, t)
 
-    def integrate(
-        self, q: Array, y: Array, T: Array, h: float, steps: int, losses: Dissipation | None = None
-    ) -> tuple[Array, Array, float] | None:
+    def integrate(self, q: Array, y: Array, T: Array, h: float, steps: int) -> tuple[Array, Array, float] | None:
         rates = None
-        if self.data.rheonomic and losses is not None:
-            return None
         if self.data.rheonomic and self.kernel.fused:
             rates = self.kernel.rates_over_time((y[-2] + 0.5 * h * np.arange(2 * steps + 1)).tolist())
         q_end, y_end, status, rough = np.empty(q.shape), np.empty(y.shape), np.empty(1), np.empty(1)
         found = q_end, y_end, status, rough
-        self._calls.integrate((self._calls,), q, y, T, h, steps, None, *found, rates, *(losses or (None, None, None)))
+        self._calls.integrate((self._calls,), q, y, T, h, steps, None, *found, rates, None, None, None)
         return (q_end, y_end, float(rough[0])) if status[0] else None
-
-    def friction(self, q: Array, y: Array, T: Array, h: float, losses: Dissipation) -> Array | None:
-        if self.data.rheonomic:
-            return None
-        force, status = np.empty(self.data.n), np.empty(1)
-        found = np.empty(q.shape), force, status, np.empty(1)
-        self._calls.integrate((self._calls,), q, y, T, h, 0, None, *found, None, *losses)
-        return force if status[0] else None
 
     def planned_motion(
         self, form: str, start: tuple[Array, Array], u: Array, h: float, steps: int, feedback: PlannedFeedback | None
@@ -318,3 +329,117 @@ def _expected(data: ReductionData, at: VelocityKinematics) -> dict[str, Array]:
 def _relative(found: Array, expected: Array) -> float:
     scale = max(float(np.abs(expected).max(initial=0.0)), 1e-3)
     return float(np.abs(found - expected).max(initial=0.0)) / scale
+
+
+class CompiledRuns:
+    """Kernel of a reduction, for runs side by side. All arrays are contiguous floats.
+
+    Args:
+        evaluator: evaluator of the reduction in which the runs are measured.
+
+    Attributes:
+        chart: object that ``CompiledRuns`` of another reduction take for a chart in this one.
+        kinematics_size: numbers in a record of kinematics.
+    """
+
+    def __init__(self, evaluator: CompiledEvaluator) -> None:
+        self._evaluator, self._kernel = evaluator, evaluator.kernel
+        self.chart = self._calls = evaluator.kernel.calls
+        self.kinematics_size = self._kernel.measured_sizes[0]
+
+    def velocities(
+        self, charts: tuple[object, ...], q: Array, y: Array, limit: float, kinematics: Array, v: Array, status: Array
+    ) -> None:
+        """Full velocities of B runs in their charts, and kinematics of all; as ``admissible_velocity``.
+
+        Args:
+            charts: ``chart`` of each run.
+            q: configurations (B, nq).
+            y: states (B, s) that start with the velocities of the charts.
+            limit: sum of the squares of R from which a run is left out.
+            kinematics: result: records of kinematics (B, ``kinematics_size``).
+            v: result: full velocities (B, nv).
+            status: result (B,): 1 where v is valid, 0 where the run takes its own path.
+        """
+        sizes = np.empty(len(q))
+        self._calls.admissible_velocities(charts, q, y, None, kinematics, v, sizes)
+        status[:] = sizes < limit
+
+    def integrate(
+        self, charts: tuple[object, ...], start: RunStarts, h: float, steps: int, losses: Dissipation | None = None
+    ) -> tuple[Array, Array, Array, Array]:
+        """States (B, nq) and (B, s) after equal steps, status (B,), roughness (B,), which may be infinite with losses.
+
+        Args:
+            charts: as for ``velocities``.
+            start: states and inputs at the start.
+            h: duration of each step [s].
+            steps: number of steps.
+            losses: damping and dry friction, as ``DissipativeStep.advance``; None for Runge-Kutta steps without them.
+        """
+        return self._integrated(charts, start, (h, steps), losses, np.empty_like(start.y))
+
+    def friction(
+        self, charts: tuple[object, ...], start: RunStarts, h: float, losses: Dissipation
+    ) -> tuple[Array, Array]:
+        """Generalized forces (B, nv) of dry friction during a step, and status (B,); arguments as of ``integrate``."""
+        found = np.empty((len(charts), self._kernel.data.n))
+        return self._integrated(charts, start, (h, 0), losses, found)[1:3]
+
+    def _integrated(
+        self,
+        charts: tuple[object, ...],
+        start: RunStarts,
+        steps: tuple[float, int],
+        losses: Dissipation | None,
+        y_end: Array,
+    ) -> tuple[Array, Array, Array, Array]:
+        q, y, T, kinematics = start
+        found = np.empty_like(q), y_end, np.zeros(len(q)), np.zeros(len(q))
+        self._calls.integrate(charts, q, y, T, *steps, kinematics, *found, None, *(losses or (None, None, None)))
+        return found
+
+    def measure(self, q: Array, v: Array, kinematics: Array, status: Array) -> RunRecords:
+        """Quantities of states (q, v) with records of kinematics.
+
+        Only runs with status 1 are measured; the status becomes 0 where the run takes its own path.
+        """
+        found = _run_records(self._kernel, q.shape[:-1], kinematics)
+        self._calls.measure(q, v, *found, status, True)
+        return found
+
+    def states(self, q: Array, v: Array, records: RunRecords) -> StateEvaluation:
+        """Evaluation at states (..., nq), (..., nv) from their records, which nobody may change afterwards."""
+        return _measured_state(self._evaluator, self._kernel, q, v, records)
+
+
+def runs_of(evaluator: NumPyEvaluator) -> CompiledRuns | None:
+    """Calls of the kernel for many runs; None where each run has to take its own path."""
+    if not isinstance(evaluator, CompiledEvaluator) or evaluator.data.rheonomic:
+        return None
+    return CompiledRuns(evaluator)
+
+
+def _run_records(kernel: ReductionKernel, batch: tuple[int, ...], kinematics: Array | None = None) -> RunRecords:
+    """Records of measurements without values; kinematics: those of the states, if known."""
+    first, inverse, rates, values = kernel.measured_sizes
+    return RunRecords(
+        np.empty((*batch, first)) if kinematics is None else kinematics,
+        np.empty((*batch, inverse)),
+        np.empty((*batch, rates)),
+        np.empty((*batch, values)),
+    )
+
+
+def _measured_state(
+    evaluator: Evaluator, kernel: ReductionKernel, q: Array, v: Array, records: RunRecords, t: float | None = None
+) -> StateEvaluation:
+    records.rates.setflags(write=False)  # CompiledArraysAtQ protects those at q
+    records.values.setflags(write=False)
+    batch, r = q.shape[:-1], kernel.data.r
+    kinematics = np.ndarray(batch, kernel.kinematics, records.kinematics)
+    inverse = np.ndarray(batch, kernel.inverse, records.inverse)
+    rates = np.ndarray(batch, kernel.rates, records.rates)
+    values = records.values[..., r:], records.values[..., :r]
+    at_q = CompiledArraysAtQ(kernel, q, None, kinematics, inverse, values)
+    return StateEvaluation.filled(evaluator, q, v, (at_q, CompiledArraysAtV(at_q, v, None, t, rates)), t)

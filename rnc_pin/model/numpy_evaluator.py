@@ -38,17 +38,6 @@ class PlannedFeedback(NamedTuple):
     upper: Float[Array, " nu"]
 
 
-class Dissipation(NamedTuple):
-    """Damping and dry friction."""
-
-    damping: Float[Array, " nv"] | None
-    """Viscous coefficients; None for zero."""
-    joints: Float[Array, " j"]
-    """Entries of v with dry friction."""
-    limits: Float[Array, " k"]
-    """Limits of the friction of these joints, then of the inputs if they have friction."""
-
-
 class NumPyEvaluator:
     """Evaluator of one reduction that fills nothing: all quantities follow from their formulas.
 
@@ -58,11 +47,12 @@ class NumPyEvaluator:
         data: the reduction.
 
     Attributes:
+        measures: True if ``measured`` is one call, for many runs too.
         compiled: True if a compiled kernel fills arrays.
         kept_chart: evaluator of the last velocity chart, and what defines it. Many runs start at one configuration.
     """
 
-    compiled = False
+    measures = compiled = False
 
     def __init__(self, data: ReductionData) -> None:
         self.data = data
@@ -176,10 +166,8 @@ class NumPyEvaluator:
         """Derivatives by name, as read-only views; None if ``analysis.derivatives`` has to evaluate them."""
         return None
 
-    def integrate(
-        self, q: Array, y: Array, T: Array, h: float, steps: int, losses: Dissipation | None = None
-    ) -> tuple[Array, Array, float] | None:
-        """Configuration and y after equal steps, and their roughness; None if an integrator has to step.
+    def integrate(self, q: Array, y: Array, T: Array, h: float, steps: int) -> tuple[Array, Array, float] | None:
+        """Configuration and y after equal Runge-Kutta steps, and their roughness; None if an integrator has to step.
 
         Args:
             q: configuration (nq,); all arrays are contiguous floats.
@@ -188,13 +176,7 @@ class NumPyEvaluator:
             T: actuator inputs (p,), constant.
             h: duration of each step [s].
             steps: number of steps.
-            losses: damping and dry friction, as ``DissipativeStep.advance``; the roughness is infinite at a stop. None
-                for Runge-Kutta steps without them.
         """
-        return None
-
-    def friction(self, q: Array, y: Array, T: Array, h: float, losses: Dissipation) -> Array | None:
-        """Generalized forces (nv,) of dry friction in a step, None if NumPy decides; arguments as ``integrate``."""
         return None
 
     def planned_motion(

@@ -52,7 +52,7 @@ class Record:
         self._columns = columns
         # One row for each sample, so that a sample is written at once.
         self.arrays = {name: np.zeros((capacity, 0)) for name in _OPTIONAL}
-        self._use_rows(np.full((capacity, sum(self._columns.values())), np.nan))
+        self._use_rows(np.full((capacity, self.width), np.nan))
         self._integrals[:] = 0.0
         self._no_goals = tuple(np.full(size, np.nan) for size in (r, k, r))
         self._carries = carries
@@ -75,6 +75,18 @@ class Record:
         """Samples whose computation took longer than the sampling period."""
         self.own_force_units: dict[str, dict[str, str]] = {}
         """Units by name of the forces that the plant states itself, for each kind."""
+
+    @property
+    def width(self) -> int:
+        """Numbers of a sample."""
+        return sum(self._columns.values())
+
+    def take(self, rows: Array) -> None:
+        """Take the rows (N, ``width``) of samples that somebody else has recorded, of a plant with the same model."""
+        self.capacity = self.count = len(rows)
+        self.arrays = {name: np.zeros((len(rows), 0)) for name in _OPTIONAL}
+        self._models = [(0, self.reduced)]
+        self._use_rows(rows)
 
     def _use_rows(self, rows: Array) -> None:
         """Set the array of all samples; the arrays by name are views of it."""

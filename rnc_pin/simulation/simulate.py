@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
 from rnc_pin.control.controller import Controller
@@ -51,20 +53,24 @@ def simulate(
     So only the outputs of the controller can be singular. At every sample a projection removes the drift of holonomic
     rows, such as wheel height and loop closure. The correction has zero momentum along the admissible velocities.
 
+    With a row for each run in q0 or v2_0, the result is a list of runs. An error ends only its run, whose trajectory
+    has its outcome and message. On a ``ReducedPlant`` of the model, runs under trackers are computed together, and
+    differ from runs alone by rounding; other runs are computed one after the other.
+
     Args:
         reduced: reduced model.
         controller: controller with the protocol of ``rnc_pin.control``.
-        q0: initial configuration (nq,).
+        q0: initial configuration (nq,), or many (B, nq).
         duration: duration [s], rounded to a multiple of ``dt``.
         dt: sampling period [s].
-        v2_0: initial reduced velocity (r,); zero by default.
+        v2_0: initial reduced velocity (r,), or many (B, r); zero by default.
         plant: what moves: a ``ReducedPlant`` with damping, friction or actuator limits, a model that differs from the
             nominal one, velocity servos (for an ``ActuatorVelocityController``), sensors with faults, another
             simulator, or hardware. ``ReducedPlant(reduced)`` by default.
         options: stop conditions, control loop, observer and origin of the run.
 
     Returns:
-        The run. Ctrl-C ends it early, with outcome "interrupted"; repeated Ctrl-C has the same
+        The run, or a list of runs. Ctrl-C ends it early, with outcome "interrupted"; repeated Ctrl-C has the same
         effect.
 
     Raises:
@@ -89,5 +95,10 @@ def simulate(
         0.5
     """
     samples = sample_count(duration, dt)
-    run = SampledRun(RunArguments(reduced, controller, q0, dt, samples, v2_0, plant, options))
+    arguments = RunArguments(reduced, controller, q0, dt, samples, v2_0, plant, options)
+    if np.ndim(q0) > 1 or (v2_0 is not None and np.ndim(v2_0) > 1):
+        from rnc_pin.simulation.batch import simulate_batch  # a run alone starts without it
+
+        return cast(Trajectory, simulate_batch(arguments))  # for type checkers, which cannot tell one row from many
+    run = SampledRun(arguments)
     return complete_run(lambda progress: run.run_to(samples, progress), run.finish)

@@ -13,8 +13,8 @@ import scipy
 from numpy import ndarray as Array
 
 from rnc_pin.math.linear_algebra import apply_transposed
+from rnc_pin.model.compiled import Dissipation, RunStarts, runs_of
 from rnc_pin.model.integrators import ExponentialRungeKutta4, LieRungeKutta4, LinearPart, phi_functions
-from rnc_pin.model.numpy_evaluator import Dissipation
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, check_conserved
@@ -155,14 +155,16 @@ class DissipativeStep:
 
     @property
     def losses(self) -> Dissipation:
-        """Damping and friction."""
-        return Dissipation(self._dynamics.damping, self.friction.entries, self.friction.limits)
+        """Damping and friction, of one run."""
+        return Dissipation(self._dynamics.damping, self.friction.entries, self.friction.limits[None])
 
     def friction_force(self, q: Array, y: Array, T: Array) -> Array:
         """Generalized forces (nv,) of dry friction at a state."""
-        force = self._dynamics.chart.evaluator.friction(q, y, T, INSTANT, self.losses)
-        if force is not None:
-            return force
+        runs, start = runs_of(self._dynamics.chart.evaluator), RunStarts(q[None], y[None], T[None])
+        if runs is not None:
+            found, status = runs.friction((runs.chart,), start, INSTANT, self.losses)
+            if status[0] == 1.0:
+                return found[0]
         state = self._dynamics.at(q, y)
         linear, w_dot = self._linear(state, T)
         friction = self.friction.forces_in_step(state, w_dot, linear, INSTANT)
@@ -174,9 +176,11 @@ class DissipativeStep:
         Raises:
             DivergenceError: velocities or accelerations are not finite.
         """
-        found = self._dynamics.chart.evaluator.integrate(q, y, T, h, steps, self.losses)
-        if found is not None:
-            return found
+        runs, start = runs_of(self._dynamics.chart.evaluator), RunStarts(q[None], y[None], T[None])
+        if runs is not None:
+            found = runs.integrate((runs.chart,), start, h, steps, self.losses)
+            if found[2][0] == 1.0:
+                return found[0][0], found[1][0], float(found[3][0])
         roughness = 0.0
         for _ in range(steps):
             q, y, rough = self._step(q, y, T, h)

@@ -17,7 +17,7 @@ from rnc_pin.plants.reduced.friction import DissipativeStep, DryFriction
 from rnc_pin.plants.reduced.step_control import MOST_EVENT_SUBSTEPS, MOST_SUBSTEPS, IntegrationErrors, Substeps
 from rnc_pin.printing import ReprMixin
 
-_OF_MOTION = ("applied", "errors", "dynamics")  # attributes that are no settings
+_OF_MOTION = ("applied", "errors", "dynamics", "followed")  # attributes that are no settings
 
 
 class Checkpoint(NamedTuple):
@@ -60,6 +60,7 @@ class ReducedPlant(ReprMixin):
     Attributes:
         errors: estimated errors of the integration since the start.
         dynamics: equations of motion, with the present chart.
+        followed: error per second above which a sample is compared with one of twice as many substeps.
 
     Raises:
         ConstraintError: damping or friction acts on a momentum that the model declares conserved.
@@ -89,6 +90,7 @@ class ReducedPlant(ReprMixin):
     ) -> None:
         self._substeps = Substeps.checked(substeps, tolerance)
         self.reduced, (self.substeps, self.tolerance) = reduced, self._substeps
+        self.followed = self._substeps.followed
         self.joint_damping, self.actuator_limits, self.joint_friction = joint_damping, actuator_limits, joint_friction
         self.dynamics = ConstrainedDynamics(reduced, joint_damping, actuator_limits)
         self._dissipative = DissipativeStep(self.dynamics, DryFriction(reduced, joint_friction))
@@ -107,6 +109,11 @@ class ReducedPlant(ReprMixin):
 
     def _settings(self) -> dict[str, object]:
         return {name: value for name, value in super()._settings().items() if name not in _OF_MOTION}
+
+    def twin(self) -> ReducedPlant:
+        """Return another plant with the same model and options."""
+        options = self.joint_damping, self.actuator_limits, self.joint_friction, *self._substeps
+        return ReducedPlant(self.reduced, *options)
 
     def reset(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> None:
         """Restart at configuration q (nq,) and velocity v (nv,); velocity against the constraints is removed.
@@ -212,7 +219,7 @@ class ReducedPlant(ReprMixin):
         _ = self.state  # in a chart that is regular here
         errors = self.errors
         step = self._step(dt, errors.steps)
-        accepted, after = errors.after(step.roughness, dt, self._substeps.followed * dt)
+        accepted, after = errors.after(step.roughness, dt, self.followed * dt)
         if accepted:
             self._take(step)
             self.errors = after

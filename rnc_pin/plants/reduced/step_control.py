@@ -61,7 +61,7 @@ class Substeps(NamedTuple):
 
 
 class IntegrationErrors(NamedTuple):
-    """Estimated errors of a run, and its choice of substeps.
+    """Estimated errors of a run, and its choice of substeps. Those of B runs are arrays (B,).
 
     The error of a sample is that of its worst entry of configuration and velocity [m, rad, m/s or rad/s].
 
@@ -103,15 +103,15 @@ class IntegrationErrors(NamedTuple):
             limit: largest error that needs no comparison.
 
         Returns:
-            True if the sample needs no comparison, and the errors after it.
+            True where the sample needs no comparison, and the errors after it.
         """
         steps, _, age, reference, size, span, total = self[:7]
         # The roughness over that of the compared sample: of drawn motions a better estimate than a power of the ratio.
         share = roughness / (reference + _LEAST)
         error = share * size
-        settled = age < _PAUSE or share < _GROWTH or error < self.rate * dt
+        settled = (age < _PAUSE) | (share < _GROWTH) | (error < self.rate * dt)
         # The error falls faster with the duration than the roughness, and that of a short sample may be below rounding.
-        accepted = error <= limit and age < _PERIOD and settled and dt <= _LONGER * span
+        accepted = (error <= limit) & (age < _PERIOD) & settled & (dt <= _LONGER * span)
         return accepted, IntegrationErrors(
             steps, steps, age + 1, reference, size, span, total + error, self.rate, self.most, self.enough
         )
