@@ -17,6 +17,7 @@ class _Package(NamedTuple):
 
 _PACKAGES = {
     "dask": _Package("Dask", "distributed"),
+    "meshes": _Package("trimesh", "trimesh"),
     "mujoco": _Package("MuJoCo", "mujoco"),
     "ompl": _Package("OMPL", "ompl"),
     "video": _Package("Playwright", "playwright"),

@@ -358,7 +358,7 @@ def load_mesh_shape(path: str | Path, scale: float | ArrayLike = 1.0) -> coal.Co
     """Return the convex hull of a mesh file, read by the checked readers of robot files.
 
     Args:
-        path: a .dae, .obj or .stl file.
+        path: a .dae, .obj or .stl file; with the extra ``meshes`` also .glb, .gltf or .ply.
         scale: factor or three factors of its coordinates.
 
     Raises:

@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import base64
+import json
 import struct
 from importlib.util import find_spec
 
 import numpy as np
+import trimesh
 
 VERTICES = np.array([[0.02, 0.05, 0.0], [0.3, 0.05, 0.0], [0.02, 0.25, 0.0], [0.02, 0.05, 0.1], [0.3, 0.25, 0.1]])
 TRIANGLES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 4], [1, 4, 3], [2, 3, 4]])
@@ -34,6 +37,10 @@ def obj() -> bytes:
     return f"mtllib none.mtl\no solid\n{vertices}vn 0 0 1\n{faces}{backward}".encode()
 
 
+def ply(encoding: str) -> bytes:
+    return trimesh.Trimesh(VERTICES, TRIANGLES, process=False).export(file_type="ply", encoding=encoding)
+
+
 def collada() -> bytes:
     numbers, indices = (" ".join(map(str, each.ravel())) for each in (VERTICES, np.repeat(TRIANGLES, 2)))
     return f"""<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
@@ -47,10 +54,40 @@ def collada() -> bytes:
 <instance_node url="#inner"/></node></visual_scene></library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>""".encode()
 
 
+def gltf(inside: bool = False) -> bytes:
+    points, corners = VERTICES.astype("<f4").tobytes(), TRIANGLES.astype("<u2").tobytes()
+    buffer: dict[str, object] = {"byteLength": len(points) + len(corners)}
+    if inside:
+        buffer["uri"] = "data:application/octet-stream;base64," + base64.b64encode(points + corners).decode()
+    document = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "buffers": [buffer],
+        "nodes": [{"children": [1], "rotation": [0, 0, 0, 1]}, {"mesh": 0, "scale": [1, 1, 1], "translation": [0, 0, 0]}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": len(VERTICES), "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5123, "count": TRIANGLES.size, "type": "SCALAR", "byteOffset": 0},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": len(points)},
+            {"buffer": 0, "byteOffset": len(points), "byteLength": len(corners)},
+        ],
+    }  # fmt: skip
+    text = json.dumps(document).encode()
+    if inside:
+        return text
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
+    chunks += struct.pack("<II", len(points + corners), 0x004E4942) + points + corners
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
 MESHES = {
     "STL": ("m.stl", [binary_stl(), text_stl()]),
     "OBJ": ("m.obj", [obj()]),
+    "PLY": ("m.ply", [ply("ascii"), ply("binary")]),
     "DAE": ("m.dae", [collada()]),
+    "GLB": ("m.glb", [gltf()]),
+    "glTF": ("m.gltf", [gltf(inside=True)]),
 }
 """Kinds: the name of a file, and its content as it is."""
 

@@ -1,7 +1,9 @@
 # ruff: noqa: E501
 """Meshes: what is read, what is refused, and that nothing else is given a stranger's file."""
 
+import json
 import struct
+import sys
 import warnings
 from pathlib import Path
 
@@ -19,6 +21,8 @@ from rnc_pin.robots.sources.mesh_formats.readers import read_collada
 from urdf_parts import write
 
 SINGLE = 1e-7  # [m], of vertices kept in single precision
+PLY = "ply\nformat {} 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\nelement face {}\n{}end_header\n"
+LIST = "property list uchar int vertex_indices\n"
 
 
 def corners_of(found):
@@ -66,6 +70,12 @@ def assert_same_shapes(geometry, theirs):
         np.testing.assert_allclose(*boxes, rtol=0, atol=3e-6 * np.abs(boxes[1]).max())
 
 
+def glb(change):
+    document = json.loads(solid.gltf(inside=True))
+    change(document)
+    return json.dumps(document)
+
+
 def collada(old, new):
     text = solid.collada().decode()
     assert old in text
@@ -81,8 +91,17 @@ def nodes(count, width=10):
 
 
 INNER = '<node id="inner"><rotate>0 0 1 90</rotate><rotate>0 0 1 -90</rotate><instance_geometry url="#g"/></node>'
+TRIANGLE = "0 0 0\n1 0 0\n0 1 0\n"
 BROKEN = {
     "empty": ("m.stl", "", "0 bytes"),
+    "an index out of range": ("m.ply", PLY.format("ascii", 3, 2, LIST) + TRIANGLE + "3 0 1 2\n3 0 1 9000000\n", "triangle 1 has a vertex"),
+    "a negative index": ("m.ply", PLY.format("ascii", 3, 1, LIST) + TRIANGLE + "3 0 1 -1\n", "triangle 0 has a vertex"),
+    "faces of nothing": ("m.ply", "ply\nformat ascii 1.0\nelement face 3000000000\nend_header\n", "says 3,000,000,000 elements"),
+    "vertices of text": ("m.ply", PLY.format("ascii", 10**12, 1, LIST) + TRIANGLE, "says 1,000,000,000,001"),
+    "vertices of bytes": ("m.ply", PLY.format("binary_little_endian", 10**12, 1, LIST) + TRIANGLE, "says 1,000,000,000,001"),
+    "rows that are not there": ("m.ply", PLY.format("ascii", 30, 1, LIST) + TRIANGLE, "ends before its last"),
+    "a long list": ("m.ply", PLY.format("binary_little_endian", 0, 1, LIST.replace("uchar", "int")).encode() + b"\xff\xff\xff\x7f", "not well-formed PLY"),
+    "no number": ("m.ply", PLY.format("ascii", 3, 1, LIST) + TRIANGLE.replace("1", "x") + "3 0 1 2\n", "not well-formed PLY"),
     "too many facets": ("m.stl", b"\0" * 80 + struct.pack("<I", 10**9) + b"\0" * 50, "room for 1 triangles"),
     "half a facet": ("m.stl", "solid s\nvertex 0 0 0\nvertex 1 0 0\n", "three vertices"),
     "not finite": ("m.stl", solid.text_stl().replace(b"0.3", b"nan"), "not finite"),
@@ -99,10 +118,25 @@ BROKEN = {
     "a stride": ("m.dae", collada('stride="3"', 'stride="99999999999999999999"'), "an accessor of 5"),
     "entities": ("m.dae", '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;"><!ENTITY x SYSTEM "/etc/passwd">]><COLLADA>&b;&x;</COLLADA>', "not well-formed|no scene"),
     "deep elements": ("m.dae", "<a>" * 1000 + "</a>" * 1000, "400 deep"),
-    "PLY": ("m.ply", "ply\n", "format '.ply', expected one of .dae, .obj, .stl"),
-    "MSH": ("m.msh", struct.pack("<4i", 3, 0, 0, 1), "format '.msh', expected one of .dae, .obj"),
+    "a file elsewhere": ("m.gltf", glb(lambda d: d["buffers"][0].update(uri="../secret.bin")), "data in another file, '../secret.bin'"),
+    "a web address": ("m.gltf", glb(lambda d: d["buffers"][0].update(uri="http://localhost/x")), "data in another file"),
+    "children in a ring": ("m.gltf", glb(lambda d: d["nodes"][1].update(children=[0])), "not well-formed GLTF"),
+    "items that are not there": ("m.gltf", glb(lambda d: d["accessors"][0].update(count=10**12)), "at most 12,000,000"),
+    "items repeated": ("m.gltf", glb(lambda d: d.update(accessors=[d["accessors"][0] | {"count": 5 * 10**6}] * 3)), "at most 12,000,000"),
+    "views of all of it": ("m.gltf", glb(lambda d: d.update(bufferViews=[d["bufferViews"][0] | {"byteLength": 1000}] * 9)), "items in"),
+    "meshes repeated": ("m.gltf", glb(lambda d: d["nodes"].extend([{"mesh": 0}] * 170_000)), "more than 100,000 nodes"),
+    "positions of integers": ("m.gltf", glb(lambda d: d["accessors"][0].update(componentType=5122)), "not floats"),
+    "a buffer of another file": ("m.gltf", glb(lambda d: d["buffers"].append({"uri": "file:///etc/passwd", "byteLength": 9})), "data in another file"),
+    "lines without numbers": ("m.ply", PLY.format("ascii", 3, 1, LIST) + "\f" * 4_100_000, "ends before|lines"),
+    "items beyond": ("m.gltf", glb(lambda d: d["accessors"][0].update(count=10**5)), "not well-formed GLTF"),
+    "a sparse accessor": ("m.gltf", glb(lambda d: d["accessors"][0].update(sparse={"count": 10**9})), "sparse or compressed"),
+    "a fraction": ("m.gltf", glb(lambda d: d["accessors"][0].update(count=4.5)), "not a whole number|not well-formed"),
+    "brackets": ("m.gltf", "[" * 1_000_000, "not well-formed"),
+    "many brackets": ("m.gltf", "[" + "[]," * 1_000_000 + "[]]", "JSON of more than"),
+    "a chunk": ("m.glb", solid.gltf()[:12] + struct.pack("<II", 2**32 - 1, 0x4E4F534A), "a chunk of 4,294,967,295"),
+    "MSH": ("m.msh", struct.pack("<4i", 3, 0, 0, 1), "format '.msh', expected one of .dae, .glb"),
     "a pointer": ("m.stl", "version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
-    "X3D": ("m.x3d", "<X3D/>", "format '.x3d', expected one of .dae, .obj"),
+    "X3D": ("m.x3d", "<X3D/>", "format '.x3d', expected one of .dae, .glb"),
     "3MF": ("m.3mf", "PK", "format '.3mf'"),
     "binary of assimp": ("m.assbin", "ASSIMP.binary", "format '.assbin'"),
 }  # fmt: skip
@@ -275,3 +309,14 @@ def test_a_mesh_weighs_the_same_inside_and_as_a_file_of_any_format(tmp_path):
         assert robot.model.inertias[1].mass == pytest.approx(1000 * volume, rel=1e-5)
         assert robot.visual_model.ngeoms == 1
         assert robot.visual_model.geometryObjects[0].geometry.num_tris == len(solid.TRIANGLES)
+
+
+def test_without_trimesh_one_line_names_the_extra(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    words = r"trimesh is not installed: pip install '\.\[meshes\]' in the folder of rnc_pin's source"
+    for name in ("m.glb", "m.gltf", "m.ply"):
+        with pytest.raises(MeshError, match=words):
+            read_mesh(write(tmp_path / name, b""))
+    (tmp_path / "r.urdf").write_text(solid.urdf(["m.glb"]))
+    with pytest.warns(rnc.ModelWarning, match=rf"1 mesh was not readable: m\.glb \({words}"):
+        assert rnc.Robot.from_urdf(tmp_path / "r.urdf").stand_ins == {"b_stand_in"}

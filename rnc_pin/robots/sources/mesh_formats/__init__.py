@@ -24,13 +24,16 @@ from rnc_pin.robots.sources.mesh_formats.mesh import (
     checked_mesh,
     convex_hull,
 )
-from rnc_pin.robots.sources.mesh_formats.readers import read_collada, read_obj, read_stl
+from rnc_pin.robots.sources.mesh_formats.readers import read_collada, read_glb, read_gltf, read_obj, read_ply, read_stl
 
 __all__ = ["FARTHEST", "FORMATS", "Mesh", "MeshError", "check_thickness", "checked_mesh", "convex_hull", "read_mesh"]
 
 FORMATS: Mapping[str, Callable[[bytes], Mesh]] = {
     ".dae": read_collada,
+    ".glb": read_glb,
+    ".gltf": read_gltf,
     ".obj": read_obj,
+    ".ply": read_ply,
     ".stl": read_stl,
 }
 """File suffix to reader of each supported format."""
