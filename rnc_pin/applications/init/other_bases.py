@@ -257,6 +257,7 @@ def _holding_torque(layout: WheelLayout, at_start: RobotAtStart) -> float:
 
 
 _LIMBS = 3  # a body with at least this number of limbs probably floats
+_ON_AND_ON = 4 * np.pi  # smallest range of a rotor; files write large limits for none [rad]
 _UPRIGHT = 0.8  # smallest vertical part of the axes of rotors, and ratio of the lengths of their arms
 _HEAVY, _VERY_HEAVY = 0.5, 0.8  # share of the mass in the first link above which the base may float, and floats
 _AFLOAT = (
@@ -399,7 +400,7 @@ def _rotors(at_start: RobotAtStart) -> list[str]:
     model, data = at_start.robot.model, at_start.data
     leaves = [k for k in range(1, model.njoints) if model.parents[k] == at_start.root and not len(model.children[k])]
     upright = [k for k in leaves if model.joints[k].nv == 1 and abs(turning_axis(model, data, k)[2]) > _UPRIGHT]
-    found = [k for k in upright if np.isinf(joint_limits(at_start.robot, model.names[k])).all()]
+    found = [k for k in upright if np.ptp(joint_limits(at_start.robot, model.names[k])) > _ON_AND_ON]
     places = np.array([data.oMi[k].translation[:2] for k in found]).reshape(-1, 2)
     arms = np.linalg.norm(places - places.sum(axis=0) / max(len(found), 1), axis=1)
     in_circle = len(found) >= _LIMBS and arms.min() > _UPRIGHT * arms.max()
