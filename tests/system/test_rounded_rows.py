@@ -7,7 +7,6 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
 from places import DIRT
 from systems import ALL
 
@@ -59,28 +58,6 @@ def test_wheels_that_are_toed_more_are_warned_of():
     assert len(said) == 1
     assert system.r == 1  # as the file says
     assert "lateral(left_wheel), lateral(right_wheel)" in str(said[0].message)
-
-
-def four_wheels(angle):
-    """Another pair ahead, one of it a little higher, on a base that is free in space."""
-    model = toed_wheels(pin.JointModelFreeFlyer, angle).model
-    inertia = model.inertias[model.getJointId("left_axle")]
-    for name, y in (("left", 0.15), ("right", -0.15)):
-        place = pin.SE3(pin.rpy.rpyToMatrix(-angle, 0, 0), np.array([0.2, y, 0.05 + 3e-6 * (y > 0)]))
-        add_body(model, f"front_{name}_axle", "RZ", inertia, 1, at=place, frame=f"front_{name}_wheel")
-    return rnc.Robot(model)
-
-
-def test_heights_of_four_wheels_are_met_to_their_rounding():
-    robot = four_wheels(ROUNDED)
-    wheels = [rnc.RollingWheel(f"{end}{side}_wheel", 0.05) for end in ("", "front_") for side in ("left", "right")]
-    with pytest.warns(rnc.ModelWarning, match="except for rounding"):
-        system = rnc.NonholonomicSystem(robot, wheels, AXLES)
-    assert "vertical(front_right_wheel)" in {row.name for row in system.dropped_rows}
-    q = system.assembled(robot.configuration({"root_joint": [0, 0, 0.01, 0.02, 0.01, 0, 0.9997]}))
-    residual = np.abs(system.assembly.residual(q))
-    assert np.sort(residual)[:3].max() < 1e-11
-    assert 0 < residual.max() < 1e-5
 
 
 @pytest.mark.parametrize("name", ALL)

@@ -8,7 +8,7 @@ import pytest
 import rnc_pin as rnc
 from driven_bases import swerve
 from drives import Watcher, point_of, pose_of, prepared, reduced_of
-from rnc_pin.applications.drive.controls import DriveControls, DrivenBase, find_base
+from rnc_pin.applications.drive.controls import DriveControls, DrivenBase
 from rnc_pin.applications.drive.goals import PlacedGoal, initial_goals
 from rnc_pin.applications.drive.run import CommandQueue, DriveStatus, drive, goal_distances
 from rnc_pin.applications.init import draft
@@ -16,7 +16,6 @@ from rnc_pin.control.whole_body import LimitReport
 from urdf_parts import BOX, joint, link, robot, wheel
 
 DT = 0.02
-BALL = {"sphere": {"name": "ball", "radius": 0.1, "position": [3.0, 2.0, 0.48]}}
 
 
 def manipulator(commands=(), **options):
@@ -165,53 +164,6 @@ def test_an_articulated_vehicle_that_stays_does_not_fold(tmp_path):
     run = bending(tmp_path, 0.0, commands)
     trajectory = drive(run, samples=100).trajectory
     np.testing.assert_allclose(pose_of(run, trajectory.q[-1]), pose_of(run, trajectory.q[0]), atol=1e-3)
-
-
-def pair(*more):
-    """A base on two driven wheels, which turn off their centres, and what it tows."""
-    wheels = [
-        link(side, 0.5)
-        + joint(f"{side}_joint", "base", side, (0, y, 0.2))
-        + link(f"{side}_rim", 0.5)
-        + joint(f"{side}_mount", side, f"{side}_rim", (0.02, 0, 0), kind="fixed")
-        for side, y in SIDES.items()
-    ]
-    return robot(link("base", 20.0, BOX), *wheels, *more)
-
-
-SIDES = {"left": 0.3, "right": -0.3}
-TOWED = [link("trailer", 5.0), joint("hitch", "base", "trailer", (-0.1, 0, 0), "0 0 1", "revolute", 0, (-1.2, 1.2))]
-ROLLING = [
-    rnc.RollingWheel("left_rim", 0.2, vertical=False),
-    rnc.RollingWheel("right_rim", 0.2, lateral=False, vertical=False),
-]
-
-
-def base_of(folder, text, constraints, outputs):
-    """Base of a robot with motors at both of its wheels."""
-    (folder / "pair.urdf").write_text(text)
-    robot = rnc.Robot.from_urdf(folder / "pair.urdf", base="planar")
-    reduced = rnc.NonholonomicSystem(robot, constraints, [f"{side}_joint" for side in SIDES]).reduce(outputs)
-    joints = [name for name in reduced.reducing.names if name in robot.joint_names]
-    return find_base(reduced, robot.configuration(), joints)
-
-
-def test_wheels_on_whose_angles_the_motion_depends_stay_wheels(tmp_path):
-    names = [f"{side}_joint" for side in SIDES]
-    for outputs in (names, [names[0]]):
-        speeds = [] if len(outputs) == 2 else [rnc.FrameSpeed("base")]
-        base = base_of(tmp_path, pair(), ROLLING, [*speeds, *map(rnc.JointPosition, outputs)])
-        assert set(outputs) <= set(base.shape)
-        assert (base.turns, base.wheels) == (True, tuple(outputs))
-
-
-def test_a_hitch_without_a_motor_follows_the_base(tmp_path):
-    axle = joint("axle_mount", "trailer", "axle", (-1, 0, 0), kind="fixed")
-    text = pair(*TOWED, link("axle"), axle)
-    constraints = [*ROLLING, rnc.NoSideSlip("axle")]
-    base = base_of(tmp_path, text, constraints, [rnc.FrameSpeed("base"), rnc.JointPosition("hitch")])
-    assert "hitch" in base.shape
-    assert (base.turns, base.steering, base.wheels) == (True, None, ("hitch",))
 
 
 @pytest.mark.parametrize(("forward", "left", "turn"), [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1)])

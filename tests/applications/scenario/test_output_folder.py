@@ -258,6 +258,11 @@ def test_what_is_no_folder_or_cannot_be_one_is_refused(name, words, tmp_path):
 SHORT = ["run", "space-robot", "--set", "simulation.duration=0.02", "--set", "comparisons={}", "--set", "plots={}"]
 
 
+def test_a_run_replaces_files_of_others_only_by_force(tmp_path, call, no_pictures):
+    (tmp_path / "summary.json").write_text("mine")
+    assert [call(*SHORT, "--out", tmp_path, *more)[0] for more in ([], ["--force"])] == [2, 0]
+
+
 def test_a_scenario_with_a_strange_name_writes_into_no_folder_above(tmp_path, monkeypatch, call, no_pictures):
     name = "...yaml"
     call(*SHORT, "--out", tmp_path / "first")
