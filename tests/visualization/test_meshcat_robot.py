@@ -89,7 +89,8 @@ def test_meshes_that_cannot_be_had_cost_one_warning_that_names_the_remedy(gaps):
     assert told == []  # who does not draw is told nothing
     (visual, told) = warned(lambda: robot.visual_model)
     (line,) = told
-    assert line.startswith(f"{gaps}: 3 meshes were not found: package 'nowhere' (2), folder '{gaps.parent}' (1)")
+    where = f"package 'nowhere' (2), absent.dae in folder '{gaps.parent}'"
+    assert line.startswith(f"{gaps}: 3 meshes were not found: {where}")
     assert "package_dirs (--package-dir, ROS_PACKAGE_PATH)" in line
     assert "3 meshes were not readable: broken.stl (STL of 7 bytes: room for 0 triangles, declared 0)" in line
     assert "pointer.stl (a git-lfs pointer: git lfs pull)" in line
