@@ -48,7 +48,7 @@ class OuterGains(NamedTuple):
 DEFAULT_OUTER_GAINS = OuterGains()
 """Gains of the outer loops unless the preset is "paper"; also the defaults of their constructors."""
 OUTER_GAINS: dict[Preset, OuterGains] = {
-    "paper": OuterGains(k21=0.0, alpha=1.0, k=0.1, rate=0.2, tolerance=0.02, max_speed=(0.3, 0.3)),
+    "paper": OuterGains(k21=0.0, alpha=1.0, k=0.1, rate=0.2, tolerance=0.015, max_speed=(0.3, 0.3)),
     "scaled": DEFAULT_OUTER_GAINS,
 }
 """Gains of the outer loops by preset."""

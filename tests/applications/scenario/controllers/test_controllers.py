@@ -8,6 +8,7 @@ import rnc_pin as rnc
 from rnc_pin.applications.scenario.controllers import TYPES
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.applications.scenario.schema.scenario import schema, validate
+from rnc_pin.control import OUTER_GAINS
 
 jsonschema = pytest.importorskip("jsonschema", reason="reads schemas; comes with the test extra")
 
@@ -99,3 +100,9 @@ def test_null_takes_a_setting_away_so_that_a_comparison_may_change_the_type():
 def test_what_is_wrong_is_told_without_words_of_the_union(controller, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         validate(scenario(controller), "mine")
+
+
+@pytest.mark.parametrize("preset", OUTER_GAINS)
+def test_a_stabiliser_rests_within_what_a_goal_allows(preset):
+    allowed = rnc.Scenario.load("mobile-manipulator-two-phase").content.goal_tolerance
+    assert OUTER_GAINS[preset].tolerance < 0.8 * allowed
