@@ -11,7 +11,8 @@ The classes are those of the paper, section 3.2 (``classify`` has the same with 
 * 1: D has full row rank.
 * 2: some rows of D vanish. The others are square and nonsingular, and the rates of the former do not depend on x22.
 * 2s: D vanishes, and the values of x22 steer the rates of x1.
-* 3: D has not full row rank, but brackets of the motions ``R N`` have: manoeuvres reach x1 while x21 rests.
+* 3: D has not full row rank, but brackets of the motions ``R N`` have: manoeuvres reach x1 while x21 rests. It is
+  looked for among at most 16 motions.
 """
 
 from __future__ import annotations
@@ -48,6 +49,7 @@ _USUAL = 0.9  # share of the samples that decides
 _WEAK = 0.05  # part of the median singular value below which a sample counts as singular
 _MOST_SETS = 300  # sets of outputs that are tried
 _CLOSURES = 3  # configurations at which brackets are evaluated
+_MOST_MOTIONS = 16  # whose brackets take less than a second; class 3 is not looked for among more
 _DEEPEST, _BRACKETS = 4, 1e-5  # order of brackets, and their precision
 _POSES = 4  # samples at which a straight joint has to make D singular
 _FINGER = 3  # joints of a finger
@@ -338,7 +340,7 @@ class _Exploring:
             return "2s", steered, ""
         if 0 < moved < count and moved == self.motions and self._splits(each):
             return "2", each.moved, "the rest follows from the primary outputs"
-        if self.motions > 1 and each.rank < count and self._is_reached(rows):
+        if 1 < self.motions <= _MOST_MOTIONS and each.rank < count and self._is_reached(rows):
             return "3", every, "not directly"
         still = f"{each.rank} of {counted(count, 'direction')} of {short_names(each.names(self._names))} can be moved"
         return None, ~every, still if moved else f"{short_names(each.names(self._names))} cannot be moved"
@@ -631,7 +633,8 @@ def tip_frames(reduced: ReducedModel) -> tuple[str, ...]:
     single = {joint for joint in carriers if carriers.count(joint) == 1}  # casters, forks and steering knuckles
     inner = {*first, *wheels, *single, *(parents[joint] for joint in range(1, model.njoints) if joint not in wheels)}
     ends = [joint for joint in range(1, model.njoints) if joint not in inner]
-    hands = {joint: _hand(joint, parents, {0, *first}) for joint in ends}
+    bases = {0, *first, *(joint for joint in range(1, model.njoints) if parents[joint] == 0)}
+    hands = {joint: _hand(joint, parents, bases) for joint in ends}
     tips = [hands[joint] if list(hands.values()).count(hands[joint]) > 1 else joint for joint in ends]
     named = (bodies.get(tip or joint, bodies.get(joint, "")) for tip, joint in zip(tips, ends, strict=True))
     return tuple(dict.fromkeys(name for name in named if name))
