@@ -126,7 +126,8 @@ def scenario_of(scenario: Scenario, found: FoundUse) -> tuple[Scenario, Verdict]
 def _bent_start(scenario: Scenario, found: FoundUse) -> tuple[FoundUse, dict[str, float]]:
     """Return a use near the start, and the joints there at which it moves its outputs best."""
     known, robot, model = _known_outputs(scenario), scenario.robot, scenario.robot.model
-    joints = {kind.joint: robot.single_joint(kind.joint) for kind in known.values() if isinstance(kind, JointPosition)}
+    kinds = (each for group in default_candidates(scenario.reduced) for each in group)
+    joints = {each.joint: robot.single_joint(each.joint) for each in kinds if isinstance(each, JointPosition)}
     region: dict[str, tuple[float, float]] = {}
     for name, joint in joints.items():
         ends = joint.position(scenario.q0) + np.array([-_NEAR, _NEAR])
@@ -217,7 +218,8 @@ def _known_outputs(scenario: Scenario) -> dict[str, OutputKind]:
     """Outputs of one row, or of three of a rotation, by the names of their rows."""
     robot, found = scenario.robot, dict[str, OutputKind]()
     candidates = (each for group in default_candidates(scenario.reduced) for each in group)
-    for kind in (*scenario.content.listed_outputs, *candidates):
+    joints = (JointPosition(name) for name in robot.velocity_names if name in robot.joint_names)
+    for kind in (*scenario.content.listed_outputs, *candidates, *joints):
         axes = kind.axes if isinstance(kind, FramePosition | CenterOfMass) else ""
         for each in [replace(kind, axes=axis) for axis in axes] or [kind]:  # type: ignore[type-var]
             found |= {name: found.get(name, each) for name in each.bind(robot).names}
