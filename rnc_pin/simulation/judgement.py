@@ -19,7 +19,7 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation.derived_quantities import blocks
 from rnc_pin.simulation.limit_replay import ROUNDING, Clearance, FurtherLimits, LimitReplay, LimitUse, replay_limits
-from rnc_pin.simulation.run_info import Outcome
+from rnc_pin.simulation.run_info import FORCE_UNITS, Outcome
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.verdict import Finding, FindingKind, Severity, Verdict
 
@@ -281,8 +281,10 @@ def _slips(run: Trajectory) -> Iterator[Finding]:
         most = int(slip[:, column].argmax())
         speed, time = float(slip[most, column]), float(run.time[most])
         if speed > _SLIDING:
-            message = f"row '{name}' slips by up to {speed:.3g} m/s or rad/s, at t = {time:.2f} s"
-            yield Finding(FindingKind.SLIP, name, speed, "m/s or rad/s", time, Severity.DEGRADES, message)
+            force = dict(zip(run.info.outputs.multipliers, run.info.outputs.multipliers_units, strict=False)).get(name)
+            unit = next((rate for rate, each in FORCE_UNITS.items() if each == force), "kg m/s or N m s")  # a momentum
+            message = f"row '{name}' slips by up to {speed:.3g} {unit}, at t = {time:.2f} s"
+            yield Finding(FindingKind.SLIP, name, speed, unit, time, Severity.DEGRADES, message)
 
 
 def side_slip_findings(run: Trajectory, reduced: ReducedModel) -> list[Finding]:

@@ -184,8 +184,7 @@ def explore(**given: Given) -> int | None:
     """Tell what the redundancy of a SYSTEM can do while its primary outputs rest, best use first."""
     find_scenario(given["system"])
     announce(f"{given['system']}: exploring the redundancy", quiet=True)
-    status: int | None = _command("explore_system")(**given)
-    return status
+    return _command("explore_system")(**given)
 
 
 @cli.command(context_settings=_HELP)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import groupby, product
 
 import numpy as np
 
@@ -56,11 +56,10 @@ def find_uses(scenario: Scenario, primary: Sequence[str] = ()) -> tuple[list[Fou
         ConfigurationError: an output is unknown, or the robot cannot move the primary ones independently.
     """
     reduced, known = scenario.reduced, _known_outputs(scenario)
-    own = [] if primary or not scenario.task.primary_names else [list(scenario.task.primary_names)]
-    tips = [] if primary else [list(each.bind(reduced.robot).names) for each in tip_positions(reduced)]
+    tips = (tuple(each.bind(reduced.robot).names) for each in tip_positions(reduced))
     found: list[FoundUse] = []
     failures: list[str] = []
-    for names in [list(primary)] if primary else [*own, *(each for each in tips if each not in own)]:
+    for names in [primary] if primary else filter(None, dict.fromkeys((tuple(scenario.task.primary_names), *tips))):
         try:
             each = explore(reduced, _kinds(known, names))
         except ConfigurationError as error:
@@ -69,8 +68,7 @@ def find_uses(scenario: Scenario, primary: Sequence[str] = ()) -> tuple[list[Fou
             failures.append(str(error))
             continue
         found += [FoundUse(each, use) for use in each.rows]
-        if not each.motions:
-            failures.append(f"no motion is left beside {short_names(each.primary)}")
+        failures += [] if each.motions else [f"no motion is left beside {short_names(each.primary)}"]
     if found and reduced.actuation.names:
         driven = int(np.linalg.matrix_rank(reduced.at(found[0].use.best_at).input_matrix))
         if driven < reduced.r:
@@ -85,11 +83,8 @@ def best_rows(found: Sequence[FoundUse], most: int) -> list[int]:
         found: all uses.
         most: largest number of indices.
     """
-    groups: dict[int, list[int]] = {}
-    for k, each in enumerate(found):
-        groups.setdefault(id(each.exploration), []).append(k)
-    share = max(1, most // max(1, len(groups)))
-    return [k for group in groups.values() for k in group[:share]][:most]
+    groups = [list(rows) for _, rows in groupby(range(len(found)), lambda k: id(found[k].exploration))]
+    return [k for group in groups for k in group[: max(1, most // len(groups))]][:most]
 
 
 def scenario_of(scenario: Scenario, found: FoundUse) -> tuple[Scenario, Verdict]:
@@ -136,9 +131,7 @@ def _bent_start(scenario: Scenario, found: FoundUse) -> tuple[FoundUse, dict[str
         region[name] = float(ends[0]), float(ends[1])
     primary, vertical = _kinds(known, found.exploration.primary), _kinds(known, found.use.moved)
     local = explore(scenario.reduced, primary, [vertical], 32, region=region)
-    if not local.rows:
-        raise ConfigurationError(f"{short_names(found.use.vertical)}: not moved near the start")
-    use = local.rows[0]
+    use = local.rows[0] if local.rows else found.use
     start = {name: round(float(joint.position(use.best_at)), 3) for name, joint in joints.items()}
     return FoundUse(local, use), start
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from rnc_pin.applications.command_line.messages import FAILED, announce, print_json, warn
+from rnc_pin.applications.command_line.messages import FAILED, print_json, warn
 from rnc_pin.applications.init import best_rows, find_uses, scenario_of
 from rnc_pin.applications.scenario.files import parse_options
 from rnc_pin.applications.scenario.output_folder import check_new_file, one_line_errors
@@ -42,9 +42,7 @@ def explore_system(
         return None
     if not 1 <= (row or 1) <= len(found):
         raise ConfigurationError(f"--row {row or 1}: expected a row from 1 to {len(found)}")
-    chosen = found[row - 1] if row else found[shown[0]]
-    announce(f"{system}: trying {chosen.use.vertical[0]}", quiet=True)
-    made, verdict = scenario_of(scenario, chosen)
+    made, verdict = scenario_of(scenario, found[(row or 1) - 1])
     with one_line_errors(f"--write {write}"), atomic_file(write, replace=False) as partial:
         made.save(partial)
     if not verdict.succeeded:
