@@ -46,6 +46,7 @@ _QUIET = 1e-3  # [m/s] speed of a command that turns no pivot of a program: rest
 _REGULAR = 0.04  # smallest singular value of the model's guides, at angles for which a program aims
 _PROFILE = 30.0  # [1/s] rate of a pivot over its last turn
 _STEERING_ACCELERATION = 4.0  # [rad/s^2]
+_LEAD = 0.05  # [s] by which goals of a program are ahead: errors of velocities decay in such a time
 _AIMED = 0.2  # [rad] within which a base of a program begins to drive
 
 
@@ -120,7 +121,7 @@ class TwistController(ReprMixin):
                 f"a twist controller needs dt > 0, 0 < slip < 1, 0 < waits <= pi / 2 and three positive accelerations, "
                 f"found {dt!r}, {slip!r}, {waits!r} and {max_acceleration!r}"
             )
-        self.waits, self._steps = float(waits), dt * most
+        self.waits, self._acceleration = float(waits), most
         self.base, self.dt, self.slip = WheeledBase(reduced, frame, length), float(dt), float(slip)
         self.frame, self.joints = frame, driven_joints(reduced)
         self._reduced = reduced
@@ -155,7 +156,7 @@ class TwistController(ReprMixin):
         q, wanted = self._admitted(q, twist)
         motion, bounds = self.base.at(q), self._bounds(q, self.dt, self._limits)
         last = state.twist * self._scale
-        goal, beyond = self._in_range(motion, q, self._accelerated(last, motion.allowed(wanted)), state.rates)
+        goal, beyond = self._in_range(motion, q, self._accelerated(last, motion.allowed(wanted), self.dt), state.rates)
         aim = goal if goal.any() else motion.allowed(state.aim * self._scale)
         turn = aimed = self._turns(motion, q, aim, state.rates).turn
         share, _ = _largest_share(motion.turning @ turn / self.dt, 0.0, bounds)
@@ -218,7 +219,7 @@ class TwistController(ReprMixin):
         )
         return FeasibleTwist(scale * allowed / self._scale, q, scale * along, cuts)
 
-    def aimed(self, q: Float[Array, " nq"], twist: Twist, v: Float[Array, " nv"]) -> AimedTwist:
+    def aimed(self, q: Float[Array, " nq"], twist: Twist, v: Float[Array, " nv"], dt: float) -> AimedTwist:
         """Return goals of a program that limits velocities and accelerations itself, such as one of the whole body.
 
         The base waits until its pivots are aimed. Angles at which the model's own rows become dependent are left out:
@@ -228,6 +229,7 @@ class TwistController(ReprMixin):
             q: configuration (nq,).
             twist: commanded twist, as for ``step``.
             v: present velocity (nv,).
+            dt: duration of the sample [s].
 
         Raises:
             InputError: q or the twist has another shape, or is not finite.
@@ -244,18 +246,19 @@ class TwistController(ReprMixin):
             goal, turn = np.zeros(3), 0.0 * turn  # it stops before its pivots turn far
         speed = min(_PROFILE, np.sqrt(_STEERING_ACCELERATION / max(largest, _SETTLED)))
         turning = speed * turn * (np.linalg.norm(goal) > _QUIET)
-        bounds, change = self._bounds(q, self.dt, self._limits), _STEERING_ACCELERATION * self.dt
+        ahead = max(dt, _LEAD)
+        bounds, change = self._bounds(q, dt, self._limits), _STEERING_ACCELERATION * ahead
         turning *= _largest_share(motion.turning @ turning, 0.0, bounds)[0]
-        goal = self._accelerated(last, self._nearest(motion, goal, _AIMED))
+        goal = self._accelerated(last, self._nearest(motion, goal, _AIMED), ahead)
         allowed = min(1.0, 2.0 * independence / _REGULAR) * self._nearest(motion, goal, waits=0.0)
         allowed *= _largest_share(motion.moving @ allowed, 0.0, bounds)[0]
         return AimedTwist(allowed / self._scale, np.clip(turning, rates - change, rates + change))
 
     # ------------------------------------------------------------------ one sample
 
-    def _accelerated(self, last: Array, goal: Array) -> Array:
-        """Scaled twist after one sample, on the way from the last to a goal within the limits of acceleration."""
-        excess = np.max(np.abs(goal - last) / self._scale / self._steps)
+    def _accelerated(self, last: Array, goal: Array, dt: float) -> Array:
+        """Scaled twist after a time dt, on the way from the last to a goal within the limits of acceleration."""
+        excess = np.max(np.abs(goal - last) / self._scale / (dt * self._acceleration))
         return np.asarray(last + (goal - last) / max(1.0, excess))
 
     def _regular(self, motion: BaseMotion, q: Array, goal: Array, rates: Array) -> tuple[Array, Array]:
@@ -270,7 +273,8 @@ class TwistController(ReprMixin):
             for sign in (1.0, -1.0):
                 twist = goal + sign * missing * _REGULAR * size * (motion.free @ across)
                 turn = self._turns(motion, q, twist, rates).turn
-                found.append((-round(self._independence(motion, turn), 4), float(np.abs(turn).max()), twist, turn))
+                missed = max(0.75 * _REGULAR - self._independence(motion, turn), 0.0)
+                found.append((missed, float(np.abs(turn).max()), twist, turn))
         _, _, twist, turn = min(found, key=lambda each: (each[0], each[1]))
         return twist, turn
 

@@ -13,8 +13,9 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import check_size
+from rnc_pin.control.twist_controller import TwistController
 from rnc_pin.control.whole_body.limits.control_limit import ControlSample
-from rnc_pin.errors import ConfigurationError
+from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.coordinates import wrapped
@@ -25,6 +26,8 @@ from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import ConstantRows, OutputKind
 from rnc_pin.outputs import CenterOfMass, FramePosition, FrameYaw
 from rnc_pin.planning.references import Reference
+
+_BASE_ACCELERATION = (2.0, 2.0, 2.0)  # of a base whose pivots are aimed [m/s^2, m/s^2, rad/s^2]
 
 __all__ = [
     "BasePoseTask", "BoundTask", "CenterOfMassTask", "ControlTask", "DampingTask", "OutputTask", "PostureTask",
@@ -228,6 +231,8 @@ class BasePoseTask(ControlTask):
     Kanayama et al., IEEE ICRA 1990). The yaw rate then grows by ``lateral_gain u e``, with the reference's forward
     speed u and the lateral error e to the left. At rest such a base keeps a lateral error.
 
+    Pivots of its wheels are aimed at the twist of the task, at one more row for each pivot; the base waits for them.
+
     Args:
         frame: frame of the base, with x forward.
         reference: of x, y [m] and yaw [rad].
@@ -250,12 +255,23 @@ class BasePoseTask(ControlTask):
     def bind(self, reduced: ReducedModel) -> BoundTask:
         return _BoundBase(self, reduced)
 
+    def numbers(self, name: str, value: float | Sequence[float], size: int) -> Float[Array, " k"]:
+        given = np.atleast_1d(np.asarray(value, dtype=float))
+        more = [given.max()] * (size - 3) if given.shape == (3,) else []  # rows of pivots
+        return super().numbers(name, [*given, *more] if more else value, size)
+
 
 class _BoundBase(BoundTask):
     def __init__(self, task: BasePoseTask, reduced: ReducedModel) -> None:
         self._position = FramePosition(task.frame, "xy").bind(reduced.robot)
         self._yaw = FrameYaw(task.frame).bind(reduced.robot)
-        self.names = self.goal_names = (*self._position.names, *self._yaw.names)
+        self.goal_names = (*self._position.names, *self._yaw.names)
+        self._aiming, self._pivots = _aiming(reduced, task.frame), np.zeros((0, reduced.n))
+        steering = () if self._aiming is None else self._aiming.steering
+        if self._aiming is not None:
+            self._pivots = np.eye(reduced.n)[self._aiming.base.pivots]
+            self.constant = True  # its speeds change at limited accelerations
+        self.names = (*self.goal_names, *(f"{name} aim" for name in steering))
         check_size(task.reference, 3, "base pose")
         self._reference, self._gain = task.reference, task.numbers("gain", task.gain, 3)
         (self._lateral_gain,) = task.numbers("lateral_gain", task.lateral_gain, 1)
@@ -269,10 +285,25 @@ class _BoundBase(BoundTask):
         cosine, sine = np.cos(desired.position[2]), np.sin(desired.position[2])
         forward = cosine * desired.velocity[0] + sine * desired.velocity[1]
         rate[2] += self._lateral_gain * forward * (np.cos(yaw) * offset[1] - np.sin(yaw) * offset[0])
-        return TaskRows(np.vstack([self._position.jacobian(at), self._yaw.jacobian(at)]), rate)
+        rows = np.vstack([self._position.jacobian(at), self._yaw.jacobian(at), self._pivots])
+        if self._aiming is None:
+            return TaskRows(rows, rate)
+        c, s = np.cos(yaw), np.sin(yaw)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        found = self._aiming.aimed(sample.end.q, rate @ turn, sample.start.v, sample.dt or self._aiming.dt)
+        return TaskRows(rows, np.append(turn @ found.twist, found.rates))
 
     def goal(self, time: float) -> np.ndarray:
         return self._reference.at(time).position
+
+
+def _aiming(reduced: ReducedModel, frame: str) -> TwistController | None:
+    """Aiming of the pivots of a base; None for a base without them."""
+    try:
+        found = TwistController(reduced, frame, max_acceleration=_BASE_ACCELERATION)
+    except RncError:  # such as a base that a force drives
+        return None
+    return found if found.steering else None
 
 
 @dataclass(frozen=True)

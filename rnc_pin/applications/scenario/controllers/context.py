@@ -58,7 +58,7 @@ class TaskGoals:
     ) -> None:
         self._reduced, self._first = reduced, min(task.priority for task in tasks)
         self._goals = [
-            (index, call, task, task.bind(reduced).names)
+            (index, call, task, task.bind(reduced).goal_names)
             for index, (call, task) in enumerate(zip(items, tasks, strict=True))
             if isinstance(call, PartialCall)
         ]
