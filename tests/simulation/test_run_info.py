@@ -64,14 +64,6 @@ def test_a_run_tells_its_file_what_it_knows(run, tmp_path):
     assert (written["note"], written["outcome"]) == (["anything", {"else": 1.5}], "completed")
 
 
-def test_what_one_run_says_can_be_given_to_another(run):
-    assert run.verdict.succeeded
-    ended = replace(run, info=replace(run.info, outcome=rnc.Outcome.SINGULAR, message="too far", goals=("joint_9",)))
-    again = idle_run(meta=ended.meta)
-    assert again.info.verdict is None
-    assert again.info == replace(run.info, verdict=None)
-
-
 def test_what_is_not_there_is_not_needed(run):
     needed = {key: run.meta[key] for key in ("names", "units", "angular")}
     outputs = run.info.outputs

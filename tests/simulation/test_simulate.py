@@ -12,8 +12,8 @@ from bodies import free_body
 from places import DATA
 from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.simulation import derived_quantities
-from simple_controllers import Inputs, Memoryless
-from systems import ALL, four_bar, mobile_manipulator, random_states, space_robot_in_joints
+from simple_controllers import Idle, Inputs, Memoryless
+from systems import ALL, four_bar, mobile_manipulator, random_states, space_robot, space_robot_in_joints
 from tolerances import REFERENCE_SIMULATION
 
 
@@ -45,14 +45,6 @@ def test_integrator_has_order_four_on_every_kind_of_joint(name):
         errors.append(np.linalg.norm(gap) + np.linalg.norm(end_v2 - exact_v2) / max(1.0, scale))
     assert errors[0] > 1e-12, "too exact to tell the order"
     assert np.log2(errors[0] / errors[1]) > 3.7
-
-
-@pytest.mark.parametrize("name", ["leaning_wheel", "free_flying_panda", "tiago"])
-def test_quaternions_and_angles_keep_their_length(name):
-    reduced = ALL[name]()
-    q, v2 = random_states(reduced, 1, seed=6)[0]
-    q, _ = integrate(reduced, q, 0.3 * v2, np.zeros(reduced.p), 0.2, 100)
-    assert pin.isNormalized(reduced.robot.model, q, 1e-12)
 
 
 def test_reference_simulation_of_the_space_robot():
@@ -99,6 +91,25 @@ def test_energy_changes_by_the_work_of_the_inputs_and_the_constraint_holds():
     assert np.ptp(run.energy) > 0.1
     np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=1e-7)
     assert run.constraint_residual.max() < 1e-9
+
+
+def test_singularity_in_a_simulation_carries_its_time():
+    reduced = space_robot()
+
+    class Straight(Idle):
+        def step(self, t, measurement, state):
+            if t > 0.015:
+                reduced.forward_dynamics(reduced.robot.configuration(), np.zeros(3), np.zeros(3))
+            return super().step(t, measurement, state)
+
+    q0 = reduced.robot.configuration({"joint_2": 1.0, "joint_3": 1.0})
+    with pytest.raises(rnc.SingularityError) as caught:
+        rnc.simulate(reduced, Straight(3), q0, 1.0)
+    error = caught.value
+    assert error.time == pytest.approx(0.016)
+    assert error.condition > 1e8
+    assert error.rows == ("tip_x",)  # the arm is straight, along x
+    assert error.trajectory.outcome is rnc.Outcome.SINGULAR
 
 
 @pytest.mark.parametrize("speed", [1e9, np.inf, np.nan])

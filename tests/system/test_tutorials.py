@@ -1,6 +1,5 @@
 """Tutorials and explanations can be followed: files are saved, commands and Python blocks run in their order."""
 
-import re
 import shlex
 
 import pytest
@@ -24,11 +23,6 @@ def test_page_can_be_followed(page, call, no_pictures, brief, tmp_path, monkeypa
     written = {path.name for path in tmp_path.rglob("*.png")}
     missing = set(tutorials.pictures(page)) - written
     assert not missing or any("rnc-pin" in step.text for step in tutorials.steps(page))  # whose pictures are left out
-
-
-def test_index_lists_all_tutorials():
-    listed = re.findall(r"\]\((\w+\.md)\)", (tutorials.PAGES / "index.md").read_text())
-    assert sorted(listed) == [page.name for page in TUTORIALS]
 
 
 def test_a_block_prints_what_its_page_says(tmp_path):

@@ -117,14 +117,6 @@ def test_a_stand_in_has_the_inertia_of_its_link(gaps):
     assert robot.model.names[shape.parentJoint] == "broken_joint"
 
 
-def test_stand_ins_survive_locked_joints_and_mounting(gaps):
-    locked, _ = warned(lambda: rnc.Robot.from_urdf(gaps, lock={"arm_joint": 0.2}))
-    carrier = rnc.Robot.from_urdf("space_robot.urdf")
-    assert carrier.stand_ins == frozenset()
-    with warnings.catch_warnings(action="ignore", category=rnc.ModelWarning):
-        assert (len(locked.stand_ins), len(carrier.attach(locked, "tip").stand_ins)) == (4, 4)
-
-
 # ---------------------------------------------------------------------- mirrored meshes
 
 

@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.path import Path as MarkerPath
 
 import rnc_pin as rnc
 from browsing import give_up
@@ -16,7 +17,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.figures import save
 from rnc_pin.simulation.run_panels import learning_panels, panels
 from rnc_pin.visualization import recording as capture
-from rnc_pin.visualization.plots import draw_footprints, footprints
+from rnc_pin.visualization.plots import draw_footprints, footprints, plot_top_view
 from rnc_pin.visualization.recording import Recording
 from systems import mecanum
 
@@ -98,22 +99,35 @@ def test_a_speed_is_no_position(drive, figure):
     assert not any("speed" in name for name in position)
 
 
-def test_outputs_stand_with_their_references(drive, figure):
+def test_vehicles_are_seen_from_above_with_their_headings(drive):
+    """Marks lie on the path and point where the body looks, which its output of yaw knows too."""
     run, _ = drive
-    drawn = [line.get_ydata() for axes in figure.axes for line in axes.get_lines()]
-    for kind in ("x1", "x2"):
-        for name in getattr(run.info.outputs, kind).names:
-            for wanted in (kind, f"{kind}_desired") if name in run.info.goals else (kind,):
-                values = column(run, wanted, name)
-                assert any(np.array_equal(line, values) for line in drawn), (wanted, name)
+    axes = plot_top_view(run).axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_aspect()) == ("x [m]", "y [m]", 1.0)
+    named = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert named == ["planned path", "tractor", "trailer 1", "trailer 2", "trailer 3", "desired"]
+    x, y = column(run, "x1", "axle_3_x"), column(run, "x1", "axle_3_y")
+    last = next(
+        line for line in axes.get_lines() if len(line.get_xdata()) == len(x) and np.allclose(line.get_xdata(), x)
+    )
+    np.testing.assert_allclose(last.get_ydata(), y, atol=1e-12)
+    marks = [line for line in axes.get_lines() if isinstance(line.get_marker(), MarkerPath)]
+    own = [mark for mark in marks if mark.get_color() == last.get_color()]
+    assert len(own) > 5
+    for mark in own:
+        sample, *_ = np.flatnonzero((x == mark.get_xdata()[0]) & (y == mark.get_ydata()[0]))
+        tip = mark._marker.get_user_transform().transform((1.0, 0.0))
+        yaw = column(run, "x1", "trailer_3_yaw")[sample]
+        np.testing.assert_allclose(tip, [np.cos(yaw), np.sin(yaw)], atol=1e-12)
 
 
-def test_a_body_that_leans_is_one_path(drive):
-    """Its origin sways, the point on the ground does not: two points of one body."""
-    run, _ = drive
-    sways = replace(run, x1=run.x1 + 0.05 * np.sin(run.time)[:, None])
-    names = [path.name for path in rnc.simulation.ground_paths(sways)]
-    assert names.count("tractor") == 1
+def test_no_panel_has_more_lines_than_can_be_told_apart(drive):
+    run, other = drive
+    for others in ({}, {"one": other}, {"one": other, "two": other}):
+        for panel in panels(run, others):
+            assert 1 <= len(panel.series) <= 6
+            assert len(panel.series) * (1 + len(panel.series[0].compared)) <= 6
+            assert len({each.name for each in panel.series}) == len(panel.series)
 
 
 def test_of_a_hundred_joints_those_are_shown_that_move_most(run):

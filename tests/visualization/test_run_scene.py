@@ -12,7 +12,7 @@ import systems
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.simulation import Columns, OutputNames, output_names
+from rnc_pin.simulation import Columns, OutputNames
 from rnc_pin.visualization.drawn_state import DrawnState, View, recorded_states
 from rnc_pin.visualization.elements import Overlay
 from rnc_pin.visualization.meshcat_scene import Keyframes
@@ -120,32 +120,6 @@ def test_an_axle_without_drawn_wheels_leaves_a_track_itself(truck):
 
 
 # ---------------------------------------------------------------------- overlay, camera
-
-
-def test_the_board_names_errors_by_frame_and_compares_angles_as_angles():
-    reduced = systems.fire_truck()
-    vertical = list(reduced.vertical.names)
-    names = output_names(reduced)
-    goals = ["tractor_x", "tractor_y", "trailer_yaw"]
-    overlay = Overlay(names, goals, SceneKinematics(reduced.robot), margin=True)
-    assert [each["label"] for each in overlay.labels()] == [
-        "time", "error of tractor", "error of trailer yaw", "singularity margin"]  # fmt: skip
-    actual, desired = dict.fromkeys(vertical, 0.0), dict.fromkeys(vertical, np.nan)
-    actual |= {"tractor_x": 1.0, "tractor_y": 2.0, "trailer_yaw": 3.1}
-    desired |= {"tractor_x": 1.3, "tractor_y": 1.6, "trailer_yaw": -3.1}
-    x1, x1_desired = (np.array([values[name] for name in vertical]) for values in (actual, desired))
-    state = DrawnState(1.5, reduced.robot.configuration(), *np.zeros((6, 3)), 0.25)
-    state = state._replace(x1=x1, x1_desired=x1_desired)
-    np.testing.assert_allclose(overlay.values(state)[0], [1.5, 0.5, 2 * np.pi - 6.2, 0.25])
-
-
-def test_the_board_tells_an_integral_from_a_speed():
-    """The error of what a speed adds up to is in metres, and is no error of a speed."""
-    reduced = systems.fire_truck()
-    names = output_names(reduced)
-    (speed,) = (name for name in reduced.reducing.names if "speed" in name)
-    labels = Overlay(names, [speed], SceneKinematics(reduced.robot), margin=False).labels()
-    assert [(each["label"], each["unit"]) for each in labels[1:]] == [("error of integral of tractor speed x", "m")]
 
 
 def test_the_board_measures_attitudes_on_the_sphere():

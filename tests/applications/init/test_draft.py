@@ -98,12 +98,6 @@ def test_a_draft_for_a_robot_without_wheels_runs_as_it_is(name, constraints, pri
     assert max(summary["max_error"].values()) < 1e-2
 
 
-def test_a_floating_base_keeps_its_momentum(tmp_path):
-    content, path = drafted("panda", tmp_path, base="free")
-    assert (content["constraints"], content["robot"]["gravity"]) == ([{"momentum": "root_joint"}], [0, 0, 0])
-    assert outcome_of(path, 0.2)["outcome"] == "completed"
-
-
 PAIR = wheel("left", "base", (0, 0.2, 0)) + wheel("right", "base", (0, -0.2, 0))
 
 

@@ -62,13 +62,6 @@ def test_one_motor_moves_a_gripper(named, efforts, multiplier, motor, tmp_path):
     assert list(content["robot"].get("lock", {})) == ([] if motor else ["grip", "mirror"])
 
 
-def test_a_motion_of_a_follower_keeps_the_limits_of_its_leader(tmp_path):
-    content, _ = run_draft(gripper(*WHEELS, "mirror"), tmp_path)
-    start, (*_, step) = content["initial"]["q"], content["reference"]["primary"]["minimum_jerk"]["by"]
-    assert start["mirror"] == -start["grip"] < 0
-    assert step == pytest.approx(-0.3 * (0.02 - start["grip"]), abs=1e-4)  # 0.3 of the way to its own limit
-
-
 def test_a_lock_of_a_follower_locks_its_leader(tmp_path):
     content, text = run_draft(gripper(), tmp_path, lock={"mirror": 0.01})
     assert (content["robot"]["lock"], content["actuators"]) == ({"mirror": 0.01, "grip": -0.01}, WHEELS)

@@ -69,15 +69,6 @@ def test_joints_of_a_loop_start_where_it_closes_within_their_limits(case, tmp_pa
         assert low - 1e-8 <= value <= high + 1e-8
 
 
-def test_a_closed_gripper_is_drafted_and_starts_closed(tmp_path):
-    joints, expected = CLOSED["nearest the middle"]
-    text = draft(str(finger(tmp_path, **joints)), tmp_path, DraftOptions())
-    content = yaml.safe_load(text)
-    assert content["initial"]["q"] == pytest.approx({**expected, "tip": 0.4}, abs=1e-6)
-    assert "loops start closed" in text
-    assert content["actuators"] == ["crank", "tip"]
-
-
 def test_joints_outside_a_loop_start_as_before_and_a_loop_that_no_limit_admits_is_refused(tmp_path):
     robot = rnc.Robot.from_mjcf(finger(tmp_path, crank='range="0.5 1"', coupler='range="0.1 1"', rocker=""))
     assert start_values(robot) == {"crank": 0.75, "coupler": 0.55, "rocker": 0, "tip": 0.4}

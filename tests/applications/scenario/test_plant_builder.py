@@ -32,18 +32,6 @@ def test_ball_bounces_on_a_slope():
     np.testing.assert_allclose(starts, [0.0, fall, fall * (1 + 2 * e)], rtol=1e-6)
 
 
-def test_contact_with_a_coefficient_of_friction():
-    """A landing with spin: friction takes ``mu (1 + e) u`` of the speed of the rim."""
-    contact = {"constraint": {"rolling_ball": {"frame": "ball", "radius": 0.2}}, "restitution": 0.5, "friction": 0.1}
-    built = build_experiment(validate({**BALL, "contacts": [contact]}, "ball.yaml"), Path())
-    spin = [0, 0, 0, 0, 20.0, 0]
-    run = rnc.simulate(built.reduced, built.controller, built.q0, 0.3, 0.02, v2_0=spin, plant=built.plant)
-    speed = 0.1 * 1.5 * np.sqrt(2 * 9.81 * 0.3)
-    travelled = speed * (0.3 - np.sqrt(2 * 0.3 / 9.81))
-    assert (run.q[-1, 0], run.info.phases[0].end) == (pytest.approx(travelled, rel=1e-6), "landing of ball")
-    assert np.ptp(run.energy - run.work) < 1e-7
-
-
 @pytest.mark.parametrize(("changes", "message"), [
     ({"plant": "mujoco"}, "plant: 'mujoco' does not support 'contacts'"),
     ({"faults": {"masses": 0.1}}, "faults: do not support 'contacts'"),

@@ -1,15 +1,11 @@
 """Scenarios in Python: their objects, runs, and files."""
 
-import copy
-import pickle
-
 import numpy as np
 import pytest
 import yaml
 
 import rnc_pin as rnc
 
-SHORT = {"simulation.duration": 0.2, "comparisons": {}, "plots": {}}
 SLEIGH = {
     "robot": {"urdf": "chaplygin_sleigh.urdf", "base": "planar"},
     "constraints": [{"no_side_slip": {"frame": "sleigh"}}],
@@ -51,13 +47,6 @@ def test_a_robot_beside_the_file_is_found_from_elsewhere(tmp_path):
     (tmp_path / "elsewhere").mkdir()
     scenario.save(tmp_path / "elsewhere" / "saved.yaml")
     assert rnc.Scenario.load(tmp_path / "elsewhere" / "saved.yaml").robot.name == "cart"
-
-
-@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each))])
-def test_copies_run_alike(duplicate):
-    scenario = rnc.Scenario.load("unicycle", SHORT)
-    expected = scenario.run()
-    np.testing.assert_array_equal(duplicate(scenario).run().q, expected.q)
 
 
 def test_a_gain_of_the_run_is_none_of_a_comparison_with_another_controller():

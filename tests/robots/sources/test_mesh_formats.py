@@ -235,12 +235,6 @@ def test_mjcf_shapes_are_those_of_pinocchios_own_parser(tmp_path):
 TETRAHEDRON = "0 0 0 1 0 0 0 1 0 0 0 1"
 
 
-def test_points_of_an_mjcf_are_drawn_as_their_hull(tmp_path):
-    path = write(tmp_path / "r.xml", mjcf(f'<mesh name="m" vertex="{TETRAHEDRON} 0.1 0.1 0.1" scale="1 2 3"/>'))
-    (shape,) = rnc.Robot.from_mjcf(path).visual_model.geometryObjects
-    assert (shape.geometry.num_tris, abs(shape.geometry.computeVolume())) == (4, pytest.approx(1.0))
-
-
 def test_a_hull_looks_outward():
     points = np.random.default_rng(0).normal(size=(50, 3)) + 5.0
     hull = convex_hull(points)

@@ -103,14 +103,6 @@ def test_rounded_wheels_are_parallel_and_that_is_said_in_one_line(name):
     assert max(abs(axis_of(robot, joint))[[0, 2]].max() for joint in joints) > 1e-6
 
 
-def test_yaw_is_not_lost_by_rounding():
-    robot, _ = loaded("rounded_axes.urdf", base="planar")
-    np.testing.assert_allclose(axis_of(robot, "roller_joint"), [0.5**0.5, 0.5**0.5, 0], atol=1e-15)
-    np.testing.assert_allclose(axis_of(robot, "arm_joint"), [0.6, 0, 0.8], atol=1e-15)
-    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
-    assert rnc.NonholonomicSystem(robot, wheels).r - (robot.nv - 5) == 2
-
-
 def test_the_robots_that_come_along_are_not_warned_of():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -156,22 +148,6 @@ def test_a_remedy_works_when_it_is_followed(name):
     masses = ast.literal_eval(re.search(r"masses=({.*?})", words)[1])
     robot, _ = loaded(name, base=base, masses=masses)
     assert robot.nv > 0
-
-
-def massless_joints(**settings):
-    """Joints that the refusal of a file names."""
-    with pytest.raises(rnc.robots.UselessInertia) as caught:
-        loaded("massless_knuckle.urdf", **settings)
-    return caught.value.joints
-
-
-def test_a_refusal_has_the_joints_that_move_no_mass_and_their_links():
-    caster, steer = massless_joints()
-    assert (caster.joint, caster.shaped) == ("caster", ())
-    assert (steer.joint, steer.shaped) == ("steer", ("knuckle",))
-    assert steer.why == "moves no mass"
-    assert [each.joint for each in massless_joints(lock={"steer": 0.1})] == ["caster"]
-    assert loaded("massless_knuckle.urdf", masses=steer.masses | caster.masses)[0].nv == 3
 
 
 SHAPES = {
