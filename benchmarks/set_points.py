@@ -234,7 +234,7 @@ def faulty_plant(case: Case, seed: int) -> FaultyPlant:
         body.mass *= WRONG
         body.inertia *= WRONG
     return FaultyPlant(
-        rnc.ReducedPlant(wrong), rnc.Faults(position_noise=NOISE, velocity_noise=NOISE, delay=1), wrong, DT, seed=seed
+        rnc.ReducedPlant(wrong), rnc.Faults(position_noise=NOISE, velocity_noise=NOISE, delay=1), wrong, seed=seed
     )
 
 

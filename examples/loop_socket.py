@@ -22,7 +22,7 @@ reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
 
 def play_robot(listening: socket.socket) -> None:
     """Positions alone, as encoders give them: 4,096 counts a turn."""
-    plant = rnc.plants.FaultyPlant(rnc.ReducedPlant(reduced), rnc.Faults(counts=4096), reduced, DT)
+    plant = rnc.plants.FaultyPlant(rnc.ReducedPlant(reduced), rnc.Faults(counts=4096), reduced)
     plant.reset(robot.configuration(), np.zeros(robot.nv))
     with listening.accept()[0] as connection, connection.makefile("rw") as lines:
         for line in lines:

@@ -10,6 +10,4 @@ from .reduced import UnilateralContact as UnilateralContact
 from .reduced import VelocityPlant as VelocityPlant
 from .robot_changes import ChangingPlant as ChangingPlant
 from .robot_changes import MassErrors as MassErrors
-from .robot_changes import Payload as Payload
 from .robot_changes import StuckJoint as StuckJoint
-from .robot_changes import TimedChange as TimedChange

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.model.input_validation import NotNegative, Positive
+from rnc_pin.model.input_validation import NotNegative
 from rnc_pin.model.rows import ConstantRows, ConstraintKind, Rows
 from rnc_pin.plants.plant import OF_CONTACTS, OF_INTEGRATION, Plant, continue_plant, energy_minus_work
 from rnc_pin.robots.robot import Robot
@@ -26,48 +25,16 @@ class MassErrors:
     largest: float
     seed: int
 
-    def change(self, robot: Robot) -> list[ConstraintKind]:
+    def change(self, robot: Robot) -> None:
         """Multiply the inertias of a robot, which has no other users."""
         generator = np.random.default_rng([self.seed, 1])
         for joint, inertia in enumerate(robot.model.inertias):
             factor = 1.0 + self.largest * generator.uniform(-1.0, 1.0)
             robot.model.inertias[joint] = pin.Inertia(factor * inertia.mass, inertia.lever, factor * inertia.inertia)
-        return []
-
-
-class TimedChange(ABC):
-    """Family of the changes that happen at a time during the run."""
-
-    time: NotNegative
-
-    @abstractmethod
-    def change(self, robot: Robot) -> list[ConstraintKind]:
-        """Change a robot, which has no other users, and return further constraints.
-
-        Raises:
-            ModelError: a frame or joint is unknown.
-        """
 
 
 @dataclass(frozen=True)
-class Payload(TimedChange):
-    """Point mass that the robot picks up."""
-
-    frame: str
-    """Frame that carries the mass at its origin."""
-    mass: Positive
-    """Mass [kg]."""
-    time: NotNegative = 0.0
-    """Time of the pick-up [s]."""
-
-    def change(self, robot: Robot) -> list[ConstraintKind]:
-        place = robot.model.frames[robot.frame_id(self.frame)]
-        robot.model.inertias[place.parentJoint] += pin.Inertia(self.mass, place.placement.translation, np.zeros((3, 3)))
-        return []
-
-
-@dataclass(frozen=True)
-class StuckJoint(TimedChange):
+class StuckJoint:
     """Joint that locks during the run."""
 
     joint: str
@@ -75,8 +42,13 @@ class StuckJoint(TimedChange):
     time: NotNegative = 0.0
     """Time at which the joint locks [s]."""
 
-    def change(self, robot: Robot) -> list[ConstraintKind]:
-        return [_LockedRows(robot, self.joint)]
+    def rows(self, robot: Robot) -> ConstraintKind:
+        """Rows that hold the joint where it is.
+
+        Raises:
+            ModelError: the joint is unknown.
+        """
+        return _LockedRows(robot, self.joint)
 
 
 class _LockedRows(ConstantRows):
@@ -148,7 +120,7 @@ class ChangingPlant:
 
     @property
     def work(self) -> float:
-        """Work done so far [J], including the switch: a payload adds energy, an impact removes some."""
+        """Work done so far [J], including the switch: an impact removes energy."""
         return float(self._current.work) + self._switch_energy  # type: ignore[attr-defined]
 
     def _switch_if_due(self) -> None:

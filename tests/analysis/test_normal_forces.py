@@ -143,7 +143,7 @@ def test_forces_are_those_of_the_masses_that_move():
     other, _ = cart("planar")
     for joint, inertia in enumerate(other.robot.model.inertias):
         other.robot.model.inertias[joint] = pin.Inertia(2 * inertia.mass, inertia.lever, 2 * inertia.inertia)
-    plant = rnc.plants.FaultyPlant(ReducedPlant(other), rnc.Faults(), reduced, 0.01)
+    plant = rnc.plants.FaultyPlant(ReducedPlant(other), rnc.Faults(), reduced)
     heavy = rnc.simulate(reduced, Inputs(lambda _: [2.0, 2.0]), q, 0.05, 0.01, plant=plant)
     light = rnc.simulate(reduced, Inputs(lambda _: [1.0, 1.0]), q, 0.05, 0.01)
     np.testing.assert_allclose(heavy.normal_forces, 2 * light.normal_forces, rtol=1e-9)

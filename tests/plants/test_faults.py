@@ -19,9 +19,9 @@ from systems import mobile_manipulator
 DT = 0.01
 
 
-def faulty(dt=DT, **faults):
+def faulty(**faults):
     reduced = mobile_manipulator()
-    plant = FaultyPlant(ReducedPlant(reduced), rnc.Faults(**faults), reduced, dt, seed=3)
+    plant = FaultyPlant(ReducedPlant(reduced), rnc.Faults(**faults), reduced, seed=3)
     plant.reset(reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2}), np.array([0.4, 0.0, 0.3, 0.1, -0.2]))
     return plant
 
@@ -33,12 +33,12 @@ def errors(plant, samples):
     return (np.array([pin.difference(model, q, each) for each, _ in read]), np.array([each for _, each in read]) - v)
 
 
-def test_noise_and_bias():
-    in_q, in_v = errors(faulty(position_noise=1e-3, position_bias=2e-3, velocity_noise=0.1, velocity_bias=-0.3), 2000)
+def test_noise_has_its_standard_deviation_and_no_mean():
+    in_q, in_v = errors(faulty(position_noise=1e-3, velocity_noise=0.1), 2000)
     assert in_q.std(axis=0) == pytest.approx(np.full(5, 1e-3), rel=0.1)
-    assert in_q.mean(axis=0) == pytest.approx(np.full(5, 2e-3), rel=0.1)
+    assert in_q.mean(axis=0) == pytest.approx(np.zeros(5), abs=1e-4)
     assert in_v.std(axis=0) == pytest.approx(np.full(5, 0.1), rel=0.1)
-    assert in_v.mean(axis=0) == pytest.approx(np.full(5, -0.3), rel=0.1)
+    assert in_v.mean(axis=0) == pytest.approx(np.zeros(5), abs=1e-2)
 
 
 def test_noise_is_the_same_each_time_and_does_not_depend_on_other_faults():
@@ -60,7 +60,7 @@ def test_encoders_count():
     assert not errors(plant, 1)[1].any()
 
 
-def test_delay_jitter_lost_and_garbled_samples():
+def test_delayed_and_lost_samples():
     plant, plain = faulty(delay=3), faulty()
     late, seen = [], []
     for _ in range(10):
@@ -69,10 +69,6 @@ def test_delay_jitter_lost_and_garbled_samples():
         plant.advance(DT)
         plain.advance(DT)
     assert np.array_equal(late[3:], seen[:-3])
-    jitter = errors(faulty(jitter=1.0), 500)[0]
-    assert 0.9 * DT * 0.4 < np.abs(jitter[:, 0]).max() <= DT * 0.4 + 1e-12  # a period's way at most
-    garbled = errors(faulty(garbage=0.2), 1000)[0]
-    assert np.isnan(garbled).all(axis=1).mean() == pytest.approx(0.2, abs=0.04)
     lost = faulty(dropped=0.5)
     reads = []
     for _ in range(200):
@@ -96,7 +92,7 @@ def test_energy_less_work_is_constant_whatever_is_wrong(kind):
     if kind == "load in mid-run":
         plant, own = ChangingPlant(ReducedPlant(reduced), plant, 0.1), slice(10, None)
     target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(np.zeros(4)), k2=0.0)
-    controller, plant = rnc.control.ComputedTorque(reduced, target), FaultyPlant(plant, rnc.Faults(), reduced, DT)
+    controller, plant = rnc.control.ComputedTorque(reduced, target), FaultyPlant(plant, rnc.Faults(), reduced)
     start = reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
     run = rnc.simulate(reduced, controller, start, 0.3, DT, v2_0=[0.3, 0.1, 0.2, 0.1], plant=plant)
     moved, balance = np.ptp(run.energy), run.energy - run.work
@@ -116,15 +112,14 @@ def experiment(name, **options):
 
 
 def test_truth_differs_from_belief():
-    made = experiment("space-robot", faults={"masses": 0.3, "payload": {"frame": "tip", "mass": 2.0, "time": 0.0}})
-    true = made.plant.plant._after.reduced.robot.model
+    made = experiment("space-robot", faults={"masses": 0.3})
+    true = made.plant.plant.reduced.robot.model
     believed = made.reduced.robot.model
     ratios = [a.mass / b.mass for a, b in zip(true.inertias[1:4], believed.inertias[1:4], strict=False)]
     assert all(0.7 <= ratio <= 1.3 and ratio != 1.0 for ratio in ratios)
-    before = made.plant.plant._before.reduced.robot.model
-    assert sum(each.mass for each in true.inertias) - sum(each.mass for each in before.inertias) == pytest.approx(2.0)
-    again = experiment("space-robot", faults={"masses": 0.3}).plant.plant.reduced.robot.model
-    assert again.inertias[2].mass == before.inertias[2].mass  # drawn by the seed
+    stuck = {"masses": 0.3, "stuck": {"joint": "joint_2", "time": 0.5}}
+    later = experiment("space-robot", faults=stuck).plant.plant._after.reduced.robot.model
+    assert later.inertias[2].mass == true.inertias[2].mass  # drawn by the seed
 
 
 def test_limits_of_the_plant_under_the_faults_are_told():
@@ -134,7 +129,7 @@ def test_limits_of_the_plant_under_the_faults_are_told():
         def apply(self, T):
             self.applied = np.clip(T, -0.1, 0.1)
 
-    plant = FaultyPlant(Weak(reduced), rnc.Faults(effort=0.05), reduced, DT)
+    plant = FaultyPlant(Weak(reduced), rnc.Faults(effort=0.05), reduced)
     plant.apply(np.array([0.01, -0.04, 0.3, -2.0]))
     np.testing.assert_allclose(plant.applied, [0.01, -0.04, 0.05, -0.05])
 
@@ -147,7 +142,6 @@ def test_a_joint_gets_stuck():
 
 
 @pytest.mark.parametrize(("faults", "line"), [
-    ({"payload": {"frame": "hand", "mass": 1.0}}, r"faults: .*no frame 'hand'"),
     ({"stuck": {"joint": "joint_9"}}, r"faults: no joint 'joint_9' in robot 'space_robot'; did you mean"),
     ({"noise": 1.0}, r"faults: 'noise' is not known"),
     ({"dropped": 3.0}, r"faults: fault dropped: expected a fraction of at most 1, found 3"),
@@ -161,7 +155,7 @@ def test_wrong_faults_are_one_line(call, faults, line):
 
 FAULTY = {
     "simulation.duration": 0.2,
-    "faults": {"position_noise": 1e-4, "velocity_noise": 1e-3, "garbage": 0.05, "dropped": 0.05, "masses": 0.2},
+    "faults": {"position_noise": 1e-4, "velocity_noise": 1e-3, "dropped": 0.05, "masses": 0.2},
     "seed": 7,
     "comparisons": {},
 }

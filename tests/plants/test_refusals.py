@@ -49,7 +49,7 @@ def simulated(controller, plant=None):
 
 def rubbing(plant=None):
     reduced = sleigh().reduce()
-    plant = plant or FaultyPlant(rnc.ReducedPlant(reduced), rnc.Faults(), reduced, 0.1)
+    plant = plant or FaultyPlant(rnc.ReducedPlant(reduced), rnc.Faults(), reduced)
     rnc.free_motion(plant, reduced.robot.configuration(), [1.0, 0.0], 1.0)
 
 

@@ -86,7 +86,7 @@ def test_runs_record_the_forces_of_contacts_also_of_open_ones(tmp_path):
     contact = rnc.UnilateralContact(rnc.RollingBall("ball", radius), friction=friction)
     system = rnc.NonholonomicSystem(robot)
     reduced = system.reduce()
-    plant = rnc.plants.FaultyPlant(rnc.ContactPlant(system, [contact]), rnc.Faults(), reduced, 0.01)
+    plant = rnc.plants.FaultyPlant(rnc.ContactPlant(system, [contact]), rnc.Faults(), reduced)
     start = {"v2_0": np.array([1.0, 0, 0, 0, 0, 0]), "plant": plant, "dt": 0.01}
     idle = rnc.control.ZeroInput(reduced)
     rnc.simulate(reduced, idle, pose(z=radius + 0.005), 0.5, **start).save(tmp_path / "run.npz")

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
-from operator import attrgetter
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from rnc_pin.plants import (
     MassErrors,
     Plant,
     ReducedPlant,
-    TimedChange,
+    StuckJoint,
     VelocityPlant,
     mujoco,
 )
@@ -104,16 +103,16 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -
 
     if faults is None:
         return plant_of(reduced)
-    changes: list[MassErrors | TimedChange] = [MassErrors(faults.masses, scenario.seed)] if faults.masses else []
-    timed = [each for each in (faults.payload, faults.stuck) if each is not None]
+    stuck = faults.stuck
     try:
-        true_plant = plant_of(_true_model(scenario, reduced.robot, changes) if changes or faults.forces else reduced)
-        for each in sorted(timed, key=attrgetter("time")):
-            changes.append(each)
-            true_plant = ChangingPlant(true_plant, plant_of(_true_model(scenario, reduced.robot, changes)), each.time)
+        differs = faults.masses or faults.forces
+        true_plant = plant_of(_true_model(scenario, reduced.robot) if differs else reduced)
+        if stuck is not None:
+            locked = plant_of(_true_model(scenario, reduced.robot, stuck))
+            true_plant = ChangingPlant(true_plant, locked, stuck.time)
     except RncError as error:
         raise ConfigurationError(f"faults: {error}") from None
-    return FaultyPlant(true_plant, faults.faults, reduced, settings.dt, scenario.seed)
+    return FaultyPlant(true_plant, faults.faults, reduced, scenario.seed)
 
 
 def _check_contacts(scenario: ScenarioFile) -> None:
@@ -154,11 +153,12 @@ def _check_servos(scenario: ScenarioFile, servo_time: float | None) -> None:
         raise ConfigurationError("faults: effort is a limit of forces, and the plant takes velocities")
 
 
-def _true_model(scenario: ScenarioFile, robot: Robot, changes: Sequence[MassErrors | TimedChange]) -> ReducedModel:
-    """Build the true model: the system with further forces, and with changes to a separate copy of the robot."""
-    robot = deepcopy(robot)
-    rows = [row for change in changes for row in change.change(robot)]
-    constraints, forces = [*scenario.constraints, *rows], list(scenario.forces)
-    if scenario.faults is not None:
-        forces += scenario.faults.forces
+def _true_model(scenario: ScenarioFile, robot: Robot, stuck: StuckJoint | None = None) -> ReducedModel:
+    """Build the true model: the system with other masses, further forces, and a joint that is stuck."""
+    robot, faults = deepcopy(robot), scenario.faults
+    assert faults is not None
+    if faults.masses:
+        MassErrors(faults.masses, scenario.seed).change(robot)
+    constraints = [*scenario.constraints, *([] if stuck is None else [stuck.rows(robot)])]
+    forces = [*scenario.forces, *faults.forces]
     return NonholonomicSystem(robot, constraints, scenario.actuators, scenario.mimic, forces).reduce()

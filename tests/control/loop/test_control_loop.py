@@ -398,7 +398,7 @@ def test_integrals_are_kept_where_nobody_gives_them():
 def test_velocities_from_encoders():
     """Differences of 4,096 counts are steps of 0.15 rad/s here; estimates are smooth, and the sleigh arrives."""
     reduced, tracker = sleigh()
-    plant = FaultyPlant(ReducedPlant(reduced), rnc.Faults(counts=4096), reduced, DT)
+    plant = FaultyPlant(ReducedPlant(reduced), rnc.Faults(counts=4096), reduced)
     run = rnc.simulate(
         reduced, tracker, reduced.robot.configuration(), 3.0, DT, plant=plant,
         options=rnc.SimulationOptions(loop={"velocity": "observer", "cutoff": 60.0}),

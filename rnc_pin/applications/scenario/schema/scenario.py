@@ -23,7 +23,7 @@ from rnc_pin.figures import Sheet, Size
 from rnc_pin.interruption import nothing_to_keep
 from rnc_pin.io import LIST, Json, Strict, validated
 from rnc_pin.model import ConstraintKind, NonholonomicSystem, NotNegative, OutputKind, Positive, ReducedModel
-from rnc_pin.plants import Faults, Payload, StuckJoint
+from rnc_pin.plants import Faults, StuckJoint
 from rnc_pin.plants.mujoco import MuJoCoSettings
 from rnc_pin.verdict import FindingKind
 from rnc_pin.visualization import View
@@ -72,8 +72,6 @@ class FaultSettings(_FAULTS.model):  # type: ignore[name-defined, misc]
     """Largest relative error of the inertia of each body, as a fraction. The scenario's ``seed`` draws the errors."""
     forces: list[kinds.ForceItem] = []
     """Springs, dampers, friction and wrenches that the model of the controller does not contain."""
-    payload: Annotated[Payload, Entry(Payload)] | None = None
-    """Point mass that the model of the controller does not contain."""
     stuck: Annotated[StuckJoint, Entry(StuckJoint)] | None = None
     """Joint that locks; the model of the controller does not contain this."""
 
