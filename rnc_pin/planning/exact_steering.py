@@ -8,7 +8,8 @@ configuration manifold. A planar base then drives an arc of constant curvature. 
     car                  the curvature of the base depends on one joint: shortest paths of Reeds and Shepp between
                          straight wheels; the car stands while it steers
 
-Wheels without limits, on which no row depends, follow: their angles are a result, and no part of a goal.
+Wheels without limits, on which no row depends, follow: their angles are a result, and no part of a goal. A joint that
+is coupled to another, such as a mimic finger, moves with it.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import InfeasibleError, SingularityError
 from rnc_pin.model.coordinates import ConfigurationManifold, wrapped
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.relative_rows import CouplingRow
 from rnc_pin.planning.shortest_paths import Word, reeds_shepp_words
 from rnc_pin.robots.joint_values import NO_LIMIT
 
@@ -41,6 +43,26 @@ _PATHS = 3  # shortest paths of a car that are tried
 def base_axes(model: pin.Model) -> int:
     """Number of coordinates of the position of a mobile base, which come first in its joint; 0 for a fixed base."""
     return {"JointModelPlanar": 2, "JointModelFreeFlyer": 3}.get(model.joints[1].shortname(), 0)
+
+
+class _Coupling(NamedTuple):
+    """Coupling of a joint to its driver, with one number each for their positions."""
+
+    joint: str
+    driver: str
+    row: CouplingRow
+
+
+def joint_couplings(reduced: ReducedModel) -> list[_Coupling]:
+    """Couplings of pairs of joints in which no driver is coupled itself.
+
+    Args:
+        reduced: the model.
+    """
+    rows = [block for block, *_ in reduced.all_constraints.places if isinstance(block, CouplingRow)]
+    model, robot, led = reduced.robot.model, reduced.robot, {row.joint for row in rows}
+    pairs = [_Coupling(row.joint, row.driver, row) for row in rows if row.driver is not None and row.driver not in led]
+    return [each for each in pairs if all(model.joints[robot.joint_id(name)].nq == 1 for name in each[:2])]
 
 
 class ExactMotion(NamedTuple):
@@ -67,6 +89,11 @@ class Steering(ABC):
 
     def __init__(self, reduced: ReducedModel, planned: Bool[Array, " nv"]) -> None:
         self.reduced, self.planned = reduced, planned
+        self._coupled = joint_couplings(reduced)
+        self._coupling = np.eye(reduced.n)
+        for *pair, row in self._coupled:
+            joint, driver = (reduced.robot.velocity_indices(name).start for name in pair)
+            self._coupling[joint], self._coupling[joint, driver] = 0.0, row.ratio
         self.manifold = ConfigurationManifold(reduced.robot.model)
         self._turns = np.zeros(len(planned), dtype=bool)
         for joint in list(reduced.robot.model.joints)[1:]:
@@ -91,11 +118,24 @@ class Steering(ABC):
         """
         return np.array(q)
 
+    def coupled(self, q: Float[Array, " nq"]) -> Float[Array, " nq"]:
+        """Return a configuration with the joints of couplings, such as mimic fingers, where their drivers need them.
+
+        Args:
+            q: a configuration (nq,) with any positions of these joints.
+        """
+        found, model = np.array(q), self.reduced.robot.model
+        for *pair, row in self._coupled:
+            joint, driver = (model.joints[self.reduced.robot.joint_id(name)].idx_q for name in pair)
+            found[joint] = row.ratio * q[driver] + row.offset
+        return found
+
     def _along(self, start: Array, steps: Array) -> ExactMotion:
         return self.along(start, steps[np.abs(steps).max(axis=1, initial=0.0) > _SHORT])
 
     def along(self, start: Float[Array, " nq"], steps: Float[Array, "k nv"]) -> ExactMotion:
         """Motion along displacements, with long turns divided: two configurations do not tell them from short ones."""
+        steps = steps @ self._coupling.T
         counts = np.maximum(np.ceil(np.abs(steps[:, self._turns]).max(axis=1, initial=0.0) / _TURN), 1.0).astype(int)
         steps = np.repeat(steps / counts[:, None], counts, axis=0)
         found = [np.array(start)]
@@ -264,6 +304,7 @@ class CarSteering(_AxleSteering):
         """Curvature of the axle's path [1/m]; NaN where the rows are singular, or the base cannot move."""
         places = np.repeat(self._q0[None], len(angles), axis=0)
         places[:, self._entry] = angles
+        places = np.array([self.coupled(q) for q in places])
         try:
             R = self.reduced.at(places).R
         except SingularityError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, NoReturn
 
 import numpy as np
@@ -15,7 +16,7 @@ from rnc_pin.model.frame_rows import FrameVelocityRows
 from rnc_pin.model.kinematics import OWN_AXES
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.planning.exact_steering import CarSteering, DifferentialDrive, FreeSteering, Steering
+from rnc_pin.planning.exact_steering import CarSteering, DifferentialDrive, FreeSteering, Steering, joint_couplings
 from rnc_pin.robots.joint_values import NO_LIMIT
 
 _STEPS = 100  # table steps from curvature zero to the largest; interpolated outputs are exact to 1e-9
@@ -195,10 +196,13 @@ def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], *, room: float
     """
     if reduced.affine:
         _refuse(reduced, "its rows prescribe a motion")
-    if reduced.assembly.size:
-        _refuse(reduced, f"row '{reduced.assembly.names[0]}' couples joints")
+    couplings = joint_couplings(reduced)
+    known = {name for each in couplings for name in each.row.names}
+    unknown = [name for name in reduced.assembly.names if name not in known]
+    if unknown:
+        _refuse(reduced, f"row '{unknown[0]}' couples joints")
     samples = _Samples(reduced, q0)
-    planned = ~samples.followers()
+    planned = ~samples.followers([reduced.robot.velocity_indices(each.joint).start for each in couplings])
     places = np.flatnonzero(planned)
     if reduced.r == len(places):
         return FreeSteering(reduced, planned)
@@ -273,11 +277,15 @@ class _Samples:
                 continue
             self._q.append(q)
 
-    def followers(self) -> Bool[Array, " nv"]:
-        """Mask of joints that follow: without limits, no row depends on them, and others determine their motion."""
-        found = np.zeros(self._model.nv, dtype=bool)
+    def followers(self, coupled: Sequence[int] = ()) -> Bool[Array, " nv"]:
+        """Mask of joints that follow: without limits, no row depends on them, and others determine their motion.
+
+        Args:
+            coupled: velocities of joints that follow drivers.
+        """
+        found = np.isin(np.arange(self._model.nv), coupled)
         for joint in list(self._model.joints)[1:]:
-            if joint.nv != 1 or not self._unlimited(joint):
+            if joint.nv != 1 or found[joint.idx_v] or not self._unlimited(joint):
                 continue
             rest = ~found
             rest[joint.idx_v] = False

@@ -53,7 +53,7 @@ class WaySpace:
         from ompl import base as ob
 
         self._ob, self._model = ob, steering.reduced.robot.model
-        self._q0 = np.array(configurations[0])
+        self._q0, self._coupled = np.array(configurations[0]), steering.coupled
         self.space = ob.CompoundStateSpace()
         self._parts: list[tuple[str, int]] = []
         reals: list[tuple[int, float, float]] = []
@@ -147,7 +147,7 @@ class WaySpace:
                     q[entry : entry + 3] = own.getX(), own.getY(), own.getZ()
                     turn, entry = own.rotation(), entry + 3
                 q[entry : entry + 4] = turn.x, turn.y, turn.z, turn.w
-        return pin.normalize(self._model, q)
+        return self._coupled(pin.normalize(self._model, q))
 
 
 def base_area(
