@@ -21,12 +21,7 @@ from benchmarks.planned_models import car, docking, knife_edge, mobile_manipulat
 from benchmarks.whole_body import model as tiago
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import InfeasibleError
-from rnc_pin.optimal import (
-    InputBound,
-    OutputBound,
-    SolverSettings,
-    VelocityBound,
-)
+from rnc_pin.optimal import InputBound, OutputBound, SolverSettings, VelocityBound
 from rnc_pin.optimal.bounds import GoalRows
 from rnc_pin.optimal.guesses import along
 from rnc_pin.optimal.planner import build_problem, initial_node

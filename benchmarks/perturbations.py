@@ -78,9 +78,7 @@ def sources() -> dict[str, Path | str]:
     installed = {name: robot.file() for name, robot in published.ROBOTS.items() if robot.installed}
     shipped = {path.stem: path for path in sorted(shipped_directory().glob("*.urdf"))}
     tests = {f"dirt/{name}": DIRT / f"{name}.urdf" for name in _FAMILIES.split()}
-    made = {
-        "six_wheels": urdf_parts.cart(front=0.3, middle=0.0, rear=-0.3),
-    }
+    made = {"six_wheels": urdf_parts.cart(front=0.3, middle=0.0, rear=-0.3)}
     return {**shipped, **made, **tests, **installed, **example_urdfs()}
 
 

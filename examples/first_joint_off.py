@@ -10,10 +10,7 @@ from rnc_pin.visualization.recording import Recording
 robot = rnc.Robot.from_urdf("space_robot.urdf")
 joints = ["joint_1", "joint_2", "joint_3"]
 system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], actuators=joints)
-reduced = system.reduce(
-    [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")],
-    [rnc.JointPosition("platform")],
-)
+reduced = system.reduce([rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")], [rnc.JointPosition("platform")])
 
 q0 = robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
 _, x2 = reduced.at(q0).outputs()

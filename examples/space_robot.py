@@ -7,13 +7,10 @@ from rnc_pin.visualization.recording import Recording
 
 robot = rnc.Robot.from_urdf("space_robot.urdf")
 system = rnc.NonholonomicSystem(
-    robot,
-    constraints=[rnc.MomentumConservation("platform")],
-    actuators=["joint_1", "joint_2", "joint_3"],
+    robot, constraints=[rnc.MomentumConservation("platform")], actuators=["joint_1", "joint_2", "joint_3"]
 )
 reduced = system.reduce(
-    reducing=[rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")],
-    vertical=[rnc.JointPosition("platform")],
+    reducing=[rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")], vertical=[rnc.JointPosition("platform")]
 )
 
 q0 = robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})

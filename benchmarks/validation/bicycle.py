@@ -61,12 +61,7 @@ def matrices(
     v, model = 5.0, reduced or bicycle()
     M = model.at(upright(model, rear)).H[:2, :2]
     at_rest, moving = (-M @ linear(speed, model, rear).A[2:] for speed in (0.0, v))
-    return {
-        "M": M,
-        "C1": moving[:, 2:] / v,
-        "K0": at_rest[:, :2] / g,
-        "K2": (moving[:, :2] - at_rest[:, :2]) / v**2,
-    }
+    return {"M": M, "C1": moving[:, 2:] / v, "K0": at_rest[:, :2] / g, "K2": (moving[:, :2] - at_rest[:, :2]) / v**2}
 
 
 def weave_speed() -> float:

@@ -26,13 +26,7 @@ def interior_point(N: int, nx: int, nz: int, k: int, *arrays: _Array) -> bool: .
 # ------------------------------------------------------------------ programs within limits
 
 def least_squares(
-    rows: _Array,
-    values: _Array,
-    threshold: float,
-    damping: float,
-    rank: float,
-    found: _Array,
-    /,
+    rows: _Array, values: _Array, threshold: float, damping: float, rank: float, found: _Array, /
 ) -> bool: ...
 
 # ------------------------------------------------------------------ frames and distances

@@ -182,13 +182,7 @@ class CompiledEvaluator(NumPyEvaluator):
         return terms
 
     def state_derivative(
-        self,
-        q: Array,
-        v2: Array,
-        T: Array,
-        external: Array | None,
-        damping: Array | None,
-        t: float | None = None,
+        self, q: Array, v2: Array, T: Array, external: Array | None, damping: Array | None, t: float | None = None
     ) -> tuple[Array, Array]:
         data, n = self.data, self.data.n
         found = np.empty(n + data.r + data.vertical.size + 1 + data.rheonomic)

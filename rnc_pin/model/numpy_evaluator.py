@@ -76,11 +76,7 @@ class NumPyEvaluator:
     # ------------------------------------------------------------------ evaluations
 
     def at(
-        self,
-        q: ArrayInput,
-        v2: ArrayInput | None = None,
-        v: ArrayInput | None = None,
-        t: ArrayInput | None = None,
+        self, q: ArrayInput, v2: ArrayInput | None = None, v: ArrayInput | None = None, t: ArrayInput | None = None
     ) -> ConfigurationEvaluation | StateEvaluation:
         """Validate and evaluate configurations or states, as ``ReducedModel.at``."""
         q, data = self._validator.validate(q), self.data
@@ -133,13 +129,7 @@ class NumPyEvaluator:
         return np.ascontiguousarray(np.moveaxis(output_slopes(self.at(q), along), 0, -3))
 
     def state_derivative(
-        self,
-        q: Array,
-        v2: Array,
-        T: Array,
-        external: Array | None,
-        damping: Array | None,
-        t: float | None = None,
+        self, q: Array, v2: Array, T: Array, external: Array | None, damping: Array | None, t: float | None = None
     ) -> tuple[Array, Array]:
         """Full velocity, and rates of v2, of the integrals of J1 v, of a time, and of the work.
 

@@ -12,13 +12,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import (
-    Command,
-    DescribedMixin,
-    Description,
-    LimitedAcceleration,
-    MissedGoal,
-)
+from rnc_pin.control.controller import Command, DescribedMixin, Description, LimitedAcceleration, MissedGoal
 from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel

@@ -19,16 +19,8 @@ from rnc_pin.planning.action_models import Nodes
 from rnc_pin.verdict import Finding, FindingKind, Severity
 
 _CONTACT = 1e-6  # [m], error of a measured distance
-_INPUTS = {
-    "kinematic": FindingKind.VELOCITY,
-    "acceleration": FindingKind.ACCELERATION,
-    "dynamic": FindingKind.EFFORT,
-}
-_KINDS = {
-    "goal": FindingKind.GOAL,
-    "velocity": FindingKind.VELOCITY,
-    "output": FindingKind.POSITION,
-}
+_INPUTS = {"kinematic": FindingKind.VELOCITY, "acceleration": FindingKind.ACCELERATION, "dynamic": FindingKind.EFFORT}
+_KINDS = {"goal": FindingKind.GOAL, "velocity": FindingKind.VELOCITY, "output": FindingKind.POSITION}
 
 
 class Excess(NamedTuple):
@@ -55,11 +47,7 @@ class Excess(NamedTuple):
 
 
 def verify_inputs(
-    problem: Transcription,
-    at: Iterate,
-    substeps: int,
-    gains: Float[Array, "K nu nx"] | None,
-    accuracy: float,
+    problem: Transcription, at: Iterate, substeps: int, gains: Float[Array, "K nu nx"] | None, accuracy: float
 ) -> tuple[PlanVerification, tuple[Excess, ...]]:
     """Integrate the inputs from the start, and compare with bounds and goal at every fine step and between them.
 

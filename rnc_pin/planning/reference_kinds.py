@@ -130,10 +130,7 @@ class MinimumJerk(PiecewisePolynomial):
     """
 
     def __init__(self, start: ArrayLike, goal: ArrayLike, duration: float, begin: float = 0.0) -> None:
-        ends = [
-            _admit(start, "start of a minimum-jerk reference"),
-            _admit(goal, "goal of a minimum-jerk reference"),
-        ]
+        ends = [_admit(start, "start of a minimum-jerk reference"), _admit(goal, "goal of a minimum-jerk reference")]
         if ends[0].shape != ends[1].shape:
             raise InputError(f"start has shape {ends[0].shape} but goal {ends[1].shape}")
         if not (is_number(duration) and duration > 0):
@@ -190,12 +187,7 @@ class Harmonic(ReferenceSummary):
     duration = np.inf
 
     def __init__(
-        self,
-        center: ArrayLike,
-        amplitude: ArrayLike,
-        frequency: ArrayLike,
-        phase: ArrayLike = 0.0,
-        ramp: float = 1.0,
+        self, center: ArrayLike, amplitude: ArrayLike, frequency: ArrayLike, phase: ArrayLike = 0.0, ramp: float = 1.0
     ) -> None:
         self._center = _admit(center, "center of a harmonic reference")
         self.size = self._center.size

@@ -66,14 +66,7 @@ class SteeringGeometry:
     """
 
     def __init__(
-        self,
-        reduced: ReducedModel,
-        q: Float[Array, " nq"],
-        frame: str,
-        *,
-        speed: int,
-        steering: int,
-        largest: float,
+        self, reduced: ReducedModel, q: Float[Array, " nq"], frame: str, *, speed: int, steering: int, largest: float
     ) -> None:
         self._reduced, self._frame, self._speed, self._steering = reduced, frame, speed, steering
         self._largest = largest

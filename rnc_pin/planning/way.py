@@ -133,11 +133,7 @@ class Way(SummaryMixin):
 
 
 def way_along(
-    reduced: ReducedModel,
-    planned: Bool[Array, " nv"],
-    checker: WayChecker | None,
-    motion: ExactMotion,
-    info: WayInfo,
+    reduced: ReducedModel, planned: Bool[Array, " nv"], checker: WayChecker | None, motion: ExactMotion, info: WayInfo
 ) -> Way:
     """Way along a motion of all joints, at the largest speeds.
 

@@ -255,12 +255,7 @@ class DriveController:
     """
 
     def __init__(
-        self,
-        reduced: ReducedModel,
-        controls: DriveControls,
-        log: CommandLog,
-        limits: Sequence[ControlLimit],
-        dt: float,
+        self, reduced: ReducedModel, controls: DriveControls, log: CommandLog, limits: Sequence[ControlLimit], dt: float
     ) -> None:
         self.controls, self.log = controls, log
         self._reduced, self._dt = reduced, dt

@@ -239,10 +239,7 @@ def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> Lim
         step=step,
         within=within,
         exact=near,
-        further=FurtherLimits(
-            limited_accelerations(experiment.controller),
-            reduced.actuation.stated_limits,
-        ),
+        further=FurtherLimits(limited_accelerations(experiment.controller), reduced.actuation.stated_limits),
     )
 
 

@@ -292,11 +292,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         return _SampleProgram(sample, self._limits.rows(sample), contacts, motion, still, inputs, resting)
 
     def _solved(
-        self,
-        program: _SampleProgram,
-        levels: list[TaskLevel],
-        multipliers: Array | None,
-        sampled: SampledDamping,
+        self, program: _SampleProgram, levels: list[TaskLevel], multipliers: Array | None, sampled: SampledDamping
     ) -> InputSolution:
         """Solve the levels within the limits, which hold for the velocity that the dynamics give at the end."""
         sample, rows = program.sample, program.rows

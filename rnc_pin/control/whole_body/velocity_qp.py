@@ -11,11 +11,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Description, VelocityTarget, elapsed_time
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, ControlSample
-from rnc_pin.control.whole_body.task_hierarchy import (
-    SampledDamping,
-    lever_sum,
-    solve_within,
-)
+from rnc_pin.control.whole_body.task_hierarchy import SampledDamping, lever_sum, solve_within
 from rnc_pin.control.whole_body.tasks import ControlTask
 from rnc_pin.control.whole_body.whole_body_program import SampleCount, WholeBodyProgram
 from rnc_pin.errors import ConfigurationError
