@@ -7,7 +7,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from driven_bases import KINDS, drafted_model
+from driven_bases import KINDS, RADIUS, drafted_model
 from rnc_pin.collision import OmittedPair
 from rnc_pin.simulation import Clearance, LimitReplay, distance_findings, sampled_run
 from rnc_pin.verdict import FindingKind, Severity
@@ -359,7 +359,8 @@ def test_a_steered_wheel_without_a_lateral_row_that_is_not_aimed_slides(angle, s
     """At v along x it slides with v sin(angle); 1 s at 0.5 m/s."""
     reduced = drafted_model(KINDS["four steered drives"])
     q = reduced.robot.configuration({"turn_w1_joint": angle})  # w0 and w2 have the lateral rows
-    run = rnc.free_motion(reduced, q, 0.5 * (np.array(reduced.reducing.names) == "base_speed_x"), duration=1.0)
+    rates = 0.5 / RADIUS * (np.array(reduced.reducing.names) == "w0_joint")
+    run = rnc.free_motion(reduced, q, rates, duration=1.0)
     slides = [each for each in run.verdict.findings if each.kind is FindingKind.SLIP]
     assert [(each.where, each.severity) for each in slides] == ([("w1", severity)] if severity else [])
     for each in slides:

@@ -79,10 +79,13 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     """
     kind = f"{len(layout.wheels)} wheels, {len(layout.steered)} of them steered drives"
     result = wheeled_base.planar_on_wheels(layout, at_start, kind)
-    lines = in_line(wheel for each in layout.steered for wheel in each.wheels[:1])
-    guides = [line[0].joint for line in _farthest(lines)]
-    heading = layout.steered[0].wheels[0].heading
-    result.outputs.append(({"frame_speed": {"frame": result.frame, "axis": at_start.along(heading)}}, DRIVEN))
+    guides = [line[0].joint for cart in _carts(layout, at_start) for line in _farthest(cart)]
+    first = layout.steered[0].wheels[0]
+    speed: dict[str, Json] = {"frame_speed": {"frame": result.frame, "axis": at_start.along(first.heading)}}
+    if len(guides) >= _GUIDES and first.joint in layout.driven.joints:  # it moves sideways and on the spot too
+        result.outputs.append(({"joint": first.joint}, round(DRIVEN / first.radius, 3)))
+    else:
+        result.outputs.append((speed, DRIVEN))
     if len(guides) < _GUIDES:
         result.outputs.append(({"frame_yaw": result.frame}, 0.0))
     for each in layout.steered:
@@ -111,6 +114,16 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
 def _add_unit(result: BaseAssumptions, unit: WheelGroup, *, lateral: bool) -> None:
     for wheel, more in wheeled_base.one_lateral(unit.wheels):
         result.roll(wheel, f"steered by {unit.pivot.joint}", **(more if lateral else {"lateral": False}))
+
+
+def _carts(layout: WheelLayout, at_start: RobotAtStart) -> list[list[list[Wheel]]]:
+    """Axle lines of the bodies that carry pivots, if each has two, such as carts under one load; else of all wheels."""
+    carts: dict[int, list[Wheel]] = {}
+    for each in layout.steered:
+        carts.setdefault(int(at_start.robot.model.parents[each.pivot.index]), []).append(each.wheels[0])
+    lines = [in_line(wheels) for wheels in carts.values()]
+    whole = [in_line(each.wheels[0] for each in layout.steered)]
+    return lines if all(len(each) >= _GUIDES for each in lines) else whole
 
 
 def _farthest(lines: list[list[Wheel]]) -> list[list[Wheel]]:

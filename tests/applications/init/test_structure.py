@@ -200,6 +200,16 @@ def swerve(*places):
     return robot(*parts, transmissions(*drives_of(len(places))))
 
 
+def two_carts():
+    """Two carts with four steered drives each, on loose pivots under a load."""
+    parts, corners = [link("base", 20.0, BOX)], [(x, y) for x in (0.3, -0.3) for y in (0.2, -0.2)]
+    for cart, at in (("a", 1.0), ("b", -1.0)):
+        parts += [link(cart, 10.0), joint(f"{cart}_joint", "base", cart, (at, 0, 0), "0 0 1", "continuous", 0.0)]
+    for k, (x, y) in enumerate(2 * corners):
+        parts += [pivot(f"turn{k}", "ab"[k // 4], (x, y, 0), turns_round=True), wheel(f"w{k}", f"turn{k}", (0, 0, 0))]
+    return robot(*parts, transmissions(*drives_of(8)))
+
+
 def drives_of(count):
     return [f"{part}{k}_joint" for part in ("w", "turn") for k in range(count)]
 
@@ -267,6 +277,7 @@ TURRET = "planar: 5 wheels, driven by a turret with 2 wheels"
     (bogies(), "planar: 6 wheels, steered like a car", {*BOGIE_WHEELS}, {"ackermann": 3}),
     (swerve((0.3, 0.2), (-0.3, -0.2)), "planar: 2 wheels, 2 of them steered drives", drives_of(2), {}),
     (swerve((0.0, 0.3), (0.0, -0.3)), "planar: 2 wheels, 2 of them steered drives", drives_of(2), {}),
+    (two_carts(), "planar: 8 wheels, 8 of them steered drives", drives_of(8), {"reducing": 9}),  # 3 + 2 + 8 - 4 rows
     (tracks("idler"), "planar: 10 wheels, on tracks, skid-steered", 2, {"joint_coupling": 8}),
     (tracks("w"), "planar: 10 wheels, on tracks, skid-steered", 2, {"joint_coupling": 8}),
     (tracks_on_bogies(), "planar: 8 wheels, on tracks, skid-steered", ["sprocket_l_joint", "sprocket_r_joint"],
