@@ -53,6 +53,7 @@ from .identification import logs as logs
 from .identification.logs import Log as Log
 from .model.actuation import FrameForce as FrameForce
 from .model.actuation import FrameTorque as FrameTorque
+from .model.actuation import OpenDifferential as OpenDifferential
 from .model.impact import Impact as Impact
 from .model.impact import impact as impact
 from .model.reduced_kinematics import Measurement as Measurement

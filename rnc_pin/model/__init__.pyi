@@ -4,6 +4,7 @@ from . import integrators as integrators
 from .actuation import Actuator as Actuator
 from .actuation import FrameForce as FrameForce
 from .actuation import FrameTorque as FrameTorque
+from .actuation import OpenDifferential as OpenDifferential
 from .configuration_evaluation import ConfigurationEvaluation as ConfigurationEvaluation
 from .coordinates import Coordinates as Coordinates
 from .coordinates import heading_of as heading_of

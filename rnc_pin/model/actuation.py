@@ -61,8 +61,33 @@ class FrameTorque:
     limit: Positive = np.inf
 
 
+@dataclass(frozen=True)
+class OpenDifferential:
+    """Torque of one motor on several joints through an open differential [N m].
+
+    The joints have equal torques, and the motor turns at the mean of their speeds: its torque is the sum of theirs.
+
+    Args:
+        joints: names of the joints, such as both rear wheels of a car.
+        limit: largest magnitude [N m], used if a simulation enforces actuator limits.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+        >>> motor = rnc.OpenDifferential(["left_wheel_joint", "right_wheel_joint"], limit=20.0)
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+        >>> system = rnc.NonholonomicSystem(robot, wheels, [motor])
+        >>> reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+        >>> at = reduced.at(robot.configuration())
+        >>> at.input_matrix[:, 0].round(6)  # speed of a wheel of 0.1 m per speed of the base; it does not turn the base
+        array([10.,  0.])
+    """
+
+    joints: Sequence[str]
+    limit: Positive = np.inf
+
+
 MatrixFunction = Callable[[np.ndarray], np.ndarray]
-Actuator = str | FrameForce | FrameTorque
+Actuator = str | FrameForce | FrameTorque | OpenDifferential
 Actuators = Sequence[Actuator] | np.ndarray | MatrixFunction
 
 
@@ -120,6 +145,16 @@ class Actuation:
                 self.limits[column] = actuator.limit
                 names.append(f"{word}({actuator.frame}.{actuator.axis})")
                 units.append("N m" if offset else "N")
+            elif isinstance(actuator, OpenDifferential):
+                places = [
+                    robot.single_joint(name, "a differential drives those with one").idx_v for name in actuator.joints
+                ]
+                if isinstance(actuator.joints, str) or len(set(places)) < 2:
+                    raise ConstraintError(f"a differential needs two joints or more, found {actuator.joints!r}")
+                self._constant[places, column] = 1.0 / len(places)
+                self.limits[column] = actuator.limit
+                names.append(f"differential({', '.join(actuator.joints)})")
+                units.append("N m")
             elif isinstance(actuator, str):
                 index = robot.velocity_indices(actuator)
                 if index.stop - index.start != 1:
@@ -135,7 +170,8 @@ class Actuation:
                 units.append("N" if slides else "N m")
             else:
                 raise ConstraintError(
-                    f"actuator {actuator!r} has the wrong type: expected a joint's name, FrameForce or FrameTorque"
+                    f"actuator {actuator!r} has the wrong type: expected a joint's name, FrameForce, "
+                    "FrameTorque or OpenDifferential"
                 )
         if len(set(names)) != len(names):
             duplicate = next(name for name in names if names.count(name) > 1)
@@ -144,11 +180,11 @@ class Actuation:
 
     @property
     def stated_limits(self) -> dict[str, float]:
-        """Limits by name of the forces on frames [N or N m]; those of joints are in the robot's file."""
+        """Limits by name of forces on frames and of differentials [N or N m]; those of joints are in the file."""
         return {
             name: float(limit)
             for column, (name, limit) in enumerate(zip(self.names, self.limits, strict=True))
-            if column in self.configured and limit < np.inf
+            if limit < np.inf and (column in self.configured or name.startswith("differential("))
         }
 
     @property

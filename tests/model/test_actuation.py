@@ -105,7 +105,7 @@ def test_actuators_that_are_none_are_refused():
         (["turn", "ball"], rnc.ModelError, "actuator 'ball' is a joint of several degrees of freedom: use FrameForce"),
         (["turn", "slide", "turn"], rnc.ConstraintError, "duplicate actuator 'turn'$"),
         (["turn", 3], rnc.ConstraintError,
-            "actuator 3 has the wrong type: expected a joint's name, FrameForce or FrameTorque$"),
+            "actuator 3 has the wrong type: expected a joint's name, FrameForce, FrameTorque or OpenDifferential$"),
     ):  # fmt: skip
         with pytest.raises(error, match=words):
             Actuation(wrong, robot)

@@ -28,6 +28,22 @@ def test_a_file_of_the_dynamics_alone_has_a_model(tmp_path):
         scenario.run()
 
 
+def test_an_open_differential_turns_its_motor_at_the_mean_speed_and_shares_its_torque(tmp_path):
+    wheels = ["left_wheel_joint", "right_wheel_joint"]
+    drive = {"robot": {"urdf": "differential_drive.urdf", "base": "planar"}, "constraints": []}
+    path = written(tmp_path, **drive, actuators=[{"differential": {"joints": wheels, "limit": 20.0}}])
+    reduced = rnc.Scenario.load(path).reduced
+    v, torque = np.arange(1.0, reduced.n + 1.0), 3.0
+    places = [reduced.robot.velocity_indices(name).start for name in wheels]
+    B = reduced.at(reduced.robot.configuration()).B
+    np.testing.assert_allclose((B @ [torque])[places], torque / 2)
+    np.testing.assert_allclose(B.T @ v, v[places].mean())
+    assert reduced.actuation.stated_limits == {"differential(left_wheel_joint, right_wheel_joint)": 20.0}
+    one = written(tmp_path, **drive, actuators=[{"differential": {"joints": wheels[:1]}}])
+    with pytest.raises(rnc.RncError, match=r"a differential needs two joints or more, found \['left_wheel_joint'\]"):
+        assert rnc.Scenario.load(one).reduced
+
+
 def test_a_run_needs_no_outputs(tmp_path):
     free = {"controller": {"type": "none"}, "simulation": {"duration": 0.5, "dt": 0.01}}
     path = written(tmp_path, **free, initial={"q": {"root_joint": [0.0, 0.0, 0.3]}})

@@ -14,7 +14,16 @@ from rnc_pin.applications.scenario.schema.derived import Entry, one_of
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
 from rnc_pin.forces import Damper, SmoothFriction, Spring, Wrench
 from rnc_pin.io import Numbers, Strict
-from rnc_pin.model import Actuator, ConstraintKind, Coordinates, ForceKind, FrameForce, FrameTorque, OutputKind
+from rnc_pin.model import (
+    Actuator,
+    ConstraintKind,
+    Coordinates,
+    ForceKind,
+    FrameForce,
+    FrameTorque,
+    OpenDifferential,
+    OutputKind,
+)
 from rnc_pin.planning import Reference
 from rnc_pin.plants import UnilateralContact
 
@@ -111,7 +120,7 @@ def with_ground(given: Sequence[ConstraintKind], ground: _Ground) -> list[Constr
     ]
 
 
-ActuatorItem = Annotated[Actuator, one_of(True, force=FrameForce, torque=FrameTorque)]
+ActuatorItem = Annotated[Actuator, one_of(True, force=FrameForce, torque=FrameTorque, differential=OpenDifferential)]
 
 
 ForceItem = Annotated[
