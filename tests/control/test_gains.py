@@ -19,7 +19,7 @@ def test_paper_preset():
     assert (gains.k, gains.beta, gains.sigma) == (10.0, 10.0, 0.1)
     outer = OUTER_GAINS["paper"]
     assert (outer.k21, outer.alpha, outer.k, outer.rate) == (0.0, 1.0, 0.1, 0.2)
-    assert (outer.tolerance, outer.max_speed) == (0.02, (0.3, 0.3))
+    assert (outer.tolerance, outer.max_speed) == (0.015, (0.3, 0.3))  # the goal of figure 7 is met within 0.02 m
 
 
 def test_presets_are_the_papers_gains_and_those_of_the_inertia():
