@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -214,6 +215,10 @@ def test_an_interruption_that_is_swallowed_counts(where):
     assert subprocess.run(code, capture_output=True, check=False, timeout=PATIENCE).returncode in (1, -2)
 
 
+AT_ITS_END = 0.3
+"""[s] of processor time that a run which has finished takes to end."""
+
+
 def test_a_run_ends_with_status_1_at_any_moment(tmp_path):
     """From the imports to the last picture; a picture that was not finished does not stay."""
     command = [sys.executable, "-m", "rnc_pin", "run", "space-robot", "--set", "simulation.duration=1", "--out"]
@@ -221,12 +226,13 @@ def test_a_run_ends_with_status_1_at_any_moment(tmp_path):
         with subprocess.Popen([*command, tmp_path / out], stdout=subprocess.DEVNULL) as process:
             used = os.wait4(process.pid, 0)[2]
     for k, share in enumerate((0.1, 0.35, 0.55, 0.75)):
-        out = tmp_path / str(k)
+        out, before = tmp_path / str(k), resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
         with subprocess.Popen([*command, out], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
             assert eventually(lambda p=process.pid, share=share: processor_time(p) > share * used.ru_utime)
             process.send_signal((signal.SIGTERM, signal.SIGHUP, signal.SIGINT)[k % 3])
             _, error = process.communicate(timeout=PATIENCE)
-        assert process.returncode == 1, error
+        went_on = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before - share * used.ru_utime
+        assert process.returncode == 1 or went_on < AT_ITS_END, error  # a machine that is faster now has finished
         assert not [*out.rglob(".rnc_pin_*")]
 
 
