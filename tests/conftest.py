@@ -19,9 +19,11 @@ import shape_checker
 # For benchmarks.validation; last, so that it is the installed rnc_pin that is tested.
 sys.path.append(str(Path(__file__).parent.parent))
 
-# A job in the background of a script ignores Ctrl-C, and so would every process that is sent one here.
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+# A job in the background of a script ignores Ctrl-C, and one of nohup a closed terminal. So would every process that is
+# sent such a signal here.
+for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, handler)
 
 # Before anything imports rnc_pin: from here on what annotates shapes checks what it returns. Code that runs once a
 # sample and annotates none is left out, because a checked call costs several times an unchecked one.
