@@ -200,7 +200,8 @@ def _goal_errors(experiment: Experiment, run: Trajectory, summary: Summary) -> d
     if run.time[-1] < plan.duration - experiment.simulation.dt:  # ``ends`` has the goal
         return {name: error for name, error in summary["final_error"].items() if name in planner.goal}
     # What moves at its goal goes on after it.
-    return _away(run, planner.goal, -1 if planner.at_rest else int(np.searchsorted(run.time, plan.duration - 1e-9)))
+    end = int(np.searchsorted(run.time[:-1], plan.duration - 1e-9))  # the last sample of a run that ends before
+    return _away(run, planner.goal, -1 if planner.at_rest else end)
 
 
 def _away(run: Trajectory, ends: Mapping[str, float], sample: int = -1) -> dict[str, float]:
