@@ -36,6 +36,7 @@ EXTRAS = {
     "ompl": ("PAGE docs/ways.md",),
     "robots": ("python -c 'import rtbdata'",),
     "video": ("rnc-pin run space-robot --set simulation.duration=0.2", "rnc-pin replay runs/space-robot --video v.gif"),
+    "all": ("python -c 'import dask, mujoco, ompl, trimesh'",),
     "dev": ("ruff --version", "mypy --version", "lint-imports --help"),
 }
 """Commands that the documentation of an extra promises. ``.ci/run`` itself runs those of ``test`` and ``docs``."""
