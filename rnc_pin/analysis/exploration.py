@@ -29,8 +29,10 @@ from rnc_pin.analysis.growth import grow
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError, SingularityError, few
 from rnc_pin.io.json import Json, to_json_mapping
+from rnc_pin.math.linear_algebra import pivot_columns
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.compiled import evaluator_for
+from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import is_count
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
 from rnc_pin.model.reduced_model import ReducedModel
@@ -266,12 +268,12 @@ class _Exploring:
         self._lengths = np.where(angles, self._length, 1.0)[:, None]
         self._angular = [unit.startswith("rad") for unit in self._outputs.units]
         self._scale = scale = np.where(self._angular, self._length, 1.0)[:, None]
-        good, (self._A, self._J, self._P, self._ways, self._D) = self._motions_at(q)
+        good, (self._A, self._J, P, self._ways, self._D) = self._motions_at(q)
         if not good.mean() > _USUAL:
             raise ConfigurationError(
                 f"primary outputs {', '.join(self._primary)}: the robot cannot move them independently"
             )
-        self._q, self.motions = q[good], self._ways.shape[-1]
+        self._q, self.motions, self._inverse = q[good], self._ways.shape[-1], np.linalg.pinv(P)
         size, moved = _largest(scale * self._J), _largest(scale * self._A)
         nothing = size <= _ZERO * size.max()
         self._conserved = ~nothing & (moved <= _ZERO * moved.max())
@@ -377,13 +379,17 @@ class _Exploring:
 
         Where D vanishes, ``J1 R = B P`` with ``P = J21 R``. So ``dB = (d(J1 R) - B dP) P^+``.
         """
-        inverse = np.linalg.pinv(self._P)
-        B, found = self._A[:, rows] @ inverse, []
-        here = self._reduced.at(self._q).in_reduction(self._evaluator)
+        here, inverse, found = self._here, self._inverse, []
+        B = self._A[:, rows] @ inverse
         for way in np.moveaxis(ways, -1, 0):
             rates = StateEvaluation(here, v=np.ascontiguousarray(way)).A_star_dot
             found.append((rates[:, rows] - B @ rates[:, self._first]) @ inverse)
         return np.stack(found, axis=2)
+
+    @cached_property
+    def _here(self) -> ConfigurationEvaluation:
+        """Model at the samples, with all outputs."""
+        return self._reduced.at(self._q).in_reduction(self._evaluator)
 
     def _is_reached(self, rows: Sequence[int]) -> bool:
         """True if brackets of the redundant motions move outputs in all directions."""
@@ -407,13 +413,13 @@ class _Exploring:
 
     def _coordinates(self) -> list[int]:
         """Entries of v that parametrise the redundant motions best: the largest typical smallest singular value."""
-        model = self._robot.model
-        single = [int(joint.idx_v) for joint in list(model.joints)[1:] if joint.nv == 1]
+        single = [self._robot.velocity_indices(name).start for name in self._robot.single_joint_names]
         scaled = self._lengths * self._ways
-        allowed = single if np.linalg.matrix_rank(scaled[0][single], _RANK) == self.motions else list(range(model.nv))
+        enough = np.linalg.matrix_rank(scaled[0][single], _RANK) == self.motions
+        allowed = single if enough else list(range(self._robot.nv))
         best: tuple[float, list[int]] = (-1.0, [])
         for way in scaled[:: max(1, len(scaled) // 8)]:
-            chosen = [allowed[k] for k in _pivots(way[allowed].T, self.motions)]
+            chosen = [allowed[k] for k in pivot_columns(way[allowed].T, self.motions)[0]]
             smallest = float(np.median(np.linalg.svd(scaled[:, chosen], compute_uv=False)[:, -1]))
             best = max(best, (smallest, sorted(chosen)))
         return best[1]
@@ -484,7 +490,7 @@ class _Exploring:
         """D at samples with one joint straight or folded; empty where the primary outputs are singular then."""
         found: list[tuple[str, Array]] = []
         model = self._robot.model
-        names = [] if self._reduced.assembly.size else _single_joints(self._robot)  # others would have to follow
+        names = [] if self._reduced.assembly.size else self._robot.single_joint_names  # others would have to follow
         for name in names:
             joint = self._robot.single_joint(name)
             low, high = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
@@ -502,7 +508,7 @@ class _Exploring:
         if not (names and each.rank):
             return (), None
         moving = self._ways @ np.linalg.pinv(each.D, rcond=_RANK)
-        motion = np.abs(self._reduced.at(self._q).B.mT @ moving).max(axis=2)  # (S, p)
+        motion = np.abs(self._here.B.mT @ moving).max(axis=2)  # (S, p)
         shares = np.median(motion, axis=0)
         busiest = np.argsort(-shares, kind="stable")[:_MOST_ACTUATORS].tolist()
         working = [k for k in busiest if shares[k] > _WORKING * shares.max()]
@@ -578,30 +584,12 @@ def _unique(blocks: Sequence[OutputRows]) -> list[OutputRows]:
     return list(found.values())
 
 
-def _pivots(rows: Array, count: int) -> list[int]:
-    """Columns that a factorization with pivoting chooses."""
-    left, chosen = rows.copy(), list[int]()
-    for _ in range(count):
-        sizes = np.einsum("ij,ij->j", left, left)
-        sizes[chosen] = -1.0
-        pivot = int(np.argmax(sizes))
-        chosen.append(pivot)
-        unit = left[:, pivot] / max(float(np.linalg.norm(left[:, pivot])), 1e-300)
-        left = left - np.outer(unit, unit @ left)
-    return chosen
-
-
 def _length(robot: Robot) -> float:
     """Length of a robot [m]: half of the diagonal of the box around its frames, or 1 m for a point."""
     position = Kinematics(robot).position(robot.configuration())
     places = np.array([position.placement(frame).translation for frame in range(robot.model.nframes)])
     found = 0.5 * float(np.linalg.norm(np.ptp(places, axis=0)))
     return found if found > _POINT else 1.0
-
-
-def _single_joints(robot: Robot) -> list[str]:
-    """Joints with one degree of freedom."""
-    return [name for name in robot.joint_names if robot.model.joints[robot.joint_id(name)].nv == 1]
 
 
 def _wheel_joints(reduced: ReducedModel, *, steered: bool = False) -> set[int]:
@@ -679,9 +667,7 @@ def default_candidates(reduced: ReducedModel) -> list[list[OutputKind]]:
     """
     robot, q = reduced.robot, _regular(reduced, 1, 0, {})[0]
     frames = list(tip_frames(reduced))
-    base = next(
-        (str(each.name) for each in robot.model.frames if each.type.name == "BODY" and each.parentJoint == 1), None
-    )
+    base = next(iter(robot.links_of(1)), None)
     found: list[list[OutputKind]] = []
     if base is not None and robot.model.joints[1].nv > 1 and base not in frames:
         frames.insert(0, base)
@@ -690,6 +676,6 @@ def default_candidates(reduced: ReducedModel) -> list[list[OutputKind]]:
     for frame in frames:
         parts = _frame_outputs(reduced, q, frame)
         found += [*([each] for each in parts), parts]
-    rolling, following = _wheel_joints(reduced), [mimic.joint for mimic in robot.mimics]
-    joints = [name for name in _single_joints(robot) if robot.joint_id(name) not in rolling and name not in following]
+    left_out = [*(str(robot.model.names[k]) for k in _wheel_joints(reduced)), *(each.joint for each in robot.mimics)]
+    joints = [name for name in robot.single_joint_names if name not in left_out]
     return [*found, [CenterOfMass()], *(list[OutputKind]([JointPosition(name)]) for name in joints)]

@@ -140,6 +140,16 @@ class NamedModel:
         same = [index for index, frame in enumerate(self.model.frames) if frame.name == name]
         return next((index for index in same if self.model.frames[index].type == pin.FrameType.BODY), same[0])
 
+    @property
+    def single_joint_names(self) -> list[str]:
+        """Names of the joints with one degree of freedom."""
+        return [name for name in self.joint_names if self.model.joints[self.joint_id(name)].nv == 1]
+
+    def links_of(self, joint: int) -> list[str]:
+        """Names of the links that a joint moves, in the order of the model."""
+        frames = (frame for frame in self.model.frames if frame.parentJoint == joint)
+        return [str(frame.name) for frame in frames if frame.type == pin.FrameType.BODY]
+
     def velocity_indices(self, joint: str) -> slice:
         """Slice of a joint's velocity in ``v``."""
         model = self.model.joints[self.joint_id(joint)]

@@ -170,6 +170,4 @@ def _toward(left: np.ndarray, rotation: np.ndarray) -> np.ndarray:
 
 def _name(robot: Robot, joint: int) -> str:
     """Name of the first body on a joint; that of the joint if it has no body."""
-    frames = [frame for frame in robot.model.frames if frame.parentJoint == joint]
-    bodies = [frame.name for frame in frames if frame.type == pin.FrameType.BODY]
-    return bodies[0] if bodies else robot.model.names[joint]
+    return next(iter(robot.links_of(joint)), str(robot.model.names[joint]))

@@ -98,8 +98,7 @@ def base_frame(robot: Robot, preferred: Sequence[str]) -> str | None:
     for name in preferred:
         if frames[robot.frame_id(name)].parentJoint == root:
             return name
-    bodies = [str(each.name) for each in frames if each.parentJoint == root and each.type == pin.FrameType.BODY]
-    return bodies[0] if bodies else None
+    return next(iter(robot.links_of(root)), None)
 
 
 def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> DrivenBase | None:

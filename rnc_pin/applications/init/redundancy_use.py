@@ -15,7 +15,6 @@ from rnc_pin.errors import ConfigurationError, RncError, SingularityError, neare
 from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.model import OutputKind
 from rnc_pin.outputs import CenterOfMass, FramePosition, FrameSpeed, FrameYaw, JointPosition
-from rnc_pin.robots import Robot
 from rnc_pin.verdict import Verdict
 
 _KEPT = "robot", "ground", "constraints", "mimic", "actuators", "forces", "obstacles"
@@ -99,11 +98,16 @@ def scenario_of(scenario: Scenario, found: FoundUse) -> tuple[Scenario, Verdict]
     """
     failures: list[str] = []
     best: tuple[Scenario, Verdict] | None = None
+    known = _known_outputs(scenario)
     for bent in (False, True):
+        try:
+            start = _bent_start(scenario, found, known) if bent else (found, {})
+        except RncError as error:
+            failures.append(str(error))
+            continue
         for share, tracker in product(_SHARES, ("adaptive", "computed_torque")):
             try:
-                start = _bent_start(scenario, found) if bent else (found, {})
-                made = replace(scenario, raw=_content(scenario, *start, share, tracker), show_warnings=False)
+                made = replace(scenario, raw=_content(scenario, *start, known, share, tracker), show_warnings=False)
                 verdict = made.run().verdict
             except RncError as error:
                 failures.append(str(error))
@@ -118,9 +122,11 @@ def scenario_of(scenario: Scenario, found: FoundUse) -> tuple[Scenario, Verdict]
     return best
 
 
-def _bent_start(scenario: Scenario, found: FoundUse) -> tuple[FoundUse, dict[str, float]]:
+def _bent_start(
+    scenario: Scenario, found: FoundUse, known: Mapping[str, OutputKind]
+) -> tuple[FoundUse, dict[str, float]]:
     """Return a use near the start, and the joints there at which it moves its outputs best."""
-    known, robot, model = _known_outputs(scenario), scenario.robot, scenario.robot.model
+    robot, model = scenario.robot, scenario.robot.model
     kinds = (each for group in default_candidates(scenario.reduced) for each in group)
     joints = {each.joint: robot.single_joint(each.joint) for each in kinds if isinstance(each, JointPosition)}
     region: dict[str, tuple[float, float]] = {}
@@ -137,14 +143,19 @@ def _bent_start(scenario: Scenario, found: FoundUse) -> tuple[FoundUse, dict[str
 
 
 def _content(
-    scenario: Scenario, found: FoundUse, start: Mapping[str, float], share: float, tracker: str
+    scenario: Scenario,
+    found: FoundUse,
+    start: Mapping[str, float],
+    known: Mapping[str, OutputKind],
+    share: float,
+    tracker: str,
 ) -> dict[str, Json]:
     """Content of the scenario file."""
-    use, known, robot = found.use, _known_outputs(scenario), scenario.robot
+    use, robot = found.use, scenario.robot
     primary, vertical = _kinds(known, found.exploration.primary), _kinds(known, use.moved)
     redundant = _kinds(known, use.redundant)
     if use.redundancy_class == "3":  # a platform that drives and turns
-        redundant = [FrameSpeed(_base(robot), "x"), FrameYaw(_base(robot))]
+        redundant = [FrameSpeed(robot.links_of(1)[0], "x"), FrameYaw(robot.links_of(1)[0])]
     roles = {"primary": primary, "redundant": redundant, "vertical": vertical}
     names = {role: [name for each in kinds for name in each.bind(robot).names] for role, kinds in roles.items()}
     content = {
@@ -153,12 +164,14 @@ def _content(
         "outputs": {"reducing": _entries([*primary, *redundant]), "vertical": _entries(vertical)},
         "task": names,
         "initial": {"q": {**scenario.content.initial.q, **start}},
-        **_control(scenario, found, share, tracker),
+        **_control(scenario, found, known, share, tracker),
     }
     return to_json_mapping(content, "use")
 
 
-def _control(scenario: Scenario, found: FoundUse, share: float, tracker: str) -> dict[str, object]:
+def _control(
+    scenario: Scenario, found: FoundUse, known: Mapping[str, OutputKind], share: float, tracker: str
+) -> dict[str, object]:
     """Controller of the class, a reference that moves the vertical outputs a little, and the duration."""
     exploration, use = found.exploration, found.use
     controller: dict[str, object] = {"type": "redundancy", "preset": "scaled", "tracker": tracker}
@@ -166,7 +179,7 @@ def _control(scenario: Scenario, found: FoundUse, share: float, tracker: str) ->
     bent, duration = _BEND * share * exploration.length, _MOTION + _REST
     match use.redundancy_class:
         case "1" | "2":
-            kinds = _kinds(_known_outputs(scenario), use.moved)
+            kinds = _kinds(known, use.moved)
             units = [unit for each in kinds for unit in each.bind(scenario.robot).units]
             step = bent * float(use.singular_values[use.rank - 1]) / np.sqrt(len(units))
             by["vertical"] = [step / exploration.length if unit.startswith("rad") else step for unit in units]
@@ -189,7 +202,7 @@ def _control(scenario: Scenario, found: FoundUse, share: float, tracker: str) ->
 
 def _parking(scenario: Scenario, use: Use, aside: float) -> dict[str, Json]:
     """Goal of a platform that moves aside while the hand rests."""
-    base = _base(scenario.robot)
+    base = scenario.robot.links_of(1)[0]
     position = [f"{base}_x", f"{base}_y"]
     if not {*position} <= {*use.moved} <= {*position, f"{base}_yaw"}:
         raise ConfigurationError("class 3 has a controller for the pose of a platform that drives and turns only")
@@ -200,11 +213,6 @@ def _parking(scenario: Scenario, use: Use, aside: float) -> dict[str, Json]:
 
 
 # ---------------------------------------------------------------------- outputs
-
-
-def _base(robot: Robot) -> str:
-    """Body of the first joint."""
-    return next(str(each.name) for each in robot.model.frames if each.type.name == "BODY" and each.parentJoint == 1)
 
 
 def _known_outputs(scenario: Scenario) -> dict[str, OutputKind]:

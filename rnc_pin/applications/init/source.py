@@ -14,7 +14,6 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-import pinocchio as pin
 
 from rnc_pin.applications.init.evidence import DriveEvidence, effort_limit, named_as_driven
 from rnc_pin.applications.init.robot_at_start import GEOMETRY, PLACED, FileNames, shapes
@@ -185,7 +184,7 @@ class Source:
             for joint in getattr(options, option):
                 if joint not in robot.joint_names:
                     raise ModelError(f"--{option} {joint}: no joint '{joint}'{nearest(joint, robot.joint_names)}")
-        single = [name for name in robot.joint_names if robot.model.joints[robot.joint_id(name)].nv == 1]
+        single = robot.single_joint_names
         efforts = {name: effort_limit(robot, name) for name in single}
         if self._urdf is None:  # an MJCF: only joints with an actuator have an effort, without a limit an infinite one
             named, is_list = {name: "an actuator" for name in single if efforts[name] > 0}, any(efforts.values())
@@ -273,8 +272,7 @@ def _weightless_base(robot: Robot) -> str | None:
     """First link of a movable base that has a shape but no mass, or None."""
     if robot.model.inertias[1].mass > 0 or not _volume(robot):
         return None
-    frames = (frame for frame in robot.model.frames if frame.parentJoint == 1 and frame.type == pin.FrameType.BODY)
-    return next((str(frame.name) for frame in frames), None)
+    return next(iter(robot.links_of(1)), None)
 
 
 def _volume(robot: Robot) -> float:

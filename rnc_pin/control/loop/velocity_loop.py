@@ -187,7 +187,7 @@ class VelocityLoop(VelocityInputLoop):
 def _entry(reduced: ReducedModel, name: str) -> int:
     """Return the index in v of a joint with one degree of freedom."""
     robot = reduced.robot
-    single = [each for each in robot.joint_names if robot.model.joints[robot.joint_id(each)].nv == 1]
+    single = robot.single_joint_names
     if name not in single:
         raise ConfigurationError(f"no joint '{name}' with one degree of freedom{nearest(name, single)}")
     return int(robot.velocity_indices(name).start)

@@ -399,6 +399,11 @@ def solve_cascade(
     near = [0.0] * len(levels) if sampled is None or not sampled.near else list(sampled.near)
     free, unknowns = _FreeDirections(np.zeros(r), None, np.zeros(r)), None
     slow: tuple[Array, float] | None = None
+
+    def keeps(point: Array) -> bool:
+        reached = rows @ point
+        return bool((reached <= high).all() and (reached >= low).all())
+
     for index, (J, rate) in enumerate(levels):
         own, rate = free.rows(J), rate - J @ free.kept
         norm = max(float(np.sqrt(np.vdot(own, own))), _NOTHING)
@@ -409,8 +414,7 @@ def solve_cascade(
         elif not lever and (whole := _whole_level(own, rate, _RANK * norm, damping)) is not None:
             goal, T = whole[0], free.outward(whole[1])  # nothing is left to lower levels
             ahead = free.kept + T @ goal
-            reached = rows @ ahead
-            if (reached <= high).all() and (reached >= low).all():
+            if keeps(ahead):
                 unknowns = ahead
             elif (solved := _nearest(bounds, free.kept, goal, T, start)) is not None:
                 unknowns, found[index] = free.kept + T @ solved[0], solved[2]
@@ -420,8 +424,7 @@ def solve_cascade(
             curved, factor = np.flatnonzero(sampled.curved[index]), _SAMPLED_DAMPING * sampled.dt * lever
         level = _Level(free, own, rate, norm, damping, curved, factor)
         point = level.without_limits()
-        reached = rows @ point.unknowns
-        if not ((reached <= high).all() and (reached >= low).all()):
+        if not keeps(point.unknowns):
             limited = level.within(bounds, start, near[index])
             if limited is None:
                 break  # at a lower level: rounding left no room
