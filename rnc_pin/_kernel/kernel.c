@@ -1069,7 +1069,7 @@ static int locate_state(Evaluator *ev, const double *q, const double *v2, const 
 
 /* A method for one state of a caller or a stack of states (count, ...): a new array with size numbers of each, which
    follow the arguments in x. None where the general way has to decide, raise an error, or convert arrays: they are to
-   be float64, contiguous, of the right sizes, and with equal stacks. The last one may be None. */
+   be plain, float64, contiguous, of the right sizes, and with equal stacks. The last one may be None. */
 static PyObject *fused(Evaluator *ev, PyObject *const *args, Py_ssize_t given, const char *signature, Py_ssize_t size,
                        AtState one)
 {
@@ -1101,6 +1101,7 @@ static PyObject *fused(Evaluator *ev, PyObject *const *args, Py_ssize_t given, c
         else all.open++, x[given] = made->buf;
         if (ok > 0 && made->len != all.count * size * (Py_ssize_t)sizeof(double))
             ok = -1, PyErr_SetString(PyExc_ValueError, "kernel: a result has another size");
+        for (int i = 0; i < given && ok > 0; i++) ok = !x[i] || Py_TYPE(args[i]) == Py_TYPE(array); /* not masked */
     }
     for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, advance(&all, x, given + 1)) ok = one(ev, x);
     close_arrays(&all);

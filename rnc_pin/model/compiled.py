@@ -133,16 +133,13 @@ class CompiledEvaluator(NumPyEvaluator):
         self, call: Callable[..., Array | None], arguments: tuple[ArrayInput, ...], t: ArrayInput | None
     ) -> Array | None:
         """Result of a call of the kernel; None if NumPy has to decide. Lists and other numbers are converted first."""
-        rates = self._rates(t, arguments[0])
-        for each in arguments:
-            if type(each) is not Array or each.dtype != float:
-                try:
-                    arguments = tuple(np.ascontiguousarray(admit_numbers(one, "")) for one in arguments)
-                except InputError:  # NumPy's path names what is wrong
-                    return None
-                break
+        rates = None if t is None else self._rates(t, arguments[0])
         try:
-            return call(*arguments, rates)
+            found = call(*arguments, rates)
+            if found is None and any(type(each) is not Array or each.dtype != float for each in arguments):
+                with suppress(InputError):  # NumPy's path names what is wrong
+                    found = call(*(np.ascontiguousarray(admit_numbers(each, "")) for each in arguments), rates)
+            return found
         except ValueError:  # of Pinocchio
             self.data.robot.check_unchanged()
             raise
