@@ -31,7 +31,7 @@ DASHES: list[Dashes] = [(0, (6, 3)), (0, (6, 2, 1, 2)), (0, (3, 2)), (0, (8, 2, 
 
 _MARKERS_PER_LINE = 7  # number of markers on a line
 _SCREEN = 10.0  # size of text for which lengths in points are given [points]
-_DPI = 200
+_DPI = 160
 _NOTEBOOK_WIDTH = 800  # of small figures [pixels]
 _PRINT_DPI = 300  # of figures with smaller text
 

@@ -154,13 +154,13 @@ class RunData(SummaryMixin):
         return self.info.outputs.of(kind).coordinates
 
     def save(self, path: str | Path) -> None:
-        """Write a compressed ``.npz`` file with the verdict, for ``load``. An error leaves no partial file."""
+        """Write a ``.npz`` file with the verdict, for ``load``. An error leaves no partial file."""
         path = Path(path)
         with suppress(RncError):  # samples that nothing can judge are kept too
             _ = self.verdict  # in the file, because it cannot be judged without the robot
         arrays = {name: getattr(self, name) for name in _array_names()}
         with atomic_file(path) as partial, partial.open("wb") as file:
-            np.savez_compressed(file, **arrays, meta=np.array(dump_json(self.meta)))
+            np.savez(file, **arrays, meta=np.array(dump_json(self.meta)))
 
     @classmethod
     def load(cls, path: str | Path, largest: int | None = None) -> Self:
