@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, ConstraintError
-from rnc_pin.math.linear_algebra import Component, Entry, cross, dot, packed_vector
+from rnc_pin.math.linear_algebra import Entry, cross, dot
 from rnc_pin.model.frame_rows import FLAT, DirectionRows, triple
 from rnc_pin.model.input_validation import Vector, is_number
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
@@ -242,7 +242,7 @@ class RollingRows(DirectionRows):
         self.combination, self._friction = disk.combination, friction
         self.ground = None if plane.is_default else plane
         self._point, self._up = np.asarray(plane.point), plane.axes[2]
-        self._normal = self._up.tolist()
+        self._normal, self._turned = self._up.tolist(), pin.skew(self._up)
         self.twist, self.affine = plane.twist, plane.moves
 
     def regularity(self, *directions: Sequence[Entry]) -> Entry:
@@ -269,23 +269,26 @@ class RollingRows(DirectionRows):
         combined: list[list[float]] = self.combination.dot(found).tolist()
         return combined
 
-    def _contact(self, at: PositionKinematics) -> np.ndarray:
-        """Contact points (..., 3) in the world, where the wrenches are defined."""
-        place, normal = at.placement(self.frame), self._normal
-        (axle,) = self.world_directions(place.rotation)
-        s, z = cast("Component", wheel_level(axle, normal)), dot(axle, normal)
-        # z c - s n, with c = (a - z n) / s
-        arm = [self.radius * (z * (a - z * n) / s - s * n) for a, n in zip(axle, normal, strict=True)]
-        return place.translation + packed_vector(arm, s)
+    def _contact(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        """Contact points (..., 3), and the directions of rolling, lateral and vertical rows there (..., 3, 3)."""
+        place, normal = at.placement(self.frame), self._up
+        axle = place.rotation @ self.axle
+        across = axle @ self._turned  # a x n
+        s, z = np.sqrt(np.vecdot(across, across))[..., None], np.asarray(axle @ normal)[..., None]
+        check_defined(self.undefined, at.q, s[..., 0], FLAT, self.names)
+        heading = across / s
+        sideways = heading @ self._turned.T  # n x h
+        directions = np.stack([heading, sideways, np.broadcast_to(normal, heading.shape)], axis=-2)
+        return place.translation + self.radius * (z * sideways - s * normal), directions
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
-        self.check_defined(at)
-        height = (self._contact(at) - self._point) @ self._up
+        height = (self._contact(at)[0] - self._point) @ self._up
         return np.asarray(height)[..., None] * self.holonomic
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        directions = self.wrenches(at)[..., :3]  # which checks that the wheel does not lie flat
-        return np.broadcast_to(self._contact(at)[..., None, :], directions.shape), directions
+        contact, directions = self._contact(at)
+        directions = self._combined(directions)
+        return np.broadcast_to(contact[..., None, :], directions.shape), directions
 
     def mechanisms(self) -> tuple[GroundContact]:
         return (GroundContact(self.wheel, self.radius, self.axle, friction=self._friction),)
