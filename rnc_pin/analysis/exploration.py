@@ -25,23 +25,30 @@ from itertools import combinations
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.analysis.growth import grow
+from rnc_pin.analysis.growth import grow, regular_samples
+from rnc_pin.analysis.redundancy_class import has_full_row_rank, largest_entries, motions_alone, rates_along
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError, SingularityError, few
+from rnc_pin.errors import ConfigurationError, RncError, SingularityError, few
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.math.linear_algebra import pivot_columns
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.input_validation import is_count
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import GroundContact, OutputKind, OutputRows, Rows
-from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.model.task import OutputTarget, find_output
-from rnc_pin.outputs import CenterOfMass, FrameOrientation, FramePosition, FrameTilt, FrameYaw, JointPosition
+from rnc_pin.outputs import (
+    CenterOfMass,
+    FrameOrientation,
+    FramePosition,
+    FrameTilt,
+    FrameYaw,
+    JointPosition,
+    velocity_outputs,
+)
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted
 from rnc_pin.robots.robot import Robot
 
@@ -53,7 +60,7 @@ _MOST_SETS = 300  # sets of outputs that are tried
 _CLOSURES = 3  # configurations at which brackets are evaluated
 _MOST_MOTIONS = 16  # whose brackets take less than a second; class 3 is not looked for among more
 _DEEPEST, _BRACKETS = 4, 1e-5  # order of brackets, and their precision
-_POSES = 4  # samples at which a straight joint has to make D singular
+_POSES = 4  # samples at which a straight joint has to make D singular, or at which a frame may move
 _FINGER = 3  # joints of a finger
 _POINT = 1e-3  # [m] below which a robot has no length
 _WORKING = 0.25  # of the motion of the busiest actuator, above which one counts as working
@@ -76,7 +83,8 @@ class Use:
         singular_at: configuration (nq,) of the smallest one.
         best_at: configuration (nq,) of the largest one.
         straight: joints that make D singular when they are straight or folded (0 or pi), whatever the others do.
-        redundant: names of the coordinates x22 that reduce best.
+        redundant: names of the coordinates x22 that reduce best: joints, or speeds of a body that moves freely.
+        driven: False if actuators cannot begin these motions from rest while the primary outputs rest.
         actuators: actuators that do most of the work.
         effort: largest static effort of these over the samples, in the median [N or N m]; None without gravity.
         reason: one sentence: what moves, by which motion of the joints, where that is lost.
@@ -93,6 +101,7 @@ class Use:
     best_at: Float[Array, " nq"]
     straight: tuple[str, ...]
     redundant: tuple[str, ...]
+    driven: bool
     actuators: tuple[str, ...]
     effort: float | None
     reason: str
@@ -181,10 +190,8 @@ def explore(
         >>> use.redundancy_class, found.motions
         ('1', 1)
     """
-    if not is_count(samples, 1):
-        raise InputError(f"samples: expected an integer of at least 1, found {samples!r}")
     model = reduced.frozen(0.0)
-    return _Exploring(model, primary, candidates, _regular(model, samples, seed, region or {}), seed).found()
+    return _Exploring(model, primary, candidates, regular_samples(model, samples, seed, region), seed).found()
 
 
 class _Bound:
@@ -235,7 +242,7 @@ class _Set:
         scale = max(float(np.abs(D).max(initial=0.0)), 1e-300)
         ranks = (self.values > _RANK * scale).sum(axis=1)
         self.rank, self.full = int(np.median(ranks)), bool((ranks == len(rows)).mean() > _USUAL)
-        self.moved = _largest(self.D) > _ZERO * scale
+        self.moved = largest_entries(self.D) > _ZERO * scale
 
     def names(self, names: Sequence[str]) -> tuple[str, ...]:
         return tuple(names[row] for row in self.rows)
@@ -259,7 +266,10 @@ class _Exploring:
         offered = [*_own(reduced), *default_candidates(reduced)] if candidates is None else map(_listed, candidates)
         groups = [[find_output(reduced, one, "a candidate has to be") for one in each] for each in offered]
         used = [*chosen, *(pair for group in groups for pair in group)]
-        self._outputs = OutputStack(_unique([block for stack, _ in used for block in _blocks(stack)]))
+        blocks = (place.block for stack, _ in used for place in stack.places)
+        self._outputs = OutputStack(
+            list({each.names: each for each in blocks if isinstance(each, OutputRows)}.values())
+        )
         self._names = self._outputs.names
         self._first = [self._names.index(name) for name in self._primary]
         self._evaluator = evaluator_for(reduced.reduction_data.measuring(self._outputs), reduced.evaluator)
@@ -274,14 +284,15 @@ class _Exploring:
                 f"primary outputs {', '.join(self._primary)}: the robot cannot move them independently"
             )
         self._q, self.motions, self._inverse = q[good], self._ways.shape[-1], np.linalg.pinv(P)
-        size, moved = _largest(scale * self._J), _largest(scale * self._A)
+        size, moved = largest_entries(scale * self._J), largest_entries(scale * self._A)
         nothing = size <= _ZERO * size.max()
         self._conserved = ~nothing & (moved <= _ZERO * moved.max())
         places = [[self._names.index(stack.names[row]) for stack, rows in group for row in rows] for group in groups]
         kept = [tuple(k for k in group if not nothing[k] and k not in self._first) for group in places]
         self._groups = list(dict.fromkeys(group for group in kept if group))
         self._redundant = self._coordinates() if self.motions else []
-        self._redundant_names = tuple(self._robot.velocity_names[k] for k in self._redundant)
+        coordinates = velocity_outputs(self._robot)
+        self._redundant_names = tuple(list(coordinates)[k] for k in self._redundant)
 
     def _motions_at(self, q: Array) -> tuple[Array, tuple[Array, ...]]:
         """Mask of the configurations where the primary outputs are independent; A_star, J, P, R N and D at these."""
@@ -351,12 +362,9 @@ class _Exploring:
         """Mask of the outputs whose rates the values of the redundant coordinates steer; none if not all at will."""
         v21 = np.random.default_rng(self._seed).uniform(0.5, 1.5, len(self._first))
         slopes = np.einsum("skji,i->skj", self._slopes(rows, self._ways), v21)
-        steered = _largest(slopes) > _RANK * max(1.0, float(np.abs(self._A).max()))
-        if int(steered.sum()) == self.motions:
-            values = np.linalg.svd(slopes[:, steered], compute_uv=False)
-            if (values[:, -1] > _RANK * values[:, 0]).mean() > _USUAL:
-                return steered
-        return np.zeros(len(rows), dtype=bool)
+        steered = largest_entries(slopes) > _RANK * max(1.0, float(np.abs(self._A).max()))
+        possible = int(steered.sum()) == self.motions and has_full_row_rank(slopes[:, steered])
+        return steered & possible
 
     def _splits(self, each: _Set) -> bool:
         """True if the rates of the outputs that do not move are independent of the redundant coordinates.
@@ -367,10 +375,7 @@ class _Exploring:
         rows, unit = np.array(each.rows), np.eye(self._J.shape[-1])[self._redundant]
         fixed = self._J[:, [*self._first, *rows]]
         all_rows = np.concatenate([fixed, np.broadcast_to(unit, (len(fixed), *unit.shape))], axis=1)
-        ways = np.linalg.pinv(all_rows, rcond=_RANK)[..., fixed.shape[1] :]
-        alone = np.eye(all_rows.shape[1])[:, fixed.shape[1] :]
-        possible = np.abs(all_rows @ ways - alone).max(axis=1, keepdims=True) < _RANK
-        ways = np.where(possible, ways, self._ways)
+        ways = motions_alone(all_rows, np.arange(fixed.shape[1], all_rows.shape[1]), self._ways)
         slopes = self._slopes(rows[~each.moved].tolist(), ways)
         return bool(np.abs(slopes).max() < _RANK * max(1.0, float(np.abs(self._A).max())))
 
@@ -379,12 +384,9 @@ class _Exploring:
 
         Where D vanishes, ``J1 R = B P`` with ``P = J21 R``. So ``dB = (d(J1 R) - B dP) P^+``.
         """
-        here, inverse, found = self._here, self._inverse, []
-        B = self._A[:, rows] @ inverse
-        for way in np.moveaxis(ways, -1, 0):
-            rates = StateEvaluation(here, v=np.ascontiguousarray(way)).A_star_dot
-            found.append((rates[:, rows] - B @ rates[:, self._first]) @ inverse)
-        return np.stack(found, axis=2)
+        rates, B = rates_along(self._here, ways), self._A[:, rows] @ self._inverse
+        slopes = (rates[:, :, rows] - B[:, None] @ rates[:, :, self._first]) @ self._inverse[:, None]
+        return np.moveaxis(slopes, 1, 2)
 
     @cached_property
     def _here(self) -> ConfigurationEvaluation:
@@ -451,6 +453,7 @@ class _Exploring:
             best_at=ends[1],
             straight=straight,
             redundant=self._redundant_names,
+            driven=self._is_driven(each.D[:, mask] if kind in ("1", "2") else np.eye(self.motions)),
             actuators=actuators,
             effort=effort,
             reason="",
@@ -462,12 +465,13 @@ class _Exploring:
         primary, moved, means = short_names(self._primary), short_names(use.moved), use.actuators or use.redundant
         if use.redundancy_class is None:
             return f"with {primary} at rest, {words}"
+        idle = "" if use.driven else "; no actuator drives it"
         if use.redundancy_class == "2s":
-            return f"while {primary} moves, the values of {few(use.redundant)} steer {moved}, not their rates"
+            return f"while {primary} moves, the values of {few(use.redundant)} steer {moved}, not their rates{idle}"
         if use.redundancy_class == "3":
-            return f"with {primary} at rest, manoeuvres of {few(use.redundant)} reach {moved}, {words}"
+            return f"with {primary} at rest, manoeuvres of {few(use.redundant)} reach {moved}, {words}{idle}"
         turn, slowest = all(angles), float(use.singular_values[use.rank - 1])
-        parts = [f"with {primary} at rest, {few(means)} can {'turn' if turn else 'move'} {moved}", words]
+        parts = [f"with {primary} at rest, {few(means)} can {'turn' if turn else 'move'} {moved}{idle}", words]
         motion = 1.0 / (slowest if turn else slowest * self._length)
         parts.append(f"1 {'rad' if turn else 'm'} takes {motion:.3g} rad of the joints")
         parts.append(f"holding its weight takes {use.effort:.3g} N or N m" if use.effort else "")
@@ -517,6 +521,20 @@ class _Exploring:
         effort = None if effort is None or effort < _ZERO else effort
         return tuple(names[k] for k in working), effort
 
+    def _is_driven(self, D: Array) -> bool:
+        """True if inputs can usually begin motions of all rows of D (S, k, r2) from rest; or if there are no inputs."""
+        ranks = np.linalg.matrix_rank(D @ self._driven, _RANK * max(float(np.abs(D).max(initial=0.0)), 1e-300))
+        return not self._reduced.actuation.names or float((ranks == D.shape[-2]).mean()) > _USUAL
+
+    @cached_property
+    def _driven(self) -> Array:
+        """Directions (S, r2, r2) of the motions whose reduced inertial force inputs can give; zero for the others."""
+        here = self._here
+        force = here.H @ (here.J2 @ self._ways)
+        missing = force - here.input_matrix @ (np.linalg.pinv(here.input_matrix) @ force)
+        _, values, right = np.linalg.svd(missing)
+        return np.asarray(right.mT * (values < _RANK * np.abs(force).max())[:, None])
+
     @cached_property
     def _static_inputs(self) -> Array | None:
         """Inputs (S, p) that hold the robot; None if nothing loads it, or if actuators cannot hold it."""
@@ -526,41 +544,13 @@ class _Exploring:
             return T if np.abs(T).max(initial=0.0) > _ZERO else None
         return None
 
-    def _order(self, use: Use) -> tuple[bool, int, int, float, int]:
-        """Best first: by class, but what one actuator moves alone after the others."""
+    def _order(self, use: Use) -> tuple[bool, bool, int, int, float, int]:
+        """Best first: by class, but what one actuator moves alone after the others, then what none drives."""
         own = {*self._reduced.actuation.names, *self._redundant_names}
         typical = float(use.singular_values[use.rank - 1]) if use.rank else 0.0
         kind, count = use.redundancy_class, len(use.vertical)
         alone = max(sum(name in own for name in use.vertical), int(len(use.actuators) == 1))
-        return kind is None, alone, _ORDER.index(kind), -typical, count
-
-
-def _regular(reduced: ReducedModel, samples: int, seed: int, region: Mapping[str, tuple[float, float]]) -> Array:
-    """Regular random configurations (S, nq), with joints of a region in their ranges."""
-    generator, found, failure = np.random.default_rng(seed), [], None
-    joints = [reduced.robot.single_joint(name, "a region needs one") for name in region]
-    for name, ends in region.items():
-        if not (len(ends) == 2 and np.isfinite(ends).all() and ends[0] <= ends[1]):
-            raise InputError(f"region: joint '{name}': expected (smallest, largest), found {ends!r}")
-    for _ in range(samples):
-        q = reduced.random_configuration(generator)
-        try:
-            for joint, ends in zip(joints, region.values(), strict=True):
-                joint.put(q, np.array(generator.uniform(*ends)))
-            q = reduced.assembled(q, list(region)) if joints else q
-            _ = reduced.at(q).R
-            found.append(q)
-        except (ConstraintError, SingularityError) as error:
-            failure = error
-    if not found:
-        assert failure is not None
-        raise failure
-    return np.stack(found)
-
-
-def _largest(matrices: Array) -> Array:
-    """Largest entry of each row (k,) of matrices (S, k, l)."""
-    return np.asarray(np.abs(matrices).max(axis=(0, 2), initial=0.0))
+        return kind is None, not use.driven, alone, _ORDER.index(kind), -typical, count
 
 
 def _listed(candidate: OutputTarget | Sequence[OutputTarget]) -> Sequence[OutputTarget]:
@@ -570,18 +560,6 @@ def _listed(candidate: OutputTarget | Sequence[OutputTarget]) -> Sequence[Output
 def _own(reduced: ReducedModel) -> list[Sequence[OutputTarget]]:
     """Vertical outputs of the model, those of one object together."""
     return [place.of(np.array(place.block.names)).tolist() for place in reduced.vertical.places]
-
-
-def _blocks(stack: OutputStack) -> list[OutputRows]:
-    return [place.block for place in stack.places if isinstance(place.block, OutputRows)]
-
-
-def _unique(blocks: Sequence[OutputRows]) -> list[OutputRows]:
-    """Blocks without those whose names are known."""
-    found: dict[tuple[str, ...], OutputRows] = {}
-    for block in blocks:
-        found.setdefault(block.names, block)
-    return list(found.values())
 
 
 def _length(robot: Robot) -> float:
@@ -643,14 +621,14 @@ def tip_positions(reduced: ReducedModel) -> list[FramePosition]:
     Args:
         reduced: the model, whose rows name the wheels.
     """
-    q = _regular(reduced, 1, 0, {})[0]
+    q = regular_samples(reduced, _POSES)
     outputs = [each for frame in tip_frames(reduced) for each in _frame_outputs(reduced, q, frame)]
     return [each for each in outputs if isinstance(each, FramePosition)]
 
 
 def _frame_outputs(reduced: ReducedModel, q: Array, frame: str) -> list[OutputKind]:
-    """Position and orientation of a frame, in the directions in which it moves."""
-    moves = np.abs(reduced.at(q).position.jacobian(reduced.robot.frame_id(frame))).max(axis=1) > _ZERO
+    """Position and orientation of a frame, in the directions in which it moves at any of the configurations."""
+    moves = largest_entries(reduced.at(q).position.jacobian(reduced.robot.frame_id(frame))) > _ZERO
     found: list[OutputKind] = []
     if moves[:3].any():
         found.append(FramePosition(frame, "".join(np.array(list("xyz"))[moves[:3]])))
@@ -665,7 +643,7 @@ def default_candidates(reduced: ReducedModel) -> list[list[OutputKind]]:
     Args:
         reduced: the model.
     """
-    robot, q = reduced.robot, _regular(reduced, 1, 0, {})[0]
+    robot, q = reduced.robot, regular_samples(reduced, _POSES)
     frames = list(tip_frames(reduced))
     base = next(iter(robot.links_of(1)), None)
     found: list[list[OutputKind]] = []

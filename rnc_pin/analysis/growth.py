@@ -8,7 +8,7 @@ error counts as a direction. A singular value counts if it exceeds every value t
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 
@@ -17,8 +17,9 @@ import pinocchio as pin
 import scipy
 
 from rnc_pin.analysis.lie_brackets import FLOW_TIMES, BracketJets, Jets
-from rnc_pin.errors import InfeasibleError, InputError, SingularityError
+from rnc_pin.errors import ConstraintError, InfeasibleError, InputError, SingularityError
 from rnc_pin.io.json import Json, to_json_mapping
+from rnc_pin.model.input_validation import is_count
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 
@@ -87,6 +88,45 @@ class GrowthEvidence:
         if self.doubtful:
             text += f"; at {self.doubtful} a direction is in doubt"
         return text
+
+
+def regular_samples(
+    reduced: ReducedModel, samples: int, seed: int = 0, region: Mapping[str, tuple[float, float]] | None = None
+) -> np.ndarray:
+    """Return regular seeded random configurations (count, nq), at most ``samples``.
+
+    Args:
+        reduced: the model.
+        samples: number of configurations that are drawn.
+        seed: of the random configurations.
+        region: ranges (smallest, largest) of joints, by name [rad or m]; by default the limits, within half a turn.
+
+    Raises:
+        ConstraintError: no configuration can be assembled.
+        InputError: ``samples`` is not a positive integer, or a range of ``region`` is wrong.
+        SingularityError: every configuration is singular.
+    """
+    if not is_count(samples, 1):
+        raise InputError(f"samples: expected an integer of at least 1, found {samples!r}")
+    generator, found, failure, ranges = np.random.default_rng(seed), [], None, region or {}
+    joints = [reduced.robot.single_joint(name, "a region needs one") for name in ranges]
+    for name, ends in ranges.items():
+        if not (len(ends) == 2 and np.isfinite(ends).all() and ends[0] <= ends[1]):
+            raise InputError(f"region: joint '{name}': expected (smallest, largest), found {ends!r}")
+    for _ in range(samples):
+        q = reduced.random_configuration(generator)
+        try:
+            for joint, ends in zip(joints, ranges.values(), strict=True):
+                joint.put(q, np.array(generator.uniform(*ends)))
+            q = reduced.assembled(q, list(ranges)) if joints else q
+            _ = reduced.at(q).R
+            found.append(q)
+        except (ConstraintError, SingularityError) as error:
+            failure = error
+    if not found:
+        assert failure is not None
+        raise failure
+    return np.stack(found)
 
 
 def growth_vector(reduced: ReducedModel, q: np.ndarray, *, deepest: int = DEEPEST) -> tuple[int, ...]:

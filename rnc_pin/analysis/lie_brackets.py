@@ -23,7 +23,7 @@ import scipy
 from numpy.polynomial import chebyshev, legendre
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.model.coordinates import PlacementChart
+from rnc_pin.model.coordinates import ConfigurationManifold, PlacementChart
 from rnc_pin.model.reduced_model import ReducedModel
 
 Bracket = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -90,6 +90,7 @@ class BracketJets:
     def __init__(self, reduced: ReducedModel, q: np.ndarray) -> None:
         self.reduced, self.q = reduced, q
         self._model = reduced.robot.model
+        self._moved = ConfigurationManifold(self._model).integrate
         self._bracket = frame_bracket(self._model)
         R = reduced.at(q).R
         self._scaling = np.linalg.inv(np.linalg.qr(R)[1])
@@ -188,9 +189,6 @@ class BracketJets:
         stages = np.linalg.solve(system, rates.reshape(k, c * n, n)).reshape(k, c, n, n)
         turned = np.eye(n) + times[:, None, None] * np.einsum("i,pikl->pkl", ends, stages)
         return self._moved(start, step), turned
-
-    def _moved(self, q: np.ndarray, tangents: np.ndarray) -> np.ndarray:
-        return np.stack([pin.integrate(self._model, *each) for each in zip(q, tangents, strict=True)])
 
     def _in_chart(self, xi: np.ndarray, v: np.ndarray, order: int) -> np.ndarray:
         """Rate of ``xi`` in ``q = start (+) xi`` at a velocity v, by the series of the inverse differential."""

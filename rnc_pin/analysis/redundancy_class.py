@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from rnc_pin.io.json import Json, to_json_mapping
+from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.reduced_kinematics import kinematic_gradient
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -94,8 +95,7 @@ def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed
     v21 = np.random.default_rng(seed).uniform(0.5, 1.5, len(task.primary))
     steering = np.einsum("nkij,i->nkj", A3_along, v21)
 
-    moved = np.abs(A4).max(axis=(0, 2)) > zero
-    steered = np.abs(steering).max(axis=(0, 2)) > zero
+    moved, steered = largest_entries(A4) > zero, largest_entries(steering) > zero
     tracked = moved if moved.any() else steered
     A5_along = _partial(reduced, task, configurations)[:, ~tracked]
     A5_depends = _largest(A5_along) > zero
@@ -124,13 +124,33 @@ def _partial(reduced: ReducedModel, task: Task, configurations: np.ndarray) -> n
     here = reduced.at(configurations)
     J1 = here.J1[:, task.vertical]
     J = np.concatenate([J1, here.J2], axis=1)
-    alone = np.zeros((J.shape[1], len(task.redundant)))
-    alone[J1.shape[1] + task.redundant, np.arange(len(task.redundant))] = 1.0
+    ways = motions_alone(J, J1.shape[1] + task.redundant, here.R[..., task.redundant])
+    return np.moveaxis(rates_along(here, ways), 1, -1)[:, task.vertical][:, :, task.primary]
+
+
+def motions_alone(J: np.ndarray, moved: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
+    """Return the motions (count, nv, j) that move the j rows ``moved`` of J (count, k, nv), each alone.
+
+    Args:
+        J: Jacobians.
+        moved: indices of the rows (j,).
+        otherwise: motions (count, nv, j) in place of those that dependent rows make impossible.
+    """
+    alone = np.eye(J.shape[1])[:, moved]
     ways = np.linalg.pinv(J, rcond=_RANK) @ alone
     possible = np.abs(J @ ways - alone).max(axis=1, keepdims=True) < _POSSIBLE
-    ways = np.where(possible, ways, here.R[..., task.redundant])
-    rates = [StateEvaluation(here, v=way).A_star_dot for way in np.moveaxis(ways, -1, 0)]
-    return np.stack(rates, axis=-1)[:, task.vertical][:, :, task.primary]
+    return np.asarray(np.where(possible, ways, otherwise))
+
+
+def rates_along(here: ConfigurationEvaluation, ways: np.ndarray) -> np.ndarray:
+    """Return the derivatives (count, j, k, r) of ``A_star`` along motions (count, nv, j).
+
+    Args:
+        here: evaluation at configurations (count, nq).
+        ways: the motions.
+    """
+    each = (StateEvaluation(here, v=np.ascontiguousarray(way)).A_star_dot for way in np.moveaxis(ways, -1, 0))
+    return np.stack(list(each), axis=1)
 
 
 def _decide(A4: np.ndarray, steering: np.ndarray, moved: np.ndarray, A5_depends: bool) -> tuple[str | None, str]:
@@ -138,12 +158,12 @@ def _decide(A4: np.ndarray, steering: np.ndarray, moved: np.ndarray, A5_depends:
     _, rows, columns = A4.shape
     moves = f"{rows} vertical output{'s'[: rows != 1]} moved by {columns} redundant one{'s'[: columns != 1]}"
     if not rows:
-        if steering.shape[1] == columns and _full_row_rank(steering):
+        if steering.shape[1] == columns and has_full_row_rank(steering):
             return "2s", "A4 = 0: the rates of x22 move no vertical output, but its value steers A3 v21"
         return None, "A4 = 0, and the values of x22 do not steer A3 v21 either"
     if rows > columns:
         return None, f"{moves}: too few to steer them all"
-    if not _full_row_rank(A4):
+    if not has_full_row_rank(A4):
         return None, f"{moves}, but A4 has not full row rank"
     if moved.all():
         wide = " (more redundant than vertical outputs: some freedom is left)" if columns > rows else ""
@@ -155,6 +175,15 @@ def _decide(A4: np.ndarray, steering: np.ndarray, moved: np.ndarray, A5_depends:
     return "2", "A6 = 0, A4 nonsingular and A5 independent of x22"
 
 
+def largest_entries(matrices: np.ndarray) -> np.ndarray:
+    """Return the largest entry of each row (k,).
+
+    Args:
+        matrices: (count, k, l).
+    """
+    return np.asarray(np.abs(matrices).max(axis=(0, 2), initial=0.0))
+
+
 def _largest(array: np.ndarray) -> float:
     return float(np.abs(array).max(initial=0.0))
 
@@ -164,8 +193,12 @@ def _smallest_largest(matrices: np.ndarray) -> tuple[float, float]:
     return float(values.min()), float(values.max())
 
 
-def _full_row_rank(matrices: np.ndarray) -> bool:
-    """True if matrices (count, k, l) have rank k at most samples: presumably at all but isolated configurations."""
+def has_full_row_rank(matrices: np.ndarray) -> bool:
+    """Return True if matrices have rank k at most samples: presumably at all but isolated configurations.
+
+    Args:
+        matrices: (count, k, l).
+    """
     values = np.linalg.svd(matrices, compute_uv=False)
     if matrices.shape[-2] > matrices.shape[-1]:
         return False

@@ -13,14 +13,12 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from rnc_pin.analysis.growth import GrowthEvidence, generic_growth
+from rnc_pin.analysis.growth import GrowthEvidence, generic_growth, regular_samples
 from rnc_pin.analysis.redundancy_class import Redundancy, classify
 from rnc_pin.analysis.singularities import Singularity, lemma_1_residuals, stack_singularities, task_singularities
-from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.model.independence import DroppedRow
-from rnc_pin.model.input_validation import is_count
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted, items, printed
@@ -222,21 +220,7 @@ def analyze(
     if primary is None:
         primary = [name for name in reduced.reducing.names if name not in redundant]
     task = Task.of(reduced, primary, redundant, vertical)
-    if not is_count(samples, 1):
-        raise InputError(f"samples: expected an integer of at least 1, found {samples!r}")
-    generator = np.random.default_rng(seed)
-    regular, failure = [], None
-    for _ in range(samples):
-        q = reduced.random_configuration(generator)
-        try:
-            _ = reduced.at(q).R
-            regular.append(q)
-        except SingularityError as error:
-            failure = error
-    if not regular:
-        assert failure is not None
-        raise failure
-    configurations = np.stack(regular)
+    configurations = regular_samples(reduced, samples, seed)
     conditions = np.asarray(reduced.at(configurations).condition)
     # Finite differences are inaccurate next to a singular configuration: decide on the better-conditioned half.
     good = configurations[conditions <= np.median(conditions)]
@@ -267,7 +251,7 @@ def analyze(
         unactuated=unactuated,
         condition=dict(zip(("min", "median", "max"), np.quantile(conditions, (0.0, 0.5, 1.0)).tolist(), strict=True)),
         samples=samples,
-        singular_samples=samples - len(regular),
+        singular_samples=samples - len(configurations),
         singularities=tuple(singular),
         lemma1=lemma,
         lemma1_holds=bool(held and lemma["smallest eigenvalue of H"] > 0),

@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError, SingularityError
 from rnc_pin.math.linear_algebra import unit_rows, weakest_rows
+from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.printing import printed
@@ -182,9 +183,9 @@ def lemma_1_residuals(
     terms = reduced.terms(configurations, v2)
     speeds = np.linalg.norm(terms.v, axis=-1, keepdims=True)
     directions = terms.v / speeds
-    far_behind, behind, ahead, far_ahead = (
-        reduced.at(_moved(reduced, configurations, k * step * directions)).H for k in (-2, -1, 1, 2)
-    )
+    space = ConfigurationManifold(reduced.robot.model)
+    moved = (space.integrate(configurations, k * step * directions) for k in (-2, -1, 1, 2))
+    far_behind, behind, ahead, far_ahead = (reduced.at(q).H for q in moved)
     H_dot = (far_behind - 8 * behind + 8 * ahead - far_ahead) / (12 * step) * speeds[..., None]
     V = terms.V
     # With affine constraints V is affine in v2 instead of linear.
@@ -200,11 +201,6 @@ def lemma_1_residuals(
         "V linear": _worst(np.abs(doubled - 2 * V + resting).max(axis=(1, 2)) / size),
         "smallest eigenvalue of H": float((eigenvalues[:, 0] / eigenvalues[:, -1]).min()),
     }
-
-
-def _moved(reduced: ReducedModel, configurations: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    model = reduced.robot.model
-    return np.stack([pin.integrate(model, q, step) for q, step in zip(configurations, steps, strict=True)])
 
 
 def _worst(array: np.ndarray) -> float:

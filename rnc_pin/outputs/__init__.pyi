@@ -10,3 +10,4 @@ from .robot_outputs import CenterOfMass as CenterOfMass
 from .robot_outputs import Distance as Distance
 from .robot_outputs import JointPosition as JointPosition
 from .robot_outputs import Output as Output
+from .robot_outputs import velocity_outputs as velocity_outputs

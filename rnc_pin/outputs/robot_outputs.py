@@ -12,10 +12,13 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError, ConstraintError, ModelError
 from rnc_pin.math.linear_algebra import Entry, apply, complex_step, components, dot
 from rnc_pin.model.frame_rows import OffsetFrame, PointRows, axis_index, evaluated, rate_of
+from rnc_pin.model.input_validation import Axis
 from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
-from rnc_pin.model.rows import ConstantRows, OutputRows, admit_rows, admitting, check_defined
+from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, admit_rows, admitting, check_defined
 from rnc_pin.model.user_functions import DerivedRate, Rate, check_rate
+from rnc_pin.outputs.frame_outputs import FrameAngularVelocity, FrameSpeed
+from rnc_pin.robots.model_checks import joints_with_moving_axes
 from rnc_pin.robots.robot import Robot
 
 TOGETHER = 1e-9
@@ -304,3 +307,22 @@ class _CustomRows(OutputRows):
 
 def _product(jacobian: Callable[[np.ndarray], np.ndarray], q: np.ndarray, v: np.ndarray) -> np.ndarray:
     return np.asarray(jacobian(q) @ v)
+
+
+def velocity_outputs(robot: Robot) -> dict[str, OutputKind | None]:
+    """Return the entries of ``v`` as outputs, by name: joints, and speeds of bodies that move freely.
+
+    Args:
+        robot: the robot. None stands for an entry of a joint whose axes move in its body.
+    """
+    axes: tuple[Axis, ...] = ("x", "y", "z")
+    found: dict[str, OutputKind | None] = {}
+    for k, name in enumerate(robot.joint_names, start=1):
+        joint, body = robot.model.joints[k], next(iter(robot.links_of(k)), None)
+        kinds: list[OutputKind] = [JointPosition(name)] if joint.nv == 1 else []
+        if joint.nv > 1 and body is not None and name not in joints_with_moving_axes(robot.model):
+            along = np.abs(joint.createData().S).argmax(axis=0).tolist()
+            kinds = [FrameSpeed(body, axes[k]) if k < 3 else FrameAngularVelocity(body, axes[k - 3]) for k in along]
+        own = {kind.bind(robot).names[0]: kind for kind in kinds}
+        found |= own or dict.fromkeys(robot.velocity_names[robot.velocity_indices(name)])
+    return found

@@ -10,13 +10,14 @@ from typing import TypedDict
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.model.row_stack import RowStack
 from rnc_pin.simulation import PlannedPath, RunInfo, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization import meshcat_scene
 from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, tracked_frames
 from rnc_pin.visualization.elements import Overlay
 from rnc_pin.visualization.scene_bodies import MeshcatRobot, corners_over_time, ground_elements, obstacle_elements
-from rnc_pin.visualization.scene_kinematics import SceneKinematics, SwitchingForces
+from rnc_pin.visualization.scene_kinematics import SceneKinematics
 
 _TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)
 _GHOSTS = (e.BLUE, e.PURPLE, e.GREEN, e.ORANGE)
@@ -245,43 +246,44 @@ class RunScene:
         if self.reduced is None or not self.reduced.m:
             return []
         points, _ = self.kinematics.lines_of_action_at(first)
-        drawn = np.flatnonzero(~np.isnan(points).any(axis=1))
-        run = self.shown.trajectory
-        if run is not None:
-            self._largest_force = float(np.abs(run.multipliers[:, drawn]).max(initial=self._largest_force))
-        force = _force_layer()
-        found: list[e.Element] = []
-        for row in drawn:
-
-            def vector(state: DrawnState, row: int = int(row)) -> tuple[np.ndarray, np.ndarray]:
-                points, directions = self.kinematics.lines_of_action_at(state)
-                # Multipliers are on the side of the inertia forces, so the constraint force has the opposite sign.
-                value = -state.multipliers[row]
-                self._largest_force = max(self._largest_force, abs(value))
-                return points[row], directions[row] * value / self._largest_force * 0.7 * self.size
-
-            found.append(e.Arrow(force, str(row), vector, 1.6 * self._width))
-        return found
+        drawn = np.flatnonzero(~np.isnan(points).any(axis=1)).tolist()
+        return self._forces(self.kinematics, {row: row for row in drawn}, "")
 
     def _switching(self, first: DrawnState) -> list[e.Element]:
-        """Forces of constraints that act during a part of the run."""
-        run, kinds = self.shown.trajectory, self.shown.drawn_model.switching
-        if run is None or not kinds:
+        """Forces of constraints that act during a part of the run; the others are drawn already."""
+        run, kept = self.shown.trajectory, () if self.reduced is None else self.reduced.constraints.names
+        blocks = {rows.names: rows for rows in (kind.bind(self.robot) for kind in self.shown.drawn_model.switching)}
+        if run is None or not blocks:
             return []
-        kept = set() if self.reduced is None else set(self.reduced.constraints.names)
-        names = [name if name not in kept else "" for name in self.outputs.multipliers]  # the others are drawn already
-        forces = SwitchingForces(self.robot, kinds, names)
-        values = np.abs(np.nan_to_num(run.multipliers[:, forces.columns]))
-        largest, force = max(float(values.max(initial=0.0)), 1e-9), _force_layer()
+        rows, acting = RowStack(list(blocks.values())), np.nan_to_num(run.multipliers).any(axis=0)
+        columns = {
+            rows.names.index(name): column
+            for column, name in enumerate(self.outputs.multipliers)
+            if name in rows.names and name not in kept and acting[column]
+        }
+        return self._forces(SceneKinematics(self.robot, rows), columns, "switching ")
 
-        def arrow(number: int) -> e.Arrow:
+    def _forces(self, kinematics: SceneKinematics, columns: Mapping[int, int], prefix: str) -> list[e.Element]:
+        """Forces of the rows of kinematics, each with its multiplier."""
+        run, entry = self.shown.trajectory, e.LayerEntry("constraint force", "constraint forces", e.ORANGE, "arrow")
+        if run is not None:
+            values = np.abs(np.nan_to_num(run.multipliers[:, list(columns.values())]))
+            self._largest_force = float(values.max(initial=self._largest_force))
+
+        def arrow(row: int) -> e.Arrow:
             def vector(state: DrawnState) -> tuple[np.ndarray, np.ndarray]:
-                point, value = forces.force(number, state)
-                return point, value / largest * 0.7 * self.size
+                # Multipliers are on the side of the inertia forces, so the constraint force has the opposite sign.
+                value = -state.multipliers[columns[row]]
+                if not value or not np.isfinite(value):  # the lines of a wheel that flies may be undefined
+                    return np.zeros(3), np.zeros(3)
+                self._largest_force = max(self._largest_force, abs(value))
+                length = value / self._largest_force * 0.7 * self.size
+                point, along = (np.nan_to_num(each[row]) for each in kinematics.lines_of_action_at(state))
+                return point, length * along
 
-            return e.Arrow(force, f"switching {number}", vector, 1.6 * self._width)
+            return e.Arrow(entry, f"{prefix}{row}", vector, 1.6 * self._width)
 
-        return [arrow(number) for number in np.flatnonzero(values.max(axis=0, initial=0.0)).tolist()]
+        return [arrow(row) for row in columns]
 
     def _compared(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = []
@@ -309,10 +311,6 @@ def _attitude(kind: str, first: int, size: int) -> Callable[[DrawnState], np.nda
         return np.asarray(pin.exp3(value if size == 3 else np.array([0.0, 0.0, value[0]])))
 
     return axes
-
-
-def _force_layer() -> e.LayerEntry:
-    return e.LayerEntry("constraint force", "constraint forces", e.ORANGE, "arrow")
 
 
 def _constant(pose: np.ndarray) -> Callable[[DrawnState], np.ndarray]:

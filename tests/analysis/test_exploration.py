@@ -10,6 +10,7 @@ import rnc_pin as rnc
 from random_systems import recipes, reduced_of
 from rnc_pin.analysis import classify
 from rnc_pin.analysis.exploration import default_candidates, tip_positions
+from rnc_pin.outputs import velocity_outputs
 from systems import fire_truck, mobile_manipulator, space_robot
 
 LINK = (
@@ -82,6 +83,32 @@ def test_a_free_base_under_gravity_has_yaw_and_tilt_and_a_steered_axle_is_no_end
     outputs = [name for group in default_candidates(rnc.NonholonomicSystem(robot).reduce()) for name in group]
     assert {rnc.FrameYaw("base_link"), rnc.FrameTilt("base_link", "x"), rnc.FrameTilt("base_link", "y")} <= {*outputs}
     assert tip_positions(fire_truck()) == [rnc.FramePosition("trailer", "xy")]
+
+
+def test_ends_of_chains_need_one_regular_configuration_only(monkeypatch):
+    reduced = space_robot()
+    straight, good = reduced.robot.configuration(), reduced.random_configuration(np.random.default_rng(1))
+    drawn = iter([straight, good, good, good])
+    with pytest.raises(rnc.SingularityError):
+        _ = reduced.at(straight).R
+    monkeypatch.setattr(type(reduced), "random_configuration", lambda *_: next(drawn))
+    assert tip_positions(reduced) == [rnc.FramePosition("tip", "xy")]
+
+
+@pytest.mark.parametrize("more", [[], [{"force": {"frame": "board", "axis": "x"}}]], ids=["joints", "force"])
+def test_the_free_motion_of_a_snakeboard_is_its_speed_and_a_use_only_with_a_force(more):
+    joints = ["rotor", "front_steering", "back_steering"]
+    reduced = rnc.Scenario.load("snakeboard", {"actuators": [*joints, *more]}).reduced
+    use = rnc.explore(reduced, joints, ["board_yaw"]).rows[0]
+    assert (use.redundancy_class, use.redundant, use.driven) == ("1", ("board_speed_x",), bool(more))
+
+
+@pytest.mark.parametrize("base", ["planar", "free"])
+def test_entries_of_v_are_joints_and_speeds_of_free_bodies(base):
+    robot = rnc.Robot.from_example("hyq_no_sensors", base=base)
+    reduced = rnc.NonholonomicSystem(robot).reduce([*velocity_outputs(robot).values()])
+    q = reduced.random_configuration(np.random.default_rng(0))
+    np.testing.assert_allclose(reduced.at(q).J2, np.eye(robot.nv), atol=1e-12)
 
 
 BASE = rnc.FramePosition("base", "xy")

@@ -5,8 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis import classify
-from rnc_pin.analysis.redundancy_class import _full_row_rank
-from systems import fire_truck, space_robot
+from rnc_pin.analysis.redundancy_class import has_full_row_rank
 from textbook_systems import prismatic, sliders_with_rows, turreted, unicycle
 
 # ---------------------------------------------------------------------- classes of redundancy
@@ -102,40 +101,22 @@ def test_rows_are_of_full_rank_to_a_part_in_a_million(unit):
     def matrices(*shares):
         return unit * np.stack([[[0.0, 1.0, 0.0], [0.0, 0.0, share * 1e-6]] for share in shares])
 
-    assert not _full_row_rank(matrices(0.97))
-    assert _full_row_rank(matrices(1.03))
-    assert not _full_row_rank(matrices(*[1.03] * 9, 0.97))
-    assert _full_row_rank(matrices(*[1.03] * 10, 0.97))
-    assert not _full_row_rank(matrices(1.03).mT)
-    assert not _full_row_rank(0 * matrices(1.03))
+    assert not has_full_row_rank(matrices(0.97))
+    assert has_full_row_rank(matrices(1.03))
+    assert not has_full_row_rank(matrices(*[1.03] * 9, 0.97))
+    assert has_full_row_rank(matrices(*[1.03] * 10, 0.97))
+    assert not has_full_row_rank(matrices(1.03).mT)
+    assert not has_full_row_rank(0 * matrices(1.03))
 
 
-def test_the_space_robot_is_class_1():
-    report = rnc.analyze(space_robot(), primary=["tip_x", "tip_y"], redundant=["joint_1"])
-    assert (report.redundancy_class, report.redundancy.tracked) == ("1", ("platform",))
-    assert report.completely_nonholonomic
-
-
-def test_the_fire_truck_is_class_2s_not_2():
-    """The paper says 2; the rate of the rear steering moves nothing, its angle does."""
-    report = rnc.analyze(fire_truck(), redundant=["rear_steering"])
-    assert (report.redundancy_class, report.redundancy.evidence.A4_singular_values) == ("2s", (0.0, 0.0))
-    assert report.redundancy.evidence.steering > 0.1
-    assert report.redundancy.tracked == ("trailer_yaw",)
-    assert report.redundancy.driven == ("tractor_x", "tractor_y", "tractor_yaw")
-
-
-def test_a_unicycle_with_a_turret_is_class_2():
-    """The turret's own heading is tracked by its joint, position by the base alone: A6 = 0, A5 free of x22."""
-    reduced = turreted()
-    report = rnc.analyze(reduced, redundant=["turret"])
-    assert (report.redundancy_class, report.redundancy.tracked) == ("2", ("gun_yaw",))
-
-
-def test_nothing_redundant_is_no_class_and_says_why():
-    report = rnc.analyze(unicycle())
-    assert report.redundancy_class is None
-    assert report.redundancy.reason == "no redundant output"
+@pytest.mark.parametrize(("system", "redundant", "expected", "tracked", "reason"), [
+    # The turret's own heading is tracked by its joint, position by the base alone: A6 = 0, A5 free of x22.
+    (turreted, ["turret"], "2", ("gun_yaw",), "A6 = 0, A4 nonsingular and A5 independent of x22"),
+    (unicycle, [], None, (), "no redundant output"),
+])  # fmt: skip
+def test_classes_of_unicycles(system, redundant, expected, tracked, reason):
+    found = rnc.analyze(system(), redundant=redundant).redundancy
+    assert (found.redundancy_class, found.tracked, found.reason) == (expected, tracked, reason)
 
 
 @pytest.mark.parametrize(("along", "expected"), [

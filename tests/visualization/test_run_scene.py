@@ -135,17 +135,10 @@ def test_the_board_measures_attitudes_on_the_sphere():
 # ---------------------------------------------------------------------- any robot
 
 
-def test_an_unknown_frame_has_no_trail(robot, run, tmp_path):
+def test_an_unknown_frame_or_layer_and_a_run_of_another_robot_are_refused(robot, run):
     with pytest.raises(rnc.ModelError, match="did you mean 'tip'"):
         Recording(robot, run, View(trail=["tpi"]))
-
-
-def test_an_unknown_layer_cannot_be_hidden():
     with pytest.raises(rnc.ConfigurationError, match="no layer 'gaol'; did you mean 'goal'"):
         View(hide=["gaol"])
-
-
-def test_a_run_of_another_robot_is_refused(run):
-    truck = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
     with pytest.raises(rnc.InputError, match="q has 4 entries, but nq of the robot is 7"):
-        Recording(truck, run)
+        Recording(rnc.Robot.from_urdf("fire_truck.urdf", base="planar"), run)

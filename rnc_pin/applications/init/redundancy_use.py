@@ -14,7 +14,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError, nearest
 from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.model import OutputKind
-from rnc_pin.outputs import CenterOfMass, FramePosition, FrameSpeed, FrameYaw, JointPosition
+from rnc_pin.outputs import CenterOfMass, FramePosition, FrameSpeed, FrameYaw, JointPosition, velocity_outputs
 from rnc_pin.verdict import Verdict
 
 _KEPT = "robot", "ground", "constraints", "mimic", "actuators", "forces", "obstacles"
@@ -22,6 +22,7 @@ _SHARES = 1.0, 0.3, 0.1  # of the usual motion
 _MOTION, _REST, _MANOEUVRE = 4.0, 2.0, 24.0  # [s]
 _NEAR = 0.7  # distance of joints from the start that is tried where the start is singular [rad or m]
 _BEND = 0.3  # motion of the joints [rad]
+_MARGIN = 0.1  # of the range of a joint that a bent start leaves to each limit
 _TRAVEL = 8.0  # distance of a vehicle that steers, in lengths of the robot
 
 
@@ -96,6 +97,8 @@ def scenario_of(scenario: Scenario, found: FoundUse) -> tuple[Scenario, Verdict]
     Raises:
         ConfigurationError: no controller of this package makes such a motion, or none completes it.
     """
+    if not found.use.driven:
+        raise ConfigurationError(f"{short_names(found.use.vertical)}: {found.use.reason}")
     failures: list[str] = []
     best: tuple[Scenario, Verdict] | None = None
     known = _known_outputs(scenario)
@@ -133,7 +136,9 @@ def _bent_start(
     for name, joint in joints.items():
         ends = joint.position(scenario.q0) + np.array([-_NEAR, _NEAR])
         if not joint.continuous:
-            ends = np.clip(ends, model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q])
+            low, high = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+            margin = min(_BEND, _MARGIN * (high - low))  # the motion itself needs room
+            ends = np.clip(ends, low + margin, high - margin)
         region[name] = float(ends[0]), float(ends[1])
     primary, vertical = _kinds(known, found.exploration.primary), _kinds(known, found.use.moved)
     local = explore(scenario.reduced, primary, [vertical], 32, region=region)
@@ -219,8 +224,7 @@ def _known_outputs(scenario: Scenario) -> dict[str, OutputKind]:
     """Outputs of one row, or of three of a rotation, by the names of their rows."""
     robot, found = scenario.robot, dict[str, OutputKind]()
     candidates = (each for group in default_candidates(scenario.reduced) for each in group)
-    joints = (JointPosition(name) for name in robot.velocity_names if name in robot.joint_names)
-    for kind in (*scenario.content.listed_outputs, *candidates, *joints):
+    for kind in filter(None, (*scenario.content.listed_outputs, *candidates, *velocity_outputs(robot).values())):
         axes = kind.axes if isinstance(kind, FramePosition | CenterOfMass) else ""
         for each in [replace(kind, axes=axis) for axis in axes] or [kind]:  # type: ignore[type-var]
             found |= {name: found.get(name, each) for name in each.bind(robot).names}

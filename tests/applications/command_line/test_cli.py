@@ -241,6 +241,8 @@ def test_inspect_looks_at_the_vertical_outputs_that_the_task_names(call):
 @pytest.mark.parametrize(("system", "start", "kind", "vertical", "controller"), [
     ("space-robot", [], "1", {"platform"}, "redundancy"),
     ("space-robot", ["--set", "initial.q={}"], "1", {"platform"}, "redundancy"),  # a straight arm
+    ("snakeboard", ["--set", "actuators=[rotor, front_steering, back_steering, {force: {frame: board, axis: x}}]"],
+     "1", {"board_yaw"}, "redundancy"),
     ("fire-truck", [], "2s", {"trailer_yaw"}, "steering"),
     ("mobile-manipulator", [], "3", {"base_x", "base_y"}, "two_phase"),
 ])  # fmt: skip
@@ -268,15 +270,16 @@ def test_explore_finds_the_answers_of_the_paper_and_writes_scenarios_that_succee
 
 
 @pytest.mark.parametrize(("arguments", "words"), [
-    (["--primary", "tipp_x"], "no output 'tipp_x'; did you mean 'tip_x'"),
-    (["--row", 99, "--write", "use.yaml"], "--row 99: expected a row from 1 to 6"),
-    (["--row", 6, "--write", "use.yaml"], "1 of 2 directions of center_of_mass_xy can be moved"),
-    (["--write", "there.yaml"], "--write there.yaml: exists"),
+    (["space-robot", "--primary", "tipp_x"], "no output 'tipp_x'; did you mean 'tip_x'"),
+    (["space-robot", "--row", 99, "--write", "use.yaml"], "--row 99: expected a row from 1 to 6"),
+    (["space-robot", "--row", 6, "--write", "use.yaml"], "1 of 2 directions of center_of_mass_xy can be moved"),
+    (["space-robot", "--write", "there.yaml"], "--write there.yaml: exists"),
+    (["snakeboard", "--write", "use.yaml"], "board_speed_x can turn board_yaw; no actuator drives it"),
 ])  # fmt: skip
 def test_explore_refuses(arguments, words, call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("there.yaml").touch()
-    status, _, error = call("explore", "space-robot", *arguments)
+    status, _, error = call("explore", *arguments)
     assert status == 2
     assert words in error
     assert not Path("use.yaml").exists()
