@@ -24,7 +24,6 @@ from .references import InTurn as InTurn
 from .references import Joined as Joined
 from .references import Reference as Reference
 from .references import ReferencePoint as ReferencePoint
-from .references import Slowed as Slowed
 from .references import TaskReference as TaskReference
 from .steering_detection import SteeringGeometry as SteeringGeometry
 from .steering_detection import find_steering as find_steering

@@ -14,7 +14,6 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import InputError
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, described, printed
 
 
@@ -126,31 +125,3 @@ class InTurn(ReferenceSummary):
 
     def at(self, t: float) -> ReferencePoint:
         return next((part for part in self._parts if t < part.duration), self._parts[-1]).at(t)
-
-
-class Slowed(ReferenceSummary):
-    """Another reference on a slower time scale: rates divided by the factor, accelerations by its square.
-
-    Args:
-        reference: the original reference.
-        factor: ratio of the new to the original duration.
-
-    Raises:
-        InputError: the factor is not positive.
-
-    Example:
-        >>> reference = rnc.planning.MinimumJerk([0.0], [1.0], duration=2.0)
-        >>> slow = rnc.planning.Slowed(reference, factor=2.0)
-        >>> slow.duration, reference.at(1.0).velocity, slow.at(2.0).velocity
-        (4.0, array([0.9375]), array([0.46875]))
-    """
-
-    def __init__(self, reference: Reference, factor: float) -> None:
-        if not 0 < factor < np.inf:
-            raise InputError(f"time scale factor of a reference has to be positive and finite, found {factor}")
-        self._reference, self._factor = reference, factor
-        self.size, self.duration = reference.size, reference.duration * factor
-
-    def at(self, t: float) -> ReferencePoint:
-        point, s = self._reference.at(t / self._factor), self._factor
-        return ReferencePoint(point.position, point.velocity / s, point.acceleration / s**2, point.jerk / s**3)

@@ -3,6 +3,7 @@
 from .faults import Faults as Faults
 from .faults import FaultyPlant as FaultyPlant
 from .plant import Plant as Plant
+from .plant import PlantReport as PlantReport
 from .reduced import ContactEvent as ContactEvent
 from .reduced import ContactPlant as ContactPlant
 from .reduced import ReducedPlant as ReducedPlant

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.plants.plant import OF_CONTACTS, OF_INTEGRATION, Plant
+from rnc_pin.plants.plant import Plant, PlantReport, report_of, takes_velocities
 
 
 @dataclass(frozen=True)
@@ -85,16 +85,18 @@ class FaultyPlant:
         self._initialize()
         self.plant.reset(q, v)
 
+    @property
+    def takes_velocities(self) -> bool:
+        """True if the inputs are velocities."""
+        return takes_velocities(self.plant)
+
     def actual(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the true configuration (nq,) and velocity (nv,)."""
         return self.plant.read()
 
-    def __getattr__(self, name: str) -> object:
-        """Forward optional attributes to the plant."""
-        forwarded = "applied", "reduced", "external", "work", "takes_velocities", "effort"
-        if name in (*forwarded, *OF_CONTACTS, *OF_INTEGRATION):
-            return getattr(self.plant, name)
-        raise AttributeError(name)
+    def report(self) -> PlantReport:
+        """Return the report of the plant, with the true state."""
+        return report_of(self.plant)._replace(actual=self.actual())
 
     # ------------------------------------------------------------------ sensors
 

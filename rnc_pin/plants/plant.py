@@ -1,18 +1,57 @@
-"""Protocol of plants: the methods that a control loop needs."""
+"""Protocol of plants: the methods that a control loop needs, and the report of what else a plant knows."""
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
+from rnc_pin.model.reduced_model import ReducedModel
 
-OF_INTEGRATION = ("errors", "tolerance", "keep_errors")
-"""Attributes of plants that estimate their errors."""
-OF_CONTACTS = ("friction_used", "slip_speed", "wheel_names", "normal_forces", "contact_forces", "contact_force_units")
-"""Attributes of plants that state their contacts."""
+if TYPE_CHECKING:  # their modules import this one
+    from rnc_pin.plants.reduced import ContactEvent, IntegrationErrors
+
+
+_NONE: Mapping[str, Any] = MappingProxyType({})
+
+
+class PlantReport(NamedTuple):
+    """Quantities of a plant after its last ``apply`` or ``advance``, for the record of a run; each is optional.
+
+    Attributes:
+        actual: true configuration and velocity, if ``read`` returns sensor values.
+        applied: applied inputs (p,), if the plant limits them.
+        effort: present efforts (p,) of velocity servos [N or N m].
+        work: work since the start [J].
+        reduced: reduced model of the plant.
+        external: generalized forces (nv,) in addition to the inputs.
+        friction_used: tangential force over friction limit, by contact.
+        slip_speed: largest speed since the last sample at which these contacts slid [m/s].
+        normal_forces, contact_forces: forces by name that ``reduced`` does not have [N; N or N m].
+        contact_force_units: units of ``contact_forces``, by name.
+        contact_events: contacts that opened and closed since the start.
+        errors: estimated errors of the integration since the start.
+        tolerance: allowed error per second.
+    """
+
+    actual: tuple[Float[Array, " nq"], Float[Array, " nv"]] | None = None
+    applied: Float[Array, " p"] | None = None
+    effort: Float[Array, " p"] | None = None
+    work: float = np.nan
+    reduced: ReducedModel | None = None
+    external: Float[Array, " nv"] | None = None
+    friction_used: Mapping[str, float] = _NONE
+    slip_speed: Mapping[str, float] = _NONE
+    normal_forces: Mapping[str, float] = _NONE
+    contact_forces: Mapping[str, float] = _NONE
+    contact_force_units: Mapping[str, str] = _NONE
+    contact_events: tuple[ContactEvent, ...] = ()
+    errors: IntegrationErrors | None = None
+    tolerance: float = np.nan
 
 
 @runtime_checkable
@@ -22,8 +61,9 @@ class Plant(Protocol):
     Configurations and velocities are those of the loaded robot, in Pinocchio's order and conventions. Velocities are
     those of the plant and need not satisfy the constraints. Any object with these four methods is a plant.
 
-    A plant with velocity servos has two more attributes: ``takes_velocities`` is True, its inputs are then velocities
-    ``u = B^T v`` of the actuators, and ``effort`` has the present efforts (p,) of the servos.
+    A plant that knows more has a fifth method, ``report()``: it returns a ``PlantReport`` at any time after ``reset``,
+    without an error. A plant with velocity servos has ``takes_velocities = True``: its inputs are velocities
+    ``u = B^T v`` of the actuators, and it reports their ``effort``.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -50,18 +90,14 @@ def takes_velocities(plant: object) -> bool:
     return bool(getattr(plant, "takes_velocities", False))
 
 
-def energy_minus_work(plant: Plant) -> float:
-    """Return the energy of a plant minus the work done on it [J]; NaN if it is unknown."""
-    reduced, work = getattr(plant, "reduced", None), getattr(plant, "work", np.nan)
-    if reduced is None:
-        return np.nan
-    q, v = plant.read()
-    return float(reduced.at(q, v=v).energy) - float(work)
+@runtime_checkable
+class ReportingPlant(Plant, Protocol):
+    """Plant that reports."""
+
+    def report(self) -> PlantReport:
+        """Return what the plant knows beyond ``read``."""
 
 
-def continue_plant(before: Plant, after: Plant, q: np.ndarray, v: np.ndarray) -> None:
-    """Start a plant at a state in place of another one, with its estimated errors of the integration."""
-    errors = getattr(before, "errors", None)
-    after.reset(q, v)
-    if errors is not None and hasattr(after, "keep_errors"):
-        after.keep_errors(errors)
+def report_of(plant: Plant) -> PlantReport:
+    """Return the report of a plant; an empty one of a plant that does not report."""
+    return plant.report() if isinstance(plant, ReportingPlant) else PlantReport()

@@ -9,7 +9,8 @@ import pinocchio as pin
 
 from rnc_pin.model.input_validation import NotNegative
 from rnc_pin.model.rows import ConstantRows, ConstraintKind, Rows
-from rnc_pin.plants.plant import OF_CONTACTS, OF_INTEGRATION, Plant, continue_plant, energy_minus_work
+from rnc_pin.plants.plant import Plant, PlantReport, report_of, takes_velocities
+from rnc_pin.plants.reduced.reduced_plant import ReducedPlant
 from rnc_pin.robots.robot import Robot
 
 
@@ -111,24 +112,31 @@ class ChangingPlant:
         self._time += dt
         self._switch_if_due()
 
-    def __getattr__(self, name: str) -> object:
-        """Forward optional attributes to the current plant."""
-        forwarded = "applied", "reduced", "external", "takes_velocities", "effort"
-        if name in (*forwarded, *OF_CONTACTS, *OF_INTEGRATION):
-            return getattr(self._current, name)
-        raise AttributeError(name)
-
     @property
-    def work(self) -> float:
-        """Work done so far [J], including the switch: an impact removes energy."""
-        return float(self._current.work) + self._switch_energy  # type: ignore[attr-defined]
+    def takes_velocities(self) -> bool:
+        """True if the inputs are velocities."""
+        return takes_velocities(self._current)
+
+    def report(self) -> PlantReport:
+        """Return the report of the current plant; its work includes the switch, since an impact removes energy."""
+        found = report_of(self._current)
+        return found._replace(work=found.work + self._switch_energy)
 
     def _switch_if_due(self) -> None:
         if self._current is self._before and self._time >= self._switch_time - 1e-9:
             q, v = self._current.read()
-            balance = energy_minus_work(self._current)
+            balance = _energy_minus_work(self._current)
             self._current = self._after
-            continue_plant(self._before, self._after, q, v)
+            self._after.reset(q, v)
+            if isinstance(self._before, ReducedPlant) and isinstance(self._after, ReducedPlant):
+                self._after.keep_errors(self._before.errors)
             if self._T is not None:
                 self._current.apply(self._T)
-            self._switch_energy += energy_minus_work(self._current) - balance
+            self._switch_energy += _energy_minus_work(self._current) - balance
+
+
+def _energy_minus_work(plant: Plant) -> float:
+    """Energy of a plant minus the work done on it [J]; NaN if it is unknown."""
+    report = report_of(plant)
+    q, v = plant.read()
+    return np.nan if report.reduced is None else float(report.reduced.at(q, v=v).energy) - report.work

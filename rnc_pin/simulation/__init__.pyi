@@ -21,7 +21,6 @@ from .limit_replay import obstacles_passed as obstacles_passed
 from .limit_replay import replay_limits as replay_limits
 from .preflight import FrictionDemand as FrictionDemand
 from .preflight import Margins as Margins
-from .preflight import grip_along as grip_along
 from .preflight import margins_along as margins_along
 from .preflight import preflight as preflight
 from .record import output_names as output_names

@@ -57,21 +57,6 @@ class FrictionDemand:
         ]
 
 
-def grip_along(reduced: ReducedModel, grip: Grip, times: np.ndarray, path: np.ndarray) -> FrictionDemand:
-    """Friction demand of a sampled motion, such as the result of ``kinematic_rollout`` or ``preflight``.
-
-    Args:
-        reduced: reduced model.
-        grip: friction and loads.
-        times: evenly spaced times (N,), at least five [s].
-        path: configurations (N, nq).
-
-    Raises:
-        ConstraintError: the actuators cannot produce these accelerations.
-    """
-    return friction_demand(RolloutEvaluation(reduced, times, path), grip)
-
-
 def friction_demand(rollout: RolloutEvaluation, grip: Grip) -> FrictionDemand:
     """Friction demand along a roll-out.
 

@@ -19,8 +19,8 @@ from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants import ContactEvent, Plant, ReducedPlant
-from rnc_pin.plants.plant import takes_velocities
+from rnc_pin.plants import Plant, ReducedPlant
+from rnc_pin.plants.plant import PlantReport, ReportingPlant, report_of, takes_velocities
 from rnc_pin.plants.reduced import IntegrationErrors, integrated_outputs
 from rnc_pin.simulation import run_info
 from rnc_pin.simulation.judgement import judged_by
@@ -33,29 +33,17 @@ _EMPTY = np.zeros(0)
 _ROUNDING = 1e-6  # of a time, in sampling periods
 _ASSEMBLED = 1e-4  # largest residual of holonomic rows that counts as rounding of an initial configuration
 _AT_FAULT = 0.01  # sum of the estimated errors, relative to the velocities, from which the integrator diverges
-_METHODS = ("reset", "read", "apply", "advance")
 
 
 class PlantAdapter:
     """Adapter of a plant: its state in the outputs of a model.
 
-    These attributes of a plant are optional:
-
-    * ``actual()``: true configuration and velocity, if ``read()`` returns sensor values,
-    * ``applied``: applied inputs,
-    * ``work``: work since the start,
-    * ``friction_used()``: friction use of the contacts ``wheel_names``,
-    * ``slip_speed()``: the largest speeds at which they slid since the last sample,
-    * ``normal_forces``, ``contact_forces`` and ``contact_force_units``: forces by name that ``reduced`` does not have,
-    * ``reduced``: reduced model of the plant,
-    * ``external``: generalized forces in addition to the inputs,
-    * ``errors`` and ``tolerance``: estimated errors of the integration, and the allowed error per second,
-    * ``contact_events``: contacts that opened and closed since the start,
-    * ``takes_velocities`` and ``effort``: see ``Plant``.
-
     Args:
         plant: the plant.
         reduced: reduced model of the controller.
+
+    Attributes:
+        reported: last report of the plant.
     """
 
     def __init__(self, plant: Plant, reduced: ReducedModel) -> None:
@@ -63,14 +51,8 @@ class PlantAdapter:
         self._exact = plant if isinstance(plant, ReducedPlant) and plant.reduced is reduced else None
         self._servos = takes_velocities(plant)
         self.measured: tuple[Array, Array] = (_EMPTY, _EMPTY)  # velocities are empty if measurements are exact
-        names = getattr(plant, "wheel_names", ()) if hasattr(plant, "friction_used") else ()
-        self.friction_names: tuple[str, ...] = tuple(names)
-        self.own_force_units: dict[str, dict[str, str]] = {
-            "normal_forces": dict.fromkeys(getattr(plant, "normal_forces", ()), "N"),
-            "contact_forces": getattr(plant, "contact_force_units", {}),
-        }
-        stated = self.friction_names, *self.own_force_units.values()
-        self._is_silent = self._exact is not None and not any(stated)
+        self._reports, self._senses = isinstance(plant, ReportingPlant), False
+        self.reported = PlantReport()
 
     @property
     def loop_options(self) -> LoopOptions:
@@ -78,6 +60,17 @@ class PlantAdapter:
         if self._exact is None:
             return {"fallback": "zero" if self._servos else "hold", "limits": False}
         return {"fallback": "raise", "limits": self._exact.actuator_limits}
+
+    def reset(self, start: StateEvaluation) -> None:
+        """Restart the plant at a state."""
+        self.plant.reset(start.q, start.v)
+        self._senses = self.report().actual is not None
+
+    def report(self) -> PlantReport:
+        """Report of the plant now."""
+        if self._reports:
+            self.reported = report_of(self.plant)
+        return self.reported
 
     def read_state(self, t: float) -> StateEvaluation:
         """Read the sensors at time t [s] and return the true state. Call it once per sample.
@@ -88,7 +81,7 @@ class PlantAdapter:
         if self._exact is not None:
             return self._exact.state
         self.measured = self.plant.read()
-        q, v = self.plant.actual() if hasattr(self.plant, "actual") else self.measured
+        q, v = (self._senses and self.report().actual) or self.measured
         if not (np.isfinite(q).all() and np.isfinite(v).all()):
             raise DivergenceError("plant state is not finite")
         return self._reduced.at(q, v=v, t=t)
@@ -102,26 +95,16 @@ class PlantAdapter:
     def apply(self, loop: ControlLoop, T: Array) -> Array:
         """Apply inputs to the plant, report the applied ones to the loop, and return them; of servos their efforts."""
         (self.plant.apply if self._exact is None else self._exact.hold)(T)
+        report = self.report()
         if self._servos:
-            effort: Array = self.plant.effort  # type: ignore[attr-defined]
-            return effort
-        applied: Array = getattr(self.plant, "applied", T)
+            return np.full(len(T), np.nan) if report.effort is None else report.effort
+        applied = T if report.applied is None else report.applied
         loop.report_applied_input(applied)
         return applied
 
-    @property
-    def model(self) -> ReducedModel | None:
-        """Reduced model of the plant; None if it has none."""
-        return self._reduced if self._exact is not None else getattr(self.plant, "reduced", None)
-
-    @property
-    def external(self) -> Array | None:
-        """Generalized forces (nv,) in addition to the inputs; None without them."""
-        return getattr(self.plant, "external", None)
-
     def phases(self, dt: float) -> tuple[run_info.PhaseInfo, ...]:
         """Intervals between the contact events of the plant for a sampling period; empty if contacts do not switch."""
-        events: tuple[ContactEvent, ...] = getattr(self.plant, "contact_events", ())
+        events = self.report().contact_events
         ends = [*(event.cause for event in events[1:]), None]
         return tuple(
             run_info.PhaseInfo(
@@ -138,15 +121,11 @@ class PlantAdapter:
     @property
     def sensed(self) -> tuple[Array, ...]:
         """Measured velocities, use of the friction limits, and forces of the plant; empty if it states none of them."""
-        if self._is_silent:
+        if self._exact is not None:
             return ()
-        used = np.asarray(self.plant.friction_used()) if self.friction_names else _EMPTY  # type: ignore[attr-defined]
-        own = [
-            np.array([*getattr(self.plant, kind).values()]) if units else _EMPTY
-            for kind, units in self.own_force_units.items()
-        ]
-        slid = self.plant.slip_speed() if hasattr(self.plant, "slip_speed") else np.full_like(used, np.nan)
-        return self.measured[1], used, slid, *own
+        found = self.reported
+        kinds = found.friction_used, found.slip_speed, found.normal_forces, found.contact_forces
+        return self.measured[1], *(np.array([*each.values()]) for each in kinds)
 
 
 @runtime_checkable
@@ -183,18 +162,20 @@ class SampledRun:
         kind = VelocityInputLoop if takes_velocities(plant) else ControlLoop
         self.loop: ControlLoop = kind(reduced, controller, dt, **loop_options)
         self.stop, self._dt, self.samples = StopMonitor(options.stop, reduced.robot), dt, 0
-        self._lift_off = lift_off_monitor(options.stop, adapter.model, reduced)
         self._zeros = zeros = np.zeros(reduced.r)
         self._stretch, self._longest = 0, 0  # samples with a fallback command: now, and the most of those that ended
         self._reduced, self._accelerations = reduced, limited_accelerations(controller)
         first = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), zeros if v2_0 is None else v2_0, t=0.0)
-        adapter.plant.reset(first.q, first.v)
+        adapter.reset(first)
+        self._lift_off = lift_off_monitor(options.stop, adapter.reported.reduced, reduced)
         state = options.controller_state
         if state is None:
             state = controller.initial_state(adapter.read_state(0.0).measure(zeros))
         self.loop.resume(LoopState(begin=0.0, controller=state))
-        self.record = Record(reduced, samples, integrated_outputs(reduced), adapter.friction_names)
-        self.record.own_force_units = adapter.own_force_units
+        found = adapter.reported
+        self.record = Record(reduced, samples, integrated_outputs(reduced), tuple(found.friction_used))
+        normal = dict.fromkeys(found.normal_forces, "N")
+        self.record.own_force_units = {"normal_forces": normal, "contact_forces": dict(found.contact_force_units)}
 
     @property
     def plant(self) -> Plant:
@@ -218,7 +199,7 @@ class SampledRun:
         try:
             self.stop.check(t, state)
         except DivergenceError as error:
-            raise _blamed(error, adapter.plant, state.v) from None
+            raise _blamed(error, adapter.report().errors, state.v) from None
         wall, begin = perf_counter(), thread_time()
         try:
             T = adapter.compute_input(loop, t)
@@ -231,7 +212,7 @@ class SampledRun:
         T = adapter.apply(loop, T)
         self._count_fallback(t, loop.state.fault)
         if self._lift_off is not None:
-            self._lift_off.check(t, state, T, adapter.external)
+            self._lift_off.check(t, state, T, adapter.reported.external)
         integrals = loop.state.integrals if loop.state.integrals is not None else self._zeros
         measurement, command = self._add(t, state, T, integrals)
         self.samples += 1
@@ -257,10 +238,10 @@ class SampledRun:
         """Record a state with the last measurement and command of the loop, and return these."""
         adapter = self._adapter
         measurement, command = _last_decision(self.loop, state)
-        self.record.moves(adapter.model, adapter.external)
+        report = adapter.reported
+        self.record.moves(report.reduced, report.external)
         outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None  # not of a sensor's state
-        work = float(getattr(adapter.plant, "work", np.nan))
-        self.record.add(t, state, integrals, command, T, work, outputs, adapter.sensed)
+        self.record.add(t, state, integrals, command, T, report.work, outputs, adapter.sensed)
         return measurement, command
 
     def advance(self) -> None:
@@ -282,12 +263,11 @@ class SampledRun:
 
     def integration(self) -> run_info.IntegrationAccuracy | None:
         """Estimated errors of the integration since the start; None if the plant does not estimate them."""
-        errors: IntegrationErrors | None = getattr(self.plant, "errors", None)
-        if errors is None:
+        report = self._adapter.report()
+        if (errors := report.errors) is None:
             return None
-        tolerance: float = self.plant.tolerance  # type: ignore[attr-defined]
         rate, total, most = float(errors.rate), float(errors.total), int(errors.most)
-        return run_info.IntegrationAccuracy(tolerance, rate, total, most, max(int(errors.enough), most))
+        return run_info.IntegrationAccuracy(report.tolerance, rate, total, most, max(int(errors.enough), most))
 
     @property
     def failure(self) -> str | None:
@@ -312,9 +292,8 @@ class SampledRun:
         return judged_by(run, self._reduced, self._accelerations, missed)
 
 
-def _blamed(error: DivergenceError, plant: Plant, v: Array) -> DivergenceError:
+def _blamed(error: DivergenceError, errors: IntegrationErrors | None, v: Array) -> DivergenceError:
     """Return an error of a motion at velocity v (nv,) that says whether the integrator diverges, and not the robot."""
-    errors: IntegrationErrors | None = getattr(plant, "errors", None)
     if errors is None or errors.enough <= errors.most or errors.total <= _AT_FAULT * np.abs(v).max(initial=0.0):
         return error
     what = f"the integrator, not the robot: {error.what}; substeps {errors.most} is too small, set {errors.enough}"
@@ -349,15 +328,15 @@ def check_arguments(arguments: RunArguments) -> None:
     reduced, controller, *_, plant, options = arguments
     admit_model(reduced)
     admit_controller(controller)
-    missing = [each for each in _METHODS if not callable(getattr(plant, each, None))]
-    if plant is not None and (missing or isinstance(plant, type)):
-        raise ConfigurationError(f"plant: expected methods {', '.join(_METHODS)}, found {type_name(plant)}")
-    if takes_velocities(plant) and not getattr(controller, "gives_velocities", False):
+    if plant is not None and (isinstance(plant, type) or not isinstance(plant, Plant)):
+        raise ConfigurationError(f"plant: expected methods reset, read, apply, advance, found {type_name(plant)}")
+    takes, gives = takes_velocities(plant), getattr(controller, "gives_velocities", False)
+    if takes and not gives:
         raise ConfigurationError(
             "the plant takes velocities: put rnc.control.ActuatorVelocityController(reduced, ...) over a kinematic "
             f"controller, found {type_name(controller)}"
         )
-    if getattr(controller, "gives_velocities", False) and not takes_velocities(plant):
+    if gives and not takes:
         raise ConfigurationError(
             "the controller gives velocities: expected a plant with velocity servos, such as "
             f"rnc.plants.VelocityPlant(reduced), found {type_name(plant)}"

@@ -10,7 +10,9 @@ import systems
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control.whole_body.limit_stack import ContactCones
-from rnc_pin.simulation import grip_along, judge
+from rnc_pin.simulation import judge
+from rnc_pin.simulation.preflight import friction_demand
+from rnc_pin.simulation.rollout import RolloutEvaluation
 from simple_controllers import Inputs
 from systems import rolling_base
 from textbook_systems import BLADE, PLACES, WHEEL, G, cart_robot
@@ -49,17 +51,18 @@ def turn(duration=2.0):
 
 def rolled_out(gripping, reference):
     target = rnc.control.ReducingOutputController(gripping, reference)
-    return rnc.kinematic_rollout(gripping, target, gripping.robot.configuration(), reference.duration, 0.02)
+    path = rnc.kinematic_rollout(gripping, target, gripping.robot.configuration(), reference.duration, 0.02)
+    return RolloutEvaluation(gripping, *path)
 
 
 def test_a_reference_that_needs_more_than_the_grip_is_told_by_how_much(gripping):
     """At the middle of a quintic rates are 15/8 of the mean: m v w there, while nothing accelerates."""
     grip = rnc.Grip(gripping, friction=0.1)
-    needed = grip_along(gripping, grip, *rolled_out(gripping, turn()))
+    needed = friction_demand(rolled_out(gripping, turn()), grip)
     rate = 1.5 / 2.0 * 15 / 8
     assert needed.used >= rate**2 / (0.1 * G) * 0.99
     np.testing.assert_allclose(needed.time_scale, np.sqrt(needed.used), rtol=1e-6)
-    slowed = grip_along(gripping, grip, *rolled_out(gripping, rnc.planning.Slowed(turn(), needed.time_scale)))
+    slowed = friction_demand(rolled_out(gripping, turn(2.0 * needed.time_scale)), grip)
     np.testing.assert_allclose(slowed.used, 1.0, rtol=2e-2)
     assert "times the grip that 'sleigh' has" in needed.complaints()[0]
     assert not slowed.complaints() or slowed.used < 1.02

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from polynomials import powers
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.planning import Geodesic, Harmonic, Hold, Joined, MinimumJerk, TaskReference, ViaPoints
-from rnc_pin.planning.references import InTurn, Slowed
+from rnc_pin.planning.references import InTurn
 from tolerances import ROUNDING
 
 
@@ -125,7 +125,7 @@ def test_a_harmonic_grows_by_the_step_of_degree_seven():
 PASCAL = ((1,), (1, 1), (1, 2, 1), (1, 3, 3, 1))
 
 
-def test_references_that_are_joined_slowed_or_in_turn():
+def test_references_that_are_joined_or_in_turn():
     first, second = MinimumJerk([0.0], [1.0], 2.0), MinimumJerk([1.0], [5.0], 1.0, begin=2.0)
     turn = InTurn([first, second])
     assert (turn.size, turn.duration) == (1, 3.0)
@@ -136,10 +136,6 @@ def test_references_that_are_joined_slowed_or_in_turn():
     np.testing.assert_allclose(joined.at(2.5).position, [1.0, 7.0, 8.0, 3.0])
     assert (Joined([]).size, Joined([]).duration, Hold([1.0]).duration) == (0, 0.0, 0.0)
     assert TaskReference(first, second).duration == TaskReference(second, first).duration == 3.0
-    slow, point = Slowed(second, 4.0), second.at(2.3)
-    assert (slow.size, slow.duration) == (1, 12.0)
-    assert_same(slow.at(9.2), *(part / 4.0**k for k, part in enumerate(point)))
-    assert Slowed(second, 0.5).duration == 1.5
 
 
 def test_later_changes_of_given_arrays_change_no_reference():

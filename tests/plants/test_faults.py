@@ -130,8 +130,9 @@ def test_limits_of_the_plant_under_the_faults_are_told():
             self.applied = np.clip(T, -0.1, 0.1)
 
     plant = FaultyPlant(Weak(reduced), rnc.Faults(effort=0.05), reduced)
+    plant.reset(reduced.robot.configuration(), np.zeros(reduced.n))
     plant.apply(np.array([0.01, -0.04, 0.3, -2.0]))
-    np.testing.assert_allclose(plant.applied, [0.01, -0.04, 0.05, -0.05])
+    np.testing.assert_allclose(plant.report().applied, [0.01, -0.04, 0.05, -0.05])
 
 
 def test_a_joint_gets_stuck():

@@ -215,8 +215,8 @@ class Blind:
         q, v = self._plant.read()
         return (np.nan * q, v) if self.blind(self._count) else (q, v)
 
-    def actual(self):
-        return self._plant.read()
+    def report(self):
+        return self._plant.report()._replace(actual=self._plant.read())
 
 
 @pytest.mark.parametrize(("first", "last", "word", "samples"), [

@@ -16,6 +16,7 @@ from rnc_pin.plants.mujoco.engine import mujoco
 from rnc_pin.plants.mujoco.ground import Ground, add_ground
 from rnc_pin.plants.mujoco.joint_coordinates import RobotCoordinates
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
+from rnc_pin.plants.plant import PlantReport
 from rnc_pin.robots.sources.description import unlogged
 
 _ITERATIONS, _TOLERANCE = 50, 1e-12  # of the solver of contact forces
@@ -198,6 +199,12 @@ class MuJoCoPlant:
             raise DivergenceError("the state in MuJoCo is not finite after settling on the ground; reduce the step")
 
     # ------------------------------------------------------------------ for the record
+
+    def report(self) -> PlantReport:
+        """Return the applied inputs, and the friction and slip of the wheels."""
+        states = self.friction_used(), self.slip_speed()
+        used, slid = (dict(zip(self.wheel_names, each, strict=True)) for each in states)
+        return PlantReport(applied=self.applied, friction_used=used, slip_speed=slid)
 
     def slip(self) -> Float[Array, " m"]:
         """Return ``A v - mu`` at the current velocity, in the order of ``reduced.constraints.names``."""

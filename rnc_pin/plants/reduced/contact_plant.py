@@ -14,6 +14,7 @@ from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.plants.plant import PlantReport
 from rnc_pin.plants.reduced.contact_modes import NONE, Closed, ContactModes
 from rnc_pin.plants.reduced.events import ReducedStep, Watched, first_event
 from rnc_pin.plants.reduced.friction import DryFriction
@@ -135,19 +136,6 @@ class ContactPlant:
         return self._plant.reduced
 
     @property
-    def applied(self) -> np.ndarray:
-        """Applied inputs (p,), within the actuator limits."""
-        return self._plant.applied
-
-    @property
-    def external(self) -> np.ndarray | None:
-        """Generalized forces (nv,) of damping and friction; with coefficients of friction also of contacts.
-
-        They are means of the last step while contacts with coefficients touch.
-        """
-        return self._plant.external
-
-    @property
     def errors(self) -> IntegrationErrors:
         """Estimated errors of the integration since the start."""
         return self._plant.errors
@@ -184,6 +172,18 @@ class ContactPlant:
             return {}
         layout = self._rows.layout(frozenset(range(len(self._contacts))), joints=False)
         return dict(zip(layout.names, layout.units, strict=True))
+
+    def report(self) -> PlantReport:
+        """Return inputs, work, model, forces, contacts and errors.
+
+        External forces are those of damping and friction; with coefficients of friction also of contacts, as means of
+        the last step while contacts touch.
+        """
+        return self._plant.report()._replace(
+            work=self.work, tolerance=self.tolerance, errors=self.errors, normal_forces=self.normal_forces,
+            contact_forces=self.contact_forces, contact_force_units=self.contact_force_units,
+            contact_events=self.contact_events,
+        )  # fmt: skip
 
     @property
     def sliding(self) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from math import isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -12,6 +13,7 @@ from rnc_pin.model.input_validation import own_vector
 from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.plants.plant import PlantReport
 from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, VelocityChart
 from rnc_pin.plants.reduced.friction import DissipativeStep, DryFriction
 from rnc_pin.plants.reduced.step_control import MOST_EVENT_SUBSTEPS, MOST_SUBSTEPS, IntegrationErrors, Substeps
@@ -206,6 +208,16 @@ class ReducedPlant(ReprMixin):
         if len(self._dissipative.friction.limits):
             force += self._dissipative.friction_force(self._q, self._y, self.applied)
         return force
+
+    def report(self) -> PlantReport:
+        """Return inputs, work, model, forces and errors; no forces at a state that is not finite."""
+        external = None
+        with suppress(DivergenceError):
+            external = self.external
+        return PlantReport(
+            applied=self.applied, work=self.work, reduced=self.reduced, external=external, errors=self.errors,
+            tolerance=self.tolerance,
+        )  # fmt: skip
 
     def advance(self, dt: float) -> None:
         """Integrate over a time dt [s].

@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import DivergenceError
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.plants.plant import PlantReport
 from rnc_pin.plants.reduced.friction_impulses import FrictionImpulses, responses
 from rnc_pin.plants.reduced.reduced_plant import ReducedPlant
 from rnc_pin.plants.reduced.step_control import IntegrationErrors, Substeps
@@ -116,10 +117,9 @@ class SlidingPlant:
         """Work since the start, minus the energy that damping and friction removed [J]."""
         return self._now.work
 
-    @property
-    def external(self) -> np.ndarray | None:
-        """Mean generalized forces (nv,) of contacts, damping and friction in the last step."""
-        return self._now.force
+    def report(self) -> PlantReport:
+        """Return inputs, model, and the mean generalized forces of contacts, damping and friction in the last step."""
+        return PlantReport(applied=self.applied, reduced=self.reduced, external=self._now.force)
 
     @property
     def normal_forces(self) -> dict[int, float]:

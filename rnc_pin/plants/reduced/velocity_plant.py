@@ -9,6 +9,7 @@ from rnc_pin.errors import DivergenceError, InputError, SingularityError
 from rnc_pin.model.input_validation import is_count, is_number, own_vector
 from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.plants.plant import PlantReport
 
 _SETTLED = 20.0  # time after which velocities have settled, in time constants
 
@@ -76,11 +77,11 @@ class VelocityPlant:
     def effort(self) -> np.ndarray:
         """Efforts (p,) of the actuators [N or N m] that give the present acceleration.
 
-        NaN where the outputs of the model are singular, and if B is a function without a rate.
+        NaN where outputs are singular or the state is not finite, and if B is a function without a rate.
         """
-        q, v = self.read()
-        state = self.reduced.at(q, v=v)
         try:
+            q, v = self.read()
+            state = self.reduced.at(q, v=v)
             B_rate = self.reduced.actuation.matrix_rate(state.motion)
             if B_rate is None:
                 return np.full(self.reduced.p, np.nan)
@@ -88,8 +89,12 @@ class VelocityPlant:
             known = state.B.T @ state.v_dot(np.zeros(self.reduced.r)) + B_rate.T @ v
             v2_dot = np.linalg.lstsq(state.B.T @ state.R, w_dot - known, rcond=None)[0]
             return state.allocate(state.inverse_dynamics(v2_dot))
-        except SingularityError:
+        except (DivergenceError, SingularityError):
             return np.full(self.reduced.p, np.nan)
+
+    def report(self) -> PlantReport:
+        """Return the model, the velocities that are applied, and the efforts."""
+        return PlantReport(applied=self.applied, reduced=self.reduced, effort=self.effort)
 
     def advance(self, dt: float) -> None:
         """Advance the time by dt [s].
