@@ -282,8 +282,8 @@ def _slips(run: Trajectory) -> Iterator[Finding]:
         speed, time = float(slip[most, column]), float(run.time[most])
         if speed > _SLIDING:
             force = dict(zip(run.info.outputs.multipliers, run.info.outputs.multipliers_units, strict=False)).get(name)
-            unit = next((rate for rate, each in FORCE_UNITS.items() if each == force), "kg m/s or N m s")  # a momentum
-            message = f"row '{name}' slips by up to {speed:.3g} {unit}, at t = {time:.2f} s"
+            unit = next((rate for rate, each in FORCE_UNITS.items() if each == force), "")
+            message = f"row '{name}' slips by up to {f'{speed:.3g} {unit}'.rstrip()}, at t = {time:.2f} s"
             yield Finding(FindingKind.SLIP, name, speed, unit, time, Severity.DEGRADES, message)
 
 

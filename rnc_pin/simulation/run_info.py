@@ -20,8 +20,8 @@ from rnc_pin.verdict import Verdict
 
 _Record = TypeVar("_Record")
 _Schema = dict[str, object]
-FORCE_UNITS = {"m/s": "N", "rad/s": "N m"}
-"""Unit of the force of a row by the unit of its rate."""
+FORCE_UNITS = {"m/s": "N", "rad/s": "N m", "kg m/s": "m/s^2", "N m s": "rad/s^2"}
+"""Unit of the multiplier of a row by the unit of its rate, or of its momentum."""
 
 
 class _Strict:
