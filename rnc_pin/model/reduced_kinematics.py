@@ -192,6 +192,8 @@ class ReducedKinematics(ConfigurationEvaluation):
     @filled_for_v
     def A_star_dot(self) -> Float[Array, "*batch k r"]:
         """Rate of A_star."""
+        if not self.J1.shape[-2]:
+            return self.A_star  # without outputs, no rate is needed, which may be unknown
         return self.J1_dot @ self.R + self.J1 @ self.R_dot
 
     @cached_property

@@ -15,7 +15,6 @@ from rnc_pin.robots.joint_values import NamedModel
 from rnc_pin.robots.sources.description import Body
 
 _FLAT = 1e-9  # share of the largest moment of inertia below which another one is zero
-_BODY_FIXED = ("Planar", "FreeFlyer", "Spherical", "Translation")  # joints of several axes, constant in the body
 
 
 def check_model(model: pin.Model) -> None:
@@ -55,9 +54,15 @@ def flat_links(model: pin.Model) -> list[str]:
 
 
 def joints_with_moving_axes(model: pin.Model) -> list[str]:
-    """Joints whose axes are not constant in the body that they move: universal, ZYX and composite joints."""
-    joints = zip(model.names, model.joints, strict=True)
-    return [name for name, joint in joints if joint.nv > 1 and not joint.shortname().endswith(_BODY_FIXED)]
+    """Joints whose axes are not constant in the body that they move: universal, ZYX and most composite joints."""
+    neutral, found = pin.neutral(model), []
+    for name, joint in zip(model.names, model.joints, strict=True):
+        axes, data = [], joint.createData()
+        for q in (neutral, pin.integrate(model, neutral, np.full(model.nv, 0.5))) if joint.nv > 1 else ():
+            joint.calc(data, q)
+            axes.append(np.array(data.S))
+        found += [name] if axes and not np.allclose(*axes) else []
+    return found
 
 
 def _check_order(model: pin.Model) -> None:

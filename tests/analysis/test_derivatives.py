@@ -209,16 +209,21 @@ def test_joints_with_axes_that_depend_on_their_position_take_differences():
             joint_model = pin.JointModelComposite(pin.JointModelRX())
             joint_model.addJoint(pin.JointModelRY(), place)
             joint = model.addJoint(0, joint_model, pin.SE3.Identity(), "both")
+            sliding = pin.JointModelComposite(pin.JointModelPX())  # its axes are constant
+            sliding.addJoint(pin.JointModelPY())
+            slide = [model.addJoint(joint, sliding, place, "slide")]
         else:
             joint = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "first")
             joint = model.addJoint(joint, pin.JointModelRY(), place, "second")
+            slide = [model.addJoint(joint, pin.JointModelPX(), place, "along")]
+            slide.append(model.addJoint(slide[0], pin.JointModelPY(), pin.SE3.Identity(), "across"))
         model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.1, 0.4, -0.3]), np.diag([0.2, 0.3, 0.4])), place)
-        hand = model.addJoint(joint, pin.JointModelRX(), place, "hand")
+        hand = model.addJoint(slide[-1], pin.JointModelRX(), place, "hand")
         model.addFrame(pin.Frame("tip", hand, place, pin.FrameType.OP_FRAME))
         model.appendBodyToJoint(hand, pin.Inertia(1.0, np.array([0.3, 0.1, 0.2]), np.diag([0.3, 0.2, 0.1])), place)
-        return rnc.NonholonomicSystem(rnc.Robot(model), [], np.eye(3)).reduce()
+        return rnc.NonholonomicSystem(rnc.Robot(model), [], np.eye(5)).reduce()
 
-    q, v2, T = np.array([0.4, -0.7, 0.9]), np.array([0.5, -1.2, 0.8]), np.array([0.3, 1.0, -0.2])
+    q, v2, T = np.random.default_rng(5).uniform(-1, 1, (3, 5))
     with pytest.warns(rnc.ModelWarning, match="axes of both depend on the joint's own position"):
         reduced = arm(composite=True)
     chain = arm(composite=False)
@@ -229,6 +234,8 @@ def test_joints_with_axes_that_depend_on_their_position_take_differences():
     for read in (lambda: ours.C, lambda: ours.V, lambda: reduced.terms(q, v2), lambda: tip.A_star_dot):
         with pytest.raises(rnc.ModelError, match="axes of 'both' depend on its own position; accelerations are known"):
             read()
+    tracker = rnc.control.ComputedTorque(reduced, rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(q)))
+    rnc.simulate(reduced, tracker, q, duration=0.02, dt=0.01)  # without outputs, a run needs no rates
     found, expected = state_derivatives(reduced, q, v2, T), state_derivatives(chain, q, v2, T)
     assert 0 < found.difference_error < 1e-8
     for each in BLOCKS:
