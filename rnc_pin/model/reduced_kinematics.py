@@ -222,6 +222,8 @@ class ReducedKinematics(ConfigurationEvaluation):
         if integrals is None and self._data.reducing.has_quasi:
             x2 = x2.copy()
             x2[..., self._data.reducing.quasi] = np.nan
+        self._data.vertical.check(x1, self.A_star, self.A_star_dot)
+        self._data.reducing.check(x2)
         offset = offset_dot = None
         if self._data.affine:
             offset = apply(self.J1, self.b)

@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from rnc_pin.errors import DivergenceError
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.rows import ConstantRows, OutputRows, Rows
@@ -183,6 +184,7 @@ class OutputStack(RowStack):
         self.quasi = np.array([block.quasi for block in blocks for _ in block.names], dtype=bool)
         self.has_quasi = bool(self.quasi.any())
         self._values = [(block, where) for block, where, _ in self.places if isinstance(block, OutputRows)]
+        self._generalized = any(block.generalized for block in blocks)
         rotations = [where.start for block, where in self._values if block.rotation]
         self.coordinates = Coordinates(self.angular, rotations, self.names)
 
@@ -192,6 +194,16 @@ class OutputStack(RowStack):
         for block, where in self._values:
             out[..., where] = block.value(at)
         return out
+
+    def check(self, value: np.ndarray, *matrices: np.ndarray) -> None:
+        """Raise ``DivergenceError`` if values (..., size) or rows (..., size, n) of a user's output are not finite."""
+        if self._generalized:
+            finite = np.isfinite(value) | self.quasi
+            for each in matrices:
+                finite = finite & np.isfinite(each).all(axis=-1)
+            if not finite.all():
+                name = self.names[int(finite.reshape(-1, self.size).all(axis=0).argmin())]
+                raise DivergenceError(f"output '{name}' is not finite")
 
 
 def rheonomic_names(stack: RowStack) -> list[str]:

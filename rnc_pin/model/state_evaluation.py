@@ -203,6 +203,8 @@ class StateEvaluation(ReducedKinematics):
         for each in self._data.forces:
             if not np.isfinite(each.force(self.motion)).all():
                 return f"the force '{each.name}' is not finite"
+        if not np.isfinite(self.B).all():
+            return "the actuation matrix B(q) is not finite"
         return "H is nearly singular or a force is too large"
 
     def inverse_dynamics(self, v2_dot: ArrayInput) -> Float[Array, "*batch r"]:

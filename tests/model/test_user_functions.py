@@ -210,22 +210,28 @@ def test_what_is_no_row_while_differences_are_taken_is_refused_with_its_shape(ba
             rnc.NonholonomicSystem(robot, [build()], robot.joint_names).reduce()
 
 
-@pytest.mark.parametrize("where", ["rows", "rows_dot", "force"])
+@pytest.mark.parametrize("where", ["rows", "rows_dot", "force", "B", "value", "reducing", "jacobian", "jacobian_dot"])
 def test_a_function_that_is_not_finite_in_mid_run_is_named(where):
     robot, begun = rnc.Robot.from_urdf("space_robot.urdf"), []
 
-    def until(good):
-        return lambda q, *v: good if not begun or q[0] < 0.03 else np.full(good.shape, np.nan)
+    def until(name, good):
+        return lambda q, *v: good(q) if name != where or not begun or q[0] < 0.03 else good(q) + np.nan
 
-    given = {"rows": lambda q: LEVEL, "rows_dot": lambda q, v: RATE} | {
-        where: until(RATE if where[-1] == "t" else LEVEL)
-    }
-    forces = [rnc.forces.ForceFunction(until(np.zeros(4)), "drag")] if given.pop("force", None) else []
-    system = rnc.NonholonomicSystem(robot, [rnc.Pfaffian(**given, names=["level"])], robot.joint_names, forces=forces)
-    reduced = system.reduce()
+    def level(q):
+        return LEVEL
+
+    rows = until("rows", lambda q: LEVEL * [0, 0, 0, 1]), until("rows_dot", lambda q: RATE)
+    value = until(where if where == "reducing" else "value", lambda q: LEVEL @ q)
+    output = rnc.Output(value, until("jacobian", level), until("jacobian_dot", lambda q: RATE), names=["level"])
+    forces = [rnc.forces.ForceFunction(until("force", lambda q: np.zeros(4)), "drag")] if where == "force" else []
+    actuation = until("B", lambda q: np.eye(4)) if where == "B" else robot.joint_names
+    system = rnc.NonholonomicSystem(robot, [rnc.Pfaffian(*rows, names=["row"])], actuation, forces=forces)
+    outputs = [output, *map(rnc.JointPosition, robot.joint_names[:2])]
+    reduced = system.reduce(outputs) if where == "reducing" else system.reduce(vertical=[output])
     begun.append(True)
     pushed = Inputs(lambda t: [5.0, 0.0, 0.0, 0.0])
-    with pytest.raises(rnc.DivergenceError, match="'drag' is not finite" if forces else "'level' is not finite"):
+    name = {"rows": "'row'", "rows_dot": "'row'", "force": "'drag'", "B": r"B\(q\)"}.get(where, "output 'level'")
+    with pytest.raises(rnc.DivergenceError, match=f"at t = 0.*{name} is not finite"):
         rnc.simulate(reduced, pushed, robot.configuration(), 1.0, 0.01)
 
 
