@@ -23,6 +23,7 @@ from rnc_pin.robots.robot import Robot
 _SPAN = 1.0  # [s] of a prescribed motion that is looked at
 _SHARES, _SHARE = np.linspace(0.09, 0.93, 8), 1e-4  # times in it, and the step of differences
 _DIFFERENT, _STILL, _FEW = 0.01, 1e-6, 2  # of the largest rate; rate at rest; times in motion that decide nothing
+_WHOSE = " of a Pfaffian constraint"
 
 
 @dataclass(frozen=True)
@@ -304,69 +305,64 @@ class _PfaffianRows(Rows):
             raise ConstraintError(f"{len(self.names)} names for {self._shape[0]} Pfaffian rows")
         self.unnamed = not kind.names
         self.units = ("",) * self._shape[0]
-        self._kind = kind
         self.affine = kind.rate is not None
         self.holonomic = (kind.residual is not None,) * self._shape[0]
-        admit_rows(sample, self._shape, "rows(q) of a Pfaffian constraint")
-        admitted = {
-            name: admitting(getattr(kind, name), shape, f"{name}(q) of a Pfaffian constraint")
-            for name, shape in (("rows", self._shape), ("rate", self._shape[:1]), ("residual", self._shape[:1]))
-        }
-        self._rows_dot = self._rate_of(admitted["rows"], kind.rows_dot, ("rows(q)", "rows_dot(q, v)"), robot)
+        admit_rows(sample, self._shape, f"rows(q){_WHOSE}")
+        self._functions: dict[str, Callable[..., Array]] = {}
+        self._admit("rows", "q", kind.rows)
+        self._admit_rate("rows", kind.rows_dot, robot)
         if kind.rate is not None:
-            admit_rows(kind.rate(*first), self._shape[:1], "rate(q) of a Pfaffian constraint")
-            self._rate_dot = self._rate_of(admitted["rate"], kind.rate_dot, ("rate(q)", "rate_dot(q, v)"), robot)
+            self._admit("rate", "q", kind.rate)(*first)
+            self._admit_rate("rate", kind.rate_dot, robot)
         if kind.residual is not None:
-            labels = "residual(q)", "rows(q) v of a Pfaffian constraint" + (", less rate(q)," if self.affine else "")
-            timed = self.rheonomic
-            check_rate(robot, admitted["residual"], self._residual_rate, labels, self.names, angular=True, timed=timed)
+            labels = "residual(q)", f"rows(q) v{_WHOSE}" + (", less rate(q)," if self.affine else "")
+            residual, timed = self._admit("residual", "q", kind.residual), self.rheonomic
+            check_rate(robot, residual, self._residual_rate, labels, self.names, angular=True, timed=timed)
+
+    def _admit(self, name: str, arguments: str, function: Function) -> Callable[..., Array]:
+        """Keep a function of the user, with its results admitted."""
+        self._functions[name] = admitting(function, self._shape_of(name), f"{name}({arguments}){_WHOSE}")
+        return self._functions[name]
+
+    def _shape_of(self, name: str) -> tuple[int, ...]:
+        return self._shape if name.startswith("rows") else self._shape[:1]
+
+    def _admit_rate(self, name: str, given: Rate | None, robot: Robot) -> None:
+        """Keep the rate of a function: the user's, or a derived one."""
+        function, timed = self._functions[name], self.rheonomic
+        if given is not None:
+            labels = f"{name}(q)", f"{name}_dot(q, v){_WHOSE}"
+            check_rate(robot, function, given, labels, self.names, timed=timed)
+        rate = given or DerivedRate(robot, function, f"{name}(q){_WHOSE}", timed)
+        self._admit(f"{name}_dot", "q, v", rate)
 
     def _residual_rate(self, q: Array, v: Array, *t: float) -> Array:
         """Rate (k,) that the residual has by the rows."""
-        found = np.array(self._kind.rows(q, *t), dtype=float) @ v
-        return found if self._kind.rate is None else found - np.asarray(self._kind.rate(q, *t), dtype=float)
-
-    def _rate_of(self, function: Function, given: Rate | None, labels: tuple[str, str], robot: Robot) -> Rate:
-        if given is None:
-            return DerivedRate(robot, function, f"{labels[0]} of a Pfaffian constraint", self.rheonomic)
-        told = labels[0], f"{labels[1]} of a Pfaffian constraint"
-        check_rate(robot, function, given, told, self.names, timed=self.rheonomic)
-        return given
+        found = self._functions["rows"](q, *t) @ v
+        return found - self._functions["rate"](q, *t) if self.affine else found
 
     def jacobian(self, at: PositionKinematics) -> Array:
-        return self._evaluated(self._kind.rows, "rows(q)", self._shape, at, at.q)
+        return self._evaluated("rows", at, at.q)
 
     def jacobian_dot(self, at: VelocityKinematics) -> Array:
-        return self._evaluated(self._rows_dot, "rows_dot(q, v)", self._shape, at, at.q, at.v)
+        return self._evaluated("rows_dot", at, at.q, at.v)
 
     def bias_acceleration(self, at: VelocityKinematics) -> Array:
         bias_acceleration = apply(self.jacobian_dot(at), at.v)
         return bias_acceleration - self.rate_dot(at) if self.affine else bias_acceleration
 
     def rate(self, at: PositionKinematics) -> Array:
-        if self._kind.rate is None:
-            return super().rate(at)
-        return self._evaluated(self._kind.rate, "rate(q)", self._shape[:1], at, at.q)
+        return self._evaluated("rate", at, at.q) if self.affine else super().rate(at)
 
     def rate_dot(self, at: VelocityKinematics) -> Array:
-        if not self.affine:
-            return self._zeros(at)
-        return self._evaluated(self._rate_dot, "rate_dot(q, v)", self._shape[:1], at, at.q, at.v)
+        return self._evaluated("rate_dot", at, at.q, at.v) if self.affine else self._zeros(at)
 
     def residual(self, at: PositionKinematics) -> Array:
-        if self._kind.residual is None:
-            return super().residual(at)
-        return self._evaluated(self._kind.residual, "residual(q)", self._shape[:1], at, at.q)
+        return self._evaluated("residual", at, at.q) if "residual" in self._functions else super().residual(at)
 
-    def _evaluated(
-        self, function: Callable[..., object], what: str, shape: tuple[int, ...], at: PositionKinematics, *arrays: Array
-    ) -> Array:
-        admitted = admitting(function, shape, f"{what} of a Pfaffian constraint")
-
-        def admitted_at(*state: Array) -> Array:
-            return admitted(*state[:-1], float(state[-1][0]))
-
+    def _evaluated(self, name: str, at: PositionKinematics, *arrays: Array) -> Array:
+        function, shape = self._functions[name], self._shape_of(name)
         if not self.rheonomic:
-            return over_states(admitted, shape, *arrays)
+            return over_states(function, shape, *arrays)
         times = np.broadcast_to(at.t, at.q.shape[:-1])[..., None]
-        return over_states(admitted_at, shape, *arrays, times)
+        return over_states(lambda *state: function(*state[:-1], float(state[-1][0])), shape, *arrays, times)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
@@ -302,4 +303,10 @@ def admit_rows(rows: object, expected: tuple[int, ...], what: str) -> np.ndarray
 
 def admitting(function: Callable[..., object], expected: tuple[int, ...], what: str) -> Callable[..., np.ndarray]:
     """Function of a user whose results are admitted by ``admit_rows``."""
-    return lambda *state: admit_rows(function(*state), expected, what)
+    return partial(_admitted_result, function, expected, what)
+
+
+def _admitted_result(
+    function: Callable[..., object], expected: tuple[int, ...], what: str, *state: object
+) -> np.ndarray:
+    return admit_rows(function(*state), expected, what)

@@ -81,7 +81,7 @@ class DerivedRate:
         ConstraintError: the function has no rate at random configurations, e.g. because it jumps.
     """
 
-    def __init__(self, robot: Robot, function: Function, label: str, timed: bool = False) -> None:
+    def __init__(self, robot: Robot, function: Callable[..., np.ndarray], label: str, timed: bool = False) -> None:
         self._model, self._function = robot.model, function
         for q, v, t in _random_states(robot, function, timed):
             found, doubt = _difference(robot.model, function, q, v, t)
@@ -92,10 +92,7 @@ class DerivedRate:
                 )
 
     def __call__(self, q: np.ndarray, v: np.ndarray, *t: float) -> np.ndarray:
-        return _flow(self._model, self._values, q, v, t, _STEPS[0])
-
-    def _values(self, q: np.ndarray, *t: float) -> np.ndarray:
-        return np.array(self._function(q, *t), dtype=float)  # the function may use its memory again
+        return _flow(self._model, self._function, q, v, t, _STEPS[0])
 
 
 def check_rate(

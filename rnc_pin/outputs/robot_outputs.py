@@ -15,8 +15,8 @@ from rnc_pin.model.frame_rows import OffsetFrame, PointRows, axis_index, evaluat
 from rnc_pin.model.input_validation import Axis
 from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
-from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, admit_rows, admitting, check_defined
-from rnc_pin.model.user_functions import DerivedRate, Rate, check_rate
+from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, admitting, check_defined
+from rnc_pin.model.user_functions import DerivedRate, check_rate
 from rnc_pin.outputs.frame_outputs import FrameAngularVelocity, FrameSpeed
 from rnc_pin.robots.model_checks import joints_with_moving_axes
 from rnc_pin.robots.robot import Robot
@@ -265,44 +265,31 @@ class _CustomRows(OutputRows):
         self.units = ("",) * size
         self.angular = (kind.angular,) * size
         self.quasi = kind.value is None
-        self._kind = kind
-        self._shape = (size, robot.nv)
-        admit_rows(kind.jacobian(robot.configuration()), self._shape, f"jacobian(q) of output {self.names}")
-        whose = f" of output {self.names}"
-        jacobian = admitting(kind.jacobian, self._shape, f"jacobian(q){whose}")
+        self._shape, whose = (size, robot.nv), f" of output {self.names}"
+        self._jacobian = admitting(kind.jacobian, self._shape, f"jacobian(q){whose}")
+        self._jacobian(robot.configuration())
         if kind.value is not None:
-            along = partial(_product, jacobian)
-            value = admitting(kind.value, self._shape[:1], f"value(q){whose}")
-            admit_rows(kind.value(robot.configuration()), self._shape[:1], f"value(q){whose}")
-            check_rate(robot, value, along, ("value(q)", f"jacobian(q) v{whose}"), self.names, kind.angular)
-        if kind.jacobian_dot is None:
-            self._jacobian_dot: Rate = DerivedRate(robot, jacobian, f"jacobian(q){whose}")
-        else:
-            self._jacobian_dot = kind.jacobian_dot
-            labels = "jacobian(q)", f"jacobian_dot(q, v){whose}"
-            check_rate(robot, jacobian, kind.jacobian_dot, labels, self.names)
+            self._value = admitting(kind.value, self._shape[:1], f"value(q){whose}")
+            self._value(robot.configuration())
+            along = partial(_product, self._jacobian)
+            check_rate(robot, self._value, along, ("value(q)", f"jacobian(q) v{whose}"), self.names, kind.angular)
+        labels = "jacobian(q)", f"jacobian_dot(q, v){whose}"
+        if kind.jacobian_dot is not None:
+            check_rate(robot, self._jacobian, kind.jacobian_dot, labels, self.names)
+        rate = kind.jacobian_dot or DerivedRate(robot, self._jacobian, labels[0] + whose)
+        self._jacobian_dot = admitting(rate, self._shape, labels[1])
 
     def value(self, at: PositionKinematics) -> np.ndarray:
-        value = self._kind.value
-        if value is None:
-            return super().value(at)
-        return over_states(partial(self._admitted, value, "value(q)", self._shape[:1]), self._shape[:1], at.q)
+        return super().value(at) if self.quasi else over_states(self._value, self._shape[:1], at.q)
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        rows = partial(self._admitted, self._kind.jacobian, "jacobian(q)", self._shape)
-        return over_states(rows, self._shape, at.q)
+        return over_states(self._jacobian, self._shape, at.q)
 
     def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        rows = partial(self._admitted, self._jacobian_dot, "jacobian_dot(q, v)", self._shape)
-        return over_states(rows, self._shape, at.q, at.v)
+        return over_states(self._jacobian_dot, self._shape, at.q, at.v)
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         return apply(self.jacobian_dot(at), at.v)
-
-    def _admitted(
-        self, function: Callable[..., object], what: str, shape: tuple[int, ...], *state: np.ndarray
-    ) -> np.ndarray:
-        return admit_rows(function(*state), shape, f"{what} of output {self.names}")
 
 
 def _product(jacobian: Callable[[np.ndarray], np.ndarray], q: np.ndarray, v: np.ndarray) -> np.ndarray:
