@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 
 import numpy as np
-import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.analysis.contact_forces import ContactForceSet, dependent_groups, linked_contacts
@@ -19,7 +17,6 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
 
 _SMALL = 1e-9
-_PARTS = (0.25, 0.5, 0.75, 1.0)  # of a sampling interval, at which it is judged
 
 
 class Grip(SummaryMixin):
@@ -114,38 +111,6 @@ class Grip(SummaryMixin):
             rows = self._reduced.at(q[known]).all_rows
             used[known] = self._shares(q[known], rows, contact_forces[known], normal_forces[known])
         return used
-
-    def used_between(
-        self,
-        time: Float[Array, " N"],
-        states: tuple[Float[Array, "N nq"], Float[Array, "N nv"], Float[Array, "N p"]],
-        contact_forces: Float[Array, "N m"],
-        normal_forces: Float[Array, "N c"],
-    ) -> Iterator[tuple[Float[Array, " M"], Float[Array, "M nq"], Float[Array, "M w"]]]:
-        """Yield times, configurations and shares of ``used`` inside sampling intervals, and at their ends.
-
-        Inputs are constant in an interval, so that the need for friction at its end differs from the next sample's.
-        Velocities have the change of the model's acceleration there. What the known forces have beside those of the
-        model, e.g. by joint damping, is linear.
-
-        Args:
-            time: times of the samples [s].
-            states: their configurations and full velocities, and the inputs from there on.
-            contact_forces, normal_forces: as of ``used_by_forces``.
-        """
-        (q, v, T), model = states, self._reduced.robot.model
-        at, end = self._reduced.at(q, v=v, t=time), self._reduced.at(q[1:], v=v[1:], t=time[1:])
-        more = contact_forces - at.contact_forces(T), normal_forces - self.normal.at(at, T)
-        dt, turn = np.diff(time)[:, None], end.acceleration(T[:-1]) - at.acceleration(T)[:-1]
-        for part in _PARTS:
-            t, w, *others = (each[:-1] + part * np.diff(each, axis=0) for each in (time, v, *more))
-            bend = 0.5 * part * (1.0 - part) * dt
-            w, steps = w - bend * turn, -bend * np.diff(v, axis=0)
-            pairs = zip(pairwise(q), steps, strict=True)
-            p = np.array([pin.integrate(model, pin.interpolate(model, *ends, part), step) for ends, step in pairs])
-            inside = self._reduced.at(p, v=w, t=t)
-            forces = inside.contact_forces(T[:-1]) + others[0], self.normal.at(inside, T[:-1]) + others[1]
-            yield t, p, self.used_by_forces(p, *forces)
 
     def is_choice(self, q: Array) -> Bool[Array, "*batch w"]:
         """Return which contacts have forces that rigid bodies do not determine: their shares are a choice.

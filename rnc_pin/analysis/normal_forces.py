@@ -13,7 +13,7 @@ import pinocchio as pin
 import scipy
 from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Float, Int
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import nonnegative
 from rnc_pin.model.cached_property import once_per_model
@@ -29,6 +29,7 @@ from rnc_pin.robots.joint_values import NamedModel
 _UNITS = np.eye(6)
 _CARRIER = "joint that carries the robot"
 _SMALL = 1e-9
+_PARTS = (0.25, 0.5, 0.75, 1.0)  # of a sampling interval, at which it is judged
 _SAMPLES = 3  # configurations, beside the neutral one, that decide which rows carry
 _ROUNDING = 1e-6  # share of the weight below which a force counts as zero
 
@@ -230,6 +231,7 @@ class NormalForces:
     Attributes:
         contacts: contacts that carry, (c,).
         names: their names, (c,).
+        rows: names of all constraint rows, (m,).
         carried_by_row: True for each contact whose height a constraint row keeps, (c,).
         unknown: names of what acts on a base that moves in the plane with an unknown wrench, such as a
             ``ForceFunction``: forces of contacts without such a row are then NaN.
@@ -252,7 +254,7 @@ class NormalForces:
         self._roots = [joint for joint in range(1, self._model.njoints) if self._model.parents[joint] == 0]
         contacts, self.carried_by_row = _carriers(reduced)
         self.contacts = list(contacts)
-        self.names = tuple(each.name for each in self.contacts)
+        self.names, self.rows = tuple(each.name for each in self.contacts), reduced.all_constraints.names
         self._points = [each.point for each in self.contacts]
         self._wrenches = None if self.carried_by_row.all() else _ExternalWrenches(reduced)
         self.unknown = () if self._wrenches is None else self._wrenches.unknown
@@ -295,6 +297,40 @@ class NormalForces:
             known[:, ~self.carried_by_row] = self._of_motion(lines, self.plane_needs(lines, q, v, v_dot, T), known)
             forces = known.reshape(forces.shape)
         return forces
+
+    def between(
+        self,
+        time: Float[Array, " N"],
+        states: tuple[Float[Array, "N nq"], Float[Array, "N nv"], Float[Array, "N p"]],
+        contact_forces: Float[Array, "N m"],
+        normal_forces: Float[Array, "N c"],
+        intervals: Int[Array, " M"] | None = None,
+    ) -> Iterator[tuple[Float[Array, " M"], Float[Array, "M nq"], Float[Array, "M m"], Float[Array, "M c"]]]:
+        """Yield times, configurations, contact and normal forces inside sampling intervals, and at their ends.
+
+        Inputs are constant in an interval, so that forces at its end differ from the next sample's. Velocities have
+        the change of the model's acceleration there. What the known forces have beside those of the model, e.g. by
+        joint damping, is linear.
+
+        Args:
+            time: times of the samples [s].
+            states: their configurations and full velocities, and the inputs from there on.
+            contact_forces, normal_forces: forces at the samples, of all constraint rows and of the contacts.
+            intervals: samples at which the intervals begin; all by default.
+        """
+        (q, v, T), model = states, self._model
+        k = np.arange(len(time) - 1) if intervals is None else intervals
+        both = np.stack([k, k + 1])
+        ends = self._reduced.at(q[both], v=v[both], t=time[both])
+        more = contact_forces[both] - ends.contact_forces(T[both]), normal_forces[both] - self.at(ends, T[both])
+        (turn,), (change,) = np.diff(ends.acceleration(T[[k, k]]), axis=0), np.diff(v[both], axis=0)
+        for part in _PARTS:
+            t, w, *others = (start + part * (end - start) for start, end in (time[both], v[both], *more))
+            bend = 0.5 * part * (1.0 - part) * np.diff(time[both], axis=0).T
+            w, steps = w - bend * turn, zip(k, -bend * change, strict=True)
+            p = np.array([pin.integrate(model, pin.interpolate(model, q[i], q[i + 1], part), by) for i, by in steps])
+            inside = self._reduced.at(p, v=w, t=t)
+            yield t, p, inside.contact_forces(T[k]) + others[0], self.at(inside, T[k]) + others[1]
 
     def _of_rows(self, contact_forces: Array, rows: Array) -> Array:
         """Forces of the contacts whose height a row keeps."""
@@ -403,18 +439,19 @@ def balanced(
     return forces
 
 
-def first_lift_off(times: Array, forces: Array, names: Sequence[str]) -> LiftOff | None:
+def first_lift_off(times: Array, forces: Array, names: Sequence[str], rounding: float = _ROUNDING) -> LiftOff | None:
     """Return the first contact whose normal force is below zero by more than rounding; None if all contacts hold.
 
     Args:
         times: (N,) [s].
         forces: normal forces (N, c) [N]; NaN if unknown.
         names: of the contacts (c,).
+        rounding: share of the weight below which a force counts as zero.
     """
     if not forces.size:
         return None
     known = np.nan_to_num(forces)
-    below = known < -_ROUNDING * max(float(np.abs(known).sum(axis=1).max()), 1.0)
+    below = known < -rounding * max(float(np.abs(known).sum(axis=1).max()), 1.0)
     if not below.any():
         return None
     sample = int(np.argmax(below.any(axis=1)))

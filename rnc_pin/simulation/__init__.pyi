@@ -12,7 +12,6 @@ from .judgement import SHORTFALL as SHORTFALL
 from .judgement import distance_findings as distance_findings
 from .judgement import judge as judge
 from .judgement import missed_goal_findings as missed_goal_findings
-from .judgement import side_slip_findings as side_slip_findings
 from .limit_replay import Clearance as Clearance
 from .limit_replay import FurtherLimits as FurtherLimits
 from .limit_replay import LimitReplay as LimitReplay

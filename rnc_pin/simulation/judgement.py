@@ -9,8 +9,8 @@ from functools import partial
 
 import numpy as np
 
-from rnc_pin.analysis import Grip, first_lift_off
-from rnc_pin.array_shapes import Float
+from rnc_pin.analysis import Grip, NormalForces, first_lift_off
+from rnc_pin.array_shapes import Float, Int
 from rnc_pin.control.controller import LimitedAcceleration, MissedGoal
 from rnc_pin.control.wheeled_base import missing_lateral_rows
 from rnc_pin.errors import InputError, RncError, few
@@ -37,7 +37,8 @@ _CREEP = 1e-3  # [m/s]; slower contacts stick: those of MuJoCo are soft
 _MOMENT = 0.01  # share of a run at the limit of friction that fails: more than a landing
 _SLIDING = 0.01  # [m/s or rad/s]; contacts of MuJoCo that stick creep by less than 1e-3
 _SLID = 0.05  # [m] sideways of a steered wheel without a lateral row, that fails
-_SLIPS = 1.0 + 1e-3  # use of friction that is beyond the stated friction, and not rounding
+_CHANGES = 4  # changes of a load from sample to sample that are not a part of it, and samples that tell no change
+_SLIPS = 1.0 + 1e-3  # use of friction that is beyond the stated friction, and not rounding; share of a weight too
 
 
 def judge(
@@ -48,6 +49,7 @@ def judge(
     goal_tolerance: float = 0.02,
     gave_way: Mapping[str, float] | None = None,
     grip: Grip | None = None,
+    reduced: ReducedModel | None = None,
     more: Iterable[Finding] = (),
     accepted: Iterable[FindingKind | str] = (),
 ) -> Verdict:
@@ -60,6 +62,7 @@ def judge(
         goal_tolerance: error above which a goal is missed [m or rad].
         gave_way: largest amounts by which limits of a whole-body program gave way, by name.
         grip: stated friction of the ground, for the forces that the constraints of the run need.
+        reduced: model of the run. Without it, steered wheels and lift-off inside samples are not judged.
         more: findings that others made, such as a plan that is not verified.
         accepted: kinds of findings that the user accepts.
 
@@ -85,10 +88,11 @@ def judge(
         *_integration(run),
         *(_goals(run, goal_errors or {}, goal_tolerance) if completed else ()),
         *(() if replay is None else map(_exceeded, replay.violations)),
-        *_contacts(run, grip),
+        *_contacts(run, grip, reduced),
         *(() if replay is None else _saturation(run, replay)),
         *(() if replay is None else _reversals(run, replay)),
         *_given_way(gave_way or {}),
+        *(() if reduced is None else _side_slips(run, reduced)),
         *more,
     ]
     return replace(Verdict.of(findings, accepted), late=_late(run))
@@ -220,31 +224,47 @@ def _exceeded(use: LimitUse) -> Finding:
     return Finding(FindingKind(use.kind), use.name, amount, "", use.time, Severity.FAILS, str(use))
 
 
-def _contacts(run: Trajectory, grip: Grip | None) -> Iterator[Finding]:
+def _contacts(run: Trajectory, grip: Grip | None, reduced: ReducedModel | None) -> Iterator[Finding]:
     """Findings of contacts that pull, that need more friction than is stated, or that slide at its limit."""
-    lifted = first_lift_off(run.time, run.normal_forces, run.info.outputs.normal_forces)
+    names, inside = run.info.outputs.normal_forces, []
+    normal = grip.normal if grip is not None else None if reduced is None or not names else NormalForces(reduced)
+    if normal is not None and (normal.names, normal.rows) == (names, run.info.outputs.contact_forces):
+        chosen = _changing(run.normal_forces) if grip is None else np.arange(len(run.time) - 1)
+        with suppress(RncError):  # between the samples of a run that ends in a singular configuration
+            known = run.contact_forces, run.normal_forces
+            inside = list(normal.between(run.time, (run.q, run.v, run.T), *known, chosen)) if len(chosen) else []
+    lifted = first_lift_off(run.time, run.normal_forces, names)
+    if lifted is None and inside:
+        times, _, _, loads = (np.concatenate(each) for each in zip(*inside, strict=True))
+        order = np.argsort(times, kind="stable")
+        lifted = first_lift_off(times[order], loads[order], names, _SLIPS - 1.0)
     if lifted is not None:
         yield Finding(
             FindingKind.LIFT_OFF, lifted.contact, -lifted.lowest, "N", lifted.time, Severity.FAILS, str(lifted)
         )
     unknown = np.isnan(run.normal_forces).all(axis=0)
     if len(run.time) and unknown.any():
-        names = few([name for name, each in zip(run.info.outputs.normal_forces, unknown, strict=True) if each])
-        message = f"the loads of {names} are unknown: a force on the planar base is a user's function of q and v"
-        yield Finding(FindingKind.MODEL, names, None, "N", None, Severity.DEGRADES, message)
+        where = few([name for name, each in zip(names, unknown, strict=True) if each])
+        message = f"the loads of {where} are unknown: a force on the planar base is a user's function of q and v"
+        yield Finding(FindingKind.MODEL, where, None, "N", None, Severity.DEGRADES, message)
     if grip is not None:
-        yield from _demands(run, grip)
+        yield from _demands(grip, (run.time, run.q, run.contact_forces, run.normal_forces), *inside)
     yield from _slips(run)
 
 
-def _demands(run: Trajectory, grip: Grip) -> Iterator[Finding]:
+def _changing(loads: Float[np.ndarray, "N c"]) -> Int[np.ndarray, " M"]:
+    """Samples after which a load may be below zero before the next one: it changes there by a part of itself."""
+    change, least = np.abs(np.diff(loads, axis=0)), np.minimum(loads[1:], loads[:-1])
+    near = change.copy()
+    near[1:] += change[:-1]
+    near[:-1] += change[1:]
+    return np.flatnonzero((least < _CHANGES * near).any(axis=1) | (len(loads) <= _CHANGES))
+
+
+def _demands(grip: Grip, *loads: tuple[np.ndarray, ...]) -> Iterator[Finding]:
     """Findings of contacts whose constraints need more than the stated friction: where a real wheel slips."""
-    found = [(run.time, run.q, grip.used_by_forces(run.q, run.contact_forces, run.normal_forces))]
-    with suppress(RncError):  # between the samples of a run that ends in a singular configuration
-        states = run.q, run.v, run.T
-        found += grip.used_between(run.time, states, run.contact_forces, run.normal_forces) if len(run.time) > 1 else ()
-    time, q, used = (np.concatenate(each) for each in zip(*found, strict=True))
-    used = np.nan_to_num(used, posinf=np.inf)
+    time, q = (np.concatenate([each[k] for each in loads]) for k in (0, 1))
+    used = np.nan_to_num(np.concatenate([grip.used_by_forces(*each) for _, *each in loads]), posinf=np.inf)
     for column, (name, demand) in enumerate(zip(grip.names, used.T, strict=True)):
         if demand.max(initial=0.0) > _SLIPS:
             most = int(demand.argmax())
@@ -287,16 +307,12 @@ def _slips(run: Trajectory) -> Iterator[Finding]:
             yield Finding(FindingKind.SLIP, name, speed, unit, time, Severity.DEGRADES, message)
 
 
-def side_slip_findings(run: Trajectory, reduced: ReducedModel) -> list[Finding]:
+def _side_slips(run: Trajectory, reduced: ReducedModel) -> Iterator[Finding]:
     """Findings of steered wheels without a lateral row that slide sideways: they are not aimed.
 
     More than 0.01 m/s at some time degrades a run, and more than 0.05 m in all fails it.
-
-    Args:
-        run: the run.
-        reduced: its model.
     """
-    rows, found = missing_lateral_rows(reduced, steered=True), []
+    rows = missing_lateral_rows(reduced, steered=True)
     kinematics, speeds = Kinematics(reduced.robot), np.zeros((len(run.time), rows.size))
     for block in blocks(len(run.time), rows.size * reduced.n) if rows.size else ():
         q, v = np.nan_to_num(run.q[block]), np.nan_to_num(run.v[block])
@@ -311,8 +327,7 @@ def side_slip_findings(run: Trajectory, reduced: ReducedModel) -> list[Finding]:
                 f"{speed[most]:.3g} m/s at t = {time:.2f} s"
             )
             severity = Severity.FAILS if way > _SLID else Severity.DEGRADES
-            found.append(Finding(FindingKind.SLIP, wheel, float(speed[most]), "m/s", time, severity, message))
-    return found
+            yield Finding(FindingKind.SLIP, wheel, float(speed[most]), "m/s", time, severity, message)
 
 
 def _saturation(run: Trajectory, replay: LimitReplay) -> Iterator[Finding]:
@@ -391,7 +406,7 @@ def _judged(reduced: ReducedModel, further: FurtherLimits, missed: Sequence[Miss
     if not len(run.time):
         return judge(run)
     replay = replay_limits(reduced.robot, run, exact=0.0, further=further)
-    return judge(run, replay, more=[*missed_goal_findings(run, missed), *side_slip_findings(run, reduced)])
+    return judge(run, replay, reduced=reduced, more=missed_goal_findings(run, missed))
 
 
 def missed_goal_findings(run: Trajectory, missed: Sequence[MissedGoal]) -> list[Finding]:

@@ -35,7 +35,6 @@ from rnc_pin.simulation import (
     judge,
     missed_goal_findings,
     replay_limits,
-    side_slip_findings,
     summarize,
 )
 from rnc_pin.verdict import Finding, FindingKind, Severity
@@ -114,7 +113,6 @@ def judged_summary(
         *(_unfinished(experiment, run) if ended else ()),
         *(_missed(experiment, run) if goals and len(run.time) else ()),
         *(() if replay is None else distance_findings(replay, asked, _accuracy(scenario))),
-        *side_slip_findings(run, experiment.reduced),
     ]
     verdict = judge(
         run,
@@ -123,6 +121,7 @@ def judged_summary(
         goal_tolerance=scenario.goal_tolerance,
         gave_way=gave_way,
         grip=_grip(experiment, run),
+        reduced=experiment.reduced,
         more=more,
         accepted=scenario.accept,
     )

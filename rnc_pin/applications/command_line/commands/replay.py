@@ -22,7 +22,6 @@ from rnc_pin.simulation import (
     export_run,
     judge,
     replay_limits,
-    side_slip_findings,
     summarize,
 )
 from rnc_pin.verdict import Verdict
@@ -104,7 +103,7 @@ def _verdict(run: Run) -> Verdict:
     stored, reduced = run.trajectory.info.verdict, run.reduced
     further = FurtherLimits(efforts=reduced.actuation.stated_limits)
     replay = replay_limits(reduced.robot, run.trajectory, further=further)
-    return stored or judge(run.trajectory, replay, more=side_slip_findings(run.trajectory, reduced))
+    return stored or judge(run.trajectory, replay, reduced=reduced)
 
 
 def _show(run: Run, speed: float, browser: bool, host: str) -> None:
