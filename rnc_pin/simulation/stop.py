@@ -8,15 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin import errors
-from rnc_pin.analysis import NormalForces
+from rnc_pin.analysis import NormalForces, first_lift_off
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.run_info import Outcome
 from rnc_pin.simulation.trajectory import Trajectory
-
-_ROUNDING = 1e-6  # share of all forces below which a force counts as zero
 
 
 @dataclass(frozen=True)
@@ -130,13 +128,12 @@ class LiftOffMonitor:
         if self._other:
             state = self._model.at(state.q, v=state.v)
         forces = self._forces.at(state, T, external)
-        margin = _ROUNDING * max(float(np.abs(forces).sum()), _ROUNDING)
-        for name, force in zip(self._forces.names, forces, strict=True):
-            if force < -margin:
-                raise errors.LimitError(
-                    f"contact '{name}' lifts off at t = {t:.3f} s: the model pulls with {-force:.3g} N, and "
-                    "the contact can only push"
-                )
+        lifted = first_lift_off(np.array([t]), forces[None], self._forces.names)
+        if lifted is not None:
+            raise errors.LimitError(
+                f"contact '{lifted.contact}' lifts off at t = {t:.3f} s: the model pulls with {-lifted.force:.3g} N, "
+                "and the contact can only push"
+            )
 
 
 def lift_off_monitor(stop: Stop, model: ReducedModel | None, reduced: ReducedModel) -> LiftOffMonitor | None:

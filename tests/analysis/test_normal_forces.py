@@ -136,7 +136,7 @@ def test_a_run_names_the_first_contact_that_would_lift_off(base):
     assert found["lowest"] <= found["force"]
     assert lifted.info.outputs.normal_forces == ("left_wheel", "right_wheel", "nose")
     np.testing.assert_allclose(lifted.normal_forces.sum(axis=1), 215.82, rtol=1e-6)
-    # In one sample of 0.4 s the product of speed and yaw rate rises and falls; quarters are judged, to 1 % of the weight.
+    # The product of speed and yaw rate rises and falls in one sample; its quarters are judged, to 1 % of the weight.
     coarse, fine = [
         rnc.simulate(reduced, Inputs(lambda _: [-18.0, -6.0]), q, 0.4, dt, v2_0=[30, 30]) for dt in (0.4, 0.01)
     ]
