@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -202,10 +202,24 @@ class DistanceRows(NodeBound):
         self._count = min(bound.pairs, len(bound.distances.pairs))
         names = [f"distance ({'nearest' if k == 0 else f'nearest {k + 1}'})" for k in range(self._count)]
         super().__init__(names, bound.clearance, None, True, ["m"] * self._count)
+        self._bound = bound
         # A solver takes values of the nodes and of the end, and derivatives at the same places after that.
         self._recent: deque[dict[tuple[bytes, float], PairDistances]] = deque(maxlen=2)
 
-    def _at(self, q: Array, t: float) -> PairDistances:
+    def beyond(self, accuracy: float, start: float, goal: float) -> DistanceRows:
+        """Return distances that are larger by the accuracy: a motion that falls short by as much keeps the clearance.
+
+        Args:
+            accuracy: shortfall that is accepted [m].
+            start, goal: smallest distances there, or infinity: no node keeps more, and no motion more than its start.
+        """
+        clearance = min(self.clearance, start) + accuracy
+        found = DistanceRows(replace(self._bound, clearance=clearance))
+        found.lower = np.minimum(found.lower, min(start, goal))
+        return found
+
+    def at(self, q: Array, t: float) -> PairDistances:
+        """Distances up to a little more than the clearance."""
         key = q.tobytes(), t
         known = next((found[key] for found in self._recent if key in found), None)
         return self.distances.at(q, t, within=self._within) if known is None else known
@@ -215,7 +229,7 @@ class DistanceRows(NodeBound):
         value = np.full((nodes.size, self._count), _FAR)
         x = np.zeros((nodes.size, self._count, model.nx))
         places = list(zip(nodes.at.q, nodes.time.tolist(), strict=True))
-        near = [self._at(q, t) for q, t in places]
+        near = [self.at(q, t) for q, t in places]
         self._recent.append({(q.tobytes(), t): found for (q, t), found in zip(places, near, strict=True)})
         for k, found in enumerate(near):
             nearest_first = np.argsort(found.distance, kind="stable")[: self._count]

@@ -202,11 +202,20 @@ class PlanSearch:
             if self._effort.alone:
                 raise InfeasibleError(f"no plan: the guess cannot be evaluated: {candidate}") from None
             return False
-        if candidate.solution.outcome == "infeasible":
+        if self._infeasible(self._problem, candidate.solution):
             self._failed.append(candidate)
             return False
         self._solved += 1
         return True
+
+    def _infeasible(self, problem: Transcription, found: Solution) -> bool:
+        """True if a solution is not within tolerance. One that only lacks room beyond the clearances is feasible."""
+        if found.outcome == "infeasible":
+            narrow = problem.with_margins(problem.margins - self._settings.accuracy)
+            values = narrow.values(found.iterate)
+            if narrow.worst(values, found.iterate.duration).amount <= self._settings.tolerance:
+                found.outcome = "feasible"
+        return found.outcome == "infeasible"
 
     def _refined(self, candidate: Candidate) -> _Made:
         """Plan of a solution, improved until its verification confirms it.
@@ -256,7 +265,7 @@ class PlanSearch:
         except RncError:
             return None
         self._left -= finer * found.iterations
-        if found.outcome == "infeasible":
+        if self._infeasible(problem, found):
             self._spent |= found.iterations >= most
             return None
         found.iterations += before.iterations

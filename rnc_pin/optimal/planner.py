@@ -31,6 +31,7 @@ from rnc_pin.planning.references import Reference
 from rnc_pin.planning.way import Way, intervals_along
 
 _T = TypeVar("_T", CostKind, BoundKind)
+_CONTACT = 1e-6  # [m], error of a measured distance
 _AT_A_LIMIT = 1e-9  # of a value at its limit
 
 
@@ -95,46 +96,54 @@ def initial_node(model: ActionModel, q0: ArrayLike, v2_0: ArrayLike | None = Non
     return Nodes(np.array(state.q)[None], w)
 
 
-def check_ends(problem: Transcription, accuracy: float) -> None:
-    """Refuse a start beyond a limit, and a start or goal too near to something: no motion is within the bounds.
+def with_reserves(problem: Transcription, settings: SolverSettings) -> Transcription:
+    """Return a problem that leaves room for what its verification accepts, and for feedback.
 
-    Distances at a goal are known if it is a configuration.
+    Distances from obstacles are larger by the accuracy, so that a verified plan keeps what was asked for; outputs and
+    velocities keep a reserve. Distances at a goal are known if it is a configuration.
 
     Raises:
-        InfeasibleError: the start or the goal violates a bound by more than the accuracy.
+        InfeasibleError: the start violates a bound by more than the accuracy, or the goal is too near to something.
     """
-    model, start, goal = problem.model, problem.start, problem.goal
-    nodes = NodeData(model, start, None, np.full(1, problem.begin))
+    model, start, goal, accuracy = problem.model, problem.start, problem.goal, settings.accuracy
+    nodes, bounds = NodeData(model, start, None, np.full(1, problem.begin)), list[NodeBound]()
     for bound in problem.bounds:
         if isinstance(bound, DistanceRows):
-            check_distances("start", bound, start.q[0], problem.begin, accuracy)
+            ends = [check_distances("start", bound, start.q[0], problem.begin, accuracy), np.inf]
             if isinstance(goal, GoalRows) and goal.configuration is not None:
                 end = problem.begin + problem.duration[1]  # nothing moves if the duration is free
-                check_distances("goal", bound, goal.configuration, end, accuracy)
+                ends[1] = check_distances("goal", bound, goal.configuration, end, accuracy)
+            bound = bound.beyond(accuracy, *ends) if bound.distances.obstacles else bound
         elif bound.of_state and bound.quantity in ("output", "velocity"):
             values = bound.rows(nodes, False).value[0].tolist()
             _compare("start", bound, dict(zip(bound.names, values, strict=True)), accuracy)
+        bounds.append(bound)
+    return problem.with_bounds(bounds).with_reserve(settings.reserve)
 
 
-def check_distances(what: str, bound: DistanceRows, q: Array, t: float, accuracy: float) -> None:
-    """Refuse a configuration that is nearer to something than a bound allows.
+def check_distances(what: str, bound: DistanceRows, q: Array, t: float, accuracy: float) -> float:
+    """Return the smallest distance of a configuration; refuse one that is nearer to something than a bound allows.
+
+    Links of one robot are near each other by design, and a start is where the robot is: these may fall short.
 
     Args:
         what: "start" or "goal", for the message.
         bound: the bound.
         q: configuration (nq,).
         t: time [s].
-        accuracy: shortfall that is accepted [m].
+        accuracy: shortfall that is accepted of links among themselves, and of a start [m].
 
     Raises:
         InfeasibleError: it is; the message names the pair.
     """
-    found = bound.distances.at(q, t, within=bound.clearance)
-    if found.distance.min(initial=np.inf) < bound.clearance - accuracy:
+    found = bound.at(q, t)
+    smallest = float(found.distance.min(initial=np.inf))
+    if smallest < bound.clearance - (_CONTACT if bound.distances.obstacles and what == "goal" else accuracy):
         nearest = int(found.distance.argmin())
         pair, distance = bound.distances.pairs[found.pairs[nearest]], float(found.distance[nearest])
         text = f"{what}: the distance of {pair.names[0]} and {pair.names[1]} is {distance:.4g} m, below the"
         raise InfeasibleError(f"{text} clearance of {bound.clearance:g} m; choose another {what}, or ask for less")
+    return smallest
 
 
 def _duration(given: float | tuple[float, float]) -> tuple[float, float]:
@@ -275,8 +284,7 @@ def plan_motion(
     def solved(guess: Guess, settings: SolverSettings, seeds: int) -> MotionPlan:
         problem = build_problem(model, start, end, duration, costs, bounds, settings.nodes, limits)
         problem.time_weight = time_weight
-        check_ends(problem, settings.accuracy)
-        problem = problem.with_reserve(settings.reserve)
+        problem = with_reserves(problem, settings)
         _warn_of_differences(problem)
         starts = guesses(problem, goal, guess, seeds + wanted - 1, seed)
         first = next(starts)

@@ -47,7 +47,8 @@ class SolverSettings:
         substeps: integrator steps of the verification in each interval.
         refinements: how often the planner may halve the intervals and solve again from the plan so far, because the
             verification finds a violation above ``accuracy``.
-        accuracy: largest violation of bounds and goal that the verification of a plan accepts [their units].
+        accuracy: largest violation of bounds and goal that the verification of a plan accepts [their units]. Distances
+            from obstacles are planned as much larger, so that the plan keeps its clearance.
         reserve: share of bounded ranges of outputs and of bounded velocities that a plan keeps free at its nodes,
             whatever states the bound: feedback needs it in the run. It ends where the start or the goal is.
 

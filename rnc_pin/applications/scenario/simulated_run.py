@@ -12,7 +12,6 @@ from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.builder import Experiment
 from rnc_pin.applications.scenario.controllers.feedback import SetPointSettings
 from rnc_pin.applications.scenario.plan_builder import frame_poses
-from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.motions import MotionProblem
 from rnc_pin.control import State, limited_accelerations, missed_goals
 from rnc_pin.control.whole_body import InverseDynamicsQP, report_within
@@ -102,17 +101,18 @@ def judged_summary(
     Returns:
         The summary, and the replay of limits and distances; None for a run without samples.
     """
-    scenario = experiment.scenario
+    scenario, chosen = experiment.scenario, experiment.scenario.controller
     summary = run_summary(experiment, run, wall_time)
     asked = _asked(experiment)
     replay = _replay(experiment, run, asked) if len(run.time) else None
+    shortfall = chosen.tolerance if isinstance(chosen, SetPointSettings) else SHORTFALL  # of where it rests
     ended = goals and run.outcome is Outcome.COMPLETED
     errors = _goal_errors(experiment, run, summary) if ended else {}
     more = [
         *experiment.findings,
         *(_unfinished(experiment, run) if ended else ()),
         *(_missed(experiment, run) if goals and len(run.time) else ()),
-        *(() if replay is None else distance_findings(replay, asked, _accuracy(scenario))),
+        *(() if replay is None else distance_findings(replay, asked, shortfall)),
     ]
     verdict = judge(
         run,
@@ -178,13 +178,6 @@ def _missed(experiment: Experiment, run: Trajectory) -> list[Finding]:
     if not len(run.time):
         return []
     return missed_goal_findings(run, missed_goals(experiment.controller, run.q[-1], run.v2[-1]))
-
-
-def _accuracy(scenario: ScenarioFile) -> float:
-    """Accuracy to which the motion of a scenario is planned [m or rad]; that of rounding without a plan."""
-    if isinstance(scenario.controller, SetPointSettings):
-        return scenario.controller.tolerance
-    return SHORTFALL if scenario.planner is None else scenario.planner.accuracy
 
 
 def _goal_errors(experiment: Experiment, run: Trajectory, summary: Summary) -> dict[str, float]:
