@@ -177,7 +177,7 @@ class PlanSearch:
         given, self._given = self._given, None
         if given is None:
             return []
-        problem = self._problem.with_reserve(0.0)
+        problem = self._problem.changed(reserve=0.0)
         at = problem.from_start(given)
         try:
             values = problem.values(at)
@@ -211,7 +211,7 @@ class PlanSearch:
     def _infeasible(self, problem: Transcription, found: Solution) -> bool:
         """True if a solution is not within tolerance. One that only lacks room beyond the clearances is feasible."""
         if found.outcome == "infeasible":
-            narrow = problem.with_margins(problem.margins - self._settings.accuracy)
+            narrow = problem.changed(margins=problem.margins - self._settings.accuracy)
             values = narrow.values(found.iterate)
             if narrow.worst(values, found.iterate.duration).amount <= self._settings.tolerance:
                 found.outcome = "feasible"
@@ -232,7 +232,7 @@ class PlanSearch:
             alone = made.plan.info.verification.inputs.violation
             if alone <= settings.accuracy or (_confirmed(made) and alone > before / _HELPS):
                 break
-            problem, before = problem.with_intervals(2 * problem.K), alone
+            problem, before = problem.changed(K=2 * problem.K), alone
             after = self._improved(problem, made)
             if after is None:
                 return best
@@ -242,7 +242,7 @@ class PlanSearch:
             margins = None if _confirmed(made) else _margins(problem, made, settings.accuracy)
             if margins is None:
                 break
-            problem = problem.with_margins(margins)
+            problem = problem.changed(margins=margins)
             after = self._improved(problem, made)
             if after is None:
                 break

@@ -118,7 +118,7 @@ def with_reserves(problem: Transcription, settings: SolverSettings) -> Transcrip
             values = bound.rows(nodes, False).value[0].tolist()
             _compare("start", bound, dict(zip(bound.names, values, strict=True)), accuracy)
         bounds.append(bound)
-    return problem.with_bounds(bounds).with_reserve(settings.reserve)
+    return problem.changed(bounds=bounds, reserve=settings.reserve)
 
 
 def check_distances(what: str, bound: DistanceRows, q: Array, t: float, accuracy: float) -> float:

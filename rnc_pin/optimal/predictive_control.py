@@ -158,7 +158,7 @@ class PredictiveController(DescribedMixin):
         start = initial_node(self._model, reduced.robot.configuration())
         end = None if goal is None else GoalRows(self._model, goal, at_rest=True)
         problem = build_problem(self._model, start, end, self.horizon, self.costs, self.bounds, self.nodes)
-        self._problem = problem.with_reserve(self._solver_settings.reserve)  # for the feedback between updates
+        self._problem = problem.changed(reserve=self._solver_settings.reserve)  # for the feedback between updates
         points = [each.point for each in self._problem.costs if isinstance(each, SetPointBound)]
         self.set_point = SetPoint(reduced, goal) if goal is not None else points[0] if points else None
         if self.set_point is not None:
@@ -271,7 +271,7 @@ class PredictiveController(DescribedMixin):
 
     def _following(self, t: float, plan: Iterate, state: PredictiveState) -> PredictiveState:
         """State that follows a plan to its end, without updates."""
-        gains = self._problem.with_intervals(len(plan.u)).feedback_gains(plan)
+        gains = self._problem.changed(K=len(plan.u)).feedback_gains(plan)
         begin = t + self.updates.delay
         return state._replace(
             begin=begin, q=plan.q, w=plan.w, u=plan.u, gains=gains, multipliers=None, next_update=begin + plan.duration

@@ -291,7 +291,7 @@ class LimitSolver:
         self._problem, self._tolerance = problem, settings.tolerance
         self._whole = SequentialQuadratic(problem, settings)
         few = len(stated) < len(problem.bounds)
-        self._without = SequentialQuadratic(problem.with_bounds(stated), settings) if few else None
+        self._without = SequentialQuadratic(problem.changed(bounds=stated), settings) if few else None
 
     def solve(self, start: Iterate) -> Solution:
         """Solve the problem from a guess."""
@@ -340,4 +340,4 @@ def _without_distances(problem: Transcription, settings: SolverSettings) -> Sequ
     if all(bound.quantity != DISTANCE for bound in problem.bounds):
         return None
     kept = [bound for bound in problem.bounds if bound.quantity != DISTANCE and not bound.of_file]
-    return SequentialQuadratic(problem.with_bounds(kept), settings)
+    return SequentialQuadratic(problem.changed(bounds=kept), settings)

@@ -101,37 +101,28 @@ class Transcription:
             nodes = slice(0, K) if each is goal else slice(0, 1) if each.of_state else slice(K, K + 1)
             self.lower[nodes, rows], self.upper[nodes, rows] = -np.inf, np.inf
 
-    def with_intervals(self, K: int) -> Transcription:
-        """Return the same problem over another number of intervals."""
-        return self._with(K, self.bounds, self.duration)
-
-    def with_bounds(self, bounds: Sequence[NodeBound]) -> Transcription:
-        """Return the same problem within other bounds."""
-        return self._with(self.K, bounds, self.duration)._keep(self.margins)
-
-    def with_reserve(self, reserve: float) -> Transcription:
-        """Return the same problem with another share of the bounded outputs and velocities that it keeps free."""
-        return self._with(self.K, self.bounds, self.duration, reserve)._keep(self.margins)
-
-    def with_margins(self, margins: Float[Array, " K1"]) -> Transcription:
-        """Return the same problem with larger distances at some nodes: each at least its bound plus a margin."""
-        return self._with(self.K, self.bounds, self.duration)._keep(margins)
-
-    def _with(
-        self, K: int, bounds: Sequence[NodeBound], duration: tuple[float, float], reserve: float | None = None
+    def changed(
+        self,
+        *,
+        K: int | None = None,
+        bounds: Sequence[NodeBound] | None = None,
+        duration: tuple[float, float] | None = None,
+        reserve: float | None = None,
+        margins: Float[Array, " K1"] | None = None,
     ) -> Transcription:
+        """Return the same problem with other intervals, bounds, duration, reserve or margins."""
+        K, bounds, duration = K or self.K, self.bounds if bounds is None else bounds, duration or self.duration
         made = Transcription(self.model, self.start, K, self.costs, bounds, self.goal, duration, self.time_weight)
         made.begin = self.begin
-        return made._keep_reserve(self.reserve if reserve is None else reserve)
-
-    def _keep(self, margins: Array) -> Transcription:
-        self.margins = margins
-        for each, rows in self.blocks:
+        made._keep_reserve(self.reserve if reserve is None else reserve)
+        same = self.margins if K == self.K else made.margins
+        made.margins = same if margins is None else margins
+        for each, rows in made.blocks:
             if each.quantity == DISTANCE:
-                self.lower[:, rows] += margins[:, None]
-        return self
+                made.lower[:, rows] += made.margins[:, None]
+        return made
 
-    def _keep_reserve(self, reserve: float) -> Transcription:
+    def _keep_reserve(self, reserve: float) -> None:
         """Narrow the limits of outputs and velocities, as far as the start and the goal are within."""
         self.reserve = reserve
         nodes = NodeData(self.model, self.start, None, np.full(1, self.begin))
@@ -150,7 +141,6 @@ class Transcription:
                 high = np.fmax(np.fmin(high, each.upper - values), 0.0)
             self.lower[:, rows] += low
             self.upper[:, rows] -= high
-        return self
 
     def times(self, duration: float) -> Array:
         """Times of the nodes (K + 1,) [s]."""
@@ -306,7 +296,7 @@ class Transcription:
             linear: linearization at the motion, if it is known; that of a free duration is of no use.
         """
         if linear is None or self.free:
-            fixed = self._with(self.K, self.bounds, (at.duration, at.duration))
+            fixed = self.changed(duration=(at.duration, at.duration))
             linear, _ = fixed.linearize(at)
         return gains_of(linear, np.minimum(linear.upper, -linear.lower))
 
