@@ -136,7 +136,7 @@ def _stacked(found: list[StateDerivatives], reduced: ReducedModel) -> StateDeriv
 def _at_one_state(reduced: ReducedModel, state: StateEvaluation, T: Array) -> StateDerivatives:
     """Reference of the compiled kernel. Derivatives by q of rows over time are those at a constant time."""
     reduced, state = _smooth_at(reduced, state)
-    if not _axes_are_constant(reduced):
+    if not reduced.reduction_data.kinematics.axes_are_constant:
         return _by_differences(reduced, state, T)
     v2_dot = state.v2_dot(T)
     found = _partials(reduced, state, state.v_dot(v2_dot), T)
@@ -164,7 +164,8 @@ def _at_one_state(reduced: ReducedModel, state: StateEvaluation, T: Array) -> St
 
 def _smooth_at(reduced: ReducedModel, state: StateEvaluation) -> tuple[ReducedModel, StateEvaluation]:
     """The model with the rows that E has at the state, at a constant time if that is needed."""
-    if reduced.rheonomic and (state.factorization.kept is not None or not _axes_are_constant(reduced)):
+    constant = reduced.reduction_data.kinematics.axes_are_constant
+    if reduced.rheonomic and (state.factorization.kept is not None or not constant):
         reduced = reduced.frozen(float(np.asarray(state.t)))
         state = reduced.at(state.q, state.v2)
     if state.configuration.factorization.kept is not None:  # E has other rows at q than by default
@@ -218,10 +219,6 @@ def _partials(reduced: ReducedModel, state: StateEvaluation, w: Array, T: Array)
     error += B_error * float(np.abs(T).sum())
     input_q = np.einsum("jab,b->aj", B_q, T)
     return _Partials(E_q, Ev_q, Ew_q, E_dot + Ev_q, forces, tau_q, tau_v, input_q, error)
-
-
-def _axes_are_constant(reduced: ReducedModel) -> bool:
-    return reduced.reduction_data.kinematics.axes_are_constant
 
 
 def _time(reduced: ReducedModel, state: StateEvaluation) -> float | None:

@@ -91,11 +91,9 @@ class Kinematics:
 
     def check_rates(self, frame: int | None = None) -> None:
         """Raise ``ModelError`` if Pinocchio's rates of the robot, or of one frame, are wrong: axes move in bodies."""
-        if self.axes_are_constant:
-            return
-        supports = range(self.model.njoints) if frame is None else self.model.supports[self.frame_constants(frame)[0]]
-        for name in joints_with_moving_axes(self.model):
-            if self.model.getJointId(name) in list(supports):
+        model, frames = self.model, self.frame_constants
+        for name in () if self.axes_are_constant else joints_with_moving_axes(model):
+            if frame is None or model.getJointId(name) in list(model.supports[frames(frame)[0]]):
                 raise ModelError(
                     f"rates of Jacobians and the Coriolis matrix are unknown: axes of '{name}' depend on its own "
                     "position; accelerations are known. Use joints of one degree of freedom instead"

@@ -198,9 +198,8 @@ class OutputStack(RowStack):
     def check(self, value: np.ndarray, *matrices: np.ndarray) -> None:
         """Raise ``DivergenceError`` if values (..., size) or rows (..., size, n) of a user's output are not finite."""
         if self._generalized:
-            finite = np.isfinite(value) | self.quasi
-            for each in matrices:
-                finite = finite & np.isfinite(each).all(axis=-1)
+            values = np.concatenate([value[..., None], *matrices], axis=-1)
+            finite = np.isfinite(values).all(axis=-1) | self.quasi
             if not finite.all():
                 name = self.names[int(finite.reshape(-1, self.size).all(axis=0).argmin())]
                 raise DivergenceError(f"output '{name}' is not finite")

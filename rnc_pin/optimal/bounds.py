@@ -246,6 +246,9 @@ class GoalRows(NodeBound):
         goal: values by output, or a configuration (nq,).
         at_rest: True if the reduced velocities vanish at the end; no effect in the kinematic form.
 
+    Attributes:
+        configuration: configuration (nq,) of the goal; None if it consists of outputs.
+
     Raises:
         ConfigurationError: the goal is empty, or names an unknown output.
         InputError: a value has the wrong shape or is not finite.
@@ -256,7 +259,7 @@ class GoalRows(NodeBound):
     def __init__(self, model: ActionModel, goal: Goal, at_rest: bool) -> None:
         robot = model.reduced.robot
         self._model = model
-        self._q: Array | None = None
+        self.configuration: Array | None = None
         self._outputs: list[tuple[node_data.NodeOutputs, Array]] = []
         names: list[str] = []
         units: list[str] = []
@@ -268,9 +271,9 @@ class GoalRows(NodeBound):
                 names += found.names
                 units += found.units
         else:
-            self._q = np.array(model.reduced.at(goal).q)
-            if self._q.ndim != 1:
-                raise InputError(f"goal: expected one configuration, found shape {self._q.shape}")
+            self.configuration = np.array(model.reduced.at(goal).q)
+            if self.configuration.ndim != 1:
+                raise InputError(f"goal: expected one configuration, found shape {self.configuration.shape}")
             names += robot.velocity_names
             units += [""] * robot.nv
         if not names:
@@ -291,28 +294,25 @@ class GoalRows(NodeBound):
         names = (name.removeprefix("goal ") for name in self.names)
         return dict(zip(names, np.abs(self.rows(at, False).value[0]).tolist(), strict=True))
 
-    @property
-    def configuration(self) -> Array | None:
-        """Configuration (nq,) of the goal; None if it consists of outputs."""
-        return self._q
-
     def values_of(self, bound: NodeBound) -> dict[str, float]:
         """Values that the goal states for rows of an output bound, by name, but for angles that repeat every turn."""
-        if self._q is None:
+        if self.configuration is None:
             return {
                 name: float(value)
                 for outputs, target in self._outputs
                 for name, value, angular in zip(outputs.names, target, outputs.angular, strict=True)
                 if not angular
             }
-        nodes = node_data.NodeData(self._model, Nodes(self._q[None], np.zeros((1, self._model.nw))), None, np.zeros(1))
+        nodes = node_data.NodeData(
+            self._model, Nodes(self.configuration[None], np.zeros((1, self._model.nw))), None, np.zeros(1)
+        )
         return dict(zip(bound.names, bound.rows(nodes, False).value[0].tolist(), strict=True))
 
     def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
         model = nodes.model
         parts = [outputs.error_rows(target, nodes, derivatives) for outputs, target in self._outputs]
-        if self._q is not None:
-            parts = [node_data.displacement_rows(self._q, nodes, derivatives)]
+        if self.configuration is not None:
+            parts = [node_data.displacement_rows(self.configuration, nodes, derivatives)]
         if self._rest:
             parts.append(node_data.velocity_rows(nodes, derivatives))
         value, x, _ = node_data.stacked(parts, nodes.size, model.nx, model.nu)

@@ -65,16 +65,6 @@ class PlanVerification:
         """Largest violation of a bound or of the goal in the integration that decides [its unit]."""
         return self.decisive.violation
 
-    @property
-    def name(self) -> str:
-        """Name of that row; "" without a violation."""
-        return self.decisive.name
-
-    @property
-    def at(self) -> float:
-        """Time of that violation [s]."""
-        return self.decisive.at
-
 
 @printed()
 @dataclass(frozen=True)
@@ -196,9 +186,9 @@ class MotionPlan(SummaryMixin):
             f"MotionPlan: {self.verdict.headline}, {i.outcome}, {i.form}, {self.duration:.4g} s in {len(self.u)} "
             f"intervals, cost {i.cost:.6g}"
         )
-        checked = f"violation {i.verification.violation:.2g}"
-        if i.verification.name:
-            checked += f" of {i.verification.name} at t = {i.verification.at:.3g} s"
+        found = i.verification.decisive
+        checked = f"violation {found.violation:.2g}"
+        checked += f" of {found.name} at t = {found.at:.3g} s" if found.name else ""
         lines: list[Line] = [
             ("inputs", items(i.input_names)),
             (

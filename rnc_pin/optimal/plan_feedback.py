@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, listed
@@ -177,9 +178,7 @@ class PlanFeedback(ReprMixin):
     ) -> None:
         self.plan, self.bandwidth = plan, bandwidth
         self._reduced, self._model = reduced, fitting_model(reduced, plan)
-        self.K = np.array(plan.K if K is None else K, dtype=float)
-        if self.K.shape != plan.K.shape or not np.isfinite(self.K).all():
-            raise ConfigurationError(f"gains of shape {self.K.shape}: expected finite numbers {plan.K.shape}")
+        self.K = gains_for(plan, plan.K if K is None else K)
         self._after = PlanEnd(self._model, plan)
         self._driven = action_model(reduced, "acceleration")
         self._sides: dict[str, dict[int, tuple[float, float]]] = {"output": {}, "velocity": {}, "input": {}}
@@ -312,6 +311,14 @@ def tvlqr(
     last = 10.0 * Q if final_cost is None else weights_of(final_cost, plan.info.state_names)
     K = regulator_gains(model, Nodes(plan.q[:-1], plan.w[:-1]), plan.u, np.diff(plan.time), (Q, R, last))
     return PlanFeedback(reduced, plan, K, weights=(state_cost, input_cost))
+
+
+def gains_for(plan: MotionPlan, K: ArrayLike) -> Float[Array, "K nu nx"]:
+    """Return gains for a plan; raise ``ConfigurationError`` if they do not fit."""
+    found = np.array(K, dtype=float)
+    if found.shape != plan.K.shape or not np.isfinite(found).all():
+        raise ConfigurationError(f"feedback: gains of shape {found.shape}, expected finite numbers {plan.K.shape}")
+    return found
 
 
 def regulator_weights(plan: MotionPlan, state_cost: Weight, input_cost: Weight) -> tuple[Array, Array]:

@@ -12,11 +12,12 @@ from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
+from rnc_pin.errors import InfeasibleError, RncError
 from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
 from rnc_pin.optimal.bounds import DISTANCE, GOAL
 from rnc_pin.optimal.guesses import GIVEN, resampled
 from rnc_pin.optimal.motion_plan import Integration, MotionPlan, PlanInfo, PlanVerification
+from rnc_pin.optimal.plan_feedback import gains_for
 from rnc_pin.optimal.sequential_quadratic import Candidate, GuessSolver, LimitSolver, Solution, SolverSettings
 from rnc_pin.optimal.transcription import Iterate, Transcription
 from rnc_pin.optimal.verification import Excess, excess_text, plan_findings, verify_inputs
@@ -212,8 +213,8 @@ class PlanSearch:
         """True if a solution is not within tolerance. One that only lacks room beyond the clearances is feasible."""
         if found.outcome == "infeasible":
             narrow = problem.changed(margins=problem.margins - self._settings.accuracy)
-            values = narrow.values(found.iterate)
-            if narrow.worst(values, found.iterate.duration).amount <= self._settings.tolerance:
+            worst = narrow.worst(narrow.values(found.iterate), found.iterate.duration)
+            if worst.amount <= self._settings.tolerance:
                 found.outcome = "feasible"
         return found.outcome == "infeasible"
 
@@ -309,7 +310,7 @@ class PlanSearch:
             acceleration=acceleration,
             info=info,
         )
-        gains = None if self._gains is None else _checked(self._gains(plan), plan)
+        gains = None if self._gains is None else gains_for(plan, self._gains(plan))
         verified, excesses = verify_inputs(problem, at, settings.substeps, gains, settings.accuracy)
         confirmed = verified.violation <= settings.accuracy and found.outcome != "infeasible"
         info = replace(
@@ -353,13 +354,6 @@ class PlanSearch:
         )
         found.plan = plan
         return found
-
-
-def _checked(gains: ArrayLike, plan: MotionPlan) -> np.ndarray:
-    found = np.array(gains, dtype=float)
-    if found.shape != plan.K.shape or not np.isfinite(found).all():
-        raise ConfigurationError(f"feedback: gains of shape {found.shape}, expected finite numbers {plan.K.shape}")
-    return found
 
 
 def _confirmed(made: _Made) -> bool:

@@ -244,7 +244,7 @@ class PredictiveController(DescribedMixin):
                         return self._following(t, plan, waiting._replace(escapes=escapes, updates=state.updates + 1))
                     at = first
             solver = SequentialQuadratic(self._problem, self._solver_settings)
-            solver.multipliers = known
+            solver.interior.multipliers = known
             rows = None
             for _ in range(self.updates.iterations):
                 improved = solver.iterate(at)
@@ -261,7 +261,7 @@ class PredictiveController(DescribedMixin):
         if late or not (np.isfinite(at.u).all() and np.isfinite(gains).all()):
             return waiting._replace(missed=state.missed + 1)
         motion = waiting._replace(
-            begin=t + self.updates.delay, q=at.q, w=at.w, u=at.u, gains=gains, multipliers=solver.multipliers
+            begin=t + self.updates.delay, q=at.q, w=at.w, u=at.u, gains=gains, multipliers=solver.interior.multipliers
         )
         return motion._replace(updates=state.updates + 1, escapes=escapes)
 

@@ -14,9 +14,7 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Le, Lt
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
 from rnc_pin.errors import RncError, SimulationError
 from rnc_pin.model.input_validation import Positive
 from rnc_pin.optimal.bounds import DISTANCE
@@ -98,6 +96,7 @@ class SequentialQuadratic:
 
     Attributes:
         linear: subproblem of the last iteration; None before the first one.
+        interior: solver of the subproblems. Its multipliers of the bounds start the next one.
     """
 
     linear: LinearQuadratic | None = None
@@ -110,19 +109,10 @@ class SequentialQuadratic:
 
     def restart(self) -> None:
         """Forget damping, penalties and multipliers of earlier iterations."""
-        self._solver = InteriorPointSolver()
+        self.interior = InteriorPointSolver()
         self._damping, self._weight, self._gap_weight = _FIRST_DAMPING, self.settings.penalty, 0.0
         self._last: Direction | None = None  # direction of the last iteration, if the step was whole
         self._whole = False  # the last step was whole, and damping did not shorten it
-
-    @property
-    def multipliers(self) -> Float[Array, "N1 k"] | None:
-        """Multipliers of the bounds, which start the next subproblem; None if no bound is active."""
-        return self._solver.multipliers
-
-    @multipliers.setter
-    def multipliers(self, known: Array | None) -> None:
-        self._solver.multipliers = known
 
     def solve(self, guess: Iterate) -> Solution:
         """Improve a guess until it converges. Its first node becomes the start of the problem, which no step moves."""
@@ -182,7 +172,7 @@ class SequentialQuadratic:
         sizes = self._sizes(problem)
         while self._damping < _MOST_DAMPING:
             try:
-                direction = self._solver.solve(problem, self._damping, self._weight, change)
+                direction = self.interior.solve(problem, self._damping, self._weight, change)
             except SimulationError:
                 self._damping = max(10 * self._damping, 1e-3)
                 continue

@@ -55,14 +55,17 @@ def flat_links(model: pin.Model) -> list[str]:
 
 def joints_with_moving_axes(model: pin.Model) -> list[str]:
     """Joints whose axes are not constant in the body that they move: universal, ZYX and most composite joints."""
-    neutral, found = pin.neutral(model), []
-    for name, joint in zip(model.names, model.joints, strict=True):
-        axes, data = [], joint.createData()
-        for q in (neutral, pin.integrate(model, neutral, np.full(model.nv, 0.5))) if joint.nv > 1 else ():
-            joint.calc(data, q)
-            axes.append(np.array(data.S))
-        found += [name] if axes and not np.allclose(*axes) else []
-    return found
+    joints = zip(model.names, model.joints, strict=True)
+    places = pin.neutral(model), pin.integrate(model, pin.neutral(model), np.full(model.nv, 0.5))
+    return [name for name, joint in joints if not np.allclose(_axes(joint, places[0]), _axes(joint, places[1]))]
+
+
+def _axes(joint: pin.JointModel, q: np.ndarray) -> np.ndarray:
+    """Axes of a joint in the body that it moves; none for one degree of freedom, which has a constant one."""
+    data = joint.createData()
+    if joint.nv > 1:
+        joint.calc(data, q)
+    return np.array(data.S) if joint.nv > 1 else np.empty(0)
 
 
 def _check_order(model: pin.Model) -> None:

@@ -20,7 +20,7 @@ from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import provenance_of
 from rnc_pin.simulation.sampled_run import assembled_start
 from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, SimulationOptions
-from rnc_pin.simulation.stop import Progress, StopMonitor, complete_run, lift_off_monitor
+from rnc_pin.simulation.stop import LiftOffMonitor, Progress, StopMonitor, complete_run
 from rnc_pin.simulation.trajectory import Trajectory
 
 _AT_ONCE = 256  # samples that are recorded together
@@ -92,7 +92,7 @@ def free_motion(
         )
     dynamics, model = _dynamics(reduced), reduced.reduced if isinstance(reduced, ReducedPlant) else reduced
     stop_monitor = StopMonitor(stop, model.robot)
-    lift_off = lift_off_monitor(stop, model, model)
+    lift_off = LiftOffMonitor(model, model) if stop.lift_off else None
     feedback = inputs if callable(inputs) else None
     constant = dynamics.saturate(
         np.zeros(model.p) if inputs is None or callable(inputs) else numbers_of(inputs, "inputs")

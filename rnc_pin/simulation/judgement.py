@@ -98,6 +98,10 @@ def judge(
     return replace(Verdict.of(findings, accepted), late=_late(run))
 
 
+def _graded(fails: bool) -> Severity:
+    return Severity.FAILS if fails else Severity.DEGRADES
+
+
 def _late(run: Trajectory) -> Finding | None:
     """Note of samples that took longer to compute than the sampling period."""
     late = run.info.late
@@ -139,8 +143,7 @@ def _fallback(run: Trajectory) -> Iterator[Finding]:
         f"the loop gave a fallback command in {100 * share:.3g} % of the samples, first at t = {used.first:.3f} s"
         f"{until}: {used.reason}"
     )
-    severity = Severity.FAILS if fails else Severity.DEGRADES
-    yield Finding(FindingKind.FALLBACK, "control loop", share, "", used.first, severity, message)
+    yield Finding(FindingKind.FALLBACK, "control loop", share, "", used.first, _graded(fails), message)
 
 
 def _missed_updates(run: Trajectory) -> Iterator[Finding]:
@@ -153,8 +156,7 @@ def _missed_updates(run: Trajectory) -> Iterator[Finding]:
         f"{counts.missed} of {counts.missed + counts.updates} updates of the predictive controller were late or "
         "failed: its last motion went on"
     )
-    severity = Severity.FAILS if share > _MOSTLY else Severity.DEGRADES
-    yield Finding(FindingKind.FALLBACK, "predictive controller", share, "", None, severity, message)
+    yield Finding(FindingKind.FALLBACK, "predictive controller", share, "", None, _graded(share > _MOSTLY), message)
 
 
 def _unsolved(run: Trajectory) -> Iterator[Finding]:
@@ -167,8 +169,7 @@ def _unsolved(run: Trajectory) -> Iterator[Finding]:
         f"the program was not solved in {found.samples} of {len(run.time)} samples, first at t = {found.first:.3f} s: "
         f"{found.reason}"
     )
-    severity = Severity.FAILS if share > _MOSTLY else Severity.DEGRADES
-    yield Finding(FindingKind.UNSOLVED, "program", share, "", found.first, severity, message)
+    yield Finding(FindingKind.UNSOLVED, "program", share, "", found.first, _graded(share > _MOSTLY), message)
 
 
 def _braking(run: Trajectory) -> Iterator[Finding]:
@@ -239,9 +240,8 @@ def _contacts(run: Trajectory, grip: Grip | None, reduced: ReducedModel | None) 
         order = np.argsort(times, kind="stable")
         lifted = first_lift_off(times[order], loads[order], names, _SLIPS - 1.0)
     if lifted is not None:
-        yield Finding(
-            FindingKind.LIFT_OFF, lifted.contact, -lifted.lowest, "N", lifted.time, Severity.FAILS, str(lifted)
-        )
+        kind, amount = FindingKind.LIFT_OFF, -lifted.lowest
+        yield Finding(kind, lifted.contact, amount, "N", lifted.time, Severity.FAILS, str(lifted))
     unknown = np.isnan(run.normal_forces).all(axis=0)
     if len(run.time) and unknown.any():
         where = few([name for name, each in zip(names, unknown, strict=True) if each])
@@ -254,10 +254,8 @@ def _contacts(run: Trajectory, grip: Grip | None, reduced: ReducedModel | None) 
 
 def _changing(loads: Float[np.ndarray, "N c"]) -> Int[np.ndarray, " M"]:
     """Samples after which a load may be below zero before the next one: it changes there by a part of itself."""
-    change, least = np.abs(np.diff(loads, axis=0)), np.minimum(loads[1:], loads[:-1])
-    near = change.copy()
-    near[1:] += change[:-1]
-    near[:-1] += change[1:]
+    change, least = np.abs(np.diff(loads[[0, *range(len(loads)), -1]], axis=0)), np.minimum(loads[1:], loads[:-1])
+    near = change[:-2] + change[1:-1] + change[2:]
     return np.flatnonzero((least < _CHANGES * near).any(axis=1) | (len(loads) <= _CHANGES))
 
 
@@ -295,8 +293,7 @@ def _slips(run: Trajectory) -> Iterator[Finding]:
                 f"contact '{name}' slides at the limit of the stated friction, or its drive force is cut, in "
                 f"{100 * share:.3g} % of the samples, first at t = {first:.2f} s"
             )
-            severity = Severity.FAILS if share > _MOMENT else Severity.DEGRADES
-            yield Finding(FindingKind.SLIP, name, share, "", first, severity, message)
+            yield Finding(FindingKind.SLIP, name, share, "", first, _graded(share > _MOMENT), message)
     for column, name in enumerate(run.info.outputs.multipliers if len(slip) else ()):
         most = int(slip[:, column].argmax())
         speed, time = float(slip[most, column]), float(run.time[most])
@@ -326,8 +323,7 @@ def _side_slips(run: Trajectory, reduced: ReducedModel) -> Iterator[Finding]:
                 f"steered wheel '{wheel}' is not aimed: it slides sideways by {way:.3g} m in all, with up to "
                 f"{speed[most]:.3g} m/s at t = {time:.2f} s"
             )
-            severity = Severity.FAILS if way > _SLID else Severity.DEGRADES
-            yield Finding(FindingKind.SLIP, wheel, float(speed[most]), "m/s", time, severity, message)
+            yield Finding(FindingKind.SLIP, wheel, float(speed[most]), "m/s", time, _graded(way > _SLID), message)
 
 
 def _saturation(run: Trajectory, replay: LimitReplay) -> Iterator[Finding]:
@@ -374,7 +370,7 @@ def _reversals(run: Trajectory, replay: LimitReplay) -> Iterator[Finding]:
             f"inputs or velocities reverse three times in a row in {100 * share:.3g} % of the samples, first at "
             f"t = {first:.3f} s: the {kind} of {name} by up to {largest.max():.3g} of its limit"
         )
-        severity = Severity.FAILS if violent > _OFTEN_VIOLENT else Severity.DEGRADES
+        severity = _graded(violent > _OFTEN_VIOLENT)
         yield Finding(FindingKind.REVERSAL, name, float(largest.max()), "", first, severity, message)
 
 

@@ -26,7 +26,7 @@ from rnc_pin.simulation import run_info
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.simulation_options import RunArguments, Sample, SimulationOptions
-from rnc_pin.simulation.stop import MODEL, Progress, StopMonitor, lift_off_monitor
+from rnc_pin.simulation.stop import MODEL, LiftOffMonitor, Progress, StopMonitor
 from rnc_pin.simulation.trajectory import Trajectory
 
 _EMPTY = np.zeros(0)
@@ -167,7 +167,7 @@ class SampledRun:
         self._reduced, self._accelerations = reduced, limited_accelerations(controller)
         first = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), zeros if v2_0 is None else v2_0, t=0.0)
         adapter.reset(first)
-        self._lift_off = lift_off_monitor(options.stop, adapter.reported.reduced, reduced)
+        self._lift_off = LiftOffMonitor(adapter.reported.reduced, reduced) if options.stop.lift_off else None
         state = options.controller_state
         if state is None:
             state = controller.initial_state(adapter.read_state(0.0).measure(zeros))

@@ -111,12 +111,21 @@ class LiftOffMonitor:
     """Check that no contact with the ground pulls.
 
     Args:
-        model: reduced model of the plant.
-        other: True if the states to check are those of another model, such as that of the controller.
+        model: reduced model of the plant; None if it is unknown.
+        reduced: model of the states to check.
+
+    Raises:
+        ConfigurationError: the plant has no model, or the model has no contact with a normal force.
     """
 
-    def __init__(self, model: ReducedModel, other: bool = False) -> None:
-        self._model, self._other, self._forces = model, other, NormalForces(model)
+    def __init__(self, model: ReducedModel | None, reduced: ReducedModel) -> None:
+        if model is None:
+            raise errors.ConfigurationError(
+                "lift_off of a Stop: normal forces need the reduced model of the plant; in MuJoCo, contacts lift off"
+            )
+        self._model, self._other, self._forces = model, model is not reduced, NormalForces(model)
+        if not self._forces.names:
+            raise errors.ConfigurationError("lift_off of a Stop: the model has no contact with a normal force")
         self._forces.require("lift_off of a Stop")
 
     def check(self, t: float, state: StateEvaluation, T: np.ndarray, external: np.ndarray | None) -> None:
@@ -134,28 +143,6 @@ class LiftOffMonitor:
                 f"contact '{lifted.contact}' lifts off at t = {t:.3f} s: the model pulls with {-lifted.force:.3g} N, "
                 "and the contact can only push"
             )
-
-
-def lift_off_monitor(stop: Stop, model: ReducedModel | None, reduced: ReducedModel) -> LiftOffMonitor | None:
-    """Monitor for a stop condition; None if it is not asked for.
-
-    Args:
-        stop: stop conditions.
-        model: reduced model of the plant; None if it is unknown.
-        reduced: model of the states to check.
-
-    Raises:
-        ConfigurationError: the plant has no model, or the model has no contact with a normal force.
-    """
-    if not stop.lift_off:
-        return None
-    if model is None:
-        raise errors.ConfigurationError(
-            "lift_off of a Stop: normal forces need the reduced model of the plant; in MuJoCo, contacts lift off"
-        )
-    if not NormalForces(model).names:
-        raise errors.ConfigurationError("lift_off of a Stop: the model has no contact with a normal force")
-    return LiftOffMonitor(model, model is not reduced)
 
 
 _OUTCOMES = {

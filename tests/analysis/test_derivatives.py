@@ -205,20 +205,16 @@ def test_joints_with_axes_that_depend_on_their_position_take_differences():
 
     def arm(composite):
         model, place = pin.Model(), pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.4, 0.5), np.array([0.2, 0.1, -0.3]))
-        if composite:
-            joint_model = pin.JointModelComposite(pin.JointModelRX())
-            joint_model.addJoint(pin.JointModelRY(), place)
-            joint = model.addJoint(0, joint_model, pin.SE3.Identity(), "both")
-            sliding = pin.JointModelComposite(pin.JointModelPX())  # its axes are constant
-            sliding.addJoint(pin.JointModelPY())
-            slide = [model.addJoint(joint, sliding, place, "slide")]
-        else:
-            joint = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "first")
-            joint = model.addJoint(joint, pin.JointModelRY(), place, "second")
-            slide = [model.addJoint(joint, pin.JointModelPX(), place, "along")]
-            slide.append(model.addJoint(slide[0], pin.JointModelPY(), pin.SE3.Identity(), "across"))
+
+        def added(parent, first, second, name):
+            if composite:
+                return model.addJoint(parent, pin.JointModelComposite(first).addJoint(second, place), place, name)
+            return model.addJoint(model.addJoint(parent, first, place, name), second, place, f"{name} 2")
+
+        joint = added(0, pin.JointModelRX(), pin.JointModelRY(), "both")
+        slide = added(joint, pin.JointModelPX(), pin.JointModelPY(), "slide")  # its axes are constant
         model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.1, 0.4, -0.3]), np.diag([0.2, 0.3, 0.4])), place)
-        hand = model.addJoint(slide[-1], pin.JointModelRX(), place, "hand")
+        hand = model.addJoint(slide, pin.JointModelRX(), place, "hand")
         model.addFrame(pin.Frame("tip", hand, place, pin.FrameType.OP_FRAME))
         model.appendBodyToJoint(hand, pin.Inertia(1.0, np.array([0.3, 0.1, 0.2]), np.diag([0.3, 0.2, 0.1])), place)
         return rnc.NonholonomicSystem(rnc.Robot(model), [], np.eye(5)).reduce()

@@ -215,24 +215,21 @@ def test_a_function_that_is_not_finite_in_mid_run_is_named(where):
     robot, begun = rnc.Robot.from_urdf("space_robot.urdf"), []
 
     def until(name, good):
-        return lambda q, *v: good(q) if name != where or not begun or q[0] < 0.03 else good(q) + np.nan
+        lost = np.nan if name == where else 0.0
+        return lambda q, *v: (good(q) if callable(good) else good) + (lost if begun and q[0] >= 0.03 else 0.0)
 
-    def level(q):
-        return LEVEL
-
-    rows = until("rows", lambda q: LEVEL * [0, 0, 0, 1]), until("rows_dot", lambda q: RATE)
+    rows = until("rows", LEVEL * [0, 0, 0, 1]), until("rows_dot", RATE)
     value = until(where if where == "reducing" else "value", lambda q: LEVEL @ q)
-    output = rnc.Output(value, until("jacobian", level), until("jacobian_dot", lambda q: RATE), names=["level"])
-    forces = [rnc.forces.ForceFunction(until("force", lambda q: np.zeros(4)), "drag")] if where == "force" else []
-    actuation = until("B", lambda q: np.eye(4)) if where == "B" else robot.joint_names
+    output = rnc.Output(value, until("jacobian", LEVEL), until("jacobian_dot", RATE), names=["level"])
+    forces = [rnc.forces.ForceFunction(until("force", np.zeros(4)), "drag")] if where == "force" else []
+    actuation = until("B", np.eye(4)) if where == "B" else robot.joint_names
     system = rnc.NonholonomicSystem(robot, [rnc.Pfaffian(*rows, names=["row"])], actuation, forces=forces)
     outputs = [output, *map(rnc.JointPosition, robot.joint_names[:2])]
     reduced = system.reduce(outputs) if where == "reducing" else system.reduce(vertical=[output])
     begun.append(True)
-    pushed = Inputs(lambda t: [5.0, 0.0, 0.0, 0.0])
     name = {"rows": "'row'", "rows_dot": "'row'", "force": "'drag'", "B": r"B\(q\)"}.get(where, "output 'level'")
     with pytest.raises(rnc.DivergenceError, match=f"at t = 0.*{name} is not finite"):
-        rnc.simulate(reduced, pushed, robot.configuration(), 1.0, 0.01)
+        rnc.simulate(reduced, Inputs(lambda t: [5.0, 0.0, 0.0, 0.0]), robot.configuration(), 1.0, 0.01)
 
 
 def test_joints_that_are_added_after_reduction_are_refused_in_one_line():

@@ -118,8 +118,7 @@ def test_as_many_guesses_are_solved_as_solutions_are_asked_for():
     """More than the random guesses that a single solution may try; the straight line leads to none."""
     reduced = systems.sleigh()
     start, goal = reduced.robot.configuration(), {rnc.FramePosition("sleigh", "xy"): [0.0, 1.0]}
-    few = SolverSettings(nodes=10, iterations=40, accuracy=0.5)
-    options = {"seeds": 2, "settings": few}
+    options = {"seeds": 2, "settings": SolverSettings(nodes=10, iterations=40, accuracy=0.5)}
     plans = [rnc.optimal.plan(reduced, start, goal, 4.0, solutions=n, **options) for n in (1, 10)]
     assert ([plan.info.solutions for plan in plans], plans[0].info.guesses) == ([1, 10], 2)
     assert plans[1].info.guesses >= 11
@@ -138,13 +137,8 @@ def test_the_cheapest_of_a_few_guesses_is_the_usual_plan():
     )
     assert (first.info.guess, usual.info.guesses) == ("straight line", 5)
     assert usual.info.cost < 0.78 * first.info.cost
-    assert usual.info.cost == pytest.approx(0.20384, rel=1e-3)
-
-
-def test_a_line_that_the_rows_allow_is_the_only_guess():
-    reduced = car()
-    goal = {rnc.FramePosition("rear_axle", "xy"): [2.0, 0.0], rnc.FrameYaw("chassis"): 0.0}
-    plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 6.0, feedback=None)
+    ahead = {rnc.FramePosition("rear_axle", "xy"): [2.0, 0.0], rnc.FrameYaw("chassis"): 0.0}  # the rows allow the line
+    plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), ahead, 6.0, feedback=None)
     assert (plan.info.guess, plan.info.guesses) == ("straight line", 1)
 
 

@@ -274,16 +274,6 @@ def test_a_run_that_ends_early_fails_and_its_goals_are_not_judged():
     assert str(verdict.first) == str(caught.value)
 
 
-def test_a_contact_that_pulls_fails():
-    run = resting()
-    names = replace(run.info.outputs, normal_forces=("wheel",))
-    for force, fails in ((9.81, False), (-9.81, True)):
-        forces = np.full((len(run.time), 1), force)
-        pulled = replace(run, normal_forces=forces, info=replace(run.info, outputs=names))
-        assert (FindingKind.LIFT_OFF, "wheel") in kinds(rnc.simulation.judge(pulled)) or not fails
-        assert rnc.simulation.judge(pulled).succeeded != fails
-
-
 def test_a_verdict_stays_with_the_file_of_its_run(tmp_path):
     limit = 'lower="-9" upper="0.3" velocity="9" effort="9"'
     run = pushed(sliders(tmp_path, limit, WIDE), [1.0, 1.0])
