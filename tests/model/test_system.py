@@ -284,7 +284,7 @@ def test_outputs_that_are_dependent_everywhere_are_named():
     places = changing._samples[:, 0]
     assert 0 < (np.abs(places) > 2.9).sum() < len(places)
     outputs = Turning(["x"], often)
-    outputs.angular, outputs.quasi, outputs.rotation, outputs.value = (False,), True, False, None
+    outputs.angular, outputs.quasi, outputs.rotation, outputs.generalized = (False,), True, False, False
     good = changing.reduce([rnc.JointPosition("a"), outputs])  # somewhere is enough
     assert good.r == 2
 
