@@ -24,9 +24,11 @@ from rnc_pin.errors import DivergenceError, SingularityError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
-_KEPT = 1e-8  # [rad, m, and per second] excess over a limit that is rounding
+_KEPT = 2e-7  # [rad, m, and per second] excess over a limit that is an error of the integration
 _REST = 1e-4  # [rad/s, m/s] speed that counts as rest: its inputs remove it within a sample
-_DECISIONS = 60  # of one motion, so that runs repeat
+_DECISIONS = 30  # of one motion, so that runs repeat
+_SMALL = 0.1  # speed of a joint that does not count, relative to the largest
+_PART = 0.5  # of the time in which the first joint stops: inputs are held that long
 _RESERVE = 1.1  # of the time in which efforts stop all joints
 _LEAST = 1e-14  # effect of an input on the energy, relative to the sum of all
 _FREE_COST = 1e-9  # of inputs that do not change the energy, relative to the others
@@ -58,6 +60,8 @@ class BrakingMotion(NamedTuple):
     """Inputs of its samples; the last ones hold the robot at rest."""
     problem: str | None
     """Reason why it does not keep all limits until rest; None if it does."""
+    together: bool = True
+    """True if all joints come to rest at the same time."""
 
 
 class BrakingState(NamedTuple):
@@ -103,6 +107,7 @@ class Braking:
         self._reduced, self._limits, self._contacts, self._ahead = reduced, limits, contacts, ahead
         self._names, self._dt, self._longest = names, dt, longest
         self._identity = np.eye(reduced.r)
+        self._late = f"the robot does not come to rest within {longest:g} s"
         self._efforts = np.minimum(reduced.actuation.limits, _INFINITE)
 
     def decide(
@@ -141,7 +146,8 @@ class Braking:
             return planned, state._replace(unverified=state.unverified.and_one(t, state.unverified.reason))
         if kept is not None and not self._continues(kept, start):
             kept, before = None, np.maximum(before, self.exceeded(start, t))
-        after = self._after(t, planned, before, ground)
+        together = kept is None or kept.together
+        after = self._after(t, planned, before, ground, together)
         if after.problem is None:
             return planned, state._replace(kept=after, failed=None)
         if self._excludes_rest(rows):
@@ -157,13 +163,15 @@ class Braking:
         # A plant that is not the model brakes by a motion that is not verified.
         state = state._replace(braked=braked, failed=None, unverified=state.unverified.and_one(t, kept.problem or ""))
         mixed = under(0.5 * (first.T + planned.T))  # otherwise the robot stops and goes
-        after = self._after(t, mixed, before, ground)
+        after = self._after(t, mixed, before, ground, together)
         if after.problem is None:
             return mixed, state._replace(kept=after)
         rest = kept.inputs[1:] if len(kept.inputs) > 1 else kept.inputs
-        return first, state._replace(kept=BrakingMotion(first.q, first.v2, rest, None))
+        return first, state._replace(kept=BrakingMotion(first.q, first.v2, rest, None, kept.together))
 
-    def motion(self, start: StateEvaluation, t: float, before: Array, ground: ContactBounds) -> BrakingMotion:
+    def motion(
+        self, start: StateEvaluation, t: float, before: Array, ground: ContactBounds, together: bool = True
+    ) -> BrakingMotion:
         """Roll out the braking motion from a state until rest.
 
         Args:
@@ -172,9 +180,12 @@ class Braking:
             before: amount by which it exceeds each limit (k,). A motion that does not increase it is verified too: a
                 joint beyond its limit may rest or return.
             ground: conditions of the ground near this state, with which the motion is planned.
+            together: way that is tried first, that of the last motion: see ``BrakingMotion``.
         """
-        found = self._rolled_out(start, t, before, ground, together=True)
-        return found if found.problem is None else self._rolled_out(start, t, before, ground, together=False)
+        found = self._rolled_out(start, t, before, ground, together)
+        if found.problem in (None, self._late):
+            return found
+        return self._rolled_out(start, t, before, ground, not together)
 
     def _rolled_out(
         self, start: StateEvaluation, t: float, before: Array, ground: ContactBounds, together: bool
@@ -182,7 +193,9 @@ class Braking:
         """Motion whose joints come to rest at the same time, or each as fast as it can."""
         inputs: list[Array] = []
         decided: list[tuple[Array, Array, Array]] = []
-        problem: str | None = f"the robot does not come to rest within {self._longest:g} s"
+        problem: str | None = self._late
+        slow, first = np.abs(start.v2), together
+        slow = np.where(slow > _SMALL * slow.max(initial=0.0), _SMALL * slow, 0.0)
         state, allowed, most = start, np.maximum(before, _KEPT), round(self._longest / self._dt) + 1
         try:
             for _ in range(_DECISIONS):
@@ -194,18 +207,32 @@ class Braking:
                     break
                 if len(inputs) + held > most:
                     break
+                end, found = self._under(T, held, state, t, allowed)
+                while found is not None and held > 1:  # constant inputs suit a part of the way
+                    held //= 2
+                    end, found = self._under(T, held, state, t, allowed)
                 inputs += [T] * held
-                while held:
-                    # Velocities decrease, so positions are between those of the ends.
-                    speed = max(float(np.abs(state.v2).max()), 1e-9)
-                    samples = min(held, max(1, int(self._limits.spacing / (speed * self._dt))))
-                    state, exceeded = self._samples(state, t, T, samples)
-                    t, held = t + samples * self._dt, held - samples
-                    if (found := self._broken(exceeded, allowed)) is not None:
-                        return BrakingMotion(start.q, start.v2, np.array(inputs), found)
+                if found is not None:
+                    return BrakingMotion(start.q, start.v2, np.array(inputs), found, first)
+                state, t = end, t + held * self._dt
+                together |= bool((np.abs(state.v2) < slow).any())
         except (SingularityError, DivergenceError) as error:
             problem = str(error)
-        return BrakingMotion(start.q, start.v2, np.array(inputs), problem)
+        return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first)
+
+    def _under(
+        self, T: Array, held: int, state: StateEvaluation, t: float, allowed: Array
+    ) -> tuple[StateEvaluation, str | None]:
+        """State after samples under the same inputs, and the limit that it or one on the way exceeds."""
+        while held:
+            # Velocities decrease, so positions are between those of the ends.
+            speed = max(float(np.abs(state.v2).max()), 1e-9)
+            samples = min(held, max(1, int(self._limits.spacing / (speed * self._dt))))
+            state, exceeded = self._samples(state, t, T, samples)
+            t, held = t + samples * self._dt, held - samples
+            if (found := self._broken(exceeded, allowed)) is not None:
+                return state, found
+        return state, None
 
     def exceeded(
         self, state: StateEvaluation, t: float, sample: ControlSample | None = None, mean: Array | None = None
@@ -233,8 +260,16 @@ class Braking:
             held = 1 if shortest <= self._dt else int(np.ceil(_RESERVE * min(shortest, self._longest) / self._dt))
             if (held == 1 or together) and shortest < self._longest and self._may_stop(state, t, held):
                 moving = np.abs(state.v).max(initial=0.0) > _REST
-                return load + impulse / (held * self._dt), held if moving else 0
-        return self._slowing(effects, state.v2 / self._dt + adverse, state, t, ground, upper), 1
+                part = held if held < 8 else held // 2
+                return load + impulse / (held * self._dt), part if moving else 0
+        T = self._slowing(effects, adverse, self._dt, state, t, ground, upper)
+        rate, speed = effects @ T + adverse, np.abs(state.v2)
+        stops = (state.v2 * rate < 0.0) & (speed > _SMALL * speed.max(initial=0.0))
+        shortest = np.divide(speed, np.abs(rate), out=np.full(len(rate), self._longest), where=stops).min()
+        held = int(_PART * shortest / self._dt)
+        if held < 2:
+            return T, 1
+        return self._slowing(effects, adverse, held * self._dt, state, t, ground, upper), held
 
     def _may_stop(self, state: StateEvaluation, t: float, held: int) -> bool:
         """True unless limits that rows judge, such as those of accelerations, exclude rest after some samples."""
@@ -251,10 +286,11 @@ class Braking:
         return np.where(judged, 0.5 * _UNUSED * (motion.upper - motion.lower), 0.0)
 
     def _slowing(
-        self, effects: Array, offset: Array, state: StateEvaluation, t: float, ground: Array, above: Array
+        self, effects: Array, adverse: Array, h: float, state: StateEvaluation, t: float, ground: Array, above: Array
     ) -> Array:
-        """Inputs that leave the least kinetic energy after one sample within efforts, ground and the rows of limits."""
-        motion = self._limits.rows(ControlSample(self._reduced, t, state.q, state.v2, self._dt), braking=True)
+        """Inputs that leave the least kinetic energy after a time h within efforts, ground and the rows of limits."""
+        motion = self._limits.rows(ControlSample(self._reduced, t, state.q, state.v2, h), braking=True)
+        offset = state.v2 / h + adverse
         p, size = self._reduced.p, ground.shape[1]
         metric = state.input_matrix.T @ effects
         scales = np.ones(size)  # light joints and heavy ones
@@ -268,8 +304,8 @@ class Braking:
         box = np.full(size, _INFINITE)
         box[:p] = self._efforts / scales[:p]
         rows = np.vstack([ground, own]) * scales
-        lower = np.concatenate([-box, np.full(len(above), -_INFINITE), (motion.lower + room) / self._dt - passive])
-        upper = np.concatenate([box, above, (motion.upper - room) / self._dt - passive])
+        lower = np.concatenate([-box, np.full(len(above), -_INFINITE), (motion.lower + room) / h - passive])
+        upper = np.concatenate([box, above, (motion.upper - room) / h - passive])
         for count in (len(rows), len(ground)):  # limits that no inputs keep are named where they are checked
             stop = size + count
             kinds = np.zeros(stop, dtype=np.int32)
@@ -306,13 +342,15 @@ class Braking:
         asked = np.maximum(rows.lower, -rows.upper)
         return bool((asked[~self._limits.judged_by_rows[rows.places]] > _BEYOND).any())
 
-    def _after(self, t: float, reached: BrakedSample, before: Array, ground: ContactBounds) -> BrakingMotion:
+    def _after(
+        self, t: float, reached: BrakedSample, before: Array, ground: ContactBounds, together: bool
+    ) -> BrakingMotion:
         """Braking motion from the end of a sample; its problem is that of the sample if this exceeds a limit."""
         broken = self._broken(reached.exceeded, np.maximum(before, _KEPT))
         if broken is not None:
             return BrakingMotion(reached.q, reached.v2, np.zeros((0, len(reached.T))), broken)
         t += self._dt
-        return self.motion(self._reduced.at(reached.q, reached.v2, t=t), t, before, ground)
+        return self.motion(self._reduced.at(reached.q, reached.v2, t=t), t, before, ground, together)
 
     def _broken(self, exceeded: Array, allowed: Array) -> str | None:
         """First limit that is exceeded by more than is allowed."""

@@ -33,6 +33,8 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 _NO_EFFECT = 1e-12  # singular value, relative to the largest, of inputs that move nothing
 _CORRECTIONS = 4  # of the velocity at the end of a sample, each smaller by a factor of order dt
 _BEYOND = 1e-9  # excess over a limit of motion that is rounding
+_BRAKING_STEP = 0.01  # [s] Runge-Kutta step of braking motions of shorter samples: they err by 2e-7
+_ROUNDING = 1e-6  # of a number of steps
 _MOST_STEPS = 64  # Runge-Kutta steps in a sample
 
 
@@ -185,8 +187,9 @@ class InverseDynamicsQP(WholeBodyProgram):
         rests = reduced.p >= reduced.r and not reduced.affine  # others cannot be brought to rest in general
         self._braking: Braking | None = None
         if rests and braking_time is not None and self._limits.names:
-            ahead = lambda state, T, samples: self._integrated(state, T, samples, dt)  # noqa: E731
-            self._braking = Braking(reduced, self._limits, self._contacts, ahead, self.limit_names, dt, braking_time)
+            self._braking = Braking(
+                reduced, self._limits, self._contacts, self._ahead, self.limit_names, dt, braking_time
+            )
         self._forces = [np.arange(stops[0], stops[1]), np.arange(stops[1], stops[2])]
 
     def describe(self) -> Description:
@@ -366,6 +369,11 @@ class InverseDynamicsQP(WholeBodyProgram):
         for _ in range(steps):
             q, v2 = self._integrator.step(rate, q, v2, h)
         return q, v2
+
+    def _ahead(self, state: StateEvaluation, T: Array, samples: int) -> tuple[Array, Array]:
+        """Configuration and reduced velocity after samples under constant inputs, of a braking motion."""
+        steps = int(np.ceil(samples * self.dt / max(self.dt, _BRAKING_STEP) - _ROUNDING))
+        return self._integrated(state, T, steps, samples * self.dt / steps)
 
     def _mean_velocity(self, start: StateEvaluation, end: StateEvaluation) -> Float[Array, " nv"]:
         """Mean velocity from a state to another one, a sample later."""
