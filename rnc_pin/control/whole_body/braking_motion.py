@@ -33,6 +33,7 @@ _RESERVE = 1.1  # of the time in which efforts stop all joints
 _LEAST = 1e-14  # effect of an input on the energy, relative to the sum of all
 _FREE_COST = 1e-9  # of inputs that do not change the energy, relative to the others
 _UNUSED, _GROUND = 0.1, 0.3  # parts of limits by rows, and of conditions of the ground, that the law leaves unused
+_EASED = 0.125  # of the way back to the program in each verified sample
 _SAME = 1e-6  # [rad, m, and per second] difference to the predicted state at which a kept motion is followed
 _BEYOND = 1e-3  # [rad/s, m/s] motion that limits ask for, in which the program goes on without a verified motion
 _CHANGED = 1e-2, 5e-2, 0.1  # change of configuration, velocity and time [s] after which verification is tried again
@@ -69,6 +70,8 @@ class BrakingState(NamedTuple):
 
     kept: BrakingMotion | None = None
     """Rest of a verified braking motion, from the predicted end of the last sample."""
+    share: float = 1.0
+    """Part of the way from the kept motion to the program's inputs: it changes slowly, lest the robot stops and goes."""
     failed: Float[Array, " k"] | None = None
     """Configuration, reduced velocity and time of the last attempt in units of a change, if it was in vain."""
     braked: SampleCount = SampleCount()
@@ -146,10 +149,13 @@ class Braking:
             return planned, state._replace(unverified=state.unverified.and_one(t, state.unverified.reason))
         if kept is not None and not self._continues(kept, start):
             kept, before = None, np.maximum(before, self.exceeded(start, t))
-        together = kept is None or kept.together
-        after = self._after(t, planned, before, ground, together)
+        together, share, eased = kept is None or kept.together, state.share, planned
+        if kept is not None and share < 1.0:
+            eased = under(kept.inputs[0] + share * (planned.T - kept.inputs[0]))
+        after = self._after(t, eased, before, ground, together)
         if after.problem is None:
-            return planned, state._replace(kept=after, failed=None)
+            braked = state.braked if eased is planned else state.braked.and_one(t, state.braked.reason)
+            return eased, state._replace(kept=after, failed=None, share=min(1.0, share + _EASED), braked=braked)
         if self._excludes_rest(rows):
             return unverified(after.problem)
         braked = state.braked.and_one(t, after.problem)
@@ -162,7 +168,9 @@ class Braking:
             return unverified(problem)
         # A plant that is not the model brakes by a motion that is not verified.
         state = state._replace(braked=braked, failed=None, unverified=state.unverified.and_one(t, kept.problem or ""))
-        mixed = under(0.5 * (first.T + planned.T))  # otherwise the robot stops and goes
+        share *= 0.5
+        mixed = under(first.T + share * (planned.T - first.T))
+        state = state._replace(share=max(share, _EASED))
         after = self._after(t, mixed, before, ground, together)
         if after.problem is None:
             return mixed, state._replace(kept=after)
@@ -196,6 +204,7 @@ class Braking:
         problem: str | None = self._late
         slow, first = np.abs(start.v2), together
         slow = np.where(slow > _SMALL * slow.max(initial=0.0), _SMALL * slow, 0.0)
+        several = np.count_nonzero(slow) > 1
         state, allowed, most = start, np.maximum(before, _KEPT), round(self._longest / self._dt) + 1
         try:
             for _ in range(_DECISIONS):
@@ -215,7 +224,7 @@ class Braking:
                 if found is not None:
                     return BrakingMotion(start.q, start.v2, np.array(inputs), found, first)
                 state, t = end, t + held * self._dt
-                together |= bool((np.abs(state.v2) < slow).any())
+                together |= several and bool((np.abs(state.v2) < slow).any())
         except (SingularityError, DivergenceError) as error:
             problem = str(error)
         return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first)
