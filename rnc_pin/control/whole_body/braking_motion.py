@@ -33,6 +33,7 @@ _RESERVE = 1.1  # of the time in which efforts stop all joints
 _LEAST = 1e-14  # effect of an input on the energy, relative to the sum of all
 _FREE_COST = 1e-9  # of inputs that do not change the energy, relative to the others
 _UNUSED, _GROUND = 0.1, 0.3  # parts of limits by rows, and of conditions of the ground, that the law leaves unused
+_FEW = 8  # samples to rest under the same inputs
 _EASED = 0.125  # of the way back to the program in each verified sample
 _SAME = 1e-6  # [rad, m, and per second] difference to the predicted state at which a kept motion is followed
 _BEYOND = 1e-3  # [rad/s, m/s] motion that limits ask for, in which the program goes on without a verified motion
@@ -71,7 +72,7 @@ class BrakingState(NamedTuple):
     kept: BrakingMotion | None = None
     """Rest of a verified braking motion, from the predicted end of the last sample."""
     share: float = 1.0
-    """Part of the way from the kept motion to the program's inputs: it changes slowly, lest the robot stops and goes."""
+    """Part of the way from the kept motion to the program's inputs; it grows slowly, lest the robot stops and goes."""
     failed: Float[Array, " k"] | None = None
     """Configuration, reduced velocity and time of the last attempt in units of a change, if it was in vain."""
     braked: SampleCount = SampleCount()
@@ -167,13 +168,8 @@ class Braking:
         if (problem := self._broken(first.exceeded, np.maximum(before, _SAME))) is not None:  # an obstacle came nearer
             return unverified(problem)
         # A plant that is not the model brakes by a motion that is not verified.
-        state = state._replace(braked=braked, failed=None, unverified=state.unverified.and_one(t, kept.problem or ""))
-        share *= 0.5
-        mixed = under(first.T + share * (planned.T - first.T))
-        state = state._replace(share=max(share, _EASED))
-        after = self._after(t, mixed, before, ground, together)
-        if after.problem is None:
-            return mixed, state._replace(kept=after)
+        missing = state.unverified.and_one(t, kept.problem or "")
+        state = state._replace(braked=braked, failed=None, unverified=missing, share=max(0.5 * share, _EASED))
         rest = kept.inputs[1:] if len(kept.inputs) > 1 else kept.inputs
         return first, state._replace(kept=BrakingMotion(first.q, first.v2, rest, None, kept.together))
 
@@ -269,7 +265,7 @@ class Braking:
             held = 1 if shortest <= self._dt else int(np.ceil(_RESERVE * min(shortest, self._longest) / self._dt))
             if (held == 1 or together) and shortest < self._longest and self._may_stop(state, t, held):
                 moving = np.abs(state.v).max(initial=0.0) > _REST
-                part = held if held < 8 else held // 2
+                part = held if held < _FEW else held // 2  # constant inputs lead elsewhere in the end
                 return load + impulse / (held * self._dt), part if moving else 0
         T = self._slowing(effects, adverse, self._dt, state, t, ground, upper)
         rate, speed = effects @ T + adverse, np.abs(state.v2)
