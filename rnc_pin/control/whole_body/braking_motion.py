@@ -127,8 +127,8 @@ class Braking:
     ) -> tuple[BrakedSample, BrakingState]:
         """Return the sample to execute, and the state after it.
 
-        It is the planned one if a braking motion from its end is verified. Otherwise it is half of the way from the
-        kept motion to the planned one, or the next sample of the kept motion. Without one, it is the planned one.
+        It is the planned one if a braking motion from its end is verified, otherwise the next sample of the kept motion.
+        After that, it is a part of the way from the kept motion to the planned one. Without one, it is the planned one.
 
         Args:
             start: state at its start.
@@ -220,7 +220,7 @@ class Braking:
                 if found is not None:
                     return BrakingMotion(start.q, start.v2, np.array(inputs), found, first)
                 state, t = end, t + held * self._dt
-                together |= several and bool((np.abs(state.v2) < slow).any())
+                together = together or (several and bool((np.abs(state.v2) < slow).any()))
         except (SingularityError, DivergenceError) as error:
             problem = str(error)
         return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first)
