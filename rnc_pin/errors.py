@@ -60,6 +60,8 @@ class RncError(Exception):
 
     Attributes:
         trajectory: motion until the error, if a simulation or a roll-out raised it; else None.
+        what: cause in words, of errors whose message says more; else None.
+        time: time in a simulation [s], of these errors; else None.
 
     Example:
         >>> try:
@@ -70,13 +72,18 @@ class RncError(Exception):
     """
 
     trajectory: PartialRun | None = None
+    what: str | None = None
+    time: float | None = None
 
     def __str__(self) -> str:
         return printable(self._words())
 
     def within(self, place: object) -> Self:
         """Prepend a place to the message, e.g. the key of a scenario. Return the error itself, with all its data."""
-        self.args = (f"{place}: {self._words()}",)
+        if self.what is None:
+            self.args = (f"{place}: {self._words()}",)
+        else:
+            self.what = f"{place}: {self.what}"
         return self
 
     @classmethod
@@ -91,6 +98,9 @@ class RncError(Exception):
     def _words(self) -> str:
         """Return the message; it may contain unescaped names from files."""
         return super().__str__()
+
+    def _when(self) -> str:
+        return "" if self.time is None else f" at t = {self.time:.3f} s"
 
     def __reduce__(self) -> tuple[object, ...]:
         """Support pickling: a worker pool hangs if it cannot unpickle the error of a worker."""
@@ -226,13 +236,8 @@ class DivergenceError(SimulationError):
         self.what, self.time = what, time
         super().__init__(what)
 
-    def within(self, place: object) -> Self:
-        self.what = f"{place}: {self.what}"
-        return self
-
     def _words(self) -> str:
-        when = "" if self.time is None else f" at t = {self.time:.3f} s"
-        return f"diverged{when}: {self.what}"
+        return f"diverged{self._when()}: {self.what}"
 
 
 class LimitError(SimulationError):
@@ -283,15 +288,10 @@ class SingularityError(SimulationError):
         self.time = time
         super().__init__(what)
 
-    def within(self, place: object) -> Self:
-        self.what = f"{place}: {self.what}"
-        return self
-
     def _words(self) -> str:
-        when = "" if self.time is None else f" at t = {self.time:.3f} s"
         where = ", ".join(f"{value:.4g}" for value in self.q)
         return (
-            f"{self.what}{when}: rows {', '.join(self.rows)} are dependent "
+            f"{self.what}{self._when()}: rows {', '.join(self.rows)} are dependent "
             f"(condition {self.condition:.3g}) at q = [{where}]"
         )
 

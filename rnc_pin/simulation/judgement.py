@@ -83,8 +83,7 @@ def judge(
         *_finite(run),
         *_fallback(run),
         *_missed_updates(run),
-        *_unsolved(run),
-        *_braking(run),
+        *_program(run),
         *_integration(run),
         *(_goals(run, goal_errors or {}, goal_tolerance) if completed else ()),
         *(() if replay is None else map(_exceeded, replay.violations)),
@@ -159,40 +158,31 @@ def _missed_updates(run: Trajectory) -> Iterator[Finding]:
     yield Finding(FindingKind.FALLBACK, "predictive controller", share, "", None, _graded(share > _MOSTLY), message)
 
 
-def _unsolved(run: Trajectory) -> Iterator[Finding]:
-    """Finding of samples whose whole-body program was not solved: it fails if they are most of them."""
-    found = run.info.unsolved
-    if found is None:
-        return
-    share = found.samples / max(len(run.time), 1)
-    message = (
-        f"the program was not solved in {found.samples} of {len(run.time)} samples, first at t = {found.first:.3f} s: "
-        f"{found.reason}"
-    )
-    yield Finding(FindingKind.UNSOLVED, "program", share, "", found.first, _graded(share > _MOSTLY), message)
+_Count = tuple[int, float | None, str]  # of samples, with the time and the reason of the first one
 
 
-def _braking(run: Trajectory) -> Iterator[Finding]:
-    """Findings of a program whose verified braking motion took its place, and of samples without one."""
-    used = run.info.braking
-    if used is None:
+def _program(run: Trajectory) -> Iterator[Finding]:
+    """Findings of a whole-body program: samples that were not solved, braking motions, and limits that gave way."""
+    total, unsolved, braking = len(run.time), run.info.unsolved, run.info.braking
+
+    def counted(kind: FindingKind, name: str, what: str, found: _Count, fails: float = np.inf) -> Iterator[Finding]:
+        samples, first, why = found
+        if samples:
+            share = samples / max(total, 1)
+            message = f"{what} in {samples} of {total} samples, first at t = {first or 0.0:.3f} s: {why}"
+            yield Finding(kind, name, share, "", first, _graded(share > fails), message)
+
+    if unsolved is not None:
+        found: _Count = unsolved.samples, unsolved.first, unsolved.reason
+        yield from counted(FindingKind.UNSOLVED, "program", "the program was not solved", found, _MOSTLY)
+    if braking is None:
         return
-    total = max(len(run.time), 1)
-    if used.samples:
-        message = (
-            f"a verified braking motion took the place of the program in {used.samples} of {total} samples, first at "
-            f"t = {used.first or 0.0:.3f} s: {used.reason} otherwise"
-        )
-        share = used.samples / total
-        yield Finding(FindingKind.BRAKING, "program", share, "", used.first, Severity.DEGRADES, message)
-    if used.unverified:
-        message = (
-            f"no braking motion could be verified in {used.unverified} of {total} samples, first at "
-            f"t = {used.unverified_first or 0.0:.3f} s: {used.problem}"
-        )
-        share = used.unverified / total
-        yield Finding(FindingKind.BRAKING, "verification", share, "", used.unverified_first, Severity.DEGRADES, message)
-    for name, amount in used.exceeded.items():
+    what = "a verified braking motion took the place of the program"
+    found = braking.samples, braking.first, f"{braking.reason} otherwise"
+    yield from counted(FindingKind.BRAKING, "program", what, found)
+    found = braking.unverified, braking.unverified_first, braking.problem
+    yield from counted(FindingKind.BRAKING, "verification", "no braking motion could be verified", found)
+    for name, amount in braking.exceeded.items():
         if amount > SHORTFALL:
             message = f"limit {name} of the program was exceeded by {amount:.3g}"
             yield Finding(FindingKind.LIMIT_GAVE_WAY, name, amount, "", None, Severity.FAILS, message)

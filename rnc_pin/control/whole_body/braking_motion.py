@@ -127,8 +127,8 @@ class Braking:
     ) -> tuple[BrakedSample, BrakingState]:
         """Return the sample to execute, and the state after it.
 
-        It is the planned one if a braking motion from its end is verified, otherwise the next sample of the kept motion.
-        After that, it is a part of the way from the kept motion to the planned one. Without one, it is the planned one.
+        It is the planned one if a braking motion from its end is verified, and otherwise the next one of the kept
+        motion. After that, it is a part of the way from this to the planned one. Without one, it is the planned one.
 
         Args:
             start: state at its start.
@@ -200,7 +200,7 @@ class Braking:
         problem: str | None = self._late
         slow, first = np.abs(start.v2), together
         slow = np.where(slow > _SMALL * slow.max(initial=0.0), _SMALL * slow, 0.0)
-        several = np.count_nonzero(slow) > 1
+        several = bool(np.count_nonzero(slow) > 1)
         state, allowed, most = start, np.maximum(before, _KEPT), round(self._longest / self._dt) + 1
         try:
             for _ in range(_DECISIONS):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Description, LimitedAcceleration, State
+from rnc_pin.control.controller import Description, LimitedAcceleration, State, part_with
 from rnc_pin.control.whole_body.limit_stack import LimitStack
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
 from rnc_pin.control.whole_body.limits.joint_limits import AccelerationLimit
@@ -112,11 +112,8 @@ def report_within(controller: object, state: State) -> LimitReport | None:
         controller: a controller.
         state: its state.
     """
-    while not isinstance(controller, WholeBodyProgram):
-        if controller is None:
-            return None
-        controller, state = getattr(controller, "target", None), getattr(state, "target", state)
-    return controller.report(state) if hasattr(state, "worst_excess") else None
+    program, own = program_of(controller), part_with(state, "worst_excess")
+    return None if program is None or own is None else program.report(own)
 
 
 def limit_report(names: Sequence[str], multipliers: Array, excess: Array, worst: Array) -> LimitReport:
