@@ -1,14 +1,13 @@
 """Shortest paths of a car with turning radius 1, in closed form.
 
 J. A. Reeds and L. A. Shepp, "Optimal paths for a car that goes both forwards and backwards", Pacific Journal of
-Mathematics 145 (1990). A word is a list of segments: curvature (1 left, -1 right, 0 straight) and signed length. Every
-word is driven to its end, so that a wrong formula cannot give a length.
+Mathematics 145 (1990). A word is a list of segments: curvature (1 left, -1 right, 0 straight) and signed length.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import acos, asin, atan2, cos, hypot, isclose, pi, sin, sqrt
+from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt
 
 Word = list[tuple[int, float]]
 LEFT, STRAIGHT, RIGHT = 1, 0, -1
@@ -16,32 +15,12 @@ LEFT, STRAIGHT, RIGHT = 1, 0, -1
 
 def reeds_shepp_words(x: float, y: float, heading: float) -> list[Word]:
     """Paths with forward and backward segments from the origin to a pose, in turning radii, the shortest first."""
-    found = [word for word in _reeds_shepp_words(x, y, heading) if _ends_at(word, x, y, heading)]
-    return sorted(found, key=word_length)
-
-
-def driven_pose(word: Word) -> tuple[float, float, float]:
-    """Pose at the end of a word from the origin."""
-    x = y = heading = 0.0
-    for curvature, length in word:
-        turn = curvature * length
-        if curvature:
-            x += (sin(heading + turn) - sin(heading)) / curvature
-            y -= (cos(heading + turn) - cos(heading)) / curvature
-        else:
-            x, y = x + length * cos(heading), y + length * sin(heading)
-        heading += turn
-    return x, y, heading
+    return sorted(_reeds_shepp_words(x, y, heading), key=word_length)
 
 
 def word_length(word: Word) -> float:
     """Length of a word, in turning radii."""
     return sum(abs(length) for _, length in word)
-
-
-def _ends_at(word: Word, x: float, y: float, heading: float) -> bool:
-    found = driven_pose(word)
-    return hypot(found[0] - x, found[1] - y) < 1e-6 and isclose(cos(found[2] - heading), 1.0, abs_tol=1e-9)
 
 
 def _reeds_shepp_words(x: float, y: float, heading: float) -> Iterator[Word]:
@@ -56,7 +35,7 @@ def _reeds_shepp_words(x: float, y: float, heading: float) -> Iterator[Word]:
 
 
 def _base_words(x: float, y: float, heading: float) -> Iterator[Word]:
-    """Formulas 8.1 to 8.11 of Reeds and Shepp, without conditions on signs: ``driven_pose`` decides which hold."""
+    """Formulas 8.1 to 8.11 of Reeds and Shepp. Lengths have signs, so that each word ends at the pose."""
     quarter = pi / 2
     same = x - sin(heading), y - 1 + cos(heading)  # the last segment turns left
     other = x + sin(heading), y - 1 - cos(heading)  # it turns right
