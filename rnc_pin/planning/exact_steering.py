@@ -275,6 +275,7 @@ class CarSteering(_AxleSteering):
                 f"to {ends.max():.3g} 1/m: a way needs turns to both sides"
             )
         largest = float(min(-ends.min(), ends.max()))
+        self.radius = 1.0 / largest
         self._angles = {}
         for side in (-1, 0, 1):
             wanted = np.clip(side * largest, ends.min(), ends.max())
@@ -290,7 +291,6 @@ class CarSteering(_AxleSteering):
             self._angles[side] = float(root)
         # The curvature at these angles is exact, whatever the error of the root.
         self._driven = {side: self._curvature(angle) for side, angle in self._angles.items()}
-        self.radius = 1.0 / min(abs(self._driven[side]) for side in (-1, 1))
 
     def prepared(self, q: Float[Array, " nq"]) -> Float[Array, " nq"]:
         found = np.array(q)

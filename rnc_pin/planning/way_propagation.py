@@ -325,7 +325,7 @@ class PropagatedSearch:
         away = manifold.difference(manifold.integrate(places, 0.5 * steps), middles)
         farthest = np.maximum.reduceat(self._reach * np.abs(away).sum(axis=1), np.cumsum(counts) - counts)
         more = np.ceil(counts * np.sqrt(1.1 * farthest / DEVIATION)).astype(int)  # the deviation is of second order
-        return np.where(farthest < DEVIATION, counts, np.maximum(more, counts + 1))
+        return np.where(farthest < DEVIATION, counts, more)
 
     def _with_followers(self, pieces: list[Array]) -> Float[Array, "n nq"]:
         """One sequence of configurations; joints that follow continue from piece to piece."""
