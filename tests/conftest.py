@@ -93,8 +93,8 @@ def pytest_runtest_setup():
 
 
 @pytest.fixture
-def call(monkeypatch, capsys):
-    """Run rnc-pin in this process, which is faster: (status, stdout, stderr)."""
+def call(monkeypatch, capfd):
+    """Run rnc-pin in this process, which is faster: (status, stdout, stderr), with what libraries in C print."""
 
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["rnc-pin", *map(str, arguments)])
@@ -102,7 +102,7 @@ def call(monkeypatch, capsys):
 
         with pytest.raises(SystemExit) as end:
             main()
-        return end.value.code, *capsys.readouterr()
+        return end.value.code, *capfd.readouterr()
 
     return run
 

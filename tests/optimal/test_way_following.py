@@ -9,7 +9,7 @@ from benchmarks.planned_models import car, mobile_manipulator
 from rnc_pin.optimal import WayFollower
 from rnc_pin.planning import find_way
 from rnc_pin.planning.action_models import KinematicFlow
-from systems import mecanum_box, with_box
+from systems import at_pose, knife_box, mecanum_box
 
 DT = 0.02
 
@@ -21,17 +21,6 @@ def wall(y, width):
         rnc.collision.Obstacle(coal.Box(0.2, high - low, 1.0), position=(1.5, (low + high) / 2, 0.0), name=f"wall {k}")
         for k, (low, high) in enumerate(zip(ends[::2], ends[1::2], strict=True))
     ]
-
-
-def unicycle():
-    robot = with_box(rnc.Robot.from_urdf("unicycle.urdf", base="planar"), "axle", 0.5, 0.4, 0.2)
-    return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
-
-
-def at_pose(reduced, x, y, yaw=0.0):
-    q = np.array(reduced.robot.configuration())
-    q[:4] = x, y, np.cos(yaw), np.sin(yaw)
-    return q
 
 
 def driven(controller, duration, *, push=None, dt=DT):
@@ -55,7 +44,7 @@ def closest(reduced, rows, obstacles):
     return min(distances.smallest(q, t, 1.0).min() for t, q, *_ in rows)
 
 
-SYSTEMS = {"unicycle": unicycle, "car": car, "mecanum": mecanum_box, "mobile manipulator": mobile_manipulator}
+SYSTEMS = {"unicycle": knife_box, "car": car, "mecanum": mecanum_box, "mobile manipulator": mobile_manipulator}
 
 
 @pytest.mark.parametrize("kind", SYSTEMS)
@@ -71,7 +60,7 @@ def test_a_robot_drives_through_a_gap_to_its_goal(kind):
 
 
 def test_along_a_straight_way_the_speed_is_a_trapezoid():
-    reduced = unicycle()
+    reduced = knife_box()
     way = find_way(reduced, at_pose(reduced, 0.0, 0.0), at_pose(reduced, 3.0, 0.0))
     rows = driven(WayFollower(reduced, way, acceleration=0.5, speed=0.8), 6.0)
     speed = np.array([state.speed for *_, state in rows])
@@ -82,7 +71,7 @@ def test_along_a_straight_way_the_speed_is_a_trapezoid():
 
 
 def test_a_robot_that_is_pushed_off_its_way_stops_and_a_new_way_leads_on():
-    reduced, goal, aside = unicycle(), at_pose(unicycle(), 3.0, 0.0), np.array([0.0, 0.15, 0.1, 0.0])
+    reduced, goal, aside = knife_box(), at_pose(knife_box(), 3.0, 0.0), np.array([0.0, 0.15, 0.1, 0.0])
     obstacles = wall(0.0, 1.6)
     controller = WayFollower(reduced, find_way(reduced, at_pose(reduced, -1.0, 0.0), goal, obstacles))
     *_, (_, q, v2, _) = rows = driven(controller, 6.0, push=aside)
@@ -100,7 +89,7 @@ def test_a_robot_that_is_pushed_off_its_way_stops_and_a_new_way_leads_on():
 
 
 def test_a_robot_that_is_there_stays():
-    reduced = unicycle()
+    reduced = knife_box()
     q = at_pose(reduced, 0.0, 0.0)
     controller = WayFollower(reduced, find_way(reduced, q, q))
     rows = driven(controller, 0.1)

@@ -1,6 +1,7 @@
 """Ways between configurations: exact, free of collisions between samples too, deterministic, or an honest error."""
 
 import inspect
+from itertools import combinations
 
 import coal
 import numpy as np
@@ -19,18 +20,12 @@ from rnc_pin.planning import WaySettings, find_way
 from rnc_pin.planning.shortest_paths import reeds_shepp_words, word_length
 from rnc_pin.planning.steering_detection import planned_velocities
 from rnc_pin.planning.way import intervals_along, motion_along
-from rnc_pin.planning.way_checking import way_checker
-from rnc_pin.planning.way_search import WaySearch
+from rnc_pin.planning.way_checking import WayGoals, way_checker
+from rnc_pin.planning.way_search import SearchBudget, WaySearch
 from rnc_pin.planning.way_space import WaySpace
-from systems import ROLLERS, WHEEL, four_bar, mecanum, mecanum_box, tiago, with_box
+from systems import ROLLERS, WHEEL, at_pose, four_bar, knife_box, mecanum, mecanum_box, tiago, with_box
 
 Obstacle = rnc.collision.Obstacle
-
-
-def unicycle(width=0.6):
-    """A box with a knife edge in its middle."""
-    robot = with_box(rnc.Robot.from_urdf("unicycle.urdf", base="planar"), "axle", width, width, 0.2)
-    return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
 
 
 def gap(width, thickness=0.2, length=40.0):
@@ -39,12 +34,6 @@ def gap(width, thickness=0.2, length=40.0):
         Obstacle(coal.Box(thickness, length, 1.0), position=(1.5, side * (length + width) / 2, 0.0), name=name)
         for side, name in ((1.0, "left"), (-1.0, "right"))
     ]
-
-
-def at_pose(reduced, x, y, yaw=0.0, **joints):
-    q = np.array(reduced.robot.configuration(joints))
-    q[:4] = x, y, np.cos(yaw), np.sin(yaw)
-    return q
 
 
 def reintegrated(way):
@@ -125,10 +114,12 @@ def test_an_arm_moves_around_an_obstacle():
 def test_a_goal_of_outputs_is_reached():
     reduced = mobile_manipulator()
     hand = rnc.FramePosition("tip", "xy")
-    way = find_way(reduced, reduced.robot.configuration(), {hand: [4.0, 1.0]}, gap(1.6, 0.1))
-    rows = hand.bind(reduced.robot)
-    at = rnc.NonholonomicSystem(reduced.robot, []).reduce().at(way.q[-1])
-    assert rows.value(at.position) == pytest.approx([4.0, 1.0], abs=1e-5)
+    start, goal, rows = reduced.robot.configuration(), {hand: [4.0, 1.0]}, hand.bind(reduced.robot)
+    goals = WayGoals(reduced, None, None, 60.0, 3, ()).of(goal, start, seed=1)
+    assert [np.abs(one - other).max() > 1e-3 for one, other in combinations(goals, 2)] == [True] * 3
+    for q in (find_way(reduced, start, goal, gap(1.6, 0.1)).q[-1], *goals):
+        at = rnc.NonholonomicSystem(reduced.robot, []).reduce().at(q)
+        assert rows.value(at.position) == pytest.approx([4.0, 1.0], abs=1e-5)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -145,7 +136,7 @@ def test_without_obstacles_a_car_drives_the_shortest_path(seed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_gap_that_is_one_centimetre_too_narrow_is_never_passed(seed):
-    reduced = unicycle(0.6)
+    reduced = knife_box()
     start, goal = at_pose(reduced, 0.0, 0.0), at_pose(reduced, 3.0, 0.0)
     settings = WaySettings(seconds=120.0, motions=600, area=[[-2, -2, 0], [5, 2, 1]])
     with pytest.raises(rnc.InfeasibleError, match=r"no way found in \d+ s.*nearest .* m from the goal"):
@@ -213,7 +204,7 @@ def test_a_way_that_no_iteration_improves_is_the_plan_itself():
     assert closest(way, obstacles) - 1e-6 <= min(near.smallest(q, 0.0, 0.2).min() for q in plan.q)
 
 
-@pytest.mark.parametrize("kind", [car, unicycle, mecanum_box])
+@pytest.mark.parametrize("kind", [car, knife_box, mecanum_box])
 def test_half_a_turn_is_a_heading_like_any_other(kind):
     reduced = kind()
     start, goal = at_pose(reduced, -2.0, 2.0, np.pi), at_pose(reduced, 5.0, 2.0, np.pi)
@@ -311,7 +302,7 @@ def test_without_ompl_there_is_one_clear_line(monkeypatch):
 
 
 def test_further_motions_lead_to_faster_ways_and_the_same_motions_to_the_same_way():
-    reduced = unicycle()
+    reduced = knife_box()
     start, goal = at_pose(reduced, 0.0, 0.0), at_pose(reduced, 3.0, 2.0, 1.0)
     first = find_way(reduced, start, goal, ROOMS, seed=3)
     ways = [find_way(reduced, start, goal, ROOMS, settings=WaySettings(improve=250), seed=3) for _ in range(2)]
@@ -324,10 +315,24 @@ def test_further_motions_lead_to_faster_ways_and_the_same_motions_to_the_same_wa
 
 
 def test_a_search_ends_after_a_number_of_motions():
-    reduced = unicycle()
+    reduced = knife_box()
     start, goal, limited = at_pose(reduced, 0, 0), at_pose(reduced, 3, 0), WaySettings(motions=60, seconds=600.0)
     with pytest.raises(rnc.InfeasibleError, match=r" 6[0-9] motions checked"):
         find_way(reduced, start, goal, gap(0.3), settings=limited)
+
+
+def test_each_shortcut_makes_a_way_faster_by_a_thousandth_at_least():
+    """From a detour to the straight way, with one more try at a time; no other change is made."""
+    reduced = knife_box()
+    places = np.array([at_pose(reduced, *each) for each in ((0.0, 0.0), (2.0, 2.0, 1.0), (4.0, 0.0))])
+    steering = rnc.planning.find_steering(reduced, places[0])
+    search = WaySearch(steering, None, places[[0, 2]], np.array([[-9.0] * 3, [9.0] * 3]), SearchBudget(9.0))
+    detour = search._joined(places)
+    ways = [search.shortened(detour, tries, seed=3) for tries in range(40)]
+    times = [np.abs(way.steps[:, [0, 2]]).max(axis=1).sum() for way in ways]
+    for slower, faster, before, after in zip(times, times[1:], ways, ways[1:], strict=False):
+        assert faster < 0.999 * slower or np.array_equal(before.q, after.q)
+    assert 4.0 <= times[-1] < 4.3 < times[0]
 
 
 @pytest.mark.parametrize("base", ["planar", "free"])
@@ -347,7 +352,7 @@ def test_states_of_the_search_are_configurations(base):
 
 def test_a_way_is_narrowest_where_it_passes_beside_a_post():
     """A box of 0.4 m goes east in a second and north in four: it passes a ball, 0.7 m beside it, after two of these."""
-    box, post = unicycle(0.4), Obstacle(coal.Sphere(0.1), position=(1.9, 1.5, 0.0), name="post")
+    box, post = knife_box(0.4, 0.4), Obstacle(coal.Sphere(0.1), position=(1.9, 1.5, 0.0), name="post")
     checker = way_checker(box.robot, at_pose(box, 0.0, 0.0), [post], None, 0.0)
     q = np.array([at_pose(box, x, y) for x, y in ((0, 0), (0.3, 0), (0.6, 0), (1, 0), (1, 3), (1, 4))])
     times = np.array([0.0, 0.3, 0.6, 1.0, 5.0, 6.0])

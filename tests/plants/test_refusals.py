@@ -2,11 +2,11 @@
 
 import numpy as np
 import pinocchio as pin
-import pytest
 
 import rnc_pin as rnc
 import systems
 from bodies import add_body, free_body
+from refusals import refused
 from rnc_pin.plants import FaultyPlant, VelocityPlant
 
 WRONG, INPUT = rnc.ConfigurationError, rnc.InputError
@@ -56,7 +56,7 @@ def rubbing(plant=None):
 VELOCITIES, FORCES = rnc.control.ActuatorVelocityController, rnc.control.ComputedTorque
 
 
-@pytest.mark.parametrize(("call", "error", "words"), [
+test_what_does_not_fit_is_refused_in_one_line = refused([
     (below_the_ground, INPUT, r"contact 'ball' starts 0\.05 m below the ground"),
     (lambda: contact_plant(contact(), system=sleigh().reduce()), WRONG, "a NonholonomicSystem without the contacts"),
     (contact_plant, WRONG, "expected a list of UnilateralContact"),
@@ -85,7 +85,3 @@ VELOCITIES, FORCES = rnc.control.ActuatorVelocityController, rnc.control.Compute
     (lambda: rnc.Faults(counts=0), WRONG, "fault counts"),
     (lambda: rnc.Faults(effort=np.nan), WRONG, "fault effort"),
 ])  # fmt: skip
-def test_what_does_not_fit_is_refused_in_one_line(call, error, words):
-    with pytest.raises(error, match=words) as refusal:
-        call()
-    assert "\n" not in str(refusal.value)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from refusals import refused
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.saved_run import load_run
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -105,13 +106,10 @@ def test_a_file_that_says_something_else_is_refused(parts, words, run, tmp_path)
     assert len(str(caught.value).splitlines()) == 1
 
 
-@pytest.mark.parametrize(("meta", "error", "words"), [
+test_what_could_not_be_written_is_refused_before_the_run = refused([
     ({"task": "reach"}, rnc.ConfigurationError, "'meta' has 'reach' as 'task', expected a mapping"),
     ({"note": {"q": [object()]}}, rnc.InputError, r"meta.note.q\[0\]: is of type object, expected numbers"),
-])  # fmt: skip
-def test_what_could_not_be_written_is_refused_before_the_run(meta, error, words):
-    with pytest.raises(error, match=words):
-        idle_run(meta=meta, observer=lambda sample: pytest.fail("it ran"))
+], lambda meta: idle_run(meta=meta, observer=lambda sample: pytest.fail("it ran")))  # fmt: skip
 
 
 def test_what_a_run_will_say_is_looked_up_before_it_runs(monkeypatch):

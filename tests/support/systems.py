@@ -244,6 +244,19 @@ ROLLERS = {"fl": -np.pi / 4, "fr": np.pi / 4, "bl": np.pi / 4, "br": -np.pi / 4}
 WHEEL = 0.08
 
 
+def at_pose(reduced, x, y, yaw=0.0, **joints):
+    """Configuration of a base in the plane."""
+    q = np.array(reduced.robot.configuration(joints))
+    q[:4] = x, y, np.cos(yaw), np.sin(yaw)
+    return q
+
+
+def knife_box(length=0.6, width=0.6):
+    """A box with a knife edge in its middle."""
+    robot = with_box(rnc.Robot.from_urdf("unicycle.urdf", base="planar"), "axle", length, width, 0.2)
+    return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+
+
 def with_box(robot, frame, *sides):
     """The robot with a box as its outline, on a frame of its base."""
     geometry, frame = pin.GeometryModel(), robot.model.getFrameId(frame)

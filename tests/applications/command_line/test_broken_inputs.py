@@ -15,7 +15,7 @@ import yaml
 
 import rnc_pin as rnc
 from patience import PATIENCE
-from rnc_pin.applications.command_line.cli import main
+from refusals import refused
 from rnc_pin.applications.command_line.report import print_summary
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from terminal import results
@@ -286,19 +286,6 @@ CASES = {
 }  # fmt: skip
 
 
-@pytest.fixture
-def call(monkeypatch, capfd):
-    """Run rnc-pin, with what libraries in C print."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["rnc-pin", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        return end.value.code, *capfd.readouterr()
-
-    return run
-
-
 def check_refusal(call, folder, arguments, words):
     """The command ends with status 2, one line that holds the words, and the folder as it was."""
     before = sorted(folder.rglob("*"))
@@ -398,16 +385,13 @@ def test_arguments_of_simulate_are_refused_before_anything_runs(what):
         rnc.simulate(**{**given, **changed})
 
 
-@pytest.mark.parametrize(("call", "words"), [
+test_options_of_a_simulation_are_refused = refused([
     (lambda: rnc.SimulationOptions(stop="now"), "stop: expected a Stop, found a str"),
     (lambda: rnc.SimulationOptions(loop=3), "loop: expected a mapping of options of ControlLoop, found a int"),
     (lambda: rnc.SimulationOptions(observer=3), "observer: expected a function of a Sample"),
     (lambda: rnc.SimulationOptions(loop={"limit": True}), "loop: no option 'limit'; did you mean 'limits'"),
     (lambda: rnc.ReducedPlant(small()[1], substeps="2"), "substeps of a plant .* a positive integer, found '2'"),
 ])  # fmt: skip
-def test_options_of_a_simulation_are_refused(call, words):
-    with pytest.raises(rnc.RncError, match=words):
-        call()
 
 
 def test_a_kinematic_controller_and_a_step_of_another_kind_are_named():

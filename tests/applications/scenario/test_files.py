@@ -9,6 +9,7 @@ import yaml
 
 import rnc_pin as rnc
 from places import DIRT
+from refusals import refusal
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario, parse_option, read_yaml, with_options
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.sweep.runs import draws_of
@@ -25,16 +26,6 @@ def plan_of(changes, folder):
     path = folder / "mine.yaml"
     path.write_text(yaml.safe_dump(with_options(SPACE_ROBOT, changes)))
     return Scenario.load(str(path)).build()
-
-
-def refusal(call):
-    with pytest.raises(rnc.RncError) as caught:
-        call()
-    message = str(caught.value)
-    assert len(message.splitlines()) == 1
-    # The user wrote YAML and need not know what reads it.
-    assert not any(word in message for word in ("pydantic", "after validation", "Input should"))
-    return message
 
 
 # ---------------------------------------------------------------------- what is right

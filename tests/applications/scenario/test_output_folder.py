@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-import rnc_pin as rnc
 from patience import PATIENCE
+from refusals import refusal
 from rnc_pin.applications.scenario.output_folder import MANIFEST, OutputFolder
 
 
@@ -24,14 +24,6 @@ def contents(folder):
         for path in sorted(folder.rglob("*"))
         if path.is_file() and path.name != MANIFEST
     }
-
-
-def refusal(call):
-    with pytest.raises(rnc.ConfigurationError) as caught:
-        call()
-    message = str(caught.value)
-    assert len(message.splitlines()) == 1
-    return message
 
 
 def run(folder, force=False, **files):

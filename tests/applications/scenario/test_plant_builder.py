@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 import rnc_pin as rnc
+from refusals import refused
 from rnc_pin.applications.scenario.builder import build_experiment
 from rnc_pin.applications.scenario.schema.scenario import validate
 
@@ -32,13 +32,11 @@ def test_ball_bounces_on_a_slope():
     np.testing.assert_allclose(starts, [0.0, fall, fall * (1 + 2 * e)], rtol=1e-6)
 
 
-@pytest.mark.parametrize(("changes", "message"), [
+test_refusals = refused([
     ({"plant": "mujoco"}, "plant: 'mujoco' does not support 'contacts'"),
     ({"faults": {"masses": 0.1}}, "faults: do not support 'contacts'"),
     ({"simulation": {"duration": 1.0, "on_lift_off": "stop"}}, "on_lift_off: 'contacts' lift off by themselves"),
     ({"contacts": [{"constraint": {"no_side_slip": {"frame": "ball"}}}]}, "NoSideSlip: .* found 0 height rows"),
     ({"contacts": [{"constraint": {"rolling_ball": {"frame": "ball", "radius": 0.2}}, "restitution": 2}]}, "to 1"),
-])  # fmt: skip
-def test_refusals(changes, message):
-    with pytest.raises(rnc.ConfigurationError, match=message):
-        build_experiment(validate({**BALL, **changes}, "ball.yaml"), Path())
+], lambda changes: build_experiment(validate({**BALL, **changes}, "ball.yaml"), Path()),
+    rnc.ConfigurationError)  # fmt: skip

@@ -1,9 +1,9 @@
 """Tasks, limits and programs that are refused, each with its message."""
 
 import numpy as np
-import pytest
 
 import rnc_pin as rnc
+from refusals import refused
 from rnc_pin.control import InverseDynamicsQP, VelocityQP, limits, tasks
 from rnc_pin.planning import Hold
 from systems import tiago
@@ -63,12 +63,7 @@ PROGRAMS = [
 ]
 CASES = [(lambda model, make=make: VelocityQP(model, [make()]), words) for make, words in TASKS]
 CASES += [(lambda model, make=make: VelocityQP(model, [], [make()]), words) for make, words in LIMITS]
-
-
-@pytest.mark.parametrize(("call", "words"), [*CASES, *PROGRAMS])
-def test_what_does_not_fit_is_refused_in_words(call, words):
-    with pytest.raises(rnc.RncError, match=words):
-        call(tiago())
+test_what_does_not_fit_is_refused_in_words = refused([*CASES, *PROGRAMS], lambda make: make(tiago()))
 
 
 def test_a_clearance_of_zero_is_one():

@@ -10,6 +10,7 @@ import pytest
 
 import rnc_pin as rnc
 from bodies import add_body, add_frame
+from refusals import refused
 from rnc_pin.extras import missing_extra
 from systems import differential_drive, floating_robot
 
@@ -422,7 +423,7 @@ ROW, SLOPE = np.array([[0.0, 1.0, 1.0, 1.0]]), rnc.GroundPlane(normal=(0.1, 0.0,
 LEVEL = rnc.Pfaffian(lambda q: ROW, lambda q, v: 0 * ROW, names=["level"])
 
 
-@pytest.mark.parametrize(("call", "words"), [
+test_what_does_not_fit_is_refused_in_one_line = refused([
     (lambda: in_mujoco([LEVEL], "space_robot.urdf", "fixed"), r"MuJoCo: level \(Pfaffian\) has no equivalent"),
     (screw, r"no joint like 'spindle' \(JointModelHX\)"),
     (lambda: in_mujoco([wheel()], gravity=(0, 0, 0)), r"of wheel 'left_wheel' needs weight, and gravity is \[0"),
@@ -440,7 +441,4 @@ LEVEL = rnc.Pfaffian(lambda q: ROW, lambda q, v: 0 * ROW, names=["level"])
     (lambda: MuJoCoSettings(friction=(1.0, -0.1, 0.0)), "three numbers"),
     (lambda: MuJoCoSettings(friction="ice"), "three numbers"),
     (lambda: MuJoCoSettings(stance="standing"), "stance 'standing' is not known"),
-])  # fmt: skip
-def test_what_does_not_fit_is_refused_in_one_line(call, words):
-    with pytest.raises(rnc.ConfigurationError, match=words):
-        call()
+], error=rnc.ConfigurationError)  # fmt: skip
