@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 import rnc_pin as rnc
 from random_systems import recipes, reduced_of
 from rnc_pin.analysis import classify
-from rnc_pin.analysis.exploration import default_candidates, tip_positions
+from rnc_pin.analysis.exploration import default_candidates, tip_frames, tip_positions
 from rnc_pin.outputs import velocity_outputs
 from systems import fire_truck, mobile_manipulator, space_robot
 
@@ -46,6 +46,10 @@ def hub(folder, arms, links, base):
 
 def use_of(found, *names):
     return next(each for each in found.rows if set(each.vertical) == set(names))
+
+
+def test_a_hand_is_the_end_of_a_chain_in_place_of_its_fingers():
+    assert tip_frames(rnc.NonholonomicSystem(rnc.Robot.from_example("panda"), []).reduce()) == ("panda_hand_tcp",)
 
 
 def test_a_hub_with_four_links_turns_while_its_hand_rests(tmp_path):

@@ -257,7 +257,7 @@ def test_a_robot_on_two_wheels_skids_on_a_circle_at_the_root_of_mu_g_rho():
     v2 = np.stack([speeds, speeds / rho], axis=1)
     used = grip.used(np.tile(q, (5, 1)), v2, np.zeros((5, 2)))
     np.testing.assert_allclose(used, np.tile(speeds[:, None] ** 2 / (friction * G * rho), 2), rtol=1e-7)
-    assert grip.is_choice(q).tolist() == [True, True]
+    assert grip.is_choice(np.tile(q, (5, 1))).tolist() == [[True, True]] * 5
     loads = loads_of(grip, reduced, q, v2[1], np.zeros(2))
     inner = 10.0 * (G / 2 - speeds[1] ** 2 * height / (rho * track))
     np.testing.assert_allclose(loads.min(), inner, rtol=1e-6)

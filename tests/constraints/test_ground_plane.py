@@ -79,6 +79,15 @@ def test_the_material_of_a_turntable_turns_about_its_point():
     np.testing.assert_allclose(table.twist, [-0.3, -0.4, 0.0, 0.0, 0.0, 2.0], atol=ROUNDING)
 
 
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 2.0), (3.0, 0.0, 0.0), (-1.0, 0.1, 0.0), (0.8, 0.0, 0.6)])
+def test_the_axes_of_a_plane_are_its_normal_and_the_world_axis_that_is_most_in_it(normal):
+    axes, up = rnc.GroundPlane(normal).axes, np.array(normal) / np.linalg.norm(normal)
+    world = np.eye(3)[int(abs(up[0]) > 0.9)]
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=ROUNDING)
+    np.testing.assert_allclose((axes[2], np.cross(axes[0], axes[1])), (up, up), atol=ROUNDING)
+    assert axes[0] @ world == pytest.approx(np.linalg.norm(np.cross(up, world)))
+
+
 def test_a_scenario_names_the_ground_once():
     raw = {
         "robot": {"urdf": "rolling_ball.urdf", "base": "free"},

@@ -5,7 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.control.actuator_velocity import admissible_scale, velocity_from_actuators, velocity_limits
+from rnc_pin.control.actuator_velocity import admissible_scale, driven_joints, velocity_from_actuators, velocity_limits
 from rnc_pin.control.controller import VelocityTarget
 from systems import random_states, spinning_space_robot
 from textbook_systems import sliders
@@ -84,6 +84,7 @@ def test_without_constraints_actuators_move_their_own_joints():
     B = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]])
     reduced = rnc.NonholonomicSystem(sliders(), [], B).reduce()
     np.testing.assert_allclose(velocity_from_actuators(reduced.at(np.zeros(3)), np.array([0.4, 3.0])), [0.4, 1.5, 1.5])
+    assert driven_joints(reduced) == ("a", "b", "c")
 
 
 def test_targets_that_are_none_are_refused():

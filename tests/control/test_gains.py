@@ -111,7 +111,7 @@ def test_gains_of_modes_have_the_rates_of_the_window_where_single_outputs_have_n
     rates = np.linalg.eigvals(np.linalg.solve(reduced.at(region).H, np.broadcast_to(K, (9, 6, 6)))).real
     assert rates.max() == pytest.approx(20.0)
     assert rates.min() >= 4.0
-    asked = design_velocity_gains(reduced, region, 0.01, GainDesign(bandwidth=10.0))
+    asked = design_velocity_gains(reduced, region, 0.01, design=GainDesign(bandwidth=10.0))
     np.testing.assert_allclose(asked.modes @ np.diag(asked.k) @ asked.modes.T, K * (asked.k / gains.k)[0], rtol=1e-9)
     with pytest.raises(rnc.InfeasibleError, match="no velocity gains suit this region"):
         design_velocity_gains(reduced, region, 0.01, GainDesign(overrides={"k": 5.0}))  # a gain of single outputs

@@ -241,6 +241,21 @@ def test_a_swerve_module_takes_the_shorter_way_and_rolls_backwards():
     np.testing.assert_allclose(wheels, -1.0 / RADIUS, rtol=1e-9)
 
 
+def test_pivots_take_the_shorter_way_where_the_centre_of_rotation_passes_between_them():
+    """From a tight left turn to the same on the right, wheels nearer to the centre than its distance turn round."""
+    name, twist = "four steered drives", np.array([0.1, 0.0, 0.8])
+    reduced, controller = model(name), TwistController(model(name), "base", DT, length=0.1)
+    plant = KinematicPlant(reduced, start(reduced))
+    _, state = driven(controller, plant, twist, controller.initial_state(), 60)
+    commands, _ = driven(controller, plant, twist * [1, 1, -1], state, 60)
+    np.testing.assert_allclose(commands[-1].twist, twist * [1, 1, -1], atol=1e-6)
+    for each in KINDS[name].wheels.values():
+        before, after = (np.arctan2(w * each.x, 0.1 - w * each.y) for w in (0.8, -0.8))
+        column = reduced.robot.velocity_indices(each.pivot).start
+        path = DT * sum(abs(command.v[column]) for command in commands)
+        assert path == pytest.approx(abs((after - before + np.pi / 2) % np.pi - np.pi / 2), abs=1e-6)
+
+
 def test_a_turn_by_a_right_angle_does_not_hesitate():
     """Both ways are equally long, and noise of the angle prefers now one, now the other."""
     reduced, controller = model("turret"), TwistController(model("turret"), "base", DT)

@@ -135,6 +135,7 @@ def test_the_prediction_error_is_the_rate_of_the_rows_for_any_motion(roller, rad
     wheels = [rnc.RollingWheel(name, 0.2, roller=roller) for name in ("left", "right")]
     reduced = rnc.NonholonomicSystem(robot, wheels).reduce()
     regressor = WheelRegressor(reduced, [UnknownTrack(["left", "right"]), *radii])
+    np.testing.assert_allclose(regressor.values_of(rnc.NonholonomicSystem(robot, wheels)), p, atol=1e-15)
     places = [reduced.constraints.names.index(name) for name in regressor.predicted]
     generator = np.random.default_rng(0)
     for _ in range(4):

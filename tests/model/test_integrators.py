@@ -69,22 +69,23 @@ def test_a_step_of_exponential_growth_has_the_stages_of_the_textbook(z):
 
 def test_an_exponential_step_is_exact_for_damping_and_the_classical_one_without_a_linear_part():
     """The matrix exponential of the linear motion under a constant force; then the stages of Runge and Kutta."""
-    robot, generator, h = sliders("XX", chain=False), np.random.default_rng(3), 0.3
-    modes, U, others = generator.normal(size=(3, 2, 2))
-    inverse, decay, q, y = np.linalg.inv(modes), np.array([0.5, 40.0]), np.array([0.2, -0.4]), generator.normal(size=4)
-    L = np.zeros((7, 7))  # of the configuration, the modes, the other states, and 1
-    L[:6, 2:4], L[:6, 6] = np.vstack([U, -np.diag(decay), others]), generator.normal(size=6)
+    robot, generator, h = sliders("XXX", chain=False), np.random.default_rng(3), 0.3
+    modes, others, U = *generator.normal(size=(2, 2, 2)), generator.normal(size=(3, 2))
+    inverse, decay, q = np.linalg.inv(modes), np.array([0.5, 40.0]), np.array([0.2, -0.4, 0.1])
+    y = generator.normal(size=4)
+    L = np.zeros((8, 8))  # of the configuration, the modes, the other states, and 1
+    L[:7, 3:5], L[:7, 7] = np.vstack([U, -np.diag(decay), others]), generator.normal(size=7)
 
     def linear(q, y):
-        z_dot = L @ [0.0, 0.0, *inverse @ y[:2], *y[2:], 1.0]
-        return z_dot[:2], np.array([*modes @ z_dot[2:4], *z_dot[4:6]])
+        z_dot = L @ [0.0, 0.0, 0.0, *inverse @ y[:2], *y[2:], 1.0]
+        return z_dot[:3], np.array([*modes @ z_dot[3:5], *z_dot[5:7]])
 
-    z = expm(h * L) @ [0.0, 0.0, *inverse @ y[:2], *y[2:], 1.0]
+    z = expm(h * L) @ [0.0, 0.0, 0.0, *inverse @ y[:2], *y[2:], 1.0]
     integrator, part = ExponentialRungeKutta4(robot), LinearPart(modes, inverse, decay, U, others)
     q_end, y_end, rough = integrator.step(linear, part, q, y, h)
-    np.testing.assert_allclose([*q_end, *y_end], [*q + z[:2], *modes @ z[2:4], *z[4:6]], atol=1e-13)
+    np.testing.assert_allclose([*q_end, *y_end], [*q + z[:3], *modes @ z[3:5], *z[5:7]], atol=1e-13)
     assert rough < 1e-12
-    bent = lambda q, y: (np.sin(y[:2]) + q, np.cos(y) * y[::-1] + q[0])  # noqa: E731
+    bent = lambda q, y: (np.sin(y[:3]) + q, np.cos(y) * y[::-1] + q[0])  # noqa: E731
     none = LinearPart(np.eye(2), np.eye(2), *(0.0 * each for each in (decay, U, others)))
     expected = LieRungeKutta4(robot).measured_step(bent, q, y, h, 2)
     for found, known in zip(integrator.step(bent, none, q, y, h), expected, strict=True):

@@ -16,6 +16,7 @@ def vehicle(speed=None, steering="steer_left", limit=1.0):
     """A car with Ackermann's linkage; wheels stand beside their pivots, steering axes point down on the right."""
     model, base = planar_model()
     add_frame(model, "nose", base, (WHEELBASE, 0.0, 0.0))
+    add_frame(model, "side", base, pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, np.pi / 2), np.zeros(3)))
     for side, sign in (("left", 1), ("right", -1)):
         turn = pin.rpy.rpyToMatrix(0.0 if sign > 0 else np.pi, 0.0, 0.0)
         down = pin.SE3(turn, np.array([WHEELBASE, sign * TRACK / 2, 0.0]))
@@ -53,9 +54,10 @@ def test_the_speed_of_a_point_beside_the_middle():
     np.testing.assert_allclose(ratios, (1 - curvatures * TRACK / 2) / RADIUS, atol=1e-8)
 
 
-def test_a_frame_that_slips_is_refused():
-    with pytest.raises(rnc.ConfigurationError, match="frame 'nose' cannot drive a path: it slips sideways"):
-        geometry(vehicle(), "nose")
+@pytest.mark.parametrize(("frame", "why"), [("nose", "slips sideways"), ("side", "does not move along its x axis")])
+def test_a_frame_that_slips_is_refused(frame, why):
+    with pytest.raises(rnc.ConfigurationError, match=f"frame '{frame}' cannot drive a path: it {why}"):
+        geometry(vehicle(), frame)
 
 
 def test_a_curvature_beyond_the_range_of_the_joint_is_refused():

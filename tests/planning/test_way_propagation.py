@@ -6,7 +6,7 @@ import scipy
 
 from benchmarks.planned_models import tractor
 from rnc_pin.planning.action_models import KinematicFlow
-from rnc_pin.planning.way_propagation import PropagatedSearch, _Tree
+from rnc_pin.planning.way_propagation import _NEAR, PropagatedSearch, _Tree
 from rnc_pin.planning.way_search import SearchBudget
 
 
@@ -59,6 +59,19 @@ def test_two_trees_that_meet_are_one_path_from_the_start_to_the_goal(monkeypatch
     np.testing.assert_allclose(inputs, [0.1, 0.2, 0.3, 0.4, -0.5, -0.6, -0.7, -0.8])
     assert (search._goal, search._open.shape) == (90.0, (1, 1))
     assert search._joined(trees, (0, 1)) is None
+
+
+def test_places_of_both_trees_that_are_near_each_other_are_joined(monkeypatch):
+    search, _ = search_of(2)
+    met = []
+
+    def joined(trees, places):
+        met.append(search._distances(trees[0].q[places[0]][None], trees[1].q[places[1]])[0])
+        return "found" if len(met) == 20 else None
+
+    monkeypatch.setattr(search, "_joined", joined)
+    assert search.run([], 0, seed=1) == "found"
+    assert max(met) < _NEAR
 
 
 def test_random_motions_are_as_long_as_a_tenth_of_a_metre_to_a_metre():

@@ -498,3 +498,4 @@ def test_inputs_that_the_loop_and_the_plant_take_away_are_missing_together():
     loop.report_applied_input(np.array([10.0, -3.0]))  # more than the loop itself let through
     assert loop.state.input_deficit is None
     rnc.ControlLoop(reduced, controller, DT).report_applied_input(np.zeros(2))  # ignored before the first step
+    assert rnc.ControlLoop(limited(2.0)[0], controller, DT).step(0.5, q, v).tolist() == [2.0, -2.0]  # by default

@@ -106,17 +106,19 @@ def test_a_start_that_cannot_stop_is_named_and_the_run_does_not_succeed():
     assert rnc.simulation.RunInfo.from_json(run.info.to_json()).braking == used
 
 
-def test_a_load_beyond_the_efforts_is_no_rest():
-    """A lift that rises is at rest for an instant before it falls."""
+@pytest.mark.parametrize(("axis", "effort", "speed", "rests"), [
+    ("PZ", 9.0, 1.0, False), ("PZ", 10.0, 1.0, True), ("PX", 2.0, 3.5, True), ("PX", 2.0, 3.9, False),
+])  # fmt: skip
+def test_a_load_beyond_the_efforts_is_no_rest(axis, effort, speed, rests):
+    """A lift that rises is at rest for an instant before it falls; level, a tenth of the time is in reserve."""
     model = pin.Model()
-    add_body(model, "lift", "PZ", 1.0, moments=0.1)
+    add_body(model, "lift", axis, 1.0, moments=0.1)
     model.lowerPositionLimit[:], model.upperPositionLimit[:] = -100.0, 100.0
-    model.upperVelocityLimit[:] = 100.0
-    for effort, problem in ((9.0, "the robot does not come to rest within 2 s"), (10.0, None)):
-        model.upperEffortLimit[:] = effort
-        reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], ["lift"]).reduce()
-        program = InverseDynamicsQP(reduced, [tasks.DampingTask()], [limits.JointPositionLimit()], dt=0.02)
-        assert program.braking_problem(0.0, np.zeros(1), np.array([1.0])) == problem
+    model.upperVelocityLimit[:], model.upperEffortLimit[:] = 100.0, effort
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], ["lift"]).reduce()
+    program = InverseDynamicsQP(reduced, [tasks.DampingTask()], [limits.JointPositionLimit()], dt=0.02)
+    problem = program.braking_problem(0.0, np.zeros(1), np.array([speed]))
+    assert problem == (None if rests else "the robot does not come to rest within 2 s")
 
 
 def test_a_load_that_efforts_cannot_hold_is_said_and_rolled_out_once(monkeypatch):

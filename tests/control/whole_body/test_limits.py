@@ -256,6 +256,8 @@ def test_the_speed_of_a_base_stays_within_its_circle(program):
         pin.updateFramePlacements(robot.model, data)
         speeds.append(np.linalg.norm(pin.getFrameVelocity(robot.model, data, identity, world).linear[:2]))
     assert 0.998 * np.cos(np.pi / 16) * fastest < max(speeds) <= fastest * (1 + RANGE)
+    names = limits.BaseSpeedLimit(frame, fastest).bind(reduced).names
+    assert names[:16:4] == tuple(f"{frame} speed at {angle} deg" for angle in (0, 90, 180, 270))
 
 
 def test_accelerations_of_joints_have_limits_by_name():
@@ -279,3 +281,5 @@ def test_braking_plans_half_of_the_efforts_less_the_load():
     found = braking.decelerations(np.eye(5), state)
     np.testing.assert_allclose(found, [7.0 - 3.0, 7.0, 0.1 * 1.0, np.inf, np.inf])
     assert np.isinf(braking.decelerations(np.zeros((0, 5)), state)).all()
+    free = PlannedBraking(SimpleNamespace(actuation=SimpleNamespace(limits=np.full(3, np.inf))))
+    assert np.isinf(free.decelerations(np.eye(5), None)).all()  # no state is looked at
