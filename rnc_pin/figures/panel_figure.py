@@ -134,6 +134,7 @@ class _Cell:
     def ticks(self) -> float:
         """Width of the numbers of the vertical axis."""
         axis = self.axes.yaxis
+        axis.set_label_coords(0.0, 0.5)  # where it is placed later; Matplotlib then looks for no place
         axis.label.set_visible(False)
         extent = axis.get_tightbbox()
         axis.label.set_visible(True)
