@@ -195,7 +195,8 @@ class _Partials(NamedTuple):
 def _partials(reduced: ReducedModel, state: StateEvaluation, w: Array, T: Array) -> _Partials:
     q, v, n, m = state.q, state.v, reduced.n, reduced.m
     rows = RowStack.joined(reduced.constraints, reduced.reducing)
-    kinematics = Kinematics(reduced.robot, _time(reduced, state))
+    time = reduced.reduction_data.kinematics.time if state.t is None else float(np.asarray(state.t))
+    kinematics = Kinematics(reduced.robot, time)
     along = kinematics.position(np.tile(q, (n, 1))).with_velocity(np.eye(n))
     still = kinematics.position(q).with_velocity(np.zeros(n))  # rates of rows over time that do not move
     E_t = rows.jacobian_dot(still) if rows.turning else np.zeros((n, n))
@@ -221,22 +222,12 @@ def _partials(reduced: ReducedModel, state: StateEvaluation, w: Array, T: Array)
     return _Partials(E_q, Ev_q, Ew_q, E_dot + Ev_q, forces, tau_q, tau_v, input_q, error)
 
 
-def _time(reduced: ReducedModel, state: StateEvaluation) -> float | None:
-    """Time of the rows [s]; None if they do not depend on it."""
-    return reduced.reduction_data.kinematics.time if state.t is None else float(np.asarray(state.t))
-
-
 def _by_differences(reduced: ReducedModel, state: StateEvaluation, T: Array) -> StateDerivatives:
     model, q, v2 = reduced.robot.model, state.q, state.v2
     at = state.configuration
 
-    def velocity(p: Array) -> Array:
-        return np.array(reduced.at(p, v2).v)
-
-    def acceleration(p: Array) -> Array:
-        return np.array(reduced.at(p, v2).v2_dot(T))
-
-    (v_q, v_error), (v2_dot_q, error) = (gradient_with_error(model, each, q) for each in (velocity, acceleration))
+    v_q, v_error = gradient_with_error(model, lambda p: np.array(reduced.at(p, v2).v), q)
+    v2_dot_q, error = gradient_with_error(model, lambda p: np.array(reduced.at(p, v2).v2_dot(T)), q)
     # Accelerations are quadratic in v2, so that central differences with unit steps are exact.
     ahead, behind = (reduced.at(q, v2 + sign * np.eye(reduced.r)).v2_dot(T) for sign in (1.0, -1.0))
     return StateDerivatives(
@@ -256,12 +247,8 @@ def _actuation_gradient(reduced: ReducedModel, along: VelocityKinematics, q: Arr
     rate = reduced.actuation.matrix_rate(along)
     if rate is not None:
         return rate, 0.0
-    kinematics = Kinematics(reduced.robot)
-
-    def matrix(p: Array) -> Array:
-        return np.array(reduced.actuation.matrix(kinematics.position(p)))
-
-    differences, error = gradient_with_error(reduced.robot.model, matrix, q)
+    place, B = Kinematics(reduced.robot).position, reduced.actuation.matrix
+    differences, error = gradient_with_error(reduced.robot.model, lambda p: np.array(B(place(p))), q)
     return np.moveaxis(differences, -1, 0), error
 
 

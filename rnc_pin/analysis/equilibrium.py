@@ -304,11 +304,9 @@ class _Search:
         influence = scale * (H @ derivatives.v2_dot_T)
         unreached = scipy.linalg.null_space(influence.T, rcond=_UNACTUATED) if reduced.p else np.eye(reduced.r)
         rows, gap = unreached.T @ force_x, unreached.T @ here.force
-        assembly = reduced.assembly
-        if assembly.size:
-            closing = assembly.jacobian(self._kinematics.position(here.q))[assembly.leading]
-            closing = np.pad(closing, ((0, 0), (0, int(self._open.sum()))))
-            rows, gap = np.vstack([rows, closing]), np.concatenate([gap, here.gap])
+        closing = reduced.assembly.jacobian(self._kinematics.position(here.q))[reduced.assembly.leading]
+        closing = np.pad(closing, ((0, 0), (0, int(self._open.sum()))))
+        rows, gap = np.vstack([rows, closing]), np.concatenate([gap, here.gap])
         if self._symmetries is not None:
             rows = np.vstack([rows, self._shape_gradient(here, derivatives)])
             gap = np.concatenate([gap, here.shape_rates])

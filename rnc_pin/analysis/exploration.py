@@ -108,7 +108,7 @@ class Use:
 
     def to_dict(self) -> dict[str, Json]:
         """Return lists, numbers and strings that JSON can store."""
-        return to_json_mapping({name: getattr(self, name) for name in self.__dataclass_fields__}, "use")
+        return to_json_mapping(vars(self), "use")
 
 
 @dataclass(frozen=True, repr=False)
@@ -133,8 +133,7 @@ class Exploration(SummaryMixin):
 
     def to_dict(self) -> dict[str, Json]:
         """Return lists, numbers and strings that JSON can store."""
-        own = {name: getattr(self, name) for name in ("primary", "motions", "length", "samples", "untried")}
-        return to_json_mapping({**own, "rows": [each.to_dict() for each in self.rows]}, "exploration")
+        return to_json_mapping({**vars(self), "rows": [each.to_dict() for each in self.rows]}, "exploration")
 
     def _summary(self) -> ObjectSummary:
         title = f"Exploration: {counted(self.motions, 'motion')} beside {short_names(self.primary)}"
@@ -263,8 +262,10 @@ class _Exploring:
             raise ConfigurationError("primary outputs: expected at least one")
         self._by_default = candidates is None
         self._primary = tuple(stack.names[row] for stack, rows in chosen for row in rows)
-        offered = [*_own(reduced), *default_candidates(reduced)] if candidates is None else map(_listed, candidates)
-        groups = [[find_output(reduced, one, "a candidate has to be") for one in each] for each in offered]
+        own = (place.of(np.array(place.block.names)).tolist() for place in reduced.vertical.places)
+        offered = [*own, *default_candidates(reduced)] if candidates is None else candidates
+        together = ([each] if isinstance(each, str | OutputKind) else each for each in offered)
+        groups = [[find_output(reduced, one, "a candidate has to be") for one in each] for each in together]
         used = [*chosen, *(pair for group in groups for pair in group)]
         blocks = (place.block for stack, _ in used for place in stack.places)
         self._outputs = OutputStack(
@@ -273,7 +274,10 @@ class _Exploring:
         self._names = self._outputs.names
         self._first = [self._names.index(name) for name in self._primary]
         self._evaluator = evaluator_for(reduced.reduction_data.measuring(self._outputs), reduced.evaluator)
-        self._length = _length(self._robot)
+        at_start = Kinematics(self._robot).position(self._robot.configuration())
+        places = [at_start.placement(frame).translation for frame in range(self._robot.model.nframes)]
+        size = 0.5 * float(np.linalg.norm(np.ptp(places, axis=0)))  # of the box around all frames
+        self._length = size if size > _POINT else 1.0
         angles = np.array([unit.startswith("rad") for unit in self._robot.velocity_units])
         self._lengths = np.where(angles, self._length, 1.0)[:, None]
         self._angular = [unit.startswith("rad") for unit in self._outputs.units]
@@ -284,11 +288,11 @@ class _Exploring:
                 f"primary outputs {', '.join(self._primary)}: the robot cannot move them independently"
             )
         self._q, self.motions, self._inverse = q[good], self._ways.shape[-1], np.linalg.pinv(P)
-        size, moved = largest_entries(scale * self._J), largest_entries(scale * self._A)
-        nothing = size <= _ZERO * size.max()
+        sizes, moved = largest_entries(scale * self._J), largest_entries(scale * self._A)
+        nothing = sizes <= _ZERO * sizes.max()
         self._conserved = ~nothing & (moved <= _ZERO * moved.max())
-        places = [[self._names.index(stack.names[row]) for stack, rows in group for row in rows] for group in groups]
-        kept = [tuple(k for k in group if not nothing[k] and k not in self._first) for group in places]
+        rows = [[self._names.index(stack.names[row]) for stack, each in group for row in each] for group in groups]
+        kept = [tuple(k for k in group if not nothing[k] and k not in self._first) for group in rows]
         self._groups = list(dict.fromkeys(group for group in kept if group))
         self._redundant = self._coordinates() if self.motions else []
         coordinates = velocity_outputs(self._robot)
@@ -314,7 +318,9 @@ class _Exploring:
         """Groups of outputs, then unions of groups whose parts all have full rank; and the number of untried unions."""
         found = [_Set(group, self._D) for group in self._groups]
         level: list[tuple[int, ...]]
-        single = [each.rows for each in found if each.full and not self._trivial(each)]
+        # Actuated joints and redundant coordinates are offered one by one only.
+        own = {*self._reduced.actuation.names, *self._redundant_names} if self._by_default else set()
+        single = [each.rows for each in found if each.full and not own.issuperset(each.names(self._names))]
         known = {frozenset(group) for group in self._groups}
         level, tried, untried = [(k,) for k in range(len(single))], 0, 0
         while level:
@@ -334,11 +340,6 @@ class _Exploring:
                     found.append(union)
             level = larger
         return found, untried
-
-    def _trivial(self, each: _Set) -> bool:
-        """True for actuated joints and redundant coordinates, which are offered one by one only."""
-        own = {*self._reduced.actuation.names, *self._redundant_names}
-        return self._by_default and own.issuperset(each.names(self._names))
 
     def _decided(self, each: _Set) -> tuple[str | None, Array, str]:
         """Class, mask of the outputs that move, and words: by rank, then by first derivatives, then by brackets."""
@@ -517,9 +518,8 @@ class _Exploring:
         busiest = np.argsort(-shares, kind="stable")[:_MOST_ACTUATORS].tolist()
         working = [k for k in busiest if shares[k] > _WORKING * shares.max()]
         load = self._static_inputs
-        effort = None if load is None else float(np.median(np.abs(load[:, working]).max(axis=1)))
-        effort = None if effort is None or effort < _ZERO else effort
-        return tuple(names[k] for k in working), effort
+        effort = 0.0 if load is None else float(np.median(np.abs(load[:, working]).max(axis=1)))
+        return tuple(names[k] for k in working), effort if effort > _ZERO else None
 
     def _is_driven(self, D: Array) -> bool:
         """True if inputs can usually begin motions of all rows of D (S, k, r2) from rest; or if there are no inputs."""
@@ -551,23 +551,6 @@ class _Exploring:
         kind, count = use.redundancy_class, len(use.vertical)
         alone = max(sum(name in own for name in use.vertical), int(len(use.actuators) == 1))
         return kind is None, not use.driven, alone, _ORDER.index(kind), -typical, count
-
-
-def _listed(candidate: OutputTarget | Sequence[OutputTarget]) -> Sequence[OutputTarget]:
-    return [candidate] if isinstance(candidate, str | OutputKind) else candidate
-
-
-def _own(reduced: ReducedModel) -> list[Sequence[OutputTarget]]:
-    """Vertical outputs of the model, those of one object together."""
-    return [place.of(np.array(place.block.names)).tolist() for place in reduced.vertical.places]
-
-
-def _length(robot: Robot) -> float:
-    """Length of a robot [m]: half of the diagonal of the box around its frames, or 1 m for a point."""
-    position = Kinematics(robot).position(robot.configuration())
-    places = np.array([position.placement(frame).translation for frame in range(robot.model.nframes)])
-    found = 0.5 * float(np.linalg.norm(np.ptp(places, axis=0)))
-    return found if found > _POINT else 1.0
 
 
 def _wheel_joints(reduced: ReducedModel, *, steered: bool = False) -> set[int]:

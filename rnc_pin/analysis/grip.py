@@ -64,10 +64,6 @@ class Grip(SummaryMixin):
         title = f"Grip of {counted(len(self.names), 'contact')} with friction {self.friction:.4g}"
         return ObjectSummary(title, [("contacts", items(self.names))])
 
-    def _along(self, contact_forces: Array) -> Array:
-        forces = [np.linalg.norm(contact_forces[..., list(each.along)], axis=-1) for each in self._contacts]
-        return np.stack(forces, axis=-1)
-
     def _loads(self, normal: Array) -> Array:
         loads = np.zeros((*normal.shape[:-1], len(self.names)))
         for column, contact in enumerate(self._contacts):
@@ -126,12 +122,13 @@ class Grip(SummaryMixin):
 
     def _shares(self, q: Array, rows: Array, contact_forces: Array, normal_forces: Array) -> Array:
         """Shares (..., w) of states (...,)."""
-        even, allowed = self._along(contact_forces), self.friction * self._loads(normal_forces)
+        sizes = [np.linalg.norm(contact_forces[..., list(each.along)], axis=-1) for each in self._contacts]
+        even, allowed = np.stack(sizes, axis=-1), self.friction * self._loads(normal_forces)
         shares = np.divide(even, allowed, out=np.where(even > _SMALL, np.inf, 0.0), where=allowed > 0)
         batch = shares.shape[:-1]
         arrays = (q, rows, contact_forces, normal_forces, shares)
-        sizes = (each.shape[len(each.shape) - order :] for each, order in zip(arrays, (1, 2, 1, 1, 1), strict=True))
-        many = (np.broadcast_to(each, (*batch, *size)) for each, size in zip(arrays, sizes, strict=True))
+        ends = (each.shape[len(each.shape) - order :] for each, order in zip(arrays, (1, 2, 1, 1, 1), strict=True))
+        many = (np.broadcast_to(each, (*batch, *end)) for each, end in zip(arrays, ends, strict=True))
         count = int(np.prod(batch))
         q, rows, contact_forces, normal_forces, shares = (a.reshape(count, *a.shape[len(batch) :]) for a in many)
         free = self._set.free(q, rows)

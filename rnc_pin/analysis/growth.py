@@ -166,8 +166,8 @@ def _generic_dimension(reduced: ReducedModel, q: np.ndarray) -> int:
     """Largest dimension that all brackets reach at configurations near q and at random ones."""
     generator, R = np.random.default_rng(0), reduced.at(q).R
     steps = [R @ generator.normal(size=reduced.r) for _ in range(_NEARBY)]
-    near = [pin.integrate(reduced.robot.model, q, _AWAY * step / np.linalg.norm(step)) for step in steps]
-    chosen = [reduced.assembled(each) for each in near]
+    near = (pin.integrate(reduced.robot.model, q, _AWAY * step / np.linalg.norm(step)) for step in steps)
+    chosen = [*map(reduced.assembled, near)]
     chosen += [reduced.random_configuration(generator, _SPREAD) for _ in range(_FEWEST)]
     reached = 0
     for each in chosen:

@@ -155,13 +155,14 @@ def linearize(
     held, names = state.A[list(reduced.constraints.holonomic)], reduced.robot.velocity_names
     own = names if not len(held) else [names[k] for k in best_entries(held, reduced.n - len(held))]
     read = _Coordinates(reduced, own if coordinates is None else coordinates)
-    kept = _kept_rates(reduced, rates)
+    outputs = reduced.reducing
+    chosen = outputs.names if rates is None else rates
+    kept = [place_of(name, outputs.names, "no reducing output", ModelError) for name in chosen]
     if not (read.names or kept):
         raise InputError("coordinates and rates are both empty: the state needs at least one entry")
     if coordinates is not None or len(held) or len(kept) < reduced.r:
         moving = derivatives.v if coordinates is not None else np.zeros(reduced.n)
         A, B = _restricted(reduced, read, kept, moving, q, A, B)
-    outputs = reduced.reducing
     rate_names = [outputs.names[i] + ("" if outputs.quasi[i] else "_dot") for i in kept]
     return Linearization(
         A=A,
@@ -176,13 +177,6 @@ def linearize(
         _read=read,
         _kept=kept,
     )
-
-
-def _kept_rates(reduced: ReducedModel, rates: Sequence[str] | None) -> list[int]:
-    names = reduced.reducing.names
-    if rates is None:
-        return list(range(reduced.r))
-    return [place_of(name, names, "no reducing output", ModelError) for name in rates]
 
 
 def _check_steady(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> None:

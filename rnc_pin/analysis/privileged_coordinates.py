@@ -20,6 +20,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
+import scipy
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
@@ -209,24 +210,17 @@ def _kept(reduced: ReducedModel, q: Array, ignored: Sequence[str]) -> Array:
     model = reduced.robot.model
     free = np.zeros(reduced.n, dtype=bool)
     for name in ignored:
-        joint = model.joints[reduced.robot.joint_id(name)]
-        free[joint.idx_v : joint.idx_v + joint.nv] = True
+        free[reduced.robot.velocity_indices(name)] = True
     kept, generator = np.flatnonzero(~free), np.random.default_rng(0)
     if not len(kept):
         raise ConfigurationError("ignored: no joint is left")
     if free.any():
         turned = pin.integrate(model, q, free * generator.uniform(0.5, 1.0, reduced.n))
-        here, there = (_orthonormal(reduced.at(each).R[kept]) for each in (q, turned))
+        here, there = (scipy.linalg.orth(reduced.at(each).R[kept], _SPAN) for each in (q, turned))
         if here.shape != there.shape or np.abs(there - here @ (here.T @ there)).max() > _SPAN:
             names = ", ".join(map(str, ignored))
             raise ConstraintError(f"ignored: the constraints of the other joints depend on the position of {names}")
     return kept
-
-
-def _orthonormal(vectors: Array) -> Array:
-    """Orthonormal basis (n, k) of the span of vectors (n, m)."""
-    left, values, _ = np.linalg.svd(vectors, full_matrices=False)
-    return np.asarray(left[:, values > _SPAN * max(values.max(initial=0.0), 1e-300)])
 
 
 def _adapted(flags: Sequence[Array]) -> tuple[Array, list[int], list[int]]:
@@ -238,12 +232,13 @@ def _adapted(flags: Sequence[Array]) -> tuple[Array, list[int], list[int]]:
     size = len(flags[0])
     rows, pivots, weights = np.empty((0, size)), list[int](), list[int]()
     for level in range(len(flags), -1, -1):
-        known = _orthonormal(flags[level - 1]) if level else np.empty((size, 0))
+        known = scipy.linalg.orth(flags[level - 1], _SPAN) if level else np.empty((size, 0))
         missing = size - known.shape[1] - len(rows)
         left = np.linalg.svd(known)[0][:, known.shape[1] :].T if known.size else np.eye(size)
         left = left - left[:, pivots] @ np.linalg.solve(rows[:, pivots], rows)
         for _ in range(missing):
-            pivot = _pivot(left)
+            sizes = np.abs(left).max(axis=0)
+            pivot = int(np.flatnonzero(sizes >= _LARGE * sizes.max())[0])  # places come before joints
             k = int(np.abs(left[:, pivot]).argmax())
             row = left[k] / left[k, pivot]
             left = left - left[:, pivot : pivot + 1] * row
@@ -255,12 +250,6 @@ def _adapted(flags: Sequence[Array]) -> tuple[Array, list[int], list[int]]:
     inside = [place for place, weight in enumerate(weights) if weight <= len(flags)]  # others are constant on the leaf
     order = sorted(inside, key=lambda place: (weights[place], pivots[place]))
     return rows[order], [pivots[k] for k in order], [weights[k] for k in order]
-
-
-def _pivot(rows: Array) -> int:
-    """First column with a largest entry, but for rounding: places come before joints."""
-    sizes = np.abs(rows).max(axis=0)
-    return int(np.flatnonzero(sizes >= _LARGE * sizes.max())[0])
 
 
 def _corrected(

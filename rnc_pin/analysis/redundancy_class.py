@@ -104,9 +104,10 @@ def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed
         tracked = moved
 
     above, below = (tuple(np.array(names)[flags].tolist()) for flags in (tracked, ~tracked))
+    values = np.linalg.svd(A4[:, moved], compute_uv=False) if moved.any() else np.zeros(1)
     evidence = Evidence(
         A3=_largest(A3),
-        A4_singular_values=_smallest_largest(A4[:, moved]) if moved.any() else (0.0, 0.0),
+        A4_singular_values=(float(values.min()), float(values.max())),
         A6=_largest(A4[:, ~moved]),
         A5_along_x22=_largest(A5_along),
         steering=None if moved.any() else _largest(steering),
@@ -186,11 +187,6 @@ def largest_entries(matrices: np.ndarray) -> np.ndarray:
 
 def _largest(array: np.ndarray) -> float:
     return float(np.abs(array).max(initial=0.0))
-
-
-def _smallest_largest(matrices: np.ndarray) -> tuple[float, float]:
-    values = np.linalg.svd(matrices, compute_uv=False)
-    return float(values.min()), float(values.max())
 
 
 def has_full_row_rank(matrices: np.ndarray) -> bool:

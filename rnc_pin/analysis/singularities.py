@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+import scipy
 
 from rnc_pin.errors import ConstraintError, SingularityError
 from rnc_pin.math.linear_algebra import unit_rows, weakest_rows
@@ -23,7 +24,7 @@ from rnc_pin.printing import printed
 from rnc_pin.robots.robot import Robot
 
 _PAIRS = 8
-_HALVINGS = 50
+_CLOSE = 1e-15  # of a path between samples
 _VANISHES = 1e-7  # smallest singular value, with unit rows, that counts as zero
 _WORST = 3
 _PRESENT = 1e-6  # weight, relative to the largest, below which the structure of a singular surface makes it zero
@@ -56,11 +57,8 @@ class Singularity:
 def stack_singularities(reduced: ReducedModel, configurations: np.ndarray) -> list[Singularity]:
     """Singularities of ``E = [A; J2]``, for configurations (count, nq): the outputs do not parametrise the motion."""
     names = (*reduced.constraints.names, *reduced.reducing.names)
-
-    def matrix(q: np.ndarray) -> np.ndarray:
-        return reduced.at(q).scaled_stack
-
-    return _search("E", matrix, lambda q: _sign(matrix(q)), names, reduced, configurations)
+    sign, matrix = (lambda q: _sign(reduced.at(q).scaled_stack)), (lambda q: reduced.at(q).scaled_stack)
+    return _search("E", matrix, sign, names, reduced, configurations)
 
 
 def task_singularities(
@@ -154,14 +152,7 @@ def _between(sign: SignOf, reduced: ReducedModel, low: np.ndarray, high: np.ndar
     def way(share: float) -> np.ndarray:
         return reduced.assembly.project(pin.interpolate(reduced.robot.model, low, high, share))
 
-    before, start, end = sign(low), 0.0, 1.0
-    for _ in range(_HALVINGS):
-        middle = (start + end) / 2
-        if sign(way(middle)) == before:
-            start = middle
-        else:
-            end = middle
-    return way(start)
+    return way(scipy.optimize.bisect(lambda share: sign(way(share)), 0.0, 1.0, xtol=_CLOSE))
 
 
 # ------------------------------------------------------------------ Lemma 1

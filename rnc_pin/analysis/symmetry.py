@@ -131,9 +131,7 @@ def _changes(reduced: ReducedModel, q: np.ndarray, generator: np.random.Generato
         along_q, along_v = pin.getJointVelocityDerivatives(model, data, joint, pin.LOCAL)
         # A single column arrives as a vector.
         bodies.append(along_q.reshape(6, -1) + along_v.reshape(6, -1) @ derivatives.v_q)
-    closing = np.zeros((0, reduced.n))
-    if assembly.size:
-        closing = assembly.jacobian(Kinematics(reduced.robot).position(q))[assembly.leading]
+    closing = assembly.jacobian(Kinematics(reduced.robot).position(q))[assembly.leading]
     bracket, v = frame_bracket(model), derivatives.v
     carried = np.stack([bracket(each, v) for each in np.eye(reduced.n)], axis=-1)
     return _Changes(derivatives.v_q + carried, np.vstack(bodies), (derivatives.v2_dot_q, closing))

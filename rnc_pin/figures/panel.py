@@ -123,7 +123,9 @@ def split_names(names: Sequence[str], most: int = MAX_LINES) -> list[list[str]]:
     """Split names into groups of at most ``most``. Names with the same first word stay together."""
     if len(names) <= most:
         return [list(names)] if names else []
-    groups = [list(group) for _, group in groupby(names, key=_first_word)]
+    words = [name.lstrip("_").split("_")[0].rstrip("0123456789") for name in names]
+    pairs = groupby(zip(words, names, strict=True), lambda pair: pair[0])
+    groups = [[name for _, name in group] for _, group in pairs]
     if len(groups) == 1 or len(groups) == len(names):
         count = -(-len(names) // most)
         bounds = [round(k * len(names) / count) for k in range(count + 1)]
@@ -136,10 +138,6 @@ def split_names(names: Sequence[str], most: int = MAX_LINES) -> list[list[str]]:
             else:
                 parts.append(part)
     return parts
-
-
-def _first_word(name: str) -> str:
-    return name.lstrip("_").split("_")[0].rstrip("0123456789")
 
 
 Size: TypeAlias = Literal["column", "page"] | tuple[float, float]

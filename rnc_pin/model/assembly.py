@@ -214,7 +214,8 @@ class Assembly:
 
     def jacobian(self, at: PositionKinematics) -> Array:
         """Jacobian (h, nv) of the rows at one configuration; it gives the rate of ``residual`` where that is zero."""
-        return np.concatenate([block.jacobian(at)[chosen] for block, chosen in self._places])
+        none = np.zeros((0, self.robot.nv))
+        return np.concatenate([none, *(block.jacobian(at)[chosen] for block, chosen in self._places)])
 
     @property
     def leading(self) -> Array:

@@ -14,10 +14,12 @@ from .reference_kinds import Geodesic as Geodesic
 from .reference_kinds import Harmonic as Harmonic
 from .reference_kinds import Hold as Hold
 from .reference_kinds import MinimumJerk as MinimumJerk
+from .reference_kinds import RelativeCircle as RelativeCircle
 from .reference_kinds import RelativeHarmonic as RelativeHarmonic
 from .reference_kinds import RelativeHold as RelativeHold
 from .reference_kinds import RelativeMinimumJerk as RelativeMinimumJerk
 from .reference_kinds import RelativeReference as RelativeReference
+from .reference_kinds import RelativeTable as RelativeTable
 from .reference_kinds import RelativeViaPoints as RelativeViaPoints
 from .reference_kinds import ViaPoints as ViaPoints
 from .references import InTurn as InTurn

@@ -10,6 +10,7 @@ from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import comb, perm
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -19,7 +20,8 @@ from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import ConfigurationError, InputError, short_text
+from rnc_pin.errors import ConfigurationError, InputError, place_of, short_text
+from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
 from rnc_pin.model.input_validation import Numbers, Positive, is_number
 from rnc_pin.planning.references import Reference, ReferencePoint, ReferenceSummary
@@ -107,12 +109,6 @@ def _quintic(start: np.ndarray, goal: np.ndarray, duration: np.ndarray) -> np.nd
     return coefficients
 
 
-def _step_of_degree_seven(duration: float) -> np.ndarray:
-    """Coefficients (8, 1, 1) of the step from 0 to 1 with three derivatives that vanish at both ends."""
-    lowest_first = [0.0, 0.0, 0.0, 0.0, 35.0, -84.0, 70.0, -20.0]
-    return np.array([c / duration**power for power, c in enumerate(lowest_first)][::-1])[:, None, None]
-
-
 class MinimumJerk(PiecewisePolynomial):
     """Quintic from rest to rest, with the least integral of squared jerk (Flash and Hogan 1985).
 
@@ -156,7 +152,7 @@ class ViaPoints(PiecewisePolynomial):
     def __init__(self, times: ArrayLike, points: ArrayLike) -> None:
         knots, values = _admit(times, "times of via points"), np.asarray(points, dtype=float)
         if len(knots) < 2 or len(knots) != len(values) or not (np.diff(knots) > 0).all():
-            found = f"found {len(values)} points at the times {knots.tolist()}"
+            found = f"found {len(values)} points at the times {short_text(knots.tolist())}"
             raise InputError(f"via points need at least two increasing times, and one point each: {found}")
         _admit(values, "via points")
         values = values.reshape(len(knots), -1)
@@ -198,8 +194,9 @@ class Harmonic(ReferenceSummary):
             )
         except ValueError:
             raise InputError(f"amplitude, frequency and phase have to be numbers or lists of {self.size}") from None
-        # The step of degree seven has three derivatives that vanish at both ends.
-        self._growth = PiecewisePolynomial(_step_of_degree_seven(max(ramp, 1e-9)), np.array([0.0, ramp]), 0.0, ramp)
+        # The step of degree seven from 0 to 1 has three derivatives that vanish at both ends.
+        step = np.array([-20.0, 70.0, -84.0, 35.0, 0.0, 0.0, 0.0, 0.0]) / max(ramp, 1e-9) ** np.arange(7.0, -1.0, -1.0)
+        self._growth = PiecewisePolynomial(step[:, None, None], np.array([0.0, ramp]), 0.0, ramp)
         self._ramp = ramp
 
     def at(self, t: float) -> ReferencePoint:
@@ -321,13 +318,9 @@ class RelativeViaPoints(RelativeReference):
     """Points; each has one number for each output."""
 
     def from_start(self, start: Float[Array, " k"], coordinates: Coordinates) -> Reference:
-        if len(self.times) != len(self.points):
-            raise ConfigurationError(f"via_points has {len(self.times)} times for {len(self.points)} points")
-        if not self.times[0] > 0:
-            raise ConfigurationError(
-                f"via_points.times: the initial value is the point at time 0, so the first time is greater than 0;"
-                f" found {self.times[0]:g}"
-            )
+        if not len(self.times) == len(self.points) > 0 < self.times[0]:
+            found = f"found {len(self.times)} times for {len(self.points)} points"
+            raise ConfigurationError(f"via_points: the first time is above 0, that of the initial value; {found}")
         return ViaPoints([0.0, *self.times], [start, *(_sized(point, coordinates) for point in self.points)])
 
 
@@ -362,14 +355,68 @@ class RelativeHold(RelativeReference):
         return Hold(start if self.value is None else _sized(self.value, coordinates))
 
 
-RELATIVE_REFERENCES: Mapping[str, type[RelativeReference]] = MappingProxyType(
-    {
-        "minimum_jerk": RelativeMinimumJerk,
-        "via_points": RelativeViaPoints,
-        "harmonic": RelativeHarmonic,
-        "hold": RelativeHold,
-    }
-)
+@dataclass(frozen=True)
+class RelativeCircle(RelativeReference):
+    """Circle of two outputs about a center, from rest there: the radius grows from zero. Other outputs stay.
+
+    Raises:
+        ConfigurationError: both ``period`` and ``speed`` are given, or none.
+    """
+
+    radius: Positive
+    """Radius [m]."""
+    period: Positive | None = None
+    """Time of one turn [s]."""
+    speed: Positive | None = None
+    """Speed along the circle [m/s], instead of ``period``."""
+    plane: Sequence[str] = ()
+    """Names of the two outputs, by default the first two; the turn is from the first to the second."""
+    center: Numbers | None = None
+    """Center; one number for each output. The initial value by default."""
+    ramp: Positive = 1.0
+    """Time over which the radius grows [s]."""
+
+    def __post_init__(self) -> None:
+        if (self.period is None) == (self.speed is None):
+            raise ConfigurationError("expected one of 'period' and 'speed'")
+
+    def from_start(self, start: Float[Array, " k"], coordinates: Coordinates) -> Reference:
+        named = [place_of(name, coordinates.names, "circle.plane: no output") for name in self.plane]
+        plane = named or list(range(len(start)))[:2]
+        if len(plane) != 2 or len({*plane}) != 2:
+            raise ConfigurationError(f"a circle needs two outputs, found {', '.join(self.plane or coordinates.names)}")
+        amplitude, phase = np.zeros((2, len(start)))
+        amplitude[plane], phase[plane[0]] = self.radius, np.pi / 2
+        rate = 1.0 / self.period if self.period else (self.speed or 0.0) / (2 * np.pi * self.radius)
+        around = RelativeHarmonic(amplitude.tolist(), rate, phase.tolist(), self.center, self.ramp)
+        return around.from_start(start, coordinates)
+
+
+@dataclass(frozen=True)
+class RelativeTable(RelativeReference):
+    """Smooth motion through the rows of a table, at rest at both ends. It need not begin at the initial value."""
+
+    file: str
+    """Text file, relative to the scenario: ``time`` and names of the outputs with commas, then rows of numbers."""
+
+    def from_start(self, start: Float[Array, " k"], coordinates: Coordinates) -> Reference:
+        try:
+            lines = read_bytes(Path(self.file)).decode().splitlines()
+            names, *rows = ([cell.strip() for cell in line.split(",")] for line in lines if line.strip())
+            values = np.array(rows, dtype=float).reshape(len(rows), len(names))
+        except (OSError, ValueError) as error:
+            raise ConfigurationError(f"{self.file}: expected a line of names, then numbers: {error}") from None
+        wanted = ("time", *coordinates.names)
+        for name in names:
+            place_of(name, wanted, f"{self.file}: no output")
+        times, *points = (values[:, place_of(name, names, f"{self.file}: no column")] for name in wanted)
+        return ViaPoints(times, np.transpose(points))
+
+
+RELATIVE_REFERENCES: Mapping[str, type[RelativeReference]] = MappingProxyType({
+    "minimum_jerk": RelativeMinimumJerk, "via_points": RelativeViaPoints, "harmonic": RelativeHarmonic,
+    "hold": RelativeHold, "circle": RelativeCircle, "csv": RelativeTable,
+})  # fmt: skip
 """Relative references by their keys in files."""
 
 

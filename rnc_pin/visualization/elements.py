@@ -230,8 +230,11 @@ class Overlay:
         shown: set[tuple[str, int]] = set()
 
         def add(label: str, unit: str, places: Sequence[tuple[str, int]]) -> None:
+            def size(state: DrawnState) -> float:
+                return float(np.linalg.norm([output_error(outputs, state, kind)[k] for kind, k in places]))
+
             shown.update(places)
-            errors.append(OverlayRow(f"error of {label.replace('_', ' ')}", unit, _size_of_error(outputs, places)))
+            errors.append(OverlayRow(f"error of {label.replace('_', ' ')}", unit, size))
 
         for frame, places in tracked_frames(outputs, goals, kinematics.robot).items():
             add(frame, "m", list(places.values()))
@@ -258,7 +261,8 @@ class Overlay:
     def values(self, state: DrawnState) -> tuple[list[float], list[str | None]]:
         """Values and colours of the rows at a state."""
         values = [float(row.value(state)) for row in self.rows]
-        chips = [None if row.color is None else _hex(row.color(state)) for row in self.rows]
+        colors = (None if row.color is None else (255 * row.color(state)).round().astype(np.uint8) for row in self.rows)
+        chips = [None if color is None else f"#{color.tobytes().hex()}" for color in colors]
         return values, chips
 
 
@@ -267,14 +271,3 @@ def margin_color(margin: float) -> np.ndarray:
     stops = np.array([[0xD5, 0x5E, 0x00], [0xE6, 0x9F, 0x00], [0x56, 0xB4, 0xE9], [0x00, 0x72, 0xB2]]) / 255
     where = np.interp(np.log10(max(margin, 1e-6) if np.isfinite(margin) else 1e-6), [-2.3, -0.3], [0.0, 3.0])
     return np.array([np.interp(where, np.arange(4), channel) for channel in stops.T])
-
-
-def _hex(color: np.ndarray) -> str:
-    return "#" + "".join(f"{round(255 * float(channel)):02x}" for channel in color)
-
-
-def _size_of_error(outputs: OutputNames, places: Sequence[tuple[str, int]]) -> Callable[[DrawnState], float]:
-    def value(state: DrawnState) -> float:
-        return float(np.linalg.norm([output_error(outputs, state, kind)[k] for kind, k in places]))
-
-    return value

@@ -49,28 +49,21 @@ def test_a_system_that_does_not_reach_everything_says_how_much():
     assert "at most 5 of 5" in str(dataclasses.replace(report, growth_vector=(3, 4, 5)))
 
 
-def mobile_manipulator_report(samples):
-    return rnc.analyze(
-        mobile_manipulator(), redundant=["base_speed_x"], samples=samples, vertical=["distance_base_tip"]
-    )
-
-
-def bearing_of_the_tip(values):
-    """Of the mobile manipulator, whose links are both one metre long: from the heading, at the axle."""
-    return values["joint_1"] + np.arctan2(np.sin(values["joint_2"]), 1 + np.cos(values["joint_2"]))
-
-
 def test_the_mobile_manipulator_is_singular_with_a_straight_arm_and_with_the_tip_abeam():
-    located = {each.matrix: each for each in mobile_manipulator_report(32).singularities}
+    reduced, vertical = mobile_manipulator(), ["distance_base_tip"]
+    report = rnc.analyze(reduced, redundant=["base_speed_x"], samples=32, vertical=vertical)
+    located = {each.matrix: each for each in report.singularities}
     assert all(each.located for each in located.values())
     assert abs(np.sin(located["E"].configuration["joint_2"])) < ROUNDING
     # Along a straight arm the tip goes as the base does, however that turns.
     assert set(located["E"].rows) == {"no_side_slip(axle.y)", "tip_x", "tip_y", "base_speed_x"}
     assert located["A4"].rows == ("distance_base_tip",)
-    assert abs(np.cos(bearing_of_the_tip(located["A4"].configuration))) < ROUNDING
+    values = located["A4"].configuration  # links of one metre: the bearing of the tip is from the heading, at the axle
+    bearing = values["joint_1"] + np.arctan2(np.sin(values["joint_2"]), 1 + np.cos(values["joint_2"]))
+    assert abs(np.cos(bearing)) < ROUNDING
     # What is reported can be set again.
-    q = mobile_manipulator().robot.configuration(located["E"].configuration)
-    assert mobile_manipulator().at(q).smallest_singular_value < ROUNDING
+    q = reduced.robot.configuration(located["E"].configuration)
+    assert reduced.at(q).smallest_singular_value < ROUNDING
 
 
 @pytest.mark.parametrize(("B", "rank", "missing"), [

@@ -35,11 +35,6 @@ def drive(path, start, steps=600):
     return pose, np.abs(steering).max(), speed.min()
 
 
-def assert_same_pose(pose, goal, atol):
-    np.testing.assert_allclose(pose[:2], goal[:2], atol=atol)
-    assert abs(np.sin((pose[2] - goal[2]) / 2)) < atol
-
-
 @pytest.mark.parametrize(("start", "via", "goal"), [
     ((-8, 3, 0), [], (0, 0, 0)),
     ((0, 0, 0), [], (-5, 1, 0.2)),
@@ -49,7 +44,8 @@ def assert_same_pose(pose, goal, atol):
 def test_who_drives_speed_and_steering_angle_arrives_and_rests_at_each_stop(start, via, goal):
     path = CarPath(start, goal, 20.0, WHEELBASE, max_steering=LIMIT, via=via)
     pose, steering, speed = drive(path, start, 4000)
-    assert_same_pose(pose, goal, 1e-5)
+    np.testing.assert_allclose(pose[:2], goal[:2], atol=1e-5)
+    assert abs(np.sin((pose[2] - goal[2]) / 2)) < 1e-5
     assert steering <= LIMIT
     assert (speed < -1e-9) == (goal[0] < (via[-1] if via else start)[0])
     ends = path.times[np.flatnonzero(np.diff(path.times) == 0)]

@@ -7,6 +7,7 @@ import rnc_pin as rnc
 import systems
 from benchmarks.planned_models import car, tractor
 from refusals import refused
+from rnc_pin.model import Coordinates
 from rnc_pin.planning import (
     CarPath,
     Harmonic,
@@ -18,7 +19,7 @@ from rnc_pin.planning import (
     find_steering,
     find_way,
 )
-from rnc_pin.planning.reference_kinds import RelativeMinimumJerk
+from rnc_pin.planning.reference_kinds import RelativeCircle, RelativeMinimumJerk
 from systems import at_pose, knife_box
 
 WRONG, INPUT, NONE = rnc.ConfigurationError, rnc.InputError, rnc.InfeasibleError
@@ -26,6 +27,10 @@ WRONG, INPUT, NONE = rnc.ConfigurationError, rnc.InputError, rnc.InfeasibleError
 
 def path(goal, **options):
     return CarPath(**{"start": (0, 0, 0), "goal": goal, "duration": 5.0, "wheelbase": 1.0, **options})
+
+
+def circle(*plane):
+    return RelativeCircle(1.0, period=1.0, plane=plane).from_start(np.zeros(2), Coordinates([False] * 2, names="xy"))
 
 
 def ik(targets, search=None, **options):
@@ -87,6 +92,9 @@ test_mistakes_are_refused_in_one_line = refused([
     (lambda: Harmonic([0.0], [1.0, 2.0], 1.0), INPUT, "numbers or lists of 1"),
     (lambda: RelativeMinimumJerk(duration=1.0), WRONG, "expected one of 'to' and 'by'"),
     (lambda: RelativeMinimumJerk(duration=1.0, to=[1.0], by=[1.0]), WRONG, "expected one of 'to' and 'by'"),
+    (lambda: RelativeCircle(1.0, period=1.0, speed=1.0), WRONG, "expected one of 'period' and 'speed'"),
+    (lambda: circle("x", "z"), WRONG, "circle.plane: no output 'z'; expected one of: x, y"),
+    (lambda: circle("x", "x"), WRONG, "a circle needs two outputs, found x, x"),
     (lambda: ik({"tip_xx": 1.0}), WRONG, "no output 'tip_xx'; did you mean 'tip_x'"),
     (lambda: ik({}), WRONG, "at least one output"),
     (lambda: ik({"base_speed_x": 1.0}), WRONG, "a speed has no value"),

@@ -32,6 +32,7 @@ SINGLE_PRECISION = 1e-6  # [m]; meshes are kept in it
 INERTIAL = """<inertial><origin xyz="0 0 0.1" rpy="0 0 0.3"/><mass value="12"/>
     <inertia ixx="0.13" iyy="0.1" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial>"""
 BOX = '<geometry><box size="1 1 1"/></geometry>'
+BODY = f'{INERTIAL}<visual><geometry><box size="0.4 0.3 0.2"/></geometry></visual>'
 
 
 def mesh(name, kind="visual"):
@@ -148,9 +149,6 @@ def test_a_mirrored_mesh_is_drawn_mirrored_with_its_faces_outward(name, other, f
     np.testing.assert_allclose(corners.max(axis=0), expected.max(axis=0), atol=SINGLE_PRECISION)
 
 
-# Volume and bounding box of a part in the world, as WebGL gets them: faces whose world is mirrored are turned by it.
-
-
 # ---------------------------------------------------------------------- what fails in drawing
 
 SHORT = ["--set", "simulation.duration=0.2"]
@@ -240,20 +238,16 @@ AS_SIGNAL = "os.kill(os.getpid(), signal.SIGINT); time.sleep(5)"
     ],
 )
 def test_an_interrupted_import_is_one_line(module, interrupt, tmp_path):
-    process = run_interrupted_at(module, interrupt, tmp_path)
+    (tmp_path / "sitecustomize.py").write_text(HOOK.format(module=module, interrupt=interrupt))
+    paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    process = subprocess.run(
+        [sys.executable, "-m", "rnc_pin", *RUN, tmp_path / "out"],
+        env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, timeout=PATIENCE,
+    )  # fmt: skip
     assert process.stderr == "rnc-pin: error: interrupted\n"
     # Something is said before anything that takes long is imported.
     said = "" if module == "click" else "space-robot: reading the scenario ...\n"
     assert (process.returncode, process.stdout) == (1, said)
-
-
-def run_interrupted_at(module, interrupt, tmp_path):
-    (tmp_path / "sitecustomize.py").write_text(HOOK.format(module=module, interrupt=interrupt))
-    paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
-    return subprocess.run(
-        [sys.executable, "-m", "rnc_pin", *RUN, tmp_path / "out"],
-        env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, timeout=PATIENCE,
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize(("command", "name"), [
@@ -299,8 +293,7 @@ FAR = 20.0  # [m]
 @pytest.fixture(scope="module")
 def cart(tmp_path_factory):
     path = tmp_path_factory.mktemp("cart") / "cart.urdf"
-    body = f'{INERTIAL}<visual><geometry><box size="0.4 0.3 0.2"/></geometry></visual>'
-    path.write_text(chain(base=body, mast=body))
+    path.write_text(chain(base=BODY, mast=BODY))
     return rnc.Robot.from_urdf(path, base="planar")
 
 
@@ -384,8 +377,7 @@ def test_there_is_no_floor_under_what_floats(base, gravity, view, floor, tmp_pat
     drawn = []
     monkeypatch.setattr(MeshcatScene, "grid", lambda scene, height, center, half: drawn.append(height))
     path = tmp_path / "satellite.urdf"
-    body = f'{INERTIAL}<visual><geometry><box size="0.4 0.3 0.2"/></geometry></visual>'
-    path.write_text(chain(hub=body, arm=body))
+    path.write_text(chain(hub=BODY, arm=BODY))
     robot = rnc.Robot.from_urdf(path, base=base, gravity=gravity)
     constraints = [rnc.MomentumConservation("root_joint")] if base == "free" and not any(gravity) else []
     reduced = rnc.NonholonomicSystem(robot, constraints).reduce()

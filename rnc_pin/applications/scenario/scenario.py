@@ -20,7 +20,7 @@ from rnc_pin.applications.scenario.plan_builder import Plans
 from rnc_pin.applications.scenario.plant_builder import collected_model_warnings
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.scenario import validate
-from rnc_pin.applications.scenario.schema.world import build_obstacles
+from rnc_pin.applications.scenario.schema.world import absolute_files, build_obstacles
 from rnc_pin.applications.scenario.simulated_run import Simulated, judged_summary, simulated
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller
@@ -143,7 +143,7 @@ class Scenario(SummaryMixin):
     @cached_property
     def content(self) -> ScenarioFile:
         """Checked content of the file."""
-        return validate(self.raw, self._label)
+        return validate(absolute_files(self.raw, self.folder), self._label)
 
     @cached_property
     @nothing_to_keep()
@@ -319,16 +319,8 @@ class Scenario(SummaryMixin):
         Raises:
             OSError: the file cannot be written.
         """
-        Path(path).write_text(yaml.safe_dump(self._portable(), sort_keys=False), encoding="utf-8")
-
-    def _portable(self) -> dict[str, Json]:
-        source = self.raw.get("robot")
-        if not isinstance(source, Mapping):
-            return self.raw
-        beside = self.folder / str(source.get("urdf"))
-        if not beside.is_file():
-            return self.raw
-        return {**self.raw, "robot": {**source, "urdf": str(beside.resolve())}}
+        portable = absolute_files(self.raw, self.folder, ("urdf", "mjcf", "csv", "file"))
+        Path(path).write_text(yaml.safe_dump(portable, sort_keys=False), encoding="utf-8")
 
     def _summary(self) -> ObjectSummary:
         content = self.content

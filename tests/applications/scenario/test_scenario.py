@@ -52,17 +52,18 @@ def test_a_run_needs_no_outputs(tmp_path):
     assert len(run.time) == 51
 
 
-def test_a_robot_beside_the_file_is_found_from_elsewhere(tmp_path):
+def test_a_robot_and_a_table_beside_the_file_are_found_from_elsewhere(tmp_path):
+    (tmp_path / "way.csv").write_text("time, x")
     (tmp_path / "cart.urdf").write_text(
         '<robot name="cart"><link name="cart"><inertial><mass value="2"/>'
         '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>'
     )
-    scenario = rnc.Scenario.load(
-        written(tmp_path, robot={"urdf": "cart.urdf", "base": "planar"}, constraints=[], actuators=[])
-    )
+    robot, reference = {"urdf": "cart.urdf", "base": "planar"}, {"primary": {"csv": "way.csv"}}
+    scenario = rnc.Scenario.load(written(tmp_path, robot=robot, reference=reference, constraints=[], actuators=[]))
     (tmp_path / "elsewhere").mkdir()
     scenario.save(tmp_path / "elsewhere" / "saved.yaml")
-    assert rnc.Scenario.load(tmp_path / "elsewhere" / "saved.yaml").robot.name == "cart"
+    for each in (scenario, rnc.Scenario.load(tmp_path / "elsewhere" / "saved.yaml")):
+        assert (each.robot.name, each.content.reference.primary.file) == ("cart", str(tmp_path / "way.csv"))
 
 
 def test_a_gain_of_the_run_is_none_of_a_comparison_with_another_controller():

@@ -13,9 +13,10 @@ from rnc_pin.control import SlitheringReference
 from rnc_pin.io import Numbers, Strict
 from rnc_pin.model import Positive, ReducedModel
 from rnc_pin.optimal import FileLimits, MotionPlan, OutputCost, SolverSettings, plan
-from rnc_pin.planning import RELATIVE_REFERENCES, CarPath, RelativeReference, SteeringGeometry
+from rnc_pin.planning import RELATIVE_REFERENCES, CarPath, RelativeReference, RelativeTable, SteeringGeometry
 
-ReferenceItem = Annotated[RelativeReference, one_of(**RELATIVE_REFERENCES)]
+_REFERENCES = {**RELATIVE_REFERENCES, "csv": Entry(RelativeTable, short="file")}
+ReferenceItem = Annotated[RelativeReference, one_of(**_REFERENCES)]
 HOLD: dict[str, object] = {"hold": {}}
 """Reference that keeps the initial value, in the form of a file."""
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os.path
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -16,7 +17,7 @@ from rnc_pin.applications.scenario.schema.derived import Entry, one_of
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
 from rnc_pin.collision import Obstacle, ground_shape, load_map, load_mesh_shape
 from rnc_pin.errors import ConfigurationError, RncError
-from rnc_pin.io import Strict
+from rnc_pin.io import Json, Strict
 from rnc_pin.model import Coordinates, Positive
 from rnc_pin.robots import Robot, find_mjcf, find_shipped, find_urdf
 
@@ -205,6 +206,26 @@ ObstacleItem = Annotated[
         map=MapObstacle,
     ),
 ]
+
+
+def absolute_files(raw: Mapping[str, Json], folder: Path, keys: Sequence[str] = ("csv", "file")) -> dict[str, Json]:
+    """Return a part of a scenario with absolute paths of the files that it names. Files that are not there stay.
+
+    Args:
+        raw: the part.
+        folder: folder that the paths are relative to.
+        keys: keys of files.
+    """
+
+    def absolute(key: str, value: Json) -> Json:
+        if isinstance(value, Mapping):
+            return absolute_files(value, folder, keys)
+        if isinstance(value, list):
+            return [absolute(key, each) for each in value]
+        named = key in keys and isinstance(value, str) and os.path.isfile(folder / value)
+        return str((folder / str(value)).resolve()) if named else value
+
+    return {key: absolute(key, value) for key, value in raw.items()}
 
 
 def build_obstacles(items: Sequence[_Placed | MapObstacle], folder: Path) -> tuple[Obstacle, ...]:
