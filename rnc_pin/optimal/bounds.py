@@ -41,7 +41,7 @@ class NodeBound(ABC):
         lower, upper: limits (k,).
         of_state: True if the rows depend on the state only, so that they also hold at the end.
         quantity: "input", "velocity", "output", "distance" or "goal" for limits of these; "" for other rows.
-        of_file: True for limits of the robot's file.
+        of_file: True for limits of the robot's file, and for distances of its links from each other.
         stated: True for rows with a limit on at least one side, or with an infinite one by name (k,).
         units: unit of each row, (k,); empty if it is not known.
     """
@@ -202,7 +202,7 @@ class DistanceRows(NodeBound):
         self._count = min(bound.pairs, len(bound.distances.pairs))
         names = [f"distance ({'nearest' if k == 0 else f'nearest {k + 1}'})" for k in range(self._count)]
         super().__init__(names, bound.clearance, None, True, ["m"] * self._count)
-        self._bound = bound
+        self._bound, self.of_file = bound, not bound.distances.obstacles
         # A solver takes values of the nodes and of the end, and derivatives at the same places after that.
         self._recent: deque[dict[tuple[bytes, float], PairDistances]] = deque(maxlen=2)
 
