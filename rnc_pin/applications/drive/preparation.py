@@ -166,12 +166,10 @@ def _driven_config(
         "vertical": [{"frame_position": {"frame": frame}} for frame in frames],
     }
     given = raw.get("controller")
-    if isinstance(given, Mapping) and given.get("type") == "qp":
-        config["controller"] = given
-    else:
-        reduced = system.reduce([output_of(entry) for entry in reducing])
-        limits: Json = {"acceleration": {"limit": _accelerations(reduced, q0)}}
-        config["controller"] = {**_CONTROLLER, "limits": limits}
+    chosen = given if isinstance(given, Mapping) and given.get("type") == "qp" else _CONTROLLER
+    reduced = system.reduce([output_of(entry) for entry in reducing])
+    limits = {"acceleration": {"limit": _accelerations(reduced, q0)}, **mapping_of(chosen.get("limits"))}
+    config["controller"] = {**chosen, "limits": limits}
     simulation = raw.get("simulation")
     settings = dict(simulation) if isinstance(simulation, Mapping) else {}
     if settings.get("duration", "plan") == "plan":

@@ -65,9 +65,7 @@ def test_a_steered_car_drives_to_a_point_and_keeps_its_wheel_angle_within_its_ra
     joint = model.joints[model.getJointId("front_steering")]
     angle = trajectory.q[:, joint.idx_q]
     low, high = (limit[joint.idx_q] for limit in (model.lowerPositionLimit, model.upperPositionLimit))
-    assert low - 1e-6 <= angle.min()
-    assert angle.max() <= high + 1e-6
-    assert np.ptp(angle) > 0.1
+    assert low - 1e-6 <= angle.min() < angle.max() - 0.1 <= high + 1e-6 - 0.1
 
 
 def tilting(rake, back=-1.2, front=1.2):
@@ -145,9 +143,10 @@ def test_a_raked_fork_that_turns_does_not_drive_the_base(tmp_path):
 def test_two_keys_and_joints_keep_the_efforts_of_a_draft_and_its_links_apart():
     """4 rad/s^2 and m/s^2 once took more than the wheels of TIAGo have; UR5 drove its arm 3 mm into its base."""
     arm = [(0, {"kind": "joint_goal", "joint": f"arm_{k}_joint", "position": at}) for k, at in ((1, 1.5), (4, 1.8))]
-    result = drive(prepared("tiago", arm + pressed(1.0, 1.0, 200), simulation__dt=DT), samples=250)
-    assert result.trajectory.verdict.succeeded
-    assert result.limits.worst("effort").excess < -0.1
+    program = {"type": "qp", "tracker": "computed_torque", "tasks": [{"damping": {}}]}  # a scenario's own
+    for given in ({}, {"controller": program}):
+        result = drive(prepared("tiago", arm + pressed(1.0, 1.0, 200), simulation__dt=DT, **given), samples=250)
+        assert (result.trajectory.verdict.succeeded, result.limits.worst("effort").excess < -0.1) == (True, True)
     run = prepared("ur5_robot", [(5, {"kind": "joint_goal", "joint": "shoulder_lift_joint", "position": 2.5})])
     assert not drive(run, samples=400).limits.collisions
 
