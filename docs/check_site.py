@@ -1,4 +1,5 @@
-"""Check a built site: no page loads anything from another host, and every local file that a page names exists.
+"""Check a built site: no page loads anything from another host, every local file that a page names exists, and words of
+readers lead to their page first.
 
 ``python docs/check_site.py OUT`` prints what is wrong, and then ends with status 1. Links that a reader may follow are
 not loaded; ``python -m sphinx -b linkcheck docs OUT`` follows them.
@@ -6,6 +7,7 @@ not loaded; ``python -m sphinx -b linkcheck docs OUT`` follows them.
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 from collections.abc import Iterator
@@ -72,7 +74,24 @@ def faults_of_site(site: Path) -> Iterator[str]:
         yield from (f"{path.relative_to(site)}: {fault}" for fault in faults_of_style(path.read_text()))
 
 
+def faults_of_search(site: Path, synonyms: dict[str, list[str]]) -> Iterator[str]:
+    """Return the words whose first result of the search is another page, by the scores of ``searchtools.js``.
+
+    A main entry of the index that is the word itself has 100 points, a title 15 at most.
+    """
+    text = (site / "searchindex.js").read_text()
+    index = json.loads(text[text.index("{") : text.rindex("}") + 1])
+    for page, words in synonyms.items():
+        for word in words:
+            found = index["indexentries"].get(word.lower(), [])
+            if [index["docnames"][number] for number, _, main in found if main] != [page]:
+                yield f"a search for '{word}' does not begin with {page}"
+
+
 if __name__ == "__main__":
-    found = list(faults_of_site(Path(sys.argv[1])))
-    print("\n".join(found) or "nothing comes from another host")
+    sys.path.insert(0, str(Path(__file__).parent))
+    from site_pages import SYNONYMS
+
+    found = [*faults_of_site(Path(sys.argv[1])), *faults_of_search(Path(sys.argv[1]), SYNONYMS)]
+    print("\n".join(found) or "nothing comes from another host, and words of readers lead to their page")
     sys.exit(bool(found))

@@ -44,6 +44,33 @@ SECTIONS = {
 """Parts of the table of contents; a pattern stands for the pages that no part names."""
 RANKS = {"Evidence": -100, "Project": -5, "Reference": -2}
 """What the search adds to the score of a page: guides come before pages to look things up, and records come last."""
+SYNONYMS = {
+    "answers": [
+        "accelerometer",
+        "armature",
+        "cable",
+        "curb",
+        "IMU",
+        "rope",
+        "rotor inertia",
+        "suspension",
+        "tire",
+        "tyre",
+        "voltage",
+    ],
+    "collisions": ["obstacle", "distance"],
+    "commands": ["video", "extras"],
+    "limits": ["what it cannot do"],
+    "logs": ["bag", "calibration", "ROS"],
+    "own_robot": ["differential", "gripper", "mimic", "MJCF", "URDF", "xacro"],
+    "python": ["balance", "LQR", "linearisation"],
+    "redundancy": ["null space", "nullspace"],
+    "tutorials/11_cmd_vel": ["cmd_vel", "odometry", "twist"],
+    "optimal": ["MPC", "parking"],
+    "ways": ["door", "map", "path planning"],
+    "whole_body": ["chatter", "joint limits", "task priority"],
+}
+"""Words of readers that lead to a page before all others: main entries of Sphinx's index."""
 ELSEWHERE = {*dir(builtins), *typing.__all__, *collections.abc.__all__, "Array", "ndarray", "Float", "Path"}
 """Types in annotations that the site does not document."""
 _LINK = re.compile(r"(\]\()(?![a-z]+:|#|/)([^)\s#]+)(#[^)\s]*)?(\))")
@@ -130,6 +157,9 @@ def relink(app: Sphinx, name: str, source: list[str]) -> None:
     path = Path(app.env.doc2path(name))
     if path.suffix == ".md":
         source[0] = site_links(source[0], path.parent)
+    if words := SYNONYMS.get(name):
+        title, _, rest = source[0].partition("\n")
+        source[0] = f"{title}\n\n```{{index}} {', '.join(f'! {word}' for word in words)}\n```\n{rest}"
     if name == "index":
         source[0] += "\n" + table_of_contents(app.env.found_docs)
 
