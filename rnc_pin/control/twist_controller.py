@@ -267,9 +267,8 @@ class TwistController(ReprMixin):
         missing, size = 1.0 - self._independence(motion, turn) / _REGULAR, np.linalg.norm(goal)
         if missing <= 0.0 or not size:
             return goal, turn
-        part = motion.free.T @ goal / size
         found = []
-        for across in np.linalg.svd(part[None])[2][1:]:
+        for across in np.linalg.svd((motion.free.T @ goal)[None])[2][1:]:
             for sign in (1.0, -1.0):
                 twist = goal + sign * missing * _REGULAR * size * (motion.free @ across)
                 turn = self._turns(motion, q, twist, rates).turn

@@ -146,11 +146,11 @@ class Actuation:
                 names.append(f"{word}({actuator.frame}.{actuator.axis})")
                 units.append("N m" if offset else "N")
             elif isinstance(actuator, OpenDifferential):
+                if isinstance(actuator.joints, str) or len(set(actuator.joints)) < 2:
+                    raise ConstraintError(f"a differential needs two joints or more, found {actuator.joints!r}")
                 places = [
                     robot.single_joint(name, "a differential drives those with one").idx_v for name in actuator.joints
                 ]
-                if isinstance(actuator.joints, str) or len(set(places)) < 2:
-                    raise ConstraintError(f"a differential needs two joints or more, found {actuator.joints!r}")
                 self._constant[places, column] = 1.0 / len(places)
                 self.limits[column] = actuator.limit
                 names.append(f"differential({', '.join(actuator.joints)})")

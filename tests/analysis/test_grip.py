@@ -311,11 +311,16 @@ def test_the_program_of_whole_body_control_has_the_same_forces():
     """Its pyramids lie inside the cones: feasible above the share divided by the cosine, infeasible below the share."""
     reduced, generator = systems.on_four_wheels(), np.random.default_rng(2)
     q = reduced.robot.configuration()
+    ahead = reduced.at(np.tile(q, (2, 1)), np.zeros((2, 1)))
     for T in generator.normal(size=(5, 4)):
         share = rnc.Grip(reduced, 1.0).used(q, np.zeros(1), T).max()
         for friction, feasible in ((0.999 * share, False), (1.001 * share / np.cos(np.pi / 8), True)):
-            bounds = ContactCones(reduced, friction).at(reduced.at(q, np.zeros(1)))
+            cones = ContactCones(reduced, friction)
+            bounds = cones.at(reduced.at(q, np.zeros(1)))
             room = bounds.upper - bounds.rows[:, :4] @ T
             free = bounds.rows[:, 4:]
             found = linprog(np.zeros(free.shape[1]), free, room, bounds=(None, None))
             assert (found.status == 0) == feasible
+            excess = cones.excess(ahead, np.array([0.0 * T, T]))
+            least = np.maximum(-bounds.upper, -room)  # of the least forces, at rest and under T
+            assert excess.max() < 1e-9 if feasible else np.abs(excess - least).max() < 1e-9

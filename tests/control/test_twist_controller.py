@@ -285,6 +285,21 @@ def test_noise_does_not_turn_the_base_where_the_axles_are_in_line():
         np.testing.assert_allclose(command.twist, [0.4, 0.0, 0.3], atol=0.01)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_program_aims_beside_angles_at_which_the_axles_are_in_line(sign):
+    """Across the line through both wheels: a twist within 4 % whose guides are apart, and nothing slips."""
+    name, goal = "two steered drives", sign * np.array([-0.2, 0.3, 0.0])
+    controller, q = TwistController(model(name), "base", DT), start(model(name))
+    scale, motion, length = controller._scale, controller.base.at(q), controller.base.length
+    found, turn = controller._regular(motion, q, goal * scale, np.zeros(2))
+    angles = dict(zip(controller.steering, turn, strict=True))  # from straight ahead
+    assert 0.02 < np.linalg.norm(found - goal * scale) / np.linalg.norm(goal) <= 0.04
+    np.testing.assert_allclose(list(expected_wheels(name, found / scale, angles)[1].values()), 0.0, atol=1e-12)
+    places = [(each.x, each.y, angles[each.pivot]) for each in KINDS[name].wheels.values()]
+    guides = [[-np.sin(a), np.cos(a), (x * np.cos(a) + y * np.sin(a)) / length] for x, y, a in places]
+    assert np.linalg.svd(guides)[1][-1] >= 0.75 * 0.04
+
+
 # ---------------------------------------------------------------------- limits
 
 

@@ -106,6 +106,8 @@ def test_actuators_that_are_none_are_refused():
         (["turn", "slide", "turn"], rnc.ConstraintError, "duplicate actuator 'turn'$"),
         (["turn", 3], rnc.ConstraintError,
             "actuator 3 has the wrong type: expected a joint's name, FrameForce, FrameTorque or OpenDifferential$"),
+        *(([rnc.OpenDifferential(joints)], rnc.ConstraintError, "a differential needs two joints or more, found")
+            for joints in (["turn"], ["turn", "turn"], "slide")),
     ):  # fmt: skip
         with pytest.raises(error, match=words):
             Actuation(wrong, robot)
@@ -140,3 +142,12 @@ def test_later_changes_of_given_actuators_change_no_system():
     assert by_name.with_constraints([]).actuation.names == ("joint_1", "joint_2")
     np.testing.assert_array_equal(by_matrix.reduce().at(robot.configuration()).B, np.eye(4)[:, 1:])
     matrix[:] = 0.0  # reading B has not made it read-only
+
+
+def test_a_motor_on_an_open_differential_turns_at_the_mean_speed_of_its_joints():
+    robot = ROBOTS["tree"]
+    actuation = Actuation(["slide", rnc.OpenDifferential(["turn", "endless"], 7.0)], robot)
+    assert (actuation.names[1], actuation.units[1], actuation.limits[1]) == ("differential(turn, endless)", "N m", 7.0)
+    v = np.zeros(robot.nv)
+    v[[robot.velocity_indices(name).start for name in ("turn", "endless", "slide")]] = 3.0, 5.0, 2.0
+    np.testing.assert_array_equal(actuation.constant.T @ v, [2.0, 4.0])

@@ -51,6 +51,8 @@ def test_every_motion_arrives_along_the_rows_by_the_shortest_way(steered, room, 
     first, second = (reduced.at(q).outputs()[0] for q in ends)
     c, s, here, there = np.cos(first[2]), np.sin(first[2]), first[2], second[2]
     seen = np.array([[c, s], [-s, c]]) @ (second - first)[:2]
+    straight = reduced.robot.joint_values(start) | ({"wheel": 0.0} if steered else {})
+    np.testing.assert_allclose(steering.prepared(start), reduced.robot.configuration(straight), atol=1e-9)
     lengths, turns, axle = [], [], rnc.FrameSpeed("point").bind(reduced.robot)
     for motion in steering.motions(start, goal):
         np.testing.assert_allclose(pin.difference(model, motion.q[-1], goal), 0.0, atol=1e-9)

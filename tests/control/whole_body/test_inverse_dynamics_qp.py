@@ -60,10 +60,9 @@ def test_the_velocity_error_of_a_task_decays_at_its_rate(reduced, task):
         np.testing.assert_allclose(errors[1], np.exp(-RATE * DT) * errors[0], rtol=1e-6, atol=1e-8)
 
 
-@pytest.mark.parametrize("dt", [0.02, 0.05, 0.1])
-def test_the_end_of_a_sample_is_as_accurate_as_a_simulation(dt):
+def test_the_end_of_a_sample_is_as_accurate_as_a_simulation():
     """Within 1e-7 per second, by a plant of thousands of steps."""
-    reduced, T = mobile_manipulator(), np.array([1.0, 2.0, -3.0, 4.0])
+    reduced, T, dt = mobile_manipulator(), np.array([1.0, 2.0, -3.0, 4.0]), 0.05
     state = reduced.at(reduced.robot.configuration({"joint_1": 0.5, "joint_2": 1.0}), np.array([1.0, -1.0, 2.0, 3.0]))
     plant = rnc.ReducedPlant(reduced, substeps=2000)
     plant.reset(state.q, state.v)
