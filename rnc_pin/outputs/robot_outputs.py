@@ -301,6 +301,11 @@ def velocity_outputs(robot: Robot) -> dict[str, OutputKind | None]:
 
     Args:
         robot: the robot. None stands for an entry of a joint whose axes move in its body.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> list(rnc.velocity_outputs(robot))
+        ['base_speed_x', 'base_speed_y', 'base_angular_velocity_z', 'joint_1', 'joint_2']
     """
     axes: tuple[Axis, ...] = ("x", "y", "z")
     found: dict[str, OutputKind | None] = {}
