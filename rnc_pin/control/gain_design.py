@@ -232,8 +232,9 @@ class PositionGains(TrackerGains):
         kappa2 = rate * square / (2.0 * gamma**3)
         kappa1 = (square - kappa2 * gamma**2) / gamma**4
         if kappa1 <= 0 or square < (4.0 * rate) ** 2 * float(eigenvalues.max()):
+            late = f" with a delay of {delay:g} s" if delay else ""
             raise InfeasibleError(
-                f"no position gains suit this region: sampling every {dt:g} s{_late(delay)} allows oscillations of "
+                f"no position gains suit this region: sampling every {dt:g} s{late} allows oscillations of "
                 f"{np.sqrt(square):.3g} rad/s, a decay rate of {rate:g}/s with gamma {gamma:g} needs "
                 "more; sample faster or choose a smaller rate"
             )
@@ -323,7 +324,3 @@ def check_gains(**gains: Gain) -> None:
 def _check_delay(delay: float) -> None:
     if not 0 <= delay < np.inf:
         raise ConfigurationError(f"delay of a loop has to be a time [s], not negative, found {delay}")
-
-
-def _late(delay: float) -> str:
-    return f" with a delay of {delay:g} s" if delay else ""

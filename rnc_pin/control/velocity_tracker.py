@@ -118,7 +118,8 @@ class VelocityTracker(DescribedMixin):
         if S is None:
             F, g, C, D = self._learnt(elapsed, measurement, target, state)
         else:
-            F, g, C, D = self._learnt(elapsed, _measured_modes(S, measurement), _desired_modes(S, target), state)
+            desired = VelocityTarget(apply(S.T, target.v2), apply(S.T, target.v2_dot))
+            F, g, C, D = self._learnt(elapsed, _measured_modes(S, measurement), desired, state)
             F = apply(S, F)
         return command_towards(target, F), TrackerState(t, g, C, D, target_state)
 
@@ -151,7 +152,3 @@ def _measured_modes(S: np.ndarray, measurement: Measurement) -> Measurement:
     deficit = measurement.force_deficit
     lost = None if deficit is None else np.linalg.solve(S, deficit[..., None])[..., 0]
     return Measurement(v2=apply(S.T, measurement.v2), force_deficit=lost)
-
-
-def _desired_modes(S: np.ndarray, target: VelocityTarget) -> VelocityTarget:
-    return VelocityTarget(apply(S.T, target.v2), apply(S.T, target.v2_dot))

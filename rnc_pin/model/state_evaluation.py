@@ -261,11 +261,8 @@ class StateEvaluation(ReducedKinematics):
 
     def _multipliers(self, force: Array, v2_dot: Array) -> Array:
         # The remaining force is A^T lambda + J2^T 0 = E^T [lambda; 0].
-        return apply_transposed(self.E_inverse[self._data.multiplied], self._unbalanced(force, v2_dot))
-
-    def _unbalanced(self, force: Array, v2_dot: Array) -> Array:
-        """Generalized forces ``A^T lambda``: what the inputs leave to the constraints."""
-        return force - self.bias - apply(self.M, self.v_dot(v2_dot))
+        left = force - self.bias - apply(self.M, self.v_dot(v2_dot))
+        return apply_transposed(self.E_inverse[self._data.multiplied], left)
 
     def constraint_forces(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch nv"]:
         """Generalized forces ``-A^T lambda`` of all constraints on the robot; arguments as of ``contact_forces``."""

@@ -152,7 +152,8 @@ def _body(
         points, left = [point for point, _ in fixed], _toward(fixed[0][1], rotation)
     elif contacts and all(one.lateral is None and one.joint == joint for one, _ in contacts):
         left = np.full(3, np.nan)
-    return GroundBody(_name(robot, joint), joint, np.mean(points, axis=0) if points else np.zeros(3), left)
+    name = next(iter(robot.links_of(joint)), str(robot.model.names[joint]))
+    return GroundBody(name, joint, np.mean(points, axis=0) if points else np.zeros(3), left)
 
 
 def _own_left(rotation: np.ndarray) -> np.ndarray:
@@ -166,8 +167,3 @@ def _toward(left: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """Return the vector (3,) or its opposite, so that forward points along positive x or y of the body."""
     ahead = rotation.T @ np.cross(rotation @ left, [0.0, 0.0, 1.0])
     return left if ahead[int(np.argmax(np.abs(ahead)))] >= 0 else -left
-
-
-def _name(robot: Robot, joint: int) -> str:
-    """Name of the first body on a joint; that of the joint if it has no body."""
-    return next(iter(robot.links_of(joint)), str(robot.model.names[joint]))

@@ -284,9 +284,12 @@ class SampledRun:
         if self.record.late is not None:
             self.record.late = self.record.late._replace(ticks=self.samples) if self.record.late.late else None
         self.record.integration = self.integration()
-        self.record.missed_updates = _missed_updates(self.loop.state.controller)
-        self.record.unsolved = _unsolved(self.loop.state.controller)
-        self.record.braking = _braking(self.controller, self.loop.state.controller)
+        state = self.loop.state.controller
+        if (late := part_with(state, "missed")) is not None and late.missed:
+            self.record.missed_updates = run_info.MissedUpdates(late.missed, late.updates)
+        if (program := part_with(state, "unsolved")) is not None and program.unsolved.samples:
+            self.record.unsolved = run_info.UnsolvedSamples(*program.unsolved)
+        self.record.braking = _braking(self.controller, state)
         run = self.record.finish(self._dt, self._provenance, outcome, message)
         missed = missed_goals(self.controller, run.q[-1], run.v2[-1]) if len(run.time) else ()
         return judged_by(run, self._reduced, self._accelerations, missed)
@@ -298,18 +301,6 @@ def _blamed(error: DivergenceError, errors: IntegrationErrors | None, v: Array) 
         return error
     what = f"the integrator, not the robot: {error.what}; substeps {errors.most} is too small, set {errors.enough}"
     return DivergenceError(what, time=error.time)
-
-
-def _unsolved(state: object) -> run_info.UnsolvedSamples | None:
-    """Samples without a solution, by the state of a whole-body program or that of the controller within it."""
-    found = part_with(state, "unsolved")
-    return run_info.UnsolvedSamples(*found.unsolved) if found is not None and found.unsolved.samples else None
-
-
-def _missed_updates(state: object) -> run_info.MissedUpdates | None:
-    """Late and failed updates of a predictive controller, by its state or that of the controller within it."""
-    found = part_with(state, "missed")
-    return run_info.MissedUpdates(found.missed, found.updates) if found is not None and found.missed else None
 
 
 def _braking(controller: object, state: object) -> run_info.BrakingUse | None:

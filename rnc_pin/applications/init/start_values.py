@@ -282,7 +282,8 @@ def with_bearable_loads(robot: Robot, start: Mapping[str, float], joints: Collec
         return values, []
     for _ in limits:
         tried = [(name, value) for name in limits for value in _values_around(robot, name, values[name])]
-        overloads = [_overload(_loads(robot, {**values, name: value}, limits)) for name, value in tried]
+        beyond = [_loads(robot, {**values, name: value}, limits) - _BEARABLE for name, value in tried]
+        overloads = [float((np.maximum(each, 0.0) ** 2).sum()) for each in beyond]
         away = [abs(value - values[name]) for name, value in tried]
         best = min(range(len(tried)), key=lambda each: (round(overloads[each], 9), away[each]))
         values = _with_mimics(robot, {**values, tried[best][0]: tried[best][1]})
@@ -321,10 +322,6 @@ def _loads(robot: Robot, start: Mapping[str, float], limits: Mapping[str, float]
     forces = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.configuration(start))
     rows = [robot.velocity_indices(name).start for name in limits]
     return np.abs(forces[rows]) / np.array([*limits.values()])
-
-
-def _overload(loads: np.ndarray) -> float:
-    return float((np.maximum(loads - _BEARABLE, 0.0) ** 2).sum())
 
 
 def _values_around(robot: Robot, name: str, value: float) -> list[float]:

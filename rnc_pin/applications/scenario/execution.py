@@ -74,7 +74,8 @@ def _comparisons(
         shown = _shown(progress, before, f"{scenario.name}: {label}")
         run, failure, _ = scenario.simulated(experiment, _watched(experiment, None, shown))
         before += experiment.simulation.seconds
-        compared = _compared(run_summary(experiment, run))
+        whole = run_summary(experiment, run)
+        compared = cast(Compared, {key: value for key, value in whole.items() if key in Compared.__annotations__})
         if failure is not None:
             compared["message"] = str(failure)
         summary.setdefault("comparisons", {})[label] = compared
@@ -103,11 +104,6 @@ def _watched(experiment: Experiment, observer: Observer | None, report: Callable
             observer(sample)
 
     return watch
-
-
-def _compared(summary: Summary) -> Compared:
-    """Return the part of a comparison's summary that the run's summary contains."""
-    return cast(Compared, {key: value for key, value in summary.items() if key in Compared.__annotations__})
 
 
 def write(scenario: Scenario, result: Result, folder: Path) -> list[str]:
