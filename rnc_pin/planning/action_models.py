@@ -25,7 +25,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
-from rnc_pin.array_shapes import Float, Int
+from rnc_pin.array_shapes import Bool, Float, Int
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.model.reduced_model import ReducedModel
@@ -313,13 +313,14 @@ class KinematicFlow:
 
     Args:
         reduced: the model; no row prescribes a motion.
+        planned: mask (nv,) of the velocities that u has in place of the reduced ones; all others follow from them.
     """
 
-    def __init__(self, reduced: ReducedModel) -> None:
-        self.reduced, self._model = reduced, KinematicModel(reduced)
+    def __init__(self, reduced: ReducedModel, planned: Bool[Array, " nv"] | None = None) -> None:
+        self.reduced, self._model, self._planned = reduced, KinematicModel(reduced), planned
         self.manifold = self._model.manifold
 
-    def step(self, q: Float[Array, "n nq"], u: Float[Array, "n r"]) -> Float[Array, "n nq"]:
+    def step(self, q: Float[Array, "n nq"], u: Float[Array, "n k"]) -> Float[Array, "n nq"]:
         """Configurations after displacements u, by the commutator-free method of Celledoni, Marthinsen and Owren.
 
         Args:
@@ -327,11 +328,11 @@ class KinematicFlow:
             u: reduced velocities times durations.
         """
         move = self.manifold.integrate
-        first = self._v(q, u)
+        first = self.velocity(q, u)
         middle = move(q, 0.5 * first)
-        second = self._v(middle, u)
-        third = self._v(move(q, 0.5 * second), u)
-        fourth = self._v(move(middle, third - 0.5 * first), u)
+        second = self.velocity(middle, u)
+        third = self.velocity(move(q, 0.5 * second), u)
+        fourth = self.velocity(move(middle, third - 0.5 * first), u)
         both = 2.0 * (second + third)
         halfway = move(q, (3.0 * first + both - fourth) / 12.0)
         return move(halfway, (-first + both + 3.0 * fourth) / 12.0)
@@ -383,5 +384,9 @@ class KinematicFlow:
         """Steps of one second: the velocities are the displacements."""
         return Nodes(q, np.empty((len(q), 0))), u, np.ones(len(q))
 
-    def _v(self, q: Array, u: Array) -> Array:
-        return np.asarray(self.reduced.at(q, u).v)
+    def velocity(self, q: Float[Array, "n nq"], u: Float[Array, "n k"]) -> Float[Array, "n nv"]:
+        """Velocities (n, nv) for u at configurations."""
+        if self._planned is None:
+            return np.asarray(self.reduced.at(q, u).v)
+        R = self.reduced.at(q).R
+        return np.asarray(np.matvec(R @ np.linalg.pinv(R[:, self._planned]), u))

@@ -8,8 +8,8 @@ configuration manifold. A planar base then drives an arc of constant curvature. 
     car                  the curvature of the base depends on one joint: shortest paths of Reeds and Shepp between
                          straight wheels; the car stands while it steers
 
-Wheels without limits, on which no row depends, follow: their angles are a result, and no part of a goal. A joint that
-is coupled to another, such as a mimic finger, moves with it.
+Wheels and casters without limits follow: their angles are a result, and no part of a goal. A joint that is coupled to
+another, such as a mimic finger or the second knuckle of a car, moves with it.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ import scipy
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Bool, Float
-from rnc_pin.errors import InfeasibleError, SingularityError
+from rnc_pin.errors import ConfigurationError, InfeasibleError, SingularityError
 from rnc_pin.model.coordinates import ConfigurationManifold, wrapped
+from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.relative_rows import CouplingRow
+from rnc_pin.planning.action_models import KinematicFlow
 from rnc_pin.planning.shortest_paths import Word, reeds_shepp_words
 from rnc_pin.robots.joint_values import NO_LIMIT
 
@@ -37,6 +38,9 @@ _ROUNDED = 1e-12  # error of a curvature, relative to the largest one, that roun
 _SHORT = 1e-12  # displacement [m or rad] that is left out
 _TURN = 1.7  # [rad]; longest turn of one displacement, below a half turn about any axis
 _LAST_TURNS = {"JointModelPlanar": 1, "JointModelFreeFlyer": 3}  # velocities that turn; all of other circles and balls
+_EXACT = 1e-9  # [m or rad]; changes that rounding may cause
+_PARTS = np.array([0.0, 0.4, 1.0])  # of a motion, at which the velocities of followers are compared
+_FINE = 0.02  # [m or rad]; steps of a motion in which followers change their velocities
 _PATHS = 3  # shortest paths of a car that are tried
 
 
@@ -45,31 +49,52 @@ def base_axes(model: pin.Model) -> int:
     return {"JointModelPlanar": 2, "JointModelFreeFlyer": 3}.get(model.joints[1].shortname(), 0)
 
 
-class _Coupling(NamedTuple):
-    """Coupling of a joint to its driver, with one number each for their positions."""
-
-    joint: str
-    driver: str
-    row: CouplingRow
-
-
-def joint_couplings(reduced: ReducedModel) -> list[_Coupling]:
-    """Couplings of pairs of joints in which no driver is coupled itself.
+class JointCouplings:
+    """Joints that follow others by holonomic rows of one or two joints, such as mimic fingers and second knuckles.
 
     Args:
         reduced: the model.
+
+    Attributes:
+        velocities: indices in v of the joints that follow: of each row the last one that follows in no other.
+        positions: first indices of the same joints in q.
+        unknown: names of other holonomic rows.
     """
-    rows = [block for block, *_ in reduced.all_constraints.places if isinstance(block, CouplingRow)]
-    model, robot, led = reduced.robot.model, reduced.robot, {row.joint for row in rows}
-    pairs = [_Coupling(row.joint, row.driver, row) for row in rows if row.driver is not None and row.driver not in led]
-    return [each for each in pairs if all(model.joints[robot.joint_id(name)].nq == 1 for name in each[:2])]
+
+    def __init__(self, reduced: ReducedModel) -> None:
+        self._reduced, self.velocities, self.unknown = reduced, list[int](), list[str]()
+        joints, rows, at = list(reduced.robot.model.joints)[1:], reduced.assembly, reduced.robot.configuration()
+        single = [each.idx_v for each in joints if each.nv == 1]
+        jacobian = rows.jacobian(Kinematics(reduced.robot).position(at)) if rows.size else []
+        for name, row in zip(rows.names, jacobian, strict=True):
+            moved = np.flatnonzero(row)
+            free = np.setdiff1d(moved, self.velocities)
+            if len(moved) > 2 or not len(free) or not np.isin(moved, single).all():
+                self.unknown.append(name)
+            else:
+                self.velocities.append(int(free[-1]))
+        self.positions = [each.idx_q for each in joints if each.idx_v in self.velocities]
+        names = zip(joints, reduced.robot.joint_names, strict=True)
+        self._hold = [name for joint, name in names if joint.idx_v not in self.velocities]
+
+    def applied(self, q: Float[Array, " nq"]) -> Float[Array, " nq"]:
+        """Return a configuration with the joints that follow where the rows need them.
+
+        Args:
+            q: a configuration (nq,) with any positions of these joints.
+        """
+        return self._reduced.assembled(q, self._hold) if self.velocities else np.array(q)
 
 
 class ExactMotion(NamedTuple):
-    """Configurations (k + 1, nq), and the displacements (k, nv) that lead from each to the next."""
+    """Configurations (k + 1, nq), and the displacements (k, nv) that lead from each to the next.
+
+    If the motion is no geodesic, the velocities of joints that follow change between two configurations.
+    """
 
     q: Float[Array, "n nq"]
     steps: Float[Array, "k nv"]
+    geodesic: bool = True
 
 
 class Steering(ABC):
@@ -89,11 +114,7 @@ class Steering(ABC):
 
     def __init__(self, reduced: ReducedModel, planned: Bool[Array, " nv"]) -> None:
         self.reduced, self.planned = reduced, planned
-        self._coupled = joint_couplings(reduced)
-        self._coupling = np.eye(reduced.n)
-        for *pair, row in self._coupled:
-            joint, driver = (reduced.robot.velocity_indices(name).start for name in pair)
-            self._coupling[joint], self._coupling[joint, driver] = 0.0, row.ratio
+        self.couplings = JointCouplings(reduced)
         self.manifold = ConfigurationManifold(reduced.robot.model)
         self._turns = np.zeros(len(planned), dtype=bool)
         for joint in list(reduced.robot.model.joints)[1:]:
@@ -118,40 +139,38 @@ class Steering(ABC):
         """
         return np.array(q)
 
-    def coupled(self, q: Float[Array, " nq"]) -> Float[Array, " nq"]:
-        """Return a configuration with the joints of couplings, such as mimic fingers, where their drivers need them.
-
-        Args:
-            q: a configuration (nq,) with any positions of these joints.
-        """
-        found, model = np.array(q), self.reduced.robot.model
-        for *pair, row in self._coupled:
-            joint, driver = (model.joints[self.reduced.robot.joint_id(name)].idx_q for name in pair)
-            found[joint] = row.ratio * q[driver] + row.offset
-        return found
-
     def _along(self, start: Array, steps: Array) -> ExactMotion:
         return self.along(start, steps[np.abs(steps).max(axis=1, initial=0.0) > _SHORT])
 
     def along(self, start: Float[Array, " nq"], steps: Float[Array, "k nv"]) -> ExactMotion:
         """Motion along displacements, with long turns divided: two configurations do not tell them from short ones."""
-        steps = steps @ self._coupling.T
         counts = np.maximum(np.ceil(np.abs(steps[:, self._turns]).max(axis=1, initial=0.0) / _TURN), 1.0).astype(int)
         steps = np.repeat(steps / counts[:, None], counts, axis=0)
-        found = [np.array(start)]
+        found, led = [np.array(start)], self.couplings.velocities
         for step in steps:
-            found.append(self.manifold.integrate(found[-1][None], step[None])[0])
+            found.append(self.couplings.applied(self.manifold.integrate(found[-1][None], step[None])[0]))
+            step[led] = self.manifold.difference(found[-2][None], found[-1][None])[0, led]
         return ExactMotion(np.array(found), steps)
 
     def completed(self, motion: ExactMotion, start: Float[Array, " nq"]) -> ExactMotion:
-        """The motion of the planned joints from another start, with the joints that follow."""
-        q, steps = [np.array(start)], []
-        for step in motion.steps:
-            R = self.reduced.at(q[-1]).R
-            u = np.linalg.lstsq(R[self.planned], step[self.planned], rcond=None)[0]
-            steps.append(np.where(self.planned, step, R @ u))
-            q.append(self.manifold.integrate(q[-1][None], steps[-1][None])[0])
-        return ExactMotion(np.array(q), np.array(steps).reshape(-1, len(self.planned)))
+        """The motion of the planned joints from another start, with the joints that follow.
+
+        Raises:
+            ConfigurationError: the rows do not allow the motion.
+        """
+        flow, q, steps, geodesic = KinematicFlow(self.reduced, self.planned), [np.array(start)], list[Array](), True
+        for step in motion.steps[:, self.planned]:
+            along = flow.step(np.repeat(q[-1][None], len(_PARTS), axis=0), np.outer(_PARTS, step))
+            v = flow.velocity(along, np.repeat(step[None], len(_PARTS), axis=0))
+            if np.abs(v[:, self.planned] - step).max() > _EXACT:
+                raise ConfigurationError("find_way: the rows do not allow a motion of the exact steering")
+            changes = np.ptp(v, axis=0).max() > _EXACT
+            pieces = int(np.ceil(np.abs(step).max() / _FINE)) if changes else 1
+            geodesic = geodesic and not changes
+            for _ in range(pieces):
+                steps.append(flow.velocity(q[-1][None], step[None] / pieces)[0])
+                q.append(self.couplings.applied(flow.step(q[-1][None], step[None] / pieces)[0]))
+        return ExactMotion(np.array(q), np.array(steps).reshape(-1, len(self.planned)), geodesic)
 
 
 class FreeSteering(Steering):
@@ -304,7 +323,10 @@ class CarSteering(_AxleSteering):
         """Curvature of the axle's path [1/m]; NaN where the rows are singular, or the base cannot move."""
         places = np.repeat(self._q0[None], len(angles), axis=0)
         places[:, self._entry] = angles
-        places = np.array([self.coupled(q) for q in places])
+        places = np.array([self.couplings.applied(q) for q in places])
+        model, led = self.reduced.robot.model, self.couplings.positions
+        low, high, held = model.lowerPositionLimit[led], model.upperPositionLimit[led], places[:, led]
+        beyond = ((low < high) & ((held < low - _EXACT) | (held > high + _EXACT))).any(axis=1)
         try:
             R = self.reduced.at(places).R
         except SingularityError:
@@ -312,7 +334,7 @@ class CarSteering(_AxleSteering):
                 return np.array([np.nan])
             return np.array([self._curvature(angle) for angle in angles])
         speed, turn = self.axle_velocity(np.linalg.svd(R[:, self.base])[0][:, :, 0].T)
-        return np.divide(turn, speed, out=np.full(len(angles), np.nan), where=np.abs(speed) > 1e-6)
+        return np.divide(turn, speed, out=np.full(len(angles), np.nan), where=(np.abs(speed) > 1e-6) & ~beyond)
 
     def displacements(self, start: Array, goal: Array) -> Iterator[Array]:
         for word in self._words(start, goal)[:_PATHS]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple, NoReturn
 
 import numpy as np
@@ -11,12 +10,13 @@ import scipy
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.constraints.ground_plane import RollingRows
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, SingularityError
 from rnc_pin.model.frame_rows import FrameVelocityRows
 from rnc_pin.model.kinematics import OWN_AXES
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.planning.exact_steering import CarSteering, DifferentialDrive, FreeSteering, Steering, joint_couplings
+from rnc_pin.planning.exact_steering import CarSteering, DifferentialDrive, FreeSteering, JointCouplings, Steering
 from rnc_pin.robots.joint_values import NO_LIMIT
 
 _STEPS = 100  # table steps from curvature zero to the largest; interpolated outputs are exact to 1e-9
@@ -162,6 +162,7 @@ class SteeringGeometry:
         raise ConfigurationError(f"frame '{self._frame}' cannot drive a path: it {why}")
 
 
+_LEAST_TRAIL = 1e-6  # trail of a caster over the radius of its wheel
 _SAMPLES = 6  # random configurations at which the rows are compared
 _EXACT = 1e-9  # largest difference of unit vectors that counts as rounding
 
@@ -189,13 +190,10 @@ def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], *, room: float
     """
     if reduced.affine:
         _refuse(reduced, "its rows prescribe a motion")
-    couplings = joint_couplings(reduced)
-    known = {name for each in couplings for name in each.row.names}
-    unknown = [name for name in reduced.assembly.names if name not in known]
-    if unknown:
-        _refuse(reduced, f"row '{unknown[0]}' couples joints")
     samples = _Samples(reduced, q0)
-    planned = ~samples.followers([reduced.robot.velocity_indices(each.joint).start for each in couplings])
+    if samples.couplings.unknown:
+        _refuse(reduced, f"row '{samples.couplings.unknown[0]}' couples joints")
+    planned = ~samples.followers()
     places = np.flatnonzero(planned)
     if reduced.r == len(places):
         return FreeSteering(reduced, planned)
@@ -240,7 +238,7 @@ def _annihilators(R: Float[Array, "n r"]) -> Float[Array, "k n"]:
 
 
 def planned_velocities(reduced: ReducedModel, q0: Float[Array, " nq"]) -> Bool[Array, " nv"]:
-    """Mask of the velocities that are planned; wheels without limits, on which no row depends, follow.
+    """Mask of the velocities that are planned; wheels and casters without limits, and coupled joints, follow.
 
     Args:
         reduced: the model.
@@ -253,7 +251,7 @@ class _Samples:
     """Random configurations within the limits, and bases R (nv, r) of the velocities that the rows allow there."""
 
     def __init__(self, reduced: ReducedModel, q0: Array) -> None:
-        self._reduced, self._model = reduced, reduced.robot.model
+        self._reduced, self._model, self.couplings = reduced, reduced.robot.model, JointCouplings(reduced)
         self._generator = np.random.default_rng(0)
         lower, upper = self._model.lowerPositionLimit.copy(), self._model.upperPositionLimit.copy()
         wide = ~((lower > -NO_LIMIT) & (upper < NO_LIMIT) & (lower < upper))
@@ -263,28 +261,38 @@ class _Samples:
         for _ in range(20 * _SAMPLES):
             if len(self._q) == _SAMPLES:
                 break
-            q = pin.randomConfiguration(self._model, lower, upper)
+            q = self.couplings.applied(pin.randomConfiguration(self._model, lower, upper))
             try:
                 self.bases.append(np.array(reduced.at(q).R))
             except SingularityError:
                 continue
             self._q.append(q)
 
-    def followers(self, coupled: Sequence[int] = ()) -> Bool[Array, " nv"]:
-        """Mask of joints that follow: without limits, no row depends on them, and others determine their motion.
+    def followers(self) -> Bool[Array, " nv"]:
+        """Mask of joints that follow: those of couplings, and those without limits whose motion others determine.
 
-        Args:
-            coupled: velocities of joints that follow drivers.
+        Among these are wheels, on whose angles no row depends, and casters, whose angles matter for themselves alone.
         """
-        found = np.isin(np.arange(self._model.nv), coupled)
-        for joint in list(self._model.joints)[1:]:
-            if joint.nv != 1 or found[joint.idx_v] or not self._unlimited(joint):
-                continue
-            rest = ~found
-            rest[joint.idx_v] = False
-            if all(np.linalg.matrix_rank(R[rest], tol=_EXACT) == R.shape[1] for R in self.bases):
-                found[joint.idx_v] = not self._matters(int(joint.idx_v), slice(None))
+        found = np.isin(np.arange(self._model.nv), self.couplings.velocities)
+        size = -1
+        while size < found.sum():
+            size = found.sum()
+            for joint in list(self._model.joints)[1:]:
+                if joint.nv != 1 or found[joint.idx_v] or not self._unlimited(joint):
+                    continue
+                rest = ~found
+                rest[joint.idx_v] = False
+                if all(np.linalg.matrix_rank(R[rest], tol=_EXACT) == R.shape[1] for R in self.bases):
+                    rows = rest if self._is_caster(joint) else slice(None)
+                    found[joint.idx_v] = not self._matters(int(joint.idx_v), rows)
         return found
+
+    def _is_caster(self, joint: pin.JointModel) -> bool:
+        """True if a wheel that a joint carries trails it by less than its diameter: it turns round below the base."""
+        position = self._reduced.at(self._q[0]).position
+        wheels = [block for block, *_ in self._reduced.all_constraints.places if isinstance(block, RollingRows)]
+        levers = [np.linalg.norm(position.jacobian(each.frame)[:3, joint.idx_v]) / each.radius for each in wheels]
+        return any(_LEAST_TRAIL < lever < 2.0 for lever in levers)
 
     def _unlimited(self, joint: pin.JointModel) -> bool:
         entry = slice(joint.idx_q, joint.idx_q + joint.nq)
@@ -296,13 +304,13 @@ class _Samples:
         single = [int(each.idx_v) for each in list(self._model.joints)[1:] if each.nv == 1]
         return [index for index in single if planned[index] and self._matters(index, rows)]
 
-    def _matters(self, index: int, rows: slice) -> bool:
+    def _matters(self, index: int, rows: slice | Bool[Array, " nv"]) -> bool:
         """True if the velocities that the rows allow depend on a joint."""
         for q, R in zip(self._q, self.bases, strict=True):
             step = np.zeros(self._model.nv)
             step[index] = self._generator.uniform(0.05, 0.5)
             try:
-                other = self._reduced.at(pin.integrate(self._model, q, step)).R
+                other = self._reduced.at(self.couplings.applied(pin.integrate(self._model, q, step))).R
             except SingularityError:
                 return True
             if np.abs(_projector(other[rows]) - _projector(R[rows])).max() > _EXACT:

@@ -45,8 +45,8 @@ class WayInfo:
 class Way(SummaryMixin):
     """Collision-free motion along which the constraint rows hold.
 
-    The reduced velocities ``J2(q) v`` are constant between nodes. By exact steering, joints move at constant rates too:
-    a node is followed by a geodesic. The velocity jumps at nodes, so that a robot has to stop there, or to follow a
+    Between nodes the planned joints move at constant rates by exact steering. Of propagated motions, the reduced
+    velocities ``J2(q) v`` are constant. The velocity jumps at nodes, so that a robot has to stop there, or to follow a
     smoother motion beside the way.
 
     Attributes:
@@ -105,8 +105,9 @@ class Way(SummaryMixin):
             if self.geodesic:
                 found = self._manifold.integrate(self.q[k], since * v)
             else:
-                u = np.einsum("nij,nj->ni", self.reduced.at(self.q[k]).J2, v)
-                found = KinematicFlow(self.reduced).step(self.q[k], since * u)
+                planned = None if self.info.steering == "propagated" else self.planned
+                u = np.matvec(self.reduced.at(self.q[k]).J2, v) if planned is None else v[:, planned]
+                found = KinematicFlow(self.reduced, planned).step(self.q[k], since * u)
         return found[0] if np.ndim(t) == 0 else found
 
     def reduced_velocity(self, t: float) -> Float[Array, " r"]:
@@ -128,7 +129,7 @@ class Way(SummaryMixin):
             place = self.narrowest
             lines.append(("narrowest place", items([f"{place.distance:.3g} m at {place.time:.3g} s, {place.pair}"])))
         found = f"found in {self.info.seconds:.2g} s, {counted(self.info.edges, 'motion')} checked"
-        how = "steering" if self.geodesic else "motions"
+        how = "motions" if self.info.steering == "propagated" else "steering"
         return ObjectSummary(f"Way by {self.info.steering} {how}", [*lines, ("search", items([found]))])
 
 
@@ -149,7 +150,6 @@ def way_along(
     v = motion.steps / durations[:, None]
     for array in (time, motion.q, v):
         array.setflags(write=False)
-    geodesic = info.steering != "propagated"
     return Way(
         reduced=reduced,
         time=time,
@@ -157,10 +157,10 @@ def way_along(
         v=v,
         planned=planned,
         length=_length(reduced, motion),
-        residual=_residual(reduced, motion, v, geodesic),
+        residual=_residual(reduced, motion, v),
         info=info,
         checker=checker,
-        geodesic=geodesic,
+        geodesic=motion.geodesic,
     )
 
 
@@ -171,10 +171,10 @@ def _length(reduced: ReducedModel, motion: ExactMotion) -> float:
     return float(np.linalg.norm(motion.steps[:, places], axis=1).sum())
 
 
-def _residual(reduced: ReducedModel, motion: ExactMotion, v: Array, geodesic: bool) -> float:
+def _residual(reduced: ReducedModel, motion: ExactMotion, v: Array) -> float:
     """Largest entry of ``A(q) v`` at the nodes; for geodesics also halfway and at their ends."""
     places = [motion.q[:-1]]
-    if geodesic:
+    if motion.geodesic:
         places += [
             ConfigurationManifold(reduced.robot.model).integrate(motion.q[:-1], 0.5 * motion.steps),
             motion.q[1:],

@@ -157,7 +157,7 @@ def find_way(
         motion = steering.completed(motion, start)
         follow = None if planned.all() else checker
         if follow is not None and not follow.holds_with(steering.along(start, motion.steps), ~planned):
-            raise InfeasibleError("find_way: wheels that follow collide, because they are not round")
+            raise InfeasibleError("find_way: wheels or casters that follow collide on the way: they are not round")
     kind = "propagated" if steering is None else steering.kind
     info = WayInfo(kind, budget.elapsed, budget.motions, len(ends))
     return way_along(reduced, planned, checker, motion, info)

@@ -308,7 +308,7 @@ class PropagatedSearch:
             return None
         self._budget.motions += 1
         motion = ExactMotion(
-            q, np.asarray(self._flow.reduced.at(q[:-1], np.repeat(inputs / counts[:, None], counts, axis=0)).v)
+            q, self._flow.velocity(q[:-1], np.repeat(inputs / counts[:, None], counts, axis=0)), geodesic=False
         )
         if self._checker is not None and not self._checker.is_free(motion):
             return None

@@ -53,7 +53,7 @@ class WaySpace:
         from ompl import base as ob
 
         self._ob, self._model = ob, steering.reduced.robot.model
-        self._q0, self._coupled = np.array(configurations[0]), steering.coupled
+        self._q0, self._coupled = np.array(configurations[0]), steering.couplings.applied
         self.space = ob.CompoundStateSpace()
         self._parts: list[tuple[str, int]] = []
         reals: list[tuple[int, float, float]] = []

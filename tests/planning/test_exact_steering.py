@@ -109,7 +109,7 @@ def test_fingers_that_are_coupled_leave_the_steering_exact(steered, kind):
     np.testing.assert_allclose(pin.difference(reduced.robot.model, motion.q[-1], goal), 0.0, atol=1e-9)
     for q, step in zip(motion.q, motion.steps, strict=False):
         np.testing.assert_allclose(reduced.at(q).A @ step, 0.0, atol=1e-9)
-    found = steering.coupled(reduced.robot.configuration({"finger": 0.2}))
+    found = steering.couplings.applied(reduced.robot.configuration({"finger": 0.2}))
     assert reduced.robot.joint_values(found)["mimic"] == pytest.approx(0.0)
 
 
