@@ -3,9 +3,11 @@
 from . import loop as loop
 from .actuator_velocity import ActuatorVelocityController as ActuatorVelocityController
 from .actuator_velocity import FeasibleTwist as FeasibleTwist
+from .actuator_velocity import OdometryStep as OdometryStep
 from .actuator_velocity import TwistCommand as TwistCommand
 from .actuator_velocity import TwistCut as TwistCut
 from .actuator_velocity import TwistState as TwistState
+from .actuator_velocity import WheelOdometry as WheelOdometry
 from .basic_controllers import ComputedTorque as ComputedTorque
 from .basic_controllers import ReducingOutputController as ReducingOutputController
 from .basic_controllers import StateFeedback as StateFeedback
@@ -55,8 +57,6 @@ from .velocity_tracker import VelocityTracker as VelocityTracker
 from .wheel_regressor import UnknownRadius as UnknownRadius
 from .wheel_regressor import UnknownTrack as UnknownTrack
 from .wheel_regressor import WheelRegressor as WheelRegressor
-from .wheeled_base import OdometryStep as OdometryStep
-from .wheeled_base import WheelOdometry as WheelOdometry
 from .whole_body import ControlSample as ControlSample
 from .whole_body import InputSolution as InputSolution
 from .whole_body import InverseDynamicsQP as InverseDynamicsQP

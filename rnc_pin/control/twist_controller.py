@@ -16,16 +16,17 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
+from rnc_pin.constraints.wheeled_base import BaseMotion, WheeledBase
 from rnc_pin.control.actuator_velocity import (
     FeasibleTwist,
     Twist,
     TwistCommand,
     TwistCut,
     TwistState,
+    check_velocity_actuation,
     driven_joints,
     velocity_limits,
 )
-from rnc_pin.control.wheeled_base import BaseMotion, WheeledBase
 from rnc_pin.control.whole_body.limit_stack import nearest_point
 from rnc_pin.control.whole_body.limits.joint_limits import limited_positions
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
@@ -121,6 +122,7 @@ class TwistController(ReprMixin):
                 f"a twist controller needs dt > 0, 0 < slip < 1, 0 < waits <= pi / 2 and three positive accelerations, "
                 f"found {dt!r}, {slip!r}, {waits!r} and {max_acceleration!r}"
             )
+        check_velocity_actuation(reduced)
         self.waits, self._acceleration = float(waits), most
         self.base, self.dt, self.slip = WheeledBase(reduced, frame, length), float(dt), float(slip)
         self.frame, self.joints = frame, driven_joints(reduced)

@@ -11,8 +11,8 @@ import numpy as np
 
 from rnc_pin.analysis import Grip, NormalForces, first_lift_off
 from rnc_pin.array_shapes import Float, Int
+from rnc_pin.constraints.wheeled_base import missing_lateral_rows
 from rnc_pin.control.controller import LimitedAcceleration, MissedGoal
-from rnc_pin.control.wheeled_base import missing_lateral_rows
 from rnc_pin.errors import InputError, RncError, few
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kinematics import Kinematics
