@@ -29,6 +29,9 @@ _ROUNDED = 1e-3  # slope of an axle, or trail of a wheel in lengths of the base,
 _ZERO = 1e-9  # effect of a joint on a row of unit length that rounding of numbers may cause
 _UPRIGHT = 0.9  # vertical part of the axis of a pivot
 _RANK = 1e-5  # smallest relative singular value of the followers' columns
+_UNDECIDED = 0.1  # [rad] about a quarter turn within which a pivot goes on in its last direction
+_HALF_TURNS = np.pi * np.arange(-2, 3)[:, None]  # half turns between the solutions of one pivot
+_SETTLED = 1e-12  # [rad]
 _PLANAR, _LIFT = (0, 1, 5), (2, 3, 4)  # rows of a frame's velocity in the plane of its x and y axes, and out of it
 
 
@@ -54,6 +57,13 @@ class BaseMotion(NamedTuple):
         if given.all():
             return np.asarray(self.free @ (self.free.T @ twist))
         return np.asarray(self.free @ np.linalg.lstsq(self.free[given], twist[given], rcond=None)[0])
+
+
+class PivotTurns(NamedTuple):
+    """Turns of the pivots [rad], and the angles (k,) that their limits cut [rad]."""
+
+    turn: Float[Array, " k"]
+    beyond: Float[Array, " k"]
 
 
 class WheeledBase:
@@ -127,6 +137,43 @@ class WheeledBase:
         """Independent rows (m, nv) at a configuration (nq,), scaled, and the base's velocities (3, 3) per twist."""
         state = self.reduced.at(q)
         return state.A * self._scales[state.kept], self._to_base(state.position) * [1.0, 1.0, self.length]
+
+    def turns(self, motion: BaseMotion, aim: Array, low: Array, high: Array, rates: Array) -> PivotTurns:
+        """Turns of the pivots to the angles of a scaled twist, the shorter of both where limits admit it.
+
+        Args:
+            motion: admissible motion at the present angles.
+            aim: scaled twist (3,).
+            low, high: largest turns to both sides (k,) [rad].
+            rates: present rates (k,), which decide between turns of nearly the same size [rad/s].
+        """
+        if not len(self.pivots):
+            return PivotTurns(np.zeros(0), np.zeros(0))
+        across, along = motion.guides[self.aims] @ aim, motion.slopes[self.aims] @ aim
+        size = np.hypot(across, along)
+        shortest = np.arctan2(-across * np.where(along < 0.0, -1.0, 1.0), np.abs(along))
+        found = shortest + _HALF_TURNS
+        undecided = np.abs(shortest) > np.pi / 2 - _UNDECIDED
+        cost = np.abs(found) + 4.0 * _UNDECIDED * (undecided & (found * rates < 0.0))
+        cost[(found < low - _SETTLED) | (found > high + _SETTLED)] = np.inf
+        best, columns = np.argmin(cost, axis=0), np.arange(len(size))
+        turn, beyond, outside = found[best, columns], np.zeros(len(size)), np.isinf(cost[best, columns])
+        if outside.any():
+            ends = np.stack([low[outside], high[outside]])
+            missed = np.abs(across[outside] * np.cos(ends) + along[outside] * np.sin(ends))
+            end = ends[np.argmin(missed + _ZERO * size[outside] * np.abs(ends), axis=0), np.arange(outside.sum())]
+            turn[outside], beyond[outside] = end, np.abs(found[:, outside] - end).min(axis=0)
+        through = size <= _ZERO * np.linalg.norm(aim)  # the centre of rotation is on the axis of the pivot
+        turn[through] = beyond[through] = 0.0
+        return PivotTurns(turn, beyond)
+
+    def independence(self, motion: BaseMotion, turn: Float[Array, " k"]) -> float:
+        """Smallest singular value of the guides of the model after turns of the pivots; infinite for one guide."""
+        aims, own = self.aims[self.kept], self.kept
+        if len(aims) < 2:
+            return np.inf
+        turned = motion.guides[aims] * np.cos(turn[own])[:, None] + motion.slopes[aims] * np.sin(turn[own])[:, None]
+        return float(np.linalg.svd(turned, compute_uv=False)[-1])
 
     # ------------------------------------------------------------------ structure
 

@@ -16,7 +16,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.constraints.wheeled_base import BaseMotion, WheeledBase
+from rnc_pin.constraints.wheeled_base import BaseMotion, PivotTurns, WheeledBase
 from rnc_pin.control.actuator_velocity import (
     FeasibleTwist,
     Twist,
@@ -36,8 +36,6 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
 
 _STILL = 1e-9  # share of a twist that rounding causes
-_UNDECIDED = 0.1  # [rad] about a quarter turn within which a pivot goes on in its last direction
-_HALF_TURNS = np.pi * np.arange(-2, 3)[:, None]  # half turns between the solutions of one pivot
 _MOVING = 0.1  # share of the command below which a base counts as standing
 _HALVINGS = 12
 _MOST = 6  # steered wheels with limits for which all choices of rolling are compared
@@ -242,7 +240,7 @@ class TwistController(ReprMixin):
         motion, pivots = self.base.at(q), self.base.pivots
         last, rates = np.linalg.solve(motion.moving[self.base.base], v[self.base.base]), v[pivots]
         goal, turn = self._regular(motion, q, self._in_range(motion, q, motion.allowed(wanted), rates)[0], rates)
-        independence = self._independence(motion, 0.0 * turn)
+        independence = self.base.independence(motion, 0.0 * turn)
         largest, still = np.abs(turn).max(initial=0.0), max(_QUIET, _MOVING * float(np.linalg.norm(goal)))
         if largest > min(_AIMED, 0.25 * independence) and np.linalg.norm(last) > still:
             goal, turn = np.zeros(3), 0.0 * turn  # it stops before its pivots turn far
@@ -266,7 +264,7 @@ class TwistController(ReprMixin):
     def _regular(self, motion: BaseMotion, q: Array, goal: Array, rates: Array) -> tuple[Array, Array]:
         """Scaled twist near a goal for which the model's guides are independent, and the turns of the pivots."""
         turn = self._turns(motion, q, goal, rates).turn
-        missing, size = 1.0 - self._independence(motion, turn) / _REGULAR, np.linalg.norm(goal)
+        missing, size = 1.0 - self.base.independence(motion, turn) / _REGULAR, np.linalg.norm(goal)
         if missing <= 0.0 or not size:
             return goal, turn
         found = []
@@ -274,18 +272,10 @@ class TwistController(ReprMixin):
             for sign in (1.0, -1.0):
                 twist = goal + sign * missing * _REGULAR * size * (motion.free @ across)
                 turn = self._turns(motion, q, twist, rates).turn
-                missed = max(0.75 * _REGULAR - self._independence(motion, turn), 0.0)
+                missed = max(0.75 * _REGULAR - self.base.independence(motion, turn), 0.0)
                 found.append((missed, float(np.abs(turn).max()), twist, turn))
         _, _, twist, turn = min(found, key=lambda each: (each[0], each[1]))
         return twist, turn
-
-    def _independence(self, motion: BaseMotion, turn: Array) -> float:
-        """Smallest singular value of the guides of the model after turns of the pivots; infinite for one guide."""
-        aims, own = self.base.aims[self.base.kept], self.base.kept
-        if len(aims) < 2:
-            return np.inf
-        turned = motion.guides[aims] * np.cos(turn[own])[:, None] + motion.slopes[aims] * np.sin(turn[own])[:, None]
-        return float(np.linalg.svd(turned, compute_uv=False)[-1])
 
     def _admitted(self, q: Array, twist: Twist) -> tuple[Array, Array]:
         """Return the configuration, and the scaled twist."""
@@ -307,29 +297,11 @@ class TwistController(ReprMixin):
         low = np.maximum(-limits, np.minimum(self._lower - at, 0.0) / dt)
         return low, np.minimum(limits, np.maximum(self._upper - at, 0.0) / dt)
 
-    def _turns(self, motion: BaseMotion, q: Array, aim: Array, rates: Array) -> _Turns:
+    def _turns(self, motion: BaseMotion, q: Array, aim: Array, rates: Array) -> PivotTurns:
         """Turns of the pivots to the angles of a scaled twist, the shorter of both where limits admit it."""
-        pivots, aims = self.base.pivots, self.base.aims
-        if not len(pivots):
-            return _Turns(np.zeros(0), np.zeros(0))
-        across, along = motion.guides[aims] @ aim, motion.slopes[aims] @ aim
-        size = np.hypot(across, along)
-        shortest = np.arctan2(-across * np.where(along < 0.0, -1.0, 1.0), np.abs(along))
-        low, high = self._lower[pivots] - q[self._places[pivots]], self._upper[pivots] - q[self._places[pivots]]
-        found = shortest + _HALF_TURNS
-        undecided = np.abs(shortest) > np.pi / 2 - _UNDECIDED
-        cost = np.abs(found) + 4.0 * _UNDECIDED * (undecided & (found * rates < 0.0))
-        cost[(found < low - _SETTLED) | (found > high + _SETTLED)] = np.inf
-        best, columns = np.argmin(cost, axis=0), np.arange(len(pivots))
-        turn, beyond, outside = found[best, columns], np.zeros(len(pivots)), np.isinf(cost[best, columns])
-        if outside.any():
-            ends = np.stack([low[outside], high[outside]])
-            missed = np.abs(across[outside] * np.cos(ends) + along[outside] * np.sin(ends))
-            end = ends[np.argmin(missed + _STILL * size[outside] * np.abs(ends), axis=0), np.arange(outside.sum())]
-            turn[outside], beyond[outside] = end, np.abs(found[:, outside] - end).min(axis=0)
-        through = size <= _STILL * np.linalg.norm(aim)  # the centre of rotation is on the axis of the pivot
-        turn[through] = beyond[through] = 0.0
-        return _Turns(turn, beyond)
+        pivots = self.base.pivots
+        at = q[self._places[pivots]]
+        return self.base.turns(motion, aim, self._lower[pivots] - at, self._upper[pivots] - at, rates)
 
     def _in_range(self, motion: BaseMotion, q: Array, goal: Array, rates: Array) -> tuple[Array, Array]:
         """Return the nearest scaled twist for which all pivots are within their limits, and the angles beyond them.
@@ -433,13 +405,6 @@ class TwistController(ReprMixin):
         if scale < 1.0:
             bound = bounds[1][joint] if along[joint] > 0.0 else -bounds[0][joint]
             yield TwistCut("range" if bound < self._limits[joint] else "speed", str(self._names[joint]), scale)
-
-
-class _Turns(NamedTuple):
-    """Turns of the pivots [rad], and the angles (k,) that their limits cut [rad]."""
-
-    turn: Array
-    beyond: Array
 
 
 def _choices(favoured: Array) -> Iterable[Array]:

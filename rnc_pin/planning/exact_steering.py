@@ -7,6 +7,7 @@ configuration manifold. A planar base then drives an arc of constant curvature. 
     differential drive   one row forbids side slip of the base: turn, drive straight, turn
     car                  the curvature of the base depends on one joint: shortest paths of Reeds and Shepp between
                          straight wheels; the car stands while it steers
+    steered drives       the base follows any twist at which its pivots are aimed; it stands while they turn
 
 Wheels and casters without limits follow: their angles are a result, and no part of a goal. A joint that is coupled to
 another, such as a mimic finger or the second knuckle of a car, moves with it.
@@ -16,6 +17,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +26,7 @@ import scipy
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.constraints.wheeled_base import BaseMotion, WheeledBase
 from rnc_pin.errors import ConfigurationError, InfeasibleError, SingularityError
 from rnc_pin.model.coordinates import ConfigurationManifold, wrapped
 from rnc_pin.model.kinematics import Kinematics
@@ -41,6 +44,9 @@ _LAST_TURNS = {"JointModelPlanar": 1, "JointModelFreeFlyer": 3}  # velocities th
 _EXACT = 1e-9  # [m or rad]; changes that rounding may cause
 _PARTS = np.array([0.0, 0.4, 1.0])  # of a motion, at which the velocities of followers are compared
 _FINE = 0.02  # [m or rad]; steps of a motion in which followers change their velocities
+_OFFSETS = 0.3 * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])  # [lengths of the base, rad] of a motion's middle
+_PASSED = np.linspace(0.0, 1.0, 9)  # parts of a turn at which rows have to be independent
+_INDEPENDENT = 0.02  # smallest singular value of the guides
 _PATHS = 3  # shortest paths of a car that are tried
 
 
@@ -107,13 +113,14 @@ class Steering(ABC):
     Attributes:
         kind: name of the family.
         radius: smallest turning radius [m]; zero if the base can turn on the spot.
+        sampled: mask (nv,) of the planned velocities whose joints a search samples.
     """
 
     kind: str
     radius = 0.0
 
     def __init__(self, reduced: ReducedModel, planned: Bool[Array, " nv"]) -> None:
-        self.reduced, self.planned = reduced, planned
+        self.reduced, self.planned, self.sampled = reduced, planned, planned
         self.couplings = JointCouplings(reduced)
         self.manifold = ConfigurationManifold(reduced.robot.model)
         self._turns = np.zeros(len(planned), dtype=bool)
@@ -373,6 +380,90 @@ class CarSteering(_AxleSteering):
         step = np.zeros(len(self.planned))
         step[self._steering] = by
         return step
+
+
+class AimedSteering(Steering):
+    """Base with pivots that can be aimed at any motion: one screw motion, or two beside angles of dependent rows.
+
+    Args:
+        reduced: the model.
+        planned: as for ``Steering``.
+        base: the base.
+        q0: configuration (nq,) whose angles the pivots have between motions.
+
+    Raises:
+        InfeasibleError: a pivot turns by less than half a turn.
+    """
+
+    kind = "steered drives"
+
+    def __init__(
+        self, reduced: ReducedModel, planned: Bool[Array, " nv"], base: WheeledBase, q0: Float[Array, " nq"]
+    ) -> None:
+        super().__init__(reduced, planned)
+        self._base, self._q0 = base, np.array(q0)
+        self.sampled = planned & ~np.isin(np.arange(len(planned)), base.pivots)
+        model = reduced.robot.model
+        joints = [next(each for each in list(model.joints)[1:] if each.idx_v == index) for index in base.pivots]
+        self._entries = [slice(each.idx_q, each.idx_q + each.nq) for each in joints]
+        self._places = np.array([each.idx_q for each in joints])
+        limits = np.array([model.lowerPositionLimit[self._places], model.upperPositionLimit[self._places]])
+        endless = np.array([each.nq == 2 for each in joints]) | (limits[0] >= limits[1])
+        self._limits = np.where(endless, [[-np.inf], [np.inf]], limits)
+        ranges = self._limits[1] - self._limits[0]
+        if ranges.min() < np.pi:
+            name = reduced.robot.velocity_names[base.pivots[np.argmin(ranges)]]
+            raise InfeasibleError(f"joint '{name}' turns by {ranges.min():.3g} rad: steered drives need half a turn")
+
+    def prepared(self, q: Float[Array, " nq"]) -> Float[Array, " nq"]:
+        found = np.array(q)
+        for entry in self._entries:
+            found[entry] = self._q0[entry]
+        return found
+
+    def displacements(self, start: Array, goal: Array) -> Iterator[Array]:
+        difference, move, own = self.manifold.difference, self.manifold.integrate, self._base.base
+        whole = np.where(self.sampled, difference(start[None], goal[None])[0], 0.0)
+        joints, aside, on_base = whole.copy(), np.zeros(len(whole)), np.isin(np.arange(len(whole)), own)
+        joints[own] = 0.0
+        for offset in _OFFSETS:
+            aside[own] = offset * [self._base.length, self._base.length, 1.0]
+            middle = move(move(start[None], 0.5 * (whole - joints)[None]), aside[None])
+            ends = [start[None], middle, goal[None]] if offset.any() else [start[None], goal[None]]
+            pieces = [np.where(on_base, difference(*pair)[0], 0.0) for pair in pairwise(ends)]
+            steps = self._aimed(start, goal, _shared(pieces, joints))
+            if steps is not None:
+                yield steps
+                return
+
+    def _aimed(self, start: Array, goal: Array, pieces: Array) -> Array | None:
+        """Displacements along pieces of a motion, with turns of the pivots before each and at the end; or None."""
+        base, q, steps, pivots = self._base, start, list[Array](), self._base.pivots
+        for piece in pieces:
+            if np.abs(piece[base.base]).max() > _SHORT:
+                motion, at = base.at(q), q[self._places]
+                twist = np.linalg.solve(motion.moving[base.base], piece[base.base])
+                turn, beyond = base.turns(motion, twist, *(self._limits - at), np.zeros(len(pivots)))
+                turns = self._regular(motion, turn)
+                if turns is None or beyond.any():
+                    return None
+                steps += [*turns]
+                q = self.manifold.integrate(q[None], sum(turns)[None])[0]
+            steps.append(piece)
+            q = self.manifold.integrate(q[None], piece[None])[0]
+        turns = self._regular(base.at(q), self.manifold.difference(q[None], goal[None])[0, pivots])
+        return None if turns is None else np.array([*steps, *turns])
+
+    def _regular(self, motion: BaseMotion, turn: Array) -> Array | None:
+        """Turns of the pivots, one after the other if the rows become dependent otherwise; None if they do anyway."""
+        for turns in (turn[None], np.diag(turn), np.diag(turn)[::-1]):
+            before = np.cumsum(turns, axis=0) - turns
+            passed = (before[:, None] + _PASSED[:, None] * turns[:, None]).reshape(-1, len(turn))
+            if min(self._base.independence(motion, each) for each in passed) > _INDEPENDENT:
+                steps = np.zeros((len(turns), len(self.planned)))
+                steps[:, self._base.pivots] = turns
+                return steps
+        return None
 
 
 def _monotonic(values: Array, middle: int) -> tuple[int, int]:

@@ -11,12 +11,20 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.constraints.ground_plane import RollingRows
+from rnc_pin.constraints.wheeled_base import WheeledBase
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, SingularityError
 from rnc_pin.model.frame_rows import FrameVelocityRows
 from rnc_pin.model.kinematics import OWN_AXES
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.planning.exact_steering import CarSteering, DifferentialDrive, FreeSteering, JointCouplings, Steering
+from rnc_pin.planning.exact_steering import (
+    AimedSteering,
+    CarSteering,
+    DifferentialDrive,
+    FreeSteering,
+    JointCouplings,
+    Steering,
+)
 from rnc_pin.robots.joint_values import NO_LIMIT
 
 _STEPS = 100  # table steps from curvature zero to the largest; interpolated outputs are exact to 1e-9
@@ -205,18 +213,18 @@ def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], *, room: float
     on_base = np.isin(places, np.arange(first, first + 3))
     if any(np.abs(each[:, ~on_base]).max(initial=0.0) > _EXACT for each in rows):
         _refuse(reduced, "the rows couple the base with other joints")
-    count = len(places) - reduced.r
-    if count == 1:
-        directions = np.array([each[0, on_base] for each in rows])
-        if np.abs(directions * np.sign(directions @ directions[0])[:, None] - directions[0]).max() > _EXACT:
-            _refuse(reduced, "the direction of the row without side slip changes")
-        return DifferentialDrive(reduced, planned, _axle(reduced, directions[0]))
+    count, steering = len(places) - reduced.r, samples.steering_joints(slice(first, first + 3), planned)
+    if count == 1 and not steering:
+        return DifferentialDrive(reduced, planned, _axle(reduced, rows[0][0, on_base]))
     twists = np.array([np.linalg.svd(each[:, on_base])[2][-1] for each in rows])
     _, sizes, axes = np.linalg.svd(twists)
-    steering = samples.steering_joints(slice(first, first + 3), planned)
-    if count != 2 or sizes[2] > _EXACT * sizes[0] or len(steering) != 1:
-        _refuse(reduced, "the motion of the base is not that of a car with one steering joint")
-    return CarSteering(reduced, planned, _axle(reduced, axes[2]), steering[0], q0, room)
+    if count == 2 and sizes[2] <= _EXACT * sizes[0] and len(steering) == 1:
+        return CarSteering(reduced, planned, _axle(reduced, axes[2]), steering[0], q0, room)
+    drives = WheeledBase(reduced, str(reduced.robot.joint_names[0]))
+    motion = drives.at(q0)
+    if motion.free.shape[1] < 3 or len(motion.guides) > len(drives.pivots) or {*steering} - {*drives.pivots}:
+        _refuse(reduced, "the motion of the base is not that of a car with one steering joint, or of steered drives")
+    return AimedSteering(reduced, planned, drives, q0)
 
 
 def _axle(reduced: ReducedModel, row: Array) -> Array:

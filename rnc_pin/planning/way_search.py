@@ -153,10 +153,12 @@ class WaySearch:
             information.setup()
             problem = ob.ProblemDefinition(information)
             start = _state(information, space, self._start)
+            named = dict[bytes, Array]()
             problem.addStartState(start)
             ends = ob.GoalStates(information)
             for goal in self._goals:
-                ends.addState(_state(information, space, goal))
+                ends.addState(end := _state(information, space, goal))
+                named[space.read(end).tobytes()] = goal
             problem.setGoal(ends)
             self._reached.add(space.read(start).tobytes())
             planner = og.RRTConnect(information)
@@ -173,7 +175,7 @@ class WaySearch:
         finally:
             ou.setLogLevel(level)
             _release(information)
-        q[0] = self._start
+        q[0], q[-1] = self._start, named[q[-1].tobytes()]
         return self._joined(q)
 
     def _joined(self, q: Sequence[Array]) -> ExactMotion | None:

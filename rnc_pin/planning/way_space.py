@@ -58,7 +58,7 @@ class WaySpace:
         self._parts: list[tuple[str, int]] = []
         reals: list[tuple[int, float, float]] = []
         for index, joint in enumerate(self._model.joints):
-            if not index or not steering.planned[joint.idx_v : joint.idx_v + joint.nv].all():
+            if not index or not steering.sampled[joint.idx_v : joint.idx_v + joint.nv].all():
                 continue
             kind, entry = joint.shortname(), int(joint.idx_q)
             if kind == "JointModelPlanar":

@@ -14,6 +14,7 @@ import rnc_pin as rnc
 import rnc_pin.extras
 from benchmarks.planned_models import car, mobile_manipulator, tractor
 from bodies import add_body
+from driven_bases import KINDS, KinematicPlant, drafted_model
 from places import ROOT
 from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.planning import WaySettings, find_way
@@ -92,6 +93,28 @@ def test_a_way_is_exact_and_free_between_its_nodes_too(kind):
     wheels = [k for k, name in enumerate(reduced.robot.velocity_names) if "wheel" in name or "spin" in name]
     assert np.abs(np.delete(moved, wheels)).max() < 1e-9
     assert pin.difference(reduced.robot.model, way.at(way.duration), way.q[-1]) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "kind", sorted({*KINDS} - {"four-wheel steering", "two steered drives side by side", "car with trailer"})
+)
+def test_motors_drive_every_drafted_base_through_a_door_and_no_wheel_slides(kind):
+    base, reduced = KINDS[kind], drafted_model(KINDS[kind])
+    start, model = at_pose(reduced, 0.0, 1.8, 0.7), reduced.robot.model
+    door = gap(1.0, 0.1, length=4.0)
+    goal = {rnc.FramePosition("base", "xy"): [3.0, 1.5], rnc.FrameYaw("base"): 1.2}
+    way = find_way(reduced, start, goal, door, selection=rnc.collision.PairSelection(links=False))
+    assert way.info.steering != "propagated"
+    assert closest(way, door) >= 0.01
+    plant = KinematicPlant(reduced, start)
+    for q, v, h in zip(way.q, way.v, np.diff(way.time), strict=False):
+        plant.advance(reduced.at(q).B.T @ v, h)
+        assert np.abs(pin.difference(model, plant.q, q)).max() < 10.0 * np.abs(v).max() * h
+        for wheel in () if base.rollers else base.wheels.values():
+            heading = 0.0 if wheel.pivot is None else reduced.robot.joint_values(q)[wheel.pivot]
+            moved = [v[0] - v[2] * wheel.y, v[1] + v[2] * wheel.x]
+            assert np.dot(moved, [-np.sin(heading), np.cos(heading)]) == pytest.approx(0.0, abs=1e-9)
+    assert plant.q[:4] == pytest.approx([3.0, 1.5, np.cos(1.2), np.sin(1.2)], abs=1e-3)
 
 
 def test_an_arm_moves_around_an_obstacle():
