@@ -22,6 +22,7 @@ from rnc_pin.model.input_validation import check_positive_settings
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack
+from rnc_pin.robots.joint_values import limited_positions
 from rnc_pin.robots.robot import Robot
 
 _SAMPLES = 3
@@ -85,6 +86,8 @@ class WheeledBase:
         kept: for each pivot, True if its guide is a row of the model, and not one of a wheel without a lateral row.
         slides: True if the rows hold the base sideways at all angles of its pivots, so that it may move to any side.
         length: length of the base [m].
+        places: indices in q (nv,) of joints with position limits.
+        lower, upper: position limits (nv,) [rad or m], infinite without any.
 
     Raises:
         ModelError: unknown frame.
@@ -102,6 +105,10 @@ class WheeledBase:
         generator = np.random.default_rng(0)
         samples = [self._kinematics.position(reduced.random_configuration(generator)) for _ in range(_SAMPLES)]
         self._check_plane(samples)
+        ranged, self.places = limited_positions(robot, None), np.zeros(reduced.n, dtype=int)
+        self.lower, self.upper = np.full((2, reduced.n), [[-np.inf], [np.inf]])
+        self.places[ranged.v], self.lower[ranged.v], self.upper[ranged.v] = ranged.q, ranged.lower, ranged.upper
+        self.lower[self.base], self.upper[self.base] = -np.inf, np.inf
         self._others = np.setdiff1d(np.arange(reduced.n), self.base)
         self.length = 1.0
         self._own = reduced.all_constraints.size
@@ -138,13 +145,13 @@ class WheeledBase:
         state = self.reduced.at(q)
         return state.A * self._scales[state.kept], self._to_base(state.position) * [1.0, 1.0, self.length]
 
-    def turns(self, motion: BaseMotion, aim: Array, low: Array, high: Array, rates: Array) -> PivotTurns:
+    def turns(self, motion: BaseMotion, q: Array, aim: Array, rates: Array) -> PivotTurns:
         """Turns of the pivots to the angles of a scaled twist, the shorter of both where limits admit it.
 
         Args:
-            motion: admissible motion at the present angles.
+            motion: admissible motion at the configuration q (nq,).
+            q: present configuration (nq,).
             aim: scaled twist (3,).
-            low, high: largest turns to both sides (k,) [rad].
             rates: present rates (k,), which decide between turns of nearly the same size [rad/s].
         """
         if not len(self.pivots):
@@ -152,7 +159,8 @@ class WheeledBase:
         across, along = motion.guides[self.aims] @ aim, motion.slopes[self.aims] @ aim
         size = np.hypot(across, along)
         shortest = np.arctan2(-across * np.where(along < 0.0, -1.0, 1.0), np.abs(along))
-        found = shortest + _HALF_TURNS
+        found, at = shortest + _HALF_TURNS, q[self.places[self.pivots]]
+        low, high = self.lower[self.pivots] - at, self.upper[self.pivots] - at
         undecided = np.abs(shortest) > np.pi / 2 - _UNDECIDED
         cost = np.abs(found) + 4.0 * _UNDECIDED * (undecided & (found * rates < 0.0))
         cost[(found < low - _SETTLED) | (found > high + _SETTLED)] = np.inf

@@ -16,7 +16,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.constraints.wheeled_base import BaseMotion, PivotTurns, WheeledBase
+from rnc_pin.constraints.wheeled_base import BaseMotion, WheeledBase
 from rnc_pin.control.actuator_velocity import (
     FeasibleTwist,
     Twist,
@@ -28,7 +28,6 @@ from rnc_pin.control.actuator_velocity import (
     velocity_limits,
 )
 from rnc_pin.control.whole_body.limit_stack import nearest_point
-from rnc_pin.control.whole_body.limits.joint_limits import limited_positions
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
 from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.input_validation import ConfigurationValidator
@@ -131,11 +130,6 @@ class TwistController(ReprMixin):
         self._entries = np.array([reduced.robot.velocity_indices(name).start for name in self.joints], dtype=int)
         self._scale = np.array([1.0, 1.0, self.base.length])
         self._validator = ConfigurationValidator(reduced.robot)
-        ranged = limited_positions(reduced.robot, None)
-        self._places, self._lower = np.zeros(reduced.n, dtype=int), np.full(reduced.n, -np.inf)
-        self._upper = -self._lower
-        self._places[ranged.v], self._lower[ranged.v], self._upper[ranged.v] = ranged.q, ranged.lower, ranged.upper
-        self._lower[self.base.base], self._upper[self.base.base] = -np.inf, np.inf
 
     def initial_state(self) -> TwistState:
         """Return the state of a base that stands and has no command."""
@@ -158,7 +152,7 @@ class TwistController(ReprMixin):
         last = state.twist * self._scale
         goal, beyond = self._in_range(motion, q, self._accelerated(last, motion.allowed(wanted), self.dt), state.rates)
         aim = goal if goal.any() else motion.allowed(state.aim * self._scale)
-        turn = aimed = self._turns(motion, q, aim, state.rates).turn
+        turn = aimed = self.base.turns(motion, q, aim, state.rates).turn
         share, _ = _largest_share(motion.turning @ turn / self.dt, 0.0, bounds)
         if share < 1.0 and goal.any():
             goal, turn = self._followed(motion, q, goal, state, turn, bounds)
@@ -200,7 +194,7 @@ class TwistController(ReprMixin):
         for _ in range(_ITERATIONS):
             motion = self.base.at(q)
             goal, beyond = self._in_range(motion, q, motion.allowed(wanted), resting)
-            left = self._turns(motion, q, goal, resting).turn
+            left = self.base.turns(motion, q, goal, resting).turn
             moved = motion.turning @ left
             share, _ = _largest_share(moved, 0.0, self._bounds(q, 1.0, unlimited))
             if share * np.abs(left).max(initial=0.0) < _SETTLED:
@@ -263,7 +257,7 @@ class TwistController(ReprMixin):
 
     def _regular(self, motion: BaseMotion, q: Array, goal: Array, rates: Array) -> tuple[Array, Array]:
         """Scaled twist near a goal for which the model's guides are independent, and the turns of the pivots."""
-        turn = self._turns(motion, q, goal, rates).turn
+        turn = self.base.turns(motion, q, goal, rates).turn
         missing, size = 1.0 - self.base.independence(motion, turn) / _REGULAR, np.linalg.norm(goal)
         if missing <= 0.0 or not size:
             return goal, turn
@@ -271,7 +265,7 @@ class TwistController(ReprMixin):
         for across in np.linalg.svd((motion.free.T @ goal)[None])[2][1:]:
             for sign in (1.0, -1.0):
                 twist = goal + sign * missing * _REGULAR * size * (motion.free @ across)
-                turn = self._turns(motion, q, twist, rates).turn
+                turn = self.base.turns(motion, q, twist, rates).turn
                 missed = max(0.75 * _REGULAR - self.base.independence(motion, turn), 0.0)
                 found.append((missed, float(np.abs(turn).max()), twist, turn))
         _, _, twist, turn = min(found, key=lambda each: (each[0], each[1]))
@@ -293,15 +287,9 @@ class TwistController(ReprMixin):
 
     def _bounds(self, q: Array, dt: float, limits: Array) -> tuple[Array, Array]:
         """Smallest and largest velocities (nv,) within limits, and within position limits after dt."""
-        at = q[self._places]
-        low = np.maximum(-limits, np.minimum(self._lower - at, 0.0) / dt)
-        return low, np.minimum(limits, np.maximum(self._upper - at, 0.0) / dt)
-
-    def _turns(self, motion: BaseMotion, q: Array, aim: Array, rates: Array) -> PivotTurns:
-        """Turns of the pivots to the angles of a scaled twist, the shorter of both where limits admit it."""
-        pivots = self.base.pivots
-        at = q[self._places[pivots]]
-        return self.base.turns(motion, aim, self._lower[pivots] - at, self._upper[pivots] - at, rates)
+        at = q[self.base.places]
+        low = np.maximum(-limits, np.minimum(self.base.lower - at, 0.0) / dt)
+        return low, np.minimum(limits, np.maximum(self.base.upper - at, 0.0) / dt)
 
     def _in_range(self, motion: BaseMotion, q: Array, goal: Array, rates: Array) -> tuple[Array, Array]:
         """Return the nearest scaled twist for which all pivots are within their limits, and the angles beyond them.
@@ -310,12 +298,12 @@ class TwistController(ReprMixin):
         at both limits has opposite signs: linear bounds of the twist. The nearest of all choices is the result, and
         among equal ones that with the smaller turns.
         """
-        beyond = self._turns(motion, q, goal, rates).beyond
+        beyond = self.base.turns(motion, q, goal, rates).beyond
         if not beyond.any():
             return goal, beyond
         pivots, aims = self.base.pivots, self.base.aims
-        at = q[self._places[pivots]]
-        ends = np.stack([self._lower[pivots] - at, self._upper[pivots] - at])
+        at = q[self.base.places[pivots]]
+        ends = np.stack([self.base.lower[pivots] - at, self.base.upper[pivots] - at])
         narrow = ends[1] - ends[0] < np.pi
         ends = ends[:, narrow, None]
         across, along = (each[aims][narrow] @ motion.free for each in (motion.guides, motion.slopes))
@@ -327,7 +315,7 @@ class TwistController(ReprMixin):
             nearest = nearest_point(part, rows, bounds, np.full(len(bounds), np.inf))
             if nearest is not None:
                 twist = motion.free @ nearest.point
-                turns = np.abs(self._turns(motion, q, twist, rates).turn).max()
+                turns = np.abs(self.base.turns(motion, q, twist, rates).turn).max()
                 found.append((round(float(np.linalg.norm(nearest.point - part)), 9), float(turns), twist))
         twist = min(found, key=lambda each: each[:2])[2]
         return np.where(np.abs(twist) > _STILL * np.linalg.norm(goal), twist, 0.0), beyond
@@ -347,7 +335,7 @@ class TwistController(ReprMixin):
             return wanted, turn
         if last @ wanted < 0.0:  # wheels at the same angles, that roll back slowly
             last = -last * min(1.0, 2.0 * slowest / np.linalg.norm(last))
-        start = self._turns(motion, q, last, state.rates).turn
+        start = self.base.turns(motion, q, last, state.rates).turn
         across, along = (each[self.base.aims] @ np.stack([last, wanted]).T for each in (motion.guides, motion.slopes))
         before, after = np.arctan2(-across, along).T
         seen = np.hypot(across, along).min(axis=1) > _STILL * np.linalg.norm(wanted)
@@ -358,7 +346,7 @@ class TwistController(ReprMixin):
         for _ in range(_HALVINGS):
             share = 0.5 * (fits + fails)
             goal = (1.0 - share) * last + share * wanted
-            turns = self._turns(motion, q, goal, state.rates).turn
+            turns = self.base.turns(motion, q, goal, state.rates).turn
             if self._can_turn(motion, turns, bounds):
                 fits, found = share, (goal, turns)
             else:

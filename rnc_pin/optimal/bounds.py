@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, PairDistances
-from rnc_pin.control.whole_body.limits.joint_limits import limited_positions, limited_velocities
+from rnc_pin.control.whole_body.limits.joint_limits import limited_velocities
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.model.task import OutputTarget
 from rnc_pin.optimal import node_data
 from rnc_pin.planning.action_models import ActionModel, Nodes
+from rnc_pin.robots.joint_values import limited_positions
 
 _FAR = 1e3  # [m], distance of a row without a pair
 DISTANCE = "distance"

@@ -285,7 +285,7 @@ class CarSteering(_AxleSteering):
     ) -> None:
         super().__init__(reduced, planned, row)
         model = reduced.robot.model
-        self._steering, self._q0 = joint, q0
+        self._q0, self._turn = q0, np.eye(reduced.n)[joint]
         self._entry = next(int(each.idx_q) for each in list(model.joints)[1:] if each.idx_v == joint)
         low, high = model.lowerPositionLimit[self._entry], model.upperPositionLimit[self._entry]
         unlimited = not low < high or max(-low, high) > NO_LIMIT
@@ -300,20 +300,13 @@ class CarSteering(_AxleSteering):
                 f"joint '{reduced.robot.velocity_names[joint]}' steers the base from a curvature of {ends.min():.3g} "
                 f"to {ends.max():.3g} 1/m: a way needs turns to both sides"
             )
-        largest = float(min(-ends.min(), ends.max()))
-        self.radius = 1.0 / largest
-        self._angles = {}
+        # At the end itself, rounding would decide on the sign.
+        largest = (1.0 - _ROUNDED) * float(min(-ends.min(), ends.max()))
+        self.radius, bracket = 1.0 / largest, angles[[first, last]]
+        self._angles = dict[int, float]()
         for side in (-1, 0, 1):
-            wanted = np.clip(side * largest, ends.min(), ends.max())
-            miss = curvatures - wanted
-            nearest = first + int(np.argmin(np.abs(miss[first : last + 1])))
-            if abs(miss[nearest]) < _ROUNDED * largest:  # as at an end, where a rounded curvature has no change of sign
-                self._angles[side] = float(angles[nearest])
-                continue
-            at = next(k for k in range(first, last) if miss[k] * miss[k + 1] <= 0.0)
-            root = scipy.optimize.brentq(
-                lambda angle, wanted=wanted: self._curvature(angle) - wanted, angles[at], angles[at + 1], xtol=1e-14
-            )
+            wanted = side * largest
+            root = scipy.optimize.brentq(lambda angle, k=wanted: self._curvature(angle) - k, *bracket, xtol=1e-14)
             self._angles[side] = float(root)
         # The curvature at these angles is exact, whatever the error of the root.
         self._driven = {side: self._curvature(angle) for side, angle in self._angles.items()}
@@ -362,24 +355,19 @@ class CarSteering(_AxleSteering):
     def _steered(self, word: Word, start: Array, goal: Array) -> Array:
         """Displacements along a path, the car stands where it steers."""
         joints = self.joints(start, goal)
-        joints[self._steering] = 0.0
+        joints[self._turn > 0.0] = 0.0
         angle, pieces, steering = start[self._entry], [], []
         for side, length in word:
             if abs(length) < _SHORT:
                 continue
-            steering.append(self._turned(self._angles[side] - angle))
+            steering.append((self._angles[side] - angle) * self._turn)
             angle, along = self._angles[side], length * self.radius
             pieces.append(self.driven(along, self._driven[side] * along))
-        end = self._turned(goal[self._entry] - angle)
+        end = (goal[self._entry] - angle) * self._turn
         if not pieces:
             return (joints + end)[None]
         moved = _shared(pieces, joints)
         return np.array([step for pair in zip(steering, moved, strict=True) for step in pair] + [end])
-
-    def _turned(self, by: float) -> Array:
-        step = np.zeros(len(self.planned))
-        step[self._steering] = by
-        return step
 
 
 class AimedSteering(Steering):
@@ -403,22 +391,16 @@ class AimedSteering(Steering):
         super().__init__(reduced, planned)
         self._base, self._q0 = base, np.array(q0)
         self.sampled = planned & ~np.isin(np.arange(len(planned)), base.pivots)
-        model = reduced.robot.model
-        joints = [next(each for each in list(model.joints)[1:] if each.idx_v == index) for index in base.pivots]
-        self._entries = [slice(each.idx_q, each.idx_q + each.nq) for each in joints]
-        self._places = np.array([each.idx_q for each in joints])
-        limits = np.array([model.lowerPositionLimit[self._places], model.upperPositionLimit[self._places]])
-        endless = np.array([each.nq == 2 for each in joints]) | (limits[0] >= limits[1])
-        self._limits = np.where(endless, [[-np.inf], [np.inf]], limits)
-        ranges = self._limits[1] - self._limits[0]
+        joints = [each for each in list(reduced.robot.model.joints)[1:] if each.idx_v in base.pivots]
+        self._entries = [k for each in joints for k in range(each.idx_q, each.idx_q + each.nq)]
+        ranges = (base.upper - base.lower)[base.pivots]
         if ranges.min() < np.pi:
             name = reduced.robot.velocity_names[base.pivots[np.argmin(ranges)]]
             raise InfeasibleError(f"joint '{name}' turns by {ranges.min():.3g} rad: steered drives need half a turn")
 
     def prepared(self, q: Float[Array, " nq"]) -> Float[Array, " nq"]:
         found = np.array(q)
-        for entry in self._entries:
-            found[entry] = self._q0[entry]
+        found[self._entries] = self._q0[self._entries]
         return found
 
     def displacements(self, start: Array, goal: Array) -> Iterator[Array]:
@@ -441,9 +423,9 @@ class AimedSteering(Steering):
         base, q, steps, pivots = self._base, start, list[Array](), self._base.pivots
         for piece in pieces:
             if np.abs(piece[base.base]).max() > _SHORT:
-                motion, at = base.at(q), q[self._places]
+                motion = base.at(q)
                 twist = np.linalg.solve(motion.moving[base.base], piece[base.base])
-                turn, beyond = base.turns(motion, twist, *(self._limits - at), np.zeros(len(pivots)))
+                turn, beyond = base.turns(motion, q, twist, np.zeros(len(pivots)))
                 turns = self._regular(motion, turn)
                 if turns is None or beyond.any():
                     return None

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, argument, nearest
+from rnc_pin.errors import ConfigurationError, ModelError, argument, nearest
 
 JointValue = float | Sequence[float] | np.ndarray
 
@@ -263,3 +263,36 @@ class NamedModel:
                 if low < high:
                     q[joint.idx_q] = generator.uniform(low, high)
         return q
+
+
+class LimitedPositions(NamedTuple):
+    """Joints with position limits: entries of q and v, and the limits [rad or m]."""
+
+    q: list[int]
+    v: list[int]
+    lower: np.ndarray
+    upper: np.ndarray
+
+
+def limited_positions(robot: NamedModel, joints: Sequence[str] | None) -> LimitedPositions:
+    """Return the joints with position limits; continuous joints and bases have none.
+
+    Args:
+        robot: the robot.
+        joints: names; by default all joints of the robot.
+
+    Raises:
+        ModelError: unknown joint.
+        ConfigurationError: a named joint has no position limits.
+    """
+    model, found = robot.model, []
+    for name in robot.joint_names if joints is None else joints:
+        joint = model.joints[robot.joint_id(name)]
+        places = range(joint.nq) if joint.nq == joint.nv else ()  # coordinates on a circle or sphere have no limits
+        low, high = model.lowerPositionLimit, model.upperPositionLimit
+        limited = [i for i in places if -NO_LIMIT < low[joint.idx_q + i] < high[joint.idx_q + i] < NO_LIMIT]
+        if joints is not None and not limited:
+            raise ConfigurationError(f"joint '{name}' has no position limits")
+        found += [(joint.idx_q + i, joint.idx_v + i) for i in limited]
+    q, v = [place for place, _ in found], [place for _, place in found]
+    return LimitedPositions(q, v, model.lowerPositionLimit[q], model.upperPositionLimit[q])

@@ -18,7 +18,6 @@ from rnc_pin.robots import NO_LIMIT, Robot
 _ROOT = "root_joint"
 _PLANE = 3  # directions of a twist in the plane
 _RANK = 1e-6  # smallest singular value, of rows of unit length, at which motions are independent
-_TURNED = 0.7  # [rad or m] by which a joint moves in the test of whether the motions of others depend on it
 _STEERED = 0.1  # [rad] by which a joint turns in the test of whether it steers
 SLOWING = 1.5
 """Speed of the base over its distance from the goal [1/s]."""
@@ -45,7 +44,6 @@ class DrivenBase:
         steering: joint that steers a base that cannot turn on the spot; None without one.
         steering_sign: sign of the curvature's change with that joint.
         wheels: joints that move with the base, such as wheels; an articulation or a raked fork can rest meanwhile.
-        shape: joints on whose positions the motion of the base depends, such as steering angles and hitches.
         ahead: distance of the frame ahead of the axle that cannot move sideways [m]; zero without such an axle.
         folding: yaw over change of curvature, while the steering joint turns and the base does not drive [m].
         pivots: joints that are aimed at the twist of the base, such as those of steered drives.
@@ -57,7 +55,6 @@ class DrivenBase:
     steering: str | None = None
     steering_sign: float = 1.0
     wheels: tuple[str, ...] = ()
-    shape: tuple[str, ...] = ()
     ahead: float = 0.0
     folding: float = 0.0
     pivots: tuple[str, ...] = ()
@@ -119,8 +116,7 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
         return DrivenBase(frame, turns=True, slides=slides, wheels=pivots, pivots=pivots)
     here = reduced.at(q0)
     rows = base_rows(robot, frame, here)
-    shape = _shape(reduced, q0)
-    wheels = _wheels(here, rows, robot, joints, shape)
+    wheels = _wheels(here, rows, robot, joints)
     rest = [robot.velocity_indices(name).start for name in joints if name not in wheels]
     resting = here.R[rest]
     forward, turn, left = (row @ here.R for row in rows)
@@ -129,14 +125,14 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
     turns = _independent(resting, forward, turn)
     slides = _independent(resting, forward, left)
     if turns:
-        return DrivenBase(frame, turns, slides, wheels=wheels, shape=shape)
+        return DrivenBase(frame, turns, slides, wheels=wheels)
     steering, bending = _steering(reduced, q0, frame, pivots or [j for j in joints if j not in wheels])
     folding = 0.0
     if steering is not None:
         folding = curvature(here, rows, rest, 1 + rest.index(robot.velocity_indices(steering).start)) / bending
     sign = float(np.sign(bending)) or 1.0
     ahead = _ahead(reduced, q0, frame, steering)
-    return DrivenBase(frame, turns, slides, steering, sign, wheels, shape, ahead, folding)
+    return DrivenBase(frame, turns, slides, steering, sign, wheels, ahead, folding)
 
 
 def find_pivots(reduced: ReducedModel, q0: np.ndarray, frame: str) -> tuple[tuple[str, ...], bool]:
@@ -161,9 +157,7 @@ def base_rows(robot: Robot, frame: str, at: ConfigurationEvaluation) -> np.ndarr
     return np.vstack([kind.bind(robot).jacobian(at.position) for kind in kinds])
 
 
-def _wheels(
-    here: ConfigurationEvaluation, rows: np.ndarray, robot: Robot, joints: Sequence[str], shape: Sequence[str]
-) -> tuple[str, ...]:
+def _wheels(here: ConfigurationEvaluation, rows: np.ndarray, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
     """Joints that move with the base; an articulation or a raked fork is none of them, because it bends the path.
 
     A base with three independent rates needs no joint to bend its path. One that cannot drive while they rest has none.
@@ -171,7 +165,7 @@ def _wheels(
     coupled = tuple(name for name in joints if _drives(here, rows, robot, name))
     if _independent(here.R[:0], *(rows @ here.R)):
         return coupled
-    found = tuple(name for name in coupled if name not in shape or not _bends(here, robot, name))
+    found = tuple(name for name in coupled if not _bends(here, robot, name))
     rest = [robot.velocity_indices(name).start for name in joints if name not in found]
     return found if _independent(here.R[rest], rows[0] @ here.R) else coupled
 
@@ -200,24 +194,6 @@ def _independent(given: np.ndarray, *rows: np.ndarray, full: bool = True) -> boo
     before = np.linalg.matrix_rank(np.array(units[: len(given)]), _RANK) if len(given) else 0
     after = np.linalg.matrix_rank(np.array(units), _RANK)
     return bool(after == before + len(rows) and (not full or before == len(given)))
-
-
-def _shape(reduced: ReducedModel, q0: np.ndarray) -> tuple[str, ...]:
-    """Joints on whose positions the space of possible velocities depends."""
-    robot, found = reduced.robot, []
-    left, sizes, _ = np.linalg.svd(reduced.at(q0).R, full_matrices=False)
-    span = left[:, sizes > _RANK * sizes.max(initial=0.0)]
-    for name in robot.joint_names:
-        change = np.zeros(robot.nv)
-        change[robot.velocity_indices(name)] = _TURNED
-        try:
-            there = reduced.at(pin.integrate(robot.model, q0, change)).R
-        except RncError:  # a singular configuration: it depends on the joint
-            found.append(name)
-            continue
-        if name != _ROOT and np.abs(there - span @ (span.T @ there)).max(initial=0.0) > _RANK:
-            found.append(name)
-    return tuple(found)
 
 
 def _ahead(reduced: ReducedModel, q0: np.ndarray, frame: str, steering: str | None) -> float:

@@ -11,8 +11,9 @@ import rnc_pin as rnc
 from driven import drive
 from rnc_pin.control import InverseDynamicsQP, VelocityQP, limits, tasks
 from rnc_pin.control.whole_body.limits.control_limit import PlannedBraking
-from rnc_pin.control.whole_body.limits.joint_limits import limited_positions, velocity_to_stop
+from rnc_pin.control.whole_body.limits.joint_limits import velocity_to_stop
 from rnc_pin.planning import Hold
+from rnc_pin.robots.joint_values import limited_positions
 from systems import floating_robot, in_joints, mecanum, space_robot_in_joints, tiago
 
 RANGE = 1e-6  # of a limit's range

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Lt
@@ -23,41 +23,8 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.input_validation import Numbers, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.robots.joint_values import NO_LIMIT, known_velocity_limits
+from rnc_pin.robots.joint_values import known_velocity_limits, limited_positions
 from rnc_pin.robots.robot import Robot
-
-
-class LimitedPositions(NamedTuple):
-    """Joints with position limits: entries of q and v, and the limits [rad or m]."""
-
-    q: list[int]
-    v: list[int]
-    lower: np.ndarray
-    upper: np.ndarray
-
-
-def limited_positions(robot: Robot, joints: Sequence[str] | None) -> LimitedPositions:
-    """Return the joints with position limits; continuous joints and bases have none.
-
-    Args:
-        robot: the robot.
-        joints: names; by default all joints of the robot.
-
-    Raises:
-        ModelError: unknown joint.
-        ConfigurationError: a named joint has no position limits.
-    """
-    model, found = robot.model, []
-    for name in robot.joint_names if joints is None else joints:
-        joint = model.joints[robot.joint_id(name)]
-        places = range(joint.nq) if joint.nq == joint.nv else ()  # coordinates on a circle or sphere have no limits
-        low, high = model.lowerPositionLimit, model.upperPositionLimit
-        limited = [i for i in places if -NO_LIMIT < low[joint.idx_q + i] < high[joint.idx_q + i] < NO_LIMIT]
-        if joints is not None and not limited:
-            raise ConfigurationError(f"joint '{name}' has no position limits")
-        found += [(joint.idx_q + i, joint.idx_v + i) for i in limited]
-    q, v = [place for place, _ in found], [place for _, place in found]
-    return LimitedPositions(q, v, model.lowerPositionLimit[q], model.upperPositionLimit[q])
 
 
 def limited_velocities(robot: Robot, joints: Sequence[str] | None, limit: float | None) -> tuple[list[int], np.ndarray]:
