@@ -202,37 +202,34 @@ class _AxleSteering(Steering):
         super().__init__(reduced, planned)
         base = reduced.robot.model.joints[1]
         self.base, self._place = slice(base.idx_v, base.idx_v + 3), slice(base.idx_q, base.idx_q + 4)
-        size = float(np.hypot(row[0], row[1]))
-        forward = np.array([row[1], -row[0]]) / size
-        sign = 1.0 if forward[0] > 1e-6 or (abs(forward[0]) <= 1e-6 and forward[1] > 0.0) else -1.0
-        self._forward = sign * forward
-        self._point = row[2] / size * forward  # on the axle, nearest to the origin of the base
+        across = complex(row[0], row[1])
+        forward = -1j * across / abs(across)
+        along = forward.real if abs(forward.real) > 1e-6 else forward.imag
+        self._forward = forward if along > 0.0 else -forward  # a unit vector, as a complex number
+        self._point = float(row[2]) / abs(across) * forward  # on the axle, nearest to the origin of the base
 
-    def axle_velocity(self, base: Array) -> tuple[Float[Array, "*k"], Float[Array, "*k"]]:
+    def axle_velocity(self, base: Float[Array, " 3"]) -> tuple[float, float]:
         """Forward and turning speed of the axle for velocities of the base."""
-        x, y = self._point
-        return self._forward @ base[:2] + base[2] * (self._forward @ np.array([-y, x])), base[2]
+        moved = complex(base[0], base[1]) + 1j * base[2] * self._point
+        return (moved / self._forward).real, float(base[2])
 
     def driven(self, length: float, turn: float) -> Float[Array, " nv"]:
         """Displacement of the base along an arc, or on the spot; all other joints stand."""
-        step = np.zeros(len(self.planned))
-        x, y = self._point
-        step[self.base] = [*(length * self._forward - turn * np.array([-y, x])), turn]
+        step, moved = np.zeros(len(self.planned)), length * self._forward - 1j * turn * self._point
+        step[self.base] = [moved.real, moved.imag, turn]
         return step
 
     def seen(self, start: Array, goal: Array) -> tuple[float, float, float]:
         """Pose (x, y, heading) of the axle at a configuration, seen from the axle at another one."""
-        first, second = (self._pose(each) for each in (start, goal))
-        c, s = np.cos(first[2]), np.sin(first[2])
-        x, y = second[:2] - first[:2]
-        return float(c * x + s * y), float(c * y - s * x), float(wrapped(second[2] - first[2]))
+        (first, heading), (second, other) = (self._pose(each) for each in (start, goal))
+        away = (second - first) / heading
+        return away.real, away.imag, float(np.angle(other / heading))
 
-    def _pose(self, q: Array) -> Array:
+    def _pose(self, q: Array) -> tuple[complex, complex]:
+        """Position and heading of the axle."""
         x, y, c, s = q[self._place]
-        turned = np.array([c * self._point[0] - s * self._point[1], s * self._point[0] + c * self._point[1]])
-        return np.array(
-            [turned[0] + x, turned[1] + y, np.arctan2(s, c) + np.arctan2(self._forward[1], self._forward[0])]
-        )
+        turned = complex(c, s)
+        return complex(x, y) + turned * self._point, turned * self._forward
 
     def joints(self, start: Array, goal: Array) -> Float[Array, " nv"]:
         """Displacement of all planned joints but the base."""
@@ -291,9 +288,11 @@ class CarSteering(_AxleSteering):
         unlimited = not low < high or max(-low, high) > NO_LIMIT
         free = room * (high - low)
         angles = np.linspace(*((-_STEEPEST, _STEEPEST) if unlimited else (low + free, high - free)), _GRID)
-        curvatures = self._curvatures(angles)
-        middle = int(np.nanargmin(np.abs(curvatures)))
-        first, last = _monotonic(curvatures, middle)
+        curvatures = np.array([self._curvature(angle) for angle in angles])
+        middle, slopes = int(np.nanargmin(np.abs(curvatures))), np.diff(curvatures)
+        turns_back = np.flatnonzero(~(slopes * slopes[min(middle, len(slopes) - 1)] > 0.0))
+        first = turns_back[turns_back < middle].max(initial=-1) + 1
+        last = turns_back[turns_back >= middle].min(initial=len(slopes))
         ends = curvatures[[first, last]]
         if not ends.min() < 0.0 < ends.max():
             raise InfeasibleError(
@@ -317,24 +316,18 @@ class CarSteering(_AxleSteering):
         return found
 
     def _curvature(self, angle: float) -> float:
-        return float(self._curvatures(np.array([angle]))[0])
-
-    def _curvatures(self, angles: Float[Array, " k"]) -> Float[Array, " k"]:
-        """Curvature of the axle's path [1/m]; NaN where the rows are singular, or the base cannot move."""
-        places = np.repeat(self._q0[None], len(angles), axis=0)
-        places[:, self._entry] = angles
-        places = np.array([self.couplings.applied(q) for q in places])
-        model, led = self.reduced.robot.model, self.couplings.positions
-        low, high, held = model.lowerPositionLimit[led], model.upperPositionLimit[led], places[:, led]
-        beyond = ((low < high) & ((held < low - _EXACT) | (held > high + _EXACT))).any(axis=1)
+        """Curvature of the axle's path [1/m]; NaN where rows are singular, joints are beyond limits or nothing moves."""
+        q, led = self._q0.copy(), self.couplings.positions
+        q[self._entry] = angle
+        q, model = self.couplings.applied(q), self.reduced.robot.model
+        low, high = model.lowerPositionLimit[led], model.upperPositionLimit[led]
         try:
-            R = self.reduced.at(places).R
+            R = self.reduced.at(q).R
         except SingularityError:
-            if len(angles) == 1:
-                return np.array([np.nan])
-            return np.array([self._curvature(angle) for angle in angles])
-        speed, turn = self.axle_velocity(np.linalg.svd(R[:, self.base])[0][:, :, 0].T)
-        return np.divide(turn, speed, out=np.full(len(angles), np.nan), where=(np.abs(speed) > 1e-6) & ~beyond)
+            return np.nan
+        speed, turn = self.axle_velocity(np.linalg.svd(R[self.base])[0][:, 0])
+        held = (low >= high) | ((q[led] > low - _EXACT) & (q[led] < high + _EXACT))
+        return float(turn / speed) if abs(speed) > 1e-6 and held.all() else np.nan
 
     def displacements(self, start: Array, goal: Array) -> Iterator[Array]:
         for word in self._words(start, goal)[:_PATHS]:
@@ -446,18 +439,6 @@ class AimedSteering(Steering):
                 steps[:, self._base.pivots] = turns
                 return steps
         return None
-
-
-def _monotonic(values: Array, middle: int) -> tuple[int, int]:
-    """First and last index of the monotonic part of a sequence around an index."""
-    slopes = np.diff(values)
-    sign = np.sign(slopes[min(middle, len(slopes) - 1)])
-    first = last = middle
-    while first > 0 and slopes[first - 1] * sign > 0.0:
-        first -= 1
-    while last < len(slopes) and slopes[last] * sign > 0.0:
-        last += 1
-    return first, last
 
 
 def _shared(pieces: Sequence[Array], joints: Array) -> Array:
