@@ -316,7 +316,7 @@ class CarSteering(_AxleSteering):
         return found
 
     def _curvature(self, angle: float) -> float:
-        """Curvature of the axle's path [1/m]; NaN where rows are singular, joints are beyond limits or nothing moves."""
+        """Curvature of the axle's path [1/m]; NaN where rows are singular, limits exceeded or nothing moves."""
         q, led = self._q0.copy(), self.couplings.positions
         q[self._entry] = angle
         q, model = self.couplings.applied(q), self.reduced.robot.model
@@ -369,11 +369,8 @@ class AimedSteering(Steering):
     Args:
         reduced: the model.
         planned: as for ``Steering``.
-        base: the base.
+        base: the base, whose pivots turn by half a turn at least.
         q0: configuration (nq,) whose angles the pivots have between motions.
-
-    Raises:
-        InfeasibleError: a pivot turns by less than half a turn.
     """
 
     kind = "steered drives"
@@ -386,10 +383,6 @@ class AimedSteering(Steering):
         self.sampled = planned & ~np.isin(np.arange(len(planned)), base.pivots)
         joints = [each for each in list(reduced.robot.model.joints)[1:] if each.idx_v in base.pivots]
         self._entries = [k for each in joints for k in range(each.idx_q, each.idx_q + each.nq)]
-        ranges = (base.upper - base.lower)[base.pivots]
-        if ranges.min() < np.pi:
-            name = reduced.robot.velocity_names[base.pivots[np.argmin(ranges)]]
-            raise InfeasibleError(f"joint '{name}' turns by {ranges.min():.3g} rad: steered drives need half a turn")
 
     def prepared(self, q: Float[Array, " nq"]) -> Float[Array, " nq"]:
         found = np.array(q)

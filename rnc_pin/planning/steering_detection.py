@@ -221,8 +221,9 @@ def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], *, room: float
     if count == 2 and sizes[2] <= _EXACT * sizes[0] and len(steering) == 1:
         return CarSteering(reduced, planned, _axle(reduced, axes[2]), steering[0], q0, room)
     drives = WheeledBase(reduced, next(each.name for each in reduced.robot.model.frames if each.parentJoint == 1))
-    motion = drives.at(q0)
-    if motion.free.shape[1] < 3 or len(motion.guides) > len(drives.pivots) or {*steering} - {*drives.pivots}:
+    motion, ranges = drives.at(q0), (drives.upper - drives.lower)[drives.pivots]
+    one_by_one = len(motion.guides) <= len(drives.pivots) and {*steering} <= {*drives.pivots}
+    if motion.free.shape[1] < 3 or not one_by_one or ranges.min() < np.pi:
         _refuse(reduced, "the motion of the base is not that of a car with one steering joint, or of steered drives")
     return AimedSteering(reduced, planned, drives, q0)
 

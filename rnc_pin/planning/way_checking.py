@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from itertools import count
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -22,7 +22,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
 from rnc_pin.planning.bounded_descent import TangentBounds
 from rnc_pin.planning.exact_steering import ExactMotion, Steering
-from rnc_pin.planning.inverse_kinematics import IkSearch, solve_ik
+from rnc_pin.planning.inverse_kinematics import IkResult, IkSearch, solve_ik
 from rnc_pin.robots.robot import Robot
 
 _FINER = 0.1  # tolerance of the second check of wheels that follow, in tolerances of the first one
@@ -180,11 +180,6 @@ def _problem_of(reduced: ReducedModel, checker: WayChecker | None, q: Array) -> 
     return f"is too near: {near[0]} are {near[1]:.3g} m apart"
 
 
-def _prepared(steering: Steering | None, q: Array) -> Array:
-    """The configuration as the end of an exact motion."""
-    return np.array(q) if steering is None else steering.prepared(q)
-
-
 def position_limits(reduced: ReducedModel) -> TangentBounds:
     """Position limits of the robot's file.
 
@@ -195,86 +190,78 @@ def position_limits(reduced: ReducedModel) -> TangentBounds:
     return TangentBounds(model, model.lowerPositionLimit, model.upperPositionLimit, np.zeros(model.nv, dtype=bool))
 
 
-class WayGoals:
-    """Goal configurations of a search.
+def goal_configurations(
+    goal: Mapping[OutputTarget, ArrayLike] | ArrayLike,
+    start: Array,
+    steering: Steering | None,
+    reduced: ReducedModel,
+    checker: WayChecker | None,
+    seconds: float,
+    most: int,
+    hold: Sequence[str],
+    seed: int,
+) -> Float[Array, "n nq"]:
+    """Configurations (n, nq) that reach a goal, without collisions.
 
     Args:
-        reduced: the model.
+        goal: values by output, or a configuration (nq,).
+        start: start (nq,).
         steering: exact steering; None if motions are propagated.
+        reduced: the model.
         checker: check of motions.
-        seconds: time after which the search for goal configurations ends [s].
+        seconds: time after which the search ends [s].
         most: largest number of configurations for a goal of outputs.
         hold: names of joints that keep their positions.
+        seed: seed of random starts.
     """
+    if not isinstance(goal, Mapping):
+        end = validated_configuration(reduced, goal)
+        check_configuration(reduced, checker, end, "goal")
+        return end[None]
+    beside = None
+    if checker is not None and checker.distances.obstacles:
+        beside = CollisionDistances(reduced.robot, checker.distances.obstacles, PairSelection(links=False))
+    begun, found, why = time.monotonic(), list[Array](), ""
+    clearance = 0.0 if checker is None else checker.clearance + 2 * checker.tolerance
 
-    def __init__(
-        self,
-        reduced: ReducedModel,
-        steering: Steering | None,
-        checker: WayChecker | None,
-        seconds: float,
-        most: int,
-        hold: Sequence[str],
-    ) -> None:
-        self._reduced, self._steering, self._checker = reduced, steering, checker
-        self._seconds, self._most, self._hold = seconds, most, hold
+    def drawn(generator: np.random.Generator) -> Array:
+        """Random configuration near the start: joints within their limits."""
+        step = generator.uniform(-np.pi, np.pi, reduced.n)
+        for name in hold:
+            step[reduced.robot.velocity_indices(name)] = 0.0
+        return position_limits(reduced).clip(pin.integrate(reduced.robot.model, start, step))
 
-    def of(self, goal: Mapping[OutputTarget, ArrayLike] | ArrayLike, start: Array, seed: int) -> Float[Array, "n nq"]:
-        """Configurations (n, nq) that reach a goal, without collisions."""
-        if not isinstance(goal, Mapping):
-            end = validated_configuration(self._reduced, goal)
-            check_configuration(self._reduced, self._checker, end, "goal")
-            return end[None]
-        beside = None
-        if self._checker is not None and self._checker.distances.obstacles:
-            obstacles = self._checker.distances.obstacles
-            beside = CollisionDistances(self._reduced.robot, obstacles, PairSelection(links=False))
-        begun, found = time.monotonic(), list[Array]()
-        generator = np.random.default_rng(seed)
-        why = ""
-        for attempt in count():
-            enough = self._most if attempt < _DRAWN * self._most else 1
-            if len(found) >= enough or (attempt and time.monotonic() - begun > self._seconds):
-                break
-            begin = start if not attempt else self._drawn(start, generator)
-            result = solve_ik(
-                self._reduced,
-                begin,
-                goal,
-                hold=self._hold,
-                collisions=beside,
-                clearance=0.0 if self._checker is None else self._checker.clearance + 2 * self._checker.tolerance,
-                search=IkSearch(starts=20 if not attempt else 1, seed=seed),
-            )
-            q = _prepared(self._steering, result.q)
-            problem = _problem_of(self._reduced, self._checker, q)
-            if not attempt and (problem or not result.converged) and (same := self._same_problem(goal, start, seed)):
-                raise InfeasibleError(f"find_way: the goal {same}")
-            if not result.converged:
-                why = why or f"no configuration reaches {', '.join(result.unreachable) or 'the goal beside obstacles'}"
-                continue
-            why = problem and f"the goal {problem}"
-            if not problem and all(np.abs(q - other).max() > 1e-3 for other in found):
-                found.append(q)
-        if not found:
-            raise InfeasibleError(f"find_way: {why}")
-        return np.array(found)
+    def reached(begin: Array, starts: int, **given: Any) -> tuple[IkResult, Array, str]:
+        """Result of inverse kinematics, its configuration as the end of an exact motion, and the problem with it."""
+        result = solve_ik(reduced, begin, goal, hold=hold, search=IkSearch(starts=starts, seed=seed), **given)
+        q = np.array(result.q) if steering is None else steering.prepared(result.q)
+        return result, q, _problem_of(reduced, checker, q)
 
-    def _same_problem(self, goal: Mapping[OutputTarget, ArrayLike], start: Array, seed: int) -> str:
+    def same_problem() -> str:
         """Problem that configurations from random starts share: the goal leaves no choice; "" if they differ."""
-        generator, problems = np.random.default_rng(seed), set()
+        generator, problems = np.random.default_rng(seed), set[str]()
         for _ in range(_ALIKE):
-            begin = self._drawn(start, generator)
-            result = solve_ik(self._reduced, begin, goal, hold=self._hold, search=IkSearch(starts=20, seed=seed))
+            result, _, problem = reached(drawn(generator), 20)
             if not result.converged:
                 return ""
-            problems.add(_problem_of(self._reduced, self._checker, _prepared(self._steering, result.q)))
+            problems.add(problem)
         return problems.pop() if len(problems) == 1 else ""
 
-    def _drawn(self, start: Array, generator: np.random.Generator) -> Array:
-        """Random configuration near the start: joints within their limits."""
-        model = self._reduced.robot.model
-        step = generator.uniform(-np.pi, np.pi, model.nv)
-        for name in self._hold:
-            step[self._reduced.robot.velocity_indices(name)] = 0.0
-        return position_limits(self._reduced).clip(pin.integrate(model, start, step))
+    generator = np.random.default_rng(seed)
+    for attempt in count():
+        enough = most if attempt < _DRAWN * most else 1
+        if len(found) >= enough or (attempt and time.monotonic() - begun > seconds):
+            break
+        begin = drawn(generator) if attempt else start
+        result, q, problem = reached(begin, 1 if attempt else 20, collisions=beside, clearance=clearance)
+        if not attempt and (problem or not result.converged) and (same := same_problem()):
+            raise InfeasibleError(f"find_way: the goal {same}")
+        if not result.converged:
+            why = why or f"no configuration reaches {', '.join(result.unreachable) or 'the goal beside obstacles'}"
+            continue
+        why = problem and f"the goal {problem}"
+        if not problem and all(np.abs(q - other).max() > 1e-3 for other in found):
+            found.append(q)
+    if not found:
+        raise InfeasibleError(f"find_way: {why}")
+    return np.array(found)

@@ -24,8 +24,8 @@ from rnc_pin.planning.steering_detection import find_steering, planned_velocitie
 from rnc_pin.planning.way import Way, WayInfo, way_along
 from rnc_pin.planning.way_checking import (
     WayChecker,
-    WayGoals,
     check_configuration,
+    goal_configurations,
     validated_configuration,
     way_checker,
 )
@@ -140,8 +140,8 @@ def find_way(
     checker = way_checker(reduced.robot, start, obstacles, selection, apart)
     budget = SearchBudget(settings.seconds, settings.motions)
     check_configuration(reduced, checker, start, "start")
-    goals = WayGoals(reduced, steering, checker, settings.seconds / 2, settings.goals, settings.hold)
-    ends = goals.of(goal, start, seed)
+    limits = settings.seconds / 2, settings.goals, settings.hold
+    ends = goal_configurations(goal, start, steering, reduced, checker, *limits, seed)
     places = np.vstack([start, ends])
     area = base_area(reduced, 0.0 if steering is None else steering.radius, places, obstacles, checker, settings.area)
     speeds = speed_limits(reduced, planned)
