@@ -69,16 +69,17 @@ class JointCouplings:
 
     def __init__(self, reduced: ReducedModel) -> None:
         self._reduced, self.velocities, self.unknown = reduced, list[int](), list[str]()
-        joints, rows, at = list(reduced.robot.model.joints)[1:], reduced.assembly, reduced.robot.configuration()
+        joints, rows = list(reduced.robot.model.joints)[1:], reduced.assembly
         single = [each.idx_v for each in joints if each.nv == 1]
-        jacobian = rows.jacobian(Kinematics(reduced.robot).position(at)) if rows.size else []
-        for name, row in zip(rows.names, jacobian, strict=True):
+        at = Kinematics(reduced.robot).position(reduced.robot.configuration())
+        for name, row in zip(rows.names, rows.jacobian(at) if rows.size else (), strict=True):
             moved = np.flatnonzero(row)
             free = np.setdiff1d(moved, self.velocities)
-            if len(moved) > 2 or not len(free) or not np.isin(moved, single).all():
-                self.unknown.append(name)
-            else:
+            known = len(moved) <= 2 and len(free) and np.isin(moved, single).all()
+            if known:
                 self.velocities.append(int(free[-1]))
+            else:
+                self.unknown.append(name)
         self.positions = [each.idx_q for each in joints if each.idx_v in self.velocities]
         names = zip(joints, reduced.robot.joint_names, strict=True)
         self._hold = [name for joint, name in names if joint.idx_v not in self.velocities]
@@ -392,14 +393,13 @@ class AimedSteering(Steering):
     def displacements(self, start: Array, goal: Array) -> Iterator[Array]:
         difference, move, own = self.manifold.difference, self.manifold.integrate, self._base.base
         whole = np.where(self.sampled, difference(start[None], goal[None])[0], 0.0)
-        joints, aside, on_base = whole.copy(), np.zeros(len(whole)), np.isin(np.arange(len(whole)), own)
-        joints[own] = 0.0
+        aside, part = np.zeros(len(whole)), np.isin(np.arange(len(whole)), own)
         for offset in _OFFSETS:
             aside[own] = offset * [self._base.length, self._base.length, 1.0]
-            middle = move(move(start[None], 0.5 * (whole - joints)[None]), aside[None])
+            middle = move(move(start[None], 0.5 * (whole * part)[None]), aside[None])
             ends = [start[None], middle, goal[None]] if offset.any() else [start[None], goal[None]]
-            pieces = [np.where(on_base, difference(*pair)[0], 0.0) for pair in pairwise(ends)]
-            steps = self._aimed(start, goal, _shared(pieces, joints))
+            pieces = [difference(*pair)[0] * part for pair in pairwise(ends)]
+            steps = self._aimed(start, goal, _shared(pieces, whole * ~part))
             if steps is not None:
                 yield steps
                 return

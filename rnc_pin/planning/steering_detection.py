@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import NamedTuple, NoReturn
 
 import numpy as np
@@ -17,6 +18,7 @@ from rnc_pin.model.frame_rows import FrameVelocityRows
 from rnc_pin.model.kinematics import OWN_AXES
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.planning.action_models import KinematicFlow
 from rnc_pin.planning.exact_steering import (
     AimedSteering,
     CarSteering,
@@ -123,11 +125,9 @@ class SteeringGeometry:
         return found
 
     def _steered(self, q: Array, by: float) -> Array:
-        """Assembled configuration after a motion of the steering output alone, by the midpoint rule."""
-        model = self._reduced.robot.model
-        middle = pin.integrate(model, q, 0.5 * by * self._reduced.at(q).R[:, self._steering])
-        end = pin.integrate(model, q, by * self._reduced.at(middle).R[:, self._steering])
-        return self._reduced.assembled(end) if self._reduced.assembly.size else np.asarray(end)
+        """Assembled configuration after a motion of the steering output alone."""
+        end = KinematicFlow(self._reduced).step(q[None], by * np.eye(self._reduced.r)[[self._steering]])[0]
+        return self._reduced.assembled(end) if self._reduced.assembly.size else end
 
     def _is_outside(self, q: Array) -> bool:
         model = self._reduced.robot.model
@@ -262,20 +262,12 @@ class _Samples:
     def __init__(self, reduced: ReducedModel, q0: Array) -> None:
         self._reduced, self._model, self.couplings = reduced, reduced.robot.model, JointCouplings(reduced)
         self._generator = np.random.default_rng(0)
-        lower, upper = self._model.lowerPositionLimit.copy(), self._model.upperPositionLimit.copy()
-        wide = ~((lower > -NO_LIMIT) & (upper < NO_LIMIT) & (lower < upper))
-        lower[wide], upper[wide] = -1.0, 1.0
-        pin.seed(0)
         self._q, self.bases = [np.array(q0)], [np.array(reduced.at(q0).R)]
-        for _ in range(20 * _SAMPLES):
-            if len(self._q) == _SAMPLES:
-                break
-            q = self.couplings.applied(pin.randomConfiguration(self._model, lower, upper))
-            try:
+        for _ in range(_SAMPLES - 1):
+            with suppress(SingularityError):
+                q = reduced.random_configuration(self._generator)
                 self.bases.append(np.array(reduced.at(q).R))
-            except SingularityError:
-                continue
-            self._q.append(q)
+                self._q.append(q)
 
     def followers(self) -> Bool[Array, " nv"]:
         """Mask of joints that follow: those of couplings, and those without limits whose motion others determine.

@@ -112,7 +112,7 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
     if frame is None or any(name.startswith("momentum(") for name in reduced.constraints.names):
         return None  # a base that floats moves by the reaction to its joints only
     pivots, slides = find_pivots(reduced, q0, frame)
-    if slides or len(pivots) > 1:  # a single pivot of a car is steered by hand
+    if pivots:
         return DrivenBase(frame, turns=True, slides=slides, wheels=pivots, pivots=pivots)
     here = reduced.at(q0)
     rows = base_rows(robot, frame, here)
@@ -126,7 +126,7 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
     slides = _independent(resting, forward, left)
     if turns:
         return DrivenBase(frame, turns, slides, wheels=wheels)
-    steering, bending = _steering(reduced, q0, frame, pivots or [j for j in joints if j not in wheels])
+    steering, bending = _steering(reduced, q0, frame, [j for j in joints if j not in wheels])
     folding = 0.0
     if steering is not None:
         folding = curvature(here, rows, rest, 1 + rest.index(robot.velocity_indices(steering).start)) / bending
@@ -136,7 +136,9 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
 
 
 def find_pivots(reduced: ReducedModel, q0: np.ndarray, frame: str) -> tuple[tuple[str, ...], bool]:
-    """Return the joints that steer a base, and whether they let it move to any side; none without wheels.
+    """Return the joints that are aimed at the twist of a base, and whether they let it move to any side; none for most.
+
+    The single pivot of a car is steered by hand.
 
     Args:
         reduced: the model.
@@ -147,8 +149,8 @@ def find_pivots(reduced: ReducedModel, q0: np.ndarray, frame: str) -> tuple[tupl
         controller = TwistController(reduced, frame)
     except RncError:  # such as a base that a force drives
         return (), False
-    base = controller.base
-    return controller.steering, base.slides and base.at(q0).free.shape[1] == _PLANE
+    slides = controller.base.slides and controller.base.at(q0).free.shape[1] == _PLANE
+    return (controller.steering, slides) if slides or len(controller.steering) > 1 else ((), False)
 
 
 def base_rows(robot: Robot, frame: str, at: ConfigurationEvaluation) -> np.ndarray:

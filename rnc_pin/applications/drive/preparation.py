@@ -213,8 +213,7 @@ def _reducing(
     if system.assembly.size:
         q0 = system.assembled(q0, list(scenario.initial.q))
     base = base_frame(robot, [])
-    pivots, slides = find_pivots(system.reduce(), q0, base) if base is not None else ((), False)
-    aimed = slides or len(pivots) > 1
+    aimed = base is not None and bool(find_pivots(system.reduce(), q0, base)[0])
     chosen = select_outputs(_output_candidates(raw, scenario, robot, aimed), system, q0)
     return [dict(entry) for entry in chosen.entries], q0
 
