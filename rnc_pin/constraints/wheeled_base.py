@@ -293,9 +293,9 @@ def missing_lateral_rows(reduced: ReducedModel, *, steered: bool = False) -> Row
     found, position = [], Kinematics(robot).position(robot.configuration())
     for block, *_ in reduced.all_constraints.places:
         parts = {name.partition("(")[0] for name in block.names}
-        if isinstance(block, RollingRows) and "rolling" in parts and "lateral" not in parts:
-            if steered and not _on_pivot(robot, position, block.frame):
-                continue
+        if not isinstance(block, RollingRows) or "rolling" not in parts or "lateral" in parts:
+            continue
+        if not steered or _on_pivot(robot, position, block.frame):
             disk = WheelDisk(block.wheel, block.radius, block.axle, ("lateral",), lateral)
             plane = block.ground if isinstance(block.ground, GroundPlane) else GroundPlane()
             found.append(RollingRows(disk, "all", plane, robot))
@@ -306,6 +306,6 @@ def _on_pivot(robot: Robot, position: PositionKinematics, wheel: int) -> bool:
     """True if an upright joint on the base carries the joint of a wheel."""
     model = robot.model
     pivot = int(model.parents[model.frames[wheel].parentJoint])
-    if model.nvs[pivot] != 1 or sum(model.nvs[each] for each in model.supports[pivot]) < 4:
-        return False  # with fewer velocities it is the base's own
-    return bool(abs(position.joint_jacobian(pivot)[5, model.idx_vs[pivot]]) > _UPRIGHT)
+    # With fewer velocities it is the base's own.
+    single = model.nvs[pivot] == 1 and sum(model.nvs[each] for each in model.supports[pivot]) > 3
+    return bool(single and abs(position.joint_jacobian(pivot)[5, model.idx_vs[pivot]]) > _UPRIGHT)

@@ -261,7 +261,7 @@ class CarSteering(_AxleSteering):
     Args:
         reduced: the model.
         planned: as for ``Steering``.
-        row: as for ``_AxleSteering``.
+        row: as for ``_AxleSteering``, (3,).
         joint: index of the velocity of the steering joint.
         q0: configuration (nq,) at which the curvature is evaluated; only the steering joint matters.
         room: part of the range of the steering joint that stays free at each end.
@@ -273,13 +273,7 @@ class CarSteering(_AxleSteering):
     kind = "car"
 
     def __init__(
-        self,
-        reduced: ReducedModel,
-        planned: Bool[Array, " nv"],
-        row: Float[Array, " 3"],
-        joint: int,
-        q0: Float[Array, " nq"],
-        room: float = 0.0,
+        self, reduced: ReducedModel, planned: Bool[Array, " nv"], row: Array, joint: int, q0: Array, room: float = 0.0
     ) -> None:
         super().__init__(reduced, planned, row)
         model = reduced.robot.model
@@ -376,19 +370,14 @@ class AimedSteering(Steering):
 
     kind = "steered drives"
 
-    def __init__(
-        self, reduced: ReducedModel, planned: Bool[Array, " nv"], base: WheeledBase, q0: Float[Array, " nq"]
-    ) -> None:
+    def __init__(self, reduced: ReducedModel, planned: Bool[Array, " nv"], base: WheeledBase, q0: Array) -> None:
         super().__init__(reduced, planned)
         self._base, self._q0 = base, np.array(q0)
         self.sampled = planned & ~np.isin(np.arange(len(planned)), base.pivots)
-        joints = [each for each in list(reduced.robot.model.joints)[1:] if each.idx_v in base.pivots]
-        self._entries = [k for each in joints for k in range(each.idx_q, each.idx_q + each.nq)]
 
     def prepared(self, q: Float[Array, " nq"]) -> Float[Array, " nq"]:
-        found = np.array(q)
-        found[self._entries] = self._q0[self._entries]
-        return found
+        by = self.manifold.difference(q[None], self._q0[None])
+        return self.manifold.integrate(q[None], np.where(self.planned & ~self.sampled, by, 0.0))[0]
 
     def displacements(self, start: Array, goal: Array) -> Iterator[Array]:
         difference, move, own = self.manifold.difference, self.manifold.integrate, self._base.base

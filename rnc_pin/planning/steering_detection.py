@@ -27,7 +27,7 @@ from rnc_pin.planning.exact_steering import (
     JointCouplings,
     Steering,
 )
-from rnc_pin.robots.joint_values import NO_LIMIT
+from rnc_pin.robots.joint_values import limited_positions
 
 _STEPS = 100  # table steps from curvature zero to the largest; interpolated outputs are exact to 1e-9
 _ROUNDED = 1e-3  # side slip, or motion while the vehicle only steers, that rounding in a file may cause
@@ -170,7 +170,6 @@ class SteeringGeometry:
         raise ConfigurationError(f"frame '{self._frame}' cannot drive a path: it {why}")
 
 
-_LEAST_TRAIL = 1e-6  # trail of a caster over the radius of its wheel
 _SAMPLES = 6  # random configurations at which the rows are compared
 _EXACT = 1e-9  # largest difference of unit vectors that counts as rounding
 
@@ -261,6 +260,7 @@ class _Samples:
 
     def __init__(self, reduced: ReducedModel, q0: Array) -> None:
         self._reduced, self._model, self.couplings = reduced, reduced.robot.model, JointCouplings(reduced)
+        self._limited = limited_positions(reduced.robot, None).v
         self._generator = np.random.default_rng(0)
         self._q, self.bases = [np.array(q0)], [np.array(reduced.at(q0).R)]
         for _ in range(_SAMPLES - 1):
@@ -279,7 +279,7 @@ class _Samples:
         while size < found.sum():
             size = found.sum()
             for joint in list(self._model.joints)[1:]:
-                if joint.nv != 1 or found[joint.idx_v] or not self._unlimited(joint):
+                if joint.nv != 1 or found[joint.idx_v] or joint.idx_v in self._limited:
                     continue
                 rest = ~found
                 rest[joint.idx_v] = False
@@ -293,12 +293,7 @@ class _Samples:
         position = self._reduced.at(self._q[0]).position
         wheels = [block for block, *_ in self._reduced.all_constraints.places if isinstance(block, RollingRows)]
         levers = [np.linalg.norm(position.jacobian(each.frame)[:3, joint.idx_v]) / each.radius for each in wheels]
-        return any(_LEAST_TRAIL < lever < 2.0 for lever in levers)
-
-    def _unlimited(self, joint: pin.JointModel) -> bool:
-        entry = slice(joint.idx_q, joint.idx_q + joint.nq)
-        low, high = self._model.lowerPositionLimit[entry], self._model.upperPositionLimit[entry]
-        return joint.nq == 2 or bool(not (low < high).all() or ((low < -NO_LIMIT).all() and (high > NO_LIMIT).all()))
+        return min(levers, default=np.inf) < 2.0
 
     def steering_joints(self, rows: slice, planned: Bool[Array, " nv"]) -> list[int]:
         """Velocities of planned joints with one degree of freedom on which the motion of the base depends."""

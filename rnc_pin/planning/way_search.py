@@ -15,7 +15,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.exact_steering import ExactMotion, Steering
 from rnc_pin.planning.way_checking import WayChecker
 from rnc_pin.planning.way_space import WaySpace
-from rnc_pin.robots.joint_values import NO_LIMIT
+from rnc_pin.robots.joint_values import known_velocity_limits
 
 if TYPE_CHECKING:
     from ompl import base as ob
@@ -273,6 +273,5 @@ def drive_times(steps: Float[Array, "k nv"], speeds: Float[Array, " nv"]) -> Flo
 
 def speed_limits(reduced: ReducedModel, planned: Bool[Array, " nv"]) -> Float[Array, " nv"]:
     """Largest speeds (nv,) of the robot's file; without one, 1 m/s or 1 rad/s, and any speed for joints that follow."""
-    limits = np.array(reduced.robot.model.velocityLimit, dtype=float)
-    usual = np.where(planned, _USUAL_SPEED, np.inf)
-    return np.where((limits > 0.0) & (limits < NO_LIMIT), limits, usual)
+    limits = known_velocity_limits(reduced.robot.model)
+    return np.where(np.isfinite(limits) | ~planned, limits, _USUAL_SPEED)

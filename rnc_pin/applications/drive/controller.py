@@ -96,11 +96,9 @@ class _Base(BoundTask):
         self._frame = reduced.robot.frame_id(base.frame)
         self._places = [reduced.robot.velocity_indices(name).start for name in board.controls.joints]
         self._pivots = [reduced.robot.velocity_indices(name).start for name in base.pivots]
-        self._aiming: TwistController | None = None
-        if base.pivots:
-            self._aiming = TwistController(reduced, base.frame, dt, max_acceleration=(_ACCELERATION,) * 3)
-        names = *(f"{base.frame} {name}" for name in ("forward", "turn", "left")), *base.pivots
-        self.names = tuple(names)
+        most = (_ACCELERATION,) * 3
+        self._aiming = TwistController(reduced, base.frame, dt, max_acceleration=most) if base.pivots else None
+        self.names = (*(f"{base.frame} {name}" for name in ("forward", "turn", "left")), *base.pivots)
 
     def rows(self, sample: ControlSample) -> TaskRows:
         base, board, resting = self._base, self._board, self._resting
