@@ -90,7 +90,7 @@ class WayFollower(DescribedMixin):
         check_positive_settings(**{name: getattr(self, name) for name in self.described})
         if self.speed > 1.0:
             raise ConfigurationError(f"speed: expected a share of the velocity of the way up to 1, found {self.speed}")
-        if not self.way.geodesic:
+        if self.way.info.steering == "propagated":
             raise ConfigurationError(
                 "way: a follower stops between motions by exact steering, and this way has propagated motions; "
                 "follow a plan along it: rnc.optimal.plan(..., guess=way)"

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -75,8 +76,7 @@ class JointCouplings:
         for name, row in zip(rows.names, rows.jacobian(at) if rows.size else (), strict=True):
             moved = np.flatnonzero(row)
             free = np.setdiff1d(moved, self.velocities)
-            known = len(moved) <= 2 and len(free) and np.isin(moved, single).all()
-            if known:
+            if len(moved) <= 2 and len(free) and np.isin(moved, single).all():
                 self.velocities.append(int(free[-1]))
             else:
                 self.unknown.append(name)
@@ -299,9 +299,8 @@ class CarSteering(_AxleSteering):
         self.radius, bracket = 1.0 / largest, angles[[first, last]]
         self._angles = dict[int, float]()
         for side in (-1, 0, 1):
-            wanted = side * largest
-            root = scipy.optimize.brentq(lambda angle, k=wanted: self._curvature(angle) - k, *bracket, xtol=1e-14)
-            self._angles[side] = float(root)
+            miss = partial(lambda wanted, angle: self._curvature(angle) - wanted, side * largest)
+            self._angles[side] = float(scipy.optimize.brentq(miss, *bracket, xtol=1e-14))
         # The curvature at these angles is exact, whatever the error of the root.
         self._driven = {side: self._curvature(angle) for side, angle in self._angles.items()}
 
@@ -417,9 +416,7 @@ class AimedSteering(Steering):
             before = np.cumsum(turns, axis=0) - turns
             passed = (before[:, None] + _PASSED[:, None] * turns[:, None]).reshape(-1, len(turn))
             if min(self._base.independence(motion, each) for each in passed) > _INDEPENDENT:
-                steps = np.zeros((len(turns), len(self.planned)))
-                steps[:, self._base.pivots] = turns
-                return steps
+                return np.asarray(turns @ np.eye(len(self.planned))[self._base.pivots])
         return None
 
 

@@ -212,13 +212,17 @@ def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], *, room: float
     on_base = np.isin(places, np.arange(first, first + 3))
     if any(np.abs(each[:, ~on_base]).max(initial=0.0) > _EXACT for each in rows):
         _refuse(reduced, "the rows couple the base with other joints")
-    count, steering = len(places) - reduced.r, samples.steering_joints(slice(first, first + 3), planned)
+    joints, count = list(reduced.robot.model.joints)[1:], len(places) - reduced.r
+    single = [each.idx_v for each in joints if each.nv == 1 and planned[each.idx_v]]
+    steering = [index for index in single if samples.matters(index, slice(first, first + 3))]
+    _, sizes, axes = np.linalg.svd(np.array([np.linalg.svd(each[:, on_base])[2][-1] for each in rows]))
+    row = rows[0][0, on_base] if count == 1 else axes[2]
+    if np.hypot(row[0], row[1]) < 1e-6:
+        _refuse(reduced, "the base cannot turn")
     if count == 1 and not steering:
-        return DifferentialDrive(reduced, planned, _axle(reduced, rows[0][0, on_base]))
-    twists = np.array([np.linalg.svd(each[:, on_base])[2][-1] for each in rows])
-    _, sizes, axes = np.linalg.svd(twists)
+        return DifferentialDrive(reduced, planned, row)
     if count == 2 and sizes[2] <= _EXACT * sizes[0] and len(steering) == 1:
-        return CarSteering(reduced, planned, _axle(reduced, axes[2]), steering[0], q0, room)
+        return CarSteering(reduced, planned, row, steering[0], q0, room)
     drives = WheeledBase(reduced, next(each.name for each in reduced.robot.model.frames if each.parentJoint == 1))
     motion, ranges = drives.at(q0), (drives.upper - drives.lower)[drives.pivots]
     one_by_one = len(motion.guides) <= len(drives.pivots) and {*steering} <= {*drives.pivots}
@@ -227,16 +231,10 @@ def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], *, room: float
     return AimedSteering(reduced, planned, drives, q0)
 
 
-def _axle(reduced: ReducedModel, row: Array) -> Array:
-    if np.hypot(row[0], row[1]) < 1e-6:
-        _refuse(reduced, "the base cannot turn")
-    return row
-
-
 def _refuse(reduced: ReducedModel, why: str) -> NoReturn:
     raise ConfigurationError(
         f"no exact steering is known for '{reduced.robot.name}': {why}. Known are arms, free bodies, differential "
-        "drives, cars with one steering joint and Mecanum bases, each with arms"
+        "drives, cars with one steering joint, steered drives and Mecanum bases, each with arms"
     )
 
 
@@ -285,7 +283,7 @@ class _Samples:
                 rest[joint.idx_v] = False
                 if all(np.linalg.matrix_rank(R[rest], tol=_EXACT) == R.shape[1] for R in self.bases):
                     rows = rest if self._is_caster(joint) else slice(None)
-                    found[joint.idx_v] = not self._matters(int(joint.idx_v), rows)
+                    found[joint.idx_v] = not self.matters(int(joint.idx_v), rows)
         return found
 
     def _is_caster(self, joint: pin.JointModel) -> bool:
@@ -293,15 +291,15 @@ class _Samples:
         position = self._reduced.at(self._q[0]).position
         wheels = [block for block, *_ in self._reduced.all_constraints.places if isinstance(block, RollingRows)]
         levers = [np.linalg.norm(position.jacobian(each.frame)[:3, joint.idx_v]) / each.radius for each in wheels]
-        return min(levers, default=np.inf) < 2.0
+        return bool(min(levers, default=np.inf) < 2.0)
 
-    def steering_joints(self, rows: slice, planned: Bool[Array, " nv"]) -> list[int]:
-        """Velocities of planned joints with one degree of freedom on which the motion of the base depends."""
-        single = [int(each.idx_v) for each in list(self._model.joints)[1:] if each.nv == 1]
-        return [index for index in single if planned[index] and self._matters(index, rows)]
+    def matters(self, index: int, rows: slice | Bool[Array, " nv"]) -> bool:
+        """True if the velocities that the rows allow depend on a joint.
 
-    def _matters(self, index: int, rows: slice | Bool[Array, " nv"]) -> bool:
-        """True if the velocities that the rows allow depend on a joint."""
+        Args:
+            index: velocity of the joint.
+            rows: velocities that count.
+        """
         for q, R in zip(self._q, self.bases, strict=True):
             step = np.zeros(self._model.nv)
             step[index] = self._generator.uniform(0.05, 0.5)
