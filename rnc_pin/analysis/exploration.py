@@ -137,11 +137,9 @@ class Exploration(SummaryMixin):
 
     def _summary(self) -> ObjectSummary:
         title = f"Exploration: {counted(self.motions, 'motion')} beside {short_names(self.primary)}"
-        lines = []
-        for each in self.rows:
-            kind = f"class {each.redundancy_class}" if each.redundancy_class else "none"
-            lines.append((f"{short_names(each.vertical)} ({kind})", [Item(each.reason)]))
-        return ObjectSummary(title, lines)
+        kinds = [f"class {each.redundancy_class}" if each.redundancy_class else "none" for each in self.rows]
+        names = [f"{short_names(each.vertical)} ({kind})" for each, kind in zip(self.rows, kinds, strict=True)]
+        return ObjectSummary(title, [(name, [Item(each.reason)]) for name, each in zip(names, self.rows, strict=True)])
 
 
 def short_names(names: Sequence[str]) -> str:
@@ -354,8 +352,10 @@ class _Exploring:
             return "2s", steered, ""
         if 0 < moved < count and moved == self.motions and self._splits(each):
             return "2", each.moved, "the rest follows from the primary outputs"
-        if 1 < self.motions <= _MOST_MOTIONS and each.rank < count and self._is_reached(rows):
-            return "3", every, "not directly"
+        if 1 < self.motions <= _MOST_MOTIONS and each.rank < count:
+            ranks = [np.linalg.matrix_rank(J[rows] @ closure, _BRACKETS) for J, closure in self._closures]
+            if ranks and float(np.median(ranks)) == count:  # brackets of the motions move outputs in all directions
+                return "3", every, "not directly"
         still = f"{each.rank} of {counted(count, 'direction')} of {short_names(each.names(self._names))} can be moved"
         return None, ~every, still if moved else f"{short_names(each.names(self._names))} cannot be moved"
 
@@ -393,11 +393,6 @@ class _Exploring:
     def _here(self) -> ConfigurationEvaluation:
         """Model at the samples, with all outputs."""
         return self._reduced.at(self._q).in_reduction(self._evaluator)
-
-    def _is_reached(self, rows: Sequence[int]) -> bool:
-        """True if brackets of the redundant motions move outputs in all directions."""
-        ranks = [np.linalg.matrix_rank(J[rows] @ closure, _BRACKETS) for J, closure in self._closures]
-        return bool(ranks) and float(np.median(ranks)) == len(rows)
 
     @cached_property
     def _closures(self) -> list[tuple[Array, Array]]:

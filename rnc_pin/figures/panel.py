@@ -28,13 +28,6 @@ INTEGRAL_NAMES = {"m": "distance", "rad": "turned angle"}
 """Names of axes of integrals of rates by unit."""
 
 
-def readable_name(name: str) -> str:
-    """Readable name; the middle of a long name is replaced by dots."""
-    if len(name) > _MAX_NAME:
-        name = f"{name[: _MAX_NAME // 2]}...{name[-_MAX_NAME // 2 :]}"
-    return name.replace("_", " ").strip()
-
-
 @dataclass(frozen=True)
 class Series:
     """Line of a panel, with its reference and the same line of compared runs.
@@ -109,10 +102,11 @@ class Labels:
                 raise InputError(f"labels: nothing is named '{name}'{nearest(name, known)}")
 
     def text(self, name: str) -> str:
-        """Text of a name: the given one, or the readable name."""
+        """Text of a name: the given one, or the readable name; dots replace the middle of a long one."""
         from rnc_pin.figures.style import escape  # Matplotlib takes a second to import
 
-        return self.given[name] if name in self.given else escape(readable_name(name))
+        short = name if len(name) <= _MAX_NAME else f"{name[: _MAX_NAME // 2]}...{name[-_MAX_NAME // 2 :]}"
+        return self.given[name] if name in self.given else escape(short.replace("_", " ").strip())
 
     def of(self, series: Series) -> str:
         """Text of a line."""

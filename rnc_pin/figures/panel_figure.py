@@ -89,7 +89,8 @@ def panel_figure(
             if last:
                 axes.set_xlabel(f"{texts.text('time')} [s]")
             axes.tick_params(labelbottom=last)
-        lines = _title_lines(title, sheet.in_text(grid.width))
+        width = max(20, int(sheet.in_text(grid.width) / _CHARACTER))
+        lines = textwrap.wrap(title or "", width, max_lines=_TITLE_LINES, placeholder="...")
         if lines:
             shown = figure.suptitle("\n".join(map(st.escape, lines)), x=0.01, ha="left")
         over = [0.0] * grid.rows
@@ -175,13 +176,6 @@ def _arrange(cells: Sequence[_Cell], grid: Grid, tops: Sequence[float], height: 
         across, down = (cell.in_text(pixels) for pixels in cell.axes.bbox.size)
         cell.axes.yaxis.set_label_coords(-ticks / across, 0.5)
         cell.axes.xaxis.set_label_coords(0.5, -_NUMBERS / down)
-
-
-def _title_lines(title: str | None, width: float) -> list[str]:
-    """Lines of a title within a width [sizes of the text]."""
-    if not title:
-        return []
-    return textwrap.wrap(title, max(20, int(width / _CHARACTER)), max_lines=_TITLE_LINES, placeholder="...")
 
 
 def _axis_label(panel: Panel, texts: Labels, height: float) -> str:

@@ -20,7 +20,7 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import OutputNames, Sample, Trajectory, output_names
 
 Layer = Literal[
-    "path", "reference", "goal", "plan", "tracks", "constraint forces", "compared", "obstacles", "surface",
+    "path", "reference", "goal", "plan", "tracks", "constraint forces", "redundancy", "compared", "obstacles", "surface"
 ]  # fmt: skip
 LAYERS: tuple[Layer, ...] = get_args(Layer)
 Point = Annotated[Sequence[float], Len(3, 3)]
@@ -36,6 +36,8 @@ class View:
         target: point that the camera looks at [m].
         ground: height of the grid and of the wheel tracks [m]; None draws neither. "auto" is 0, or None if the robot
             floats in space.
+        redundancy: True draws how bodies move, as arrows, in each motion that leaves the primary outputs of the task
+            alone. It is named by the reducing output that moves.
         hide: layers that are hidden at first; the legend and the controls of the viewer show them.
     """
 
@@ -43,6 +45,7 @@ class View:
     camera: Point | None = None
     target: Point = (0.0, 0.0, 0.0)
     ground: float | Literal["auto"] | None = "auto"
+    redundancy: bool = False
     hide: Sequence[Layer] = ()
 
     def __post_init__(self) -> None:

@@ -129,29 +129,28 @@ class Triad(Element):
 
 
 @dataclass(eq=False)
-class Arrow(Element):
-    """Arrow from a point along a vector, both (3,) [m]; almost invisible if the vector is zero."""
+class Arrows(Element):
+    """Arrows from points along vectors, both (n, 3) [m]; almost invisible where the vector is zero."""
 
-    vector: Callable[[DrawnState], tuple[np.ndarray, np.ndarray]]
+    count: int
+    vectors: Callable[[DrawnState], tuple[np.ndarray, np.ndarray]]
     width: float
 
     def build(self, scene: MeshcatScene) -> None:
-        scene.mesh(f"{self.node}/shaft", mg.Cylinder(1.0, 1.0), self.entry.color)
-        scene.mesh(f"{self.node}/head", mg.Cylinder(1.0, radiusTop=0.0, radiusBottom=1.0), self.entry.color)
+        for k in range(self.count):
+            scene.mesh(f"{self.node}/{k}/shaft", mg.Cylinder(1.0, 1.0), self.entry.color)
+            scene.mesh(f"{self.node}/{k}/head", mg.Cylinder(1.0, radiusTop=0.0, radiusBottom=1.0), self.entry.color)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
-        point, vector = self.vector(state)
-        length = float(np.linalg.norm(vector))
-        width = self.width
-        if not length > 0.2 * width:  # True if NaN
-            for part in ("shaft", "head"):
-                scene.place(f"{self.node}/{part}", _cylinder(np.nan_to_num(point), np.eye(3)[1], 1e-4, 1e-4))
-            return
-        along = vector / length
-        head = min(3.5 * width, length)
-        shaft = max(length - head, 1e-4)
-        scene.place(f"{self.node}/shaft", _cylinder(point + along * shaft / 2, along, shaft, width / 2))
-        scene.place(f"{self.node}/head", _cylinder(point + along * (shaft + head / 2), along, head, 0.4 * head))
+        for k, (point, vector) in enumerate(zip(*map(np.nan_to_num, self.vectors(state)), strict=True)):
+            length = float(np.linalg.norm(vector))
+            seen = length > 0.2 * self.width
+            along = vector / length if seen else np.eye(3)[1]
+            head = min(3.5 * self.width, length) if seen else 1e-4
+            shaft = max(length - head, 1e-4)
+            place = _cylinder(point + along * shaft / 2, along, shaft, self.width / 2 if seen else 1e-4)
+            scene.place(f"{self.node}/{k}/shaft", place)
+            scene.place(f"{self.node}/{k}/head", _cylinder(point + along * (shaft + head / 2), along, head, 0.4 * head))
 
 
 def drawn_scale(shape: pin.GeometryObject) -> np.ndarray:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import cycle
 from typing import TypedDict
 
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.errors import SingularityError
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.simulation import PlannedPath, RunInfo, Trajectory
 from rnc_pin.visualization import elements as e
@@ -71,7 +74,8 @@ class RunScene:
         self.robot, self.reduced = shown.drawn_model.robot, shown.drawn_model.reduced
         self.outputs = shown.info.outputs
         self.meshcat_robot = MeshcatRobot(self.robot, scene)
-        self.kinematics = SceneKinematics(self.robot, self.reduced.constraints if self.reduced else None)
+        rows = self.reduced.constraints if self.reduced and self.reduced.m else None
+        self.kinematics = SceneKinematics(self.robot, rows)
         run = shown.trajectory
         moments = first.q[None] if run is None else run.q[:: max(1, len(run.q) // 12)]
         self.size = float(np.clip(np.linalg.norm(np.ptp(self.kinematics.corners(first.q), axis=0)) / 2, 0.05, 20.0))
@@ -121,24 +125,18 @@ class RunScene:
     def _look(self, first: DrawnState, points: np.ndarray) -> None:
         """Place the camera for points (N, 3) [m] of the robot along its known motion."""
         view, whole = self.view, meshcat_scene.with_plan(points, self._path, self.ground or 0.0)
-        given = None if view.camera is None else np.array(view.camera, dtype=float)
-        forward = (
-            np.array(meshcat_scene.VIEW_DIRECTION) if given is None else np.array(view.target, dtype=float) - given
-        )
+        camera, target = (np.array(() if each is None else each, dtype=float) for each in (view.camera, view.target))
         radius = float(np.linalg.norm(np.ptp(whole, axis=0))) / 2
         # In a picture of a motion much longer than the robot, the robot would be only a dot.
         far = self._path is None and radius > _MAX_MOTION * self.size
-        over = self.shown.trajectory is not None
-        if given is None:
+        if view.camera is None:
             shown = meshcat_scene.enlarged_box(self.kinematics.corners(first.q)) if far else whole
-            camera, target = meshcat_scene.fitting_camera(shown, forward)
-        else:
-            camera, target = given, np.array(view.target, dtype=float)
+            camera, target = meshcat_scene.fitting_camera(shown, np.array(meshcat_scene.VIEW_DIRECTION))
         self.scene.set_camera(camera, target)
         if self.ground is not None:
             self.scene.grid(self.ground, target, max(10.0, 2.5 * radius))
-        if far or given is not None or not over:
-            close = given is None and self._path is None
+        if far or view.camera is not None or self.shown.trajectory is None:
+            close = view.camera is None and self._path is None
             self._follower = meshcat_scene.Follower(camera, target, self.kinematics.center_of_mass(first.q), close)
 
     # ------------------------------------------------------------------ elements
@@ -146,7 +144,7 @@ class RunScene:
     def _elements(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = [*obstacle_elements(self.shown.drawn_model.obstacles)]
         for part in (self._grounds, self._plan, self._references, self._paths, self._tracks,
-                     self._constraints, self._switching, self._compared):  # fmt: skip
+                     self._constraints, self._switching, self._redundancy, self._compared):  # fmt: skip
             found += part(first)
         return found
 
@@ -236,15 +234,13 @@ class RunScene:
         return found
 
     def _tracks(self, first: DrawnState) -> list[e.Element]:
-        if self.ground is None or self.reduced is None or not self.reduced.m:
+        if self.ground is None:
             return []
         entry = e.LayerEntry("wheel tracks", "tracks", e.GREY)
         wheels = self.kinematics.wheels(first, self._floor)
         return [e.Trail(entry, str(k), wheel, self._width, self._piece) for k, wheel in enumerate(wheels.values())]
 
     def _constraints(self, first: DrawnState) -> list[e.Element]:
-        if self.reduced is None or not self.reduced.m:
-            return []
         points, _ = self.kinematics.lines_of_action_at(first)
         drawn = np.flatnonzero(~np.isnan(points).any(axis=1)).tolist()
         return self._forces(self.kinematics, {row: row for row in drawn}, "")
@@ -270,20 +266,40 @@ class RunScene:
             values = np.abs(np.nan_to_num(run.multipliers[:, list(columns.values())]))
             self._largest_force = float(values.max(initial=self._largest_force))
 
-        def arrow(row: int) -> e.Arrow:
-            def vector(state: DrawnState) -> tuple[np.ndarray, np.ndarray]:
-                # Multipliers are on the side of the inertia forces, so the constraint force has the opposite sign.
-                value = -state.multipliers[columns[row]]
-                if not value or not np.isfinite(value):  # the lines of a wheel that flies may be undefined
-                    return np.zeros(3), np.zeros(3)
-                self._largest_force = max(self._largest_force, abs(value))
-                length = value / self._largest_force * 0.7 * self.size
-                point, along = (np.nan_to_num(each[row]) for each in kinematics.lines_of_action_at(state))
-                return point, length * along
+        def vectors(state: DrawnState) -> tuple[np.ndarray, np.ndarray]:
+            # Multipliers are on the side of the inertia forces, so the constraint force has the opposite sign.
+            values = -np.nan_to_num(state.multipliers[list(columns.values())])
+            if not values.any():  # the lines of a wheel that flies may be undefined
+                return np.zeros((len(columns), 3)), np.zeros((len(columns), 3))
+            self._largest_force = max(self._largest_force, float(np.abs(values).max()))
+            points, along = (np.nan_to_num(each[list(columns)]) for each in kinematics.lines_of_action_at(state))
+            return points, along * (values / self._largest_force * 0.7 * self.size)[:, None]
 
-            return e.Arrow(entry, f"{prefix}{row}", vector, 1.6 * self._width)
+        return [e.Arrows(entry, f"{prefix}rows", len(columns), vectors, 1.6 * self._width)] if columns else []
 
-        return [arrow(row) for row in columns]
+    def _redundancy(self, first: DrawnState) -> list[e.Element]:
+        """Velocities of bodies in motions that leave the primary outputs alone, each the motion of another output."""
+        reduced, task, links_of = self.reduced, self.shown.info.provenance.task, self.robot.links_of
+        if reduced is None or not self.view.redundancy:
+            return []
+        names, primary = reduced.reducing.names, self.shown.goals if task is None else task.primary
+        ends = {name for k in range(1, self.robot.model.njoints) for name in (*links_of(k)[:1], *links_of(k)[-1:])}
+        frames = [self.robot.frame_id(name) for name in sorted(ends)]
+
+        def vectors(state: DrawnState, column: int) -> tuple[np.ndarray, np.ndarray]:
+            here, along = reduced.at(state.q, t=state.time), np.zeros((len(frames), 3))
+            with suppress(SingularityError):
+                along = np.array([here.position.jacobian(frame)[:3] @ here.R[:, column] for frame in frames])
+            points = np.array([here.position.placement(frame).translation for frame in frames])
+            return points, 0.4 * self.size * along / max(float(np.linalg.norm(along, axis=1).max()), 1e-9)
+
+        found: list[e.Element] = []
+        colors = cycle((*_TRAILS, e.SKY, e.YELLOW, e.GREY, e.BLACK))
+        for name, color in zip((name for name in names if name not in primary), colors, strict=False):
+            entry = e.LayerEntry(f"motion of {name.replace('_', ' ')}", f"redundancy/{name}", color, "arrow")
+            motion = partial(vectors, column=names.index(name))
+            found.append(e.Arrows(entry, "bodies", len(frames), motion, self._width))
+        return found
 
     def _compared(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = []

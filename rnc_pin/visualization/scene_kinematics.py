@@ -40,8 +40,6 @@ class SceneKinematics:
         self._data = robot.model.createData()
         self._masses = robot.model.createData()
         self._q: np.ndarray | None = None
-        self._lines_q: np.ndarray | None = None
-        self._lines = np.empty((2, 0, 3))
 
     def _data_at(self, q: np.ndarray) -> pin.Data:
         if q is not self._q:
@@ -70,10 +68,8 @@ class SceneKinematics:
 
     def lines_of_action_at(self, state: DrawnState) -> tuple[np.ndarray, np.ndarray]:
         """Lines of action of the constraint rows: points and directions, (m, 3) each."""
-        if state.q is not self._lines_q and self._rows is not None:
-            self._lines = np.stack(self._rows.lines_of_action(self._kinematics.position(state.q)))
-            self._lines_q = state.q
-        return self._lines[0], self._lines[1]
+        none = np.empty((0, 3))
+        return (none, none) if self._rows is None else self._rows.lines_of_action(self._kinematics.position(state.q))
 
     def center_of_mass(self, q: np.ndarray) -> np.ndarray:
         """Centre of mass of the robot (3,) [m]."""

@@ -23,12 +23,6 @@ def gripping():
     return systems.sleigh()
 
 
-def used_by(grip, reduced, q, v2, v2_dot):
-    """Shares for accelerations instead of inputs."""
-    state = reduced.at(q, v2)
-    return grip.used_at(state, state.allocate(state.inverse_dynamics(v2_dot)))
-
-
 def loads_of(grip, reduced, q, v2, T):
     """Loads of the contacts that grip, of least norm; zero where the ground would have to pull."""
     normal = np.maximum(grip.normal.at(reduced.at(q, v2), T), 0.0)
@@ -40,7 +34,8 @@ def test_the_side_force_of_a_sleigh_in_a_steady_turn_is_m_v_w(gripping):
     grip = rnc.Grip(gripping, friction=0.5)
     q = gripping.robot.configuration({"root_joint": [1.0, 2.0, 0.7]})
     for v, w in ((1.0, 2.0), (3.0, -1.0)):
-        found = used_by(grip, gripping, q, [v, w], np.zeros(2))
+        state = gripping.at(q, [v, w])
+        found = grip.used_at(state, state.allocate(state.inverse_dynamics(np.zeros(2))))
         np.testing.assert_allclose(found, [2.0 * abs(v * w) / (0.5 * 2.0 * G)], rtol=1e-9)
 
 

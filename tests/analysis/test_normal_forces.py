@@ -115,17 +115,12 @@ def test_what_acts_on_a_planar_base_with_an_unknown_wrench_leaves_its_loads_unkn
     assert str(run.verdict.first).startswith("the loads of left_wheel, right_wheel, nose are unknown")
 
 
-def critical(reduced, q):
-    """Torque of both wheels at which the nose carries nothing, from rest: forces are affine in inputs."""
-    normal, rest = NormalForces(reduced), reduced.at(q, np.zeros(2))
-    still, pushed = (normal.at(rest, np.full(2, T))[2] for T in (0.0, 1.0))
-    return still / (still - pushed)
-
-
 @pytest.mark.parametrize("base", ["planar", "free"])
 def test_a_run_names_the_first_contact_that_would_lift_off(base):
     reduced, q = cart(base)
-    limit = critical(reduced, q)
+    normal, rest = NormalForces(reduced), reduced.at(q, np.zeros(2))
+    still, pushed = (normal.at(rest, np.full(2, T))[2] for T in (0.0, 1.0))
+    limit = still / (still - pushed)  # torque of both wheels at which the nose carries nothing: forces are affine in it
     held = rnc.simulate(reduced, Inputs(lambda _: [0.99 * limit] * 2), q, 0.05, 0.01)
     lifted = rnc.simulate(reduced, Inputs(lambda _: [1.5 * limit] * 2), q, 0.05, 0.01)
     assert rnc.summarize(held)["lift_off"] is None

@@ -17,12 +17,6 @@ def slides(kinds):
     return rnc.Robot(model).model
 
 
-def linear(J, goal):
-    """Residuals of ``J q = goal`` without equalities."""
-    nothing = np.zeros((0, J.shape[1]))
-    return lambda q: Residuals(goal - J @ q, J, nothing[:, 0], nothing)
-
-
 def test_each_of_three_slides_stops_at_its_own_limit():
     """Behind a ball, so that places in q and in v differ. The nearest point of a box is its clipped goal."""
     model = slides([pin.JointModelSpherical(), pin.JointModelPX(), pin.JointModelTranslation()])
@@ -62,7 +56,7 @@ def test_an_equality_of_coupled_joints_satisfies_the_conditions_of_optimality():
 def test_eight_stalled_steps_in_a_row_end_a_descent():
     """A goal that steps of at most a metre reach slowly; a step stalls if it leaves most of the squared error."""
     bounds = TangentBounds(slides([pin.JointModelPX()]), -np.full(1, np.inf), np.full(1, np.inf), np.zeros(1, bool))
-    far = linear(np.eye(1), np.array([100.0]))
+    far = lambda q: Residuals(100.0 - q, np.eye(1), np.zeros(0), np.zeros((0, 1)))  # noqa: E731
     slow = descend(far, bounds, np.zeros(1), progress=0.999)
     assert slow.steps == 8
     assert 0 < slow.q[0] < 8.0

@@ -49,11 +49,6 @@ def none_alone(monkeypatch):
     monkeypatch.setattr(batch, "_alone", refuse)
 
 
-def starts(reduced, count):
-    states = systems.random_states(reduced, count, seed=5)
-    return np.array([q for q, _ in states]), np.array([0.3 * v2 for _, v2 in states])
-
-
 def hold(reduced, k2=2.0):
     return ReducingOutputController(reduced, Hold(np.linspace(-0.5, 0.5, reduced.r)), k2)
 
@@ -80,7 +75,8 @@ def sleigh():
 @pytest.mark.parametrize("controller", CONTROLLERS)
 def test_runs_of_trackers_are_those_of_runs_alone(name, controller):
     reduced = systems.ALL[name]()
-    check_all(reduced, CONTROLLERS[controller](reduced), *starts(reduced, 3))
+    q, v2 = map(np.array, zip(*systems.random_states(reduced, 3, seed=5), strict=True))
+    check_all(reduced, CONTROLLERS[controller](reduced), q, 0.3 * v2)
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)

@@ -3,7 +3,9 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
+import scipy
 import umsgpack
 from scipy.spatial.transform import Rotation
 
@@ -13,10 +15,12 @@ from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.simulation import Columns, OutputNames
-from rnc_pin.visualization.drawn_state import DrawnState, View, recorded_states
+from rnc_pin.visualization.browser.scene_server import SceneWindow
+from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, recorded_states
 from rnc_pin.visualization.elements import Overlay
-from rnc_pin.visualization.meshcat_scene import Keyframes
+from rnc_pin.visualization.meshcat_scene import Keyframes, MeshcatScene
 from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization.run_scene import RunScene, ShownRun
 from rnc_pin.visualization.scene_kinematics import SceneKinematics
 
 
@@ -117,6 +121,26 @@ def test_an_axle_without_drawn_wheels_leaves_a_track_itself(truck):
     first = next(recorded_states(reduced.robot, run))
     tracks = SceneKinematics(rnc.Robot(reduced.robot.model), reduced.constraints).wheels(first, 0.0)
     np.testing.assert_allclose(np.sort([track(first)[0] for track in tracks.values()]), [-9, -8, -7], atol=1e-9)
+
+
+def test_motions_that_leave_the_primary_outputs_alone_are_arrows_with_names(robot, run):
+    """Beside the null space of the rows of momentum and hand, by Pinocchio alone."""
+    shown = ShownRun(DrawnModel.of(systems.space_robot()), run.info, run.info.goals, run)
+    state, views = list(recorded_states(robot, run))[9], (View(redundancy=True), View())
+    scene, other = (RunScene(shown, view, MeshcatScene(SceneWindow("motions"), 25.0), state) for view in views)
+    (arrows,), none = ([each for each in of.elements if "motion of" in each.entry.label] for of in (scene, other))
+    assert (arrows.entry.label, none) == ("motion of joint 1", [])
+    points, vectors = arrows.vectors(state)
+    model, data = robot.model, robot.model.createData()
+    momentum = pin.crba(model, data, state.q)[0].copy()
+    pin.computeJointJacobians(model, data, state.q)
+    pin.updateFramePlacements(model, data)
+    J = [pin.getFrameJacobian(model, data, k, pin.LOCAL_WORLD_ALIGNED)[:3] for k in range(model.nframes)]
+    motion = scipy.linalg.null_space(np.vstack([momentum, J[model.getFrameId("tip")][:2]]))[:, 0]
+    away = np.linalg.norm([place.translation - points for place in data.oMf], axis=2)  # of each frame from each arrow
+    expected = np.array([J[k] @ motion for k in away.argmin(axis=0)])
+    assert np.abs(vectors).max() > 0.1 * scene.size
+    np.testing.assert_allclose(vectors * np.sum(expected**2), expected * np.sum(vectors * expected), atol=1e-9)
 
 
 # ---------------------------------------------------------------------- overlay, camera

@@ -40,8 +40,8 @@ def test_ground_carries_a_ball_after_its_landing(tmp_path):
         scene = RunScene(shown, View(), MeshcatScene(SceneWindow("drop"), RATE), states[0])
         assert [line["label"] for line in scene.legend()].count("constraint force") == layers
         scene.update(states[-1])
-    arrows = [each for each in scene.elements if each.entry.label == "constraint force"]
+    (arrows,) = [each for each in scene.elements if each.entry.label == "constraint force"]
     newton = np.abs(run.multipliers).max() / (0.7 * scene.size)  # the longest arrow is 0.7 of the robot
-    total = [newton * sum(each.vector(state)[1] for each in arrows) for state in (states[0], states[-1])]
+    total = [newton * arrows.vectors(state)[1].sum(axis=0) for state in (states[0], states[-1])]
     np.testing.assert_allclose(total, [[0, 0, 0], [0, 0, 9.81]], atol=1e-9)
-    np.testing.assert_allclose(arrows[0].vector(states[-1])[0], [0.5, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(arrows.vectors(states[-1])[0], [[0.5, 0, 0]] * arrows.count, atol=1e-9)
