@@ -217,7 +217,7 @@ def _kept(reduced: ReducedModel, q: Array, ignored: Sequence[str]) -> Array:
     if free.any():
         turned = pin.integrate(model, q, free * generator.uniform(0.5, 1.0, reduced.n))
         here, there = (scipy.linalg.orth(reduced.at(each).R[kept], _SPAN) for each in (q, turned))
-        if here.shape != there.shape or np.abs(there - here @ (here.T @ there)).max() > _SPAN:
+        if np.abs(here @ here.T - there @ there.T).max() > _SPAN:
             names = ", ".join(map(str, ignored))
             raise ConstraintError(f"ignored: the constraints of the other joints depend on the position of {names}")
     return kept

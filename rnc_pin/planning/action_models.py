@@ -363,7 +363,7 @@ class KinematicFlow:
         for _ in range(steps):
             places.append(self.coarse_step(places[-1], each))
         starts = np.concatenate(places[:-1])
-        found = self._model.step_derivatives(*self._unit_steps(starts, np.tile(each, (steps, 1))))
+        found = self._model.step_derivatives(*_unit_steps(starts, np.tile(each, (steps, 1))))
         by_q, by_u = (part.reshape(steps, len(q), self.reduced.n, -1) for part in (found.x, found.u / steps))
         by_start, by_input = by_q[0], by_u[0]
         for k in range(1, steps):
@@ -377,12 +377,7 @@ class KinematicFlow:
             q: configurations.
             u: reduced velocities times durations.
         """
-        return self._model.step(*self._unit_steps(q, u)).q
-
-    @staticmethod
-    def _unit_steps(q: Array, u: Array) -> tuple[Nodes, Array, Array]:
-        """Steps of one second: the velocities are the displacements."""
-        return Nodes(q, np.empty((len(q), 0))), u, np.ones(len(q))
+        return self._model.step(*_unit_steps(q, u)).q
 
     def velocity(self, q: Float[Array, "n nq"], u: Float[Array, "n k"]) -> Float[Array, "n nv"]:
         """Velocities (n, nv) for u at configurations."""
@@ -390,3 +385,8 @@ class KinematicFlow:
             return np.asarray(self.reduced.at(q, u).v)
         R = self.reduced.at(q).R
         return np.asarray(np.matvec(R @ np.linalg.pinv(R[:, self._planned]), u))
+
+
+def _unit_steps(q: Array, u: Array) -> tuple[Nodes, Array, Array]:
+    """Steps of one second: the velocities are the displacements."""
+    return Nodes(q, np.empty((len(q), 0))), u, np.ones(len(q))

@@ -5,6 +5,7 @@ import pytest
 import scipy.linalg
 
 import rnc_pin as rnc
+from refusals import refused
 from textbook_systems import linear
 
 # ---------------------------------------------------------------------- the regulator
@@ -83,22 +84,19 @@ def test_a_double_integrator_in_other_units_of_time_is_regulated(size):
     np.testing.assert_allclose(K, [[1.0, np.sqrt(3.0)]], rtol=1e-7)
 
 
-@pytest.mark.parametrize(("cost", "inputs", "words"), [
-    ([[1.0, 2.0], [2.0, 1.0]], 1.0, "state_cost: no weight may be negative"),
-    ([[1.0, 0.5], [0.0, 1.0]], 1.0, "or a symmetric matrix, found"),
-    ([1.0, np.nan], 1.0, "or a symmetric matrix, found"),
-    ([[1.0, 2.0]], 1.0, "or a symmetric matrix, found"),
-    ("heavy", 1.0, "state_cost: expected numbers, found 'heavy'"),
-    ([[1.0], [1.0, 2.0]], 1.0, "state_cost: expected numbers, found"),
-    ([1.0], 1.0, "state_cost: expected a number, one for each of x0, x1, or a symmetric matrix, found"),
-    (1.0, [1.0, 1.0], "input_cost: expected a number, one for each of u0, or a symmetric matrix, found"),
-    (1.0, 0.0, "input_cost: every input needs a positive weight"),
-    (1.0, -1.0, "input_cost: every input needs a positive weight"),
-    (1.0, {"u": 1.0}, "input_cost: no 'u'; did you mean 'u0'"),
-])  # fmt: skip
-def test_costs_that_are_none_are_refused(cost, inputs, words):
-    with pytest.raises(rnc.ConfigurationError, match=words):
-        rnc.lqr(linear([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]]), cost, inputs)
+test_costs_that_are_none_are_refused = refused([
+    (([[1.0, 2.0], [2.0, 1.0]], 1.0), "state_cost: no weight may be negative"),
+    (([[1.0, 0.5], [0.0, 1.0]], 1.0), "or a symmetric matrix, found"),
+    (([1.0, np.nan], 1.0), "or a symmetric matrix, found"),
+    (([[1.0, 2.0]], 1.0), "or a symmetric matrix, found"),
+    (("heavy", 1.0), "state_cost: expected numbers, found 'heavy'"),
+    (([[1.0], [1.0, 2.0]], 1.0), "state_cost: expected numbers, found"),
+    (([1.0], 1.0), "state_cost: expected a number, one for each of x0, x1, or a symmetric matrix, found"),
+    ((1.0, [1.0, 1.0]), "input_cost: expected a number, one for each of u0, or a symmetric matrix, found"),
+    ((1.0, 0.0), "input_cost: every input needs a positive weight"),
+    ((1.0, -1.0), "input_cost: every input needs a positive weight"),
+    ((1.0, {"u": 1.0}), "input_cost: no 'u'; did you mean 'u0'"),
+], lambda costs: rnc.lqr(linear([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]]), *costs), rnc.ConfigurationError)  # fmt: skip
 
 
 @pytest.mark.parametrize("fast", [0.3, 3.0])

@@ -141,14 +141,9 @@ def test_state_feedback_moves_the_states_of_outputs_that_have_a_reference(names)
     assert model.v2.tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
 
 
-def test_state_feedback_refuses_what_does_not_fit():
-    model, K = linear()
-    for arguments, words in (
-        ((K.T,), "the gain has shape (6, 2), expected (2, 6)"),
-        ((K, Hold(np.zeros(2)), ["tilt"]), "the state feedback's reference has 2 values for 1 outputs"),
-        ((K, Hold(np.zeros(1)), ["tild"]), "no reducing output 'tild'; did you mean 'tilt'?"),
-        ((K, Hold(np.zeros(5))), f"neither 'spin' nor its rate is a state, expected one of {', '.join(STATES)}"),
-    ):
-        with pytest.raises(rnc.ConfigurationError) as caught:
-            StateFeedback(model, *arguments)
-        assert str(caught.value) == words
+test_state_feedback_refuses_what_does_not_fit = refused([
+    (lambda K: (K.T,), "the gain has shape (6, 2), expected (2, 6)"),
+    (lambda K: (K, Hold(np.zeros(2)), ["tilt"]), "the state feedback's reference has 2 values for 1 outputs"),
+    (lambda K: (K, Hold(np.zeros(1)), ["tild"]), "no reducing output 'tild'; did you mean 'tilt'?"),
+    (lambda K: (K, Hold(np.zeros(5))), f"neither 'spin' nor its rate is a state, expected one of {', '.join(STATES)}"),
+], lambda given: StateFeedback(linear()[0], *given(linear()[1])), rnc.ConfigurationError)  # fmt: skip

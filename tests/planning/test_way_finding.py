@@ -353,6 +353,7 @@ def test_states_of_the_search_are_configurations(base):
     model = with_box(rnc.Robot.from_urdf("unicycle.urdf", base=base), "axle", 0.2, 0.2, 0.2).model.copy()
     for name, kind in (("endless", "RUBZ"), ("ball", "Spherical"), ("arm", "RX"), ("slide", "PY")):
         add_body(model, name, kind, 1.0, 1, com=(0.2, 0, 0), moments=0.05)
+    model.lowerPositionLimit[-1], model.upperPositionLimit[-1] = -0.3, 0.4
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), []).reduce()
     start, goal = (reduced.robot.random_configuration(np.random.default_rng(k)) for k in (0, 1))
     steering = rnc.planning.find_steering(reduced, start)
@@ -360,6 +361,7 @@ def test_states_of_the_search_are_configurations(base):
     state = ways.space.allocState()
     ways.write(state, goal)
     np.testing.assert_allclose(pin.difference(model, ways.read(state), goal), 0.0, atol=1e-12)
+    assert ways._range(model.nq - 1, np.array([start, goal]), "JointModelPY", False) == (-0.3, 0.4)
 
 
 def test_a_way_is_narrowest_where_it_passes_beside_a_post():

@@ -1,5 +1,7 @@
 """Trees of propagated motions and the equations of Newton's method, beside dense ones."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scipy
@@ -72,6 +74,15 @@ def test_places_of_both_trees_that_are_near_each_other_are_joined(monkeypatch):
     monkeypatch.setattr(search, "_joined", joined)
     assert search.run([], 0, seed=1) == "found"
     assert max(met) < _NEAR
+
+
+@pytest.mark.parametrize("free", [True, False])
+def test_a_motion_that_meets_the_goal_is_taken_if_it_is_free(free):
+    search, q = search_of(2)
+    inputs, counts = np.array([[0.1, 0.05]]), np.array([5])
+    nodes = np.concatenate([q[:1], search._flow.along(q[:1], inputs, counts)[0][-1:]])
+    search._goal, search._checker = nodes[1], SimpleNamespace(is_free=lambda motion: free)
+    assert (search._refined(nodes, inputs, None, counts) is not None) == free
 
 
 def test_random_motions_are_as_long_as_a_tenth_of_a_metre_to_a_metre():

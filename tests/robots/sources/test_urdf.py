@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+import refusals
 import rnc_pin as rnc
 from places import DIRT, ROOT
 from rnc_pin.applications.scenario.schema.world import RobotSource
@@ -30,10 +31,7 @@ def loaded(name, **options):
 
 
 def refusal(name, **options):
-    with pytest.raises(rnc.ModelError) as caught:
-        loaded(name, **options)
-    words = str(caught.value)
-    assert "\n" not in words
+    words = refusals.refusal(lambda: loaded(name, **options), rnc.ModelError)
     assert str(DIRT / name) in words
     return words
 
