@@ -21,7 +21,9 @@ def test_each_of_three_slides_stops_at_its_own_limit():
     """Behind a ball, so that places in q and in v differ. The nearest point of a box is its clipped goal."""
     model = slides([pin.JointModelSpherical(), pin.JointModelPX(), pin.JointModelTranslation()])
     high = np.array([np.inf, np.inf, np.inf, np.inf, 0.5, 0.1, 0.2, 0.3])
-    bounds = TangentBounds(model, -high, high, np.zeros(7, dtype=bool))
+    low, high[6] = -high, np.inf  # limits on one side are limits
+    low[5] = -np.inf
+    bounds = TangentBounds(model, low, high, np.zeros(7, dtype=bool))
     assert bounds.v_index.tolist() == [3, 4, 5, 6]
     goal = np.array([0.4, 3.0, -2.0, 0.25])
     J = np.eye(7)[3:]
