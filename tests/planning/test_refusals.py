@@ -63,6 +63,7 @@ def unsteered():
     return SteeringGeometry(reduced, robot.configuration(), "sleigh", speed=0, steering=1, largest=1.0)
 
 
+INSIDE = {rnc.FramePosition("axle", "xy"): [1.5, 3.0], rnc.FrameYaw("axle"): 0.2}
 LEFT = rnc.collision.Obstacle(coal.Box(0.2, 40.0, 1.0), position=(1.5, 20.25, 0.0), name="left")
 CART = rnc.collision.Obstacle(coal.Box(0.6, 0.8, 1.0), name="cart", motion=MinimumJerk([0.0] * 4, [1.0] * 4, 2.0))
 test_mistakes_are_refused_in_one_line = refused([
@@ -110,6 +111,7 @@ test_mistakes_are_refused_in_one_line = refused([
     (lambda: ik({"tip_x": 1.0}, hold=["jont_1"]), rnc.ModelError, "did you mean 'joint_1'"),
     (lambda: way(knife_box(), start=(1.5, 3.0), obstacles=[LEFT]), NONE, "start is too near: .*/ left are .* m apart"),
     (lambda: way(knife_box(), goal=(1.5, 3.0), obstacles=[LEFT]), NONE, "the goal is too near: .*/ left"),
+    (lambda: find_way(knife_box(), at_pose(knife_box(), 0, 0), INSIDE, [LEFT]), NONE, "the goal is too near: .*/ left"),
     (lambda: way_beside(tractor(1), 4e-4), NONE, "the start is too near"),
     (lambda: find_way(car(), at_pose(car(), 0, 0), at_pose(car(), 1, 0, front_steering=1.5)), NONE,
         "beyond the position limit of joint 'front_steering' by 0.5"),
