@@ -292,9 +292,8 @@ class _Exploring:
         rows = [[self._names.index(stack.names[row]) for stack, each in group for row in each] for group in groups]
         kept = [tuple(k for k in group if not nothing[k] and k not in self._first) for group in rows]
         self._groups = list(dict.fromkeys(group for group in kept if group))
-        self._redundant = self._coordinates() if self.motions else []
-        coordinates = velocity_outputs(self._robot)
-        self._redundant_names = tuple(list(coordinates)[k] for k in self._redundant)
+        self._coordinate_names = list(velocity_outputs(self._robot))
+        self._redundant, self._redundant_names = self._coordinates() if self.motions else ([], ())
 
     def _motions_at(self, q: Array) -> tuple[Array, tuple[Array, ...]]:
         """Mask of the configurations where the primary outputs are independent; A_star, J, P, R N and D at these."""
@@ -409,18 +408,23 @@ class _Exploring:
                     break
         return found
 
-    def _coordinates(self) -> list[int]:
-        """Entries of v that parametrise the redundant motions best: the largest typical smallest singular value."""
-        single = [self._robot.velocity_indices(name).start for name in self._robot.single_joint_names]
+    def _coordinates(self, without: Sequence[str] = ()) -> tuple[list[int], tuple[str, ...]]:
+        """Entries of v that parametrise the redundant motions best: the largest typical smallest singular value.
+
+        Coordinates of these names are left out if others are enough.
+        """
+        free = [k for k, name in enumerate(self._coordinate_names) if name not in without]
+        single = [k for k in free if self._coordinate_names[k] in self._robot.single_joint_names]
         scaled = self._lengths * self._ways
-        enough = np.linalg.matrix_rank(scaled[0][single], _RANK) == self.motions
-        allowed = single if enough else list(range(self._robot.nv))
+        allowed = single if np.linalg.matrix_rank(scaled[0][single], _RANK) == self.motions else free
         best: tuple[float, list[int]] = (-1.0, [])
         for way in scaled[:: max(1, len(scaled) // 8)]:
             chosen = [allowed[k] for k in pivot_columns(way[allowed].T, self.motions)[0]]
             smallest = float(np.median(np.linalg.svd(scaled[:, chosen], compute_uv=False)[:, -1]))
             best = max(best, (smallest, sorted(chosen)))
-        return best[1]
+        if without and best[0] < _RANK:
+            return self._coordinates()
+        return best[1], tuple(self._coordinate_names[k] for k in best[1])
 
     # ------------------------------------------------------------------ report
 
@@ -436,19 +440,18 @@ class _Exploring:
         ends = self._q[[worst, int(np.argmax(last))]]
         ends.setflags(write=False)
         moved = tuple(name for name, moves in zip(names, mask, strict=True) if moves)
-        smallest, straight = float(last[worst]), self._straight(each) if each.rank else ()
         use = Use(
             vertical=names,
             redundancy_class=kind,
             moved=moved,
             rank=each.rank,
             singular_values=typical,
-            smallest=smallest,
+            smallest=float(last[worst]),
             singular_share=weak,
             singular_at=ends[0],
             best_at=ends[1],
-            straight=straight,
-            redundant=self._redundant_names,
+            straight=self._straight(each) if each.rank else (),
+            redundant=self._coordinates(names)[1] if {*names} & {*self._redundant_names} else self._redundant_names,
             driven=self._is_driven(each.D[:, mask] if kind in ("1", "2") else np.eye(self.motions)),
             actuators=actuators,
             effort=effort,

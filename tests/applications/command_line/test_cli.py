@@ -243,6 +243,7 @@ def test_inspect_looks_at_the_vertical_outputs_that_the_task_names(call):
     ("space-robot", ["--set", "initial.q={}"], "1", {"platform"}, "redundancy"),  # a straight arm
     ("snakeboard", ["--set", "actuators=[rotor, front_steering, back_steering, {force: {frame: board, axis: x}}]"],
      "1", {"board_yaw"}, "redundancy"),
+    ("space-robot", [], "1", {"joint_1"}, "redundancy"),
     ("fire-truck", [], "2s", {"trailer_yaw"}, "steering"),
     ("mobile-manipulator", [], "3", {"base_x", "base_y"}, "two_phase"),
 ])  # fmt: skip
