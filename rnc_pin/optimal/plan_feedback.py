@@ -29,6 +29,7 @@ from rnc_pin.printing import ReprMixin
 _AT_REST = 1e-3  # part of an interval: a plan that brakes in less time ends at rest
 _APPROACH = 50.0  # rate of the motion that ends at a bound [1/s], if samples are shorter than 10 ms
 _HORIZON = 1000  # intervals of the regulator at rest
+_SWEEPS = 3  # over the bounds of outputs that share inputs
 _ROUNDING = 1e-12  # part of the largest velocity of the plan that is rounding
 
 
@@ -135,8 +136,8 @@ class PlanFeedback(ReprMixin):
     Commands are held from sample to sample: planned inputs are their means over a sample, and forces those of the
     state in its middle. The state of the controller is the time of the last sample.
 
-    Inputs stay within the bounds of the plan. In the forms "kinematic" and "acceleration" they also keep reducing
-    outputs within theirs: each approaches a bound no faster than a critically damped motion ends there.
+    Inputs stay within the bounds of the plan. They also keep outputs of the model and reduced velocities within theirs,
+    as far as they can: each output approaches a bound no faster than a critically damped motion ends there.
 
     A plan that ends at rest stands still after its end. Other plans brake: the planned reduced velocities fall linearly
     to zero, within the largest accelerations of the plan, and at most in its duration. In the kinematic form the
@@ -181,17 +182,18 @@ class PlanFeedback(ReprMixin):
         self.K = gains_for(plan, plan.K if K is None else K)
         self._after = PlanEnd(self._model, plan)
         self._driven = action_model(reduced, "acceleration")
-        self._sides: dict[str, dict[int, tuple[float, float]]] = {"output": {}, "velocity": {}, "input": {}}
-        valued = [name for name, quasi in zip(reduced.reducing.names, reduced.reducing.quasi, strict=True) if not quasi]
-        for quantity, name, low, high in plan.info.bounds:
-            quantity = "input" if quantity == "velocity" and self._model.form == "kinematic" else quantity
-            own = valued if quantity == "output" else reduced.reducing.names
-            names, every = (plan.info.input_names,) * 2 if quantity == "input" else (own, reduced.reducing.names)
-            if name in names:
-                before = self._sides[quantity].get(every.index(name), (-np.inf, np.inf))
-                self._sides[quantity][every.index(name)] = max(low, before[0]), min(high, before[1])
-        self.weights = (1.0, 1.0) if K is None and weights is None else weights
         names = (*reduced.reducing.names, *reduced.vertical.names)
+        valued = [
+            name * (not quasi)
+            for name, quasi in zip(names, [*reduced.reducing.quasi, *reduced.vertical.quasi], strict=True)
+        ]
+        known = {"output": valued, "velocity": reduced.reducing.names, "input": plan.info.input_names}
+        self._sides: dict[str, list[tuple[int, Array]]] = {quantity: [] for quantity in known}
+        for quantity, name, *sides in plan.info.bounds:
+            quantity = "input" if quantity == "velocity" and self._model.form == "kinematic" else quantity
+            if name in known[quantity]:
+                self._sides[quantity].append((known[quantity].index(name), np.array(sides)))
+        self.weights = (1.0, 1.0) if K is None and weights is None else weights
         self._outputs = plan.reference() if plan.info.output_names == names else None
 
     def describe(self) -> Description:
@@ -236,19 +238,27 @@ class PlanFeedback(ReprMixin):
         return Command(F, None, v2_desired, x1, x2), t
 
     def _bounded(self, u: Array, q: Array, v2: Array, dt: float) -> Array:
-        """Input within its bounds, by which reducing outputs and velocities stay within theirs."""
+        """Input within its bounds, by which outputs and velocities stay within theirs as far as inputs allow."""
         model, rate = self._model, _APPROACH if self._model.nw else self.bandwidth / 4.0
         rate = min(rate, 0.5 / dt) if dt > 0 else rate
-        x = self._reduced.at(q).outputs()[1] if any(self._sides["output"].values()) else np.zeros(model.r)
-        if model.form != "dynamic":
-            for k, (low, high) in self._sides["output"].items():
-                room = rate * (np.array([low, high]) - x[k])
-                u[k] = np.clip(u[k], *(room if model.form == "kinematic" else rate * (room - 2.0 * v2[k])))
-        if model.form == "acceleration":
-            for k, (low, high) in self._sides["velocity"].items():
-                u[k] = np.clip(u[k], *(rate * (np.array([low, high]) - v2[k])))
-        for k, (low, high) in self._sides["input"].items():
-            u[k] = np.clip(u[k], low, high)
+        outputs, speeds, inputs = self._sides.values()
+        if outputs or speeds:
+            at, zero = self._reduced.at(q, v2), np.zeros(model.r)
+            x1, x2 = at.outputs()
+            rows, x, rates = np.vstack([np.eye(model.r), at.A_star]), np.r_[x2, x1], np.r_[v2, at.v1]
+            wanted, free = [(k, rate * (sides - x[k])) for k, sides in outputs], rates - rows @ v2
+            if model.form != "kinematic":
+                wanted = [(k, rate * (room - 2.0 * rates[k])) for k, room in wanted]
+                wanted += [(k, rate * (sides - v2[k])) for k, sides in speeds]
+                free = np.r_[zero, at.J1 @ at.v_dot(zero) + at.J1_dot @ at.v]
+            if model.form == "dynamic":
+                rows, passive = at.row_accelerations(rows)
+                free += passive
+            for k, sides in wanted * _SWEEPS:
+                now = rows[k] @ u
+                u = u + rows[k] * ((np.clip(now, *(sides - free[k])) - now) / max(rows[k] @ rows[k], _ROUNDING))
+        for k, sides in inputs:
+            u[k] = np.clip(u[k], *sides)
         return u
 
     @cached_property

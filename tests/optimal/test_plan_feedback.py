@@ -87,18 +87,22 @@ def test_forces_that_are_held_do_not_lag_behind_gravity(dt):
     assert np.abs(run.q[-1] - plan.q[-1]).max() < 0.1 * dt
 
 
-@pytest.mark.parametrize("form", ["kinematic", "acceleration"])
+@pytest.mark.parametrize("form", ["kinematic", "acceleration", "dynamic"])
 def test_feedback_stays_within_the_bounds_of_its_plan(form):
     """Far beside the plan, feedback once turned the sleigh faster and farther than bounds allow."""
-    reduced = systems.sleigh()
-    goal = {rnc.FramePosition("sleigh", "xy"): [1.5, 0.6], rnc.FrameYaw("sleigh"): 0.3}
+    side = rnc.FramePosition("sleigh", "xy")  # a vertical output
+    reduced = systems.sleigh(vertical=(side,))
+    goal = {side: [1.5, 0.6], rnc.FrameYaw("sleigh"): 0.3}
     bounds = [OutputBound(rnc.FrameYaw("sleigh"), -0.1, 0.55), VelocityBound(-0.9, 0.9)]
+    bounds.append(OutputBound(side, None, {"sleigh_y": 0.605}))
     plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 3.0, form=form, bounds=bounds)
-    start = reduced.robot.configuration({"root_joint": [0.0, -0.3, 0.0]})
-    run = rnc.simulate(reduced, rnc.tvlqr(reduced, plan, 50.0, 0.1), start, 3.0, dt=0.01)
-    yaw = np.unwrap(np.arctan2(run.q[:, 3], run.q[:, 2]))
-    assert 0.54 < yaw.max() < 0.55 + 1e-4
-    assert np.abs(run.v2).max() < 0.9 + 1e-2
+    for aside in (0.3, -0.3):
+        start = reduced.robot.configuration({"root_joint": [0.0, aside, 0.0]})
+        run = rnc.simulate(reduced, rnc.tvlqr(reduced, plan, 50.0, 0.1), start, 3.0, dt=0.01)
+        yaw = np.unwrap(np.arctan2(run.q[:, 3], run.q[:, 2]))
+        assert max(yaw.max() - 0.55, run.q[:, 1].max() - 0.605) < 1e-4
+        assert np.abs(run.v2).max() < 0.9 + 1e-2
+    assert yaw.max() > 0.54
     assert run.q[-1, :2] == pytest.approx([1.5, 0.6], abs=0.12)
 
 

@@ -14,12 +14,12 @@ from bodies import add_body, add_frame
 
 
 @cache
-def sleigh(thrust: float = np.inf, torque: float = np.inf) -> rnc.ReducedModel:
+def sleigh(thrust: float = np.inf, torque: float = np.inf, vertical: tuple = ()) -> rnc.ReducedModel:
     """A Chaplygin sleigh with a thruster and a flywheel, and limits of both."""
     actuators = [rnc.FrameForce("sleigh", "x", limit=thrust), rnc.FrameTorque("sleigh", "z", limit=torque)]
     robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
-    return system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+    return system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")], vertical)
 
 
 JOINTS = ["joint_1", "joint_2", "joint_3"]  # of the space robot
