@@ -214,8 +214,7 @@ class DistanceRows(NodeBound):
             accuracy: shortfall that is accepted [m].
             start, goal: smallest distances there, or infinity: no node keeps more, and no motion more than its start.
         """
-        clearance = min(self.clearance, start) + accuracy
-        found = DistanceRows(replace(self._bound, clearance=clearance))
+        found = DistanceRows(replace(self._bound, clearance=min(self.clearance, start) + accuracy))
         found.lower = np.minimum(found.lower, min(start, goal))
         return found
 

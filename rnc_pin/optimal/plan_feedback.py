@@ -57,14 +57,11 @@ class PlanEnd:
         self._input_of: tuple[int, Array] | None = None
         self._rates = np.zeros((1, model.r))
         self.duration = self._braking(plan)
-        self._stand: tuple[Nodes, Array] | None = None
 
     def at(self, since: float) -> tuple[Nodes, Array]:
         """State (one node) and input at a time after the end of the plan [s]."""
         if since >= self.duration:
-            if self._stand is None:
-                self._stand = self._standing()
-            return self._stand
+            return self._standing
         k = min(int(since / self._h), round(self.duration / self._h) - 1)
         start = self._start(k)
         if self._input_of is None or self._input_of[0] != k:
@@ -118,13 +115,12 @@ class PlanEnd:
                 return inputs_for(self._model, at, rates)[0]
         return np.array(self._plan.u[-1])
 
+    @cached_property
     def _standing(self) -> tuple[Nodes, Array]:
         """State at rest after the stop, and the input that holds it."""
         zeros = np.zeros((1, self._model.nw))
         rest = Nodes(self._start(round(self.duration / self._h)), zeros)
-        if self._model.form != "dynamic":
-            return rest, np.zeros(self._model.nu)
-        return rest, self._input(rest, zeros)
+        return rest, self._input(rest, zeros) if self._model.form == "dynamic" else np.zeros(self._model.nu)
 
 
 class PlanFeedback(ReprMixin):
@@ -183,14 +179,10 @@ class PlanFeedback(ReprMixin):
         self._after = PlanEnd(self._model, plan)
         self._driven = action_model(reduced, "acceleration")
         names = (*reduced.reducing.names, *reduced.vertical.names)
-        valued = [
-            name * (not quasi)
-            for name, quasi in zip(names, [*reduced.reducing.quasi, *reduced.vertical.quasi], strict=True)
-        ]
-        known = {"output": valued, "velocity": reduced.reducing.names, "input": plan.info.input_names}
+        inputs, kinematic = plan.info.input_names, self._model.form == "kinematic"
+        known = {"output": names, "velocity": inputs if kinematic else reduced.reducing.names, "input": inputs}
         self._sides: dict[str, list[tuple[int, Array]]] = {quantity: [] for quantity in known}
         for quantity, name, *sides in plan.info.bounds:
-            quantity = "input" if quantity == "velocity" and self._model.form == "kinematic" else quantity
             if name in known[quantity]:
                 self._sides[quantity].append((known[quantity].index(name), np.array(sides)))
         self.weights = (1.0, 1.0) if K is None and weights is None else weights
@@ -224,10 +216,9 @@ class PlanFeedback(ReprMixin):
         u = feedforward + K @ (np.concatenate([moved, v2 - planned.w[0]]) if model.nw else moved)
         u = self._bounded(u, q, v2, dt)
         v2_desired = model.velocity(planned, feedforward[None])[0]
-        x1, x2 = None, None
         over = t - self.plan.duration > 0 and self._after.duration > 0  # the plan has no outputs after its end
-        if self._outputs is not None and not over:  # a plan for other outputs of the same inputs has none of these
-            x2, x1 = np.split(self._outputs.at(t).position, [model.r])
+        known = None if over or self._outputs is None else self._outputs.at(t).position  # those of another model
+        x2, x1 = (None, None) if known is None else np.split(known, [model.r])
         if model.form == "dynamic":
             return Command(None, u, v2_desired, x1, x2), t
         rate = u if model.form == "acceleration" else self.bandwidth * (u - v2)
@@ -257,7 +248,7 @@ class PlanFeedback(ReprMixin):
             for k, sides in wanted * _SWEEPS:
                 now = rows[k] @ u
                 u = u + rows[k] * ((np.clip(now, *(sides - free[k])) - now) / max(rows[k] @ rows[k], _ROUNDING))
-        for k, sides in inputs:
+        for k, sides in inputs + (speeds if model.form == "kinematic" else []):
             u[k] = np.clip(u[k], *sides)
         return u
 

@@ -90,20 +90,16 @@ def test_forces_that_are_held_do_not_lag_behind_gravity(dt):
 @pytest.mark.parametrize("form", ["kinematic", "acceleration", "dynamic"])
 def test_feedback_stays_within_the_bounds_of_its_plan(form):
     """Far beside the plan, feedback once turned the sleigh faster and farther than bounds allow."""
-    side = rnc.FramePosition("sleigh", "xy")  # a vertical output
-    reduced = systems.sleigh(vertical=(side,))
-    goal = {side: [1.5, 0.6], rnc.FrameYaw("sleigh"): 0.3}
-    bounds = [OutputBound(rnc.FrameYaw("sleigh"), -0.1, 0.55), VelocityBound(-0.9, 0.9)]
-    bounds.append(OutputBound(side, None, {"sleigh_y": 0.605}))
+    side, yaw = rnc.FramePosition("sleigh", "xy"), rnc.FrameYaw("sleigh")
+    reduced, goal = systems.sleigh(vertical=(side,)), {side: [1.5, 0.6], yaw: 0.3}
+    bounds = [OutputBound(yaw, -0.1, 0.55), OutputBound(side, None, {"sleigh_y": 0.605}), VelocityBound(-0.9, 0.9)]
     plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 3.0, form=form, bounds=bounds)
     for aside in (0.3, -0.3):
         start = reduced.robot.configuration({"root_joint": [0.0, aside, 0.0]})
         run = rnc.simulate(reduced, rnc.tvlqr(reduced, plan, 50.0, 0.1), start, 3.0, dt=0.01)
-        yaw = np.unwrap(np.arctan2(run.q[:, 3], run.q[:, 2]))
-        assert max(yaw.max() - 0.55, run.q[:, 1].max() - 0.605) < 1e-4
-        assert np.abs(run.v2).max() < 0.9 + 1e-2
-    assert yaw.max() > 0.54
-    assert run.q[-1, :2] == pytest.approx([1.5, 0.6], abs=0.12)
+        angle = np.unwrap(np.arctan2(run.q[:, 3], run.q[:, 2]))
+        assert max(angle.max() - 0.55, run.q[:, 1].max() - 0.605, np.abs(run.v2).max() - 0.91) < 1e-4
+    assert (angle.max() > 0.54, run.q[-1, :2].tolist()) == (True, pytest.approx([1.5, 0.6], abs=0.12))
 
 
 def at_rest(reduced, controller):
