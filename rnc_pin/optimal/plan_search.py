@@ -122,6 +122,7 @@ class PlanSearch:
         self, problem: Transcription, settings: SolverSettings, gains: Gains | None, effort: SearchEffort
     ) -> None:
         self._problem, self._settings, self._gains, self._effort = problem, settings, gains, effort
+        self._narrow = problem.changed(margins=np.full(problem.K + 1, -settings.accuracy))
         self._tried = self._solved = 0
         self._failed: list[Candidate] = []
         self._rejected: list[_Made] = []
@@ -140,7 +141,7 @@ class PlanSearch:
             InfeasibleError: there is none.
         """
         self._given = first[1] if first[0] == GIVEN else None
-        solver = GuessSolver(self._problem, self._settings)
+        solver = GuessSolver(self._narrow, self._settings)
         return self._cheapest(solver.solution(*start) for start in chain([first], further))
 
     def _cheapest(self, found: Iterator[Candidate | RncError]) -> MotionPlan:
@@ -203,38 +204,33 @@ class PlanSearch:
             if self._effort.alone:
                 raise InfeasibleError(f"no plan: the guess cannot be evaluated: {candidate}") from None
             return False
-        if self._infeasible(self._problem, candidate.solution):
+        if candidate.solution.outcome == "infeasible":
             self._failed.append(candidate)
             return False
         self._solved += 1
         return True
 
-    def _infeasible(self, problem: Transcription, found: Solution) -> bool:
-        """True if a solution is not within tolerance. One that only lacks room beyond the clearances is feasible."""
-        if found.outcome == "infeasible":
-            narrow = problem.changed(margins=problem.margins - self._settings.accuracy)
-            worst = narrow.worst(narrow.values(found.iterate), found.iterate.duration)
-            if worst.amount <= self._settings.tolerance:
-                found.outcome = "feasible"
-        return found.outcome == "infeasible"
-
     def _refined(self, candidate: Candidate) -> _Made:
         """Plan of a solution, improved until its verification confirms it.
 
         The intervals are halved until the inputs alone keep everything within the accuracy, too. If halving them no
-        longer helps without feedback, but the motion with feedback is confirmed, the motion is unstable. At last, the
-        nodes next to places that come too near to something keep a larger distance.
+        longer helps without feedback, but the motion with feedback is confirmed, the motion is unstable. At first,
+        distances are as much larger as the accuracy, where there is room; at last, the nodes next to places that come
+        too near to something keep a larger distance.
         """
-        settings, problem = self._settings, self._problem
-        self._left = _REFINED * settings.iterations
-        best = made = self._completed(problem, candidate)
-        before = np.inf
+        settings, problem, solved = self._settings, self._problem, candidate.solution
+        self._left, before, at = _REFINED * settings.iterations, np.inf, solved.iterate
+        lacking = solved.iterations and problem.worst(problem.values(at), at.duration).amount > settings.tolerance
+        made = self._improved(problem, candidate) if lacking else None
+        problem = self._narrow if lacking and made is None else problem
+        best = made = made or self._completed(problem, candidate)
         for _ in range(settings.refinements):
             alone = made.plan.info.verification.inputs.violation
             if alone <= settings.accuracy or (_confirmed(made) and alone > before / _HELPS):
                 break
-            problem, before = problem.changed(K=2 * problem.K), alone
-            after = self._improved(problem, made)
+            K, before = 2 * problem.K, alone
+            problem = problem.changed(K=K, margins=np.full(K + 1, problem.margins[1]))
+            after = self._improved(problem, made.candidate)
             if after is None:
                 return best
             made = after
@@ -244,16 +240,17 @@ class PlanSearch:
             if margins is None:
                 break
             problem = problem.changed(margins=margins)
-            after = self._improved(problem, made)
+            after = self._improved(problem, made.candidate)
             if after is None:
                 break
             made = after
             best = min(best, made, key=_violation)
         return best
 
-    def _improved(self, problem: Transcription, made: _Made) -> _Made | None:
-        """Plan of a similar problem, solved from another plan; None if this fails, or no iterations are left for it."""
-        start, (name, before) = made.candidate.solution.iterate, made.candidate
+    def _improved(self, problem: Transcription, candidate: Candidate) -> _Made | None:
+        """Plan of a similar problem, solved from another solution; None if this fails, or no iterations are left."""
+        name, before = candidate
+        start = before.iterate
         finer = problem.K / self._problem.K
         most = min(int(self._left / finer), self._settings.iterations)
         if most < 1:
@@ -266,7 +263,7 @@ class PlanSearch:
         except RncError:
             return None
         self._left -= finer * found.iterations
-        if self._infeasible(problem, found):
+        if found.outcome == "infeasible":
             self._spent |= found.iterations >= most
             return None
         found.iterations += before.iterations
@@ -378,7 +375,7 @@ def _margins(problem: Transcription, made: _Made, accuracy: float) -> np.ndarray
     for each in beyond:
         k = min(int(each.time / h), problem.K - 1)
         margins[k : k + 2] = np.maximum(margins[k : k + 2], problem.margins[k : k + 2] + each.amount)
-    margins[-1] = 0.0
+    margins[-1] = problem.margins[-1]
     return margins if (margins > problem.margins).any() else None
 
 
