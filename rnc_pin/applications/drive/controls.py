@@ -381,8 +381,7 @@ def _movable_axes(reduced: ReducedModel, q0: np.ndarray, frame: str) -> tuple[bo
 def _range_of(reduced: ReducedModel, q0: np.ndarray, name: str) -> Range:
     model = reduced.robot.model
     joint = model.joints[reduced.robot.joint_id(name)]
-    value = reduced.robot.joint_values(q0)[name]
-    start = float(value if isinstance(value, float) else np.ravel(value)[0])
+    start = float(reduced.robot.single_joint(name).position(q0))
     unit = reduced.robot.velocity_units[joint.idx_v].removesuffix("/s")
     low, high = -NO_LIMIT, NO_LIMIT
     if joint.nq == 1:

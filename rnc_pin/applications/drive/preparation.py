@@ -12,6 +12,7 @@ from typing import cast
 
 import numpy as np
 
+from rnc_pin.analysis import NormalForces
 from rnc_pin.applications.drive.commands import CommandLog
 from rnc_pin.applications.drive.controller import DriveController
 from rnc_pin.applications.drive.controls import DriveControls, base_frame, find_controls, find_pivots
@@ -170,34 +171,35 @@ def _driven_config(
     reduced = system.reduce([output_of(entry) for entry in reducing])
     limits = {"acceleration": {"limit": _accelerations(reduced, q0)}, **mapping_of(chosen.get("limits"))}
     config["controller"] = {**chosen, "limits": limits}
-    simulation = raw.get("simulation")
-    settings = dict(simulation) if isinstance(simulation, Mapping) else {}
+    settings = dict(mapping_of(raw.get("simulation")))
     if settings.get("duration", "plan") == "plan":
         settings["duration"] = 10.0
     if not any(key == "simulation" or key.startswith("simulation.dt") for key in options):
         settings["dt"] = PERIOD
     config["simulation"] = {**settings, "position_limits": False}
     config["initial"] = {key: value for key, value in mapping_of(raw.get("initial")).items() if key != "v2"}
-    view = mapping_of(raw.get("view"))
-    base = base_frame(system.robot, [])
-    config["view"] = {**view, "trail": view.get("trail") or [*frames[:2], *([base] if base else [])]}
+    view, base = mapping_of(raw.get("view")), base_frame(system.robot, [])
+    config["view"] = {**view, "trail": view.get("trail") or [*frames[:2], *filter(None, [base])]}
     return config
 
 
 def _accelerations(reduced: ReducedModel, q0: np.ndarray) -> list[Json]:
-    """Accelerations of the reduced velocities that efforts allow, at the start and at random states.
+    """Accelerations of the reduced velocities that efforts allow, at some states, and loads of wheels, at the start.
 
     All together they use the root of the sum of squares of what each uses alone.
     """
     generator, found = np.random.default_rng(0), np.full(reduced.r, _ACCELERATION)
-    limits = reduced.actuation.limits
+    normal, none = NormalForces(reduced), np.zeros(reduced.r)
     for k in range(_STATES):
         with suppress(RncError):
             q = reduced.random_configuration(generator) if k else q0
-            v2 = generator.uniform(-_SPEED, _SPEED, reduced.r) if k else np.zeros(reduced.r)
+            v2 = generator.uniform(-_SPEED, _SPEED, reduced.r) if k else none
             at = reduced.at(q, v2)
-            held = np.abs(at.allocate(reduced.inverse_dynamics(q, v2, np.zeros(reduced.r))))
-            used = np.abs(np.array([at.allocate(column) for column in at.H.T])).T * found
+            T = at.allocate(reduced.inverse_dynamics(q, v2, none))
+            each, loads = [at.allocate(column) for column in at.H.T], normal.at(at, T)
+            limits = np.append(reduced.actuation.limits, np.where((loads > 0) & (k == 0), loads, np.inf))
+            held = np.append(np.abs(T), 0.0 * normal.carried_by_row)
+            used = np.abs([np.append(one, normal.at(at, T + one) - loads) for one in each]).T * found
             room = np.maximum(_SHARE * limits - held, _NEEDED * limits)
             scale = np.minimum(room / np.maximum(np.linalg.norm(used, axis=1), 1e-300), 1.0)
             counts = (used > _NEEDED * limits[:, None]) & ((held < _SHARE * limits)[:, None] | (k == 0))
@@ -233,10 +235,9 @@ def _output_candidates(
     told += [{"joint": name} for name in (*actuated, *rest) if name in robot.joint_names]
     if joints_first:
         told.sort(key=lambda each: "joint" not in each)
-    seen: list[Mapping[str, Json]] = []
-    for entry in (*told, *entries):
-        if entry not in seen:
-            seen.append(entry)
+    every = [*told, *entries]
+    for k, entry in enumerate(every):
+        if entry not in every[:k]:
             yield entry, 0.0
 
 
