@@ -165,7 +165,7 @@ def measure(tree: Path, tests: Iterable[str], jobs: int) -> None:
     os.environ.update({"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"})
     os.chdir(tree)
     options = "-q -x -p no:cacheprovider --cov=rnc_pin --cov-context=test --cov-report= --junitxml=tests.xml"
-    workers = ["-n", str(jobs if jobs > 1 else 0)]
+    workers = ["-n", str(jobs)]  # without a worker, pytest-cov records no test with its lines
     command = [sys.executable, "-m", "pytest", *options.split(), *workers, *tests]
     if subprocess.run(command, check=False).returncode:
         raise SystemExit("the tests fail without a mutant")
