@@ -15,10 +15,7 @@ ASIDE = AXLE.inverse().translation[1]  # of the axle's point nearest to the orig
 
 
 def vehicle(steered):
-    """A base with an arm, whose axle is turned and beside its origin; joints steer the wheel ahead of it, if any.
-
-    One of two fingers mimics the other.
-    """
+    """A base with an arm and a mimic finger, whose axle is turned and beside its origin; joints steer a wheel ahead."""
     model, body = planar_model()
     add_frame(model, "axle", body, AXLE)
     add_frame(model, "point", body, AXLE * pin.SE3(np.eye(3), np.array([0.0, ASIDE, 0.0])))
@@ -45,8 +42,8 @@ def test_every_motion_arrives_along_the_rows_by_the_shortest_way(steered, room, 
     for _ in range(2):
         bent = {"wheel": generator.uniform(-0.4, 0.4)} if steered else {}
         base, (arm, finger) = generator.uniform(-3.0, 3.0, 3), generator.uniform(-1.0, 1.0, 2)
-        bent |= {"finger": finger, "mimic": 0.1 - 0.5 * finger}
-        ends.append(reduced.robot.configuration({"root_joint": base, "arm": arm} | bent))
+        bent |= {"root_joint": base, "arm": arm, "finger": finger, "mimic": 0.1 - 0.5 * finger}
+        ends.append(reduced.robot.configuration(bent))
     start, goal = ends
     steering = rnc.planning.find_steering(reduced, start, room=room)
     first, second = (reduced.at(q).outputs()[0] for q in ends)

@@ -102,13 +102,13 @@ def test_motors_drive_a_drafted_base_through_a_door_and_no_wheel_slides(kind):
     start, door = at_pose(reduced, 0.0, 1.8, np.pi), gap(1.0, 0.1, length=4.0)
     goal = {rnc.FramePosition("base", "xy"): [3.0, 1.5], rnc.FrameYaw("base"): np.pi}
     way = find_way(reduced, start, goal, door, selection=rnc.collision.PairSelection(links=False))
-    assert way.info.steering in (kind, "car", "steered drives")
     assert closest(way, door) >= 0.01
+    assert way.info.steering != "propagated"
     plant = KinematicPlant(reduced, start)
     for q, v, h in zip(way.q, way.v, np.diff(way.time), strict=False):
         plant.advance(reduced.at(q).B.T @ v, h)
         for wheel in KINDS[kind].wheels.values():
-            heading = 0.0 if wheel.pivot is None else reduced.robot.joint_values(q)[wheel.pivot]
+            heading = reduced.robot.joint_values(q).get(wheel.pivot, 0.0)
             moved = [v[0] - v[2] * wheel.y, v[1] + v[2] * wheel.x]
             assert np.dot(moved, [-np.sin(heading), np.cos(heading)]) == pytest.approx(0.0, abs=1e-9)
     assert plant.q[:4] == pytest.approx([3.0, 1.5, -1.0, 0.0], abs=1e-3)

@@ -383,9 +383,8 @@ def _range_of(reduced: ReducedModel, q0: np.ndarray, name: str) -> Range:
     joint = model.joints[reduced.robot.joint_id(name)]
     start = float(reduced.robot.single_joint(name).position(q0))
     unit = reduced.robot.velocity_units[joint.idx_v].removesuffix("/s")
-    low, high = -NO_LIMIT, NO_LIMIT
-    if joint.nq == 1:
-        low, high = (float(each[joint.idx_q]) for each in (model.lowerPositionLimit, model.upperPositionLimit))
+    limits = model.lowerPositionLimit, model.upperPositionLimit
+    low, high = (float(each[joint.idx_q]) if joint.nq == 1 else np.inf for each in limits)
     if not -NO_LIMIT < low < high < NO_LIMIT or high - low > 4 * _TURN:
         low, high = start - _TURN, start + _TURN
     return Range(min(low, start), max(high, start), start, unit)

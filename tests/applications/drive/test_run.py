@@ -172,20 +172,17 @@ DRIVEN = [(SWERVE, 1, 0, 0), (SWERVE, 0, 1, 0), (SWERVE, 0, 0, 1), (SWERVE, 1, 0
 @pytest.mark.parametrize(("kind", "forward", "left", "turn"), DRIVEN)
 def test_wheels_of_a_driven_draft_are_aimed_at_one_point_and_stay_on_the_ground(kind, forward, left, turn, tmp_path):
     """A wheel at (x, y) of a base with the twist (vx, vy, w) moves along (vx - w y, vy + w x)."""
-    folder = tmp_path
-    (folder / "unit.urdf").write_text(kind.urdf)
-    (folder / "unit.yaml").write_text(draft(str(folder / "unit.urdf"), folder))
+    (tmp_path / "unit.urdf").write_text(kind.urdf)
+    (tmp_path / "unit.yaml").write_text(draft(str(tmp_path / "unit.urdf"), tmp_path))
     key = {"kind": "base_velocity", "forward": float(forward), "left": float(left), "turn": float(turn)}
-    run = prepared(str(folder / "unit.yaml"), [(k, key) for k in range(0, 240, 20)], simulation__dt=DT)
+    run = prepared(str(tmp_path / "unit.yaml"), [(k, key) for k in range(0, 240, 20)], simulation__dt=DT)
     trajectory, joints = drive(run, samples=240).trajectory, reduced_of(run).robot
     for q, v in zip(trajectory.q, trajectory.v, strict=True):
         angles, (vx, vy, w) = joints.joint_values(q), v[:3]
         for each in kind.wheels.values():
-            heading = 0.0 if each.pivot is None else angles[each.pivot]
-            c, s = np.cos(heading), np.sin(heading)
+            c, s = np.cos(angles.get(each.pivot, 0.0)), np.sin(angles.get(each.pivot, 0.0))
             assert abs(c * (vy + w * each.x) - s * (vx - w * each.y)) < 0.005
-    speeds = np.array([0.5, 0.5, 0.8]) * [forward, left, turn]
-    np.testing.assert_allclose(trajectory.v[-1, :3], speeds, atol=0.03)
+    np.testing.assert_allclose(trajectory.v[-1, :3], [0.5 * forward, 0.5 * left, 0.8 * turn], atol=0.03)
     assert np.abs(trajectory.T).max() < 2.0
     assert trajectory.normal_forces.min() > 0.0
 
