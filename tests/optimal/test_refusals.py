@@ -50,10 +50,10 @@ def to_set_point(**options):
     return SetPointController(systems.sleigh(), GOAL, 5.0, **options)
 
 
-def follower(geodesic=True, **options):
+def follower(steering="exact", **options):
     reduced = systems.differential_drive()
-    q = reduced.robot.configuration()
-    return WayFollower(reduced, replace(rnc.planning.find_way(reduced, q, q), geodesic=geodesic), **options)
+    way = rnc.planning.find_way(reduced, reduced.robot.configuration(), reduced.robot.configuration())
+    return WayFollower(reduced, replace(way, info=replace(way.info, steering=steering)), **options)
 
 
 def out_of_reach():
@@ -108,5 +108,5 @@ test_mistakes_are_refused_in_one_line = refused([
     (lambda: to_set_point(velocities=True), WRONG, "expected the form 'acceleration'"),
     (lambda: follower(speed=1.2), WRONG, "speed: expected a share of the velocity of the way up to 1"),
     (lambda: follower(tube=0.0), WRONG, "tube: expected a positive number"),
-    (lambda: follower(geodesic=False), WRONG, "this way has propagated motions"),
+    (lambda: follower("propagated"), WRONG, "this way has propagated motions"),
 ])  # fmt: skip
