@@ -92,10 +92,8 @@ def base_frame(robot: Robot, preferred: Sequence[str]) -> str | None:
     if _ROOT not in robot.joint_names:
         return None
     root, frames = robot.joint_id(_ROOT), robot.model.frames
-    for name in preferred:
-        if frames[robot.frame_id(name)].parentJoint == root:
-            return name
-    return next(iter(robot.links_of(root)), None)
+    own = [name for name in preferred if frames[robot.frame_id(name)].parentJoint == root]
+    return next(iter([*own, *robot.links_of(root)]), None)
 
 
 def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> DrivenBase | None:
@@ -127,9 +125,8 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
     if turns:
         return DrivenBase(frame, turns, slides, wheels=wheels)
     steering, bending = _steering(reduced, q0, frame, [j for j in joints if j not in wheels])
-    folding = 0.0
-    if steering is not None:
-        folding = curvature(here, rows, rest, 1 + rest.index(robot.velocity_indices(steering).start)) / bending
+    moved = 0 if steering is None else 1 + rest.index(robot.velocity_indices(steering).start)
+    folding = curvature(here, rows, rest, moved) / bending if moved else 0.0
     sign = float(np.sign(bending)) or 1.0
     ahead = _ahead(reduced, q0, frame, steering)
     return DrivenBase(frame, turns, slides, steering, sign, wheels, ahead, folding)
@@ -184,8 +181,7 @@ def _bends(here: ConfigurationEvaluation, robot: Robot, joint: str) -> bool:
 
 def _drives(here: ConfigurationEvaluation, rows: np.ndarray, robot: Robot, joint: str) -> bool:
     """True if a joint cannot move while the base rests: the constraints couple it to the base, such as a wheel."""
-    own = here.R[[robot.velocity_indices(joint).start]]
-    return not _independent(rows @ here.R, own[0], full=False)
+    return not _independent(rows @ here.R, here.R[robot.velocity_indices(joint).start], full=False)
 
 
 def _independent(given: np.ndarray, *rows: np.ndarray, full: bool = True) -> bool:

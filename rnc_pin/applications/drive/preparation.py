@@ -188,11 +188,15 @@ def _accelerations(reduced: ReducedModel, q0: np.ndarray) -> list[Json]:
 
     All together they use the root of the sum of squares of what each uses alone.
     """
-    generator, found = np.random.default_rng(0), np.full(reduced.r, _ACCELERATION)
+    generator, found, robot = np.random.default_rng(0), np.full(reduced.r, _ACCELERATION), reduced.robot
+    joints = [name for name in reduced.reducing.names if name in robot.single_joint_names]
     normal, none = NormalForces(reduced), np.zeros(reduced.r)
     for k in range(_STATES):
         with suppress(RncError):
-            q = reduced.random_configuration(generator) if k else q0
+            # Linkages stay on the branch on which they start.
+            drawn = robot.joint_values(robot.random_configuration(generator))
+            near = robot.joint_values(q0) | {name: drawn[name] for name in joints if k}
+            q = reduced.assembled(robot.configuration(near), joints)
             v2 = generator.uniform(-_SPEED, _SPEED, reduced.r) if k else none
             at = reduced.at(q, v2)
             T = at.allocate(reduced.inverse_dynamics(q, v2, none))

@@ -6,7 +6,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from driven_bases import differential, swerve
+from driven_bases import car, differential, swerve
 from drives import Watcher, point_of, pose_of, prepared, reduced_of
 from rnc_pin.applications.drive.controls import DriveControls, DrivenBase
 from rnc_pin.applications.drive.goals import PlacedGoal, initial_goals
@@ -166,7 +166,7 @@ def test_an_articulated_vehicle_that_stays_does_not_fold(tmp_path):
 
 
 SWERVE, CART = swerve((0.5, 0.4), (0.5, -0.4), (-0.5, 0.4), (-0.5, -0.4)), differential()
-DRIVEN = [(SWERVE, 1, 0, 0), (SWERVE, 0, 1, 0), (SWERVE, 0, 0, 1), (SWERVE, 1, 0, 1), (CART, 1, 0, 0), (CART, 1, 0, 1)]
+DRIVEN = [(SWERVE, 1, 0, 0), (SWERVE, 0, 1, 0), (SWERVE, 0, 0, 1), (SWERVE, 1, 0, 1), (CART, 1, 0, 1), (car(), 1, 0, 0)]
 
 
 @pytest.mark.parametrize(("kind", "forward", "left", "turn"), DRIVEN)
