@@ -71,8 +71,7 @@ class WayChecker:
     def violation(self, q: Float[Array, " nq"]) -> tuple[str, float] | None:
         """Pair that is too near at a configuration, and its distance [m]; None if all are far enough."""
         found = self.distances.smallest(q, 0.0, self.clearance + self.tolerance)
-        worst = int(np.argmin(found - self._least))
-        if found[worst] > self._least[worst]:
+        if not len(found) or found[worst := int(np.argmin(found - self._least))] > self._least[worst]:
             return None
         self.blocks[worst] += 1
         return self.distances.pairs[worst].label, float(found[worst])

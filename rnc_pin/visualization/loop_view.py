@@ -142,6 +142,11 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
         """True until the user ends the loop on the page, or ``close`` is called."""
         return self._running
 
+    @property
+    def paused(self) -> bool:
+        """True while the page pauses the loop."""
+        return self._paused
+
     def open(self) -> None:
         """Show the page: in a notebook under the cell, otherwise in the user's browser."""
         if _in_notebook():
