@@ -200,7 +200,6 @@ class Braking:
         problem: str | None = self._late
         slow, first = np.abs(start.v2), together
         slow = np.where(slow > _SMALL * slow.max(initial=0.0), _SMALL * slow, 0.0)
-        several = bool(np.count_nonzero(slow) > 1)
         state, allowed, most = start, np.maximum(before, _KEPT), round(self._longest / self._dt) + 1
         try:
             for _ in range(_DECISIONS):
@@ -220,7 +219,7 @@ class Braking:
                 if found is not None:
                     return BrakingMotion(start.q, start.v2, np.array(inputs), found, first)
                 state, t = end, t + held * self._dt
-                together = together or (several and bool((np.abs(state.v2) < slow).any()))
+                together = together or bool(np.count_nonzero(slow) > 1 and (np.abs(state.v2) < slow).any())
         except (SingularityError, DivergenceError) as error:
             problem = str(error)
         return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first)

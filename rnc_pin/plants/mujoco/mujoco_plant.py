@@ -202,8 +202,7 @@ class MuJoCoPlant:
 
     def report(self) -> PlantReport:
         """Return the applied inputs, and the friction and slip of the wheels."""
-        states = self.friction_used(), self.slip_speed()
-        used, slid = (dict(zip(self.wheel_names, each, strict=True)) for each in states)
+        used, slid = (dict(zip(self.wheel_names, x, strict=True)) for x in (self.friction_used(), self.slip_speed()))
         return PlantReport(applied=self.applied, friction_used=used, slip_speed=slid)
 
     def slip(self) -> Float[Array, " m"]:
