@@ -85,7 +85,7 @@ def test_everything_is_drawn_and_can_be_switched(browser, fire_truck, tmp_path):
     # The viewer's own controls list what is there.
     layers = {"robot", "ground", "plan", "goal", "path", "tracks", "constraint forces"}
     assert layers | {"compared"} <= set(children(page))
-    assert (len(children(page, "tracks")), len(children(page, "constraint forces"))) == (6, 3)
+    assert (len(children(page, "tracks")), len(children(page, "constraint forces", "rows"))) == (6, 3)
     assert page.evaluate("Object.keys(viewer.gui.__folders)") == ["Scene", "Save / Load / Capture", "Animations"]
     # The overlay says what the run says.
     i = 400
@@ -98,7 +98,7 @@ def test_everything_is_drawn_and_can_be_switched(browser, fire_truck, tmp_path):
     scales = []
     for k, frame in enumerate(("front_axle", "tractor_axle", "rear_axle")):
         axle = data.oMf[experiment.reduced.robot.frame_id(frame)]
-        head = np.array(place(page, "constraint forces", str(k), "head"))
+        head = np.array(place(page, "constraint forces", "rows", str(k), "head"))
         away = head - axle.translation
         np.testing.assert_allclose(np.cross(away, axle.rotation[:, 1]), 0.0, atol=1e-4)
         scales.append(float(away @ axle.rotation[:, 1]) * run.multipliers[i, k])
