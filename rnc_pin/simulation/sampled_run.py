@@ -20,7 +20,7 @@ from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import Plant, ReducedPlant
-from rnc_pin.plants.plant import PlantReport, ReportingPlant, report_of, takes_velocities
+from rnc_pin.plants.plant import PlantReport, ReportingPlant, takes_velocities
 from rnc_pin.plants.reduced import IntegrationErrors, integrated_outputs
 from rnc_pin.simulation import run_info
 from rnc_pin.simulation.judgement import judged_by
@@ -51,7 +51,7 @@ class PlantAdapter:
         self._exact = plant if isinstance(plant, ReducedPlant) and plant.reduced is reduced else None
         self._servos = takes_velocities(plant)
         self.measured: tuple[Array, Array] = (_EMPTY, _EMPTY)  # velocities are empty if measurements are exact
-        self._reports, self._senses = isinstance(plant, ReportingPlant), False
+        self._reporting, self._senses = plant if isinstance(plant, ReportingPlant) else None, False
         self.reported = PlantReport()
 
     @property
@@ -68,8 +68,8 @@ class PlantAdapter:
 
     def report(self) -> PlantReport:
         """Report of the plant now."""
-        if self._reports:
-            self.reported = report_of(self.plant)
+        if self._reporting is not None:
+            self.reported = self._reporting.report()
         return self.reported
 
     def read_state(self, t: float) -> StateEvaluation:
