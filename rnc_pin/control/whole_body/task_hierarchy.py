@@ -16,10 +16,11 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Bool, Float
-from rnc_pin.control.whole_body.limit_stack import LimitStack, ProgramBounds, distinct, nearest_point
+from rnc_pin.control.whole_body.limit_stack import LimitStack, ProgramBounds, distinct
 from rnc_pin.control.whole_body.limits.control_limit import ControlSample
 from rnc_pin.control.whole_body.tasks import BoundOutput, ControlTask, OutputsTogether
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.math.nearest_point import nearest_point
 from rnc_pin.model.reduced_model import ReducedModel
 
 _SAMPLED_DAMPING = 2.0  # the inverse of the largest factor per sample
