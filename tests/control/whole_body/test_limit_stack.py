@@ -6,8 +6,8 @@ from scipy.linalg import null_space
 from scipy.optimize import LinearConstraint, minimize
 
 from rnc_pin.control.whole_body.limit_stack import ProgramBounds
-from rnc_pin.math.nearest_point import nearest_point
 from rnc_pin.control.whole_body.task_hierarchy import SampledDamping, TaskLevel, lever_sum, solve_cascade
+from rnc_pin.math.nearest_point import nearest_point
 
 
 def test_nearest_points_satisfy_the_conditions_of_optimality():
