@@ -29,7 +29,7 @@ from rich.table import Table
 
 from rnc_pin.lazy_exports import listed_exports
 
-CORE = ("model", "math", "constraints", "outputs", "analysis", "control", "planning", "simulation")
+CORE = ("model", "math", "constraints", "outputs", "analysis", "control", "references", "motion", "simulation")
 MOST_PARAMETERS, MOST_LINES, LARGE_MODULE = 8, 60, 350
 EVALUATION = {"ConfigurationEvaluation", "StateEvaluation", "Evaluation"}
 _SKIPPED = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)

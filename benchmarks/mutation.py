@@ -32,12 +32,12 @@ from coverage import CoverageData
 
 ROOT = Path(__file__).parents[1]
 COPIED = ("rnc_pin", "tests", "urdf", "benchmarks", "pyproject.toml", "docs", "README.md", "examples", "CHANGELOG.md")
-PACKAGES = ("model", "constraints", "outputs", "control", "planning", "analysis")
+PACKAGES = ("model", "constraints", "outputs", "control", "references", "motion/whole_body", "motion/planning", "analysis")
 # Tests of these packages. Those of commands, browsers and readers take minutes and execute few of their lines.
 TESTS = (
     *(f"tests/{name}" for name in PACKAGES), "tests/forces", "tests/simulation/test_simulate.py",
     "tests/simulation/test_batch.py",
-    "tests/optimal/test_plan_feedback.py", "tests/optimal/test_predictive_control.py",
+    "tests/motion/optimal/test_plan_feedback.py", "tests/motion/optimal/test_predictive_control.py",
     "tests/system/test_single_joint.py", "tests/robots/test_vehicles.py", "tests/system/test_copies.py",
     "tests/system/test_regular_motion.py", "tests/system/test_wheel_rows.py", "tests/system/test_rounded_rows.py",
     "tests/system/test_uncertain_wheels.py", "tests/test_printing.py", "tests/visualization/test_scene_bodies.py",

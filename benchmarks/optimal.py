@@ -21,12 +21,12 @@ from benchmarks.planned_models import car, docking, knife_edge, mobile_manipulat
 from benchmarks.whole_body import model as tiago
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import InfeasibleError
-from rnc_pin.optimal import InputBound, OutputBound, SolverSettings, VelocityBound
-from rnc_pin.optimal.bounds import GoalRows
-from rnc_pin.optimal.guesses import along
-from rnc_pin.optimal.planner import build_problem, initial_node
-from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
-from rnc_pin.planning.action_models import action_model
+from rnc_pin.motion.optimal import InputBound, OutputBound, SolverSettings, VelocityBound
+from rnc_pin.motion.optimal.bounds import GoalRows
+from rnc_pin.motion.optimal.guesses import along
+from rnc_pin.motion.optimal.planner import build_problem, initial_node
+from rnc_pin.motion.optimal.sequential_quadratic import SequentialQuadratic
+from rnc_pin.motion.planning.action_models import action_model
 
 NODES, ROUNDS = 40, 7
 _RESTARTS = 100  # guesses among whose solutions the cheapest counts as the best known

@@ -23,7 +23,7 @@ import pinocchio as pin
 import rnc_pin as rnc
 from benchmarks.planned_models import mobile_manipulator
 from benchmarks.whole_body import model as tiago
-from rnc_pin.optimal import (
+from rnc_pin.motion.optimal import (
     CostKind,
     EffortCost,
     InputBound,
@@ -35,10 +35,10 @@ from rnc_pin.optimal import (
     VelocityCost,
     action_model,
 )
-from rnc_pin.optimal.guesses import along
-from rnc_pin.optimal.planner import build_problem, initial_node
-from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
-from rnc_pin.planning.action_models import Form
+from rnc_pin.motion.optimal.guesses import along
+from rnc_pin.motion.optimal.planner import build_problem, initial_node
+from rnc_pin.motion.optimal.sequential_quadratic import SequentialQuadratic
+from rnc_pin.motion.planning.action_models import Form
 from rnc_pin.robots.robot_files import find_example
 
 _VARIABLE = "RNC_PIN_CROCODDYL"

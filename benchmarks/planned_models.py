@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import rnc_pin as rnc
-from rnc_pin.optimal import OutputBound, VelocityBound
+from rnc_pin.motion.optimal import OutputBound, VelocityBound
 
 
 def knife_edge() -> rnc.ReducedModel:

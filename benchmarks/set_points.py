@@ -35,7 +35,8 @@ import numpy as np
 
 import rnc_pin as rnc
 from benchmarks.planned_models import car, mobile_manipulator, tractor
-from rnc_pin.optimal import (
+from rnc_pin.lab.faults import FaultyPlant
+from rnc_pin.motion.optimal import (
     BoundKind,
     DistanceBound,
     EffortCost,
@@ -49,8 +50,7 @@ from rnc_pin.optimal import (
     VelocityBound,
     VelocityCost,
 )
-from rnc_pin.planning.action_models import StateManifold
-from rnc_pin.plants.faults import FaultyPlant
+from rnc_pin.motion.planning.action_models import StateManifold
 
 DT, WRONG = 0.05, 1.2
 NOISE = np.radians(0.2)  # standard deviation [rad or m], and of velocities [rad/s or m/s]

@@ -31,7 +31,7 @@ from rnc_pin.applications.scenario.files import built_in_names
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.simulated_run import judged_summary, run_summary
 from rnc_pin.collision import CollisionDistances, Obstacle
-from rnc_pin.control.whole_body.limits import CollisionAvoidance
+from rnc_pin.motion.whole_body.limits import CollisionAvoidance
 from rnc_pin.simulation import Trajectory
 from rnc_pin.verdict import FindingKind
 

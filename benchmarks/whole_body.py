@@ -24,8 +24,8 @@ from rnc_pin.applications.drive.run import DriveStatus, drive
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.control import InverseDynamicsQP, VelocityQP, limits, tasks
-from rnc_pin.control.whole_body.braking_motion import BrakingState
-from rnc_pin.planning import Harmonic, Hold
+from rnc_pin.motion.planning import Harmonic, Hold
+from rnc_pin.motion.whole_body.braking_motion import BrakingState
 
 SAMPLES, ROUNDS, DT, TICKS = 200, 5, 0.002, 300
 PAIRS = 20  # least number of active pairs at the start

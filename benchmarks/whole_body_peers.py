@@ -20,7 +20,7 @@ import numpy as np
 
 import rnc_pin as rnc
 from rnc_pin.control import InverseDynamicsQP, limits, tasks
-from rnc_pin.planning import Harmonic
+from rnc_pin.motion.planning import Harmonic
 from rnc_pin.robots.robot_files import find_example
 
 _SCRIPT = Path(__file__).parent / "peers" / "whole_body_arm.py"

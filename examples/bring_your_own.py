@@ -6,7 +6,7 @@ import numpy as np
 
 import rnc_pin as rnc
 from rnc_pin.control import ComputedTorque, ReducingOutputController
-from rnc_pin.planning import MinimumJerk
+from rnc_pin.motion.planning import MinimumJerk
 from rnc_pin.visualization.recording import Recording
 
 if len(sys.argv) > 1:

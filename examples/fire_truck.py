@@ -2,7 +2,7 @@
 
 import rnc_pin as rnc
 from rnc_pin.control import SlitheringReference, SteeringController
-from rnc_pin.planning import CarPath
+from rnc_pin.motion.planning import CarPath
 from rnc_pin.visualization.recording import Recording
 
 robot = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")

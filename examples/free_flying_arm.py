@@ -4,7 +4,7 @@ import numpy as np
 
 import rnc_pin as rnc
 from rnc_pin.control import RedundancyController
-from rnc_pin.planning import Hold, MinimumJerk
+from rnc_pin.motion.planning import Hold, MinimumJerk
 from rnc_pin.visualization.recording import Recording
 
 satellite = rnc.Robot.from_urdf("satellite.urdf", base="free", gravity=(0, 0, 0))

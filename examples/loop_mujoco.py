@@ -6,7 +6,7 @@ Only measured q and v come back. It needs the extra ``mujoco``.
 import numpy as np
 
 import rnc_pin as rnc
-from rnc_pin.plants.mujoco import MuJoCoPlant
+from rnc_pin.lab.mujoco import MuJoCoPlant
 
 DT = 0.005
 GOAL = [1.5, 0.6]  # metres along the way, heading

@@ -4,7 +4,7 @@ import numpy as np
 
 import rnc_pin as rnc
 from rnc_pin.control import ComputedTorque, RedundancyController
-from rnc_pin.planning import Hold, MinimumJerk, TaskReference
+from rnc_pin.motion.planning import Hold, MinimumJerk, TaskReference
 from rnc_pin.visualization.recording import Recording
 
 robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")

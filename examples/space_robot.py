@@ -2,7 +2,7 @@
 
 import rnc_pin as rnc
 from rnc_pin.control import RedundancyController
-from rnc_pin.planning import MinimumJerk
+from rnc_pin.motion.planning import MinimumJerk
 from rnc_pin.visualization.recording import Recording
 
 robot = rnc.Robot.from_urdf("space_robot.urdf")

@@ -4,7 +4,7 @@ import numpy as np
 
 import rnc_pin as rnc
 from rnc_pin.control import RedundancyController
-from rnc_pin.planning import MinimumJerk, ViaPoints
+from rnc_pin.motion.planning import MinimumJerk, ViaPoints
 from rnc_pin.visualization.recording import Recording
 
 robot = rnc.Robot.from_example("tiago_no_hand", base="planar", lock={"head_1_joint": 0.0, "head_2_joint": -0.3})

@@ -11,7 +11,7 @@ from rnc_pin.control import (
     VelocityGains,
     VelocityTracker,
 )
-from rnc_pin.planning import MinimumJerk
+from rnc_pin.motion.planning import MinimumJerk
 from rnc_pin.visualization.recording import Recording
 
 robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")

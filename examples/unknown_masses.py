@@ -4,7 +4,7 @@ import numpy as np
 
 import rnc_pin as rnc
 from rnc_pin.control import Estimator, MomentumRegressor, RedundancyController, UncertainController, UnknownMass
-from rnc_pin.planning import Harmonic
+from rnc_pin.motion.planning import Harmonic
 from rnc_pin.visualization.recording import Recording
 
 robot = rnc.Robot.from_urdf("space_robot.urdf")

@@ -59,7 +59,7 @@ def listed_exports(stub: Path, package: str) -> dict[str, tuple[str, str]]:
         if isinstance(node, ast.ImportFrom):
             origin = resolve_name("." * node.level + (node.module or ""), package)
             if node.names[0].name == "*":
-                names = listed_exports(stub.parent / str(node.module) / stub.name, origin)
+                names = import_module(origin).__all__
                 found |= {name: (origin, name) for name in names}
             else:
                 found |= {each.asname or each.name: (origin, each.name) for each in node.names}

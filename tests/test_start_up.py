@@ -6,6 +6,7 @@ import subprocess
 import sys
 import sysconfig
 from importlib import import_module
+from importlib.util import resolve_name
 from itertools import chain
 from pathlib import Path
 
@@ -139,7 +140,7 @@ def test_every_public_name_is_there(name):
     package = import_module(name)
     stub = ast.parse(Path(package.__file__).with_suffix(".pyi").read_text())
     listed = [each for each in stub.body if isinstance(each, ast.ImportFrom)]
-    starred = [import_module(f"{name}.{each.module}").__all__ for each in listed if each.names[0].name == "*"]
+    starred = [import_module(resolve_name("." * each.level + each.module, name)).__all__ for each in listed if each.names[0].name == "*"]
     names = [each.asname for node in listed for each in node.names if each.asname] + [*chain(*starred)]
     assert package.__all__ == dir(package) == sorted(names)
     assert all(getattr(package, each) is not None for each in names)

@@ -9,7 +9,7 @@ import pinocchio as pin
 from benchmarks.peers.cases import Case
 from benchmarks.peers.peer import Peer, forces
 from benchmarks.states import States
-from rnc_pin.plants.mujoco import MuJoCoPlant
+from rnc_pin.lab.mujoco import MuJoCoPlant
 
 
 def peers(case: Case, states: States) -> list[Peer]:

@@ -35,7 +35,7 @@ from benchmarks.peers.sympy_equations import BASES, reduced_equations
 from benchmarks.reduction import machine
 from benchmarks.timing import in_turn, used_by
 from rnc_pin.figures.style import STYLE, PrintFigure, line, save
-from rnc_pin.plants.mujoco.settings import MuJoCoSettings
+from rnc_pin.lab.mujoco.settings import MuJoCoSettings
 
 DURATION, ROUNDS = 10.0, 7
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
@@ -89,7 +89,7 @@ def plant_motion(case: Case, motion: Motion, step: float) -> np.ndarray:
 
 def mujoco_motion(case: Case, motion: Motion, step: float) -> np.ndarray:
     """Samples (count, nq) of MuJoCo, one at each step [s]."""
-    from rnc_pin.plants.mujoco import MuJoCoPlant
+    from rnc_pin.lab.mujoco import MuJoCoPlant
 
     settings = MuJoCoSettings(step=step, integrator="RK4", joint_limits=False, joint_damping=False)
     return _advanced(MuJoCoPlant(case.reduced, settings, motion.q0), case, motion, step)

@@ -11,7 +11,7 @@ import scipy
 
 import rnc_pin as rnc
 from benchmarks.validation.row import INVARIANT, MOTION, Row
-from rnc_pin.planning import ReferencePoint
+from rnc_pin.motion.planning import ReferencePoint
 
 LENGTH, MASS, GRAVITY = 0.4, 1.3, 9.81  # m, kg, m/s^2
 SHAKEN, RATE = 0.1, 32.0  # m, rad/s: (SHAKEN RATE)^2 > 2 g l keeps the pendulum upright

@@ -21,7 +21,7 @@ from scipy.integrate import solve_ivp
 
 import rnc_pin as rnc
 from benchmarks.validation.row import INVARIANT, MOTION, Row
-from rnc_pin.planning import ReferencePoint
+from rnc_pin.motion.planning import ReferencePoint
 
 SOURCE = "Krishnaprasad & Tsakiris 2001 (equations)"
 HINGE, AXLE = 0.5, -0.1  # m, as in urdf/roller_racer.urdf

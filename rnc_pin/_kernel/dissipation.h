@@ -1,4 +1,4 @@
-/* Steps of plants with viscous damping and dry friction: the formulas of plants/reduced/friction.py and of
+/* Steps of plants with viscous damping and dry friction: the formulas of plants/friction.py and of
    model/integrators/exponential_runge_kutta.py. Included in kernel.c.
 
    A step declines (0) where the general way has to decide: rows of the user, constraints over time, steps that leave

@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 from rnc_pin.analysis.contact_forces import ContactForceSet, dependent_groups, linked_contacts
 from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.math.cone_margin import least_shares
+from rnc_pin.math.convex_programs import least_shares
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation

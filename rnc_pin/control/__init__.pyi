@@ -1,5 +1,15 @@
 """Exports of ``rnc_pin.control``, which ``__init__.py`` imports at their first use."""
 
+from ..motion.whole_body import ControlSample as ControlSample
+from ..motion.whole_body import InputSolution as InputSolution
+from ..motion.whole_body import InverseDynamicsQP as InverseDynamicsQP
+from ..motion.whole_body import InverseDynamicsState as InverseDynamicsState
+from ..motion.whole_body import LimitReport as LimitReport
+from ..motion.whole_body import ProgramSolution as ProgramSolution
+from ..motion.whole_body import ProgramState as ProgramState
+from ..motion.whole_body import VelocityQP as VelocityQP
+from ..motion.whole_body import limits as limits
+from ..motion.whole_body import tasks as tasks
 from . import loop as loop
 from .actuator_velocity import ActuatorVelocityController as ActuatorVelocityController
 from .actuator_velocity import FeasibleTwist as FeasibleTwist
@@ -57,13 +67,3 @@ from .velocity_tracker import VelocityTracker as VelocityTracker
 from .wheel_regressor import UnknownRadius as UnknownRadius
 from .wheel_regressor import UnknownTrack as UnknownTrack
 from .wheel_regressor import WheelRegressor as WheelRegressor
-from .whole_body import ControlSample as ControlSample
-from .whole_body import InputSolution as InputSolution
-from .whole_body import InverseDynamicsQP as InverseDynamicsQP
-from .whole_body import InverseDynamicsState as InverseDynamicsState
-from .whole_body import LimitReport as LimitReport
-from .whole_body import ProgramSolution as ProgramSolution
-from .whole_body import ProgramState as ProgramState
-from .whole_body import VelocityQP as VelocityQP
-from .whole_body import limits as limits
-from .whole_body import tasks as tasks

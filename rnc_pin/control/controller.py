@@ -23,8 +23,8 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InputError, nearest, short_text
 from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_kinematics import Measurement
-from rnc_pin.planning.references import Reference
 from rnc_pin.printing import ReprMixin, printed
+from rnc_pin.references.reference import Reference
 
 State: TypeAlias = Any
 """State of a controller from one sample to the next; only the controller knows its content."""

@@ -38,7 +38,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import InputError
 from rnc_pin.model.coordinates import Coordinates
-from rnc_pin.planning.references import ReferencePoint
+from rnc_pin.references.reference import ReferencePoint
 
 
 class Deviation(NamedTuple):

@@ -13,7 +13,7 @@ from rnc_pin.errors import ConfigurationError, SingularityError, short_text
 from rnc_pin.math.linear_algebra import apply, as_slice, condition_number, solve
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.task import Task
-from rnc_pin.planning.references import Reference
+from rnc_pin.references.reference import Reference
 
 _LIMIT = 1e8
 

@@ -17,8 +17,8 @@ from rnc_pin.model.input_validation import check_positive_settings
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
-from rnc_pin.planning.references import ReferencePoint
 from rnc_pin.printing import ReprMixin
+from rnc_pin.references.reference import ReferencePoint
 
 _ACROSS = 0.2  # smallest cosine between trailer and path, or trailer and tractor, at which slithering is possible
 _JUMP = 0.7  # largest change of the desired heading in a sample without a jump [rad]

@@ -13,7 +13,7 @@ from rnc_pin.math.linear_algebra import apply, apply_transposed, clipped, solve
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
-from rnc_pin.planning.references import Reference, ReferencePoint
+from rnc_pin.references.reference import Reference, ReferencePoint
 
 _A4_ZERO = 1e-9
 

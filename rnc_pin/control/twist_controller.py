@@ -28,7 +28,7 @@ from rnc_pin.control.actuator_velocity import (
     velocity_limits,
 )
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
-from rnc_pin.math.nearest_point import nearest_point
+from rnc_pin.math.convex_programs import nearest_point
 from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.reduced_model import ReducedModel

@@ -1,4 +1,4 @@
-"""Optimal control of reduced systems: plans within bounds, feedback along them, model-predictive control."""
+"""Public name of ``rnc_pin.motion.optimal``."""
 
 from rnc_pin.lazy_exports import lazy_exports
 

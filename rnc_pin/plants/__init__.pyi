@@ -1,14 +1,15 @@
 """Exports of ``rnc_pin.plants``, which ``__init__.py`` imports at their first use."""
 
-from .faults import Faults as Faults
-from .faults import FaultyPlant as FaultyPlant
+from ..lab.contacts.contact_plant import ContactPlant as ContactPlant
+from ..lab.contacts.unilateral_contact import UnilateralContact as UnilateralContact
+from ..lab.faults import ChangingPlant as ChangingPlant
+from ..lab.faults import Faults as Faults
+from ..lab.faults import FaultyPlant as FaultyPlant
+from ..lab.faults import MassErrors as MassErrors
+from ..lab.faults import StuckJoint as StuckJoint
+from . import mujoco as mujoco
+from .plant import ContactEvent as ContactEvent
 from .plant import Plant as Plant
 from .plant import PlantReport as PlantReport
-from .reduced import ContactEvent as ContactEvent
-from .reduced import ContactPlant as ContactPlant
-from .reduced import ReducedPlant as ReducedPlant
-from .reduced import UnilateralContact as UnilateralContact
-from .reduced import VelocityPlant as VelocityPlant
-from .robot_changes import ChangingPlant as ChangingPlant
-from .robot_changes import MassErrors as MassErrors
-from .robot_changes import StuckJoint as StuckJoint
+from .reduced_plant import ReducedPlant as ReducedPlant
+from .velocity_plant import VelocityPlant as VelocityPlant

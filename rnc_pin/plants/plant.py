@@ -3,20 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.model.reduced_model import ReducedModel
-
-if TYPE_CHECKING:  # their modules import this one
-    from rnc_pin.plants.reduced import ContactEvent, IntegrationErrors
-
+from rnc_pin.plants.step_control import IntegrationErrors
 
 _NONE: Mapping[str, Any] = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class ContactEvent:
+    """Contacts that opened or closed, or began to slip or to grip.
+
+    Attributes:
+        time: time [s].
+        cause: description, such as "landing of ball"; "start" for the first one.
+        closed: names of the closed contacts from then on.
+        impulses: impulse of each row that took part in an impact [N s or N m s]; empty without an impact.
+        energy_loss: kinetic energy that the impact removed [J].
+    """
+
+    time: float
+    cause: str
+    closed: tuple[str, ...]
+    impulses: Mapping[str, float] = field(default_factory=dict)
+    energy_loss: float = 0.0
 
 
 class PlantReport(NamedTuple):

@@ -6,7 +6,6 @@ from rnc_pin.verdict import FindingKind as FindingKind
 from rnc_pin.verdict import Severity as Severity
 from rnc_pin.verdict import Verdict as Verdict
 
-from .export import export_run as export_run
 from .free_motion import free_motion as free_motion
 from .judgement import SHORTFALL as SHORTFALL
 from .judgement import distance_findings as distance_findings
@@ -61,3 +60,4 @@ from .summary import add_limits as add_limits
 from .summary import add_verdict as add_verdict
 from .summary import summarize as summarize
 from .trajectory import Trajectory as Trajectory
+from .trajectory import export_run as export_run

@@ -26,8 +26,9 @@ from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ReducedPlant
-from rnc_pin.plants.reduced import Checkpoint, IntegrationErrors
-from rnc_pin.plants.reduced.constrained_dynamics import MAX_GROWTH
+from rnc_pin.plants.constrained_dynamics import MAX_GROWTH
+from rnc_pin.plants.reduced_plant import Checkpoint
+from rnc_pin.plants.step_control import IntegrationErrors
 from rnc_pin.simulation.run_info import Outcome
 from rnc_pin.simulation.sampled_run import SampledRun, check_arguments
 from rnc_pin.simulation.simulation_options import RunArguments

@@ -15,7 +15,7 @@ from rnc_pin.model.integrators import AdaptiveIntegrator
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ReducedPlant
-from rnc_pin.plants.reduced import ConstrainedDynamics
+from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import provenance_of
 from rnc_pin.simulation.sampled_run import assembled_start

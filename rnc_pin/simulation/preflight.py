@@ -14,8 +14,8 @@ from rnc_pin.control.typical_inertia import AWAY_FROM_SINGULAR
 from rnc_pin.errors import ConstraintError, DivergenceError, SimulationError, SingularityError, few
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
-from rnc_pin.planning import TaskReference
 from rnc_pin.printing import printed
+from rnc_pin.references.reference import TaskReference
 from rnc_pin.simulation.rollout import Margin, Rollout, RolloutEvaluation, class_1_controller, kinematic_rollout
 
 _LARGEST_TIME_SCALE = 64.0

@@ -28,8 +28,8 @@ from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.task import Task
-from rnc_pin.planning import TaskReference
 from rnc_pin.printing import printed
+from rnc_pin.references.reference import TaskReference
 from rnc_pin.simulation.stop import run_error
 
 

@@ -13,15 +13,16 @@ from rnc_pin.control.controller import Command, State, limited_accelerations, mi
 from rnc_pin.control.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
 from rnc_pin.control.loop.loop_state import with_late_tick
 from rnc_pin.control.loop.options import admit_controller, admit_model, type_name
-from rnc_pin.control.whole_body.braking_motion import BrakingState
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.motion.whole_body.braking_motion import BrakingState
 from rnc_pin.plants import Plant, ReducedPlant
+from rnc_pin.plants.constrained_dynamics import integrated_outputs
 from rnc_pin.plants.plant import PlantReport, ReportingPlant, takes_velocities
-from rnc_pin.plants.reduced import IntegrationErrors, integrated_outputs
+from rnc_pin.plants.step_control import IntegrationErrors
 from rnc_pin.simulation import run_info
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.record import Record

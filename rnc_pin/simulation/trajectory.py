@@ -1,4 +1,4 @@
-"""Result of a run: its signals, figures and files for other programs."""
+"""Result of a run: its signals, figures, and tables for other programs."""
 
 from __future__ import annotations
 
@@ -12,6 +12,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rnc_pin.figures import Size
+
+
+import csv
+import io
+from dataclasses import fields
+from typing import NamedTuple
+
+import numpy as np
+
+from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.io.json import atomic_file
+from rnc_pin.simulation.run_info import FORCE_UNITS, OutputNames, RunInfo
 
 
 class Trajectory(RunData):
@@ -82,6 +94,113 @@ class Trajectory(RunData):
             ConfigurationError: the file has another ending.
             InputError: unknown array.
         """
-        from rnc_pin.simulation.export import export_run
+        from rnc_pin.simulation.trajectory import export_run
 
         export_run(self, file, arrays)
+
+
+class Column(NamedTuple):
+    """Name and unit of a column of an array; the unit is "-" for numbers and "" if it is unknown."""
+
+    name: str
+    unit: str
+
+
+def export_run(run: RunData, path: str | Path, arrays: Sequence[str] | None = None, replace: bool = True) -> Path:
+    """Write the arrays of a run as ``Trajectory.export`` does. An error leaves no partial file.
+
+    Args:
+        run: the run.
+        path: name of the file.
+        arrays: names of the arrays; all by default.
+        replace: True replaces an existing file.
+
+    Raises:
+        ConfigurationError: the name has another ending than .csv.
+        InputError: unknown array.
+        OSError: the file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix != ".csv":
+        raise ConfigurationError(f"{path}: expected a name that ends in .csv")
+    known = [each.name for each in fields(run) if each.name != "info"]
+    chosen = known if arrays is None else ["time", *(name for name in arrays if name != "time")]
+    for name in chosen:
+        if name not in known:
+            raise InputError(f"arrays: the run has no '{name}'{nearest(name, known)}")
+    columns = {name: columns_of_array(run, name) for name in chosen}
+    with atomic_file(path, replace) as partial:
+        _write_table(partial, run, columns)
+    return path
+
+
+def columns_of_array(run: RunData, array: str) -> list[Column]:
+    """Names and units of the columns of an array, one per column; the name is "" for an array of one dimension."""
+    values, info = getattr(run, array), run.info
+    if values.ndim == 1:
+        return [Column("", _SERIES_UNITS[array])]
+    found = _named(info, array)
+    count: int = values.shape[1]
+    if len(found) != count:  # a run that was made by hand may have no names
+        return [Column(str(k), "") for k in range(count)]
+    return found
+
+
+def _named(info: RunInfo, array: str) -> list[Column]:
+    """Columns of an array with two dimensions; none without names."""
+    outputs, origin = info.outputs, info.provenance
+    if array in ("x1", "x2", "x1_desired", "x2_desired", "v1", "v2", "v2_desired", "F"):
+        of = outputs.of("x1" if array in ("x1", "x1_desired", "v1") else "x2")
+        units = [unit or "-" for unit in of.units]
+        if array.startswith("v"):
+            units = [f"{'1' if unit == '-' else unit}/s" for unit in units]
+        elif array == "F":
+            units = [FORCE_UNITS.get(f"{unit}/s", "") for unit in units]
+        return [Column(*pair) for pair in zip(of.names, units, strict=True)]
+    if array in ("estimates", "prediction_error"):
+        named = origin.estimates if array == "estimates" else origin.predicted
+        return [Column(name, unit or "-") for name, unit in named.items()]
+    if array == "ground_poses":
+        parts = (("x", "m"), ("y", "m"), ("heading", "rad"))
+        return [Column(f"{name}.{part}", unit) for name in outputs.ground_poses for part, unit in parts]
+    if array in _CONSTANT_UNITS:
+        names = getattr(outputs, "friction_used" if array == "slip_speed" else array)
+        return [Column(name, _CONSTANT_UNITS[array]) for name in names]
+    source = {"v_measured": "v", "slip": "multipliers"}.get(array, array)
+    units = _units(outputs, source)
+    if array == "slip":
+        rates = {force: rate for rate, force in FORCE_UNITS.items()}
+        units = [rates.get(unit, "") for unit in units]
+    return [Column(*pair) for pair in zip(getattr(outputs, source), units, strict=True)]
+
+
+def _units(outputs: OutputNames, array: str) -> list[str]:
+    names, units = getattr(outputs, array), getattr(outputs, f"{array}_units")
+    return list(units) if len(units) == len(names) else [""] * len(names)
+
+
+_CONSTANT_UNITS = {"friction_used": "-", "slip_speed": "m/s", "normal_forces": "N"}
+_SERIES_UNITS = {
+    "time": "s",
+    "energy": "J",
+    "work": "J",
+    "constraint_residual": "m/s or rad/s",
+    "position_residual": "m or rad",
+    "singular_value": "-",
+}
+
+
+def _header(array: str, column: Column) -> str:
+    name = f"{array}.{column.name}" if column.name else array
+    return f"{name} [{column.unit}]" if column.unit else name
+
+
+def _write_table(path: Path, run: RunData, columns: dict[str, list[Column]]) -> None:
+    """Write one row of headers, and a row per sample with all digits."""
+    header = io.StringIO()
+    names = [_header(array, each) for array, found in columns.items() for each in found]
+    csv.writer(header, lineterminator="\n").writerow(names)
+    table = np.column_stack([getattr(run, array) for array in columns])
+    with path.open("w", encoding="utf-8", newline="") as file:
+        file.write(header.getvalue())
+        np.savetxt(file, table, fmt="%.17g", delimiter=",")

@@ -9,7 +9,7 @@ import rnc_pin as rnc
 import systems
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.control.whole_body.limit_stack import ContactCones
+from rnc_pin.motion.whole_body.limit_stack import ContactCones
 from rnc_pin.simulation import judge
 from rnc_pin.simulation.preflight import friction_demand
 from rnc_pin.simulation.rollout import RolloutEvaluation

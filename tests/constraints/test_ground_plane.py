@@ -6,8 +6,8 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.schema.scenario import validate
+from rnc_pin.lab.mujoco import MuJoCoPlant
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.plants.mujoco import MuJoCoPlant
 from rolling import GRAVITY, rigid_body
 from row_kinds import MOVING, ON_PLANES, SLOPE
 from tolerances import ROUNDING

@@ -11,7 +11,7 @@ import rnc_pin as rnc
 from bodies import add_body, add_frame
 from refusals import refused
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.planning import Harmonic, Hold, InTurn, MinimumJerk
+from rnc_pin.motion.planning import Harmonic, Hold, InTurn, MinimumJerk
 from simple_controllers import Idle
 
 ANGLE = 0.4

@@ -10,7 +10,7 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body, add_frame
 from random_systems import CONSTRAINTS, KINDS, Recipe, constraint, robot_of
-from rnc_pin.planning import MinimumJerk
+from rnc_pin.motion.planning import MinimumJerk
 from systems import drifting_manipulator, random_states, reacting, spinning_space_robot, tumbling_panda
 from tolerances import KKT, ROUNDING
 

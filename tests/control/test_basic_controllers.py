@@ -12,7 +12,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import ComputedTorque, ReducingOutputController, StateFeedback, VelocityTarget
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.reduced_kinematics import Measurement
-from rnc_pin.planning import Hold
+from rnc_pin.motion.planning import Hold
 from systems import random_states, space_robot
 
 

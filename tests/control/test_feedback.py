@@ -7,7 +7,7 @@ import rnc_pin as rnc
 from rnc_pin.control.controller import check_size, elapsed_time
 from rnc_pin.control.feedback import Feedback, apply_dead_zone, fed_back, saturation_mask
 from rnc_pin.model.coordinates import Coordinates
-from rnc_pin.planning.references import ReferencePoint
+from rnc_pin.references.reference import ReferencePoint
 
 
 def test_time_passes_from_sample_to_sample_and_may_stand_still():

@@ -7,7 +7,7 @@ import rnc_pin as rnc
 from controlled_tasks import Cubic, manipulator, task_at, wide
 from rnc_pin.control import Posture, RedundancyController
 from rnc_pin.model.reduced_kinematics import Measurement
-from rnc_pin.planning import Hold
+from rnc_pin.motion.planning import Hold
 from systems import random_states
 from tolerances import ROUNDING
 

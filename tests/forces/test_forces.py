@@ -126,7 +126,7 @@ def test_a_damped_oscillator_is_the_closed_form():
 
 def test_mujoco_moves_as_the_reduced_plant():
     pytest.importorskip("mujoco")
-    from rnc_pin.plants.mujoco import MuJoCoPlant
+    from rnc_pin.lab.mujoco import MuJoCoPlant
 
     robot = rnc.Robot.from_urdf("space_robot.urdf")
     drag = ForceFunction(lambda q, v: -3.0 * np.abs(v) * v, name="drag")

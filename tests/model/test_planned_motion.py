@@ -5,7 +5,7 @@ import pytest
 
 import systems
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator, PlannedFeedback
-from rnc_pin.optimal import Nodes, action_model
+from rnc_pin.motion.optimal import Nodes, action_model
 from systems import random_states
 
 SYSTEMS = ("sleigh", "mobile_manipulator", "tiago", "free_flying_panda", "space_robot", "ackermann_car")

@@ -130,7 +130,7 @@ class _DriftingRow(ConstantRows):
 
 def test_a_kind_of_a_user_glides_along_its_own_heading_in_mujoco():
     pytest.importorskip("mujoco")
-    from rnc_pin.plants.mujoco import MuJoCoPlant
+    from rnc_pin.lab.mujoco import MuJoCoPlant
 
     robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
     reduced = rnc.NonholonomicSystem(robot, [Bound(_DriftingRow())]).reduce()

@@ -19,7 +19,7 @@ from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.planning import Hold
+from rnc_pin.motion.planning import Hold
 from systems import ALL, mobile_manipulator, random_states, space_robot, spinning_space_robot, tiago, without_outputs
 from tolerances import KKT, ROUNDING
 

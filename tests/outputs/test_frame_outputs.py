@@ -9,8 +9,8 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.model.coordinates import Coordinates, left_jacobian
-from rnc_pin.planning import Harmonic, Hold, MinimumJerk
-from rnc_pin.planning.reference_kinds import RelativeMinimumJerk
+from rnc_pin.motion.planning import Harmonic, Hold, MinimumJerk
+from rnc_pin.references.kinds import RelativeMinimumJerk
 from rolling import slope
 from systems import random_states
 from tolerances import FINITE_DIFFERENCE, ROUNDING

@@ -12,7 +12,7 @@ import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.model.compiled import RunStarts, runs_of
 from rnc_pin.plants import ReducedPlant
-from rnc_pin.plants.reduced.friction import INSTANT, _least_energy
+from rnc_pin.plants.friction import INSTANT, _least_energy
 from simple_controllers import Inputs
 from systems import floating_robot, mobile_manipulator
 

@@ -8,7 +8,7 @@ import pytest
 import rnc_pin as rnc
 import systems
 from rnc_pin.control import ComputedTorque, PositionTracker, ReducingOutputController, VelocityTracker, ZeroInput
-from rnc_pin.planning import Hold, MinimumJerk
+from rnc_pin.motion.planning import Hold, MinimumJerk
 from rnc_pin.simulation import batch
 from simple_controllers import Inputs
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.planning import Hold, TaskReference
+from rnc_pin.motion.planning import Hold, TaskReference
 
 
 def test_preflight_watches_the_smallest_singular_value_of_a_square_a4():

@@ -16,8 +16,8 @@ from rnc_pin.control import (
     VelocityGains,
 )
 from rnc_pin.model.coordinates import Coordinates
-from rnc_pin.planning import Harmonic, Hold, MinimumJerk
-from rnc_pin.planning.references import ReferencePoint
+from rnc_pin.motion.planning import Harmonic, Hold, MinimumJerk
+from rnc_pin.references.reference import ReferencePoint
 from systems import space_robot
 
 

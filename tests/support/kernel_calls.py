@@ -9,9 +9,9 @@ import pinocchio as pin
 import rnc_pin as rnc
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.control import VelocityQP, limits, tasks
-from rnc_pin.control.whole_body import ControlSample
-from rnc_pin.optimal.interior_point import InteriorPointSolver, LinearQuadratic, RiccatiFactors
-from rnc_pin.planning import Harmonic, Hold
+from rnc_pin.motion.optimal.interior_point import InteriorPointSolver, LinearQuadratic, RiccatiFactors
+from rnc_pin.motion.planning import Harmonic, Hold
+from rnc_pin.motion.whole_body import ControlSample
 from systems import mobile_manipulator, random_states, space_robot_in_joints, tiago
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import rnc_pin as rnc
-from rnc_pin.identification import EncoderOffset, EncoderScale, JointShift, SensorPlace, TimeShift, WheelRadius
+from rnc_pin.lab.calibration import EncoderOffset, EncoderScale, JointShift, SensorPlace, TimeShift, WheelRadius
 
 MEASURED = Path(os.environ.get("RNC_PIN_LOGS", Path(__file__).parents[3] / "shared" / "data" / "logs"))
 """Folder of measured logs, which are no part of the project."""

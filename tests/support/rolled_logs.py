@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 import rnc_pin as rnc
-from rnc_pin.identification import EncoderOffset, EncoderScale, JointShift, SensorPlace, WheelRadius
-from rnc_pin.identification.logs import Channel
+from rnc_pin.lab.calibration import EncoderOffset, EncoderScale, JointShift, SensorPlace, WheelRadius
+from rnc_pin.lab.logs import Channel
 
 STEP, ENCODERS, SENSOR = 1e-3, 20, 40  # period of the motion [s]; steps between samples of encoders and of the sensor
 TICKS = 16384

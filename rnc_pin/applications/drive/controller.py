@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.drive.commands import CommandLog
+from rnc_pin.applications.drive.commands import CommandLog, DriveGoals, initial_goals, with_command
 from rnc_pin.applications.drive.controls import (
     ARRIVED,
     SLOWING,
@@ -23,12 +23,11 @@ from rnc_pin.applications.drive.controls import (
     curvature,
     rates_to_goal,
 )
-from rnc_pin.applications.drive.goals import DriveGoals, initial_goals, with_command
 from rnc_pin.control import Description, TrackerState, TwistController, VelocityTarget
-from rnc_pin.control.whole_body import ControlSample, LimitReport, ProgramState, VelocityQP
-from rnc_pin.control.whole_body.limits import AccelerationLimit, ControlLimit
-from rnc_pin.control.whole_body.tasks import BoundTask, ControlTask, DampingTask, TaskRows
 from rnc_pin.model import Measurement, ReducedModel, heading_of
+from rnc_pin.motion.whole_body import ControlSample, LimitReport, ProgramState, VelocityQP
+from rnc_pin.motion.whole_body.limits import AccelerationLimit, ControlLimit
+from rnc_pin.motion.whole_body.tasks import BoundTask, ControlTask, DampingTask, TaskRows
 
 _ATTITUDE = 0.3  # [m/rad]; error of the orientation beside that of the position
 _STILL = 0.1  # weight of joints whose posture gain is zero

@@ -24,10 +24,10 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.scenario import output_of, validate
 from rnc_pin.control import ActuatorVelocityController, ComputedTorque, VelocityQP, VelocityTracker, describe
-from rnc_pin.control.whole_body.limits import CollisionAvoidance, ControlLimit
 from rnc_pin.errors import ConfigurationError, RncError, few
 from rnc_pin.io import Json, load_yaml
 from rnc_pin.model import NonholonomicSystem, ReducedModel
+from rnc_pin.motion.whole_body.limits import CollisionAvoidance, ControlLimit
 from rnc_pin.robots import Robot
 
 PERIOD = 0.01

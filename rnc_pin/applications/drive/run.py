@@ -14,15 +14,14 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from rnc_pin.applications.drive.commands import DriveCommand, command_target, ends, parse_command
+from rnc_pin.applications.drive.commands import DriveCommand, DriveGoals, command_target, ends, parse_command
 from rnc_pin.applications.drive.controller import drive_state_of
 from rnc_pin.applications.drive.controls import DriveControls
-from rnc_pin.applications.drive.goals import DriveGoals
 from rnc_pin.applications.drive.preparation import PreparedDrive
 from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.simulated_run import judged_summary
-from rnc_pin.control.whole_body import LimitReport
 from rnc_pin.errors import RncError, printable
+from rnc_pin.motion.whole_body import LimitReport
 from rnc_pin.simulation import RunArguments, Sample, Trajectory
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.stop import Progress, complete_run

@@ -16,7 +16,7 @@ from rnc_pin.errors import RncError
 from rnc_pin.io import Json
 from rnc_pin.math import unit_diagonal
 from rnc_pin.model import Kinematics, NonholonomicSystem, ReducedModel
-from rnc_pin.planning import OutputTarget, solve_ik
+from rnc_pin.motion.planning import OutputTarget, solve_ik
 from rnc_pin.robots import Robot
 
 _COUPLED = 1e-9  # smallest entry of a constraint row that couples a joint

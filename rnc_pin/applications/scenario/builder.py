@@ -23,11 +23,11 @@ from rnc_pin.applications.scenario.schema.world import build_obstacles
 from rnc_pin.collision import Obstacle, check_ignored_links
 from rnc_pin.control import Controller, ZeroInput, describe
 from rnc_pin.control.loop import LoopOptions
-from rnc_pin.control.whole_body import WholeBodyProgram, program_of
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError
 from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
-from rnc_pin.optimal import MotionPlan
-from rnc_pin.planning import Reference
+from rnc_pin.motion.optimal import MotionPlan
+from rnc_pin.motion.planning import Reference
+from rnc_pin.motion.whole_body import WholeBodyProgram, program_of
 from rnc_pin.plants import Plant
 from rnc_pin.simulation import (
     PLOTTED_QUANTITIES,

@@ -10,7 +10,6 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rnc_pin import optimal
 from rnc_pin.applications.scenario.controllers import feedback
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.motions import GuessSettings, OptimalPlanner, VehiclePath
@@ -19,7 +18,8 @@ from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.control import SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError, RncError
 from rnc_pin.model import Coordinates, Kinematics, ReducedModel, Task
-from rnc_pin.planning import Hold, OutputTarget, Reference, Way, find_way
+from rnc_pin.motion import optimal
+from rnc_pin.motion.planning import Hold, OutputTarget, Reference, Way, find_way
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import PlannedPath
 

@@ -28,7 +28,7 @@ from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.interruption import nothing_to_keep
 from rnc_pin.io import Json
 from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
-from rnc_pin.planning import Reference
+from rnc_pin.motion.planning import Reference
 from rnc_pin.plants import Plant
 from rnc_pin.printing import ObjectSummary, SummaryMixin, items
 from rnc_pin.robots import Robot

@@ -14,10 +14,10 @@ from rnc_pin.applications.scenario.controllers.feedback import SetPointSettings
 from rnc_pin.applications.scenario.plan_builder import frame_poses
 from rnc_pin.applications.scenario.schema.motions import MotionProblem
 from rnc_pin.control import State, limited_accelerations, missed_goals
-from rnc_pin.control.whole_body import InverseDynamicsQP, report_within
-from rnc_pin.control.whole_body.limits import CollisionAvoidance
 from rnc_pin.errors import ConfigurationError, RncError
-from rnc_pin.planning import continued_back, path_distances
+from rnc_pin.motion.planning import continued_back, path_distances
+from rnc_pin.motion.whole_body import InverseDynamicsQP, report_within
+from rnc_pin.motion.whole_body.limits import CollisionAvoidance
 from rnc_pin.simulation import (
     SHORTFALL,
     FurtherLimits,

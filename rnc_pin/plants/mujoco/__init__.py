@@ -1,7 +1,4 @@
-"""MuJoCo as the plant: the loaded robot in an independent simulator. It needs the extra ``mujoco``.
-
-The settings do not need MuJoCo; importing the plant loads it.
-"""
+"""Public name of ``rnc_pin.lab.mujoco``."""
 
 from rnc_pin.lazy_exports import lazy_exports
 

@@ -1,4 +1,3 @@
 """Exports of ``rnc_pin.plants.mujoco``, which ``__init__.py`` imports at their first use."""
 
-from .mujoco_plant import MuJoCoPlant as MuJoCoPlant
-from .settings import MuJoCoSettings as MuJoCoSettings
+from rnc_pin.lab.mujoco import *

@@ -8,11 +8,11 @@ import pytest
 import rnc_pin as rnc
 from driven_bases import car, differential, swerve
 from drives import Watcher, point_of, pose_of, prepared, reduced_of
+from rnc_pin.applications.drive.commands import PlacedGoal, initial_goals
 from rnc_pin.applications.drive.controls import DriveControls, DrivenBase
-from rnc_pin.applications.drive.goals import PlacedGoal, initial_goals
 from rnc_pin.applications.drive.run import CommandQueue, DriveStatus, drive, goal_distances
 from rnc_pin.applications.init import draft
-from rnc_pin.control.whole_body import LimitReport
+from rnc_pin.motion.whole_body import LimitReport
 from urdf_parts import BOX, joint, link, robot, wheel
 
 DT = 0.02

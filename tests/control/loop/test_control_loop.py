@@ -11,7 +11,7 @@ from rnc_pin.control import Command
 from rnc_pin.control.loop import control_loop, loop_state
 from rnc_pin.control.loop.loop_state import VelocityEstimate, write_state
 from rnc_pin.control.loop.measurements import VelocityObserver
-from rnc_pin.optimal import (
+from rnc_pin.motion.optimal import (
     EffortCost,
     PredictiveController,
     SetPointController,

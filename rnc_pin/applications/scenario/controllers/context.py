@@ -16,14 +16,14 @@ from rnc_pin.applications.scenario.schema.run_settings import SimulationSettings
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller, KinematicController, SlitheringReference, VelocityQP, VelocityTarget
-from rnc_pin.control.whole_body import ProgramState
-from rnc_pin.control.whole_body.tasks import BasePoseTask, CenterOfMassTask, ControlTask, DampingTask, PostureTask
 from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
 from rnc_pin.io import Json
 from rnc_pin.model import Coordinates, Measurement, OutputKind, OutputStack, ReducedModel, Task, axis_index
-from rnc_pin.optimal import MotionPlan
+from rnc_pin.motion.optimal import MotionPlan
+from rnc_pin.motion.planning import Reference
+from rnc_pin.motion.whole_body import ProgramState
+from rnc_pin.motion.whole_body.tasks import BasePoseTask, CenterOfMassTask, ControlTask, DampingTask, PostureTask
 from rnc_pin.outputs import FramePosition, FrameYaw
-from rnc_pin.planning import Reference
 from rnc_pin.simulation import Margins, margins_along, obstacles_passed
 
 _LONGEST = 350  # letters of the reasons that one error names

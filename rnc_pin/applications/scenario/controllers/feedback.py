@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
-from rnc_pin import optimal
 from rnc_pin.analysis import check_sampling, equilibrium, linearize, lqr
 from rnc_pin.applications.scenario.controllers.base import ControllerSettings
 from rnc_pin.applications.scenario.controllers.context import (
@@ -29,7 +28,8 @@ from rnc_pin.control import ActuatorVelocityController, Controller, KinematicCon
 from rnc_pin.errors import ConfigurationError, RncError, nearest
 from rnc_pin.io import Numbers, wrong
 from rnc_pin.model import OutputKind, Positive, ReducedModel
-from rnc_pin.planning import Joined, OutputTarget, Reference, WaySettings, find_way
+from rnc_pin.motion import optimal
+from rnc_pin.motion.planning import Joined, OutputTarget, Reference, WaySettings, find_way
 from rnc_pin.simulation import obstacles_passed
 
 WAY_SEARCH = WaySettings(seconds=150.0, motions=20_000)

@@ -27,7 +27,7 @@ from rnc_pin.applications.scenario.schema.motions import GoalPose
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import wrong
 from rnc_pin.model import NotNegative, Task
-from rnc_pin.planning import Joined, Reference, ReferencePoint
+from rnc_pin.motion.planning import Joined, Reference, ReferencePoint
 
 _POSITION_GAINS = preset_gains(control.PositionGains, "k1", "k2", "gamma", "beta", "sigma")
 _ACTIVE = part(control.JacobianTransposeController, "active")

@@ -25,8 +25,10 @@ from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, one
 from rnc_pin.applications.scenario.schema.kinds import OutputItem
 from rnc_pin.applications.scenario.schema.motions import HOLD, ReferenceItem
 from rnc_pin.collision import Obstacle, PairSelection
-from rnc_pin.control.whole_body import InverseDynamicsQP, VelocityQP
-from rnc_pin.control.whole_body.limits import (
+from rnc_pin.errors import RncError
+from rnc_pin.io import Strict
+from rnc_pin.motion.whole_body import InverseDynamicsQP, VelocityQP
+from rnc_pin.motion.whole_body.limits import (
     AccelerationLimit,
     BaseSpeedLimit,
     CollisionAvoidance,
@@ -35,7 +37,7 @@ from rnc_pin.control.whole_body.limits import (
     JointVelocityLimit,
     RegionLimit,
 )
-from rnc_pin.control.whole_body.tasks import (
+from rnc_pin.motion.whole_body.tasks import (
     BasePoseTask,
     CenterOfMassTask,
     ControlTask,
@@ -44,8 +46,6 @@ from rnc_pin.control.whole_body.tasks import (
     PostureTask,
     SingularityTask,
 )
-from rnc_pin.errors import RncError
-from rnc_pin.io import Strict
 
 _VELOCITIES, _INPUTS = part(VelocityQP, "damping"), part(InverseDynamicsQP, "velocity_gain", "friction", "braking_time")
 _entry = partial(Entry, forms={"output": OutputItem, "reference": ReferenceItem})

@@ -24,7 +24,7 @@ from rnc_pin.model import (
     OpenDifferential,
     OutputKind,
 )
-from rnc_pin.planning import Reference
+from rnc_pin.motion.planning import Reference
 from rnc_pin.plants import UnilateralContact
 
 _Shape = Annotated[object, one_of(sphere=constraints.Sphere, ellipsoid=constraints.Ellipsoid, torus=constraints.Torus)]

@@ -12,8 +12,8 @@ from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, one
 from rnc_pin.control import SlitheringReference
 from rnc_pin.io import Numbers, Strict
 from rnc_pin.model import Positive, ReducedModel
-from rnc_pin.optimal import FileLimits, MotionPlan, OutputCost, SolverSettings, plan
-from rnc_pin.planning import RELATIVE_REFERENCES, CarPath, RelativeReference, RelativeTable, SteeringGeometry
+from rnc_pin.motion.optimal import FileLimits, MotionPlan, OutputCost, SolverSettings, plan
+from rnc_pin.motion.planning import RELATIVE_REFERENCES, CarPath, RelativeReference, RelativeTable, SteeringGeometry
 
 _REFERENCES = {**RELATIVE_REFERENCES, "csv": Entry(RelativeTable, short="file")}
 ReferenceItem = Annotated[RelativeReference, one_of(**_REFERENCES)]

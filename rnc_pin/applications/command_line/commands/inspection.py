@@ -1,0 +1,98 @@
+"""``rnc-pin inspect`` and ``rnc-pin explore``."""
+
+from __future__ import annotations
+
+import shlex
+from contextlib import suppress
+from pathlib import Path
+
+import click
+
+from rnc_pin.analysis import analyze
+from rnc_pin.applications.command_line.messages import FAILED, print_json, warn
+from rnc_pin.applications.command_line.report import print_object
+from rnc_pin.applications.init import best_rows, find_uses, scenario_of
+from rnc_pin.applications.scenario.files import parse_options
+from rnc_pin.applications.scenario.output_folder import check_new_file, one_line_errors
+from rnc_pin.applications.scenario.plant_builder import start_findings, warnings_of
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.io import atomic_file
+from rnc_pin.printing import items
+from rnc_pin.verdict import Finding
+
+
+def inspect_system(system: str, options: tuple[str, ...], samples: int, seed: int, as_json: bool) -> None:
+    """Print the analysis of a system."""
+    scenario = Scenario.load(system, parse_options(options))
+    reduced, task = scenario.model.reduced, scenario.task
+    report = analyze(reduced, task.primary_names, task.redundant_names, samples, seed, task.vertical_names)
+    found: tuple[Finding, ...] = ()
+    with suppress(RncError):  # a start that cannot be assembled is an error of a run
+        found = start_findings(scenario.content, reduced, scenario.q0)
+    for message in warnings_of(found):
+        warn(message)
+    if not as_json:
+        names = {
+            "primary motions": task.primary_names,
+            "redundant motions": task.redundant_names,
+            "actuators": reduced.actuation.names,
+        }
+        lines = [(label, items(listed or ["none"])) for label, listed in names.items()]
+        print_object(report, f"{system} ({reduced.robot.name})", lines)
+        uses, _ = find_uses(scenario)
+        for k in best_rows(uses, 3):
+            click.echo(uses[k].title)
+        click.echo(f"more: rnc-pin explore {shlex.quote(system)}")
+        return
+    print_json(
+        {
+            "system": system,
+            "robot": reduced.robot.name,
+            "joints": list(reduced.robot.joint_names),
+            "reducing": list(reduced.reducing.names),
+            "vertical": list(reduced.vertical.names),
+            "actuators": list(reduced.actuation.names),
+            "primary": list(task.primary_names),
+            "redundant": list(task.redundant_names),
+            **report.to_dict(),
+            "findings": [each.to_json() for each in found],
+        }
+    )
+
+
+_MOST = 18  # rows of the table
+
+
+def explore_system(
+    system: str, options: tuple[str, ...], primary: str | None, as_json: bool, write: Path | None, row: int | None
+) -> int | None:
+    """Print what the redundancy of a robot can do, and write the scenario of one use."""
+    if write is not None:
+        check_new_file("--write", write, force=False)
+    scenario = Scenario.load(system, parse_options(options))
+    found, failures = find_uses(scenario, [name.strip() for name in primary.split(",")] if primary else [])
+    shown = best_rows(found, _MOST)
+    if as_json:
+        rows = [
+            {"row": k + 1, "primary": each.exploration.primary, **each.use.to_dict()} for k, each in enumerate(found)
+        ]
+        print_json({"system": system, "rows": rows, "failures": failures})
+    else:
+        for k in shown:
+            click.echo(f"{k + 1:3d}  {found[k].title}")
+        hidden = len(found) - len(shown)
+        for line in [*([f"{hidden} more: --json"] if hidden else []), *failures][: _MOST + 2 - len(shown)]:
+            click.echo(line)
+    if write is None:
+        return None
+    if not 1 <= (row or 1) <= len(found):
+        raise ConfigurationError(f"--row {row or 1}: expected a row from 1 to {len(found)}")
+    made, verdict = scenario_of(scenario, found[(row or 1) - 1])
+    with one_line_errors(f"--write {write}"), atomic_file(write, replace=False) as partial:
+        made.save(partial)
+    if not verdict.succeeded:
+        warn(f"the run of {write} fails: {verdict.first}")
+        return FAILED
+    click.echo(f"wrote {write}, whose run succeeded: rnc-pin run {shlex.quote(str(write))}", err=as_json)
+    return None

@@ -1,7 +1,0 @@
-"""Exports of ``rnc_pin.identification.logs``, which ``__init__.py`` imports at their first use."""
-
-from .channel import Channel as Channel
-from .channel import Correction as Correction
-from .channel import LogMapping as LogMapping
-from .log import Log as Log
-from .tables import unwrapped as unwrapped

@@ -1,0 +1,5 @@
+"""Laboratory: other simulators, contacts that open and close, faults, measured logs, calibration."""
+
+from rnc_pin.lazy_exports import lazy_exports
+
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

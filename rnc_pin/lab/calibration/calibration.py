@@ -1,0 +1,336 @@
+"""Kinematic calibration of a rolling robot from a log: batch least squares of its open-loop path."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ConfigurationError, InfeasibleError
+from rnc_pin.lab.calibration.rolling_motion import RollingMotion
+from rnc_pin.lab.calibration.unknowns import SensorPlace, Unknown, UnknownNumber, corrections_of, radii_of
+from rnc_pin.lab.calibration.window_fit import Fit, WindowFit, Windows, correlation_of, rotated
+from rnc_pin.lab.logs.channel import Channel, Correction
+from rnc_pin.lab.logs.log import Log
+from rnc_pin.model.coordinates import heading_of
+from rnc_pin.model.rows import ConstraintKind
+from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
+
+_SHARES = np.array([0.01, 0.1])  # windows of the log that are fitted before the whole log
+_FEWEST = 4  # samples of a window
+_FIRST, _LAST = 1.0, 0.03  # precision of the first windows and of the last ones, in standard deviations
+_PRIOR = 0.1  # standard deviation of the parameters of the file in short windows, relative to their sizes
+_FAR = 5.0  # standard deviations of an outlier
+_NAMED, _MOST_NAMED = 0.1, 6  # smallest share of a parameter in the name of a combination, and their largest number
+
+
+@dataclass(frozen=True)
+class PathError:
+    """Distance of an open-loop path from the measured one, after the best first pose.
+
+    Example:
+        >>> rnc.calibration.PathError(mean=0.1, rms=0.12, largest=0.3, heading=0.02, samples=100).mean
+        0.1
+    """
+
+    mean: float
+    """Mean distance [m]."""
+    rms: float
+    """Root mean square distance [m]."""
+    largest: float
+    """Largest distance [m]."""
+    heading: float
+    """Root mean square error of the heading [rad]; zero if it is not measured."""
+    samples: int
+    """Number of measured poses."""
+
+    def __str__(self) -> str:
+        return f"mean {self.mean:.3g} m, largest {self.largest:.3g} m, heading {self.heading:.3g} rad"
+
+
+@dataclass(frozen=True, repr=False)
+class Calibration(SummaryMixin):
+    """Estimated parameters of a robot, with their covariance, and what the log says about them.
+
+    Example:
+        >>> robot, pair = rnc.Robot.from_urdf("differential_drive.urdf", base="planar"), ["left_wheel", "right_wheel"]
+        >>> true = rnc.NonholonomicSystem(robot, [rnc.RollingWheel(wheel, 0.1) for wheel in pair])
+        >>> reduced = true.reduce([rnc.JointPosition(f"{wheel}_joint") for wheel in pair])
+        >>> turns = rnc.planning.MinimumJerk([0.0, 0.0], [40.0, 60.0], duration=10.0)
+        >>> target = rnc.control.ReducingOutputController(reduced, turns)
+        >>> time, q = rnc.kinematic_rollout(reduced, target, robot.configuration(), duration=10.0)
+        >>> log = rnc.Log.of_motion(robot, time, q, frames=["base"])
+        >>> file = rnc.NonholonomicSystem(robot, [rnc.RollingWheel(wheel, 0.12) for wheel in pair])
+        >>> found = rnc.calibrate(file, log, [rnc.calibration.WheelRadius(pair)], "base")
+        >>> found.values.round(4)
+        array([0.1])
+    """
+
+    names: tuple[str, ...]
+    """Names of the parameters, (P,)."""
+    nominal: np.ndarray
+    """Their values in the robot's file, (P,)."""
+    values: np.ndarray
+    """Estimates (P,)."""
+    covariance: np.ndarray
+    """Covariance of the estimates (P, P), for errors as long correlated as the residuals are."""
+    units: tuple[str, ...]
+    """Units of the parameters, (P,)."""
+    combinations: tuple[tuple[str, float], ...]
+    """Combinations of scaled parameters, the worst known first, with their standard deviations."""
+    errors: Mapping[str, PathError]
+    """Errors of the whole open-loop path by name: "nominal", "fit", and of the part that was held out."""
+    outliers: np.ndarray
+    """Times in seconds of measured poses that are more than five standard deviations away."""
+    deviations: np.ndarray
+    """Standard deviations of the measured position [m] and heading [rad]."""
+    correlation: float
+    """Number of samples over which residuals are correlated; 1 for white noise."""
+    sensor: str
+    """Frame whose pose was measured."""
+    unused_rows: tuple[str, ...]
+    """Rows that depend on joints which the log does not have."""
+    system: NonholonomicSystem
+    """The robot and its constraints with the estimates."""
+    corrections: Mapping[str, Correction]
+    """Corrections of encoders and clocks by joint or frame, for ``Log.corrected`` and mapping files."""
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviations of the estimates (P,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def _summary(self) -> ObjectSummary:
+        every = zip(self.names, self.units, self.values, self.std, self.nominal, strict=True)
+        lines = [
+            (name, [Item(f"{value:.6g} {unit}".strip(), f"std {std:.2g}, file {nominal:.6g}")])
+            for name, unit, value, std, nominal in every
+        ]
+        lines += [(f"path, {name}", [Item(str(error))]) for name, error in self.errors.items()]
+        words, deviation = self.combinations[0]
+        lines += [("worst known", [Item(words, f"std {deviation:.2g}")])]
+        lines += [("outliers", [Item(f"{len(self.outliers)} poses")])] if len(self.outliers) else []
+        lines += [("unused rows", [Item(name) for name in self.unused_rows])] if self.unused_rows else []
+        return ObjectSummary("Calibration", lines)
+
+
+def calibrate(
+    system: NonholonomicSystem,
+    log: Log,
+    unknown: Sequence[Unknown],
+    sensor: str,
+    *,
+    held_out: float = 0.0,
+    heading: bool = True,
+    resolution: float = 0.1,
+) -> Calibration:
+    """Estimate kinematic parameters from measured joints and measured poses of a frame on the base.
+
+    The rows of the system turn measured joints into the path of the base. The sum of squared distances from the
+    measured poses is minimized by Gauss-Newton steps with exact derivatives. It is taken over windows of time, each
+    with a free first pose, so the fixed frame of the poses does not matter. Short windows come first, since their
+    paths depend on parameters almost linearly; the last window is the whole log. Poses far away count less (Huber).
+
+    Assumptions: the ground is level, wheels do not slip, and all rows count alike where there are more than necessary.
+
+    Args:
+        system: the robot on a planar base, with its constraints.
+        log: positions of joints and poses of the sensor.
+        unknown: the parameters.
+        sensor: frame on the base whose pose is measured.
+        held_out: share of the log at its end that is not used, but whose error is stated.
+        heading: True if the sensor measures the heading.
+        resolution: largest accepted standard deviation of a combination of parameters, relative to their sizes.
+
+    Raises:
+        ConfigurationError: a name is unknown, or an option is out of range.
+        InfeasibleError: the log does not determine a combination of parameters, which the message names.
+
+    Returns:
+        Estimates with their covariance, and the robot that has them.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.2), rnc.RollingWheel("right_wheel", 0.2)]
+        >>> system = rnc.NonholonomicSystem(robot, wheels)
+        >>> still = rnc.Log.of_motion(robot, np.arange(9.0), np.tile(robot.configuration(), (9, 1)), frames=["base"])
+        >>> try:
+        ...     rnc.calibrate(system, still, [rnc.calibration.WheelRadius("left_wheel")], "base")
+        ... except rnc.InfeasibleError as error:
+        ...     print(error)
+        the log does not determine the radius of left_wheel
+    """
+    if not unknown:
+        raise ConfigurationError("name at least one unknown parameter")
+    if not 0 <= held_out <= 0.9:
+        raise ConfigurationError(f"held_out: expected a share of 0 to 0.9, found {held_out}")
+    motion = RollingMotion(system, log, unknown, sensor)
+    problem = PoseProblem(motion, log.channel("pose", sensor), heading)
+    end = problem.times[0] + (1 - held_out) * np.ptp(problem.times)
+    durations = [*(np.ptp(problem.times) * _SHARES), np.inf]
+    p = problem.nominal
+    for duration in durations:
+        chosen = problem.windows(problem.times[0], end, duration)
+        if chosen.count:
+            # Short windows hardly show some combinations: the first parameters count there, not in the last windows.
+            precision, prior = (_LAST, np.inf) if np.isinf(duration) else (_FIRST, _PRIOR)
+            p, fit, converged = problem.fit(chosen).minimized(p, problem.scales, problem.is_valid, precision, prior)
+    if not chosen.count:
+        raise ConfigurationError(f"the log has fewer than {_FEWEST} poses of '{sensor}' while its joints are measured")
+    if not converged:
+        raise InfeasibleError("the calibration did not converge: give fewer parameters")
+    correlation = correlation_of(fit)
+    scales = np.maximum(problem.scales, np.abs(p))
+    covariance, combinations = _precision(fit, motion.parameters, scales, correlation, resolution)
+    errors = {
+        "nominal": problem.error(problem.nominal, problem.windows(problem.times[0], np.inf, np.inf)),
+        "fit": problem.error(p, chosen),
+    }
+    if held_out:
+        rest = problem.windows(np.nextafter(end, np.inf), np.inf, np.inf)
+        errors |= {"held out": problem.error(p, rest), "held out, nominal": problem.error(problem.nominal, rest)}
+    far = (np.stack(fit.sizes, axis=1) > _FAR * fit.deviations).any(axis=1)
+    return Calibration(
+        tuple(each.name for each in motion.parameters),
+        problem.nominal,
+        p,
+        covariance,
+        tuple(each.unit for each in motion.parameters),
+        combinations,
+        errors,
+        problem.times[chosen.samples[far]],
+        fit.deviations,
+        correlation,
+        sensor,
+        motion.unused,
+        calibrated(system, motion.parameters, p, sensor),
+        corrections_of(motion.parameters, p, sensor),
+    )
+
+
+class PoseProblem:
+    """Measured poses beside those of a rolling motion."""
+
+    def __init__(self, motion: RollingMotion, channel: Channel, heading: bool) -> None:
+        self._motion, self._heading = motion, heading
+        inside = (channel.time >= motion.time[0]) & (channel.time <= motion.time[-1])
+        self.times, poses = channel.time[inside], channel.values[inside]
+        x, y, z, w = poses[:, 3:].T
+        yaw = np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2)))
+        self.measured = np.column_stack([poses[:, :2], yaw])
+        self.nominal = np.array([each.nominal for each in motion.parameters])
+        self.scales = np.array([each.scale for each in motion.parameters])
+
+    def is_valid(self, p: np.ndarray) -> bool:
+        """True if radii are positive, and no number leaves the size of the robot by far."""
+        radii = [value for value, each in zip(p, self._motion.parameters, strict=True) if each.wheels]
+        return bool(np.isfinite(p).all() and all(radius > 0 for radius in radii))
+
+    def windows(self, start: float, end: float, duration: float) -> Windows:
+        """Windows of a duration between two times; none contains a break of the joints' log."""
+        chosen = np.flatnonzero((self.times >= start) & (self.times <= end))
+        times = self.times[chosen]
+        piece = np.searchsorted(self._motion.breaks, times, side="right")
+        if np.isfinite(duration):
+            piece = piece * (len(times) + 1) + np.floor((times - times[:1]) / duration).astype(int)
+        _, number, counts = np.unique(piece, return_inverse=True, return_counts=True)
+        large = counts[number] >= _FEWEST
+        return Windows(chosen[large], np.unique(number[large], return_inverse=True)[1])
+
+    def fit(self, windows: Windows) -> WindowFit:
+        """Least squares over windows."""
+
+        def predict(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            found = self._motion.poses(p, self.times[windows.samples])
+            return found.values, found.slopes
+
+        return WindowFit(predict, self.measured[windows.samples], windows, self._heading)
+
+    def base_poses(self, times: np.ndarray) -> np.ndarray:
+        """Measured poses (M, 3) of the base at times within those of the sensor; NaN at others.
+
+        They are linear between the samples of the sensor, which stands at its place in the file.
+        """
+        inside = (times >= self.times[0]) & (times <= self.times[-1])
+        at = np.stack([np.interp(times, self.times, column) for column in self.measured.T], axis=1)
+        mount = self._motion.mount
+        heading = at[:, 2] - mount[2]
+        arm = rotated(heading, np.broadcast_to(mount[:2], (len(times), 2)))
+        found = np.column_stack([at[:, :2] - arm, heading])
+        found[~inside] = np.nan
+        return found
+
+    def error(self, p: np.ndarray, windows: Windows) -> PathError:
+        """Error of the open-loop path."""
+        distance, angle = self.fit(windows).at(p).sizes
+        rms, turned = (float(np.sqrt(np.mean(each**2))) for each in (distance, angle))
+        return PathError(float(distance.mean()), rms, float(distance.max()), turned, len(distance))
+
+
+def _precision(
+    fit: Fit, parameters: Sequence[UnknownNumber], scales: np.ndarray, correlation: float, resolution: float
+) -> tuple[np.ndarray, tuple[tuple[str, float], ...]]:
+    """Covariance (P, P), and combinations with their standard deviations; refuse one that the log does not show."""
+    _, J = fit.scaled()
+    scaled = J * scales
+    _, values, vectors = np.linalg.svd(scaled, full_matrices=False)
+    rounding = len(scaled) * np.finfo(float).eps * max(values.max(initial=0.0), 1.0)
+    deviations = np.sqrt(correlation) / np.maximum(values, 1e-300)
+    names = [each.name for each in parameters]
+    words = [_combination_name(vector, names) for vector in vectors]
+    found = sorted(zip(words, deviations.tolist(), strict=True), key=lambda each: -each[1])
+    unseen = (deviations > resolution) | (values <= rounding)
+    lost = [word for word, each in zip(words, unseen, strict=True) if each]
+    if lost:
+        raise InfeasibleError(f"the log does not determine the {'; or the '.join(lost)}")
+    spread = (vectors.T / values) * scales[:, None]
+    return correlation * spread @ spread.T, tuple(found)
+
+
+def calibrated(
+    system: NonholonomicSystem, parameters: Sequence[UnknownNumber], p: np.ndarray, sensor: str
+) -> NonholonomicSystem:
+    """The system with estimated radii, places of joints, and place of the sensor."""
+    robot = copy(system.robot)
+    model = robot.model = system.robot.model.copy()
+    radii = radii_of(parameters, p)
+    for value, each in zip(p, parameters, strict=True):
+        kind = each.kind
+        for virtual, share in each.displaced.items():
+            place, by = model.jointPlacements[robot.joint_id(virtual.joint)], share * (value - each.nominal)
+            shift = np.eye(3)["xyz".index(virtual.axis)] * by
+            place = pin.SE3(place.rotation, place.translation + shift)
+            model.jointPlacements[robot.joint_id(virtual.joint)] = place
+        if isinstance(kind, SensorPlace):
+            frame = model.frames[robot.frame_id(sensor)]
+            frame.placement = _moved(frame.placement, kind.axis, float(value))
+    return system.with_robot(robot, [_with_radius(kind, radii) for kind in system.kinds])
+
+
+def _with_radius(kind: ConstraintKind, radii: Mapping[str, float]) -> ConstraintKind:
+    radius = radii.get(str(getattr(kind, "frame", "")))
+    return kind if radius is None else replace(kind, radius=radius)  # type: ignore[type-var]
+
+
+def _moved(place: pin.SE3, axis: str, value: float) -> pin.SE3:
+    """Placement with another x, y or yaw."""
+    if axis == "yaw":
+        now = heading_of(place.rotation)
+        return pin.SE3(pin.exp3(np.array([0.0, 0.0, value - now])) @ place.rotation, place.translation)
+    moved = place.translation.copy()
+    moved["xy".index(axis)] = value
+    return pin.SE3(place.rotation, moved)
+
+
+def _combination_name(vector: np.ndarray, names: Sequence[str]) -> str:
+    """Words of a combination of scaled parameters (P,), the largest first and positive."""
+    vector = vector / vector[np.argmax(np.abs(vector))]
+    large = [k for k in np.argsort(-np.abs(vector)).tolist() if abs(vector[k]) > _NAMED][:_MOST_NAMED]
+    if len(large) == 1:
+        return names[large[0]]
+    words = " ".join(f"{'-' if vector[k] < 0 else '+'} {abs(vector[k]):.2f} {names[k]}" for k in large)
+    return f"combination {words.removeprefix('+ ')}"

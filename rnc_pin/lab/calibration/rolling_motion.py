@@ -1,0 +1,354 @@
+"""Motion of a rolling base from measured joints, as a function of unknown parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ConfigurationError, InfeasibleError, argument, few, nearest
+from rnc_pin.lab.calibration import unknowns
+from rnc_pin.lab.calibration.row_geometry import RowGeometry, Virtual
+from rnc_pin.lab.calibration.window_fit import Poses, RolledPath, rotated, sideways
+from rnc_pin.lab.logs.channel import Channel
+from rnc_pin.lab.logs.log import Log
+from rnc_pin.model.coordinates import heading_of
+from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.robots.joint_values import SingleJoint
+
+_BREAK = 5.0  # intervals longer than so many usual ones end a window
+_SINGULAR = 1e-14  # pivot of the normal equations relative to their diagonal
+_REGULAR = 1e-6  # smallest singular value of the unit rows of the base, relative to the largest
+_Slopes = dict[int, tuple[int, np.ndarray]]
+"""Derivatives by parameter: the number of a column or joint, with numbers."""
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """Measured joint of the rows."""
+
+    name: str
+    column: int
+    channel: Channel
+
+
+class RollingMotion:
+    """Predicted poses of a sensor on the base, from measured joints.
+
+    Between two stamps, each joint moves at a constant rate, and the rows are those in the middle. If there are more
+    rows than a motion needs, it is their least-squares solution; all rows have the same weight.
+
+    Args:
+        system: the robot on a planar base, with its constraints.
+        log: positions of joints; of joints without positions, velocities.
+        unknown: the unknown parameters.
+        sensor: frame on the base whose pose is predicted.
+
+    Attributes:
+        parameters: the parameters, in the order of ``unknown``.
+        mount: place x, y [m] and heading [rad] of the sensor on the base, in the file.
+        used: names of the rows in use.
+        unused: names of rows that depend on joints which the log does not have.
+        time: times of the steps (N + 1,) [s].
+        breaks: times in front of which a window has to end [s].
+
+    Raises:
+        ConfigurationError: a name is unknown, or the measured joints do not determine the motion of the base.
+    """
+
+    def __init__(self, system: NonholonomicSystem, log: Log, unknown: Sequence[unknowns.Unknown], sensor: str) -> None:
+        robot = system.robot
+        model = robot.model
+        if model.njoints < 2 or model.joints[1].shortname() != "JointModelPlanar":
+            raise ConfigurationError(
+                f"calibration needs a planar base: load robot '{robot.name}' with {argument('base', 'planar')}"
+            )
+        frame = model.frames[robot.frame_id(sensor)]
+        if frame.parentJoint != 1:
+            raise ConfigurationError(f"sensor '{sensor}' is on a body behind joint '{model.names[frame.parentJoint]}', "
+                                     "expected a frame of the base")  # fmt: skip
+        self.mount = np.array([*frame.placement.translation[:2], heading_of(frame.placement.rotation)])
+        self.parameters = [unknowns.number_of(each, system, self.mount) for each in unknown]
+        names = [each.name for each in self.parameters]
+        for name in names:
+            if names.count(name) > 1:
+                raise ConfigurationError(f"the {name} is named twice")
+        virtual = list(dict.fromkeys(each for parameter in self.parameters for each in parameter.displaced))
+        radii = list(dict.fromkeys(wheel for parameter in self.parameters for wheel in parameter.wheels))
+        self._model = model
+        self._geometry = RowGeometry(robot, [place.block for place in system.rows.places], virtual, radii)
+        self._find_joints(log)
+        self._set_time()
+
+    # ------------------------------------------------------------------ joints and times
+
+    def _find_joints(self, log: Log) -> None:
+        geometry = self._geometry
+        columns = {name: column for name, column in geometry.columns.items() if not name.startswith("virtual ")}
+        measured = {}
+        for name, column in columns.items():
+            if f"position({name})" in log.channels:
+                measured[column] = _Joint(name, column, log.channel("position", name))
+            elif f"velocity({name})" in log.channels and column not in geometry.shape:
+                measured[column] = _Joint(name, column, _summed(log.channel("velocity", name)))
+        self.unused = geometry.drop([column for column in columns.values() if column not in measured])
+        if not geometry.names:
+            raise ConfigurationError(f"the log has no joint of the rows {few(self.unused)}")
+        self.used = geometry.names
+        every = range(geometry.size)
+        drawn = np.random.default_rng(1).uniform(-0.5, 0.5, (geometry.size, 4))
+        sample = geometry.evaluate(dict(enumerate(drawn)), {}, every).matrix
+        acting = np.abs(sample).max(axis=(0, 1)) > 1e-12
+        self._joints = [each for column, each in measured.items() if acting[column] or column in geometry.shape]
+        others = [column for column in columns.values() if acting[column] and column not in measured]
+        self._unknown_columns = [*geometry.base, *others]
+        self._columns = [*self._unknown_columns, *(each.column for each in self._joints)]
+        values = np.linalg.svd(sample[:, :, self._unknown_columns], compute_uv=False)
+        if sample.shape[1] < len(self._unknown_columns) or (values[:, -1] < _REGULAR * values[:, 0]).all():
+            missing = [name for name, column in columns.items() if column in others]
+            raise ConfigurationError(
+                f"the measured joints {few([each.name for each in self._joints]) or '(none)'} do not determine the "
+                f"motion of the base: expected positions of {few(missing) or 'joints with rows'} too"
+            )
+        for parameter in self.parameters:
+            kind = parameter.kind
+            name = getattr(kind, "joint", None) or (kind.of if isinstance(kind, unknowns.TimeShift) else None)
+            names = [each.name for each in self._joints]
+            if name is not None and name not in names:
+                raise ConfigurationError(
+                    f"{parameter.name}: the rows use no measured joint '{name}'{nearest(name, names)}"
+                )
+
+    def _set_time(self) -> None:
+        if not self._joints:
+            raise ConfigurationError("the log has no joint that the rows use")
+        channels = [each.channel for each in self._joints]
+        finest = max(channels, key=lambda channel: len(channel.time))
+        start, end = max(each.time[0] for each in channels), min(each.time[-1] for each in channels)
+        inside = (finest.time >= start) & (finest.time <= end)
+        time = finest.time[inside]
+        whole = np.all([np.isfinite(each.at(time)).all(axis=1) for each in channels], axis=0)
+        self.time = time[whole]
+        if len(self.time) < 3:
+            raise ConfigurationError("the joints of the log have no common time")
+        self.breaks = self.time[1:][np.diff(self.time) > _BREAK * np.median(np.diff(self.time))]
+
+    # ------------------------------------------------------------------ prediction
+
+    def poses(self, p: np.ndarray, times: np.ndarray) -> Poses:
+        """Poses of the sensor (M, 3) for parameters p (P,), from a base that starts at the origin.
+
+        Args:
+            p: parameters (P,).
+            times: stamps of the sensor (M,) [s].
+        """
+        late = [
+            k
+            for k, one in enumerate(self.parameters)
+            if isinstance(one.kind, unknowns.TimeShift) and one.kind.of is None
+        ]
+        path = RolledPath(self.time, *self._steps(p), len(p))
+        base = path.at(times - sum(p[k] for k in late))
+        mount = self.mount.copy()
+        places = [(k, ("x", "y", "yaw").index(each.kind.axis)) for k, each in enumerate(self.parameters)
+                  if isinstance(each.kind, unknowns.SensorPlace)]  # fmt: skip
+        for k, axis in places:
+            mount[axis] = p[k]
+        heading = base.values[:, 2]
+        arm = rotated(heading, np.broadcast_to(mount[:2], (len(times), 2)))
+        values = base.values + np.column_stack([arm, np.full(len(times), mount[2])])
+        slopes, rates, away = base.slopes, base.rates, sideways(arm)
+        for k in range(len(p)):
+            slopes[:, 0, k] += away[:, 0] * slopes[:, 2, k]
+            slopes[:, 1, k] += away[:, 1] * slopes[:, 2, k]
+        rates[:, :2] += away * rates[:, 2:]
+        for k, axis in places:
+            unit = np.eye(3)[axis]
+            slopes[:, :2, k] += rotated(heading, np.broadcast_to(unit[:2], (len(times), 2)))
+            slopes[:, 2, k] += unit[2]
+        for k in late:
+            slopes[:, :, k] -= rates
+        return Poses(values, slopes, rates)
+
+    @property
+    def _nominal(self) -> np.ndarray:
+        return np.array([each.nominal for each in self.parameters])
+
+    def configurations(self, times: np.ndarray) -> np.ndarray:
+        """Configurations (T, nq) of the robot at times (T,) [s], with parameters of the file.
+
+        Unmeasured joints of rows start at zero, other joints stand still there.
+        """
+        positions, changes, _, _ = self._measured(self._nominal)
+        whole = _Solution(self._geometry.evaluate(positions, {}, self._columns).matrix, changes).whole
+        path = RolledPath(self.time, whole[:, :3].T, {}, 0)
+        inside = np.clip(times, self.time[0], self.time[-1])
+        q = self.with_base(np.tile(pin.neutral(self._model), (len(times), 1)), path.at(inside).values)
+        starts = dict.fromkeys(self._columns, 0.0) | {
+            each.column: float(_held(each.channel, self.time[:1])[0]) for each in self._joints
+        }
+        joints = {joint.idx_v: SingleJoint.of(joint) for joint in self._model.joints if joint.nv == 1}
+        for column, change in zip(self._columns[3:], whole[:, 3:].T, strict=True):
+            position = np.concatenate([[0.0], np.cumsum(change)]) + starts[column]
+            joints[column].put(q, np.interp(times, self.time, position))
+        return q
+
+    def with_base(self, q: np.ndarray, poses: np.ndarray) -> np.ndarray:
+        """Configurations (T, nq) with other poses (T, 3) of the base."""
+        first = self._model.joints[1].idx_q
+        found = q.copy()
+        found[:, first : first + 2] = poses[:, :2]
+        found[:, first + 2], found[:, first + 3] = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        return found
+
+    def slip(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Slip of the rows at a given motion of the base, with parameters of the file.
+
+        Args:
+            poses: poses of the base (N + 1, 3) at the times of the steps.
+
+        Returns:
+            Times (N,) in the middle of the steps [s], and slip (N, k) during each step [m]. Joints that are not
+            measured move such that its square is smallest.
+        """
+        positions, moved, _, _ = self._measured(self._nominal)
+        A = self._geometry.evaluate(positions, {}, self._columns).matrix
+        change = np.diff(poses, axis=0)
+        turn = change[:, 2]
+        half = rotated(-(poses[:-1, 2] + turn / 2), change[:, :2]) / np.sinc(turn / (2 * np.pi))[:, None]
+        size = len(self._unknown_columns)
+        slip = _product(A[:, :, :3], np.column_stack([half, turn])) + _product(A[:, :, size:], moved)
+        others = A[:, :, 3:size]
+        if others.shape[2]:
+            inverse = np.linalg.pinv(others)
+            slip = slip - _product(others, _product(inverse, np.nan_to_num(slip)))
+        return (self.time[1:] + self.time[:-1]) / 2, slip
+
+    def _steps(self, p: np.ndarray) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+        """Twists of the steps (3, N), and their derivatives (3, N) by the parameters that change them."""
+        geometry = self._geometry
+        shifts: dict[Virtual, float] = {}
+        for value, parameter in zip(p, self.parameters, strict=True):
+            for virtual, share in parameter.displaced.items():
+                shifts[virtual] = shifts.get(virtual, 0.0) + share * (value - parameter.nominal)
+        geometry.set_radii(unknowns.radii_of(self.parameters, p))
+        positions, changes, d_middle, d_changes = self._measured(p)
+        rows = geometry.evaluate(positions, shifts, self._columns)
+        solution = _Solution(rows.matrix, changes)
+        effects: dict[int | Virtual | str, np.ndarray] = {}  # of columns, displacements and wheels
+
+        def effect(direction: int | Virtual | str) -> np.ndarray:
+            if direction not in effects:
+                effects[direction] = solution.effect_of_rows(rows.along(direction))
+            return effects[direction]
+
+        found = {}
+        for k, parameter in enumerate(self.parameters):
+            parts = [share * effect(direction) for direction, share in parameter.shares.items()]
+            if k in d_middle:
+                column, by = d_middle[k]
+                parts.append(by[:, None] * effect(column))
+            if k in d_changes:
+                parts.append(solution.effect_of_change(*d_changes[k]))
+            if parts:
+                found[k] = sum(parts, np.zeros(1))[:, :3].T
+        return solution.whole[:, :3].T, found
+
+    def _measured(self, p: np.ndarray) -> tuple[dict[int, np.ndarray], np.ndarray, _Slopes, _Slopes]:
+        """Positions in the middle of steps by column, and changes (N, j) of joints, with derivatives by parameter.
+
+        A derivative of a position is a column of v with numbers, one of a change the number of a joint with numbers.
+        Only joints that the rows depend on have positions.
+        """
+        positions: dict[int, np.ndarray] = {}
+        moved: list[np.ndarray] = []
+        d_middle: _Slopes = {}
+        d_moved: _Slopes = {}
+        for index, joint in enumerate(self._joints):
+            own = {type(each.kind): k for k, each in enumerate(self.parameters)
+                   if joint.name in (getattr(each.kind, "joint", None), getattr(each.kind, "of", None))}  # fmt: skip
+            scale = p[own[unknowns.EncoderScale]] if unknowns.EncoderScale in own else 1.0
+            offset = p[own[unknowns.EncoderOffset]] if unknowns.EncoderOffset in own else 0.0
+            late = p[own[unknowns.TimeShift]] if unknowns.TimeShift in own else 0.0
+            # Stamps are late: what was true at a time has a later stamp.
+            raw = _held(joint.channel, self.time + late)
+            middle, change = (raw[1:] + raw[:-1]) / 2, np.diff(raw)
+            moved.append(scale * change)
+            slopes: dict[type, tuple[np.ndarray, np.ndarray]] = {
+                unknowns.EncoderScale: (middle, change),
+                unknowns.EncoderOffset: (np.ones_like(middle), np.zeros_like(change)),
+            }
+            if unknowns.TimeShift in own:
+                rate = scale * _slope(joint.channel, self.time + late)
+                slopes[unknowns.TimeShift] = (rate[1:] + rate[:-1]) / 2, np.diff(rate)
+            for kind, k in own.items():
+                d_moved[k] = index, slopes[kind][1]
+                if joint.column in self._geometry.shape:
+                    d_middle[k] = joint.column, slopes[kind][0]
+            if joint.column in self._geometry.shape:
+                positions[joint.column] = scale * middle + offset
+        return positions, np.stack(moved, axis=1), d_middle, d_moved
+
+
+class _Solution:
+    """Motion (N, c) of all columns of rows (N or 1, k, c) that fits measured changes (N, j) of the last ones best.
+
+    Raises:
+        InfeasibleError: the other columns are dependent at a sample.
+    """
+
+    def __init__(self, A: np.ndarray, changes: np.ndarray) -> None:
+        size = A.shape[2] - changes.shape[1]
+        self._left, self._driven = A[:, :, :size], A[:, :, size:]
+        normal = self._left.mT @ self._left
+        try:
+            pivots = np.linalg.cholesky(normal).diagonal(axis1=1, axis2=2) ** 2
+        except np.linalg.LinAlgError:
+            pivots = np.zeros(1)
+        if (pivots <= _SINGULAR * normal.diagonal(axis1=1, axis2=2)).any():
+            raise InfeasibleError("the rows do not determine the motion of the base at each measured position")
+        self._inverse = np.linalg.inv(normal)
+        free = self._solved(_product(self._driven, changes))
+        self.whole = np.concatenate([free, changes], axis=1)
+        self._residual = _product(A, self.whole)
+
+    def _solved(self, driven: np.ndarray) -> np.ndarray:
+        """Motion (N, s) of the first columns that cancels rows (N, k) best."""
+        return -_product(self._inverse, _product(self._left.mT, driven))
+
+    def effect_of_rows(self, slope: np.ndarray) -> np.ndarray:
+        """Derivative (N, s) of the motion for a derivative (N or 1, k, c) of the rows."""
+        size = self._left.shape[2]
+        by_residual = _product(self._inverse, _product(slope[:, :, :size].mT, self._residual))
+        return self._solved(_product(slope, self.whole)) - by_residual
+
+    def effect_of_change(self, joint: int, rate: np.ndarray) -> np.ndarray:
+        """Derivative (N, s) of the motion for a derivative (N,) of the changes of one measured joint."""
+        return self._solved(self._driven[:, :, joint] * rate[:, None])
+
+
+def _product(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Products (N, k) of matrices (N or 1, k, l) with vectors (N, l)."""
+    return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
+
+
+def _held(channel: Channel, times: np.ndarray) -> np.ndarray:
+    """Values (M,) of a joint; in front of its first and behind its last sample, those."""
+    return np.asarray(np.interp(times, channel.time, channel.values[:, 0]))
+
+
+def _slope(channel: Channel, times: np.ndarray) -> np.ndarray:
+    """Rates (M,) of a joint between its samples; zero outside."""
+    rates = np.diff(channel.values[:, 0]) / np.diff(channel.time)
+    inside = (times > channel.time[0]) & (times < channel.time[-1])
+    k = np.clip(np.searchsorted(channel.time, times, side="right") - 1, 0, len(rates) - 1)
+    return np.where(inside, rates[k], 0.0)
+
+
+def _summed(channel: Channel) -> Channel:
+    """Positions of a joint from its velocities, from zero."""
+    v, dt = channel.values[:, 0], np.diff(channel.time)
+    position = np.concatenate([[0.0], np.cumsum(dt * (v[1:] + v[:-1]) / 2)])
+    return Channel("position", channel.of, channel.time, position[:, None])

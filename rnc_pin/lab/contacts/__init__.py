@@ -1,0 +1,1 @@
+"""Plants whose contacts with the ground open and close by themselves."""

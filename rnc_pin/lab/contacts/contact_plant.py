@@ -1,0 +1,358 @@
+"""Plant whose contacts with the ground open and close by themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from functools import partial
+
+import numpy as np
+
+from rnc_pin.errors import ConfigurationError, InputError, SimulationError
+from rnc_pin.lab.contacts.contact_modes import NONE, Closed, ContactModes, ReducedStep, Watched, first_event
+from rnc_pin.lab.contacts.friction_impulses import NO_SET, contact_impact, subsets
+from rnc_pin.lab.contacts.sliding_plant import SlidingPlant, SlidingStep
+from rnc_pin.lab.contacts.unilateral_contact import ContactRows, UnilateralContact, bound_contacts, radius_of_gyration
+from rnc_pin.model.input_validation import numbers_of, own_vector
+from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.plants.friction import DryFriction
+from rnc_pin.plants.plant import ContactEvent, PlantReport
+from rnc_pin.plants.reduced_plant import ReducedPlant
+from rnc_pin.plants.step_control import IntegrationErrors
+
+# Relative to the size of the robot, its radius of gyration:
+_INSIDE = 2e-4  # depth that the digits of an initial configuration explain
+_TOUCHES = 1e-8  # gap of a contact that touches
+_ROUNDING = 1e-11  # gap that rounding explains
+_LEAVES = 1e-8  # velocity from which a contact leaves the ground, relative to the largest velocity, plus 1
+_EVENTS = 100  # largest number of located events in one step
+_LEFT = 1e-12  # rest of a sample that rounding explains
+
+
+class ContactPlant:
+    """Plant whose contacts with the ground open and close by themselves.
+
+    The plant finds the time of the next event within a step:
+
+    * A contact lands when its gap becomes zero. The impact has two phases: compression until no contact approaches,
+      and a rebound, which returns at most the share ``restitution^2`` of the work of the compression.
+    * A contact lifts off when its normal force becomes zero. It can land again.
+
+    Contacts have a coefficient of friction, or none of them has a limit of friction:
+
+    * Without a limit, closed contacts do not slip. Each set of closed contacts has a model, which a ``ReducedPlant``
+      integrates. Contacts that close or open together are the largest set in which contacts only push and the others
+      separate. Where there is none, as in Painleve's paradox, the run ends with an error that has the time.
+    * With coefficients, contacts stick and slide (``SlidingPlant``), and a ``ReducedPlant`` integrates flight.
+
+    Args:
+        system: system without the contacts, with the actuators.
+        contacts: the contacts.
+        joint_damping, actuator_limits, joint_friction, substeps, tolerance: as for ``ReducedPlant``.
+
+    Attributes:
+        tolerance: allowed error of the integration per second.
+        contact_events: events since the start.
+
+    Raises:
+        ConfigurationError: no contacts, contacts of the same name, a contact without a gap, coefficients of friction of
+            some contacts only, or with coefficients moving or momentum constraints in the system.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
+        >>> system = rnc.NonholonomicSystem(robot)
+        >>> plant = rnc.ContactPlant(system, [rnc.UnilateralContact(rnc.RollingBall("ball", 0.2), friction=0.3)])
+        >>> plant.reset(robot.configuration({"root_joint": [0, 0, 0.21, 0, 0, 0, 1]}), np.array([1.0, 0, 0, 0, 0, 0]))
+        >>> plant.advance(0.2)
+        >>> [(event.cause, round(event.time, 3)) for event in plant.contact_events[:3]]
+        [('start', 0.0), ('landing of ball', 0.045), ('slip of ball', 0.045)]
+    """
+
+    def __init__(
+        self,
+        system: NonholonomicSystem,
+        contacts: Sequence[UnilateralContact],
+        joint_damping: bool = False,
+        actuator_limits: bool = False,
+        joint_friction: bool = False,
+        substeps: int | None = None,
+        tolerance: float = DEFAULT_TOLERANCE,
+    ) -> None:
+        self._contacts = bound_contacts(system, contacts)
+        self.tolerance = tolerance
+        plant_of = partial(  # a lambda could not be pickled
+            ReducedPlant,
+            joint_damping=joint_damping,
+            actuator_limits=actuator_limits,
+            joint_friction=joint_friction,
+            substeps=substeps,
+            tolerance=tolerance,
+        )
+        self._modes = ContactModes(system, self._contacts, plant_of)
+        self._flight = self._modes.plant(NONE)
+        self._rows = ContactRows(self._contacts, DryFriction(self._flight.reduced, joint_friction))
+        self._sliding: SlidingPlant | None = None
+        if any(each.has_limit for each in self._contacts):
+            _check_at_rest(self._flight.reduced)
+            self._sliding = SlidingPlant(self._flight, self._contacts, self._rows)
+        self._closed = NONE
+        self._plant: ReducedPlant | SlidingPlant = self._flight
+        self.contact_events: tuple[ContactEvent, ...] = ()
+        self._time, self._past_work, self._size = 0.0, 0.0, 0.0
+
+    # ------------------------------------------------------------------ state
+
+    @property
+    def closed(self) -> Closed:
+        """Indices of the closed contacts."""
+        return self._plant.touching if isinstance(self._plant, SlidingPlant) else self._closed
+
+    @property
+    def reduced(self) -> ReducedModel:
+        """Model with the closed contacts; with coefficients of friction without them."""
+        return self._plant.reduced
+
+    @property
+    def errors(self) -> IntegrationErrors:
+        """Estimated errors of the integration since the start."""
+        return self._plant.errors
+
+    @property
+    def work(self) -> float:
+        """Work since the start, minus the energy that damping, friction and impacts removed [J]."""
+        return self._past_work + self._plant.work
+
+    @property
+    def normal_forces(self) -> dict[str, float]:
+        """With coefficients of friction, mean normal force of each contact in the last step [N], by name.
+
+        NaN before the first step of a contact. Empty without coefficients: forces are those of ``reduced``.
+        """
+        if self._sliding is None:
+            return {}
+        found = self._plant.normal_forces if isinstance(self._plant, SlidingPlant) else {}
+        return {each.name: found.get(number, 0.0) for number, each in enumerate(self._contacts)}
+
+    @property
+    def contact_forces(self) -> dict[str, float]:
+        """With coefficients of friction, mean forces of the rows of all contacts on the robot in the last step.
+
+        Rows of open contacts have no force. After contacts changed, those of the others are NaN until the next step.
+        """
+        found = self._plant.contact_forces if isinstance(self._plant, SlidingPlant) else {}
+        return dict.fromkeys(self.contact_force_units, 0.0) | found
+
+    @property
+    def contact_force_units(self) -> dict[str, str]:
+        """Units of ``contact_forces``, by name."""
+        if self._sliding is None:
+            return {}
+        layout = self._rows.layout(frozenset(range(len(self._contacts))), joints=False)
+        return dict(zip(layout.names, layout.units, strict=True))
+
+    def report(self) -> PlantReport:
+        """Return inputs, work, model, forces, contacts and errors.
+
+        External forces are those of damping and friction; with coefficients of friction also of contacts, as means of
+        the last step while contacts touch.
+        """
+        return self._plant.report()._replace(
+            work=self.work, tolerance=self.tolerance, errors=self.errors, normal_forces=self.normal_forces,
+            contact_forces=self.contact_forces, contact_force_units=self.contact_force_units,
+            contact_events=self.contact_events,
+        )  # fmt: skip
+
+    @property
+    def sliding(self) -> tuple[str, ...]:
+        """Names of the contacts that slide."""
+        numbers = self._plant.sliding if isinstance(self._plant, SlidingPlant) else ()
+        return tuple(self._contacts[number].name for number in sorted(numbers))
+
+    def reset(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Restart at time zero, at configuration q (nq,) and velocity v (nv,).
+
+        Contacts that touch the ground, or are a little below it, are closed; if they approach it, with an impact.
+
+        Raises:
+            InputError: a contact is below the ground.
+        """
+        self._time, self._past_work, self.contact_events = 0.0, 0.0, ()
+        self._closed, self._plant = NONE, self._flight
+        self._flight.reset(numbers_of(q, "q"), numbers_of(v, "v"))
+        self._size = radius_of_gyration(self.reduced.robot.model, self.read()[0])
+        if self._sliding is not None:
+            self._sliding.restart(self._size)
+        gaps = self._gaps(self._flight.state)
+        for each, gap in zip(self._contacts, gaps, strict=True):
+            if gap < -_INSIDE * self._size:
+                raise InputError(f"contact '{each.name}' starts {-gap:.3g} m below the ground")
+        self._land("start")
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        """Configuration (nq,) and velocity (nv,)."""
+        return self._plant.read()
+
+    def apply(self, T: np.ndarray) -> None:
+        """Hold the inputs T (p,), clipped to the actuator limits. A jump of the inputs can open contacts."""
+        self._plant.apply(own_vector(T, self.reduced.p, "T"))
+        before = self._closed
+        if before and self._least_force() < 0.0:
+            self._settle(before, before)
+            self._record("lift-off", before - self._closed)
+
+    # ------------------------------------------------------------------ motion
+
+    def advance(self, dt: float) -> None:
+        """Advance by a time dt [s], through all events on the way.
+
+        Raises:
+            DivergenceError: velocities or accelerations are not finite.
+            SimulationError: contacts open and close without end, or no set of them is consistent.
+        """
+        end, events = self._time + dt, 0
+        while end - self._time > _LEFT * dt:
+            left = end - self._time
+            plant = self._plant
+            step = plant.step(left, dt) if isinstance(plant, SlidingPlant) else ReducedStep(plant, left)
+            open_contacts = [number for number in range(len(self._contacts)) if number not in self.closed]
+            watched = [self._watched_gap(number) for number in open_contacts]
+            if self._closed:
+                watched.append(Watched(self._least_force))
+            found = first_event(step, watched)
+            elapsed = step.dt if found is None else found[0]
+            step.move_to(elapsed)
+            self._time = end if elapsed == left else min(self._time + elapsed, end)
+            if isinstance(step, SlidingStep):
+                self._note(step.take())
+            if found is None:
+                continue
+            events += 1
+            if events > _EVENTS:
+                raise SimulationError(
+                    f"contacts open and close {_EVENTS} times within {dt:g} s at t = {self._time:.4f} s: "
+                    "increase the rest_speed of the contacts"
+                )
+            if found[1] < len(open_contacts):
+                self._land("landing", open_contacts[found[1]])
+            else:
+                self._lift_off()
+        if isinstance(self._plant, SlidingPlant):
+            self._plant.end_sample()
+
+    def _watched_gap(self, number: int) -> Watched:
+        contact = self._contacts[number]
+
+        def rate() -> float:
+            state = self._plant.state
+            return contact.gap_rate(state.position, state.v)
+
+        return Watched(lambda: contact.gap(self._plant.state.position), rate=rate, rounding=_ROUNDING * self._size)
+
+    def _least_force(self) -> float:
+        assert isinstance(self._plant, ReducedPlant)
+        return self._modes.least_force(self._closed, self._plant)
+
+    def _lift_off(self) -> None:
+        """Open the contact whose normal force has become zero."""
+        assert isinstance(self._plant, ReducedPlant)
+        forces = self._modes.forces(self._closed, self._plant)
+        lost = sorted(self._closed)[int(np.argmin(forces))]
+        self._settle(self._closed - {lost}, self._closed)
+        self._record("lift-off", [lost])
+
+    def _note(self, changes: list[tuple[str, Closed]]) -> None:
+        """Record what contacts with friction begin to do; in flight, another plant goes on."""
+        for cause, numbers in changes:
+            self._record(cause, numbers)
+        if isinstance(self._plant, SlidingPlant) and not self._plant.touching:
+            self._go_on(self._flight, *self._plant.read())
+
+    def _settle(self, candidates: Closed, touching: Closed) -> None:
+        """Close those of the candidates that push without slip while the others that touch separate."""
+        assert isinstance(self._plant, ReducedPlant)
+        q, v = self._plant.read()
+        for closed in subsets(candidates):
+            plant = self._plant
+            if closed != self._closed:
+                plant = self._modes.plant(closed)
+                self._start(plant, q, v)
+            if self._modes.holds(closed, touching - closed, plant):
+                self._past_work += self._plant.work if plant is not self._plant else 0.0
+                self._closed, self._plant = closed, plant
+                return
+        raise SimulationError(f"contacts {self._modes.names(touching)} at t = {self._time:.4f} s: {NO_SET}")
+
+    def _start(self, plant: ReducedPlant | SlidingPlant, q: np.ndarray, v: np.ndarray) -> None:
+        """Start another plant at a state, under the present inputs."""
+        if isinstance(self._plant, SlidingPlant):
+            self._plant.end_sample()
+        T, errors = self._plant.applied, self._plant.errors
+        plant.reset(q, v, self._time)
+        plant.apply(T)
+        plant.keep_errors(errors)
+
+    def _go_on(self, plant: ReducedPlant | SlidingPlant, q: np.ndarray, v: np.ndarray) -> None:
+        """Go on with a plant from a state."""
+        self._past_work += self._plant.work
+        self._start(plant, q, v)
+        self._closed, self._plant = NONE, plant
+
+    # ------------------------------------------------------------------ impacts
+
+    def _gaps(self, state: StateEvaluation) -> np.ndarray:
+        return np.array([each.gap(state.position) for each in self._contacts])
+
+    def _land(self, cause: str, number: int | None = None) -> None:
+        """Apply the impact of the contacts that touch, and close those that stay."""
+        q, v = self._plant.read()
+        state = self._flight.reduced.frozen(self._time).at(q, v=v)
+        near = frozenset(np.flatnonzero(self._gaps(state) <= _TOUCHES * self._size).tolist())
+        numbers = frozenset[int]() if number is None else frozenset([number])
+        touching = self.closed | near | numbers
+        layout = self._rows.layout(touching, joints=False)
+        rows, ground = self._rows.at(state, layout)
+        try:
+            impulses, after = contact_impact(state, layout, rows, ground)
+        except SimulationError as error:
+            raise error.within(f"impact of {self._modes.names(touching)} at t = {self._time:.4f} s") from None
+        loss = float(0.5 * v @ state.M @ v - 0.5 * after @ state.M @ after)
+        leaves = rows[layout.normals] @ after > _LEAVES * (1.0 + float(np.abs(after).max()))
+        stay = frozenset(each for each, gone in zip(sorted(touching), leaves, strict=True) if not gone)
+        changes = self._touch(stay, q, after)
+        self._past_work -= loss
+        self._record(cause, numbers, dict(zip(layout.names, impulses.tolist(), strict=True)), loss)
+        for what, each in changes:
+            self._record(what, each)
+
+    def _touch(self, stay: Closed, q: np.ndarray, v: np.ndarray) -> list[tuple[str, Closed]]:
+        """Go on from a state with the contacts that stay on the ground, and return those that slide."""
+        sliding = self._sliding
+        if sliding is None or not stay:
+            self._go_on(self._flight, q, v)
+            self._settle(stay, stay)
+            return []
+        if sliding is self._plant:
+            sliding.jump(v)
+        else:
+            self._go_on(sliding, q, v)
+        return sliding.touch(stay)
+
+    def _record(
+        self, cause: str, numbers: Collection[int] = (), impulses: Mapping[str, float] | None = None, loss: float = 0.0
+    ) -> None:
+        closed = tuple(self._contacts[number].name for number in sorted(self.closed))
+        cause += f" of {self._modes.names(numbers)}" if numbers else ""
+        named = {name: each for name, each in (impulses or {}).items() if each}
+        self.contact_events += (ContactEvent(self._time, cause, closed, named, loss),)
+
+
+def _check_at_rest(reduced: ReducedModel) -> None:
+    """Raise an error for constraints that do not support contacts with a coefficient of friction."""
+    conserved = any(block.conserved is not None for block, *_ in reduced.constraints.places)
+    if reduced.affine or reduced.rheonomic or conserved:
+        raise ConfigurationError(
+            "ContactPlant: with coefficients of friction, constraints of the system that move, depend on time or "
+            "conserve a momentum are not supported"
+        )

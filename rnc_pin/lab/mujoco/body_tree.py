@@ -1,0 +1,298 @@
+"""Bodies, joints and equality constraints of a loaded robot as a MuJoCo specification."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Literal, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.lab.mujoco import joint_coordinates
+from rnc_pin.lab.mujoco.engine import mujoco
+from rnc_pin.model.rows import FrameAnchor, JointCoupler, Rows
+from rnc_pin.robots.robot import Robot
+
+Root = Literal["as it is", "free", "level"]
+"""Type of a planar base in MuJoCo: planar as it is, six degrees of freedom, or planar with vertical motion."""
+
+_PLACEHOLDER_MASS = 1e-12  # placeholder mass and inertia for the compiler; ``finish`` writes those of the robot
+_STACKS = {"JointModelTranslation": ("slide", "xyz"), "JointModelSphericalZYX": ("hinge", "zyx")}
+
+
+class _Single(NamedTuple):
+    """Joint of one degree of freedom."""
+
+    placement: pin.SE3
+    slides: bool
+    axis: np.ndarray
+    continuous: bool
+
+
+class BodyTree:
+    """Bodies of a robot in a MuJoCo specification.
+
+    Args:
+        spec: specification that receives them.
+        robot: the robot.
+        root: type of a planar base.
+        joint_limits: enforce the position limits of the robot file.
+
+    Raises:
+        ConfigurationError: a joint has no equivalent in MuJoCo.
+    """
+
+    def __init__(self, spec: mujoco.MjSpec, robot: Robot, root: Root, joint_limits: bool) -> None:
+        self.robot = robot
+        self._limits = joint_limits
+        self._planned: list[tuple[str, Callable[[int, int], joint_coordinates.JointCoordinates]]] = []
+        """Name of the first MuJoCo joint of a joint, and its conversion as a function of the indices in MuJoCo."""
+        spec.compiler.degree = False
+        spec.compiler.balanceinertia = True
+        spec.compiler.boundmass = spec.compiler.boundinertia = _PLACEHOLDER_MASS
+        spec.option.gravity = robot.model.gravity.linear
+        self.bodies: list[mujoco.MjsBody] = [spec.worldbody]
+        """One body per joint of the model; the world is first."""
+        for index in range(1, robot.model.njoints):
+            self.bodies.append(self._add(index, root))
+
+    # ------------------------------------------------------------------ writing
+
+    def _add(self, index: int, root: Root) -> mujoco.MjsBody:
+        model = self.robot.model
+        joint, name, parent = model.joints[index], str(model.names[index]), model.parents[index]
+        kind, placement = joint.shortname(), model.jointPlacements[index]
+        singles = list(_singles(joint))
+        if singles:
+            body = self.bodies[parent]
+            for number, single in enumerate(singles):
+                last = number == len(singles) - 1
+                body = _body(body, placement * single.placement, name if last else f"{name}/{number}")
+                self._add_single(body, single, joint, number, name if len(singles) == 1 else f"{name}/{number}")
+                placement = pin.SE3.Identity()
+        else:
+            body = _body(self.bodies[parent], placement, name)
+            if kind == "JointModelPlanar":
+                self._add_planar(body, index, root)
+            elif kind == "JointModelFreeFlyer" and parent == 0:
+                body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
+                self._plan(joint_coordinates.FreeBase, name, index, placement=placement)
+            elif kind == "JointModelSpherical":
+                body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_BALL)
+                self._plan(joint_coordinates.BallJoint, name, index)
+            elif kind in _STACKS:
+                moves, axes = _STACKS[kind]
+                for axis in axes:
+                    _move(body, f"{name}/{axis}", moves == "slide", np.eye(3)["xyz".index(axis)])
+                self._plan(joint_coordinates.EqualCoordinates, f"{name}/{axes[0]}", index)
+            else:
+                raise ConfigurationError(
+                    f"MuJoCo has no joint like '{name}' ({kind}): expected a hinge, slide, ball, planar or free base"
+                )
+        _weigh(body, model.inertias[index])
+        return body
+
+    def _add_single(self, body: mujoco.MjsBody, single: _Single, joint: pin.JointModel, number: int, name: str) -> None:
+        added = _move(body, name, single.slides, single.axis)
+        q, v = joint.idx_q, joint.idx_v + number
+        if number:
+            q = joint.extract().joints[number].idx_q
+        kind = joint_coordinates.ContinuousHinge if single.continuous else joint_coordinates.EqualCoordinates
+        self._planned.append((name, partial(kind, name, q, v, 1)))
+        if self._limits and not single.continuous:
+            model = self.robot.model
+            low, high = model.lowerPositionLimit[q], model.upperPositionLimit[q]
+            if np.isfinite([low, high]).all() and low < high:
+                added.limited, added.range = True, [low, high]
+
+    def _add_planar(self, body: mujoco.MjsBody, index: int, root: Root) -> None:
+        name, placement = str(self.robot.model.names[index]), self.robot.model.jointPlacements[index]
+        if root == "free":
+            body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
+            self._plan(joint_coordinates.FreePlanarBase, name, index, placement=placement)
+            return
+        for axis in "xyz" if root == "level" else "xy":
+            _move(body, f"{name}/{axis}", True, np.eye(3)["xyz".index(axis)])
+        _move(body, f"{name}/yaw", False, np.eye(3)[2])
+        self._plan(joint_coordinates.PlanarBase, f"{name}/x", index, lifted=root == "level")
+
+    def _plan(
+        self, coordinates: Callable[..., joint_coordinates.JointCoordinates], first: str, index: int, **more: object
+    ) -> None:
+        joint = self.robot.model.joints[index]
+        name = str(self.robot.model.names[index])
+        self._planned.append((first, partial(coordinates, name, joint.idx_q, joint.idx_v, joint.nv, **more)))
+
+    # ------------------------------------------------------------------ once it is compiled
+
+    def finish(
+        self, model: mujoco.MjModel, data: mujoco.MjData, damping: bool
+    ) -> list[joint_coordinates.JointCoordinates]:
+        """Set what a specification lacks in a compiled model: zero masses, rotor inertias, damping per axis.
+
+        Returns:
+            The conversions of all joints between Pinocchio and MuJoCo.
+        """
+        own = self.robot.model
+        for index in range(1, own.njoints):
+            body = model.body(str(own.names[index])).id
+            moments = np.linalg.eigvalsh(own.inertias[index].inertia)
+            model.body_mass[body], model.body_inertia[body] = own.inertias[index].mass, np.maximum(moments, 0.0)
+        places = ((model.joint(first), make) for first, make in self._planned)
+        joints = [make(int(place.qposadr[0]), int(place.dofadr[0])) for place, make in places]
+        for joint in joints:
+            here, there = slice(joint.v, joint.v + joint.nv), slice(joint.dof, joint.dof + joint.nv)
+            if isinstance(joint, joint_coordinates.BaseCoordinates):
+                if own.armature[here].any() or (damping and own.damping[here].any()):
+                    raise ConfigurationError(
+                        f"MuJoCo: base '{joint.name}' has rotor inertia or damping, which MuJoCo bases do not support"
+                    )
+                continue
+            model.dof_armature[there] = own.armature[here]
+            if damping:
+                model.dof_damping[there] = own.damping[here]
+        mujoco.mj_setConst(model, data)
+        return joints
+
+
+def _singles(joint: pin.JointModel) -> Iterator[_Single]:
+    """Yield the hinges and slides of a joint; nothing if it has other components."""
+    if joint.shortname() == "JointModelComposite":
+        whole = joint.extract()
+        inner = [_single(each, placement) for each, placement in zip(whole.joints, whole.jointPlacements, strict=True)]
+        if all(inner):
+            yield from (each for each in inner if each)
+    elif single := _single(joint, pin.SE3.Identity()):
+        yield single
+
+
+def _single(joint: pin.JointModel, placement: pin.SE3) -> _Single | None:
+    if joint.nv != 1:
+        return None
+    alone = pin.Model()
+    alone.addJoint(0, joint, pin.SE3.Identity(), "alone")
+    motion = pin.computeJointJacobians(alone, alone.createData(), pin.neutral(alone)).reshape(6)
+    slide, turn = motion[:3], motion[3:]
+    if slide.any() and turn.any():  # a screw
+        return None
+    return _Single(placement, bool(slide.any()), slide if slide.any() else turn, joint.nq == 2)
+
+
+def _body(parent: mujoco.MjsBody, placement: pin.SE3, name: str) -> mujoco.MjsBody:
+    return parent.add_body(
+        name=name,
+        pos=placement.translation,
+        quat=_quaternion(placement.rotation),
+        mass=_PLACEHOLDER_MASS,
+        inertia=[_PLACEHOLDER_MASS] * 3,
+        explicitinertial=True,
+    )
+
+
+def _move(body: mujoco.MjsBody, name: str, slides: bool, axis: np.ndarray) -> mujoco.MjsJoint:
+    kind = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
+    return body.add_joint(name=name, type=kind, axis=axis)
+
+
+def _weigh(body: mujoco.MjsBody, inertia: pin.Inertia) -> None:
+    moments, axes = np.linalg.eigh(inertia.inertia)
+    if np.linalg.det(axes) < 0:
+        axes[:, 0] *= -1
+    body.mass, body.ipos, body.iquat = inertia.mass, inertia.lever, _quaternion(axes)
+    body.inertia = moments
+
+
+def _quaternion(rotation: np.ndarray) -> np.ndarray:
+    return joint_coordinates.scalar_first(pin.Quaternion(rotation).coeffs())
+
+
+# ---------------------------------------------------------------------- equality constraints
+
+
+_IMPEDANCE = 0.999
+_SUPPORTED = (
+    "rolling wheels and balls, knife edges, casters, couplings of joints, Ackermann steering, loops and the "
+    "conservation of momentum"
+)
+
+
+class JointEquality:
+    """Coupling of two joints; the polynomial of MuJoCo is updated at the current positions.
+
+    Args:
+        model: compiled model.
+        name: name of the equality constraint.
+        coupler: how the joint follows its driver.
+    """
+
+    def __init__(self, model: mujoco.MjModel, name: str, coupler: JointCoupler) -> None:
+        self._equality, self._coupler = model.equality(name).id, coupler
+        self._joint = int(model.joint(coupler.joint).qposadr[0])
+        self._driver = None if coupler.driver is None else int(model.joint(coupler.driver).qposadr[0])
+
+    def set(self, model: mujoco.MjModel, qpos: np.ndarray, fresh: bool) -> None:
+        """Write the polynomial coefficients; ``fresh`` is True at the start of a run.
+
+        The offset of a constant ratio includes the initial full turns of both joints.
+        """
+        driver = 0.0 if self._driver is None else qpos[self._driver]
+        if self._coupler.function is not None:
+            position, slope = self._coupler.function(driver)
+            period = self._coupler.period
+            position += period * np.round((qpos[self._joint] - position) / period)
+        elif fresh:
+            position, slope = qpos[self._joint], self._coupler.ratio
+        else:
+            return
+        model.eq_data[self._equality, :5] = position - slope * driver, slope, 0.0, 0.0, 0.0
+
+
+def add_equalities(
+    spec: mujoco.MjSpec, tree: BodyTree, blocks: Sequence[Rows], step: float
+) -> list[tuple[str, JointCoupler]]:
+    """Add joint couplings and loop closures to a specification, which has the bodies of ``tree``.
+
+    Args:
+        spec: specification that receives them.
+        tree: bodies of the robot.
+        blocks: constraints.
+        step: time step of MuJoCo [s].
+
+    Returns:
+        Names of the couplings with their laws, for ``JointEquality``.
+
+    Raises:
+        ConfigurationError: a constraint has no equivalent in MuJoCo.
+    """
+    solver = {"solref": [2 * step, 1.0], "solimp": [_IMPEDANCE, _IMPEDANCE, 0.001, 0.5, 2.0]}
+    couplers: list[tuple[str, JointCoupler]] = []
+    for block in blocks:
+        mechanisms = block.mechanisms()
+        if not mechanisms and block.conserved is None:
+            what = type(block.kind or block).__name__
+            raise ConfigurationError(f"MuJoCo: {block.names[0]} ({what}) has no equivalent; supported are {_SUPPORTED}")
+        for number, mechanism in enumerate(mechanisms):
+            name = f"{block.names[0]}/{number}" if number else block.names[0]
+            if isinstance(mechanism, JointCoupler):
+                added = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_JOINT, name1=mechanism.joint, **solver)
+                if mechanism.driver is not None:
+                    added.name2 = mechanism.driver
+                couplers.append((name, mechanism))
+            elif isinstance(mechanism, FrameAnchor):
+                _close(spec, tree, mechanism, name, solver)
+    return couplers
+
+
+def _close(spec: mujoco.MjSpec, tree: BodyTree, anchor: FrameAnchor, name: str, solver: dict[str, list[float]]) -> None:
+    sites = [f"{name}/{side}" for side in "ab"]
+    for site, parent, offset in zip(sites, anchor.frames, anchor.placements, strict=True):
+        frame = tree.robot.model.frames[tree.robot.frame_id(parent)]
+        placement, body = frame.placement * offset, tree.bodies[frame.parentJoint]
+        body.add_site(name=site, pos=placement.translation, quat=_quaternion(placement.rotation))
+    kind = mujoco.mjtEq.mjEQ_CONNECT if anchor.point else mujoco.mjtEq.mjEQ_WELD
+    on_sites = {"objtype": mujoco.mjtObj.mjOBJ_SITE, "name1": sites[0], "name2": sites[1]}
+    closed = spec.add_equality(name=name, type=kind, **on_sites, **solver)
+    if not anchor.point:
+        closed.data[10] = 1.0  # rotation and translation have equal weights

@@ -1,0 +1,303 @@
+"""Bodies of the ground contacts of a robot, and the support of a vehicle whose model is planar.
+
+Bodies are wheels, balls and casters, and drawn wheels without joints. A vehicle stands on its wheels, on added casters,
+or is kept level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+import scipy
+from numpy import ndarray as Array
+
+from rnc_pin.constraints import GroundPlane
+from rnc_pin.errors import ConfigurationError, argument
+from rnc_pin.lab.mujoco.body_tree import Root
+from rnc_pin.lab.mujoco.settings import MuJoCoSettings
+from rnc_pin.model.rows import Friction, GroundContact, Rows, carrier_of
+from rnc_pin.robots.robot import Robot
+
+_AXLE_TOLERANCE = 1e-3  # tolerance of the distance from a drawn wheel to its axle, in radii
+_MIN_WHEEL_FRACTION = 0.5  # fraction of the largest cylinder radius on an axle; smaller cylinders are shafts or hubs
+_UP = np.array([0.0, 0.0, 1.0])
+_PLANE_TOLERANCE = 1e-9  # distance [m] and difference of normals up to which planes are the same
+_POINT_RADIUS = 1e-3  # radius of the ball that models a contact point [m]
+
+
+@dataclass(frozen=True)
+class ContactBody:
+    """Round body in contact with the ground.
+
+    Attributes:
+        name: name of its frame; with a number if a frame has several.
+        joint: index of the joint whose body carries it.
+        center: center (3,) in the joint frame [m].
+        axle: axle direction (3,) in the joint frame; None for a ball.
+        radius: radius [m].
+        friction: directions with friction.
+        drawn: True for a drawn wheel without a joint.
+        blade: True for a point that glides along its heading, without a drawn wheel.
+        up: vertical direction (3,) in the joint frame.
+    """
+
+    name: str
+    joint: int
+    center: Array
+    axle: Array | None
+    radius: float
+    friction: Friction = "all"
+    drawn: bool = False
+    blade: bool = False
+    up: Array = field(default_factory=_UP.copy)
+
+    def at(self, placement: pin.SE3, up: Array = _UP) -> tuple[Array, Array]:
+        """Return its center and its lowest point (3,) in the world.
+
+        Args:
+            placement: placement of its joint.
+            up: normal of the ground (3,).
+        """
+        center = placement.act(self.center)
+        if self.axle is None or self.blade:
+            return center, center - self.radius * up
+        axle = placement.rotation @ self.axle
+        down = (axle @ up) * axle - up
+        return center, center + self.radius / max(down.dot(down) ** 0.5, 1e-9) * down
+
+
+def common_plane(blocks: Sequence[Rows]) -> GroundPlane:
+    """Return the plane at rest on which all bodies roll.
+
+    Raises:
+        ConfigurationError: a ground that is curved, moves or is carried by a frame, or several planes.
+    """
+    found: dict[str, GroundPlane] = {}
+    for block in blocks:
+        ground = block.ground
+        if ground is None and not block.on_ground:
+            continue
+        plane = GroundPlane() if ground is None else ground
+        if not isinstance(plane, GroundPlane) or plane.moves or plane.frame is not None:
+            what = f"that frame '{carrier_of(ground)}' carries" if carrier_of(ground) else "that is curved or moves"
+            raise ConfigurationError(
+                f"MuJoCo: {block.names[0]} rolls on a {type(ground).__name__} {what}; the plant has only a plane at "
+                "rest, use the plant 'reduced'"
+            )
+        for name, other in found.items():
+            if max(abs(plane.height(each)) for each in other.axes[:2] + other.point) > _PLANE_TOLERANCE or (
+                plane.axes[2] @ other.axes[2] < 1.0 - _PLANE_TOLERANCE
+            ):
+                raise ConfigurationError(
+                    f"MuJoCo: {name} and {block.names[0]} roll on different planes; the plant has only one, use the "
+                    "plant 'reduced'"
+                )
+        found[block.names[0]] = plane
+    return next(iter(found.values()), GroundPlane())
+
+
+def contact_bodies(robot: Robot, blocks: Sequence[Rows]) -> list[ContactBody]:
+    """Return the bodies of all ground contacts, in the order of the constraints.
+
+    Raises:
+        ConfigurationError: a wheel has oblique rollers, for which the robot has no bodies, or bodies roll on other
+            ground than one plane at rest.
+    """
+    common_plane(blocks)
+    mechanisms = (each for block in blocks for each in block.mechanisms() if isinstance(each, GroundContact))
+    return [body for contact in mechanisms for body in _bodies(robot, contact)]
+
+
+def _bodies(robot: Robot, contact: GroundContact) -> list[ContactBody]:
+    """Return the body of a contact; of a runner the wheels that are drawn on its axle, or a blade if there are none."""
+    if contact.friction == "oblique":
+        raise ConfigurationError(
+            f"MuJoCo: wheel '{contact.frame}' has oblique rollers, for which the robot has no bodies; expected a "
+            "wheel, an omni wheel (roller=0), a wheel that skids (lateral=False), a ball or a caster"
+        )
+    frame = robot.model.frames[robot.frame_id(contact.frame)]
+    joint, center = frame.parentJoint, frame.placement.act(contact.center)
+    axle = None if contact.axle is None else frame.placement.rotation @ contact.axle
+    if contact.radius is not None:
+        return [ContactBody(contact.frame, joint, center, axle, contact.radius, contact.friction)]
+    assert axle is not None
+    wheels = _drawn(robot, joint, center, axle)
+    if not wheels:
+        return [ContactBody(contact.frame, joint, center, axle, 0.0, contact.friction, blade=True)]
+    names = [contact.frame] if len(wheels) == 1 else [f"{contact.frame}[{number}]" for number in range(len(wheels))]
+    return [
+        ContactBody(name, joint, middle, axle, radius, contact.friction, drawn=True)
+        for name, (middle, radius) in zip(names, wheels, strict=True)
+    ]
+
+
+def _drawn(robot: Robot, joint: int, middle: Array, axle: Array) -> list[tuple[Array, float]]:
+    """Return centers and radii of the cylinders on an axle, sorted along it, without hubs and shafts."""
+    largest: dict[float, float] = {}
+    for geometry in (robot.visual_model, robot.collision_model):
+        for shape in [] if geometry is None else geometry.geometryObjects:
+            if shape.parentJoint != joint or not isinstance(shape.geometry, coal.Cylinder):
+                continue
+            offset = shape.placement.translation - middle
+            along, radius = float(offset @ axle), float(shape.geometry.radius)
+            if abs(shape.placement.rotation[:, 2] @ axle) < 0.9999:
+                continue
+            if np.linalg.norm(offset - along * axle) < _AXLE_TOLERANCE * radius:
+                place = round(along, 6)
+                largest[place] = max(radius, largest.get(place, 0.0))
+        if largest:
+            break
+    enough = _MIN_WHEEL_FRACTION * max(largest.values(), default=0.0)
+    return [(middle + along * axle, radius) for along, radius in sorted(largest.items()) if radius >= enough]
+
+
+# ------------------------------------------------------------------ common plane
+
+
+def on_one_plane(
+    robot: Robot, contacts: Sequence[ContactBody], q: Array, plane: GroundPlane
+) -> tuple[list[ContactBody], float]:
+    """Return contacts with their lowest points at one height above the ground, and this height in the robot model [m].
+
+    Radii change by small gaps, since rounding in the robot file would otherwise decide which wheels carry the load.
+
+    Raises:
+        ConfigurationError: a wheel is above the ground.
+    """
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    up = plane.axes[2]
+    low = {each.name: plane.height(each.at(data.oMi[each.joint], up)[1]) for each in contacts if not each.blade}
+    wheels = list(low.values()) or [plane.height(each.at(data.oMi[each.joint], up)[0]) for each in contacts]
+    ground = min(wheels)
+    found = []
+    for each in contacts:
+        placement = data.oMi[each.joint]
+        each = replace(each, up=placement.rotation.T @ up)
+        if each.blade:
+            center, _ = each.at(placement, up)
+            found.append(replace(each, radius=plane.height(center) - ground))
+            continue
+        if not each.radius:  # the ball is above its contact point for any orientation of the frame
+            each = replace(each, radius=_POINT_RADIUS, center=each.center + _POINT_RADIUS * each.up)
+        gap = low[each.name] - ground
+        if gap > 0.01 * each.radius:
+            raise ConfigurationError(
+                f"MuJoCo: wheel '{each.name}' is {gap:.3g} m above the ground plane of the other wheels"
+            )
+        found.append(replace(each, radius=each.radius + gap))
+    return found, ground
+
+
+# ---------------------------------------------------------------------- support of a vehicle
+
+
+# Smallest distance of the center of mass to the edge of the support polygon, over the polygon size.
+_SUPPORT_MARGIN = 0.1
+_LEVEL_TOLERANCE = 1e-6
+_CASTER_RADIUS = 0.02  # radius of added casters [m]
+
+
+class BaseSupport(NamedTuple):
+    """Base type and added supports of a robot.
+
+    Attributes:
+        root: type of its base in MuJoCo.
+        casters: frictionless supports that are added to its base.
+        lift: height above its position in the robot model [m].
+    """
+
+    root: Root
+    casters: tuple[ContactBody, ...] = ()
+    lift: float = 0.0
+
+
+def choose_support(
+    robot: Robot, contacts: Sequence[ContactBody], ground: float, q: Array, settings: MuJoCoSettings, plane: GroundPlane
+) -> BaseSupport:
+    """Choose base type and casters for a robot at configuration q, with the ground at height ``ground`` [m].
+
+    Raises:
+        ConfigurationError: no weight presses its wheels on the ground.
+    """
+    if not contacts:
+        return BaseSupport("as it is")
+    down, base = robot.model.gravity.linear, robot.model.joints[1].shortname()
+    along, across = np.linalg.norm(plane.axes[:2] @ down), float(plane.axes[2] @ down)
+    level = along < _LEVEL_TOLERANCE * abs(across)
+    if across >= 0 or not (level or base == "JointModelFreeFlyer"):
+        raise ConfigurationError(
+            f"MuJoCo: friction of wheel '{contacts[0].name}' needs weight, and gravity is "
+            f"{np.round(down, 6).tolist()}: expected one that points down onto level ground, such as (0, 0, -9.81), or "
+            f"{argument('base', 'free')}"
+        )
+    if base == "JointModelFreeFlyer":
+        return BaseSupport("as it is")
+    if base != "JointModelPlanar" or any(each.joint == 0 for each in contacts):
+        raise ConfigurationError(
+            f"MuJoCo: nothing presses wheel '{contacts[0].name}' on the ground: load the robot with "
+            f"{argument('base', 'planar')}, or 'free'"
+        )
+    if settings.stance == "level":
+        return BaseSupport("level", lift=-ground)
+    data = robot.model.createData()
+    columns = pin.computeJointJacobians(robot.model, data, q).reshape(6, robot.nv)
+    points = np.array([each.at(data.oMi[each.joint])[1][:2] for each in contacts])
+    weight = np.asarray(pin.centerOfMass(robot.model, data, q))[:2]
+    upright = all(_stays_upright(robot, data, columns, each) for each in contacts)
+    if upright and _carries(points, weight) and settings.casters is not True:
+        return BaseSupport("free", lift=-ground)
+    added = _outriggers(points) if settings.casters is not False else None
+    fits = added is not None and _carries(np.vstack([points, added]), weight)
+    if settings.stance == "auto" and not (upright and fits):
+        return BaseSupport("level", lift=-ground)
+    casters = () if added is None else tuple(_support(data.oMi[1], k, at, ground) for k, at in enumerate(added))
+    return BaseSupport("free", casters, -ground)
+
+
+def _stays_upright(robot: Robot, data: pin.Data, columns: Array, contact: ContactBody) -> bool:
+    """Return True if only joints with vertical axes lie between the base and the body that carries a wheel."""
+    model, joint = robot.model, contact.joint
+    axle = None if contact.axle is None else data.oMi[joint].rotation @ contact.axle
+    while joint > 1:
+        index = model.joints[joint].idx_v
+        axis = columns[3:, index]
+        own = (
+            joint == contact.joint
+            and axle is not None
+            and not contact.drawn
+            and abs(axis @ axle) > 1 - _LEVEL_TOLERANCE
+        )
+        if model.joints[joint].nv != 1 or not (own or abs(axis[2]) > 1 - _LEVEL_TOLERANCE):
+            return False
+        joint = model.parents[joint]
+    return bool(model.inertias[1].mass > 0)
+
+
+def _carries(points: Array, weight: Array) -> bool:
+    """Return True if a center of mass lies well inside the convex hull of points (k, 2)."""
+    size = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
+    if len(points) < 3 or np.linalg.matrix_rank(points - points[0], tol=1e-3 * size) < 2:
+        return False
+    sides = scipy.spatial.ConvexHull(points).equations  # a x + b <= 0 inside, a of unit length
+    return bool((sides[:, :2] @ weight + sides[:, 2] < -_SUPPORT_MARGIN * size).all())
+
+
+def _outriggers(points: Array) -> Array | None:
+    """Return two points in front of and behind collinear wheels, as far from their center as they are; else None."""
+    middle = points.mean(axis=0)
+    size = float(np.linalg.norm(points - middle, axis=1).max())
+    _, spread, directions = np.linalg.svd(points - middle)
+    if size < _LEVEL_TOLERANCE or spread[1] > 1e-3 * size:
+        return None
+    return middle + size * np.array([directions[1], -directions[1]])
+
+
+def _support(base: pin.SE3, number: int, at: Array, ground: float) -> ContactBody:
+    center = base.actInv(np.array([*at, ground + _CASTER_RADIUS]))
+    return ContactBody(f"caster[{number}]", 1, center, None, _CASTER_RADIUS, "none")

@@ -1,0 +1,223 @@
+"""Robot in MuJoCo as a plant."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.errors import DivergenceError, InputError
+from rnc_pin.lab.mujoco.actuator_mapping import ActuatorMapping
+from rnc_pin.lab.mujoco.body_tree import BodyTree, JointEquality, add_equalities
+from rnc_pin.lab.mujoco.contact_bodies import choose_support, common_plane, contact_bodies, on_one_plane
+from rnc_pin.lab.mujoco.engine import mujoco
+from rnc_pin.lab.mujoco.ground import Ground, add_ground
+from rnc_pin.lab.mujoco.joint_coordinates import RobotCoordinates
+from rnc_pin.lab.mujoco.settings import MuJoCoSettings
+from rnc_pin.model.input_validation import numbers_of
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.plants.plant import PlantReport
+from rnc_pin.robots.sources.description import unlogged
+
+_ITERATIONS, _TOLERANCE = 50, 1e-12  # of the solver of contact forces
+_STEP_TOLERANCE = 1e-9  # tolerance of the number of steps
+
+
+class MuJoCoPlant:
+    """Robot of a reduced model in MuJoCo: a ``Plant``.
+
+    The MuJoCo model is built from the loaded robot. Joint names match. Conservation of momentum is not imposed; it
+    follows from the dynamics. Forces from ``rnc_pin.forces`` act at every step. Wheels drive by friction. For a vehicle
+    whose model is planar only x, y and heading are read; see ``MuJoCoSettings.stance``. Constraints become these
+    contacts:
+
+    * ``RollingWheel``: a disk on the ground.
+    * ``RollingBall``: a ball.
+    * ``Caster``: a frictionless ball.
+    * ``NoSideSlip``: the wheels that are drawn on its axle, or a blade if there are none. The wheels roll freely unless
+      a force on their body drives them.
+
+    Args:
+        reduced: model with the robot, constraints and actuators.
+        settings: settings of MuJoCo.
+        q0: configuration (nq,) for the choice of the stance and of the wheels that replace forces on frames; neutral
+            by default.
+
+    Attributes:
+        model, data: MuJoCo's model and data.
+        stance: "free", "level", or "as it is" if the base of the robot already has the required degrees of freedom.
+        wheel_names: contacts with friction, (w,).
+        casters: names of the added supports.
+        wheel_driven: actuators whose inputs become wheel torques.
+        applied: applied inputs (p,), after clipping.
+
+    Raises:
+        ConfigurationError: a joint or constraint has no equivalent in MuJoCo, or no weight presses a wheel on the
+            ground.
+
+    Example:
+        >>> from rnc_pin.lab.mujoco import MuJoCoPlant
+        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+        >>> system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+        >>> plant = MuJoCoPlant(system.reduce())
+        >>> plant.reset(robot.configuration(), np.zeros(5))
+        >>> plant.apply(np.array([0.5, 0.5]))
+        >>> plant.advance(1.0)
+        >>> bool(plant.read()[0][0] > 0.1), plant.stance, len(plant.casters)
+        (True, 'free', 2)
+    """
+
+    def __init__(
+        self, reduced: ReducedModel, settings: MuJoCoSettings | None = None, q0: np.ndarray | None = None
+    ) -> None:
+        self.settings = settings or MuJoCoSettings()
+        self._reduced = reduced
+        robot, blocks = reduced.robot, [place.block for place in reduced.all_constraints.places]
+        q = robot.configuration() if q0 is None else np.asarray(q0, dtype=float)
+        contacts = contact_bodies(robot, blocks)
+        ground, plane = 0.0, common_plane(blocks)
+        if contacts:
+            contacts, ground = on_one_plane(robot, contacts, q, plane)
+        support = choose_support(robot, contacts, ground, q, self.settings, plane)
+        self.stance, self._lift = support.root, support.lift
+        spec = mujoco.MjSpec()
+        tree = BodyTree(spec, robot, support.root, self.settings.joint_limits)
+        add_ground(spec, tree, [*contacts, *support.casters], self.settings, plane)
+        couplers = add_equalities(spec, tree, blocks, self.settings.step)
+        self._set_options(spec.option)
+        self._inputs = ActuatorMapping(reduced, contacts, q, plane.axes[2])
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        joints = tree.finish(self.model, self.data, self.settings.joint_damping)
+        self._joints = RobotCoordinates(joints, robot.nq, robot.nv)
+        self._equalities = [JointEquality(self.model, name, coupler) for name, coupler in couplers]
+        self._ground = Ground(self.model, self.data, [*contacts, *support.casters], self.settings, plane)
+        self.wheel_names = self._ground.names
+        self._drawn_wheels = [self.wheel_names.index(name) for name in self._inputs.drawn]
+        self.casters = tuple(each.name for each in support.casters)
+        self.wheel_driven = self._inputs.wheel_driven
+        self._limits = reduced.actuation.limits
+        self.applied = np.zeros(reduced.p)
+
+    def _set_options(self, option: mujoco.MjOption) -> None:
+        option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{self.settings.integrator.upper()}")
+        option.solver, option.cone = mujoco.mjtSolver.mjSOL_NEWTON, mujoco.mjtCone.mjCONE_ELLIPTIC
+        option.iterations, option.tolerance, option.timestep = _ITERATIONS, _TOLERANCE, self.settings.step
+        option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+
+    # ------------------------------------------------------------------ plant
+
+    def reset(self, q: Float[Array, " nq"], v: Float[Array, " nv"]) -> None:
+        """Restart at time zero with zero inputs: settle on the ground at rest, then set velocity v.
+
+        Raises:
+            DivergenceError: the robot does not come to rest.
+        """
+        q, v = (numbers_of(each, "the state") for each in (q, v))
+        if q.shape != (self._reduced.robot.nq,) or v.shape != (self._reduced.robot.nv,):
+            raise InputError(f"the state has shapes {q.shape} and {v.shape}, expected that of q and v of the robot")
+        mujoco.mj_resetData(self.model, self.data)
+        self.applied = np.zeros(self._reduced.p)
+        if self.stance == "free":
+            self.data.qpos[2] += self._lift
+        elif self.stance == "level":
+            self.data.qpos[self.model.joint(f"{self._reduced.robot.joint_names[0]}/z").qposadr[0]] = self._lift
+        rest = np.zeros_like(v)
+        self._joints.write(q, rest, self.data.qpos, self.data.qvel)
+        for equality in self._equalities:
+            equality.set(self.model, self.data.qpos, fresh=True)
+        self._ground.reset()
+        if self.stance in ("free", "level"):
+            self._settle(q)
+        self._joints.write(q, v, self.data.qpos, self.data.qvel)
+        self.data.time = 0.0
+        mujoco.mj_forward(self.model, self.data)
+
+    def read(self) -> tuple[Float[Array, " nq"], Float[Array, " nv"]]:
+        return self._joints.read(self.data.qpos, self.data.qvel)
+
+    def apply(self, T: Float[Array, " p"]) -> None:
+        T = numbers_of(T, "T")
+        if T.shape != self.applied.shape:
+            raise InputError(f"T has shape {T.shape}, expected {self.applied.shape}")
+        if not np.isfinite(T).all():
+            raise InputError(f"T is not finite: {T.tolist()}")
+        self.applied = np.clip(T, -self._limits, self._limits) if self.settings.effort_limits else T
+
+    def advance(self, dt: float) -> None:
+        """Advance the time by dt [s].
+
+        Raises:
+            DivergenceError: the state is not finite.
+        """
+        self._ground.slid[:] = 0.0
+        steps = max(1, int(np.ceil(dt / self.settings.step - _STEP_TOLERANCE)))
+        self.model.opt.timestep = dt / steps
+        q, _ = self.read()
+        wheel_force, drawn = self._inputs.wheel_forces(q, self.applied)
+        drive_forces = np.zeros(len(self.wheel_names))
+        drive_forces[self._drawn_wheels] = drawn
+        force = wheel_force if self._inputs.varies else wheel_force + self._inputs.joint_forces(q, self.applied)
+        with unlogged(mujoco):
+            for _ in range(steps):
+                if self._inputs.varies:
+                    force = wheel_force + self._inputs.joint_forces(self.read()[0], self.applied)
+                self._step(force, drive_forces)
+
+    def _step(self, force: np.ndarray, drive_forces: np.ndarray) -> None:
+        applied = self.data.qfrc_applied
+        applied[:] = 0.0
+        if self._reduced.reduction_data.forces:
+            q, v = self.read()
+            force = force + self._reduced.at(q, v=v).passive_force
+        self._joints.add_force(self.data.qpos, force, applied)
+        self._ground.prepare(drive_forces)
+        for equality in self._equalities:
+            equality.set(self.model, self.data.qpos, fresh=False)
+        mujoco.mj_step(self.model, self.data)
+        if not np.isfinite(self.data.qvel).all():
+            raise DivergenceError(
+                "velocity in MuJoCo is not finite; reduce the step or the inputs", time=float(self.data.time)
+            )
+
+    # ------------------------------------------------------------------ rest
+
+    def _settle(self, q: np.ndarray) -> None:
+        """Simulate at fixed pose and joints until the contacts carry the weight."""
+        self.model.opt.timestep = self.settings.step
+        rest, joints = np.zeros(self._reduced.robot.nv), slice(6 if self.stance == "free" else 4, None)
+        with unlogged(mujoco):
+            for _ in range(round(self.settings.settling / self.settings.step)):
+                mujoco.mj_fwdPosition(self.model, self.data)
+                mujoco.mj_fwdVelocity(self.model, self.data)
+                self.data.qfrc_applied[joints] = self.data.qfrc_bias[joints]
+                mujoco.mj_step(self.model, self.data)
+                self._joints.write(q, rest, self.data.qpos, self.data.qvel)
+        self.data.qfrc_applied[:] = 0.0
+        if not np.isfinite(self.data.qpos).all() or not np.isfinite(self.data.qvel).all():
+            raise DivergenceError("the state in MuJoCo is not finite after settling on the ground; reduce the step")
+
+    # ------------------------------------------------------------------ for the record
+
+    def report(self) -> PlantReport:
+        """Return the applied inputs, and the friction and slip of the wheels."""
+        used, slid = (dict(zip(self.wheel_names, x, strict=True)) for x in (self.friction_used(), self.slip_speed()))
+        return PlantReport(applied=self.applied, friction_used=used, slip_speed=slid)
+
+    def slip(self) -> Float[Array, " m"]:
+        """Return ``A v - mu`` at the current velocity, in the order of ``reduced.constraints.names``."""
+        q, v = self.read()
+        return self._reduced.at(q, v=v).residual
+
+    def friction_used(self) -> Float[Array, " w"]:
+        """Return tangential force over friction limit of each of ``wheel_names``; zero off the ground."""
+        return self._ground.used()
+
+    def slip_speed(self) -> Float[Array, " w"]:
+        """Return the largest speed at which each of ``wheel_names`` slid in the last ``advance`` [m/s].
+
+        It is inf where a drive force without a wheel was cut to what friction can give.
+        """
+        self._ground.watch()
+        return self._ground.slid.copy()

@@ -1,0 +1,465 @@
+"""Hard bounds of optimal control, ``lower <= c(x, u) <= upper`` at every node: stated ones, and limits of a file."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
+from numpy.typing import ArrayLike
+
+from rnc_pin.analysis.derivatives import state_derivatives
+from rnc_pin.array_shapes import Float
+from rnc_pin.collision import CollisionDistances, PairDistances
+from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.model.task import OutputTarget
+from rnc_pin.motion.optimal import node_data
+from rnc_pin.motion.planning.action_models import ActionModel, Nodes
+from rnc_pin.motion.whole_body.limits.joint_limits import limited_velocities
+from rnc_pin.robots.joint_values import limited_positions
+
+_FAR = 1e3  # [m], distance of a row without a pair
+DISTANCE = "distance"
+GOAL = "goal"
+_WORDS = {"input": "input", "velocity": "velocity", "output": "value"}
+_HORIZON = 0.5  # [m], distance beyond the clearance from which pairs have no row
+
+Limit = ArrayLike | Mapping[str, float] | None
+"""A number, one for each row, or limits by name (none for the others); None for no limit."""
+Goal = Mapping[OutputTarget, ArrayLike] | ArrayLike
+"""Values by output, or a configuration (nq,)."""
+
+
+class NodeBound(ABC):
+    """Bounded rows for one action model.
+
+    Attributes:
+        names: names of the rows.
+        lower, upper: limits (k,).
+        of_state: True if the rows depend on the state only, so that they also hold at the end.
+        quantity: "input", "velocity", "output", "distance" or "goal" for limits of these; "" for other rows.
+        of_file: True for limits of the robot's file, and for distances of its links from each other.
+        stated: True for rows with a limit on at least one side, or with an infinite one by name (k,).
+        units: unit of each row, (k,); empty if it is not known.
+    """
+
+    quantity = ""
+    of_file = False
+    remedy = ""
+    """Remedy that removes a limit of the robot's file; "" for bounds that are stated."""
+
+    def __init__(
+        self, names: Sequence[str], lower: Limit, upper: Limit, of_state: bool, units: Sequence[str] | None = None
+    ) -> None:
+        self.names, self.of_state = tuple(names), of_state
+        self.units = ("",) * len(self.names) if units is None else tuple(units)
+        self.stated = _stated(lower, self.names) | _stated(upper, self.names)
+        self.lower = _limits(lower, self.names, -np.inf)
+        self.upper = _limits(upper, self.names, np.inf)
+        for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
+            if not low <= high:
+                raise InputError(f"bound of {name}: lower limit {low:g} is above upper limit {high:g}")
+
+    @property
+    def titles(self) -> tuple[str, ...]:
+        """Names of the rows in messages, such as "velocity of lift_joint"."""
+        word = _WORDS.get(self.quantity)
+        return self.names if word is None else tuple(f"{word} of {name}" for name in self.names)
+
+    @abstractmethod
+    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
+        """Rows at nodes."""
+
+
+class BoundRows(NodeBound):
+    """Bounded rows that a function of nodes returns."""
+
+    def __init__(
+        self,
+        quantity: str,
+        names: Sequence[str],
+        limits: tuple[Limit, Limit],
+        rows: node_data.NodeFunction,
+        of_state: bool = True,
+        units: Sequence[str] | None = None,
+    ) -> None:
+        super().__init__(names, *limits, of_state, units)
+        self.quantity, self._rows = quantity, rows
+
+    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
+        return self._rows(nodes, derivatives)
+
+
+class BoundKind(ABC):
+    """Family of the bounds. Each binds to an action model."""
+
+    @abstractmethod
+    def bind(self, model: ActionModel) -> NodeBound:
+        """Return the bound of an action model."""
+
+
+@dataclass(frozen=True)
+class InputBound(BoundKind):
+    """Limits of the inputs of the action model: v2, v2_dot or T.
+
+    Args:
+        lower: limits: a number, one for each input, or limits by name; no limit by default.
+        upper: largest values, in the same forms.
+
+    Example:
+        >>> rnc.optimal.InputBound(-1.0, {"sleigh_yaw": 0.5}).upper
+        {'sleigh_yaw': 0.5}
+    """
+
+    lower: Limit = None
+    upper: Limit = None
+
+    def bind(self, model: ActionModel) -> NodeBound:
+        return BoundRows("input", model.input_names, (self.lower, self.upper), node_data.input_rows, of_state=False)
+
+
+@dataclass(frozen=True)
+class VelocityBound(BoundKind):
+    """Limits of the reduced velocities.
+
+    Args:
+        lower: limits: a number, one for each reducing output, or limits by name; no limit by default.
+        upper: largest values, in the same forms.
+
+    Example:
+        >>> rnc.optimal.VelocityBound(-0.5, 0.5).lower
+        -0.5
+    """
+
+    lower: Limit = None
+    upper: Limit = None
+
+    def bind(self, model: ActionModel) -> NodeBound:
+        names, limits = model.reduced.reducing.names, (self.lower, self.upper)
+        return BoundRows("velocity", names, limits, node_data.velocity_rows, of_state=model.form != "kinematic")
+
+
+@dataclass(frozen=True)
+class OutputBound(BoundKind):
+    """Limits of outputs, for example of joint positions.
+
+    Args:
+        output: an output object, the name of an output of the model, or a list of these.
+        lower: limits: a number, one for each row, or limits by name; no limit by default.
+        upper: largest values, in the same forms.
+
+    Example:
+        >>> rnc.optimal.OutputBound(rnc.JointPosition("front_steering"), -0.6, 0.6).upper
+        0.6
+    """
+
+    output: node_data.OutputChoice
+    lower: Limit = None
+    upper: Limit = None
+
+    def bind(self, model: ActionModel) -> NodeBound:
+        outputs = node_data.NodeOutputs(model.reduced, self.output)
+        limits = self.lower, self.upper
+        return BoundRows("output", outputs.names, limits, outputs.value_rows, units=outputs.units)
+
+
+@dataclass(frozen=True)
+class DistanceBound(BoundKind):
+    """Smallest distance of links from each other and from obstacles, of the nearest pairs at each node.
+
+    Args:
+        distances: distances of a robot with its obstacles.
+        clearance: smallest allowed distance [m].
+        pairs: number of pairs that count at each node; the nearest ones.
+
+    Example:
+        >>> import coal
+        >>> robot = rnc.Robot.from_example("panda")
+        >>> shelf = rnc.collision.Obstacle(coal.Box(0.2, 0.8, 0.4), position=(0.6, 0.0, 0.2), name="shelf")
+        >>> rnc.optimal.DistanceBound(rnc.collision.CollisionDistances(robot, [shelf]), clearance=0.05).pairs
+        6
+    """
+
+    distances: CollisionDistances
+    clearance: float = 0.0
+    pairs: int = 6
+
+    def bind(self, model: ActionModel) -> NodeBound:
+        return DistanceRows(self)
+
+
+class DistanceRows(NodeBound):
+    """Distances of the nearest pairs at each node."""
+
+    quantity = DISTANCE
+
+    def __init__(self, bound: DistanceBound) -> None:
+        self.distances, self.clearance = bound.distances, bound.clearance
+        self._within = bound.clearance + _HORIZON
+        self._count = min(bound.pairs, len(bound.distances.pairs))
+        names = [f"distance ({'nearest' if k == 0 else f'nearest {k + 1}'})" for k in range(self._count)]
+        super().__init__(names, bound.clearance, None, True, ["m"] * self._count)
+        self._bound, self.of_file = bound, not bound.distances.obstacles
+        # A solver takes values of the nodes and of the end, and derivatives at the same places after that.
+        self._recent: deque[dict[tuple[bytes, float], PairDistances]] = deque(maxlen=2)
+
+    def beyond(self, accuracy: float, start: float, goal: float) -> DistanceRows:
+        """Return distances that are larger by the accuracy: a motion that falls short by as much keeps the clearance.
+
+        Args:
+            accuracy: shortfall that is accepted [m].
+            start, goal: smallest distances there, or infinity: no node keeps more, and no motion more than its start.
+        """
+        found = DistanceRows(replace(self._bound, clearance=min(self.clearance, start) + accuracy))
+        found.lower = np.minimum(found.lower, min(start, goal))
+        return found
+
+    def at(self, q: Array, t: float) -> PairDistances:
+        """Distances up to a little more than the clearance."""
+        key = q.tobytes(), t
+        known = next((found[key] for found in self._recent if key in found), None)
+        return self.distances.at(q, t, within=self._within) if known is None else known
+
+    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
+        model = nodes.model
+        value = np.full((nodes.size, self._count), _FAR)
+        x = np.zeros((nodes.size, self._count, model.nx))
+        places = list(zip(nodes.at.q, nodes.time.tolist(), strict=True))
+        near = [self.at(q, t) for q, t in places]
+        self._recent.append({(q.tobytes(), t): found for (q, t), found in zip(places, near, strict=True)})
+        for k, found in enumerate(near):
+            nearest_first = np.argsort(found.distance, kind="stable")[: self._count]
+            value[k, : len(nearest_first)] = found.distance[nearest_first]
+            x[k, : len(nearest_first), : model.nv] = found.jacobian[nearest_first]
+        return node_data.RowValues(value, x)
+
+
+class GoalRows(NodeBound):
+    """Goal at the end: outputs with values, or a configuration, and rest.
+
+    Args:
+        model: action model.
+        goal: values by output, or a configuration (nq,).
+        at_rest: True if the reduced velocities vanish at the end; no effect in the kinematic form.
+
+    Attributes:
+        configuration: configuration (nq,) of the goal; None if it consists of outputs.
+
+    Raises:
+        ConfigurationError: the goal is empty, or names an unknown output.
+        InputError: a value has the wrong shape or is not finite.
+    """
+
+    quantity = GOAL
+
+    def __init__(self, model: ActionModel, goal: Goal, at_rest: bool) -> None:
+        robot = model.reduced.robot
+        self._model = model
+        self.configuration: Array | None = None
+        self._outputs: list[tuple[node_data.NodeOutputs, Array]] = []
+        names: list[str] = []
+        units: list[str] = []
+        if isinstance(goal, Mapping):
+            for output, value in goal.items():
+                found = node_data.NodeOutputs(model.reduced, output)
+                value = pin.log3(np.asarray(value)) if np.shape(value) == (3, 3) else value
+                self._outputs.append((found, found.target(value, "goal")))
+                names += found.names
+                units += found.units
+        else:
+            self.configuration = np.array(model.reduced.at(goal).q)
+            if self.configuration.ndim != 1:
+                raise InputError(f"goal: expected one configuration, found shape {self.configuration.shape}")
+            names += robot.velocity_names
+            units += [""] * robot.nv
+        if not names:
+            raise ConfigurationError("goal: expected values of at least one output, or a configuration")
+        self._rest = at_rest and model.form != "kinematic"
+        if self._rest:
+            names += [f"{name} (rest)" for name in model.reduced.reducing.names]
+            units += model.reduced.reducing.units
+        super().__init__([f"goal {name}" for name in names], 0.0, 0.0, True, units)
+
+    def errors(self, q: Float[Array, " nq"]) -> dict[str, float]:
+        """Errors of a configuration by name of the rows [m or rad], in the kinematic form.
+
+        Args:
+            q: configuration (nq,).
+        """
+        at = node_data.NodeData(self._model, Nodes(np.asarray(q)[None], np.empty((1, 0))), None, np.zeros(1))
+        names = (name.removeprefix("goal ") for name in self.names)
+        return dict(zip(names, np.abs(self.rows(at, False).value[0]).tolist(), strict=True))
+
+    def values_of(self, bound: NodeBound) -> dict[str, float]:
+        """Values that the goal states for rows of an output bound, by name, but for angles that repeat every turn."""
+        if self.configuration is None:
+            return {
+                name: float(value)
+                for outputs, target in self._outputs
+                for name, value, angular in zip(outputs.names, target, outputs.angular, strict=True)
+                if not angular
+            }
+        nodes = node_data.NodeData(
+            self._model, Nodes(self.configuration[None], np.zeros((1, self._model.nw))), None, np.zeros(1)
+        )
+        return dict(zip(bound.names, bound.rows(nodes, False).value[0].tolist(), strict=True))
+
+    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
+        model = nodes.model
+        parts = [outputs.error_rows(target, nodes, derivatives) for outputs, target in self._outputs]
+        if self.configuration is not None:
+            parts = [node_data.displacement_rows(self.configuration, nodes, derivatives)]
+        if self._rest:
+            parts.append(node_data.velocity_rows(nodes, derivatives))
+        value, x, _ = node_data.stacked(parts, nodes.size, model.nx, model.nu)
+        return node_data.RowValues(value, x if derivatives else None)
+
+
+def _stated(given: Limit, names: Sequence[str]) -> Array:
+    """Mask (k,) of the rows for which a limit is given."""
+    return np.array([given is not None and (name in given if isinstance(given, Mapping) else True) for name in names])
+
+
+def _limits(given: Limit, names: Sequence[str], default: float) -> Array:
+    limits = np.full(len(names), default)
+    if given is None:
+        return limits
+    if isinstance(given, Mapping):
+        for name, value in given.items():
+            if name not in names:
+                raise ConfigurationError(f"bound: no '{name}'{nearest(str(name), names)}")
+            limits[names.index(name)] = float(value)
+        return limits
+    try:
+        array = np.asarray(given, dtype=float)
+        limits[:] = array
+    except (TypeError, ValueError):
+        raise InputError(f"bound of {', '.join(names)}: expected a number, or {len(names)}, found {given!r}") from None
+    if np.isnan(limits).any():
+        raise InputError(f"bound of {', '.join(names)}: not a number, found {given!r}")
+    return limits
+
+
+# ------------------------------------------------------------------ limits of the robot's file
+
+
+@dataclass(frozen=True)
+class FileLimits:
+    """Limits of the robot's file that a plan keeps. A bound that is stated for the same row replaces one.
+
+    Positions and velocities hold in every form. In the form "kinematic", velocities jump between intervals. Efforts
+    hold in the form "dynamic", whose inputs they bound; the other forms know no efforts. An effort limit of 0 in a file
+    means that the limit is not stated, as in runs: the verdict of a plan that uses such an actuator has a finding.
+
+    Args:
+        position: keep the position limits of joints; continuous joints and bases have none.
+        velocity: keep the velocity limits of joints.
+        effort: keep the effort limits of actuators; a force on a frame has its ``limit``.
+
+    Example:
+        >>> rnc.optimal.FileLimits(effort=False)  # argument of rnc.optimal.plan
+        FileLimits(position=True, velocity=True, effort=False)
+    """
+
+    position: bool = True
+    velocity: bool = True
+    effort: bool = True
+
+    def bind(self, model: ActionModel, stated: Sequence[NodeBound]) -> list[NodeBound]:
+        """Return the bounds of an action model, without the rows for which other bounds are stated."""
+        found = [
+            *(_positions(model, _rows_of("output", stated)) if self.position else ()),
+            *(_velocities(model, stated) if self.velocity else ()),
+            *(_efforts(model, _rows_of("input", stated)) if self.effort and model.form == "dynamic" else ()),
+        ]
+        for bound in found:
+            bound.of_file = True
+        return found
+
+
+def _rows_of(quantity: str, stated: Sequence[NodeBound]) -> set[str]:
+    return {
+        name
+        for bound in stated
+        if bound.quantity == quantity
+        for name, given in zip(bound.names, bound.stated, strict=True)
+        if given
+    }
+
+
+def _positions(model: ActionModel, replaced: set[str]) -> list[NodeBound]:
+    found, names = limited_positions(model.reduced.robot, None), model.reduced.robot.velocity_names
+    kept = [k for k, place in enumerate(found.v) if names[place] not in replaced]
+    if not kept:
+        return []
+    rows = [found.q[k] for k in kept], [found.v[k] for k in kept]
+    return [_Positions([names[place] for place in rows[1]], rows, found.lower[kept], found.upper[kept])]
+
+
+def _velocities(model: ActionModel, stated: Sequence[NodeBound]) -> list[NodeBound]:
+    quantities = ("velocity", "input") if model.form == "kinematic" else ("velocity",)
+    replaced = set().union(*(_rows_of(each, stated) for each in quantities))
+    places, largest = limited_velocities(model.reduced.robot, None, None)
+    names = model.reduced.robot.velocity_names
+    kept = [k for k, place in enumerate(places) if names[place] not in replaced]
+    if not kept:
+        return []
+    rows, limits = [places[k] for k in kept], largest[kept]
+    return [_Velocities([names[place] for place in rows], rows, limits, of_state=model.form != "kinematic")]
+
+
+def _efforts(model: ActionModel, replaced: set[str]) -> list[NodeBound]:
+    actuation = model.reduced.actuation
+    limits = {
+        name: float(limit)
+        for name, limit in zip(actuation.names, actuation.limits, strict=True)
+        if limit < np.inf and name not in replaced
+    }
+    return [InputBound({name: -limit for name, limit in limits.items()}, limits).bind(model)] if limits else []
+
+
+class _Positions(NodeBound):
+    quantity = "output"
+    remedy = "state a bound for it, or limits=FileLimits(position=False); in files limits: {position: null}"
+
+    def __init__(self, names: Sequence[str], places: tuple[list[int], list[int]], lower: Array, upper: Array) -> None:
+        self._q, self._v = places
+        super().__init__(names, lower, upper, of_state=True)
+
+    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
+        found = node_data.RowValues(nodes.at.q[:, self._q])
+        if derivatives:
+            found.x = np.zeros((nodes.size, len(self.names), nodes.model.nx))
+            found.x[:, np.arange(len(self.names)), self._v] = 1.0
+        return found
+
+
+class _Velocities(NodeBound):
+    """Velocities of joints, which follow from ``v = R v2 + b``."""
+
+    quantity = "velocity"
+    remedy = "state a bound for it, or limits=FileLimits(velocity=False); in files limits: {velocity: null}"
+
+    def __init__(self, names: Sequence[str], places: Sequence[int], largest: Array, of_state: bool) -> None:
+        self._v = list(places)
+        super().__init__(names, -largest, largest, of_state)
+
+    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
+        if not derivatives:
+            return node_data.RowValues(nodes.velocity[:, self._v])
+        v, v_q, v_w = (each[:, self._v] for each in self._slopes(nodes))
+        if nodes.model.form == "kinematic":
+            return node_data.RowValues(v, v_q, v_w)
+        return node_data.RowValues(v, np.concatenate([v_q, v_w], axis=2))
+
+    def _slopes(self, nodes: node_data.NodeData) -> tuple[Array, Array, Array]:
+        """Velocity, and its derivatives by the configuration and by v2."""
+        if nodes.flow is not None:
+            return nodes.flow.v, nodes.flow.v_q, nodes.flow.v_w
+        reduced = nodes.model.reduced
+        found = state_derivatives(reduced, nodes.at.q, nodes.v2, np.zeros((nodes.size, reduced.p)))
+        return found.v, found.v_q, found.v_v2

@@ -1,0 +1,390 @@
+"""Guesses of motions: a straight line, detours, loops of the shape, configurations, another plan, random velocities."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from itertools import chain, combinations, islice, pairwise
+
+import numpy as np
+from numpy import ndarray as Array
+from numpy.typing import ArrayLike
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.collision import CollisionDistances, Obstacle
+from rnc_pin.collision.shapes import bounding_box
+from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError
+from rnc_pin.model.input_validation import ConfigurationValidator
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.motion.optimal.bounds import DistanceRows, Goal
+from rnc_pin.motion.optimal.motion_plan import MotionPlan
+from rnc_pin.motion.optimal.transcription import Iterate, Transcription
+from rnc_pin.motion.planning import IkSearch, Reference, Way, find_steering, solve_ik
+from rnc_pin.motion.planning.action_models import ActionModel, KinematicModel, Nodes
+from rnc_pin.motion.planning.exact_steering import CarSteering
+from rnc_pin.motion.planning.way import motion_along
+from rnc_pin.printing import counted
+
+GIVEN = "given"  # name of a guess of the caller
+_HARMONICS = 3
+_PAIRS = 6  # pairs of reducing outputs whose loops are tried: those of the largest effect
+_SMALL = 0.5  # [m or rad]; radius of the loops that choose them
+_RADII = np.geomspace(0.25, 3.0, 8)  # [m or rad]
+_TURNS = np.array([1.0, 2.0, 4.0])  # how often loops are driven
+_HALVED = 5  # times that the range of the radius is halved
+_MISSED = 0.3  # of the way that a loop may leave
+_LOOPS = 4  # loops that are tried
+_SHORT = 1e-6  # length of a segment of a path that counts as none, in turning radii
+_PATIENCE = 10  # singular random motions in succession after which no more are drawn
+
+Guess = MotionPlan | Way | ArrayLike | None
+"""Another plan, a way, or configurations (n, nq) at equal times; None for the straight line."""
+
+
+def guesses(
+    problem: Transcription, goal: Goal | None, given: Guess, seeds: int, seed: int
+) -> Iterator[tuple[str, Iterate]]:
+    """Named guesses, in the order in which they are tried.
+
+    Args:
+        problem: the problem.
+        goal: the goal, for the straight line.
+        given: a plan, a way, configurations (n, nq) at equal times, or None for the straight line.
+        seeds: number of guesses after it: detours first, then loops of the shape, then random ones.
+        seed: of the random generator.
+    """
+    begin = float(np.mean(problem.duration)) if np.isfinite(problem.duration[1]) else 2 * problem.duration[0]
+    line = straight_line(problem, goal)
+    if given is None:
+        yield "straight line", along(problem.model, line, begin)
+    else:
+        yield GIVEN, _given(problem, given, begin)
+    random = _random_motions(problem, line, begin, seed)
+    words = list(_words(problem, line, begin))
+    shaped = chain(*zip(words, random, strict=False)) if words else _loops(problem, line, begin)
+    yield from islice(chain(_detours(problem, line, begin), shaped, random), seeds)
+
+
+def straight_line(problem: Transcription, goal: Goal | None) -> Float[Array, "K1 nq"]:
+    """Configurations from the start to one that reaches the goal, at equal times on a geodesic."""
+    begin = problem.start.q[0]
+    end = goal_configuration(problem.model.reduced, begin, goal)
+    return np.asarray(problem.model.manifold.interpolate(begin, end, np.linspace(0.0, 1.0, problem.K + 1)))
+
+
+def _random_motions(problem: Transcription, line: Array, duration: float, seed: int) -> Iterator[tuple[str, Iterate]]:
+    """Motions with random harmonic velocities, until many in succession meet a singular configuration.
+
+    Every second one is warped: bent so that it ends at the end of the line.
+    """
+    model, K, generator = problem.model, problem.K, np.random.default_rng(seed)
+    size = np.maximum(2.0 * np.abs(_speeds(model, line, duration / K)).mean(axis=0), 3.0 / duration)
+    phase = np.pi * (np.arange(K) + 0.5) / K
+    waves = np.array([np.sin(j * phase) / np.sqrt(j) for j in range(1, _HARMONICS + 1)])
+    made = failed = attempt = 0
+    while failed < _PATIENCE:
+        attempt, failed = attempt + 1, failed + 1
+        v2 = waves.T @ (generator.normal(size=(_HARMONICS, model.r)) * size)
+        try:
+            path = _driven(model, line[0], v2[None], duration)[0]
+            if attempt % 2 == 0:
+                offset = model.manifold.difference(path[-1:], line[-1:])
+                path = model.manifold.integrate(path, np.linspace(0.0, 1.0, K + 1)[:, None] ** 2 * offset)
+            found = along(model, path, duration, v2)
+        except RncError:
+            continue
+        made, failed = made + 1, 0
+        yield f"random {made}", found
+
+
+def _words(problem: Transcription, line: Array, duration: float) -> Iterator[tuple[str, Iterate]]:
+    """Shortest paths of a car, of Reeds and Shepp, for each first direction and number of reversals, by length."""
+    model = problem.model
+    try:
+        steering = find_steering(model.reduced, line[0])
+    except RncError:
+        return
+    if not isinstance(steering, CarSteering):
+        return
+    seen = set[tuple[bool, int]]()
+    for motion, word in steering.paths(line[0], line[-1]):
+        forward = [length > 0.0 for _, length in word if abs(length) > _SHORT]
+        kind = forward[0], sum(a != b for a, b in pairwise(forward))
+        if kind in seen:
+            continue
+        seen.add(kind)
+        ends = np.concatenate([[0.0], np.cumsum(np.linalg.norm(motion.steps, axis=1))])
+        places = np.linspace(0.0, ends[-1], problem.K + 1)
+        before = np.clip(np.searchsorted(ends, places, "right") - 1, 0, len(motion.steps) - 1)
+        parts = (places - ends[before]) / np.diff(ends)[before]
+        path = model.manifold.integrate(motion.q[before], parts[:, None] * motion.steps[before])
+        name = f"{'forwards' if kind[0] else 'backwards'}, {counted(kind[1], 'reversal')}"
+        yield name, along(model, path, duration)
+
+
+def _detours(problem: Transcription, line: Array, duration: float) -> Iterator[tuple[str, Iterate]]:
+    """Motions that pass to the left and to the right of each standing obstacle that is in the way of a mobile base."""
+    base = problem.model.reduced.robot.model.joints[1]
+    if base.shortname() not in ("JointModelPlanar", "JointModelFreeFlyer"):
+        return
+    places = slice(base.idx_q, base.idx_q + 2)
+    for bound in problem.bounds:
+        if not isinstance(bound, DistanceRows):
+            continue
+        for obstacle in bound.distances.obstacles:
+            if obstacle.motion is not None or obstacle.unbounded:
+                continue
+            for side, corners in _corners(line[[0, -1], places], bound.distances, obstacle, bound.clearance):
+                yield f"{side} of {obstacle.name}", along(problem.model, _through(line, places, corners), duration)
+
+
+def _corners(
+    ends: Array, distances: CollisionDistances, obstacle: Obstacle, clearance: float
+) -> Iterator[tuple[str, Array]]:
+    """Sides, the nearer one first, with corners (2, 2) to pass an obstacle; none for an obstacle beside the line."""
+    length = float(np.linalg.norm(ends[1] - ends[0]))
+    if length == 0.0:
+        return
+    ahead = (ends[1] - ends[0]) / length
+    axes = np.array([ahead, [-ahead[1], ahead[0]]])
+    center, halves = bounding_box(obstacle.shape, obstacle.name)
+    pose = obstacle.placement(0.0)
+    ahead_of, beside = axes @ (pose.act(center)[:2] - ends[0])
+    reach = np.abs(axes @ pose.rotation[:2]) @ halves
+    room = clearance + float(distances.radii[: distances.link_shapes].max(initial=0.0))
+    if abs(beside) >= reach[1] + room or not -reach[0] < ahead_of < length + reach[0]:
+        return
+    before, after = np.clip(ahead_of + np.array([-1.0, 1.0]) * (reach[0] + room), 0.0, length)
+    for sign in (-1.0, 1.0) if beside > 0 else (1.0, -1.0):
+        aside = beside + sign * (reach[1] + room)
+        offsets = [[before, aside], [after, aside]]
+        yield "left" if sign > 0 else "right", ends[0] + np.array(offsets) @ axes
+
+
+def _through(line: Array, places: slice, corners: Array) -> Array:
+    """The line with the positions of its base on a polygon through corners, at equal spacing."""
+    points = np.vstack([line[0, places], corners, line[-1, places]])
+    since = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    at = np.linspace(0.0, since[-1], len(line))
+    path = line.copy()
+    path[:, places] = np.column_stack([np.interp(at, since, points[:, k]) for k in range(2)])
+    return path
+
+
+def _loops(problem: Transcription, line: Array, duration: float) -> Iterator[tuple[str, Iterate]]:
+    """Loops of two reducing outputs that bring everything else to the end of the line, those of least effort first.
+
+    Rows such as those of momentum couple the shape with the rest of the robot: after a loop of the shape, the rest has
+    moved by a geometric phase, which grows with the area. Loops are circles on which the shape starts and ends, driven
+    once or several times. Their radius is such that the phase leads to the goal. A quasi-velocity has no value that
+    returns: its integral does.
+    """
+    model, K = problem.model, problem.K
+    if model.r < 2:
+        return
+    direct = _speeds(model, line, duration / K)
+    try:
+        end = _driven(model, line[0], direct[None], duration)[:, -1]
+        needed = model.manifold.difference(end, line[-1:])[0]
+        distance = float(needed @ needed)
+        if distance < 1e-12:
+            return
+
+        def progress(circles: Array, turns: Array, radii: Array) -> Array:
+            """Share of the way to the goal that circles (n, 2, r) lead to."""
+            v2 = direct + _circular(radii[:, None, None] * circles, turns, K, duration)
+            ends = _driven(model, line[0], v2, duration)[:, -1]
+            return np.asarray(model.manifold.difference(np.repeat(end, len(ends), axis=0), ends) @ needed / distance)
+
+        circles, turns = _circles(model.r, progress)
+        count = len(circles)
+        shares = [progress(circles, turns, np.full(count, radius)) for radius in _RADII]
+        found = np.column_stack([np.zeros(count), *shares])
+        known = np.concatenate([[0.0], _RADII])
+        crossed = (found[:, :-1] < 1.0) & (found[:, 1:] >= 1.0)
+        leading = np.flatnonzero(crossed.any(axis=1))
+        if not len(leading):
+            return
+        circles, turns, at = circles[leading], turns[leading], np.argmax(crossed[leading], axis=1)
+        low, high = known[at], known[at + 1]
+        for _ in range(_HALVED):
+            radii = 0.5 * (low + high)
+            short = progress(circles, turns, radii) < 1.0
+            low, high = np.where(short, radii, low), np.where(short, high, radii)
+        v2 = direct + _circular(radii[:, None, None] * circles, turns, K, duration)
+        paths = _driven(model, line[0], v2, duration)
+    except RncError:
+        return
+    offsets = model.manifold.difference(paths[:, -1], np.repeat(line[-1:], len(paths), axis=0))
+    near = np.linalg.norm(offsets, axis=1) < _MISSED * np.sqrt(distance)
+    effort = np.square(np.diff(v2, axis=1)).sum(axis=(1, 2))
+    bent = np.linspace(0.0, 1.0, K + 1)[:, None] ** 2
+    names = model.reduced.reducing.names
+    for number, k in enumerate([k for k in np.argsort(effort, kind="stable") if near[k]][:_LOOPS], 1):
+        path = model.manifold.integrate(paths[k], bent * offsets[k])
+        pair = " and ".join(names[i] for i in np.flatnonzero(np.abs(circles[k]).max(axis=0)))
+        yield f"loop {number}, of {pair}", along(model, path, duration, v2[k])
+
+
+def _circles(r: int, progress: Callable[[Array, Array, Array], Array]) -> tuple[Array, Array]:
+    """First and second directions (n, 2, r) of circles through the start, and how often they are driven (n,)."""
+    axes = np.eye(r)
+    pairs = [axes[[i, j]] for i, j in combinations(range(r), 2)]
+    effect = np.abs(progress(np.array(pairs), np.ones(len(pairs)), np.full(len(pairs), _SMALL)))
+    chosen = [pairs[k] for k in np.argsort(-effect, kind="stable")[:_PAIRS]]
+    signs = np.array([[a, b] for a in (1.0, -1.0) for b in (1.0, -1.0)])
+    circles = np.concatenate(
+        [sign[:, None] * pair[order] for pair in chosen for order in ([0, 1], [1, 0]) for sign in signs]
+    )
+    circles = circles.reshape(-1, 2, r)
+    return np.repeat(circles, len(_TURNS), axis=0), np.tile(_TURNS, len(circles))
+
+
+def _circular(circles: Array, turns: Array, steps: int, duration: float) -> Array:
+    """Velocities (n, steps, r) along circles, from rest to rest."""
+    share = (np.arange(steps) + 0.5) / steps
+    angle = 2.0 * np.pi * turns[:, None] * (share - np.sin(2.0 * np.pi * share) / (2.0 * np.pi))
+    rate = 2.0 * np.pi * turns[:, None] / duration * (1.0 - np.cos(2.0 * np.pi * share))
+    return np.einsum("nks,nsr->nkr", np.stack([rate * np.cos(angle), rate * np.sin(angle)], axis=2), circles)
+
+
+def _driven(model: ActionModel, q0: Array, v2: Array, duration: float) -> Array:
+    """Configurations (n, steps + 1, nq) of n motions with velocities (n, steps, r), each for an equal time."""
+    kinematic = model if isinstance(model, KinematicModel) else KinematicModel(model.reduced)
+    count, steps, _ = v2.shape
+    now = Nodes(np.repeat(q0[None], count, axis=0), np.empty((count, 0)))
+    found = [now.q]
+    for k in range(steps):
+        now = kinematic.step(now, v2[:, k], np.full(count, duration / steps))
+        found.append(now.q)
+    return np.stack(found, axis=1)
+
+
+def along(model: ActionModel, q: Array, duration: float, w: Array | None = None) -> Iterate:
+    """Motion along configurations (K + 1, nq) at equal times: velocities and inputs fit it as well as they can."""
+    K = len(q) - 1
+    h = duration / K
+    v2 = _speeds(model, q, h) if w is None else w
+    if model.form == "kinematic":
+        return Iterate(q, np.empty((K + 1, 0)), v2, duration)
+    nodes = np.concatenate([v2[:1], (v2[:-1] + v2[1:]) / 2, v2[-1:]])
+    nodes[0] = 0.0
+    return _with_inputs(model, q, nodes, duration)
+
+
+def _with_inputs(model: ActionModel, q: Array, nodes: Array, duration: float) -> Iterate:
+    """Motion with the inputs that reduced velocities (K + 1, r) at the nodes need."""
+    rates = np.diff(nodes, axis=0) * ((len(q) - 1) / duration)
+    if model.form == "acceleration":
+        return Iterate(q, nodes, rates, duration)
+    return Iterate(q, nodes, inputs_for(model, Nodes(q[:-1], nodes[:-1]), rates), duration)
+
+
+def driven_configurations(
+    reduced: ReducedModel, q0: ArrayLike, reference: Reference, duration: float | None = None, count: int = 201
+) -> Float[Array, "n nq"]:
+    """Return the configurations to which a motion of the reducing outputs leads, as a guess for ``plan``.
+
+    The constraints give the motion of everything else. The reference may come from a ``CarPath``, or be a gait.
+
+    Args:
+        reduced: the model.
+        q0: initial configuration (nq,).
+        reference: of all reducing outputs; only its rates count.
+        duration: duration [s]; the duration of the reference by default.
+        count: number of configurations, at equal times.
+
+    Raises:
+        ConfigurationError: the reference has another number of outputs.
+        InputError: the duration is not positive and finite.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce(
+        ...     [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> ahead = rnc.planning.MinimumJerk([0.0, 0.0], [2.0, 0.0], 1.0)
+        >>> rnc.optimal.driven_configurations(reduced, robot.configuration(), ahead)[-1].round(6).tolist()
+        [2.0, 0.0, 1.0, 0.0]
+    """
+    if reference.size != reduced.r:
+        raise ConfigurationError(f"reference of {reference.size} outputs: the model has {reduced.r} reducing outputs")
+    total = reference.duration if duration is None else duration
+    if not 0 < total < np.inf:
+        raise InputError(f"duration: expected a positive number, found {total:g}")
+    h = total / (count - 1)
+    v2 = np.array([reference.at((k + 0.5) * h).velocity for k in range(count - 1)])
+    return _driven(KinematicModel(reduced), np.array(reduced.at(q0).q), v2[None], total)[0]
+
+
+def inputs_for(model: ActionModel, at: Nodes, rates: Array) -> Array:
+    """Actuator inputs (n, p) that come nearest to reduced accelerations (n, r)."""
+    state = model.reduced.at(at.q, at.w)
+    F = state.inverse_dynamics(rates)
+    try:
+        return np.array(model.reduced.allocate(at.q, F))
+    except ConstraintError:  # fewer actuators than velocities
+        return np.einsum("kpr,kr->kp", np.linalg.pinv(state.input_matrix), F)
+
+
+def _speeds(model: ActionModel, q: Array, h: float) -> Array:
+    """Reduced velocities (K, r) that fit configurations (K + 1, nq) at intervals h [s] as well as they can."""
+    v = model.manifold.difference(q[:-1], q[1:]) / h
+    return np.einsum("kri,ki->kr", model.reduced.at(q[:-1]).J2, v)
+
+
+def resampled(model: ActionModel, at: Iterate, K: int) -> Iterate:
+    """The same motion over K intervals. Inputs are their means over each interval: exact if K is a multiple."""
+    count = len(at.u)
+    places = np.linspace(0.0, count, K + 1)
+    before = np.minimum((places + 1e-9).astype(int), count - 1)
+    since = np.maximum(places - before, 0.0) * at.duration / count
+    found = model.step(Nodes(at.q[before], at.w[before]), at.u[before], since)
+    q, w = np.array(found.q), np.array(found.w)
+    q[-1], w[-1] = at.q[-1], at.w[-1]
+    total = np.concatenate([np.zeros((1, at.u.shape[1])), np.cumsum(at.u, axis=0)])
+    part = (places - before)[:, None]
+    u = np.diff((1 - part) * total[before] + part * total[before + 1], axis=0) * K / count
+    return Iterate(q, w, u, at.duration)
+
+
+def goal_configuration(reduced: ReducedModel, q0: Array, goal: Goal | None) -> Array:
+    """Return a configuration (nq,) that reaches a goal of ``plan``; ``q0`` if none is found."""
+    if goal is None:
+        return q0
+    if not isinstance(goal, Mapping):
+        return np.array(reduced.at(goal).q)
+    try:
+        found = solve_ik(reduced, q0, goal, limits=False, search=IkSearch(starts=3))
+    except (ConfigurationError, InputError):  # a list of outputs
+        return q0
+    return np.array(found.q) if found.converged else q0
+
+
+def _given(problem: Transcription, given: MotionPlan | Way | ArrayLike, duration: float) -> Iterate:
+    """Guess from a plan, a way or configurations."""
+    K, model = problem.K, problem.model
+    if isinstance(given, Way):
+        q, nodes, mean = motion_along(given, K, duration)
+        if model.form == "kinematic":
+            return Iterate(q, np.empty((K + 1, 0)), mean, duration)
+        return _with_inputs(model, q, nodes, duration)
+    if isinstance(given, MotionPlan):
+        inside = np.clip(given.duration, *problem.duration)
+        if given.info.form == model.form and given.info.input_names == model.input_names:
+            same = Iterate(np.array(given.q), np.array(given.w), np.array(given.u), given.duration)
+            return resampled(model, same, K)._replace(duration=float(inside))
+        return along(model, _spaced(model, given.q, K), float(inside))
+    try:
+        rows = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        raise ConfigurationError(f"guess: expected a plan or configurations (n, nq), found {given!r}") from None
+    if rows.ndim != 2 or rows.shape[1] != model.reduced.robot.nq or len(rows) < 2:
+        raise InputError(f"guess: expected configurations (n, {model.reduced.robot.nq}), found shape {rows.shape}")
+    rows = ConfigurationValidator(model.reduced.robot).validate(rows)
+    return along(model, _spaced(model, rows, K), duration)
+
+
+def _spaced(model: ActionModel, q: Array, K: int) -> Array:
+    """Configurations (K + 1, nq) at equal times along others."""
+    places = np.linspace(0.0, len(q) - 1.0, K + 1)
+    before = np.minimum(places.astype(int), len(q) - 2)
+    return model.manifold.interpolate(q[before], q[before + 1], places - before)

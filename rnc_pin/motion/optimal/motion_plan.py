@@ -1,0 +1,285 @@
+"""Result of optimal control: states, inputs, feedback gains, references of the outputs, and their verification."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.io.json import atomic_file
+from rnc_pin.io.safe_npz import ArchiveError, read_npz
+from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, described, items, printed
+from rnc_pin.references.kinds import PiecewisePolynomial
+from rnc_pin.verdict import Finding, Verdict
+
+_ARRAYS = ("time", "q", "w", "u", "K", "position", "velocity", "acceleration")
+
+
+@printed(at="s")
+@dataclass(frozen=True)
+class Integration:
+    """Result of one re-integration of a plan with a fine step.
+
+    Attributes:
+        violation: largest violation of a bound or of the goal [its unit]; infinite if the integration fails.
+        name: name of that row; "" without a violation.
+        at: its time [s].
+        deviation: largest difference between the integrated and the planned states at the nodes.
+    """
+
+    violation: float
+    name: str
+    at: float
+    deviation: float
+
+
+@printed()
+@dataclass(frozen=True)
+class PlanVerification:
+    """Results of re-integrations of a plan with a fine step: of the inputs alone, and with feedback.
+
+    Attributes:
+        inputs: integration of the inputs without feedback.
+        feedback: integration with the feedback that the run will use; None if the inputs alone decide.
+        substeps: integrator steps in each interval.
+    """
+
+    inputs: Integration
+    feedback: Integration | None
+    substeps: int
+
+    @property
+    def decisive(self) -> Integration:
+        """The integration by which the plan is judged: that with feedback if there is one."""
+        return self.inputs if self.feedback is None else self.feedback
+
+    @property
+    def violation(self) -> float:
+        """Largest violation of a bound or of the goal in the integration that decides [its unit]."""
+        return self.decisive.violation
+
+
+@printed()
+@dataclass(frozen=True)
+class PlanInfo:
+    """Description of a plan: names, cost, outcome and verification.
+
+    Attributes:
+        form: form of the action model.
+        input_names, state_names, output_names: names of inputs, states and outputs.
+        cost: cost of the problem.
+        violation: largest violation of bounds, goal and dynamics at the nodes.
+        violated: name of that row.
+        iterations: iterations of the guess that led to the plan.
+        guess: the guess that led to it.
+        outcome: "solved"; "feasible" if the cost still changed at the last iteration; "unverified" if the verification
+            found a violation above the accuracy. ``rnc.optimal.plan`` raises an error that carries such a plan.
+        verification: results of the re-integrations.
+        accuracy: largest violation that the verification accepts.
+        guesses: number of guesses that were tried.
+        solutions: number of guesses that led to a motion within tolerance.
+        bounds: limits of inputs, velocities and outputs: (quantity, name, lower, upper).
+        findings: findings of the verification.
+    """
+
+    form: str
+    input_names: tuple[str, ...]
+    state_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    cost: float
+    violation: float
+    violated: str
+    iterations: int
+    guess: str
+    outcome: str
+    verification: PlanVerification
+    accuracy: float
+    guesses: int = 1
+    solutions: int = 1
+    bounds: tuple[tuple[str, str, float, float], ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+
+class PlannedOutputs(PiecewisePolynomial):
+    """Reference of outputs along a plan: quintic polynomials between its nodes, at rest after its end.
+
+    Values, rates and accelerations are those of the plan at both ends of every interval. Where the inputs jump, rates
+    or accelerations jump.
+
+    Args:
+        time: times of the nodes (K + 1,) [s].
+        position, velocity, acceleration: of k outputs at the two ends of every interval, (K, 2, k).
+
+    Example:
+        >>> position, still = np.array([[[0.0], [1.0]]]), np.zeros((1, 2, 1))
+        >>> reference = rnc.optimal.PlannedOutputs(np.array([0.0, 2.0]), position, still, still)
+        >>> reference.at(1.0).position, reference.at(1.0).velocity  # from rest to rest, as a minimum-jerk motion
+        (array([0.5]), array([0.9375]))
+    """
+
+    def __init__(self, time: Array, position: Array, velocity: Array, acceleration: Array) -> None:
+        h = np.diff(time)[:, None]
+        a, b = (position[:, k] for k in (0, 1))
+        va, vb = (h * velocity[:, k] for k in (0, 1))
+        aa, ab = (h**2 * acceleration[:, k] for k in (0, 1))
+        # Coefficients of the quintic in powers of the fraction of the interval, highest first.
+        quintic = [
+            6 * (b - a) - 3 * va - 3 * vb - 0.5 * aa + 0.5 * ab,
+            -15 * (b - a) + 8 * va + 7 * vb + 1.5 * aa - ab,
+            10 * (b - a) - 6 * va - 4 * vb - 1.5 * aa + 0.5 * ab,
+            aa / 2,
+            va,
+            a,
+        ]
+        coefficients = np.stack([each / h ** (5 - k) for k, each in enumerate(quintic)])
+        super().__init__(coefficients, time, float(time[0]), float(time[-1]))
+
+
+@dataclass(frozen=True, repr=False)
+class MotionPlan(SummaryMixin):
+    """Planned motion over K intervals. ``rnc.optimal.plan`` returns it.
+
+    Attributes:
+        time: times of the nodes [s].
+        q: configurations.
+        w: reduced velocities; none, (K + 1, 0), in the kinematic form.
+        u: inputs, constant over each interval: v2, v2_dot or T.
+        K: gains of the feedback ``u + K dx``, with dx the state minus its plan along the tangent space; from the
+            Riccati recursion with the costs of the plan. Inputs at a bound have no feedback.
+        position, velocity, acceleration: reducing and vertical outputs at both ends of every interval.
+        info: names, cost, outcome and verification.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce(
+        ...     [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> goal = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.5], rnc.FrameYaw("sleigh"): 0.0}
+        >>> plan = rnc.optimal.plan(reduced, robot.configuration(), goal, 4.0, form="kinematic")
+        >>> plan.info.outcome, plan.u.shape
+        ('solved', (40, 2))
+    """
+
+    time: Float[Array, " K1"]
+    q: Float[Array, "K1 nq"]
+    w: Float[Array, "K1 nw"]
+    u: Float[Array, "K nu"]
+    K: Float[Array, "K nu nx"]
+    position: Float[Array, "K 2 k"]
+    velocity: Float[Array, "K 2 k"]
+    acceleration: Float[Array, "K 2 k"]
+    info: PlanInfo
+
+    def __post_init__(self) -> None:
+        for name in _ARRAYS:
+            getattr(self, name).setflags(write=False)
+
+    def _summary(self) -> ObjectSummary:
+        i = self.info
+        title = (
+            f"MotionPlan: {self.verdict.headline}, {i.outcome}, {i.form}, {self.duration:.4g} s in {len(self.u)} "
+            f"intervals, cost {i.cost:.6g}"
+        )
+        found = i.verification.decisive
+        checked = f"violation {found.violation:.2g}"
+        checked += f" of {found.name} at t = {found.at:.3g} s" if found.name else ""
+        lines: list[Line] = [
+            ("inputs", items(i.input_names)),
+            (
+                "outputs at the end [m or rad]",
+                items(i.output_names, [f"{value:.4g}" for value in self.position[-1, 1]]),
+            ),
+            ("configuration at the end [rad or m]", described(self.q[-1])),
+            ("after verification", [Item(checked, f"accepted to {i.accuracy:.2g}")]),
+            ("iterations", [Item(str(i.iterations), f"{i.solutions} of {i.guesses} guesses led to a motion")]),
+            ("findings", items([each.message for each in i.findings])),
+        ]
+        return ObjectSummary(title, [line for line in lines if line[1]])
+
+    @property
+    def duration(self) -> float:
+        """Duration [s]."""
+        return float(self.time[-1])
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict of the verification: findings about the goal, limits, distances, and what was assumed."""
+        return Verdict.of(self.info.findings)
+
+    def reference(self, outputs: str | Sequence[str] | None = None) -> PlannedOutputs:
+        """Return the reference of outputs by name; of all outputs by default, reducing ones first.
+
+        Quasi-velocities have their integral from the start.
+
+        Raises:
+            ConfigurationError: unknown output.
+        """
+        names = self.info.output_names
+        chosen = names if outputs is None else (outputs,) if isinstance(outputs, str) else tuple(outputs)
+        for name in chosen:
+            if name not in names:
+                raise ConfigurationError(f"no output '{name}' in the plan{nearest(name, names)}")
+        k = [names.index(name) for name in chosen]
+        return PlannedOutputs(self.time, self.position[:, :, k], self.velocity[:, :, k], self.acceleration[:, :, k])
+
+    def save(self, path: str | Path) -> None:
+        """Write a compressed ``.npz`` file to a path, for ``load``. An error leaves no partial file."""
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        content = {**asdict(self.info), "findings": [each.to_json() for each in self.info.findings]}
+        with atomic_file(Path(path)) as partial, partial.open("wb") as file:
+            np.savez_compressed(file, **arrays, info=np.array(json.dumps(content)))
+
+    @classmethod
+    def load(cls, path: str | Path) -> MotionPlan:
+        """Read a file of ``save`` from a path.
+
+        Raises:
+            ConfigurationError: the file does not exist, or is not a plan.
+        """
+        path = Path(path)
+        try:
+            arrays = read_npz(path, [*_ARRAYS, "info"], text=["info"])
+            missing = [name for name in (*_ARRAYS, "info") if name not in arrays]
+            if missing:
+                raise ConfigurationError(f"{path}: not a plan: it has no '{missing[0]}'")
+            info = _info(json.loads(str(arrays.pop("info"))))
+            _check_shapes(arrays, info)
+            return cls(**arrays, info=info)
+        except FileNotFoundError:
+            raise ConfigurationError(f"no file '{path}'") from None
+        except (ArchiveError, ValueError, TypeError, KeyError) as error:
+            raise ConfigurationError(f"{path}: not a plan: {error}") from None
+
+
+def _info(given: dict[str, Any]) -> PlanInfo:
+    stated = given.pop("verification")
+    inputs, feedback = (None if stated[key] is None else Integration(**stated[key]) for key in ("inputs", "feedback"))
+    findings = tuple(Finding.from_json(each) for each in given.pop("findings"))
+    known = {each.name for each in fields(PlanInfo)} - {"verification", "findings"}
+    if set(given) != known or inputs is None:
+        raise ConfigurationError(f"not a plan: fields {sorted(set(given) ^ known)}")
+    given["bounds"] = tuple(map(tuple, given["bounds"]))
+    values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
+    verification = PlanVerification(inputs, feedback, stated["substeps"])
+    return PlanInfo(**values, verification=verification, findings=findings)
+
+
+def _check_shapes(arrays: dict[str, Array], info: PlanInfo) -> None:
+    K, nu, k = len(arrays["u"]), len(info.input_names), len(info.output_names)
+    expected: dict[str, tuple[int, ...]] = {"time": (K + 1,), "u": (K, nu), "K": (K, nu, len(info.state_names))}
+    expected |= dict.fromkeys(("position", "velocity", "acceleration"), (K, 2, k))
+    for name, shape in expected.items():
+        if arrays[name].shape != shape:
+            raise ConfigurationError(f"not a plan: '{name}' has shape {arrays[name].shape}, expected {shape}")
+    for name in ("q", "w"):
+        if arrays[name].ndim != 2 or len(arrays[name]) != K + 1:
+            raise ConfigurationError(f"not a plan: '{name}' has shape {arrays[name].shape}")
+    for name in _ARRAYS:
+        if not np.isfinite(arrays[name]).all():
+            raise ConfigurationError(f"not a plan: '{name}' is not finite")

@@ -1,0 +1,371 @@
+"""Feedback along plans: the gains of a plan, or those of a time-varying linear-quadratic regulator.
+
+After the end of a plan, the motion stops within the accelerations of the plan, and a regulator at rest holds it.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
+from numpy.typing import ArrayLike
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.control.controller import Command, Description, listed
+from rnc_pin.errors import ConfigurationError, ConstraintError
+from rnc_pin.model.input_validation import Positive
+from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.motion.optimal.costs import Weight, weights_of
+from rnc_pin.motion.optimal.guesses import inputs_for
+from rnc_pin.motion.optimal.interior_point import RiccatiFactors
+from rnc_pin.motion.optimal.motion_plan import MotionPlan
+from rnc_pin.motion.planning.action_models import ActionModel, Form, KinematicModel, Nodes, action_model
+from rnc_pin.printing import ReprMixin
+
+_AT_REST = 1e-3  # part of an interval: a plan that brakes in less time ends at rest
+_APPROACH = 50.0  # rate of the motion that ends at a bound [1/s], if samples are shorter than 10 ms
+_HORIZON = 1000  # intervals of the regulator at rest
+_SWEEPS = 3  # over the bounds of outputs that share inputs
+_ROUNDING = 1e-12  # part of the largest velocity of the plan that is rounding
+
+
+class PlanEnd:
+    """Stop after the end of a plan.
+
+    The reduced velocities fall linearly to zero. No acceleration exceeds the largest of the plan, unless
+    the stop would take longer than the plan. A plan that ends at rest stands still, and in the kinematic form the
+    velocity jumps to zero, as it jumps between intervals. The inputs are
+    those of this motion; of an underactuated system, those that come nearest to it.
+
+    Args:
+        model: action model of the plan.
+        plan: the plan.
+
+    Attributes:
+        duration: time until the motion stands still [s].
+    """
+
+    def __init__(self, model: ActionModel, plan: MotionPlan) -> None:
+        self._model, self._plan = model, plan
+        self._driven = KinematicModel(model.reduced)
+        self._h = float(plan.time[-1] - plan.time[-2])
+        self._reached = 0, plan.q[-1:]
+        self._input_of: tuple[int, Array] | None = None
+        self._rates = np.zeros((1, model.r))
+        self.duration = self._braking(plan)
+
+    def at(self, since: float) -> tuple[Nodes, Array]:
+        """State (one node) and input at a time after the end of the plan [s]."""
+        if since >= self.duration:
+            return self._standing
+        k = min(int(since / self._h), round(self.duration / self._h) - 1)
+        start = self._start(k)
+        if self._input_of is None or self._input_of[0] != k:
+            middle = Nodes(self._moved(start, k * self._h, self._h / 2), self._velocity((k + 0.5) * self._h))
+            self._input_of = k, self._input(middle, self._rates)  # it serves for the whole interval
+        q = self._moved(start, k * self._h, since - k * self._h)
+        return Nodes(q, self._velocity(since) if self._model.nw else self._plan.w[-1:]), self._input_of[1]
+
+    def _velocity(self, since: float) -> Array:
+        """Reduced velocity (1, r) at a time after the end of the plan."""
+        last = self._plan.w if self._model.nw else self._plan.u
+        return last[-1:] + since * self._rates
+
+    def _moved(self, q: Array, since: float, step: float) -> Array:
+        """Configuration (1, nq) after a step from a time on, with the velocity of its middle."""
+        speed = self._velocity(since + step / 2)
+        return self._driven.step(Nodes(q, np.empty((1, 0))), speed, np.array([step])).q
+
+    def _braking(self, plan: MotionPlan) -> float:
+        """Duration of the stop, a whole number of intervals; it sets their length and the reduced acceleration."""
+        if not self._model.nw:
+            return 0.0
+        largest = np.abs(plan.acceleration[:, :, : self._model.r]).max(axis=(0, 1))
+        speed = np.abs(plan.w[-1])
+        moves = speed > _ROUNDING * np.abs(plan.w).max(initial=0.0)
+        least = speed[moves] / plan.duration  # a stop takes no longer than the plan
+        total = float((speed[moves] / np.maximum(largest[moves], least)).max(initial=0.0))
+        if total < _AT_REST * self._h:
+            return 0.0
+        count = int(np.ceil(total / self._h - 1e-9))
+        self._h, self._rates = total / count, -plan.w[-1:] / total
+        return total
+
+    def _start(self, k: int) -> Array:
+        """Configuration (1, nq) at the start of the k-th interval.
+
+        Only the last one is kept; an earlier one is computed again.
+        """
+        reached, q = self._reached if self._reached[0] <= k else (0, self._plan.q[-1:])
+        for each in range(reached, k):
+            q = self._moved(q, each * self._h, self._h)
+        self._reached = k, q
+        return q
+
+    def _input(self, at: Nodes, rates: Array) -> Array:
+        """Input of the form that gives reduced accelerations (1, r), or comes nearest to them."""
+        if self._model.form == "acceleration":
+            return rates[0]
+        if self._model.form == "dynamic":
+            with suppress(ConstraintError):
+                return inputs_for(self._model, at, rates)[0]
+        return np.array(self._plan.u[-1])
+
+    @cached_property
+    def _standing(self) -> tuple[Nodes, Array]:
+        """State at rest after the stop, and the input that holds it."""
+        zeros = np.zeros((1, self._model.nw))
+        rest = Nodes(self._start(round(self.duration / self._h)), zeros)
+        return rest, self._input(rest, zeros) if self._model.form == "dynamic" else np.zeros(self._model.nu)
+
+
+class PlanFeedback(ReprMixin):
+    """``u + K dx`` along a plan, with dx the measured state minus the planned one along the tangent space.
+
+    It reads the model. The dynamic form commands inputs T; the others command the reduced force of the acceleration
+    that results. Reads from the measurement ``q, v2``.
+
+    Commands are held from sample to sample: planned inputs are their means over a sample, and forces those of the
+    state in its middle. The state of the controller is the time of the last sample.
+
+    Inputs stay within the bounds of the plan. They also keep outputs of the model and reduced velocities within theirs,
+    as far as they can: each output approaches a bound no faster than a critically damped motion ends there.
+
+    A plan that ends at rest stands still after its end. Other plans brake: the planned reduced velocities fall linearly
+    to zero, within the largest accelerations of the plan, and at most in its duration. In the kinematic form the
+    planned velocity jumps to zero.
+
+    Args:
+        reduced: the model.
+        plan: the plan.
+        K: gains (intervals, inputs, states); those of the plan by default.
+        bandwidth: decay rate of the velocity error in the kinematic form [1/s].
+        weights: weights of states and inputs of the feedback after the end: a regulator about the state at rest, whose
+            horizon is 1000 intervals. Directions that no input moves there, such as aside of a wheel, keep their error.
+            By default, the last gains of K hold after the end, and weights of one without K.
+
+    Raises:
+        ConfigurationError: plan, gains and model do not fit.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> ahead = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.0]}
+        >>> plan = rnc.optimal.plan(reduced, robot.configuration(), ahead, 2.0, form="kinematic")
+        >>> controller = rnc.optimal.PlanFeedback(reduced, plan)
+        >>> measurement = reduced.at(plan.q[0], np.zeros(2)).measure(np.zeros(2))
+        >>> command, _ = controller.step(1.0, measurement, controller.initial_state(measurement))
+        >>> command.F.round(1)  # towards the plan, which moves at 0.5 m/s
+        array([39.6,  0. ])
+    """
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        plan: MotionPlan,
+        K: Float[Array, "K nu nx"] | None = None,
+        bandwidth: Positive = 20.0,
+        weights: tuple[Weight, Weight] | None = None,
+    ) -> None:
+        self.plan, self.bandwidth = plan, bandwidth
+        self._reduced, self._model = reduced, fitting_model(reduced, plan)
+        self.K = gains_for(plan, plan.K if K is None else K)
+        self._after = PlanEnd(self._model, plan)
+        self._driven = action_model(reduced, "acceleration")
+        names = (*reduced.reducing.names, *reduced.vertical.names)
+        inputs, kinematic = plan.info.input_names, self._model.form == "kinematic"
+        known = {"output": names, "velocity": inputs if kinematic else reduced.reducing.names, "input": inputs}
+        self._sides: dict[str, list[tuple[int, Array]]] = {quantity: [] for quantity in known}
+        for quantity, name, *sides in plan.info.bounds:
+            if name in known[quantity]:
+                self._sides[quantity].append((known[quantity].index(name), np.array(sides)))
+        self.weights = (1.0, 1.0) if K is None and weights is None else weights
+        self._outputs = plan.reference() if plan.info.output_names == names else None
+
+    def describe(self) -> Description:
+        """Return the form, the duration and the outcome of the plan, and the largest size of each gain."""
+        info = self.plan.info
+        return {
+            "type": type(self).__name__,
+            "form": info.form,
+            "duration": self.plan.duration,
+            "intervals": len(self.plan.u),
+            "cost": info.cost,
+            "outcome": info.outcome,
+            "bandwidth": self.bandwidth,
+            "gains": listed(np.abs(self.K).max(axis=0)),
+        }
+
+    def initial_state(self, measurement: Measurement) -> None:
+        """Return None: there is no last sample."""
+
+    def step(self, t: float, measurement: Measurement, state: float | None = None) -> tuple[Command, float]:
+        q, v2, model = np.asarray(measurement.q), np.asarray(measurement.v2), self._model
+        dt = 0.0 if state is None else t - state
+        planned, feedforward, K = self.planned(t)
+        if dt > 0 and t < self.plan.duration:
+            ends = np.clip(self.plan.time, t, t + dt) - t
+            feedforward = np.diff(ends) @ self.plan.u / dt + (1.0 - ends[-1] / dt) * self._after.at(0.0)[1]
+        moved = pin.difference(self._reduced.robot.model, planned.q[0], q)
+        u = feedforward + K @ (np.concatenate([moved, v2 - planned.w[0]]) if model.nw else moved)
+        u = self._bounded(u, q, v2, dt)
+        v2_desired = model.velocity(planned, feedforward[None])[0]
+        over = t - self.plan.duration > 0 and self._after.duration > 0  # the plan has no outputs after its end
+        known = None if over or self._outputs is None else self._outputs.at(t).position  # those of another model
+        x2, x1 = (None, None) if known is None else np.split(known, [model.r])
+        if model.form == "dynamic":
+            return Command(None, u, v2_desired, x1, x2), t
+        rate = u if model.form == "acceleration" else self.bandwidth * (u - v2)
+        middle = Nodes(q[None], v2[None])
+        if dt > 0:
+            middle = self._driven.step(middle, rate[None], np.array([dt / 2]))
+        F = self._reduced.evaluator.inverse_dynamics(middle.q[0], middle.w[0], rate, t + dt / 2)
+        return Command(F, None, v2_desired, x1, x2), t
+
+    def _bounded(self, u: Array, q: Array, v2: Array, dt: float) -> Array:
+        """Input within its bounds, by which outputs and velocities stay within theirs as far as inputs allow."""
+        model, rate = self._model, _APPROACH if self._model.nw else self.bandwidth / 4.0
+        rate = min(rate, 0.5 / dt) if dt > 0 else rate
+        outputs, speeds, inputs = self._sides.values()
+        if outputs or speeds:
+            at, zero = self._reduced.at(q, v2), np.zeros(model.r)
+            x1, x2 = at.outputs()
+            rows, x, rates = np.vstack([np.eye(model.r), at.A_star]), np.r_[x2, x1], np.r_[v2, at.v1]
+            wanted, free = [(k, rate * (sides - x[k])) for k, sides in outputs], rates - rows @ v2
+            if model.form != "kinematic":
+                wanted = [(k, rate * (room - 2.0 * rates[k])) for k, room in wanted]
+                wanted += [(k, rate * (sides - v2[k])) for k, sides in speeds]
+                free = np.r_[zero, at.J1 @ at.v_dot(zero) + at.J1_dot @ at.v]
+            if model.form == "dynamic":
+                rows, passive = at.row_accelerations(rows)
+                free += passive
+            for k, sides in wanted * _SWEEPS:
+                now = rows[k] @ u
+                u = u + rows[k] * ((np.clip(now, *(sides - free[k])) - now) / max(rows[k] @ rows[k], _ROUNDING))
+        for k, sides in inputs + (speeds if model.form == "kinematic" else []):
+            u[k] = np.clip(u[k], *sides)
+        return u
+
+    @cached_property
+    def _at_rest(self) -> Array:
+        """Gains after the end."""
+        if self.weights is None:
+            return self.K[-1]
+        at, u = self._after.at(np.inf)
+        Q, R = regulator_weights(self.plan, *self.weights)
+        h = np.diff(self.plan.time)[-1:]
+        step = self._model.step_derivatives(at, u[None], h)
+        AB, H = np.concatenate([step.x, step.u], axis=2), h[0] * np.diag(np.concatenate([Q, R]))
+        long = RiccatiFactors(np.repeat(AB, _HORIZON, axis=0), np.repeat(H[None], _HORIZON, axis=0), np.diag(h[0] * Q))
+        return long.K[0] if np.isfinite(long.K[0]).all() else self.K[-1]
+
+    def planned(self, t: float) -> tuple[Nodes, Array, Array]:
+        """State (one node), input and gains of the plan at a time [s]."""
+        plan = self.plan
+        if t >= plan.duration:
+            return *self._after.at(t - plan.duration), self._at_rest
+        k = min(max(int(np.searchsorted(plan.time, t, side="right")) - 1, 0), len(plan.u) - 1)
+        at = self._model.after(Nodes(plan.q, plan.w), plan.u, k, max(0.0, t - plan.time[k]))
+        return at, plan.u[k], self.K[k]
+
+
+def tvlqr(
+    reduced: ReducedModel,
+    plan: MotionPlan,
+    state_cost: Weight = 1.0,
+    input_cost: Weight = 1.0,
+    final_cost: Weight | None = None,
+) -> PlanFeedback:
+    """Return a time-varying linear-quadratic regulator about a plan.
+
+    It minimises the sum of ``h (dx^T Q dx + du^T R du)`` over the intervals, plus the final cost, under the exact
+    linearization of every step.
+
+    Args:
+        reduced: the model.
+        plan: the plan.
+        state_cost: weights Q: a number, one for each state, or weights by name of ``plan.info.state_names``.
+        input_cost: weights R in the same forms, positive.
+        final_cost: weights of the last state; ten times Q by default.
+
+    Raises:
+        ConfigurationError: a weight is negative, or names an unknown state; the plan does not fit the model.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators).reduce(
+        ...     [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> ahead = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.0]}
+        >>> plan = rnc.optimal.plan(reduced, robot.configuration(), ahead, 2.0)
+        >>> rnc.tvlqr(reduced, plan, state_cost=10.0).K.shape
+        (40, 2, 5)
+    """
+    model = fitting_model(reduced, plan)
+    Q, R = regulator_weights(plan, state_cost, input_cost)
+    last = 10.0 * Q if final_cost is None else weights_of(final_cost, plan.info.state_names)
+    K = regulator_gains(model, Nodes(plan.q[:-1], plan.w[:-1]), plan.u, np.diff(plan.time), (Q, R, last))
+    return PlanFeedback(reduced, plan, K, weights=(state_cost, input_cost))
+
+
+def gains_for(plan: MotionPlan, K: ArrayLike) -> Float[Array, "K nu nx"]:
+    """Return gains for a plan; raise ``ConfigurationError`` if they do not fit."""
+    found = np.array(K, dtype=float)
+    if found.shape != plan.K.shape or not np.isfinite(found).all():
+        raise ConfigurationError(f"feedback: gains of shape {found.shape}, expected finite numbers {plan.K.shape}")
+    return found
+
+
+def regulator_weights(plan: MotionPlan, state_cost: Weight, input_cost: Weight) -> tuple[Array, Array]:
+    """Weights of states (nx,) and inputs (nu,) of a plan.
+
+    Raises:
+        ConfigurationError: one is negative or has an unknown name, or an input has none.
+    """
+    Q, R = weights_of(state_cost, plan.info.state_names), weights_of(input_cost, plan.info.input_names)
+    if not (R > 0).all():
+        raise ConfigurationError("input_cost: every input needs a positive weight")
+    return Q, R
+
+
+def regulator_gains(
+    model: ActionModel, at: Nodes, u: Array, h: Array, weights: tuple[Array, Array, Array]
+) -> Float[Array, "K nu nx"]:
+    """Gains of a time-varying linear-quadratic regulator about a motion.
+
+    Args:
+        model: action model.
+        at: states at the begin of the intervals.
+        u: inputs (K, nu).
+        h: lengths of the intervals (K,) [s].
+        weights: of states, of inputs, and of the last state.
+    """
+    Q, R, last = weights
+    steps = model.step_derivatives(at, u, h)
+    H = h[:, None, None] * np.diag(np.concatenate([Q, R]))
+    return RiccatiFactors(np.concatenate([steps.x, steps.u], axis=2), H, np.diag(last)).K
+
+
+def fitting_model(reduced: ReducedModel, plan: MotionPlan) -> ActionModel:
+    """Return the action model of a plan.
+
+    Raises:
+        ConfigurationError: the plan was made for another model.
+    """
+    if not isinstance(plan, MotionPlan):
+        raise ConfigurationError(f"plan: expected a MotionPlan, found {type(plan).__name__}")
+    form: Form = plan.info.form  # type: ignore[assignment]
+    model = action_model(reduced, form)
+    if plan.info.input_names != model.input_names or plan.K.shape[2] != model.nx:
+        raise ConfigurationError(
+            f"the plan is for inputs {', '.join(plan.info.input_names)}, the model has {', '.join(model.input_names)}"
+        )
+    if plan.q.shape[1] != reduced.robot.nq:
+        raise ConfigurationError(f"the plan has {plan.q.shape[1]} coordinates, the robot {reduced.robot.nq}")
+    return model

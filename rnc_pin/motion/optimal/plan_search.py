@@ -1,0 +1,388 @@
+"""Search for a verified plan: guesses are solved, the cheapest solution is refined and verified, then the next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import chain
+from typing import NamedTuple, TypeGuard
+
+import numpy as np
+from numpy import ndarray as Array
+from numpy.typing import ArrayLike
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.errors import InfeasibleError, RncError
+from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
+from rnc_pin.motion.optimal.bounds import DISTANCE, GOAL
+from rnc_pin.motion.optimal.guesses import GIVEN, resampled
+from rnc_pin.motion.optimal.motion_plan import Integration, MotionPlan, PlanInfo, PlanVerification
+from rnc_pin.motion.optimal.plan_feedback import gains_for
+from rnc_pin.motion.optimal.sequential_quadratic import Candidate, GuessSolver, LimitSolver, Solution, SolverSettings
+from rnc_pin.motion.optimal.transcription import Iterate, Transcription
+from rnc_pin.motion.optimal.verification import Excess, excess_text, plan_findings, verify_inputs
+from rnc_pin.motion.planning.action_models import ActionModel, Nodes
+
+_TIGHTENED = 4  # times that nodes near places that come too close get a larger distance
+_HELPS = 2.0  # factor by which halved intervals reduce a violation that they cause
+_REFINED = 2  # times the iterations from a guess: those of all improvements of its solution
+_SAME = 0.1  # of the accuracy, but not less than the tolerance: two solutions whose states differ by less are the same
+
+Gains = Callable[[MotionPlan], ArrayLike]
+"""Gains (K, nu, nx) of the feedback along a plan."""
+
+
+def output_nodes(
+    model: ActionModel, at: Iterate
+) -> tuple[Float[Array, "K 2 k"], Float[Array, "K 2 k"], Float[Array, "K 2 k"]]:
+    """Reducing and vertical outputs, their rates and accelerations, with the input of the interval at both ends.
+
+    Rotations are rotation vectors without jumps, with the derivatives of these vectors.
+    """
+    ends = [_measured(model, Nodes(at.q[k:][: len(at.u)], at.w[k:][: len(at.u)]), at.u) for k in (0, 1)]
+    position, velocity, acceleration = (np.stack(each, axis=1) for each in zip(*ends, strict=True))
+    h, r = at.duration / len(at.u), model.r
+    quasi = np.flatnonzero(model.reduced.reducing.quasi)
+    rates, changes = velocity[:, :, quasi], acceleration[:, :, quasi]
+    # Integral of the cubic with these rates and accelerations at the ends.
+    steps = h / 2 * rates.sum(axis=1) + h**2 / 12 * (changes[:, 0] - changes[:, 1])
+    total = np.concatenate([np.zeros((1, len(quasi))), np.cumsum(steps, axis=0)])
+    position[:, 0, quasi], position[:, 1, quasi] = total[:-1], total[1:]
+    for stack, first in ((model.reduced.reducing, 0), (model.reduced.vertical, r)):
+        columns = slice(first, first + stack.size)
+        _continue(stack.coordinates, position[:, :, columns], velocity[:, :, columns], acceleration[:, :, columns])
+    return position, velocity, acceleration
+
+
+def _measured(model: ActionModel, nodes: Nodes, u: Array) -> tuple[Array, Array, Array]:
+    """Outputs, rates and accelerations at n nodes; quasi-velocities have no value yet."""
+    v2 = model.velocity(nodes, u)
+    v2_dot = np.zeros_like(v2) if model.form == "kinematic" else model.flow(nodes, u)[1]
+    seen = model.reduced.at(nodes.q, v2).measure(np.zeros(v2.shape))
+    v1_dot = np.einsum("kij,kj->ki", seen.A_star, v2_dot) + np.einsum("kij,kj->ki", seen.A_star_dot, v2)
+    if seen.v1_offset_dot is not None:
+        v1_dot = v1_dot + seen.v1_offset_dot
+    return (
+        np.concatenate([seen.x2, seen.x1], axis=1),
+        np.concatenate([v2, seen.v1], axis=1),
+        np.concatenate([v2_dot, v1_dot], axis=1),
+    )
+
+
+def _continue(coordinates: Coordinates, position: Array, velocity: Array, acceleration: Array) -> None:
+    """Remove jumps of angles and rotation vectors, and turn angular rates into rates of rotation vectors, in place."""
+    K = len(position)
+    whole = coordinates.unwrap(np.concatenate([position[:, 0], position[-1:, 1]]))
+    position[:, 0], position[:, 1] = whole[:-1], whole[1:]
+    for first in coordinates.rotations:
+        triple = slice(first, first + 3)
+        for k in range(K):
+            for end in (0, 1):
+                parts = (each[k, end, triple] for each in (position, velocity, acceleration))
+                velocity[k, end, triple], acceleration[k, end, triple] = rotation_vector_rates(*parts)
+
+
+class SearchEffort(NamedTuple):
+    """Guesses that are solved before the cheapest solution is tried.
+
+    Attributes:
+        solutions: number of solutions that are wanted.
+        guesses: number of guesses after which one solution is enough.
+        alone: True if there is only one guess, whose errors the search then raises.
+    """
+
+    solutions: int
+    guesses: float
+    alone: bool = False
+
+
+class _Made(NamedTuple):
+    """Plan with its solution, and the rows that it exceeds after verification, largest first."""
+
+    plan: MotionPlan
+    candidate: Candidate
+    excesses: tuple[Excess, ...]
+
+
+class PlanSearch:
+    """Search for a plan that its verification confirms.
+
+    Its effort is bounded: each guess has the iterations of the settings, as many for a start that ignores obstacles,
+    and twice as many for improvements of its solution; all twice where limits of the robot's file matter. An iteration
+    over halved intervals counts twice. A solution that another guess had in vain is not improved again.
+
+    Args:
+        problem: the problem.
+        settings: settings of the solver.
+        gains: gains of the feedback that the run will use; None if the inputs alone decide.
+        effort: guesses that are solved before the cheapest solution is tried, and how.
+    """
+
+    def __init__(
+        self, problem: Transcription, settings: SolverSettings, gains: Gains | None, effort: SearchEffort
+    ) -> None:
+        self._problem, self._settings, self._gains, self._effort = problem, settings, gains, effort
+        self._narrow = problem.changed(margins=np.full(problem.K + 1, -settings.accuracy))
+        self._tried = self._solved = 0
+        self._failed: list[Candidate] = []
+        self._rejected: list[_Made] = []
+        self._vain: list[Iterate] = []  # solutions of guesses whose improvements were rejected
+        self._left, self._spent = 0.0, False
+        self._given: Iterate | None = None
+
+    def run(self, first: tuple[str, Iterate], further: Iterator[tuple[str, Iterate]]) -> MotionPlan:
+        """Return the first verified plan: the cheapest of the wanted solutions, else the next one.
+
+        Args:
+            first: the first named guess.
+            further: guesses after it.
+
+        Raises:
+            InfeasibleError: there is none.
+        """
+        self._given = first[1] if first[0] == GIVEN else None
+        solver = GuessSolver(self._narrow, self._settings)
+        return self._cheapest(solver.solution(*start) for start in chain([first], further))
+
+    def _cheapest(self, found: Iterator[Candidate | RncError]) -> MotionPlan:
+        pool: list[Candidate] = []
+        effort = self._effort
+        needed = effort.solutions
+        while True:
+            while self._solved < needed and not (pool and self._tried >= effort.guesses):
+                candidate = next(found, None)
+                if candidate is None:
+                    break
+                if self._is_solution(candidate):
+                    pool.append(candidate)
+                else:
+                    pool += self._unimproved()
+            if not pool:
+                raise self._refusal()
+            # Of solutions that cost the same, the first is taken: rounding does not decide.
+            costs = [each.solution.cost for each in pool]
+            most = min(costs) + self._settings.cost_tolerance * abs(min(costs))
+            best = pool.pop(next(k for k, cost in enumerate(costs) if cost <= most))
+            needed += 1
+            if any(self._same(best.solution.iterate, each) for each in self._vain):
+                continue
+            made = self._refined(best)
+            if _confirmed(made):
+                return made.plan
+            self._rejected.append(made)
+            self._vain.append(best.solution.iterate)
+            if best.name == GIVEN:
+                pool += self._unimproved()
+
+    def _unimproved(self) -> list[Candidate]:
+        """The given guess itself, if it keeps all rows and was not taken before: no solution is better than it."""
+        given, self._given = self._given, None
+        if given is None:
+            return []
+        problem = self._problem.changed(reserve=0.0)
+        at = problem.from_start(given)
+        try:
+            values = problem.values(at)
+        except RncError:
+            return []
+        violation = problem.worst(values, at.duration)
+        if violation.amount > self._settings.accuracy:
+            return []
+        self._solved += 1
+        return [Candidate(f"{GIVEN}, as it is", Solution(at, values.cost, violation, 0, "feasible"))]
+
+    def _same(self, one: Iterate, other: Iterate) -> bool:
+        """True if two motions over equal intervals are the same, within a part of the accuracy."""
+        apart = self._problem.model.difference(Nodes(one.q, one.w), Nodes(other.q, other.w))
+        largest = max(float(np.abs(apart).max()), abs(one.duration - other.duration))
+        return largest < max(_SAME * self._settings.accuracy, self._settings.tolerance)
+
+    def _is_solution(self, candidate: Candidate | RncError) -> TypeGuard[Candidate]:
+        """True if a guess led to a motion within tolerance; others are counted, and kept for the refusal."""
+        self._tried += 1
+        if isinstance(candidate, RncError):
+            if self._effort.alone:
+                raise InfeasibleError(f"no plan: the guess cannot be evaluated: {candidate}") from None
+            return False
+        if candidate.solution.outcome == "infeasible":
+            self._failed.append(candidate)
+            return False
+        self._solved += 1
+        return True
+
+    def _refined(self, candidate: Candidate) -> _Made:
+        """Plan of a solution, improved until its verification confirms it.
+
+        The intervals are halved until the inputs alone keep everything within the accuracy, too. If halving them no
+        longer helps without feedback, but the motion with feedback is confirmed, the motion is unstable. At first,
+        distances are as much larger as the accuracy, where there is room; at last, the nodes next to places that come
+        too near to something keep a larger distance.
+        """
+        settings, problem, solved = self._settings, self._problem, candidate.solution
+        self._left, before, at = _REFINED * settings.iterations, np.inf, solved.iterate
+        lacking = solved.iterations and problem.worst(problem.values(at), at.duration).amount > settings.tolerance
+        made = self._improved(problem, candidate) if lacking else None
+        problem = self._narrow if lacking and made is None else problem
+        best = made = made or self._completed(problem, candidate)
+        for _ in range(settings.refinements):
+            alone = made.plan.info.verification.inputs.violation
+            if alone <= settings.accuracy or (_confirmed(made) and alone > before / _HELPS):
+                break
+            K, before = 2 * problem.K, alone
+            problem = problem.changed(K=K, margins=np.full(K + 1, problem.margins[1]))
+            after = self._improved(problem, made.candidate)
+            if after is None:
+                return best
+            made = after
+            best = min(best, made, key=_violation)
+        for _ in range(_TIGHTENED):
+            margins = None if _confirmed(made) else _margins(problem, made, settings.accuracy)
+            if margins is None:
+                break
+            problem = problem.changed(margins=margins)
+            after = self._improved(problem, made.candidate)
+            if after is None:
+                break
+            made = after
+            best = min(best, made, key=_violation)
+        return best
+
+    def _improved(self, problem: Transcription, candidate: Candidate) -> _Made | None:
+        """Plan of a similar problem, solved from another solution; None if this fails, or no iterations are left."""
+        name, before = candidate
+        start = before.iterate
+        finer = problem.K / self._problem.K
+        most = min(int(self._left / finer), self._settings.iterations)
+        if most < 1:
+            self._spent = True
+            return None
+        if len(start.u) != problem.K:
+            start = resampled(problem.model, start, problem.K)
+        try:
+            found = LimitSolver(problem, replace(self._settings, iterations=most)).solve(start)
+        except RncError:
+            return None
+        self._left -= finer * found.iterations
+        if found.outcome == "infeasible":
+            self._spent |= found.iterations >= most
+            return None
+        found.iterations += before.iterations
+        return self._completed(problem, Candidate(name, found))
+
+    def _completed(self, problem: Transcription, candidate: Candidate) -> _Made:
+        """Plan of a solution with its verification."""
+        name, found = candidate
+        at, model, settings = found.iterate, problem.model, self._settings
+        position, velocity, acceleration = output_nodes(model, at)
+        reduced = model.reduced
+        states = tuple(reduced.robot.velocity_names)
+        if model.nw:
+            states += tuple(f"{each} (rate)" for each in reduced.reducing.names)
+        unknown = PlanVerification(Integration(np.inf, "", 0.0, np.inf), None, settings.substeps)
+        info = PlanInfo(
+            form=model.form,
+            input_names=model.input_names,
+            state_names=states,
+            output_names=(*reduced.reducing.names, *reduced.vertical.names),
+            cost=found.cost,
+            violation=found.violation.amount,
+            violated=found.violation.name,
+            iterations=found.iterations,
+            guess=name,
+            outcome="unverified",
+            verification=unknown,
+            accuracy=settings.accuracy,
+            guesses=self._tried,
+            solutions=self._solved,
+            bounds=_limits_of(problem),
+        )
+        plan = MotionPlan(
+            time=np.linspace(0.0, at.duration, problem.K + 1),
+            q=np.array(at.q),
+            w=np.array(at.w),
+            u=np.array(at.u),
+            K=problem.feedback_gains(at, found.linear),
+            position=position,
+            velocity=velocity,
+            acceleration=acceleration,
+            info=info,
+        )
+        gains = None if self._gains is None else gains_for(plan, self._gains(plan))
+        verified, excesses = verify_inputs(problem, at, settings.substeps, gains, settings.accuracy)
+        confirmed = verified.violation <= settings.accuracy and found.outcome != "infeasible"
+        info = replace(
+            info,
+            outcome=found.outcome if confirmed else "unverified",
+            verification=verified,
+            findings=plan_findings(problem, at, excesses, verified, settings.accuracy),
+        )
+        return _Made(replace(plan, info=info), candidate, excesses)
+
+    # ------------------------------------------------------------------ refusal
+
+    def _refusal(self) -> InfeasibleError:
+        if self._rejected:
+            return self._unverified()
+        if not self._failed:
+            text = "every guess met a singular configuration; give a guess, or other reducing outputs"
+            return InfeasibleError(f"no plan: {text}")
+        best = min(self._failed, key=lambda each: each.solution.violation.amount)
+        worst, duration = best.solution.violation, best.solution.iterate.duration
+        found = InfeasibleError(
+            f"no plan in {duration:.4g} s: {worst.name} is violated by {worst.amount:.3g} at t = {worst.time:.4g} s "
+            f"(best of {self._tried} guesses: {best.name}); allow more time, wider bounds or more seeds"
+        )
+        try:
+            found.plan = self._completed(self._problem, best).plan
+        except (RncError, np.linalg.LinAlgError):
+            found.plan = None  # e.g. the motion is singular, so that it has no outputs
+        return found
+
+    def _unverified(self) -> InfeasibleError:
+        plan, _, excesses = min(self._rejected, key=_violation)
+        again = "re-integration with feedback" if plan.info.verification.feedback is not None else "re-integration"
+        intervals, guesses = f"up to {len(plan.u)} intervals", f"{self._solved} of {self._tried} guesses"
+        allowed = "iterations (improvements took all of theirs)" if self._spent else "refinements"
+        found = InfeasibleError(
+            f"no verified plan in {plan.duration:.4g} s: after {again}, {excess_text(excesses[0])}; "
+            f"the accuracy is {self._settings.accuracy:g}; tried {intervals} and {guesses} that have solutions "
+            f"(best: {plan.info.guess}, different: {len(self._vain)}); "
+            f"allow more {allowed}, more seeds, or a larger accuracy"
+        )
+        found.plan = plan
+        return found
+
+
+def _confirmed(made: _Made) -> bool:
+    return made.plan.info.outcome != "unverified"
+
+
+def _violation(made: _Made) -> tuple[bool, float]:
+    """Order of plans: confirmed ones first, then by the largest violation in both integrations."""
+    found = made.plan.info.verification
+    return not _confirmed(made), max(found.violation, found.inputs.violation) if _confirmed(made) else found.violation
+
+
+def _margins(problem: Transcription, made: _Made, accuracy: float) -> np.ndarray | None:
+    """Additions to the distances at nodes (K + 1,) next to places that come too near; None if other rows are violated.
+
+    The goal keeps its place, so that the last node has no margin.
+    """
+    beyond = [each for each in made.excesses if each.amount > accuracy]
+    if any(each.quantity != DISTANCE for each in beyond):
+        return None
+    margins, h = problem.margins.copy(), made.plan.duration / problem.K
+    for each in beyond:
+        k = min(int(each.time / h), problem.K - 1)
+        margins[k : k + 2] = np.maximum(margins[k : k + 2], problem.margins[k : k + 2] + each.amount)
+    margins[-1] = problem.margins[-1]
+    return margins if (margins > problem.margins).any() else None
+
+
+def _limits_of(problem: Transcription) -> tuple[tuple[str, str, float, float], ...]:
+    return tuple(
+        (bound.quantity, name, float(low), float(high))
+        for bound in problem.bounds
+        for name, low, high in zip(bound.names, bound.lower, bound.upper, strict=True)
+        if bound.quantity not in ("", DISTANCE, GOAL)
+    )

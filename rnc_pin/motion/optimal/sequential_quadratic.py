@@ -1,0 +1,333 @@
+"""Sequential quadratic programming over the nodes of an optimal control problem.
+
+Every iteration linearises all nodes in one block and solves the subproblem. A line search on the merit function
+``cost + weight * violations + gap weight * gaps``, with rows in units of their typical size, accepts the step. The
+subproblem has the same elastic rows (Fletcher's Sl1QP; Nocedal and Wright, "Numerical Optimization" (2006), 18.5), so
+its solution descends. A step that fails is repeated with more damping. Steps that turn back show that the Gauss-Newton
+Hessian is too small along them; damping replaces what it lacks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from annotated_types import Ge, Le, Lt
+
+from rnc_pin.errors import RncError, SimulationError
+from rnc_pin.model.input_validation import Positive
+from rnc_pin.motion.optimal.bounds import DISTANCE
+from rnc_pin.motion.optimal.interior_point import Direction, InteriorPointSolver, LinearQuadratic
+from rnc_pin.motion.optimal.transcription import Iterate, Transcription, Values, Violation
+
+_LENGTHS = 0.5 ** np.arange(8)
+_SUFFICIENT = 1e-4  # part of the predicted decrease that a step has to reach
+_MOST_DAMPING, _LEAST_DAMPING, _FIRST_DAMPING = 1e6, 1e-8, 1e-3
+_MOST_WEIGHT, _HEAVIER = 1e9, 30.0
+_PATIENCE = 4  # iterations in which the violation has to be halved
+_REST = 1e-3  # part of the tolerance of the cost that later iterations may still change
+
+SolverOutcome = Literal["solved", "feasible", "infeasible"]
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """Settings of the planner.
+
+    Args:
+        nodes: number of intervals with constant inputs.
+        iterations: largest number of iterations from each guess. Refinements of its solution together take at most
+            twice as many, where an iteration over halved intervals counts twice.
+        tolerance: largest violation of bounds, goal and dynamics [their units].
+        cost_tolerance: relative change of the cost at which the iterations end.
+        penalty: first cost of a violation, in units of the row's typical size. It rises while violations remain.
+        substeps: integrator steps of the verification in each interval.
+        refinements: how often the planner may halve the intervals and solve again from the plan so far, because the
+            verification finds a violation above ``accuracy``.
+        accuracy: largest violation of bounds and goal that the verification of a plan accepts [their units]. Distances
+            from obstacles are planned as much larger, so that the plan keeps its clearance.
+        reserve: share of bounded ranges of outputs and of bounded velocities that a plan keeps free at its nodes,
+            whatever states the bound: feedback needs it in the run. It ends where the start or the goal is.
+
+    Example:
+        >>> rnc.optimal.SolverSettings(nodes=60).iterations
+        100
+    """
+
+    nodes: Annotated[int, Ge(2), Le(1000)] = 40
+    iterations: Annotated[int, Ge(1), Le(10000)] = 100
+    tolerance: float = 1e-5
+    cost_tolerance: float = 1e-6
+    penalty: float = 1e3
+    substeps: int = 20
+    refinements: Annotated[int, Ge(0), Le(4)] = 2
+    accuracy: Positive = 5e-3
+    reserve: Annotated[float, Ge(0), Lt(0.5)] = 0.005
+
+
+@dataclass
+class Solution:
+    """Result of the iterations."""
+
+    iterate: Iterate
+    cost: float
+    violation: Violation
+    iterations: int
+    outcome: SolverOutcome
+    """Converged; within tolerance, but the cost still changes; or not within tolerance."""
+    linear: LinearQuadratic | None = None
+    """Linearization at the iterate, if the last step gave it."""
+
+
+class _Sizes(NamedTuple):
+    """Typical sizes of rows (K + 1, k) and of states (nx,)."""
+
+    rows: np.ndarray
+    states: np.ndarray
+
+
+class SequentialQuadratic:
+    """Iterations on one problem.
+
+    Args:
+        problem: the problem.
+        settings: settings.
+
+    Attributes:
+        linear: subproblem of the last iteration; None before the first one.
+        interior: solver of the subproblems. Its multipliers of the bounds start the next one.
+    """
+
+    linear: LinearQuadratic | None = None
+    _ahead: tuple[Iterate, LinearQuadratic, Values] | None = None
+    """Linearization at the iterate of a whole step, in place of its values alone: the next iteration starts there."""
+
+    def __init__(self, problem: Transcription, settings: SolverSettings) -> None:
+        self.problem, self.settings = problem, settings
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget damping, penalties and multipliers of earlier iterations."""
+        self.interior = InteriorPointSolver()
+        self._damping, self._weight, self._gap_weight = _FIRST_DAMPING, self.settings.penalty, 0.0
+        self._last: Direction | None = None  # direction of the last iteration, if the step was whole
+        self._whole = False  # the last step was whole, and damping did not shorten it
+
+    def solve(self, guess: Iterate) -> Solution:
+        """Improve a guess until it converges. Its first node becomes the start of the problem, which no step moves."""
+        s, calm, count, done, before = self.settings, 0, 0, False, np.inf
+        at = self.problem.from_start(guess)
+        self.restart()
+        linear, values = self.problem.linearize(at)
+        self._ahead = at, linear, values
+        mark, age = np.inf, 0  # violation at the last time that it was halved, and iterations since
+        while count < s.iterations:
+            count += 1
+            found = self.iterate(at, before if before < 1.0 else None)
+            if found is None:
+                done = not self._raise_penalty(values, at.duration)
+                if done:
+                    break
+                continue
+            change = abs(found[1].cost - values.cost) / max(1e-9, abs(values.cost))
+            at, values = found
+            amount = self.problem.worst(values, at.duration).amount
+            mark, age = (amount, 0) if amount < 0.5 * mark else (mark, age + 1)
+            if age > _PATIENCE and self._raise_penalty(values, at.duration):
+                mark, age = amount, 0
+            calm = calm + 1 if change < s.cost_tolerance else 0
+            # Changes of whole steps fall as a geometric series, whose rest is known.
+            rest = change**2 / (before - change) if change < before else np.inf
+            before = change
+            if calm and self._whole and rest < _REST * s.cost_tolerance and amount <= s.tolerance:
+                done = True
+                break
+            if calm >= 3 and not self._raise_penalty(values, at.duration):
+                done = True
+                break
+        violation = self.problem.worst(values, at.duration)
+        within: SolverOutcome = "solved" if done else "feasible"
+        outcome = within if violation.amount <= s.tolerance else "infeasible"
+        last = self._ahead[1] if self._ahead is not None and self._ahead[0] is at else None
+        return Solution(at, values.cost, violation, count, outcome, last)
+
+    def _raise_penalty(self, values: Values, duration: float) -> bool:
+        """Raise the cost of violations if there are some; False if there are none or it is at its limit."""
+        if self.problem.worst(values, duration).amount <= self.settings.tolerance or self._weight >= _MOST_WEIGHT:
+            return False
+        self._weight, self._damping = _HEAVIER * self._weight, _FIRST_DAMPING
+        return True
+
+    def iterate(self, at: Iterate, change: float | None = None) -> tuple[Iterate, Values] | None:
+        """One iteration: the next iterate with its values; None if no step improves the merit function.
+
+        Args:
+            at: the iterate.
+            change: relative change of the cost by the last iteration of a series that goes on; None for a single one.
+        """
+        known = self._ahead
+        problem, values = known[1:] if known is not None and known[0] is at else self.problem.linearize(at)
+        self.linear, self._ahead = problem, None
+        sizes = self._sizes(problem)
+        while self._damping < _MOST_DAMPING:
+            try:
+                direction = self.interior.solve(problem, self._damping, self._weight, change)
+            except SimulationError:
+                self._damping = max(10 * self._damping, 1e-3)
+                continue
+            found = self._searched(at, values, direction, sizes, change is not None)
+            if found is not None:
+                after, result, length = found
+                factor = 0.2 if length == 1.0 else 1.0 if length >= 0.2 else 4.0
+                self._whole = length == 1.0 and self._damping <= 1.0
+                lacking = _lacking_damping(problem, self._last, direction) if length == 1.0 else 0.0
+                self._damping = max(_LEAST_DAMPING, factor * self._damping, lacking)
+                self._last = direction if length == 1.0 else None
+                return after, result
+            self._damping = max(20 * self._damping, 1e-4)
+        return None
+
+    def _searched(
+        self, at: Iterate, values: Values, direction: Direction, sizes: _Sizes, ahead: bool
+    ) -> tuple[Iterate, Values, float] | None:
+        """Line search along a direction: the next iterate, its values, and the step length."""
+        assert self.linear is not None
+        nx = len(sizes.states)
+        costate = np.abs(direction.costate[1:, :nx] * sizes.states)
+        self._gap_weight = max(0.5 * self._gap_weight, 1.5 * float(costate.max(initial=0.0)))
+        merit = self._merit(values, sizes)
+        predicted = merit - _merit_of_subproblem(self.linear, direction, values.cost, sizes, self._weight)
+        rounding = 1e-12 * max(1.0, abs(merit))
+        for length in _LENGTHS:
+            after = self.problem.moved(at, direction.x, direction.u, float(length))
+            try:
+                if ahead and self._whole and length == 1.0:
+                    linear, result = self.problem.linearize(after)
+                    self._ahead = after, linear, result
+                else:
+                    result = self.problem.values(after)
+            except RncError:  # a singular configuration: shorter steps may avoid it
+                continue
+            now = self._merit(result, sizes)
+            if np.isfinite(now) and now <= merit - _SUFFICIENT * length * max(0.0, predicted) + rounding:
+                return after, result, float(length)
+        return None
+
+    def _sizes(self, problem: LinearQuadratic) -> _Sizes:
+        rows, states = problem.typical_sizes
+        if self.problem.free:
+            rows, states = rows[1:, :-1], states[1:, :-1]
+        floor = max(1e-3 * float(states.max()), 1e-9)
+        return _Sizes(rows, np.maximum(states.max(axis=0), floor))
+
+    def _merit(self, values: Values, sizes: _Sizes) -> float:
+        gaps = float((np.abs(values.gaps) / sizes.states).sum())
+        beyond = float((self.problem.excess(values) / sizes.rows).sum())
+        return values.cost + self._gap_weight * gaps + self._weight * beyond
+
+
+def _lacking_damping(problem: LinearQuadratic, last: Direction | None, now: Direction) -> float:
+    """Addition to the weights of scaled inputs that gives the Hessian its true size along the last whole step.
+
+    The gradient after that step is minus the Hessian times the next step: if this turns back, the step was too long.
+    """
+    if last is None:
+        return 0.0
+    before, after = (np.concatenate([each.x[:-1], each.u], axis=1)[:, None] for each in (last, now))
+    slope = before @ problem.H
+    end = last.x[-1] @ problem.H_end
+    back = -float((slope @ after.mT).sum() + end @ now.x[-1])
+    own = float((slope @ before.mT).sum() + end @ last.x[-1])
+    inputs = float(((last.u / problem.input_scales) ** 2).sum())
+    return min(back, own) / inputs if inputs > 0 else 0.0
+
+
+def _merit_of_subproblem(
+    problem: LinearQuadratic, direction: Direction, cost: float, sizes: _Sizes, weight: float
+) -> float:
+    """Merit function of the subproblem after the whole step; the linearised dynamics hold."""
+    z = np.concatenate([direction.x[:-1], direction.u], axis=1)
+    end = direction.x[-1]
+    cost += float((problem.g * z).sum() + problem.g_end @ end)
+    cost += 0.5 * float(((problem.H @ z[:, :, None])[:, :, 0] * z).sum() + end @ problem.H_end @ end)
+    value = (problem.C @ direction.x[:, :, None])[:, :, 0]
+    value[:-1] += (problem.D[:-1] @ direction.u[:, :, None])[:, :, 0]
+    beyond = np.maximum(0.0, np.maximum(problem.lower - value, value - problem.upper))
+    shift = len(beyond) - len(sizes.rows)  # a free duration adds a stage and a row, which always holds
+    return cost + weight * float((beyond[shift:, : sizes.rows.shape[1]] / sizes.rows).sum())
+
+
+# ------------------------------------------------------------------ solutions from guesses
+
+_RELAXED = ("straight line", "loop", "random")  # guesses that do not tell on which side of obstacles they pass
+
+
+class Candidate(NamedTuple):
+    """Solution of a guess."""
+
+    name: str
+    solution: Solution
+
+
+class LimitSolver:
+    """Solver that adds the limits of the robot's file only if a solution without them exceeds one.
+
+    Most motions are far within them, and rows that do not matter would take time in every iteration.
+    """
+
+    def __init__(self, problem: Transcription, settings: SolverSettings) -> None:
+        stated = [bound for bound in problem.bounds if not bound.of_file]
+        self._problem, self._tolerance = problem, settings.tolerance
+        self._whole = SequentialQuadratic(problem, settings)
+        few = len(stated) < len(problem.bounds)
+        self._without = SequentialQuadratic(problem.changed(bounds=stated), settings) if few else None
+
+    def solve(self, start: Iterate) -> Solution:
+        """Solve the problem from a guess."""
+        if self._without is None:
+            return self._whole.solve(start)
+        found = self._without.solve(start)
+        values = self._problem.values(found.iterate)
+        if self._problem.excess(values).max(initial=0.0) <= max(self._tolerance, found.violation.amount):
+            return found
+        within = self._whole.solve(found.iterate)
+        within.iterations += found.iterations
+        return within
+
+
+class GuessSolver:
+    """Solver of a problem from guesses; each solution depends on its guess alone.
+
+    Args:
+        problem: the problem.
+        settings: settings of the solver.
+    """
+
+    def __init__(self, problem: Transcription, settings: SolverSettings) -> None:
+        self._solver, self._relaxed = LimitSolver(problem, settings), _without_distances(problem, settings)
+
+    def solution(self, name: str, start: Iterate) -> Candidate | RncError:
+        """Solution from a guess, or the error that ends its iterations.
+
+        Args:
+            name: name of the guess.
+            start: the guess.
+        """
+        try:
+            if self._relaxed is not None and name.startswith(_RELAXED):
+                start = self._relaxed.solve(start).iterate
+            return Candidate(name, self._solver.solve(start))
+        except RncError as error:
+            return error
+
+
+def _without_distances(problem: Transcription, settings: SolverSettings) -> SequentialQuadratic | None:
+    """Solver without the bounds of distances, whose motions lead past obstacles; None if there are none.
+
+    Its iterations cost a small part of those with distances, and its solution is a good start for them.
+    """
+    if all(bound.quantity != DISTANCE for bound in problem.bounds):
+        return None
+    kept = [bound for bound in problem.bounds if bound.quantity != DISTANCE and not bound.of_file]
+    return SequentialQuadratic(problem.changed(bounds=kept), settings)

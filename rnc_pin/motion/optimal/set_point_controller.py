@@ -1,0 +1,345 @@
+"""Control to a set point without a solver in the loop: plan at rest, follow with feedback, plan again where needed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
+from functools import partial
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.control.controller import Command, DescribedMixin, MissedGoal, VelocityTarget
+from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.model.input_validation import Positive, check_positive_settings
+from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.motion.optimal.bounds import BoundKind, DistanceBound, FileLimits, Goal, GoalRows, InputBound, OutputBound
+from rnc_pin.motion.optimal.costs import CostKind
+from rnc_pin.motion.optimal.guesses import inputs_for
+from rnc_pin.motion.optimal.motion_plan import MotionPlan
+from rnc_pin.motion.optimal.node_data import NodeData
+from rnc_pin.motion.optimal.plan_feedback import regulator_gains, tvlqr
+from rnc_pin.motion.optimal.planner import build_problem, initial_node, plan_motion
+from rnc_pin.motion.optimal.sequential_quadratic import SolverSettings
+from rnc_pin.motion.optimal.set_point import AT_REST, SetPoint, nearer_plan
+from rnc_pin.motion.planning.action_models import Form, KinematicModel, Nodes, action_model
+
+_OF_FILE = FileLimits()
+_NEAR = 20.0  # times the tolerance: an error at which the feedback at rest moves the directions of weight one
+_SETTLED = 4.0  # time constants of this feedback before the error counts
+_SAMPLES = 40  # whose mean is the error at rest: noise that is above the tolerance now and then starts no plan
+_MOST_NODES = 1000  # of SolverSettings
+_SLOWER = 0.7  # factor of the velocity in each sample, where velocities are the commands, while the robot brakes
+_RETRY, _LONGEST = 1.0, 6  # time until the next search after the first one in vain [s], and how often it doubles
+
+Mode = Literal["stand", "follow", "stop"]
+
+
+class SetPointState(NamedTuple):
+    """Mode, plan with its feedback, and counters."""
+
+    mode: str
+    """"stand" at rest, "follow" a plan, or "stop" before the next plan."""
+    begin: float
+    """Time of the first node of the plan, or of the begin of the mode [s]."""
+    h: float
+    """Length of the plan's intervals [s]."""
+    q: Float[Array, "K1 nq"]
+    w: Float[Array, "K1 nw"]
+    u: Float[Array, "K nu"]
+    gains: Float[Array, "K nu nx"]
+    mean: Float[Array, " nv"]
+    """Mean displacement from the goal while the robot stands."""
+    samples: int
+    """Measurements in this mean; from 40 on, older ones fade."""
+    next_check: float
+    """Time of the next check of the error, or of the end that the feedback leads to [s]."""
+    plans: int
+    """Plans that were followed."""
+    failures: int
+    """Searches that led to no plan."""
+
+
+@dataclass(eq=False, repr=False)
+class SetPointController(DescribedMixin):
+    """Feedback along plans to a set point, for computers that cannot solve a program in each sample.
+
+    At rest, away from the goal, it plans to the goal, and follows the plan with the gains of ``rnc.tvlqr``. Every
+    ``check`` seconds it integrates the rest of the plan with its feedback from the measured state. So it knows whether
+    the state is still in the tube from which the feedback leads to the goal; outside, it brakes and plans again. It
+    also plans again if the robot comes to rest away from the goal.
+
+    The search for a plan takes place at rest, which takes seconds: the first one in ``initial_state``, others in the
+    step that starts them. The controller reads the model. Reads from the measurement ``q, v2``. One state at a time.
+
+    Args:
+        reduced: the model.
+        goal: values by output that determine a configuration, or a configuration (nq,), as in ``SetPoint``; or a
+            ``SetPoint`` of the model.
+        duration: duration of a plan [s], or its shortest and longest value.
+        form: "kinematic", "acceleration" or "dynamic", as in ``plan``.
+        costs: costs of the plans; ``[EffortCost()]`` by default.
+        bounds: hard bounds of the plans. Bounds of inputs hold for the feedback too.
+        limits: limits of the robot's file that plans keep; None for none.
+        nodes: number of intervals.
+        seeds: number of random guesses of each search.
+        tolerance: error at rest above which it plans again [m or rad].
+        tube: predicted error at the end of a plan from which it plans again [m or rad]. Outputs and distances beyond
+            their bounds on the way by more count too.
+        check: time between two checks [s].
+        state_cost: weight of each state in the gains of the feedback.
+        bandwidth: decay rate of the velocity error in the kinematic form [1/s].
+        braking: decay rate of the velocity while it brakes or stands [1/s].
+        velocities: True for a kinematic controller, whose steps return velocities, for robots that take these: the
+            target of an ``ActuatorVelocityController``. The form is "acceleration", so that bounds of inputs limit the
+            rates of velocities.
+
+    Raises:
+        ConfigurationError: an argument has an invalid value, velocities with another form, or the goal does not
+            determine a configuration.
+        InfeasibleError: no configuration reaches the goal, or it is beyond a limit or too near to something.
+        InputError: a bound or the duration is not an interval.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> goal = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.0], rnc.FrameYaw("sleigh"): 0.0}
+        >>> controller = rnc.optimal.SetPointController(reduced, goal, 4.0)
+        >>> run = rnc.simulate(reduced, controller, robot.configuration(), 6.0, 0.02)
+        >>> bool(abs(run.q[-1, 0] - 1.0) < 0.005), run.verdict.word
+        (True, 'succeeded')
+    """
+
+    described = ("form", "nodes", "tolerance", "tube", "check", "state_cost", "bandwidth", "braking", "weights")
+
+    reduced: ReducedModel
+    goal: Goal | SetPoint
+    duration: float | tuple[float, float]
+    _: KW_ONLY
+    form: Form = "dynamic"
+    costs: Sequence[CostKind] | None = None
+    bounds: Sequence[BoundKind] = ()
+    limits: FileLimits | None = _OF_FILE
+    nodes: int = 40
+    seeds: int = 6
+    tolerance: Positive = 5e-3
+    tube: Positive = 0.05
+    check: Positive = 0.25
+    state_cost: Positive = 10.0
+    bandwidth: Positive = 20.0
+    braking: Positive = 4.0
+    velocities: bool = False
+
+    def __post_init__(self) -> None:
+        numbers = ("tolerance", "tube", "check", "bandwidth", "braking")
+        check_positive_settings(**{name: getattr(self, name) for name in numbers})
+        if self.velocities and self.form != "acceleration":
+            raise ConfigurationError(f"velocities: expected the form 'acceleration', found '{self.form}'")
+        self.set_point = self.goal if isinstance(self.goal, SetPoint) else SetPoint(self.reduced, self.goal)
+        self._model = model = action_model(self.reduced, self.form)
+        goal = GoalRows(model, self.set_point.goal, at_rest=True)
+        given = self.duration, self.costs, self.bounds, self.nodes, self.limits
+        problem = build_problem(
+            model, initial_node(model, self.set_point.q), goal, *given
+        )  # wrong ones are refused now
+        self.set_point.check_distances(problem.bounds, self.tolerance)
+        self._driven = KinematicModel(self.reduced) if self.velocities else self._model
+        """Model of the robot under the commands."""
+        self.weights = self.set_point.coordinates.weights
+        self._direct = np.array(self.weights) == 1  # coordinates that single inputs move
+        stated = [each.bind(self._model) for each in self.bounds if isinstance(each, InputBound)]
+        self._watched = [
+            each.bind(self._model) for each in self.bounds if isinstance(each, OutputBound | DistanceBound)
+        ]
+        nu = self._model.nu
+        self._lower = np.max([np.full(nu, -np.inf), *(each.lower for each in stated)], axis=0)
+        self._upper = np.min([np.full(nu, np.inf), *(each.upper for each in stated)], axis=0)
+
+    def _settings(self) -> Mapping[str, object]:
+        return {name: getattr(self, name) for name in self.described}
+
+    def missed_goals(self, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
+        """Rows of the goal that a run misses which ends in this state, for its verdict.
+
+        Args:
+            q: configuration (nq,).
+            v2: reduced velocity (r,).
+        """
+        moving = float(np.abs(v2).max(initial=0.0)) > AT_REST
+        reason = "the run ends on the way" if moving else "no plan led to it"
+        return self.set_point.missed(q, 2 * self.tolerance, reason)
+
+    def initial_state(self, measurement: Measurement) -> SetPointState:
+        """Return a state that follows a plan, or that brakes if the robot moves."""
+        K, model = self.nodes, self._model
+        q = np.repeat(np.asarray(measurement.q, dtype=float)[None], K + 1, axis=0)
+        empty = np.zeros((K + 1, model.nw)), np.zeros((K, model.nu)), np.zeros((K, model.nu, self._driven.nx))
+        state = SetPointState("stop", 0.0, 1.0, q, *empty, np.zeros(model.nv), 0, 0.0, 0, 0)
+        v2 = np.asarray(measurement.v2)
+        if not self._stands(v2):
+            return state
+        now = Nodes(q[:1], v2[None] if self._driven.nw else np.empty((1, 0)))
+        return self._next(0.0, now, v2, state._replace(mode="stand"))
+
+    def step(
+        self, t: float, measurement: Measurement, state: SetPointState
+    ) -> tuple[Command | VelocityTarget, SetPointState]:
+        q, v2 = np.asarray(measurement.q), np.asarray(measurement.v2)
+        now = Nodes(q[None], v2[None] if self._driven.nw else np.empty((1, 0)))
+        state = self._next(t, now, v2, state)
+        if state.mode == "follow":
+            u = self._followed(t, now, state)
+            desired = self._planned(t, state)[0]
+            v2_desired = desired.w[0] if self._model.nw else state.u[self._interval(t, state)]
+        else:
+            v2_desired = self._correction(q) if state.mode == "stand" else np.zeros_like(v2)
+            u = _SLOWER * v2 if self.velocities and state.mode == "stop" else self._braking(now, v2, v2_desired)
+        if self.velocities:
+            return VelocityTarget(v2=u, v2_dot=np.zeros_like(u)), state
+        command = Command(v2_desired=v2_desired)
+        if self.form == "dynamic":
+            return command._replace(T=u), state
+        rate = u if self.form == "acceleration" else self.bandwidth * (u - v2)
+        return command._replace(F=self.reduced.inverse_dynamics(q, v2, rate)), state
+
+    # ------------------------------------------------------------------ modes
+
+    def _next(self, t: float, now: Nodes, v2: Array, state: SetPointState) -> SetPointState:
+        """State after the changes of mode at a time."""
+        if state.mode == "follow":
+            if t >= state.begin + len(state.u) * state.h - 1e-9:
+                return self._standing(t, state, max(self.check, 2 * _SETTLED / self.braking))
+            if t >= state.next_check - 1e-9:
+                if self._end_error(t, now, state) > self.tube:
+                    return state._replace(mode="stop", begin=t)
+                return state._replace(next_check=t + self.check)
+            return state
+        if state.mode == "stop":
+            return self._standing(t, state, self.check) if self._stands(v2) else state
+        if t < state.next_check - self.check:
+            return state
+        count = min(state.samples + 1, _SAMPLES)
+        step = self._model.manifold.difference(self.set_point.q[None], now.q)[0]
+        state = state._replace(mean=state.mean + (step - state.mean) / count, samples=count)
+        if t < state.next_check - 1e-9:
+            return state
+        q = self._model.manifold.integrate(self.set_point.q[None], state.mean[None])[0]
+        if not self.set_point.missed(q, self.tolerance):
+            return state._replace(next_check=t + self.check)
+        return self._searched(t, q, state)
+
+    def _standing(self, t: float, state: SetPointState, until: float) -> SetPointState:
+        return state._replace(mode="stand", begin=t, samples=0, next_check=t + until)
+
+    def _stands(self, v2: Array) -> bool:
+        return bool(np.abs(v2).max(initial=0.0) < AT_REST)
+
+    def _searched(self, t: float, q: Array, state: SetPointState) -> SetPointState:
+        """State that follows a new plan, or that stands until the next search."""
+        plan = self._plan(q, state.plans + state.failures)
+        if plan is None:
+            pause = _RETRY * 2.0 ** min(state.failures, _LONGEST)
+            return state._replace(samples=0, next_check=t + pause, failures=state.failures + 1)
+        gains = self._gains(plan)
+        h = float(plan.time[1] - plan.time[0])
+        q, w, u = (np.array(each) for each in (plan.q, plan.w, plan.u))
+        return SetPointState(
+            "follow", t, h, q, w, u, gains, state.mean, 0, t + self.check, state.plans + 1, state.failures
+        )
+
+    def _gains(self, plan: MotionPlan) -> Array:
+        """Gains of the feedback along a plan, of velocities about it if these are the commands."""
+        if not self.velocities:
+            return tvlqr(self.reduced, plan, state_cost=self.state_cost).K
+        n, r = self._driven.nx, self._driven.nu
+        weights = np.full(n, self.state_cost), np.ones(r), np.full(n, 10.0 * self.state_cost)
+        start = Nodes(plan.q[:-1], np.empty((len(plan.u), 0)))
+        return regulator_gains(self._driven, start, (plan.w[:-1] + plan.w[1:]) / 2, np.diff(plan.time), weights)
+
+    def _plan(self, q: Array, seed: int) -> MotionPlan | None:
+        """Plan from a configuration at rest; None if no guess leads to one.
+
+        Searches after the first have twice the intervals: where a maneuver is large beside its distance, the equations
+        of long intervals are too nonlinear for the iterations.
+        """
+        nodes = self.nodes if seed == 0 else min(2 * self.nodes, _MOST_NODES)
+        search = partial(
+            plan_motion,
+            form=self.form,
+            costs=self.costs,
+            bounds=self.bounds,
+            limits=self.limits,
+            settings=SolverSettings(nodes=nodes, accuracy=self.tolerance),
+            seeds=self.seeds,
+            seed=seed,
+            feedback=lambda plan: tvlqr(self.reduced, plan, state_cost=self.state_cost).K,
+        )
+        return nearer_plan(self.set_point, q, self.duration, search)
+
+    # ------------------------------------------------------------------ commands
+
+    def _interval(self, t: float, state: SetPointState) -> int:
+        return min(max(int((t - state.begin) / state.h + 1e-9), 0), len(state.u) - 1)
+
+    def _planned(self, t: float, state: SetPointState) -> tuple[Nodes, int]:
+        """State of the plan at a time, and its interval."""
+        k = self._interval(t, state)
+        since = max(0.0, t - state.begin - k * state.h)
+        return self._model.after(Nodes(state.q, state.w), state.u, k, since), k
+
+    def _followed(self, t: float, now: Nodes, state: SetPointState) -> Array:
+        """Input with feedback along the plan, within its bounds."""
+        planned, k = self._planned(t, state)
+        if self.velocities:
+            return planned.w[0] + state.gains[k] @ self._driven.manifold.difference(planned.q, now.q)[0]
+        return self._bounded(state.u[k] + state.gains[k] @ self._model.difference(planned, now)[0])
+
+    def _bounded(self, u: Array) -> Array:
+        return np.clip(u, self._lower, self._upper)
+
+    def _end_error(self, t: float, now: Nodes, state: SetPointState) -> float:
+        """Largest error at the end of the plan, to which its feedback leads from a state [m or rad]."""
+        K = len(state.u)
+        try:
+            while t < state.begin + K * state.h - 1e-9:
+                until = state.begin + (self._interval(t, state) + 1) * state.h
+                u = self._followed((t + until) / 2 if self.velocities else t, now, state)
+                now, t = self._driven.step(now, u[None], np.array([until - t])), until
+                if self._excess(t, now) > self.tube:
+                    return np.inf
+            return max(self.set_point.errors(now.q[0]).values())
+        except RncError:  # it meets a singular configuration
+            return np.inf
+
+    def _excess(self, t: float, now: Nodes) -> float:
+        """Largest amount by which an output or a distance is beyond its bound [m or rad], such as a steering angle."""
+        nodes = NodeData(self._driven, now, None, np.full(1, t))
+        amounts = [0.0]
+        for each in self._watched:
+            value = each.rows(nodes, False).value[0]
+            amounts.append(float(np.maximum(each.lower - value, value - each.upper).max()))
+        return max(amounts)
+
+    def _braking(self, now: Nodes, v2: Array, v2_desired: Array) -> Array:
+        """Input of the form that leads the reduced velocity to a desired one."""
+        if self.velocities:
+            return v2_desired
+        if self.form == "kinematic":
+            return self._bounded(v2_desired)
+        rate = self.braking * (v2_desired - v2)
+        if self.form == "dynamic":
+            return self._bounded(inputs_for(self._model, now, rate[None])[0])
+        return self._bounded(rate)
+
+    def _correction(self, q: Array) -> Array:
+        """Reduced velocity that reduces coordinates of weight one near the goal; zero away from it."""
+        if max(self.set_point.errors(q).values()) > _NEAR * self.tolerance:
+            return np.zeros(self._model.r)
+        coordinates = self.set_point.coordinates
+        J = coordinates.jacobian(q)[self._direct] @ self.reduced.at(q).R
+        return -0.5 * self.braking * np.linalg.lstsq(J, coordinates.values(q)[self._direct])[0]

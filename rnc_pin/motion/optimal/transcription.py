@@ -1,0 +1,331 @@
+"""Direct multiple shooting: an optimal control problem over nodes, its values and its linearization.
+
+Free duration: it is a constant last entry of the state, which an input of a first stage without motion sets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.motion.optimal.bounds import DISTANCE, GoalRows, NodeBound
+from rnc_pin.motion.optimal.costs import BoundCost
+from rnc_pin.motion.optimal.interior_point import LinearQuadratic, RiccatiFactors
+from rnc_pin.motion.optimal.node_data import NodeData
+from rnc_pin.motion.planning.action_models import ActionModel, Nodes, StepDerivatives
+
+_LEAST = 1e-12
+_GOAL, _BOUND = 1e2, 1e6
+"""Weights of the goal and of active bounds of inputs in the feedback, relative to the cost of typical inputs."""
+_ACTIVE = 1e-3  # distance from a limit that counts as active, in typical sizes
+
+
+class Iterate(NamedTuple):
+    """Motion over K intervals."""
+
+    q: Float[Array, "K1 nq"]
+    w: Float[Array, "K1 nw"]
+    u: Float[Array, "K nu"]
+    duration: float
+
+
+class Values(NamedTuple):
+    """Values of a problem at an iterate."""
+
+    cost: float
+    gaps: Float[Array, "K nx"]
+    rows: Float[Array, "K1 k"]
+    """Values of the bounded rows of each node."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """Largest violation of a constraint."""
+
+    amount: float
+    name: str
+    time: float
+
+
+class Transcription:
+    """Optimal control problem over K intervals of equal length with constant inputs.
+
+    Args:
+        model: action model.
+        start: initial state, one node.
+        K: number of intervals.
+        costs, bounds: bound costs and bounds.
+        goal: rows that hold at the end; None without a hard goal.
+        duration: (shortest, longest) [s]; free if these differ.
+        time_weight: cost of the duration [1/s].
+
+    Attributes:
+        reserve: share of the bounded ranges of outputs and velocities that the motion keeps free.
+        margins: additions to the lower limits of distances at every node (K + 1,) [m].
+    """
+
+    def __init__(
+        self,
+        model: ActionModel,
+        start: Nodes,
+        K: int,
+        costs: Sequence[BoundCost],
+        bounds: Sequence[NodeBound],
+        goal: NodeBound | None,
+        duration: tuple[float, float],
+        time_weight: float = 0.0,
+    ) -> None:
+        self.margins, self.reserve = np.zeros(K + 1), 0.0
+        self.model, self.start, self.K = model, start, K
+        self.costs = list(costs)
+        self.running = [each for each in costs if each.running]
+        self.terminal = [each for each in costs if each.terminal]
+        self.bounds, self.goal, self.duration, self.time_weight = list(bounds), goal, duration, time_weight
+        self.free = duration[1] > duration[0]
+        self.begin = 0.0
+        """Time of the first node [s], for references and obstacles that move."""
+        blocks = [*self.bounds, *([] if goal is None else [goal])]
+        ends = np.cumsum([len(each.names) for each in blocks]).tolist()
+        self.blocks = [(each, slice(a, b)) for each, a, b in zip(blocks, [0, *ends], ends, strict=False)]
+        self.names = tuple(title for each in blocks for title in each.titles)
+        self.lower = np.tile(_joined([each.lower for each in blocks]), (K + 1, 1))
+        """Lower limits of the rows of every node (K + 1, k); infinite for rows that do not hold at a node."""
+        self.upper = np.tile(_joined([each.upper for each in blocks]), (K + 1, 1))
+        for each, rows in self.blocks:
+            nodes = slice(0, K) if each is goal else slice(0, 1) if each.of_state else slice(K, K + 1)
+            self.lower[nodes, rows], self.upper[nodes, rows] = -np.inf, np.inf
+
+    def changed(
+        self,
+        *,
+        K: int | None = None,
+        bounds: Sequence[NodeBound] | None = None,
+        duration: tuple[float, float] | None = None,
+        reserve: float | None = None,
+        margins: Float[Array, " K1"] | None = None,
+    ) -> Transcription:
+        """Return the same problem with other intervals, bounds, duration, reserve or margins."""
+        K, bounds, duration = K or self.K, self.bounds if bounds is None else bounds, duration or self.duration
+        made = Transcription(self.model, self.start, K, self.costs, bounds, self.goal, duration, self.time_weight)
+        made.begin = self.begin
+        made._keep_reserve(self.reserve if reserve is None else reserve)
+        same = self.margins if K == self.K else made.margins
+        made.margins = same if margins is None else margins
+        for each, rows in made.blocks:
+            if each.quantity == DISTANCE:
+                made.lower[:, rows] += made.margins[:, None]
+        return made
+
+    def _keep_reserve(self, reserve: float) -> None:
+        """Narrow the limits of outputs and velocities, as far as the start and the goal are within."""
+        self.reserve = reserve
+        nodes = NodeData(self.model, self.start, None, np.full(1, self.begin))
+        for each, rows in self.blocks if reserve else ():
+            if each.quantity not in ("output", "velocity", *(("input",) if self.model.form == "kinematic" else ())):
+                continue  # saturation keeps accelerations and efforts
+            span = each.upper - each.lower
+            widths = (span, span) if each.quantity == "output" else (np.abs(each.lower), np.abs(each.upper))
+            low, high = (np.where(np.isfinite(width), reserve * width, 0.0) for width in widths)
+            ends = [each.rows(nodes, False).value[0]] if each.of_state else []
+            if isinstance(self.goal, GoalRows) and each.quantity == "output":
+                reached = self.goal.values_of(each)
+                ends.append(np.array([reached.get(name, np.nan) for name in each.names]))
+            for values in ends:
+                low = np.fmax(np.fmin(low, values - each.lower), 0.0)
+                high = np.fmax(np.fmin(high, each.upper - values), 0.0)
+            self.lower[:, rows] += low
+            self.upper[:, rows] -= high
+
+    def times(self, duration: float) -> Array:
+        """Times of the nodes (K + 1,) [s]."""
+        return self.begin + np.linspace(0.0, duration, self.K + 1)
+
+    # ------------------------------------------------------------------ values
+
+    def from_start(self, guess: Iterate) -> Iterate:
+        """Return a motion with the start of the problem as its first node."""
+        q, w = self.start
+        return guess._replace(q=np.concatenate([q, guess.q[1:]]), w=np.concatenate([w, guess.w[1:]]))
+
+    def values(self, at: Iterate) -> Values:
+        """Cost, gaps and bounded rows."""
+        nodes, end = self._data(at)
+        h = at.duration / self.K
+        after = self.model.step(nodes.at, at.u, np.full(self.K, h))
+        gaps = self.model.difference(Nodes(at.q[1:], at.w[1:]), after)
+        cost = self.time_weight * at.duration
+        for each in self.running:
+            r = each.rows(nodes, False).value * each.root_weights(nodes.time)
+            cost += 0.5 * h * float((r**2).sum())
+        for each in self.terminal:
+            cost += 0.5 * float(((each.rows(end, False).value * each.root_weights(end.time)) ** 2).sum())
+        return Values(cost, gaps, self._rows(nodes, end))
+
+    def rows(self, at: Iterate) -> Float[Array, "K1 k"]:
+        """Bounded rows at every node."""
+        return self._rows(*self._data(at))
+
+    def _rows(self, nodes: NodeData, end: NodeData) -> Array:
+        rows = np.zeros(self.lower.shape)
+        for block, where in self.blocks:
+            if block is not self.goal:
+                rows[:-1, where] = block.rows(nodes, False).value
+            if block.of_state:
+                rows[-1, where] = block.rows(end, False).value[0]
+        return rows
+
+    def excess(self, values: Values) -> Float[Array, "K1 k"]:
+        """Amounts by which the rows are beyond their limits."""
+        return np.maximum(0.0, np.maximum(self.lower - values.rows, values.rows - self.upper))
+
+    def worst(self, values: Values, duration: float) -> Violation:
+        """Largest violation of a bound, of the goal, or of the dynamics."""
+        found, times, amounts = Violation(0.0, "", 0.0), self.times(duration), self.excess(values)
+        if amounts.size and amounts.max() > 0:
+            k, row = divmod(int(amounts.argmax()), amounts.shape[1])
+            found = Violation(float(amounts[k, row]), self.names[row], float(times[k]))
+        gaps = np.abs(values.gaps).max(axis=1)
+        if gaps.max(initial=0.0) > found.amount:
+            k = int(gaps.argmax())
+            found = Violation(float(gaps[k]), "dynamics (gap between intervals)", float(times[k + 1]))
+        return found
+
+    def _data(self, at: Iterate, derivatives: StepDerivatives | None = None) -> tuple[NodeData, NodeData]:
+        times = self.times(at.duration)
+        flow = None if derivatives is None else derivatives.flow
+        nodes = NodeData(self.model, Nodes(at.q[:-1], at.w[:-1]), at.u, times[:-1], flow)
+        return nodes, NodeData(self.model, Nodes(at.q[-1:], at.w[-1:]), None, times[-1:])
+
+    # ------------------------------------------------------------------ linearization
+
+    def linearize(self, at: Iterate) -> tuple[LinearQuadratic, Values]:
+        """Return the subproblem and the values at an iterate; all nodes are evaluated in one block."""
+        K, h = self.K, at.duration / self.K
+        steps = self.model.step_derivatives(Nodes(at.q[:-1], at.w[:-1]), at.u, np.full(K, h))
+        nodes, end = self._data(at, steps)
+        gaps = self.model.difference(Nodes(at.q[1:], at.w[1:]), steps.after)
+        cost, H, g, H_end, g_end = self._costs(nodes, end, at.duration)
+        C, D, rows = self._linear_rows(nodes, end)
+        limits = (self.lower - rows, self.upper - rows)
+        problem = LinearQuadratic(steps.x, steps.u, gaps, H, g, H_end, g_end, C, D, *limits)
+        values = Values(cost, gaps, rows)
+        return (self._with_duration(problem, steps.h / K, at) if self.free else problem), values
+
+    def _costs(self, nodes: NodeData, end: NodeData, duration: float) -> tuple[float, Array, Array, Array, Array]:
+        """Cost, and Gauss-Newton Hessians and gradients by (x, u[, duration])."""
+        nx = self.model.nx
+        r, J = self._residuals(self.running, nodes, np.sqrt(duration / self.K))
+        if self.free:  # sqrt(h) r depends on the duration
+            J = np.concatenate([J, (r / (2 * duration))[:, :, None]], axis=2)
+        r_end, J_end = self._residuals(self.terminal, end)
+        r_end, x_end = r_end[0], J_end[0, :, :nx]
+        cost = 0.5 * float((r**2).sum()) + self.time_weight * duration + 0.5 * float((r_end**2).sum())
+        return cost, J.mT @ J, np.matvec(J.mT, r), x_end.T @ x_end, x_end.T @ r_end
+
+    def _residuals(self, costs: Sequence[BoundCost], nodes: NodeData, root: float = 1.0) -> tuple[Array, Array]:
+        """Weighted residuals (n, k) and their derivatives (n, k, nx + nu)."""
+        nx, first = self.model.nx, 0
+        count = sum(len(each.names) for each in costs)
+        r, J = np.empty((nodes.size, count)), np.zeros((nodes.size, count, nx + self.model.nu))
+        for each in costs:
+            found, roots = each.rows(nodes, True), root * each.root_weights(nodes.time)
+            rows = slice(first, first + len(each.names))
+            r[:, rows] = roots * found.value
+            for columns, part in ((slice(0, nx), found.x), (slice(nx, None), found.u)):
+                if part is not None:
+                    J[:, rows, columns] = roots[:, :, None] * part
+            first = rows.stop
+        return r, J
+
+    def _linear_rows(self, nodes: NodeData, end: NodeData) -> tuple[Array, Array, Array]:
+        """Derivatives of the rows of every node by state and input, and their values."""
+        nx, nu = self.model.nx, self.model.nu
+        values = np.zeros(self.lower.shape)
+        C, D = np.zeros((*values.shape, nx)), np.zeros((*values.shape, nu))
+        for block, where in self.blocks:
+            if block is not self.goal:
+                found = block.rows(nodes, True)
+                values[:-1, where] = found.value
+                C[:-1, where], D[:-1, where] = found.full(nx, nu)
+            if block.of_state:
+                found = block.rows(end, True)
+                values[-1, where], C[-1, where] = found.value[0], found.full(nx, nu)[0][0]
+        return C, D, values
+
+    def _with_duration(self, problem: LinearQuadratic, by_duration: Array, at: Iterate) -> LinearQuadratic:
+        """Add the duration to the state, and a first stage whose only motion is its change."""
+        K, nx, nu = problem.B.shape
+        A, B, gap = np.zeros((K + 1, nx + 1, nx + 1)), np.zeros((K + 1, nx + 1, nu)), np.zeros((K + 1, nx + 1))
+        A[1:, :nx, :nx], A[1:, :nx, nx], A[:, nx, nx] = problem.A, by_duration, 1.0
+        B[1:, :nx], gap[1:, :nx] = problem.B, problem.gap
+        order = np.r_[0:nx, nx + nu, nx : nx + nu]  # costs have the duration last
+        H, g = np.zeros((K + 1, nx + nu + 1, nx + nu + 1)), np.zeros((K + 1, nx + nu + 1))
+        H[1:], g[1:] = problem.H[:, order][:, :, order], problem.g[:, order]
+        usual = np.einsum("nii->ni", problem.H)[:, nx : nx + nu].mean(axis=0)
+        usual = np.maximum(usual, max(1e-6 * float(usual.max()), _LEAST))
+        H[0, nx + 1 :, nx + 1 :] = np.diag(usual)
+        # The first input of this stage has the usual weight, so that all stages have the same scales.
+        curvature = float(problem.H[:, -1, -1].sum()) + self.time_weight / at.duration
+        unit = float(np.sqrt(usual[0] / curvature)) if curvature > _LEAST else 1.0
+        B[0, nx, 0], g[0, nx + 1] = unit, self.time_weight * unit
+        C = np.zeros((K + 2, problem.C.shape[1] + 1, nx + 1))
+        C[1:, :-1, :nx] = problem.C
+        D = np.zeros((*C.shape[:2], nu))
+        D[1:, :-1], D[0, -1, 0] = problem.D, unit
+        lower, upper = np.full(C.shape[:2], -np.inf), np.full(C.shape[:2], np.inf)
+        lower[1:, :-1], upper[1:, :-1] = problem.lower, problem.upper
+        lower[0, -1], upper[0, -1] = self.duration[0] - at.duration, self.duration[1] - at.duration
+        H_end = scipy.linalg.block_diag(problem.H_end, np.zeros((1, 1)))
+        return LinearQuadratic(A, B, gap, H, g, H_end, np.append(problem.g_end, 0.0), C, D, lower, upper)
+
+    # ------------------------------------------------------------------ feedback
+
+    def feedback_gains(self, at: Iterate, linear: LinearQuadratic | None = None) -> Float[Array, "K nu nx"]:
+        """Gains of ``u + K dx`` about a motion, from the Riccati recursion with the costs of the problem.
+
+        Deviations at the goal have a finite weight. Inputs at a bound have none to give: their feedback vanishes.
+
+        Args:
+            at: the motion.
+            linear: linearization at the motion, if it is known; that of a free duration is of no use.
+        """
+        if linear is None or self.free:
+            fixed = self.changed(duration=(at.duration, at.duration))
+            linear, _ = fixed.linearize(at)
+        return gains_of(linear, np.minimum(linear.upper, -linear.lower))
+
+    def gains_near(self, linear: LinearQuadratic, rows: Float[Array, "K1 k"]) -> Float[Array, "K nu nx"]:
+        """Gains of ``feedback_gains`` from a linearization near a motion of fixed duration, and its bounded rows."""
+        return gains_of(linear, np.minimum(self.upper - rows, rows - self.lower))
+
+    def moved(self, at: Iterate, x: Array, u: Array, length: float) -> Iterate:
+        """Iterate after a part of a direction of the subproblem."""
+        duration = at.duration
+        if self.free:
+            duration = float(np.clip(duration + length * x[1, -1], *self.duration))
+            x, u = x[1:, :-1], u[1:]
+        states = self.model.displaced(Nodes(at.q, at.w), length * x)
+        return Iterate(states.q, states.w, at.u + length * u, duration)
+
+
+def gains_of(linear: LinearQuadratic, room: Float[Array, "N1 k"]) -> Float[Array, "N nu nx"]:
+    """Gains of the feedback of a linearization, and the distances of its rows from their limits."""
+    nx, inputs, (sizes, _) = linear.B.shape[1], linear.input_scales, linear.typical_sizes
+    H = linear.scaled_hessian(1e-6)
+    active = ((room / sizes)[:-1] < _ACTIVE)[:, :, None]
+    of_input = active * linear.D[:-1] * inputs / sizes[:-1, :, None]
+    H[:, nx:, nx:] += _BOUND * of_input.mT @ of_input
+    equal = linear.lower[-1] == linear.upper[-1]
+    C = linear.C[-1, equal] / sizes[-1, equal, None]
+    factors = RiccatiFactors(linear.scaled_dynamics, H, linear.H_end + _GOAL * C.T @ C)
+    return inputs[:, None] * factors.K
+
+
+def _joined(parts: Sequence[Array]) -> Array:
+    return np.concatenate([np.empty(0), *parts])

@@ -1,0 +1,262 @@
+"""Path of a vehicle with front steering, from pose to pose, one leg each: paper (22) and section 4.3."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from typing import Annotated
+
+import numpy as np
+import scipy
+from annotated_types import Gt, Lt
+from numpy import ndarray as Array
+from numpy.polynomial import Polynomial
+from numpy.typing import ArrayLike
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.errors import ConfigurationError, InfeasibleError
+from rnc_pin.model.coordinates import wrapped
+from rnc_pin.model.input_validation import Positive
+from rnc_pin.references.kinds import MinimumJerk, ViaPoints
+from rnc_pin.references.reference import InTurn, Reference
+from rnc_pin.motion.planning.steering_detection import SteeringGeometry
+
+_STEEPEST = np.deg2rad(75.0)
+FINE = 201  # points of a leg at which its curvature is checked
+_MARGIN = 0.99  # factor on the largest curvature: between samples the curvature may be slightly larger
+# Angles of charts from the mean heading, as parts of the angle that the limit of 75 degrees leaves.
+_OFFSETS = np.array([0.0, -0.25, 0.25, -0.5, 0.5, -0.8, 0.8])
+
+# Quintics on s in [0, 1]: one each with unit final value, initial slope and final slope; all other end data are zero.
+_SHAPES = [Polynomial([0, 0, 0, 10, -15, 6]), Polynomial([0, 1, 0, -6, 8, -3]), Polynomial([0, 0, 0, -4, 7, -3])]
+_VALUES, _SLOPES, _BENDS = ([shape.deriv(order) if order else shape for shape in _SHAPES] for order in range(3))
+_SAMPLES = 401  # of a leg
+
+
+@cache
+def _sampled(samples: int) -> tuple[Array, Array, Array]:
+    """Samples s (samples,), and first and second derivatives (3, samples) of the shapes at them."""
+    s = np.linspace(0.0, 1.0, samples)
+    return s, np.array([shape(s) for shape in _SLOPES]), np.array([shape(s) for shape in _BENDS])
+
+
+@dataclass(frozen=True)
+class Leg:
+    """Path of one piece between two poses; the car rests with straight wheels at both.
+
+    (x, y) of the rear axle is a flat output of a car (Fliess, Levine, Martin and Rouchon 1995): heading, steering angle
+    and speed follow from it by differentiation. In the chained form (22) ``x1 = tan theta = y'`` and ``x0 = tan phi /
+    (L cos^3 theta) = y''`` are functions of x. So a leg from pose to pose with straight wheels is the quintic y(x) with
+    given y, y' and y'' = 0 at both ends. The form holds in any rotated axes. Each leg has its own axes (a chart), and
+    its headings stay within 75 degrees of them. If x decreases along the leg, the car backs up.
+
+    Attributes:
+        start: (x, y, heading) of the rear axle's middle [m, m, rad].
+        goal: (x, y, heading) of the same point at the end.
+        chart: direction of the x axis in which the leg is y(x) [rad].
+    """
+
+    start: Float[Array, " 3"]
+    goal: Float[Array, " 3"]
+    chart: float
+
+    @property
+    def length(self) -> float:
+        """Length along the path [m]."""
+        dx, factors = self._coefficients()
+        s, slopes, _ = _sampled(FINE)
+        return float(abs(dx) * np.trapezoid(np.sqrt(1 + (factors @ slopes / dx) ** 2), s))
+
+    def _coefficients(self) -> tuple[float, Array]:
+        """Extent in x, and factors (3,) of the shapes."""
+        dx, dy, slopes = _in_chart(self.start, self.goal, np.array(self.chart))
+        return float(dx), np.array([dy, dx * slopes[0], dx * slopes[1]])
+
+    def drive(self, duration: float, wheelbase: float, samples: int) -> tuple[Array, Array, Array, Array]:
+        """Return the motion along the leg; the chart's x is a minimum-jerk function of time.
+
+        Args:
+            duration: [s].
+            wheelbase: rear to front axle [m].
+            samples: number of equally spaced times.
+
+        Returns:
+            Times (N,) from zero, poses (N, 3), signed speeds (N,) and steering angles (N,).
+        """
+        times = np.linspace(0.0, duration, samples)
+        along = MinimumJerk([0.0], [1.0], duration)
+        points = [along.at(t) for t in times]
+        s = np.array([point.position[0] for point in points])
+        s_dot = np.array([point.velocity[0] for point in points])
+        dx, factors = self._coefficients()
+        y = sum(a * shape(s) for a, shape in zip(factors, _VALUES, strict=True))
+        slope = sum(a * shape(s) for a, shape in zip(factors, _SLOPES, strict=True)) / dx
+        bend = sum(a * shape(s) for a, shape in zip(factors, _BENDS, strict=True)) / dx**2
+        c, n = np.cos(self.chart), np.sin(self.chart)
+        x = dx * s
+        # Keep the start heading as given, not modulo a full turn.
+        heading = self.start[2] + np.arctan(slope) - np.arctan(slope[0])
+        poses = np.column_stack([self.start[0] + c * x - n * y, self.start[1] + n * x + c * y, heading])
+        speeds = dx * s_dot * np.sqrt(1 + slope**2)
+        return times, poses, speeds, np.arctan(wheelbase * bend / (1 + slope**2) ** 1.5)
+
+
+def best_leg(start: Float[Array, " 3"], goal: Float[Array, " 3"], radius: float, forward_only: bool = False) -> Leg:
+    """Return the cheapest leg between two poses.
+
+    The cost is ``integral of 1 + (radius curvature)^2 along the leg``: its length plus a penalty on curvature. Without
+    the penalty the best leg would turn as sharply as possible at both ends.
+
+    Args:
+        start: (x, y, heading) of the rear axle's middle [m, m, rad].
+        goal: (x, y, heading) of the same point at the end.
+        radius: smallest turning radius of the car [m].
+        forward_only: True forbids backing up.
+
+    Raises:
+        InfeasibleError: no leg is drivable.
+    """
+    s, slopes, bends = _sampled(FINE)
+    turn = wrapped(goal[2] - start[2])
+    room = _STEEPEST - np.abs(turn) / 2
+    charts = start[2] + turn / 2 + _OFFSETS * room
+    dx, dy, (first, last) = (np.asarray(each) for each in _in_chart(start, goal, charts))
+    # Otherwise the end headings are outside the chart, or the leg has no extent.
+    able = np.flatnonzero((room > 0) & ((dx if forward_only else np.abs(dx)) > 1e-6 * radius))
+    charts, dx, dy, first, last = (each[able, None] for each in (charts, dx, dy, first, last))
+    slope = dy / dx * slopes[0] + first * slopes[1] + last * slopes[2]
+    square = 1 + slope**2
+    bend = (dy / dx * bends[0] + first * bends[1] + last * bends[2]) / dx
+    tightness = (bend * radius) ** 2 / square**3  # (radius curvature)^2
+    drivable = ((tightness <= _MARGIN**2) & (square <= 1 + np.tan(_STEEPEST) ** 2)).all(axis=1)
+    if not drivable.any():
+        raise InfeasibleError(
+            f"no {'forward ' if forward_only else ''}leg from {_words(start)} to {_words(goal)} with turns of at least "
+            f"{radius:.3g} m: allow more steering, give poses to go by (via), or plan the motion (rnc.optimal.plan)"
+        )
+    cost = np.abs(dx[:, 0]) * np.trapezoid(np.sqrt(square) * (1 + tightness), s, axis=1)
+    return Leg(start, goal, float(charts[np.argmin(np.where(drivable, cost, np.inf)), 0]))
+
+
+def _in_chart(start: Array, goal: Array, chart: Array) -> tuple[Array, Array, tuple[Array, Array]]:
+    """Displacement along and across a chart's axis, and slopes at both ends; batch axes lead."""
+    d = goal - start
+    c, n = np.cos(chart), np.sin(chart)
+    slopes = np.tan(start[..., 2] - chart), np.tan(goal[..., 2] - chart)
+    return c * d[..., 0] + n * d[..., 1], c * d[..., 1] - n * d[..., 0], slopes
+
+
+def continued_back(poses: Float[Array, "n 3"], length: float) -> Float[Array, "m 2"]:
+    """Return the points of a path, extended straight back from its first pose (x, y, heading) [m], equally fine."""
+    x, y, heading = poses[0]
+    steps = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1)
+    back = np.linspace(length, 0.0, 2 + int(length / max(float(steps.max(initial=0.0)), 1e-3 * length)))[:-1, None]
+    return np.concatenate([[x, y] - back * [np.cos(heading), np.sin(heading)], poses[:, :2]])
+
+
+def path_distances(points: Float[Array, "n 2"], path: Float[Array, "m 2"]) -> Float[Array, " n"]:
+    """Return the distances (n,) of points from a polyline whose segments are much shorter than its bend radii."""
+    _, nearest = scipy.spatial.cKDTree(path).query(points)
+    return np.minimum(*(_to_segment(points, path, np.clip(nearest + k, 0, len(path) - 2)) for k in (-1, 0)))
+
+
+def _to_segment(points: Array, path: Array, index: Array) -> Array:
+    begin, along = path[index], path[index + 1] - path[index]
+    square = np.maximum(np.vecdot(along, along), 1e-300)
+    s = np.clip(np.vecdot(points - begin, along) / square, 0.0, 1.0)
+    return np.linalg.norm(points - begin - s[:, None] * along, axis=1)
+
+
+class CarPath:
+    """Path from pose to pose. The vehicle rests with straight wheels at both ends and at stops in between.
+
+    One leg leads from each pose to the next, forwards or backwards, in a time in proportion to its length.
+
+    Args:
+        start: (x, y, heading) of the rear axle's middle [m, m, rad].
+        goal: (x, y, heading) of the same point at the end.
+        duration: [s].
+        wheelbase: distance between rear and front axle [m].
+        via: intermediate poses where the vehicle stops, in this order.
+        max_steering: largest steering angle of an equivalent front wheel in the middle [rad]. With the wheelbase it
+            gives the smallest turning radius.
+        forward_only: True forbids backing up.
+        geometry: steering geometry, if the outputs are not speed and the angle of a front wheel in the middle.
+
+    Attributes:
+        legs: in the order of driving.
+        length: distance driven on all legs [m].
+        reference: of (signed distance driven, front steering angle), or of the outputs of ``geometry``.
+        position: of (x, y) of the rear axle.
+        times: (N,) [s]; ``poses``: (N, 3) on the path, headings without jumps.
+
+    Raises:
+        InfeasibleError: no leg leads from a pose to the next, or the vehicle cannot steer as tightly.
+        ConfigurationError: an argument is out of its range.
+
+    Example:
+        >>> path = rnc.planning.CarPath([0.0, 0.0, 0.0], [4.0, 0.0, 0.0], duration=2.0, wheelbase=1.0)
+        >>> round(path.length, 6), len(path.legs)  # straight ahead
+        (4.0, 1)
+        >>> path.reference.at(1.0).position.round(6) + 0.0  # distance and steering angle halfway
+        array([2., 0.])
+    """
+
+    def __init__(
+        self,
+        start: ArrayLike,
+        goal: ArrayLike,
+        duration: Positive,
+        wheelbase: Positive,
+        *,
+        via: Sequence[ArrayLike] = (),
+        max_steering: Annotated[float, Gt(0), Lt(np.pi / 2)] = np.pi / 4,
+        forward_only: bool = False,
+        geometry: SteeringGeometry | None = None,
+    ) -> None:
+        if not (duration > 0 and wheelbase > 0 and 0 < max_steering < np.pi / 2):
+            raise ConfigurationError(
+                "a path needs a positive duration and wheelbase and a largest steering angle between 0 and pi/2, "
+                f"found {duration:g}, {wheelbase:g} and {max_steering:g}"
+            )
+        stops = [_pose(start, "start"), *(_pose(each, "via pose") for each in via), _pose(goal, "goal")]
+        radius = wheelbase / np.tan(max_steering)
+        self.legs = [best_leg(a, b, radius, forward_only) for a, b in pairwise(stops)]
+        lengths = np.array([leg.length for leg in self.legs])
+        self.length, self.duration = float(lengths.sum()), duration
+        shares = np.concatenate([[0.0], np.cumsum(lengths) / self.length]) * duration
+        parts: list[tuple[Reference, Reference]] = []
+        times, poses = [], []
+        driven, heading = 0.0, stops[0][2]
+        for leg, (begin, end) in zip(self.legs, pairwise(shares), strict=True):
+            local, along, speeds, steering = leg.drive(end - begin, wheelbase, _SAMPLES)
+            if geometry is not None:
+                steering, ratios = geometry.outputs(np.tan(steering) / wheelbase)
+                speeds = speeds * ratios
+            distance = driven + scipy.interpolate.make_interp_spline(local, speeds, k=5).antiderivative()(local)
+            along[:, 2] += heading - along[0, 2]  # a pose between legs may have its heading shifted by full turns
+            at = begin + local
+            parts.append((ViaPoints(at, np.column_stack([distance, steering])), ViaPoints(at, along[:, :2])))
+            times.append(at)
+            poses.append(along)
+            driven, heading = distance[-1], along[-1, 2]
+        self.reference: Reference = InTurn([primary for primary, _ in parts])
+        self.position: Reference = InTurn([position for _, position in parts])
+        self.times, self.poses = np.concatenate(times), np.concatenate(poses)
+
+    def distance(self, points: Float[Array, "n 2"]) -> Float[Array, " n"]:
+        """Return the distances (N,) of points (N, 2) from the path and its straight extension behind the start [m]."""
+        return path_distances(points, continued_back(self.poses, 3.0))
+
+
+def _pose(value: ArrayLike, what: str) -> Array:
+    pose = np.asarray(value, dtype=float)
+    if pose.shape != (3,) or not np.isfinite(pose).all():
+        raise ConfigurationError(f"{what} of a path: expected x, y and heading, found {pose.tolist()}")
+    return pose
+
+
+def _words(pose: Array) -> str:
+    return f"({pose[0]:.3g}, {pose[1]:.3g}, {np.rad2deg(pose[2]):.0f} deg)"

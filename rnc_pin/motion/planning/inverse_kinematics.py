@@ -1,0 +1,331 @@
+"""Inverse kinematics: configurations that reach targets of outputs, within constraints, limits and collisions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
+from numpy.typing import ArrayLike
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.collision import CollisionDistances
+from rnc_pin.errors import ConfigurationError, InputError, SingularityError, short_text
+from rnc_pin.model.input_validation import ConfigurationValidator, is_count, is_number
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.task import OutputTarget, OutputTargets
+from rnc_pin.motion.planning.bounded_descent import Descent, Residuals, TangentBounds, descend
+from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, counted, items
+
+_CLOSED = 1e-9  # largest residual of holonomic rows of a solution [m or rad]
+_ROUNDING = 1e-13
+_FLAT = 1e-13  # relative decrease of the squared error that still counts at a flat minimum
+_LIMIT = 1e-8  # distance from a limit that counts as active [rad or m]
+_REPULSION = 3.0  # weight of collisions relative to targets
+_EXTRA = 1e-3  # distance beyond the clearance that the search keeps [m]
+_TURN, _AWAY = np.pi, 1.0  # spread of random starts without limits [rad, m]
+_LINEAR = {"JointModelPlanar": 2, "JointModelTranslation": 3, "JointModelFreeFlyer": 3}  # leading velocities [m/s]
+
+
+@dataclass(frozen=True, repr=False)
+class IkResult(SummaryMixin):
+    """Solution of inverse kinematics, or the best configuration that was found. Printed, it tells what is missing.
+
+    Attributes:
+        q: configuration (nq,), read-only.
+        converged: True if all targets are reached, holonomic rows hold, and no pair is nearer than the clearance.
+        residuals: length of the error of each target [m or rad].
+        unreachable: residuals of the targets that are not reached.
+        active_limits: joints at a position limit, such as ``elbow_joint (upper)``.
+        collisions: signed distance [m] of each pair that is nearer than the clearance.
+        holonomic_residual: largest residual of the holonomic constraint rows [m or rad].
+        ignored_rows: constraint rows that restrict velocities. The solver assumes that they do not restrict
+            configurations; ``analyze`` lists those that do (integrable rows).
+        starts: number of descents.
+        steps: number of steps of all descents.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> result = rnc.solve_ik(reduced, robot.configuration(), {rnc.FramePosition("tip", "xy"): [4.0, 1.0]})
+        >>> result.converged, result.ignored_rows
+        (True, ('no_side_slip(axle.y)',))
+    """
+
+    q: Float[Array, " nq"]
+    converged: bool
+    residuals: Mapping[str, float]
+    unreachable: Mapping[str, float]
+    active_limits: tuple[str, ...]
+    collisions: Mapping[str, float]
+    holonomic_residual: float
+    ignored_rows: tuple[str, ...]
+    starts: int
+    steps: int
+
+    def _summary(self) -> ObjectSummary:
+        reached = "configuration that reaches all targets" if self.converged else "no solution found, the nearest"
+        title = f"{reached}, after {counted(self.starts, 'start')} and {counted(self.steps, 'step')}"
+        missed = [f"{error:.2g}" for error in self.residuals.values()]
+        apart = [f"{distance:.3g} m" for distance in self.collisions.values()]
+        lines: list[Line] = [
+            ("q [rad or m]", items([f"{number:.4g}" for number in self.q])),
+            ("error of targets", items(list(self.residuals), missed)),
+            ("not reached", items(list(self.unreachable))),
+            ("at a limit", items(self.active_limits)),
+            ("nearer than the clearance", items(list(self.collisions), apart)),
+            ("rows of velocities, not considered", items(self.ignored_rows)),
+        ]
+        if self.holonomic_residual > _CLOSED:
+            lines.append(("residual of holonomic rows", items([f"{self.holonomic_residual:.2g}"])))
+        return ObjectSummary(title, [line for line in lines if line[1]])
+
+
+def _check_length(name: str, value: object, least: float) -> None:
+    if not (is_number(value) and value >= least):
+        raise InputError(f"{name} has to be a number of at least {least:g}, found {value!r}")
+
+
+@dataclass(frozen=True)
+class IkSearch:
+    """Search of ``solve_ik``.
+
+    Attributes:
+        tolerance: largest error of a reached target [m or rad].
+        starts: largest number of descents.
+        seed: random seed of the starts; equal seeds give equal results.
+
+    Raises:
+        InputError: an option is out of range.
+
+    Example:
+        >>> rnc.IkSearch(starts=50, seed=1).tolerance
+        1e-06
+    """
+
+    tolerance: float = 1e-6
+    starts: int = 20
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not is_count(self.starts, 1):
+            raise InputError(f"starts has to be a positive integer, found {self.starts!r}")
+        _check_length("tolerance", self.tolerance, 1e-10)
+
+
+_SEARCH = IkSearch()
+
+
+def solve_ik(
+    reduced: ReducedModel,
+    q0: Float[Array, " nq"],
+    targets: Mapping[OutputTarget, ArrayLike],
+    *,
+    hold: Sequence[str] = (),
+    limits: bool = True,
+    collisions: CollisionDistances | None = None,
+    clearance: float = 0.0,
+    search: IkSearch = _SEARCH,
+) -> IkResult:
+    """Return a configuration in which outputs have given values.
+
+    Holonomic constraint rows (loop closures, joint couplings, wheels on the ground) hold exactly, and joints stay
+    within the position limits of the robot's file. The first descent starts at q0, the others at random
+    configurations. The first solution is returned; without one, the configuration with the smallest error.
+
+    Rolling, side-slip and momentum rows restrict velocities. They do not restrict configurations, unless they are
+    integrable: then the path from q0 decides what can be reached. ``IkResult.ignored_rows`` names them.
+
+    Args:
+        reduced: the model.
+        q0: first start (nq,).
+        targets: values by name of an output of the model, or by output object: positions [m], angles [rad], rotation
+            vectors (3,) or rotation matrices (3, 3).
+        hold: names of joints that keep their positions.
+        limits: False ignores the position limits of the robot's file.
+        collisions: pairs of bodies to keep apart; None for none.
+        clearance: smallest distance of these pairs [m].
+        search: tolerance, number of descents and seed of their starts.
+
+    Raises:
+        ConfigurationError: unknown output, or a value that no configuration can have.
+        InputError: a value has the wrong shape or is not finite; or an option is out of range.
+        ModelError: unknown joint.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf")
+        >>> reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce([rnc.FramePosition("tip", "xy")])
+        >>> q0 = robot.configuration({"joint_1": 0.3, "joint_2": 0.5})
+        >>> result = rnc.solve_ik(reduced, q0, {"tip_x": 1.2, "tip_y": 0.6})
+        >>> result.converged, reduced.at(result.q).outputs()[1].round(6)
+        (True, array([1.2, 0.6]))
+        >>> far = rnc.solve_ik(reduced, q0, {rnc.FramePosition("tip", "xy"): [5.0, 0.0]})
+        >>> far.converged, {name: round(error, 3) for name, error in far.unreachable.items()}
+        (False, {'tip': 3.0})
+    """
+    q0 = ConfigurationValidator(reduced.robot).validate(q0)
+    if q0.ndim != 1:
+        raise InputError(f"q0 has shape {q0.shape}, expected ({reduced.robot.nq},)")
+    _check_length("clearance", clearance, 0.0)
+    if collisions is not None and not isinstance(collisions, CollisionDistances):
+        raise InputError(f"collisions has to be a CollisionDistances, found {type(collisions).__name__}")
+    if not isinstance(search, IkSearch):
+        raise ConfigurationError(f"search: expected an IkSearch, found {short_text(search)}")
+    problem = _Problem(reduced, OutputTargets(reduced, targets), hold, limits, collisions, clearance)
+    generator = np.random.default_rng(search.seed)
+    best: Descent | None = None
+    steps = count = 0
+    for count in range(1, search.starts + 1):
+        start = problem.bounds.clip(q0) if count == 1 else problem.random_start(q0, generator)
+        try:
+            found = problem.closed(descend(problem.evaluate, problem.bounds, start))
+        except SingularityError:  # an output is undefined there, such as the direction of two equal points
+            continue
+        steps += found.steps
+        if best is None or problem.rank(found) < problem.rank(best):
+            best = found
+        if problem.solves(best.q, search.tolerance):
+            break
+    if best is None:
+        raise ConfigurationError(
+            f"targets {', '.join(problem.targets.labels)} are undefined at all {search.starts} starts"
+        )
+    if not problem.solves(best.q, search.tolerance):  # minima beyond the reach are flat
+        best = problem.closed(descend(problem.evaluate, problem.bounds, best.q, progress=_FLAT))
+        steps += best.steps
+    return problem.result(problem.with_fewest_turns(best.q, q0), search.tolerance, count, steps)
+
+
+class _Problem:
+    """Inverse kinematics as a least-squares problem with equalities and bounds."""
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        targets: OutputTargets,
+        hold: Sequence[str],
+        limits: bool,
+        collisions: CollisionDistances | None,
+        clearance: float,
+    ) -> None:
+        robot, model = reduced.robot, reduced.robot.model
+        self._reduced, self.targets, self._collisions, self._clearance = reduced, targets, collisions, clearance
+        self._kinematics = Kinematics(robot)
+        held = np.zeros(robot.nv, dtype=bool)
+        for name in hold:
+            held[robot.velocity_indices(name)] = True
+        none = np.full(robot.nq, np.inf)
+        lower, upper = (model.lowerPositionLimit, model.upperPositionLimit) if limits else (-none, none)
+        self.bounds = TangentBounds(model, lower, upper, held)
+
+    def evaluate(self, q: np.ndarray) -> Residuals:
+        at, assembly = self._kinematics.position(q), self._reduced.assembly
+        e = self.targets.error(at)
+        J = self.targets.jacobian(at, e)
+        if self._collisions is not None:
+            near = self._collisions.at(q, within=self._clearance + _EXTRA)
+            e = np.concatenate([e, _REPULSION * (self._clearance + _EXTRA - near.distance)])
+            J = np.concatenate([J, _REPULSION * near.jacobian])
+        if not assembly.size:
+            return Residuals(e, J, np.zeros(0), np.zeros((0, len(J.T))))
+        leading = assembly.leading
+        return Residuals(e, J, assembly.residual(q)[leading], assembly.jacobian(at)[leading])
+
+    def closed(self, found: Descent) -> Descent:
+        """Return the result of a descent with its holonomic rows satisfied to rounding, if they can be."""
+        assembly = self._reduced.assembly
+        if not assembly.size or found.residual <= _ROUNDING:
+            return found
+        leading, nothing = assembly.leading, np.zeros((0, self._reduced.n))
+
+        def rows(q: np.ndarray) -> Residuals:
+            at = self._kinematics.position(q)
+            return Residuals(nothing[:, 0], nothing, assembly.residual(q)[leading], assembly.jacobian(at)[leading])
+
+        polished = descend(rows, self.bounds, found.q)
+        error = float(np.linalg.norm(self.evaluate(polished.q).e))
+        return Descent(polished.q, error, polished.residual, found.steps + polished.steps)
+
+    def random_start(self, q0: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+        """Return a random configuration: within the limits; joints without limits near q0."""
+        bounds, model = self.bounds, self._reduced.robot.model
+        step = generator.uniform(-_TURN, _TURN, model.nv)
+        for joint in list(model.joints)[1:]:
+            step[joint.idx_v :][: _LINEAR.get(joint.shortname(), 0)] *= _AWAY / _TURN
+        step[bounds.held] = 0.0
+        q = pin.integrate(model, q0, step)
+        here, wide = q0[bounds.q_index], bounds.upper - bounds.lower > 2 * _TURN  # a full turn is enough
+        low = np.where(wide, np.maximum(bounds.lower, here - _TURN), bounds.lower)
+        high = np.where(wide, np.minimum(bounds.upper, here + _TURN), bounds.upper)
+        free = ~bounds.held[bounds.v_index]
+        q[bounds.q_index[free]] = generator.uniform(low, np.maximum(low, high))[free]
+        return bounds.clip(q)
+
+    def with_fewest_turns(self, q: np.ndarray, q0: np.ndarray) -> np.ndarray:
+        """Return the same configuration without full turns from q0, as far as limits and targets do not need them."""
+        bounds, turned = self.bounds, q.copy()
+        limits = {int(k): (low, high) for k, low, high in zip(bounds.q_index, bounds.lower, bounds.upper, strict=True)}
+        for joint in list(self._reduced.robot.model.joints)[1:]:
+            if joint.nq == 1 and joint.shortname().startswith("JointModelR"):
+                k = joint.idx_q
+                nearest = q[k] - 2 * np.pi * np.round((q[k] - q0[k]) / (2 * np.pi))
+                low, high = limits.get(k, (-np.inf, np.inf))
+                turned[k] = nearest if low <= nearest <= high else q[k]
+        before, after = (self.evaluate(each) for each in (q, turned))
+        worse = np.abs(after.e).sum() > np.abs(before.e).sum() + _ROUNDING
+        return q if worse or self._holonomic_residual(turned) > self._holonomic_residual(q) + _ROUNDING else turned
+
+    def rank(self, found: Descent) -> tuple[bool, float]:
+        """Return a key that is smaller for a better configuration: rows that hold come first."""
+        return found.residual > _CLOSED, found.error
+
+    def solves(self, q: np.ndarray, tolerance: float) -> bool:
+        """Return True if a configuration reaches all targets, keeps the rows and the clearance."""
+        error = self.targets.error(self._kinematics.position(q))
+        reached = max(self.targets.residuals(error).values()) <= tolerance
+        return reached and self._holonomic_residual(q) <= _CLOSED and not self._near(q)
+
+    def _holonomic_residual(self, q: np.ndarray) -> float:
+        assembly = self._reduced.assembly
+        return float(np.abs(assembly.residual(q)[assembly.leading]).max(initial=0.0)) if assembly.size else 0.0
+
+    def _near(self, q: np.ndarray) -> dict[str, float]:
+        """Return the pairs that are nearer than the clearance, with their distances [m]."""
+        if self._collisions is None:
+            return {}
+        near = self._collisions.at(q, within=self._clearance)
+        return {
+            self._collisions.pairs[int(pair)].label: float(distance)
+            for pair, distance in zip(near.pairs, near.distance, strict=True)
+        }
+
+    def result(self, q: np.ndarray, tolerance: float, starts: int, steps: int) -> IkResult:
+        residuals = self.targets.residuals(self.targets.error(self._kinematics.position(q)))
+        rows = self._reduced.constraints
+        q = q.copy()
+        q.setflags(write=False)
+        return IkResult(
+            q=q,
+            converged=self.solves(q, tolerance),
+            residuals=residuals,
+            unreachable={name: error for name, error in residuals.items() if error > tolerance},
+            active_limits=self._active_limits(q),
+            collisions=self._near(q),
+            holonomic_residual=self._holonomic_residual(q),
+            ignored_rows=tuple(name for name, flag in zip(rows.names, rows.holonomic, strict=True) if not flag),
+            starts=starts,
+            steps=steps,
+        )
+
+    def _active_limits(self, q: np.ndarray) -> tuple[str, ...]:
+        bounds, names = self.bounds, self._reduced.robot.velocity_names
+        found = []
+        for iq, iv, low, high in zip(bounds.q_index, bounds.v_index, bounds.lower, bounds.upper, strict=True):
+            if q[iq] <= low + _LIMIT:
+                found.append(f"{names[iv]} (lower)")
+            elif q[iq] >= high - _LIMIT:
+                found.append(f"{names[iv]} (upper)")
+        return tuple(found)

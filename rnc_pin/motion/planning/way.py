@@ -1,0 +1,268 @@
+"""Collision-free way of a reduced system from one configuration to another, and motions along it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+from numpy.typing import ArrayLike
+
+from rnc_pin.array_shapes import Bool, Float, Int
+from rnc_pin.model.coordinates import ConfigurationManifold
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.motion.planning.action_models import KinematicFlow
+from rnc_pin.motion.planning.exact_steering import ExactMotion, base_axes
+from rnc_pin.motion.planning.way_checking import NarrowPlace, WayChecker
+from rnc_pin.motion.planning.way_search import drive_times, speed_limits
+from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, counted, items
+
+_JUMP = 1e-6  # change of the direction of reduced velocities above which a motion stops in between
+_TURN = 0.02  # the same for propagated ways, whose nodes give velocities to the accuracy of a step
+_SEEN = 1.0  # [m]; the narrowest place is looked for within this distance
+
+
+@dataclass(frozen=True, repr=False)
+class WayInfo:
+    """Record of the search for a way.
+
+    Attributes:
+        steering: kind of the exact steering; "propagated" if none is known.
+        seconds: time of the search [s].
+        edges: number of motions whose collisions were checked.
+        goals: number of goal configurations.
+    """
+
+    steering: str
+    seconds: float
+    edges: int
+    goals: int
+
+
+@dataclass(frozen=True, repr=False)
+class Way(SummaryMixin):
+    """Collision-free motion along which the constraint rows hold.
+
+    Between nodes the planned joints move at constant rates by exact steering. Of propagated motions, the reduced
+    velocities ``J2(q) v`` are constant. The velocity jumps at nodes, so that a robot has to stop there, or to follow a
+    smoother motion beside the way.
+
+    Attributes:
+        reduced: the model.
+        time: times (N,) of the nodes [s]. Joints keep the velocity limits of the robot's file; planned joints without
+            a limit keep 1 rad/s or 1 m/s.
+        q: configurations (N, nq).
+        v: velocities (N - 1, nv) after the nodes.
+        planned: mask (nv,) of the velocities that are planned; the joints of all others follow.
+        length: length of the path of the base [m]; zero for a fixed base.
+        residual: largest entry of ``A(q) v`` at the nodes, and halfway between them.
+        info: record of the search.
+        checker: distances that the way keeps; None without obstacles and shapes of links.
+        geodesic: True if joints move at constant rates between nodes.
+    """
+
+    reduced: ReducedModel
+    time: Float[Array, " n"]
+    q: Float[Array, "n nq"]
+    v: Float[Array, "k nv"]
+    planned: Bool[Array, " nv"]
+    length: float
+    residual: float
+    info: WayInfo
+    checker: WayChecker | None = field(default=None, repr=False)
+    geodesic: bool = True
+
+    @property
+    def duration(self) -> float:
+        """Duration [s]."""
+        return float(self.time[-1])
+
+    @cached_property
+    def narrowest(self) -> NarrowPlace | None:
+        """Narrowest place beside obstacles; None if none is nearer than 1 m. It is measured when it is asked for."""
+        if self.checker is None or not len(self.v):
+            return None
+        return self.checker.narrowest(self.time, self.q, _SEEN)
+
+    @cached_property
+    def _manifold(self) -> ConfigurationManifold:
+        return ConfigurationManifold(self.reduced.robot.model)
+
+    def at(self, t: ArrayLike) -> Float[Array, "*k nq"]:
+        """Configurations (..., nq) at times [s]; those of the ends before and after the way.
+
+        Args:
+            t: a time, or times (k,).
+        """
+        times = np.clip(np.atleast_1d(np.asarray(t, dtype=float)), 0.0, self.duration)
+        if not len(self.v):
+            found = np.repeat(self.q, len(times), axis=0)
+        else:
+            k = self._before(times)
+            v, since = self.v[k], (times - self.time[k])[:, None]
+            if self.geodesic:
+                found = self._manifold.integrate(self.q[k], since * v)
+            else:
+                planned = None if self.info.steering == "propagated" else self.planned
+                u = np.matvec(self.reduced.at(self.q[k]).J2, v) if planned is None else v[:, planned]
+                found = KinematicFlow(self.reduced, planned).step(self.q[k], since * u)
+        return found[0] if np.ndim(t) == 0 else found
+
+    def reduced_velocity(self, t: float) -> Float[Array, " r"]:
+        """Reduced velocities (r,) at a time [s]: ``v = R(q) v2``."""
+        return np.array(self.reduced.at(self.at(t)).J2 @ self.v[self._before(t)])
+
+    def _before(self, t: ArrayLike) -> Int[Array, "*k"]:
+        """Nodes before times."""
+        return np.clip(np.searchsorted(self.time, t, "right") - 1, 0, len(self.v) - 1)
+
+    def _summary(self) -> ObjectSummary:
+        lines: list[Line] = [
+            ("length of the path of the base", items([f"{self.length:.3g} m"])),
+            ("duration", items([f"{self.duration:.3g} s"])),
+            ("nodes", items([f"{len(self.q)}"])),
+            ("residual of constraint rows", items([f"{self.residual:.1g}"])),
+        ]
+        if self.narrowest is not None:
+            place = self.narrowest
+            lines.append(("narrowest place", items([f"{place.distance:.3g} m at {place.time:.3g} s, {place.pair}"])))
+        found = f"found in {self.info.seconds:.2g} s, {counted(self.info.edges, 'motion')} checked"
+        how = "motions" if self.info.steering == "propagated" else "steering"
+        return ObjectSummary(f"Way by {self.info.steering} {how}", [*lines, ("search", items([found]))])
+
+
+def way_along(
+    reduced: ReducedModel, planned: Bool[Array, " nv"], checker: WayChecker | None, motion: ExactMotion, info: WayInfo
+) -> Way:
+    """Way along a motion of all joints, at the largest speeds.
+
+    Args:
+        reduced: the model.
+        planned: mask (nv,) of the velocities that are planned.
+        checker: distances to obstacles.
+        motion: displacements of all joints.
+        info: record of the search.
+    """
+    durations = drive_times(motion.steps, speed_limits(reduced, planned))
+    time = np.concatenate([[0.0], np.cumsum(durations)])
+    v = motion.steps / durations[:, None]
+    for array in (time, motion.q, v):
+        array.setflags(write=False)
+    return Way(
+        reduced=reduced,
+        time=time,
+        q=motion.q,
+        v=v,
+        planned=planned,
+        length=_length(reduced, motion),
+        residual=_residual(reduced, motion, v),
+        info=info,
+        checker=checker,
+        geodesic=motion.geodesic,
+    )
+
+
+def _length(reduced: ReducedModel, motion: ExactMotion) -> float:
+    """Length of the path of a base [m]."""
+    base = reduced.robot.model.joints[1].idx_v
+    places = slice(base, base + base_axes(reduced.robot.model))
+    return float(np.linalg.norm(motion.steps[:, places], axis=1).sum())
+
+
+def _residual(reduced: ReducedModel, motion: ExactMotion, v: Array) -> float:
+    """Largest entry of ``A(q) v`` at the nodes; for geodesics also halfway and at their ends."""
+    places = [motion.q[:-1]]
+    if motion.geodesic:
+        places += [
+            ConfigurationManifold(reduced.robot.model).integrate(motion.q[:-1], 0.5 * motion.steps),
+            motion.q[1:],
+        ]
+    pairs = [(q, rate) for each in places for q, rate in zip(each, v, strict=True)]
+    return max((float(np.abs(reduced.at(q).A @ rate).max(initial=0.0)) for q, rate in pairs), default=0.0)
+
+
+class _Pieces(NamedTuple):
+    """Way in places: lengths in the reduced coordinates, by the largest entry of each step."""
+
+    k: Int[Array, " n"]
+    """Nodes after which the way moves."""
+    directions: Float[Array, "n r"]
+    """Reduced velocities there, of largest entry one."""
+    ends: Float[Array, " n1"]
+    """Places where the motions after these nodes begin, and the place of the goal."""
+    stops: Float[Array, " m1"]
+    """Places at which the direction jumps, begin and end."""
+    slowest: Float[Array, " m"]
+    """Smallest speed of the way between stops."""
+
+    def counts(self, intervals: int) -> tuple[Int[Array, " m"], Int[Array, " m"]]:
+        """Intervals of each piece, by its duration, and those among them in which its speed rises, and falls."""
+        durations = np.diff(self.stops) / self.slowest
+        share = (intervals - 2 * len(durations)) * np.cumsum(durations) / durations.sum()
+        counts = 2 + np.diff(np.round(share), prepend=0.0).astype(int)
+        return counts, np.maximum(counts // 4, 1)
+
+
+def _pieces(way: Way) -> _Pieces:
+    u = np.matvec(way.reduced.at(way.q[:-1]).J2, way.v)
+    sizes = np.abs(u).max(axis=1)
+    k = np.flatnonzero(sizes)
+    sizes, directions = sizes[k], u[k] / sizes[k, None]
+    ends = np.concatenate([[0.0], np.cumsum(sizes * np.diff(way.time)[k])])
+    turns = np.abs(np.diff(directions, axis=0, prepend=2.0)).max(axis=1)
+    first = np.flatnonzero(turns > (_JUMP if way.geodesic else _TURN))
+    return _Pieces(k, directions, ends, ends[np.append(first, len(k))], np.minimum.reduceat(sizes, first))
+
+
+def intervals_along(way: Way, least: int, duration: float) -> int:
+    """Number of intervals in which ``motion_along`` stops where it has to, and keeps the speeds of the way.
+
+    Args:
+        way: a way that moves.
+        least: number to begin with; it is doubled up to three times, unless even that leaves no time to stop.
+        duration: duration of the motion [s].
+    """
+    pieces, found = _pieces(way), least
+    for intervals in [least * 2**doubled for doubled in range(4)]:
+        counts, ramps = pieces.counts(intervals)
+        if counts.min() < 2:
+            continue
+        found = intervals
+        if (np.diff(pieces.stops) <= pieces.slowest * duration / intervals * (counts - ramps)).all():
+            break
+    return found
+
+
+def motion_along(
+    way: Way, intervals: int, duration: float
+) -> tuple[Float[Array, "n nq"], Float[Array, "n r"], Float[Array, "k r"]]:
+    """Configurations and reduced velocities (K + 1, r) at equal times, and the means of these over the intervals.
+
+    The motion starts and ends at rest, and stops where the direction of the reduced velocities jumps. In between, they
+    keep their direction, and the reduced acceleration is constant over each interval: so the motion is exact where the
+    way is. With less than two intervals for each piece, the speed is constant.
+
+    Args:
+        way: a way that moves.
+        intervals: number K of intervals.
+        duration: duration [s].
+    """
+    pieces, h = _pieces(way), duration / intervals
+    counts, ramps = pieces.counts(intervals)
+    speed = np.full(intervals + 1, pieces.ends[-1] / duration)
+    if (counts >= 2).all():
+        within = np.concatenate([np.arange(count) for count in counts])
+        left, ramp = np.repeat(counts, counts) - within, np.repeat(ramps, counts)
+        most = np.repeat(np.diff(pieces.stops) / (h * (counts - ramps)), counts)
+        speed[:-1] = most * np.minimum(np.minimum(within, left) / ramp, 1.0)
+        speed[-1] = 0.0
+    mean = 0.5 * (speed[:-1] + speed[1:])
+    places = np.concatenate([[0.0], np.cumsum(h * mean)])
+    middle = np.searchsorted(pieces.ends, 0.5 * (places[:-1] + places[1:]), "right") - 1
+    along = pieces.directions[np.clip(middle, 0, len(pieces.k) - 1)]
+    at = np.clip(np.searchsorted(pieces.ends, places, "right") - 1, 0, len(pieces.k) - 1)
+    share = np.clip((places - pieces.ends[at]) / np.diff(pieces.ends)[at], 0.0, 1.0)
+    times = way.time[pieces.k[at]] + share * np.diff(way.time)[pieces.k[at]]
+    return way.at(times), speed[:, None] * pieces.directions[at], mean[:, None] * along

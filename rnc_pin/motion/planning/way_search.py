@@ -1,0 +1,277 @@
+"""Search for a way by OMPL's planner RRTConnect, whose edges are exact motions that bounds show to be free."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.motion.planning.exact_steering import ExactMotion, Steering
+from rnc_pin.motion.planning.way_checking import WayChecker
+from rnc_pin.motion.planning.way_space import WaySpace
+from rnc_pin.robots.joint_values import known_velocity_limits
+
+if TYPE_CHECKING:
+    from ompl import base as ob
+
+_USUAL_SPEED = 1.0  # [m/s or rad/s] of a joint without a limit
+SHORTER = 1e-3
+"""Relative decrease of the duration that is worth a change."""
+
+
+class SearchBudget:
+    """Time and motions that a search may take.
+
+    Args:
+        seconds: [s].
+        motions: number of motions that may be checked; None for any number.
+
+    Attributes:
+        motions: number of motions that were checked.
+    """
+
+    def __init__(self, seconds: float, motions: int | None = None) -> None:
+        self._start, self.seconds = time.monotonic(), seconds
+        self._most = np.inf if motions is None else motions
+        self.motions = 0
+
+    @property
+    def elapsed(self) -> float:
+        """Time since the start [s]."""
+        return time.monotonic() - self._start
+
+    @property
+    def is_over(self) -> bool:
+        """True if time or motions are used up."""
+        return self.motions >= self._most or self.elapsed > self.seconds
+
+    def limit(self, further: int) -> None:
+        """Allow a number of further motions at most."""
+        self._most = min(self._most, self.motions + further)
+
+
+class Nearest(NamedTuple):
+    """Configuration that was reached from the start, and its distance from the nearest goal."""
+
+    distance: float
+    q: Float[Array, " nq"]
+
+
+class WaySearch:
+    """Search between configurations, and shortening of what it finds.
+
+    Args:
+        steering: exact steering.
+        checker: check of motions.
+        places: configurations (n, nq): the start and the goals.
+        area: smallest and largest coordinates (2, 3) of the base [m].
+        budget: what the search may take; it counts the motions that are checked.
+
+    Attributes:
+        nearest: configuration that was reached so far.
+    """
+
+    def __init__(
+        self,
+        steering: Steering,
+        checker: WayChecker | None,
+        places: Float[Array, "n nq"],
+        area: Float[Array, "2 3"],
+        budget: SearchBudget,
+    ) -> None:
+        self._steering, self._checker, self._budget = steering, checker, budget
+        self._start, self._goals, self._area = places[0], places[1:], area
+        self._speeds = speed_limits(steering.reduced, steering.planned)
+        self._known: dict[tuple[bytes, bytes], ExactMotion | None] = {}
+        self._reached = {self._start.tobytes()}
+        self.nearest = Nearest(np.inf, self._start)
+
+    def direct(self) -> ExactMotion | None:
+        """Fastest free motion to a goal that needs no search; None if there is none."""
+        found = [self.connect(self._start, goal) for goal in self._goals]
+        free = [motion for motion in found if motion is not None]
+        return min(free, key=lambda motion: drive_times(motion.steps, self._speeds).sum(), default=None)
+
+    def run(self, held: Sequence[str], most: int, seed: int) -> ExactMotion | None:
+        """Search for a way; None if none is found.
+
+        Args:
+            held: joints that stay within the range of start and goals.
+            most: largest number of motions that are checked.
+            seed: seed of OMPL's random numbers.
+        """
+        from ompl import base as ob
+        from ompl import geometric as og
+        from ompl import util as ou
+
+        level = ou.getLogLevel()
+        ou.setLogLevel(ou.LogLevel.LOG_NONE)
+        ou.RNG.setSeed(seed + 1)  # zero is none
+        try:
+            space = WaySpace(self._steering, np.vstack([self._start, self._goals]), self._area, held)
+            information = ob.SpaceInformation(space.space)
+            last = self._budget.motions + most
+            failed: list[BaseException] = []
+
+            def safely(answer: Callable[..., bool], states: list[ob.State]) -> bool:
+                """Answer for the configurations of states; an exception ends the search: it must not cross OMPL's code.
+
+                The states leave the list, and no frame keeps them: the frames of an exception live on when OMPL has
+                freed the states, and its bindings take a Python object for the new state at the same address.
+                """
+                try:
+                    return not failed and answer(*[space.read(states.pop(0)) for _ in range(len(states))])
+                except BaseException as error:
+                    failed.append(error)
+                    return False
+
+            class Validator(ob.MotionValidator):  # type: ignore[misc]
+                """Exact motions as the edges of OMPL's trees."""
+
+                def checkMotion(self, first: ob.State, second: ob.State) -> bool:
+                    states = [first, second]
+                    del first, second
+                    return safely(connects, states)
+
+            def is_valid(state: ob.State) -> bool:
+                states = [state]
+                del state
+                return safely(self._is_valid, states)
+
+            def connects(first: Array, second: Array) -> bool:
+                return self.connect(first, second) is not None
+
+            validator = Validator(information)
+            information.setMotionValidator(validator)
+            information.setStateValidityChecker(is_valid)
+            information.setup()
+            problem = ob.ProblemDefinition(information)
+            start = _state(information, space, self._start)
+            named = dict[bytes, Array]()
+            problem.addStartState(start)
+            ends = ob.GoalStates(information)
+            for goal in self._goals:
+                ends.addState(end := _state(information, space, goal))
+                named[space.read(end).tobytes()] = goal
+            problem.setGoal(ends)
+            self._reached.add(space.read(start).tobytes())
+            planner = og.RRTConnect(information)
+            planner.setProblemDefinition(problem)
+            planner.setup()
+            budget = self._budget
+            over = ob.PlannerTerminationCondition(lambda: bool(failed) or budget.is_over or budget.motions >= last)
+            planner.solve(over)
+            if failed:
+                raise failed.pop()  # callbacks of OMPL hold the list: with its frames it would stay in memory
+            if not problem.hasExactSolution():
+                return None
+            q = [space.read(state) for state in problem.getSolutionPath().getStates()]
+        finally:
+            ou.setLogLevel(level)
+            _release(information)
+        q[0], q[-1] = self._start, named[q[-1].tobytes()]
+        return self._joined(q)
+
+    def _joined(self, q: Sequence[Array]) -> ExactMotion | None:
+        """Motion along configurations."""
+        steps = []
+        for first, second in pairwise(q):
+            motion = self.connect(first, second)
+            if motion is None:
+                return None
+            steps.append(motion.steps)
+        return self._steering.along(self._start, np.concatenate(steps))
+
+    def connect(self, first: Array, second: Array) -> ExactMotion | None:
+        """Free motion between two configurations; None if there is none."""
+        key = first.tobytes(), second.tobytes()
+        if key not in self._known:
+            self._known[key] = next(
+                (each for each in self._steering.motions(first, second) if self.is_free(each)), None
+            )
+        if self._known[key] is not None and key[0] in self._reached and key[1] not in self._reached:
+            self._reached.add(key[1])
+            away = self._steering.manifold.difference(np.repeat(second[None], len(self._goals), axis=0), self._goals)
+            distance = float(np.linalg.norm(away[:, self._steering.planned], axis=1).min())
+            if distance <= self.nearest.distance:
+                self.nearest = Nearest(distance, second)
+        return self._known[key]
+
+    def is_free(self, motion: ExactMotion) -> bool:
+        """True if no distance of a motion is too small."""
+        self._budget.motions += 1
+        return self._checker is None or self._checker.is_free(motion)
+
+    def _is_valid(self, q: Array) -> bool:
+        return self._checker is None or self._checker.violation(q) is None
+
+    # ------------------------------------------------------------------ shorter ways
+
+    def shortened(self, motion: ExactMotion, tries: int, seed: int) -> ExactMotion:
+        """The same or a faster motion: two places on it are connected directly, as often as this helps.
+
+        Args:
+            motion: a free motion.
+            tries: number of pairs of places.
+            seed: seed of their choice.
+        """
+        generator = np.random.default_rng(seed)
+        for _ in range(tries):
+            if self._budget.is_over or len(motion.steps) < 2:
+                break
+            ends = np.cumsum(drive_times(motion.steps, self._speeds))
+            first, last = np.sort(generator.uniform(0.0, ends[-1], 2))
+            (start, begin, _), (end, _, rest) = self._cut(motion, ends, first), self._cut(motion, ends, last)
+            now = last - first
+            for between in self._steering.motions(start, end):
+                faster = drive_times(between.steps, self._speeds).sum() < (1.0 - SHORTER) * now
+                if faster and self.is_free(between):
+                    steps = np.concatenate([begin, between.steps, rest])
+                    motion = self._steering.along(motion.q[0], steps)
+                    break
+        return motion
+
+    def _cut(self, motion: ExactMotion, ends: Array, at: float) -> tuple[Array, Array, Array]:
+        """Configuration of a motion at a time [s], and the steps before and after it."""
+        k = min(int(np.searchsorted(ends, at)), len(ends) - 1)
+        start = ends[k - 1] if k else 0.0
+        part = (at - start) / max(ends[k] - start, 1e-300)
+        step = motion.steps[k]
+        place = self._steering.manifold.integrate(motion.q[k : k + 1], part * step[None])
+        rest = np.vstack([(1.0 - part) * step, motion.steps[k + 1 :]])
+        return place[0], np.vstack([motion.steps[:k], part * step]), rest
+
+
+def _release(information: ob.SpaceInformation) -> None:
+    """Replace the callbacks of OMPL's space: they refer to it, and the cycle would stay in memory."""
+    from ompl import base as ob
+
+    other = ob.SpaceInformation(ob.SO2StateSpace())
+    other.setStateValidityChecker(lambda state: False)
+    other.setup()
+    information.setMotionValidator(other.getMotionValidator())
+    information.setStateValidityChecker(other.getStateValidityChecker())
+
+
+def _state(information: object, space: WaySpace, q: Array) -> object:
+    state = information.allocState()  # type: ignore[attr-defined]
+    space.write(state, q)
+    information.enforceBounds(state)  # type: ignore[attr-defined]  # the angle pi is out of OMPL's [-pi, pi)
+    return state
+
+
+def drive_times(steps: Float[Array, "k nv"], speeds: Float[Array, " nv"]) -> Float[Array, " k"]:
+    """Durations (k,) of displacements at the largest speeds [s]."""
+    return (np.abs(steps) / speeds).max(axis=1, initial=0.0)
+
+
+def speed_limits(reduced: ReducedModel, planned: Bool[Array, " nv"]) -> Float[Array, " nv"]:
+    """Largest speeds (nv,) of the robot's file; without one, 1 m/s or 1 rad/s, and any speed for joints that follow."""
+    limits = known_velocity_limits(reduced.robot.model)
+    return np.where(np.isfinite(limits) | ~planned, limits, _USUAL_SPEED)

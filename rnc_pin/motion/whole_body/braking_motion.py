@@ -1,0 +1,365 @@
+"""Braking motions of a program in inputs: rolled out on the model, before a sample is executed.
+
+A state is *safe* if its braking motion keeps all limits until rest, and if efforts can hold the robot there. A program
+that only enters safe states never meets limits that it cannot keep: the braking motion that was verified for the end of
+the last sample is left. It is kept from sample to sample, and followed where no other one is verified. This is a
+predictive safety filter with a backup law (K. P. Wabersich and M. N. Zeilinger, Automatica 129 (2021) 109597).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import daqp
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.errors import DivergenceError, SingularityError
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.motion.whole_body.limit_stack import ContactBounds, ContactCones, LimitStack
+from rnc_pin.motion.whole_body.limits.control_limit import ControlSample, LimitRows
+from rnc_pin.motion.whole_body.whole_body_program import SampleCount
+
+_KEPT = 2e-7  # [rad, m, and per second] excess over a limit that is an error of the integration
+_REST = 1e-4  # [rad/s, m/s] speed that counts as rest: its inputs remove it within a sample
+_DECISIONS = 30  # of one motion, so that runs repeat
+_SMALL = 0.1  # speed of a joint that does not count, relative to the largest
+_PART = 0.5  # of the time in which the first joint stops: inputs are held that long
+_RESERVE = 1.1  # of the time in which efforts stop all joints
+_LEAST = 1e-14  # effect of an input on the energy, relative to the sum of all
+_FREE_COST = 1e-9  # of inputs that do not change the energy, relative to the others
+_UNUSED, _GROUND = 0.1, 0.3  # parts of limits by rows, and of conditions of the ground, that the law leaves unused
+_FEW = 8  # samples to rest under the same inputs
+_EASED = 0.125  # of the way back to the program in each verified sample
+_SAME = 1e-6  # [rad, m, and per second] difference to the predicted state at which a kept motion is followed
+_BEYOND = 1e-3  # [rad/s, m/s] motion that limits ask for, in which the program goes on without a verified motion
+_CHANGED = 1e-2, 5e-2, 0.1  # change of configuration, velocity and time [s] after which verification is tried again
+_SOLVED, _INFINITE = 1, 1e30  # of the solver
+
+
+class BrakedSample(NamedTuple):
+    """Sample on the model."""
+
+    T: Float[Array, " p"]
+    q: Float[Array, " nq"]
+    """Configuration at its end."""
+    v2: Float[Array, " r"]
+    """Reduced velocity at its end."""
+    exceeded: Float[Array, " k"]
+    """Amount by which its end exceeds each limit."""
+
+
+class BrakingMotion(NamedTuple):
+    """Braking motion from a state."""
+
+    q: Float[Array, " nq"]
+    v2: Float[Array, " r"]
+    inputs: Float[Array, "m p"]
+    """Inputs of its samples; the last ones hold the robot at rest."""
+    problem: str | None
+    """Reason why it does not keep all limits until rest; None if it does."""
+    together: bool = True
+    """True if all joints come to rest at the same time."""
+
+
+class BrakingState(NamedTuple):
+    """Record of braking motions from one sample to the next."""
+
+    kept: BrakingMotion | None = None
+    """Rest of a verified braking motion, from the predicted end of the last sample."""
+    share: float = 1.0
+    """Part of the way from the kept motion to the program's inputs; it grows slowly, lest the robot stops and goes."""
+    failed: Float[Array, " k"] | None = None
+    """Configuration, reduced velocity and time of the last attempt in units of a change, if it was in vain."""
+    braked: SampleCount = SampleCount()
+    """Samples that executed a braking motion, or inputs between it and the program's."""
+    unverified: SampleCount = SampleCount()
+    """Samples without a verified braking motion: the program went on."""
+
+
+class Braking:
+    """Braking motions of one program.
+
+    The law removes as much kinetic energy as efforts and ground allow, with inputs that are held over a part of the
+    time to rest. So a motion takes few decisions. Its inputs are those that are executed: limits are checked after
+    whole samples, as many as the ``spacing`` of the limits allows at the speed.
+
+    Args:
+        reduced: the model.
+        limits: limits of motion.
+        contacts: conditions of the ground.
+        ahead: configuration and reduced velocity after a number of samples, from a state and inputs.
+        names: names of all limits (k,); those of motion come first, those of the ground last.
+        dt: duration of a sample [s].
+        longest: longest braking motion [s].
+    """
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        limits: LimitStack,
+        contacts: ContactCones,
+        ahead: Callable[[StateEvaluation, Array, int], tuple[Array, Array]],
+        names: tuple[str, ...],
+        dt: float,
+        longest: float,
+    ) -> None:
+        self._reduced, self._limits, self._contacts, self._ahead = reduced, limits, contacts, ahead
+        self._names, self._dt, self._longest = names, dt, longest
+        self._identity = np.eye(reduced.r)
+        self._late = f"the robot does not come to rest within {longest:g} s"
+        self._efforts = np.minimum(reduced.actuation.limits, _INFINITE)
+
+    def decide(
+        self,
+        start: StateEvaluation,
+        t: float,
+        before: Array,
+        planned: BrakedSample,
+        under: Callable[[Array], BrakedSample],
+        rows: LimitRows,
+        ground: ContactBounds,
+        state: BrakingState,
+    ) -> tuple[BrakedSample, BrakingState]:
+        """Return the sample to execute, and the state after it.
+
+        It is the planned one if a braking motion from its end is verified, and otherwise the next one of the kept
+        motion. After that, it is a part of the way from this to the planned one. Without one, it is the planned one.
+
+        Args:
+            start: state at its start.
+            t: time of its start [s].
+            before: amount by which this state exceeds each limit (k,).
+            planned: sample of the program.
+            under: sample under given inputs (p,).
+            rows: limits of motion of this sample.
+            ground: conditions of the ground at the start.
+            state: state before it.
+        """
+        kept, now = state.kept, np.concatenate([start.q / _CHANGED[0], start.v2 / _CHANGED[1], [t / _CHANGED[2]]])
+
+        def unverified(problem: str) -> tuple[BrakedSample, BrakingState]:
+            count = state.unverified.and_one(t, problem)
+            return planned, state._replace(kept=None, failed=now, unverified=count)
+
+        if kept is None and state.failed is not None and np.abs(now - state.failed).max() <= 1.0:
+            return planned, state._replace(unverified=state.unverified.and_one(t, state.unverified.reason))
+        if kept is not None and not self._continues(kept, start):
+            kept, before = None, np.maximum(before, self.exceeded(start, t))
+        together, share, eased = kept is None or kept.together, state.share, planned
+        if kept is not None and share < 1.0:
+            eased = under(kept.inputs[0] + share * (planned.T - kept.inputs[0]))
+        after = self._after(t, eased, before, ground, together)
+        if after.problem is None:
+            braked = state.braked if eased is planned else state.braked.and_one(t, state.braked.reason)
+            return eased, state._replace(kept=after, failed=None, share=min(1.0, share + _EASED), braked=braked)
+        if self._excludes_rest(rows):
+            return unverified(after.problem)
+        braked = state.braked.and_one(t, after.problem)
+        if kept is None:
+            kept = self.motion(start, t, before, ground)
+        if kept.problem is not None and (state.kept is None or not len(kept.inputs)):
+            return unverified(kept.problem)
+        first = under(kept.inputs[0])
+        if (problem := self._broken(first.exceeded, np.maximum(before, _SAME))) is not None:  # an obstacle came nearer
+            return unverified(problem)
+        # A plant that is not the model brakes by a motion that is not verified.
+        missing = state.unverified.and_one(t, kept.problem or "")
+        state = state._replace(braked=braked, failed=None, unverified=missing, share=max(0.5 * share, _EASED))
+        rest = kept.inputs[1:] if len(kept.inputs) > 1 else kept.inputs
+        return first, state._replace(kept=BrakingMotion(first.q, first.v2, rest, None, kept.together))
+
+    def motion(
+        self, start: StateEvaluation, t: float, before: Array, ground: ContactBounds, together: bool = True
+    ) -> BrakingMotion:
+        """Roll out the braking motion from a state until rest.
+
+        Args:
+            start: the state.
+            t: its time [s].
+            before: amount by which it exceeds each limit (k,). A motion that does not increase it is verified too: a
+                joint beyond its limit may rest or return.
+            ground: conditions of the ground near this state, with which the motion is planned.
+            together: way that is tried first, that of the last motion: see ``BrakingMotion``.
+        """
+        found = self._rolled_out(start, t, before, ground, together)
+        if found.problem in (None, self._late):
+            return found
+        return self._rolled_out(start, t, before, ground, not together)
+
+    def _rolled_out(
+        self, start: StateEvaluation, t: float, before: Array, ground: ContactBounds, together: bool
+    ) -> BrakingMotion:
+        """Motion whose joints come to rest at the same time, or each as fast as it can."""
+        inputs: list[Array] = []
+        decided: list[tuple[Array, Array, Array]] = []
+        problem: str | None = self._late
+        slow, first = np.abs(start.v2), together
+        slow = np.where(slow > _SMALL * slow.max(initial=0.0), _SMALL * slow, 0.0)
+        state, allowed, most = start, np.maximum(before, _KEPT), round(self._longest / self._dt) + 1
+        try:
+            for _ in range(_DECISIONS):
+                T, held = self._law(state, t, ground, together)
+                decided.append((state.q, state.v, T))
+                if not held:
+                    inputs.append(T)
+                    problem = self._ground_problem(decided, allowed)
+                    break
+                if len(inputs) + held > most:
+                    break
+                end, found = self._under(T, held, state, t, allowed)
+                while found is not None and held > 1:  # constant inputs suit a part of the way
+                    held //= 2
+                    end, found = self._under(T, held, state, t, allowed)
+                inputs += [T] * held
+                if found is not None:
+                    return BrakingMotion(start.q, start.v2, np.array(inputs), found, first)
+                state, t = end, t + held * self._dt
+                together = together or bool(np.count_nonzero(slow) > 1 and (np.abs(state.v2) < slow).any())
+        except (SingularityError, DivergenceError) as error:
+            problem = str(error)
+        return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first)
+
+    def _under(
+        self, T: Array, held: int, state: StateEvaluation, t: float, allowed: Array
+    ) -> tuple[StateEvaluation, str | None]:
+        """State after samples under the same inputs, and the limit that it or one on the way exceeds."""
+        while held:
+            # Velocities decrease, so positions are between those of the ends.
+            speed = max(float(np.abs(state.v2).max()), 1e-9)
+            samples = min(held, max(1, int(self._limits.spacing / (speed * self._dt))))
+            state, exceeded = self._samples(state, t, T, samples)
+            t, held = t + samples * self._dt, held - samples
+            if (found := self._broken(exceeded, allowed)) is not None:
+                return state, found
+        return state, None
+
+    def exceeded(
+        self, state: StateEvaluation, t: float, sample: ControlSample | None = None, mean: Array | None = None
+    ) -> Float[Array, " k"]:
+        """Amount by which a state exceeds each limit of motion."""
+        found = np.zeros(len(self._names))
+        rows = None if sample is None else self._limits.rows(sample, braking=True)
+        found[: len(self._limits.names)] = self._limits.exceeded(state, t, rows, mean)
+        return found
+
+    def _law(self, state: StateEvaluation, t: float, contacts: ContactBounds, together: bool) -> tuple[Array, int]:
+        """Inputs, and the number of samples for which they are held, zero at rest.
+
+        Inputs that stop all joints within a time h are ``load + impulse / h``.
+        """
+        effects, adverse = state.row_accelerations(self._identity)
+        p = self._reduced.p
+        ground, upper = contacts.rows, contacts.upper - _GROUND * np.abs(contacts.upper)
+        inverse = np.linalg.inv(effects) if p == len(effects) else np.linalg.pinv(effects)
+        load, impulse = -inverse @ adverse, -inverse @ state.v2
+        room = np.concatenate([self._efforts - load, self._efforts + load, upper - ground[:, :p] @ load])
+        used = np.concatenate([impulse, -impulse, ground[:, :p] @ impulse])
+        if (room >= 0.0).all():
+            shortest = np.divide(used, room, out=np.where(used > 0.0, np.inf, 0.0), where=room > 0.0).max(initial=0.0)
+            held = 1 if shortest <= self._dt else int(np.ceil(_RESERVE * min(shortest, self._longest) / self._dt))
+            if (held == 1 or together) and shortest < self._longest and self._may_stop(state, t, held):
+                moving = np.abs(state.v).max(initial=0.0) > _REST
+                part = held if held < _FEW else held // 2  # constant inputs lead elsewhere in the end
+                return load + impulse / (held * self._dt), part if moving else 0
+        T = self._slowing(effects, adverse, self._dt, state, t, ground, upper)
+        rate, speed = effects @ T + adverse, np.abs(state.v2)
+        stops = (state.v2 * rate < 0.0) & (speed > _SMALL * speed.max(initial=0.0))
+        shortest = np.divide(speed, np.abs(rate), out=np.full(len(rate), self._longest), where=stops).min()
+        held = int(_PART * shortest / self._dt)
+        if held < 2:
+            return T, 1
+        return self._slowing(effects, adverse, held * self._dt, state, t, ground, upper), held
+
+    def _may_stop(self, state: StateEvaluation, t: float, held: int) -> bool:
+        """True unless limits that rows judge, such as those of accelerations, exclude rest after some samples."""
+        if not self._limits.judged_by_rows.any():
+            return True
+        sample = ControlSample(self._reduced, t, state.q, state.v2, held * self._dt)
+        motion = self._limits.rows(sample, braking=True)
+        room = self._spare(motion)
+        return bool((motion.lower + room <= 0.0).all() and (motion.upper - room >= 0.0).all())
+
+    def _spare(self, motion: LimitRows) -> Array:
+        """Part of the limits that stays unused (k,)."""
+        judged = self._limits.judged_by_rows[motion.places]
+        return np.where(judged, 0.5 * _UNUSED * (motion.upper - motion.lower), 0.0)
+
+    def _slowing(
+        self, effects: Array, adverse: Array, h: float, state: StateEvaluation, t: float, ground: Array, above: Array
+    ) -> Array:
+        """Inputs that leave the least kinetic energy after a time h within efforts, ground and the rows of limits."""
+        motion = self._limits.rows(ControlSample(self._reduced, t, state.q, state.v2, h), braking=True)
+        offset = state.v2 / h + adverse
+        p, size = self._reduced.p, ground.shape[1]
+        metric = state.input_matrix.T @ effects
+        scales = np.ones(size)  # light joints and heavy ones
+        scales[:p] = 1.0 / np.sqrt(np.maximum(metric.diagonal(), _LEAST * np.trace(metric)))
+        hessian, gradient = _FREE_COST * np.eye(size), np.zeros(size)
+        hessian[:p, :p] += metric * scales[:p] * scales[:p, None]
+        gradient[:p] = scales[:p] * (state.input_matrix.T @ offset)
+        J, room = motion.jacobian @ state.R, self._spare(motion)
+        own = np.zeros((len(J), size))
+        own[:, :p], passive = J @ effects, J @ offset
+        box = np.full(size, _INFINITE)
+        box[:p] = self._efforts / scales[:p]
+        rows = np.vstack([ground, own]) * scales
+        lower = np.concatenate([-box, np.full(len(above), -_INFINITE), (motion.lower + room) / h - passive])
+        upper = np.concatenate([box, above, (motion.upper - room) / h - passive])
+        for count in (len(rows), len(ground)):  # limits that no inputs keep are named where they are checked
+            stop = size + count
+            kinds = np.zeros(stop, dtype=np.int32)
+            x, _, status, _ = daqp.solve(hessian, gradient, rows[:count], upper[:stop], lower[:stop], kinds)
+            if status == _SOLVED:
+                return np.clip((scales * x)[:p], -self._efforts, self._efforts)
+        raise DivergenceError("no efforts brake within the conditions of the ground")
+
+    def _samples(self, start: StateEvaluation, t: float, T: Array, count: int) -> tuple[StateEvaluation, Array]:
+        """End of samples under the same inputs, and the amount by which it exceeds each limit of motion."""
+        q, v2 = self._ahead(start, T, count)
+        h = count * self._dt
+        end = self._reduced.at(q, v2, t=t + h)
+        mean = np.asarray(pin.difference(self._reduced.robot.model, start.q, q)) / h
+        sample = ControlSample(self._reduced, t, start.q, start.v2, h) if self._limits.judged_by_rows.any() else None
+        return end, self.exceeded(end, t + h, sample, mean)
+
+    def _ground_problem(self, decided: list[tuple[Array, Array, Array]], allowed: Array) -> str | None:
+        """Condition of the ground that inputs violate at their states."""
+        if not self._contacts.names:
+            return None
+        q, v, T = (np.array(each) for each in zip(*decided, strict=True))
+        excess = np.zeros(len(self._names))
+        excess[len(self._names) - len(self._contacts.names) :] = self._contacts.excess(self._reduced.at(q, v=v), T)
+        return self._broken(excess, allowed)
+
+    def _continues(self, kept: BrakingMotion, start: StateEvaluation) -> bool:
+        """True if a state is the one that a motion starts from."""
+        apart = pin.difference(self._reduced.robot.model, kept.q, start.q)
+        return max(np.abs(apart).max(initial=0.0), np.abs(start.v2 - kept.v2).max(initial=0.0)) <= _SAME
+
+    def _excludes_rest(self, rows: LimitRows) -> bool:
+        """True if limits ask for motion: an obstacle comes nearer, or the robot is beyond a limit."""
+        asked = np.maximum(rows.lower, -rows.upper)
+        return bool((asked[~self._limits.judged_by_rows[rows.places]] > _BEYOND).any())
+
+    def _after(
+        self, t: float, reached: BrakedSample, before: Array, ground: ContactBounds, together: bool
+    ) -> BrakingMotion:
+        """Braking motion from the end of a sample; its problem is that of the sample if this exceeds a limit."""
+        broken = self._broken(reached.exceeded, np.maximum(before, _KEPT))
+        if broken is not None:
+            return BrakingMotion(reached.q, reached.v2, np.zeros((0, len(reached.T))), broken)
+        t += self._dt
+        return self.motion(self._reduced.at(reached.q, reached.v2, t=t), t, before, ground, together)
+
+    def _broken(self, exceeded: Array, allowed: Array) -> str | None:
+        """First limit that is exceeded by more than is allowed."""
+        beyond = exceeded > allowed
+        if not beyond.any():
+            return None
+        worst = int(np.argmax(beyond))
+        return f"{self._names[worst]} gives way by {exceeded[worst]:.2g}"

@@ -1,0 +1,412 @@
+"""Whole-body controller at acceleration level: one quadratic program per sample in the actuator inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.control.controller import Command, Description, elapsed_time, listed
+from rnc_pin.model.input_validation import Positive, check_positive_settings
+from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE, LieRungeKutta4
+from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.motion.whole_body.braking_motion import BrakedSample, Braking, BrakingState
+from rnc_pin.motion.whole_body.limit_stack import ContactBounds, ContactCones, ProgramBounds
+from rnc_pin.motion.whole_body.limits.control_limit import ControlLimit, ControlSample, LimitRows
+from rnc_pin.motion.whole_body.task_hierarchy import RelaxedSolution, SampledDamping, TaskLevel, lever_sum, solve_within
+from rnc_pin.motion.whole_body.tasks import ControlTask
+from rnc_pin.motion.whole_body.whole_body_program import SampleCount, WholeBodyProgram
+
+_NO_EFFECT = 1e-12  # singular value, relative to the largest, of inputs that move nothing
+_CORRECTIONS = 4  # of the velocity at the end of a sample, each smaller by a factor of order dt
+_BEYOND = 1e-9  # excess over a limit of motion that is rounding
+_BRAKING_STEP = 0.01  # [s] Runge-Kutta step of braking motions of shorter samples: they err by 2e-7
+_ROUNDING = 1e-6  # of a number of steps
+_MOST_STEPS = 64  # Runge-Kutta steps in a sample
+
+
+class InverseDynamicsState(NamedTuple):
+    """State of ``InverseDynamicsQP`` from one sample to the next."""
+
+    time: float | None
+    """Time of the last sample [s]."""
+    multipliers: Float[Array, "levels k"]
+    """Multipliers of the limits at each level of tasks; the next program starts from them."""
+    excess: Float[Array, " k"]
+    """Amount by which each limit gave way at the last sample; zero if it did not."""
+    worst_excess: Float[Array, " k"]
+    """Largest such amount since the start."""
+    exceeded: Float[Array, " k"]
+    """Amount by which the last sample leads beyond each limit itself; zero without ``braking_time``."""
+    worst_exceeded: Float[Array, " k"]
+    """Largest such amount since the start."""
+    braking: BrakingState = BrakingState()
+    """Verified braking motion, samples that brake, and samples without a verified braking motion."""
+    unsolved: SampleCount = SampleCount()
+    """Samples whose program was not solved: they follow the kept braking motion, keep limits alone, or come to rest."""
+
+
+class _SampleProgram(NamedTuple):
+    """Limits of a sample and the effect of its inputs T and of contact forces z, in unknowns y.
+
+    v2 at the end is ``still + [motion, 0] y``, and ``[T; z] = resting + inputs y``. The columns of ``motion`` are unit
+    vectors, so that the cost of an unknown is that of a velocity.
+    """
+
+    sample: ControlSample
+    rows: LimitRows
+    contacts: ContactBounds
+    motion: Float[Array, "r x"]
+    still: Float[Array, " r"]
+    inputs: Float[Array, "x x"]
+    resting: Float[Array, " x"]
+
+
+def _unknowns(gain: Array, p: int) -> tuple[Array, Array]:
+    """Velocities and inputs of unit unknowns: orthonormal columns, or zero for those that move nothing.
+
+    Args:
+        gain: velocities (r, x) of the inputs, the first p of which act.
+        p: number of inputs that act.
+    """
+    motion, inputs = np.zeros_like(gain), np.eye(gain.shape[1])
+    r = len(gain)
+    if p == r:  # the unknowns can be the velocities themselves
+        with suppress(np.linalg.LinAlgError):
+            inverse = np.linalg.inv(gain[:, :p])
+            if np.abs(inverse).max() * np.abs(gain).max() * r * r * _NO_EFFECT < 1.0:  # bounds the singular values
+                motion[:, :p], inputs[:p, :p] = np.eye(p), inverse
+                return motion, inputs
+    left, values, right = np.linalg.svd(gain)
+    rank = int((values > _NO_EFFECT * values.max(initial=0.0)).sum())
+    inputs = right.T.copy()
+    motion[:, :rank] = left[:, :rank]
+    inputs[:, :rank] /= values[:rank]
+    return motion, inputs
+
+
+class InputSolution(NamedTuple):
+    """Solution of one program."""
+
+    T: Float[Array, " p"]
+    v2: Float[Array, " r"]
+    """Velocity that the model predicts for the end of the sample."""
+    multipliers: Float[Array, "levels k"]
+    excess: Float[Array, " k"]
+    end: StateEvaluation | None = None
+    """State at the end of the sample by the dynamics; None if no limit of motion needs it."""
+    unsolved: str = ""
+    """Reason why the tasks are not solved."""
+
+
+class InverseDynamicsQP(WholeBodyProgram):
+    """Model-based controller within limits: tasks as least squares, limits as inequalities, in the inputs T.
+
+    The dynamics ``H v2dot + V v2 + G = R^T B T`` give the velocity at the end of a sample as an affine function of T.
+    So the program has no equality constraint, rolling and momentum hold exactly, and robots with fewer actuators than
+    motions need nothing special. Tasks and limits are those of ``VelocityQP``. The velocity error of a task decays at
+    the rate ``velocity_gain``. Motion that no task determines comes to rest at the same rate.
+
+    Two kinds of limits concern forces. Inputs stay within the effort limits of the actuators; these never give way. On
+    the ground, normal forces push, and with ``friction`` every contact stays in its friction cone. The ground's
+    conditions come next; ``VelocityQP`` has the order of the other limits. ``report`` tells which limits gave way.
+
+    Tasks use the acceleration at the start of the sample. Limits of motion hold for the velocity at its end: if the
+    integrated dynamics exceed them, the program is solved again with the difference.
+
+    Before a sample is executed, a braking motion from its end is rolled out on the model. If a limit would give way,
+    the braking motion that was verified one sample before takes the place of the program. ``state.braking`` counts
+    these samples. Models with fewer actuators than reduced velocities, or with constraints that move them, have none.
+
+    Unlike the adaptive trackers, it reads the model. Reads from the measurement: ``q, v2``.
+
+    Args:
+        reduced: the model.
+        tasks: tasks from ``control.tasks``.
+        limits: limits from ``control.limits``.
+        dt: sampling interval [s].
+        velocity_gain: rate at which velocity errors of tasks decay [1/s]; the rest of the motion comes to rest at the
+            same rate.
+        friction: coefficient of friction of the ground, for the friction cone of each contact; None if only normal
+            forces have a limit.
+        braking_time: longest braking motion that is verified [s]; None for no verification.
+
+    Raises:
+        ModelError, ConfigurationError: a task or a limit does not fit the model.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reach = rnc.control.tasks.OutputTask(rnc.FramePosition("tip", "xy"), rnc.planning.Hold([1.0, 1.0]))
+        >>> controller = rnc.control.InverseDynamicsQP(system.reduce(), [reach], dt=0.01)
+        >>> start = system.reduce().at(robot.configuration({"joint_2": 1.0}), np.zeros(3)).measure()
+        >>> command, state = controller.step(0.0, start, controller.initial_state(start))
+        >>> command.T.shape
+        (3,)
+    """
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        tasks: Sequence[ControlTask],
+        limits: Sequence[ControlLimit] = (),
+        *,
+        dt: float,
+        velocity_gain: Positive = 20.0,
+        friction: Positive | None = None,
+        braking_time: Positive | None = 2.0,
+    ) -> None:
+        check_positive_settings(dt=dt, velocity_gain=velocity_gain, friction=friction, braking_time=braking_time)
+        self.dt, self.velocity_gain, self.friction, self.braking_time = dt, velocity_gain, friction, braking_time
+        self._decay = float(np.exp(-velocity_gain * dt))
+        super().__init__(reduced, tasks, limits)
+        self._contacts, self._integrator = ContactCones(reduced, friction), LieRungeKutta4(reduced.robot)
+        self._curved = [*self._tasks.curved, np.zeros(reduced.r, dtype=bool)]  # bringing motion to rest is constant
+        efforts = reduced.actuation.limits
+        self._limited = np.flatnonzero(np.isfinite(efforts))
+        self._efforts = efforts[self._limited]
+        self.limit_names = (
+            *self._limits.names,
+            *(f"{reduced.actuation.names[i]} effort" for i in self._limited),
+            *self._contacts.names,
+        )
+        stops = np.cumsum([len(self._limits.names), len(self._limited), len(self._contacts.names)])
+        rests = reduced.p >= reduced.r and not reduced.affine  # others cannot be brought to rest in general
+        self._braking: Braking | None = None
+        if rests and braking_time is not None and self._limits.names:
+            self._braking = Braking(
+                reduced, self._limits, self._contacts, self._ahead, self.limit_names, dt, braking_time
+            )
+        self._forces = [np.arange(stops[0], stops[1]), np.arange(stops[1], stops[2])]
+
+    def describe(self) -> Description:
+        """Return the settings of tasks and limits."""
+        return self._describe(
+            dt=self.dt, velocity_gain=listed(self.velocity_gain), friction=self.friction, braking_time=self.braking_time
+        )
+
+    def initial_state(self, measurement: Measurement) -> InverseDynamicsState:
+        """Return the state before the first sample."""
+        k = len(self.limit_names)
+        self._check_velocity(measurement.v2)
+        return InverseDynamicsState(None, np.zeros((self._tasks.levels + 1, k)), *np.zeros((4, k)))
+
+    def step(
+        self, t: float, measurement: Measurement, state: InverseDynamicsState
+    ) -> tuple[Command, InverseDynamicsState]:
+        """Compute one sample.
+
+        Raises:
+            InputError: time runs backwards, or the measurement has no configuration.
+            SingularityError: the reducing outputs do not parametrise the motion at the configuration.
+        """
+        elapsed_time(t, state.time)
+        q, v2 = self._configuration(measurement), measurement.v2
+        program, found = self._decided(t, q, v2, state.multipliers)
+        exceeded, braking = state.exceeded, state.braking
+        if self._braking is not None:
+            start = program.sample.start
+            before = self._braking.exceeded(start, t) if state.time is None else exceeded
+            planned = self._reached(program, found)
+
+            def under(T: Array) -> BrakedSample:
+                return self._reached(program, found._replace(T=T, end=None))
+
+            chosen, braking = self._braking.decide(
+                start, t, before, planned, under, program.rows, program.contacts, braking
+            )
+            exceeded = chosen.exceeded
+            if chosen is not planned:
+                found = found._replace(T=chosen.T, v2=chosen.v2, excess=exceeded)
+        x1, x2 = self._desired.at(t)
+        worst = np.maximum(state.worst_excess, found.excess)
+        command = Command(T=found.T, v2_desired=found.v2, x1_desired=x1, x2_desired=x2)
+        beyond = exceeded, np.maximum(state.worst_exceeded, exceeded)
+        unsolved = state.unsolved.and_one(t, found.unsolved)
+        return command, InverseDynamicsState(t, found.multipliers, found.excess, worst, *beyond, braking, unsolved)
+
+    def solve(self, t: float, q: Array, v2: Array, multipliers: Array | None = None) -> InputSolution:
+        """Solve the program of one sample.
+
+        Args:
+            t: time of its start [s].
+            q: configuration at the start (nq,).
+            v2: reduced velocities at the start (r,).
+            multipliers: multipliers of the last program, (levels, k), to start from.
+        """
+        return self._decided(t, q, v2, multipliers)[1]
+
+    def _decided(
+        self, t: float, q: Array, v2: Array, multipliers: Array | None
+    ) -> tuple[_SampleProgram, InputSolution]:
+        """Program of one sample, and its solution."""
+        program = self._program(t, q, v2)
+        now = ControlSample(self._reduced, t, q, v2, 0.0)
+        levels, levers = self._levels(now, program)
+        sampled = SampledDamping(self.dt, levers, self._curved)
+        return program, self._solved(program, levels, multipliers, sampled)
+
+    def braking_problem(self, t: float, q: Array, v2: Array) -> str | None:
+        """Return what the braking motion from a state does not keep; None if all limits hold until rest.
+
+        It is None too if nothing is verified: without ``braking_time`` or limits of motion, and for models that cannot
+        be brought to rest.
+
+        Args:
+            t: time [s].
+            q: configuration (nq,).
+            v2: reduced velocities (r,).
+        """
+        if self._braking is None:
+            return None
+        start = self._reduced.at(q, v2, t=t)
+        before = self._braking.exceeded(start, t)
+        return self._braking.motion(start, t, before, self._contacts.at(start)).problem
+
+    def exceeded_limits(self, state: InverseDynamicsState) -> dict[str, float]:
+        """Return the limits of motion that the run exceeds by the model since its start, with the largest amounts."""
+        worst = state.worst_exceeded[: len(self._limits.names)]
+        return {name: float(each) for name, each in zip(self._limits.names, worst, strict=True) if each > 0.0}
+
+    def _program(self, t: float, q: Array, v2: Array) -> _SampleProgram:
+        """Limits of one sample and the effect of its inputs, for tasks and braking motions."""
+        sample = ControlSample(self._reduced, t, q, v2, self.dt)
+        state, p = sample.start, self._reduced.p
+        contacts = self._contacts.at(state)
+        gain = np.zeros((self._reduced.r, p + contacts.unknowns))
+        gain[:, :p] = self.dt * np.linalg.solve(state.H, state.input_matrix)
+        offset = state.v2 + self.dt * state.v2_dot(np.zeros(p))
+        motion, inputs = _unknowns(gain, p)
+        moved = motion.T @ offset
+        still, resting = offset - motion @ moved, -inputs @ moved
+        return _SampleProgram(sample, self._limits.rows(sample), contacts, motion, still, inputs, resting)
+
+    def _solved(
+        self, program: _SampleProgram, levels: list[TaskLevel], multipliers: Array | None, sampled: SampledDamping
+    ) -> InputSolution:
+        """Solve the levels within the limits, which hold for the velocity that the dynamics give at the end."""
+        sample, rows = program.sample, program.rows
+        state, motion = sample.start, self._limits.bounds(sample, rows)
+        rest = program.motion.T @ (self._decay * state.v2)  # computed torque, which carries the load
+
+        def solved(
+            limits: ProgramBounds, start: Array | None, near: tuple[float, ...], exclusive: bool
+        ) -> RelaxedSolution:
+            bounds, given = self._bounds(limits, program), sampled._replace(near=near)
+            return solve_within(levels, bounds, self._limits, rest, 0.0, start, self._forces, given, exclusive)
+
+        found = best = solved(motion, multipliers, (), False)
+        least, best_end, averaged = np.inf, None, self._limits.averaged[motion.places]
+        for _ in range(_CORRECTIONS + 1 if len(motion.lower) and not found.unsolved else 0):
+            end = self._end(state, self._inputs(program, found.unknowns))
+            reached = rows.jacobian @ end.v
+            mean = np.where(averaged, rows.jacobian @ self._mean_velocity(state, end), reached)
+            beyond = np.maximum(np.maximum(reached, mean) - rows.upper, rows.lower - np.minimum(reached, mean))
+            beyond -= found.excess[motion.places]
+            if not beyond.max() < least:
+                break  # near singular coordinates, corrections need not converge
+            best, best_end, least = found, end, float(beyond.max())
+            if least <= _BEYOND:
+                break
+            velocity = program.still + program.motion @ found.unknowns
+            expected = rows.jacobian @ (sample.end.R @ velocity + sample.end.b)
+            # A change of the velocity at the end changes the mean by half of it.
+            above, below = (np.where(averaged, 2.0 * mean - each, reached) for each in (rows.upper, rows.lower))
+            corrected = motion._replace(
+                lower=motion.lower - np.minimum(reached, below) + expected,
+                upper=motion.upper - np.maximum(reached, above) + expected,
+            )
+            found = solved(corrected, found.multipliers, found.damping, bool(found.excess.any()))
+            if found.unsolved:
+                break
+        found = best
+        largest = self._reduced.actuation.limits
+        T = np.clip(self._inputs(program, found.unknowns), -largest, largest)  # the solver's rounding is no effort
+        v2 = program.still + program.motion @ found.unknowns
+        return InputSolution(T, v2, found.multipliers, found.excess, best_end, found.unsolved)
+
+    def _inputs(self, program: _SampleProgram, unknowns: Array) -> Array:
+        """Inputs T (p,) of unknowns."""
+        p = self._reduced.p
+        return np.asarray(program.resting[:p] + program.inputs[:p] @ unknowns)
+
+    def _end(self, state: StateEvaluation, T: Array) -> StateEvaluation:
+        """State at the end of the sample under constant inputs, by as many Runge-Kutta steps as it needs."""
+        (_, coarse), (q, v2) = (self._integrated(state, T, steps) for steps in (1, 2))
+        error = np.abs(v2 - coarse).max(initial=0.0) / 15.0  # of order four: twice the steps leave a sixteenth
+        wanted = np.ceil(2.0 * (error / (DEFAULT_TOLERANCE * self.dt)) ** 0.25)
+        if wanted > 2.0:
+            q, v2 = self._integrated(state, T, int(min(wanted, _MOST_STEPS)))
+        return self._reduced.at(q, v2)
+
+    def _integrated(self, state: StateEvaluation, T: Array, steps: int, h: float | None = None) -> tuple[Array, Array]:
+        """Configuration and reduced velocity after a number of Runge-Kutta steps, which make a sample by default."""
+        reduced, h = self._reduced, self.dt / steps if h is None else h
+        start = np.concatenate([state.v2, np.zeros(reduced.vertical.size + 1)])
+        found = reduced.evaluator.integrate(np.array(state.q), start, np.ascontiguousarray(T), h, steps)
+        if found is not None:
+            q, y, _ = found
+            return q, y[: reduced.r]
+
+        def rate(q: Array, v2: Array) -> tuple[Array, Array]:
+            here = reduced.at(q, v2)
+            return here.v, here.v2_dot(T)
+
+        q, v2 = state.q, np.array(state.v2)
+        for _ in range(steps):
+            q, v2 = self._integrator.step(rate, q, v2, h)
+        return q, v2
+
+    def _ahead(self, state: StateEvaluation, T: Array, samples: int) -> tuple[Array, Array]:
+        """Configuration and reduced velocity after samples under constant inputs, of a braking motion."""
+        steps = int(np.ceil(samples * self.dt / max(self.dt, _BRAKING_STEP) - _ROUNDING))
+        return self._integrated(state, T, steps, samples * self.dt / steps)
+
+    def _mean_velocity(self, start: StateEvaluation, end: StateEvaluation) -> Float[Array, " nv"]:
+        """Mean velocity from a state to another one, a sample later."""
+        return np.asarray(pin.difference(self._reduced.robot.model, start.q, end.q)) / self.dt
+
+    # ------------------------------------------------------------------ braking
+
+    def _reached(self, program: _SampleProgram, found: InputSolution) -> BrakedSample:
+        """End of a sample under the inputs of a solution, and the limits that it exceeds."""
+        end = found.end or self._end(program.sample.start, found.T)
+        exceeded = np.zeros(len(self.limit_names))
+        mean = self._mean_velocity(program.sample.start, end)
+        exceeded[: len(self._limits.names)] = self._limits.exceeded(end, program.sample.time, program.rows, mean)
+        ground = self._forces[1]
+        exceeded[ground] = found.excess[ground]
+        return BrakedSample(found.T, end.q, end.v2, exceeded)
+
+    def _levels(self, now: ControlSample, program: _SampleProgram) -> tuple[list[TaskLevel], list[float]]:
+        """Tasks on the unknowns, and their levers; the last level brings the rest of the motion to rest."""
+        sample = program.sample
+        v2, decay = sample.start.v2, self._decay
+        rest = TaskLevel(np.eye(len(v2)), decay * v2)
+        found = []
+        for before, after in zip(self._tasks.at(now), self._tasks.at(sample), strict=True):
+            error = before.jacobian @ v2 - before.rate
+            found.append(TaskLevel(after.jacobian, after.rate + decay * error))
+        levers = [lever_sum(each.jacobian, curved) for each, curved in zip(found, self._tasks.curved, strict=True)]
+        found.append(rest)
+        levels = [TaskLevel(J @ program.motion, rate - J @ program.still) for J, rate in found]
+        return levels, [*levers, 0.0]
+
+    def _bounds(self, limits: ProgramBounds, program: _SampleProgram) -> ProgramBounds:
+        """Limits of motion, of efforts and of the ground, on the unknowns."""
+        moved, contacts, resting = limits.rows @ program.still, program.contacts, program.resting
+        given, ground = resting[self._limited], contacts.rows @ resting
+        return ProgramBounds(
+            np.vstack([limits.rows @ program.motion, program.inputs[self._limited], contacts.rows @ program.inputs]),
+            np.concatenate([limits.lower - moved, -self._efforts - given, np.full(len(contacts.upper), -np.inf)]),
+            np.concatenate([limits.upper - moved, self._efforts - given, contacts.upper - ground]),
+            np.concatenate([limits.places, *self._forces]),
+            len(self.limit_names),
+        )

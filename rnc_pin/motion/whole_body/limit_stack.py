@@ -1,0 +1,293 @@
+"""Limits of a program, their relaxation if they exclude each other, and conditions of the ground on contact forces."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.analysis.contact_forces import ContactForceSet
+from rnc_pin.array_shapes import Float, Int
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.math.convex_programs import ROUNDING, nearest_point
+from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.motion.whole_body.limits.control_limit import BoundLimit, ControlLimit, ControlSample, LimitRows
+
+_SIDES = 8  # of the pyramid inside a friction cone
+_RANK = 1e-10
+
+
+class ContactBounds(NamedTuple):
+    """Conditions ``rows [T; z] <= upper`` of the ground on inputs T and on undetermined contact forces z."""
+
+    rows: Float[Array, "k x"]
+    upper: Float[Array, " k"]
+    unknowns: int
+    """Number of undetermined contact forces z."""
+
+
+class ContactCones:
+    """Conditions of the ground on the contact forces of a model: normal forces push, friction stays in its cone.
+
+    With the constraint forces ``A^T lambda`` of the dynamics, and the balance of a planar base upwards and about the
+    axes along the ground, the forces y of all contacts satisfy ``W y = y0 + Y T``. Rigid bodies leave some of them
+    undetermined, e.g. for two wheels on one axle. So the program has these undetermined parts as unknowns beside the
+    inputs.
+
+    The cone is a pyramid of eight sides inside the true cone. Contacts are those of ``NormalForces``: wheels, balls,
+    blades, casters.
+
+    Args:
+        reduced: the model.
+        friction: coefficient of friction of the ground; None if only the normal forces matter.
+
+    Attributes:
+        names: name of each condition, (k,).
+    """
+
+    def __init__(self, reduced: ReducedModel, friction: float | None) -> None:
+        self._reduced, self._friction = reduced, friction or 0.0
+        self._forces = ContactForceSet(reduced)
+        self._normal = self._forces.normal
+        self._carrying = [self._forces.contacts.index(each) for each in self._normal.contacts]
+        self._gripping = [
+            (place, len(contact.along))
+            for place, contact in enumerate(self._forces.contacts)
+            if friction is not None and place in self._carrying and contact.along
+        ]
+        names = [f"{name} normal force" for name in self._normal.names]
+        for place, along in self._gripping:
+            names += [f"{self._forces.names[place]} friction"] * (2 if along == 1 else _SIDES)
+        self.names = tuple(names)
+
+    def at(self, state: StateEvaluation) -> ContactBounds:
+        """Return the conditions at one state."""
+        p = self._reduced.p
+        if not self.names:
+            return ContactBounds(np.zeros((0, p)), np.zeros(0), 0)
+        effects, needed = self._forces.equations(state, np.vstack([np.zeros(p), np.eye(p)]))
+        left, values, right = np.linalg.svd(effects[0])
+        rank = int((values > _RANK * values[0]).sum())
+        inverse = right[:rank].T @ (left[:, :rank] / values[:rank]).T
+        # All contact forces: constant part, gain of T, gain of z.
+        unknowns = np.column_stack([inverse @ needed[0], inverse @ (needed[1:] - needed[0]).T, right[rank:].T])
+        whole = self._conditions @ unknowns
+        return ContactBounds(whole[:, 1:], -whole[:, 0], unknowns.shape[1] - 1 - p)
+
+    def excess(self, states: StateEvaluation, T: Float[Array, "N p"]) -> Float[Array, " k"]:
+        """Largest amount by which each condition fails at states (N,) under inputs, for the best forces."""
+        effects, needed = self._forces.equations(states, T)
+        left, values, right = np.linalg.svd(effects)
+        counted = values > _RANK * values[:, :1]
+        inverses = np.divide(1.0, values, out=np.zeros_like(values), where=counted)
+        along = inverses * np.matvec(left.mT[:, : values.shape[1]], needed)
+        found = np.matvec(right.mT[:, :, : values.shape[1]], along) @ self._conditions.T
+        for number in np.flatnonzero((found > 0.0).any(axis=1)):
+            free = self._conditions @ right[number, int(counted[number].sum()) :].T
+            point = nearest_point(np.zeros(free.shape[1]), free, np.full(len(free), -np.inf), -found[number])
+            if free.shape[1] and point is not None:
+                found[number] += free @ point.point
+        return np.asarray(found.max(axis=0))
+
+    @cached_property
+    def _conditions(self) -> Float[Array, "k y"]:
+        """Conditions on all contact forces: rows that are not positive."""
+        forces = self._forces.selection
+        rows = [-forces[self._carrying, 0]]
+        for place, along in self._gripping:
+            sides = 2 if along == 1 else _SIDES
+            angles = 2 * np.pi * np.arange(sides) / sides
+            across = np.cos(angles)[:, None] * forces[place, 1]
+            if along > 1:
+                across = across + np.sin(angles)[:, None] * forces[place, 2]
+            inside = self._friction * (1.0 if sides == 2 else np.cos(np.pi / sides))
+            rows.append(across - inside * forces[place, 0])
+        return np.vstack(rows)
+
+
+_VELOCITY_COST = 1e-4  # of a velocity, beside the cost 1 of exceeding a limit
+_ROUNDING = 1e-9  # [of a row] by which bounds are widened after they gave way
+
+
+class ProgramBounds(NamedTuple):
+    """Limits on the reduced velocity, without idle rows: ``lower <= rows v2 <= upper``."""
+
+    rows: Float[Array, "k r"]
+    lower: Float[Array, " k"]
+    upper: Float[Array, " k"]
+    places: Int[Array, " k"]
+    """Indices of the rows among the names of all limits."""
+    total: int
+    """Number of names."""
+
+    def spread(self, values: Array) -> Float[Array, "*levels total"]:
+        """Values of the rows (..., k), at the places of all names; zero for idle rows."""
+        found = np.zeros((*values.shape[:-1], self.total))
+        found[..., self.places] = values
+        return found
+
+    def excess(self, v2: Array) -> Float[Array, " k"]:
+        """Amount by which a velocity exceeds each row, (k,); zero if it satisfies the row."""
+        values = self.rows @ v2
+        return np.maximum(np.maximum(values - self.upper, self.lower - values), 0.0)
+
+
+class LimitStack:
+    """All limits of a program.
+
+    Limits give way in groups: soft limits with the largest ``priority`` first, hard limits last.
+
+    Args:
+        limits: the limits.
+        reduced: the model.
+
+    Attributes:
+        names: name of each row, (k,).
+        averaged: mask of the rows whose bounds hold for the mean velocity over the sample too, (k,).
+        spacing: longest motion of a velocity between two checks of a braking motion [m, rad].
+        judged_by_rows: mask of the rows that a velocity exceeds if it violates them in its sample, (k,).
+    """
+
+    def __init__(self, limits: Sequence[ControlLimit], reduced: ReducedModel) -> None:
+        for each in limits:
+            if not isinstance(each, ControlLimit):
+                raise ConfigurationError(f"a limit has to be a ControlLimit, found {type(each).__name__}")
+        self._bound = [each.bind(reduced) for each in limits]
+        sizes = [len(each.names) for each in self._bound]
+        self.names = distinct([name for each in self._bound for name in each.names])
+        self.averaged = np.repeat([each.averaged for each in self._bound], sizes).astype(bool)
+        stops = np.cumsum([0, *sizes])
+        self._places = [np.arange(stop - size, stop) for stop, size in zip(stops[1:], sizes, strict=True)]
+        ranks = np.repeat([-1 if each.hard else each.priority for each in limits], sizes).astype(int)
+        hard = np.repeat([each.hard for each in limits], sizes).astype(bool)
+        self._groups = [np.flatnonzero(hard), *(np.flatnonzero(~hard & (ranks == p)) for p in sorted({*ranks[~hard]}))]
+        self._nv, self._affine = reduced.n, reduced.affine
+        by_rows = [type(each).exceeded_by is BoundLimit.exceeded_by for each in self._bound]
+        self.judged_by_rows = np.repeat(by_rows, sizes).astype(bool)
+        self.spacing = min((each.spacing for each in self._bound), default=np.inf)
+
+    def rows(self, sample: ControlSample, braking: bool = False) -> LimitRows:
+        """Return the limits at the end of a sample on the full velocity, without idle rows.
+
+        Args:
+            sample: the sample.
+            braking: True for the rows of a braking motion.
+        """
+        J, lower, upper, places = [], [], [], []
+        for limit, where in zip(self._bound, self._places, strict=True):
+            rows = limit.braking_rows(sample) if braking else limit.rows(sample)
+            if rows is None:
+                continue
+            J.append(rows.jacobian)
+            lower.append(rows.lower)
+            upper.append(rows.upper)
+            places.append(where if rows.places is None else where[rows.places])
+        if not J:
+            return LimitRows(np.zeros((0, self._nv)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=int))
+        whole, low, high, chosen = (np.concatenate(each) for each in (J, lower, upper, places))
+        used = np.isfinite(low) | np.isfinite(high)
+        if not used.all():
+            whole, low, high, chosen = whole[used], low[used], high[used], chosen[used]
+        return LimitRows(whole, low, high, chosen)
+
+    def bounds(self, sample: ControlSample, rows: LimitRows | None = None) -> ProgramBounds:
+        """Return the limits at the end of a sample, with ``v = R v2 + b``.
+
+        Args:
+            sample: the sample.
+            rows: the result of ``rows`` at this sample, if it is known.
+        """
+        J, low, high, places = self.rows(sample) if rows is None else rows
+        assert places is not None
+        if self._affine:
+            offset = J @ sample.end.b
+            low, high = low - offset, high - offset
+        return ProgramBounds(J @ sample.end.R, low, high, places, len(self.names))
+
+    def exceeded(
+        self, state: StateEvaluation, time: float, rows: LimitRows | None = None, mean: Array | None = None
+    ) -> Float[Array, " k"]:
+        """Return the amount by which a state exceeds each limit (k,); zero if it satisfies the limit.
+
+        Args:
+            state: the state.
+            time: its time [s].
+            rows: rows of the sample that led to the state, for limits that its velocity decides; None for a start.
+            mean: mean velocity (nv,) over this sample; None for a start.
+        """
+        found = np.zeros(len(self.names))
+        if rows is not None:
+            reached = rows.jacobian @ state.v
+            found[rows.places] = np.maximum(reached - rows.upper, rows.lower - reached)
+        for limit, where in zip(self._bound, self._places, strict=True):
+            own = limit.exceeded_by(state, time, mean)
+            if own is not None:
+                found[where] = own
+        return np.maximum(found, 0.0)
+
+    def relaxed(self, bounds: ProgramBounds, before: Sequence[Array] = ()) -> tuple[ProgramBounds, Array] | None:
+        """Return bounds that some velocity satisfies, and such a velocity; None if the solver finds none.
+
+        Groups are added one by one, hard limits first. Each group gives way by the least sum of squares that the groups
+        before it allow.
+
+        Args:
+            bounds: the bounds; their first places are those of the limits.
+            before: groups of further places that come before the limits.
+        """
+        rows, lower, upper = bounds.rows, bounds.lower.copy(), bounds.upper.copy()
+        r = rows.shape[1]
+        fixed, inside = np.zeros(0, dtype=int), np.zeros(r)
+        for members in (*before, *self._groups):
+            belongs = np.zeros(bounds.total, dtype=bool)
+            belongs[members] = True
+            group = np.flatnonzero(belongs[bounds.places])
+            both = np.concatenate([fixed, group])
+            found = nearest_point(np.zeros(r), rows[both], lower[both], upper[both], coarse=False)
+            if found is not None:
+                inside = found.point
+            else:
+                v2 = self._least_excess(bounds._replace(lower=lower, upper=upper), fixed, group)
+                if v2 is None:
+                    return None
+                inside = v2
+                values, room = rows[group] @ v2, _ROUNDING * (1.0 + np.abs(rows[group]).sum(axis=1))
+                lower[group] = np.where(values < lower[group], values - room, lower[group])
+                upper[group] = np.where(values > upper[group], values + room, upper[group])
+            fixed = both
+        return bounds._replace(lower=lower, upper=upper), inside
+
+    @staticmethod
+    def _least_excess(bounds: ProgramBounds, fixed: Array, group: Array) -> Array | None:
+        """Velocity (r,) that exceeds the rows of a group least, within the rows before it; None if it is not found."""
+        r, k = bounds.rows.shape[1], len(group)
+        # Variables: the velocity times its cost, and the excess of each row of the group.
+        free = np.zeros((len(fixed) + 2 * k, r + k))
+        both = np.concatenate([fixed, group, group])
+        free[:, :r] = bounds.rows[both] / _VELOCITY_COST
+        above, below = slice(len(fixed), len(fixed) + k), slice(len(fixed) + k, None)
+        free[above, r:], free[below, r:] = -np.eye(k), np.eye(k)
+        lower, upper = bounds.lower[both], bounds.upper[both]
+        lower[above], upper[below] = -np.inf, np.inf
+        found = nearest_point(np.zeros(r + k), free, lower, upper)
+        if found is None:
+            return None
+        v2 = found.point[:r] / _VELOCITY_COST
+        values, room = bounds.rows[fixed] @ v2, ROUNDING * (1.0 + np.abs(free[: len(fixed)]).sum(axis=1))
+        kept = (values <= bounds.upper[fixed] + room).all() and (values >= bounds.lower[fixed] - room).all()
+        return v2 if kept else None
+
+
+def distinct(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names with a number behind every repeated one: "hand x upper", "hand x upper (2)"."""
+    seen: Counter[str] = Counter()
+    found = []
+    for name in names:
+        seen[name] += 1
+        found.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    return tuple(found)

@@ -1,0 +1,286 @@
+"""Limits of joints: positions, with the distance that a joint needs to stop, velocities and accelerations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from annotated_types import Ge, Lt
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.control.controller import LimitedAcceleration
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.input_validation import Numbers, Positive
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.motion.whole_body.limits.control_limit import (
+    BoundLimit,
+    ControlLimit,
+    ControlSample,
+    LimitRows,
+    PlannedBraking,
+)
+from rnc_pin.robots.joint_values import known_velocity_limits, limited_positions
+from rnc_pin.robots.robot import Robot
+
+
+def limited_velocities(robot: Robot, joints: Sequence[str] | None, limit: float | None) -> tuple[list[int], np.ndarray]:
+    """Return the entries of v with velocity limits, and the limits [rad/s or m/s].
+
+    Args:
+        robot: the robot.
+        joints: names; by default every joint with a limit, or every joint of one degree of freedom if one is given.
+        limit: limit of all of them; the limits of the robot's file by default.
+
+    Raises:
+        ModelError: unknown joint.
+        ConfigurationError: a named joint has no velocity limit in the file, and none is given.
+    """
+    model, indices = robot.model, list[int]()
+    own = known_velocity_limits(model)
+    for name in robot.joint_names if joints is None else joints:
+        joint = model.joints[robot.joint_id(name)]
+        limited = [i for i in range(joint.idx_v, joint.idx_v + joint.nv) if limit is not None or np.isfinite(own[i])]
+        if joints is not None and not limited:
+            raise ConfigurationError(f"joint '{name}' has no velocity limit in the robot's file: give one")
+        if joints is not None or limit is None or joint.nv == 1:
+            indices += limited
+    return indices, own[indices] if limit is None else np.full(len(indices), float(limit))
+
+
+def selection_rows(indices: Sequence[int], size: int) -> np.ndarray:
+    """Return rows (k, size) that select entries of a vector."""
+    rows = np.zeros((len(indices), size))
+    rows[np.arange(len(indices)), indices] = 1.0
+    rows.setflags(write=False)
+    return rows
+
+
+@dataclass(frozen=True)
+class JointVelocityLimit(ControlLimit):
+    """Velocity limits of joints, from the robot's file by default. A hard limit.
+
+    ``InverseDynamicsQP`` keeps it for the mean velocity over each sample too.
+
+    Args:
+        joints: names; by default every joint with a velocity limit in the file, or every joint of one degree of freedom
+            if ``limit`` is given.
+        limit: limit of all these joints [rad/s or m/s]; the limits of the file by default.
+        margin: share of the limit that stays unused. It covers the change of R within a sample.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> limit = rnc.control.limits.JointVelocityLimit(joints=["joint_1"], limit=0.5, margin=0.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = limit.bind(reduced).rows(sample)
+        >>> rows.lower.round(6), rows.upper.round(6)
+        (array([-0.5]), array([0.5]))
+    """
+
+    hard: ClassVar[bool] = True
+
+    joints: Sequence[str] | None = None
+    limit: Positive | None = None
+    margin: Annotated[float, Ge(0), Lt(1)] = 1e-3
+
+    def bind(self, reduced: ReducedModel) -> BoundLimit:
+        return _BoundVelocities(self, reduced)
+
+
+class _BoundVelocities(BoundLimit):
+    averaged = True
+
+    def __init__(self, limit: JointVelocityLimit, reduced: ReducedModel) -> None:
+        indices, largest = limited_velocities(reduced.robot, limit.joints, limit.limit)
+        used = (1.0 - limit.margin) * largest
+        names = reduced.robot.velocity_names
+        self.names = tuple(f"{names[index]} velocity" for index in indices)
+        self._rows = LimitRows(selection_rows(indices, reduced.n), -used, used)
+        self._indices, self._largest = indices, largest
+
+    def rows(self, sample: ControlSample) -> LimitRows:
+        return self._rows
+
+    def exceeded_by(self, state: StateEvaluation, time: float, mean: Array | None = None) -> Array:
+        fastest = np.abs(state.v[self._indices])
+        if mean is not None:
+            fastest = np.maximum(fastest, np.abs(mean[self._indices]))
+        return fastest - self._largest
+
+
+_STOPPING_TIME = 0.25  # [s] from the velocity limit, if no deceleration is given
+_CROSSING_TIME = 1.0  # [s] for the range of a joint without a velocity limit
+
+
+@dataclass(frozen=True)
+class JointPositionLimit(ControlLimit):
+    """Position limits of joints, from the robot's file. A hard limit.
+
+    A joint moves at most as fast as it can still stop before its limit, in whole samples at a constant deceleration.
+    So an acceleration limit of the same size can always be respected, if joints move independently. A joint that is
+    beyond its limit may rest or return.
+
+    Args:
+        joints: names; by default every joint with position limits.
+        deceleration: deceleration of these joints [rad/s^2 or m/s^2]. By default each joint stops from its velocity
+            limit in 0.25 s; without a velocity limit, it is the range of the joint per s^2. Where efforts are limited,
+            it is at most what half of them gives at the state, less the load.
+        margin: share of the range that stays unused at each end.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> limit = rnc.control.limits.JointPositionLimit(joints=["joint_1"], deceleration=2.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = limit.bind(reduced).rows(sample)
+        >>> rows.upper.round(1)  # about sqrt(2 a d), with d = 62.8 rad to the end
+        array([15.8])
+    """
+
+    hard: ClassVar[bool] = True
+
+    joints: Sequence[str] | None = None
+    deceleration: Positive | None = None
+    margin: Annotated[float, Ge(0), Lt(0.5)] = 1e-3
+
+    def bind(self, reduced: ReducedModel) -> BoundLimit:
+        return _BoundPositions(self, reduced)
+
+
+class _BoundPositions(BoundLimit):
+    def __init__(self, limit: JointPositionLimit, reduced: ReducedModel) -> None:
+        found = limited_positions(reduced.robot, limit.joints)
+        self._q, self._v = np.array(found.q, dtype=int), np.array(found.v, dtype=int)
+        room = limit.margin * (found.upper - found.lower)
+        self._ends = found.lower, found.upper
+        names = reduced.robot.velocity_names
+        self.names = tuple(f"{names[index]} position" for index in found.v)
+        self._jacobian = selection_rows(found.v, reduced.n)
+        fastest = known_velocity_limits(reduced.robot.model)[found.v]
+        by_range = (found.upper - found.lower) / _CROSSING_TIME**2
+        own = np.where(np.isfinite(fastest), fastest / _STOPPING_TIME, by_range)
+        deceleration = own if limit.deceleration is None else np.full(len(own), limit.deceleration)
+        self._limits = np.array([found.lower + room, found.upper - room, deceleration])
+        self._braking = PlannedBraking(reduced) if limit.deceleration is None else None
+        self._sides = np.vstack([-self._jacobian, self._jacobian])
+
+    def rows(self, sample: ControlSample) -> LimitRows:
+        start = sample.start
+        limits = self._limits
+        if self._braking is not None:
+            planned = self._braking.decelerations(self._sides, start).reshape(2, -1).min(axis=0)
+            limits = np.array([*limits[:2], np.minimum(limits[2], planned)])
+        q, ahead = start.q[self._q], 0.5 * sample.dt * start.v[self._v]
+        room = np.array([limits[1] - q - ahead, q + ahead - limits[0]])
+        upper, lower = velocity_to_stop(room, limits[2], sample.dt)
+        return LimitRows(self._jacobian, -lower, upper)
+
+    def braking_rows(self, sample: ControlSample) -> LimitRows:
+        q, v = sample.start.q[self._q], sample.start.v[self._v]
+        room = np.maximum([self._limits[1] - q, q - self._limits[0]], 0.0)
+        upper, lower = np.maximum(2.0 * room / sample.dt - [v, -v], 0.0)
+        return LimitRows(self._jacobian, -lower, upper)
+
+    def exceeded_by(self, state: StateEvaluation, time: float, mean: Array | None = None) -> Array:
+        q, (lower, upper) = state.q[self._q], self._ends
+        return np.maximum(q - upper, lower - q)
+
+
+def velocity_to_stop(
+    room: Float[Array, "*sides k"], deceleration: Float[Array, " k"], dt: float
+) -> Float[Array, "*sides k"]:
+    """Return the largest velocity at the end of a sample from which a joint stops in time.
+
+    Over this sample a joint of velocity u moves by ``dt (u + v) / 2``. From v it then stops in whole samples, at most
+    ``a dt`` slower after each. This distance D(v) is the chord of ``v^2 / (2 a)`` between multiples of ``a dt``. The
+    result solves ``dt v / 2 + D(v) = room``; it is zero if there is no room.
+
+    Args:
+        room: distance to the limit, without the part ``dt u / 2`` of this sample.
+        deceleration: a.
+        dt: sampling interval [s].
+    """
+    room = np.maximum(room, 0.0)
+    unit = 0.5 * deceleration * dt**2
+    whole = np.floor(0.5 * (np.sqrt(1.0 + 4.0 * room / unit) - 1.0))
+    return whole * deceleration * dt + (room - unit * whole * (whole + 1.0)) / (dt * (whole + 1.0))
+
+
+@dataclass(frozen=True)
+class AccelerationLimit(ControlLimit):
+    """Limit of the acceleration between two samples: of every reduced velocity, or of joints. A soft limit.
+
+    Args:
+        limit: largest acceleration [rad/s^2 or m/s^2]; one number, or one for each reduced velocity or joint entry, or
+            one by the name of each joint, e.g. ``{"joint_1": 2.0}``.
+        joints: names of joints; by default the limit is on the reduced velocities v2.
+        priority: order in which soft limits give way; the largest number first.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> limit = rnc.control.limits.AccelerationLimit(2.0, joints=["joint_1", "joint_2"])
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = limit.bind(reduced).rows(sample)
+        >>> rows.lower.round(6), rows.upper.round(6)  # the limit times dt, about the velocity of the start
+        (array([-0.02, -0.02]), array([0.02, 0.02]))
+    """
+
+    limit: float | Numbers | Mapping[str, Positive]
+    joints: Sequence[str] | None = None
+    priority: int = field(default=2, kw_only=True)
+
+    def bind(self, reduced: ReducedModel) -> BoundLimit:
+        return _BoundAccelerations(self, reduced)
+
+    def entries(self, reduced: ReducedModel) -> tuple[LimitedAcceleration, ...]:
+        """Limited entries of the accelerations of a model.
+
+        Raises:
+            ModelError: a joint does not exist.
+            ConfigurationError: the limits are not positive, or do not fit the entries.
+        """
+        joints, given = self.joints, self.limit
+        largest = np.zeros(0) if isinstance(given, Mapping) else np.asarray(given, dtype=float)
+        if isinstance(given, Mapping):
+            if joints is not None or not given:
+                raise ConfigurationError("an acceleration limit has joints by name: give one or more, and no 'joints'")
+            places = [reduced.robot.velocity_indices(name) for name in given]
+            sizes = [place.stop - place.start for place in places]
+            joints, largest = list(given), np.repeat(np.array(list(given.values()), dtype=float), sizes)
+        if joints is None:
+            quantity: Literal["v", "v2"] = "v2"
+            columns, names = list(range(reduced.r)), list(reduced.reducing.names)
+        else:
+            quantity = "v"
+            columns = [k for name in joints for k in range(reduced.n)[reduced.robot.velocity_indices(name)]]
+            names = [reduced.robot.velocity_names[index] for index in columns]
+        if largest.shape not in ((), (len(names),)) or not ((largest > 0) & (largest < np.inf)).all():
+            raise ConfigurationError(
+                f"an acceleration limit has to be a positive number or {len(names)}, found {self.limit}"
+            )
+        limits = np.broadcast_to(largest, len(names)).tolist()
+        found = zip(names, columns, limits, strict=True)
+        return tuple(LimitedAcceleration(name, quantity, column, -limit, limit) for name, column, limit in found)
+
+
+class _BoundAccelerations(BoundLimit):
+    def __init__(self, limit: AccelerationLimit, reduced: ReducedModel) -> None:
+        entries = limit.entries(reduced)
+        self.names = tuple(f"{each.name} acceleration" for each in entries)
+        self._largest = np.array([each.upper for each in entries])
+        of_joints = limit.joints is not None or isinstance(limit.limit, Mapping)
+        self._indices = [each.column for each in entries] if of_joints else None
+        if self._indices is not None:
+            self._jacobian = selection_rows(self._indices, reduced.n)
+
+    def rows(self, sample: ControlSample) -> LimitRows:
+        change = self._largest * sample.dt
+        if self._indices is None:
+            return LimitRows(sample.end.J2, sample.start.v2 - change, sample.start.v2 + change)
+        v = sample.start.v[self._indices]
+        return LimitRows(self._jacobian, v - change, v + change)

@@ -1,0 +1,486 @@
+"""Tasks of a program in reduced velocities, level by level: a lexicographic cascade of least squares within limits.
+
+At each level, the rows J of its tasks are restricted to the null space Z of the levels above. In the coordinates of the
+singular value decomposition of ``J Z`` the program has the identity as Hessian. So it needs no regularisation in the
+directions that tasks determine, and without active limits its solution is that of linear equations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin import _kernel
+from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.math.convex_programs import nearest_point
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.motion.whole_body.limit_stack import LimitStack, ProgramBounds, distinct
+from rnc_pin.motion.whole_body.limits.control_limit import ControlSample
+from rnc_pin.motion.whole_body.tasks import BoundOutput, ControlTask, OutputsTogether
+
+_SAMPLED_DAMPING = 2.0  # the inverse of the largest factor per sample
+_RANK = 1e-8  # singular value, relative to the rows of the level, below which a direction is free
+_NOTHING = 1e-100  # size of rows that do not act; squares of smaller singular values are zero in floating point
+_FREE_COST = 1e-3  # cost of a direction that no task determines, relative to the least determined direction
+_TOUCHING = 1e-12  # relative excess of a limit that is rounding
+_EXCEEDED = 1e-8  # excess of a limit above which it gave way
+_ROUNDING = 1e-12  # residual, relative to the rate, that is rounding
+_SLOW = 0.2  # of the speed of lower levels at which a null space turns by half within a sample
+_LEAST_SHARE = 1e-9  # of a direction that lower levels may use, below which they do not see it
+_SECANT = 1e-6  # relative error of the damping
+_ITERATIONS = 20  # of the damping of a level; four or five are enough
+
+
+class SampledDamping(NamedTuple):
+    """Damping of tasks that do not attain their rates: without it, a sampled loop can oscillate between its limits.
+
+    A level minimises ``|J v - rate|^2``. Where it leaves a residual rho, the gradient ``J^T rho`` turns with the
+    configuration q: its slope is ``N = sum_i rho_i d^2 x_i / dq^2``. The program decides the velocity at the end of a
+    sample, at the configuration that the velocity at the start predicts there. So one sample of duration h multiplies
+    a velocity along a motion n by
+
+        -h n^T N n / |J n|^2
+
+    Where an arm is stretched towards a goal out of reach, ``|J n|`` vanishes and N does not. Below -1, the velocity
+    changes its sign at every sample and grows up to a limit. With ``lambda |v|^2`` in the cost, the denominator is
+    ``|J n|^2 + lambda |n|^2``. An arm whose levers ``|J_i|`` (columns of J) fall towards the tip has
+    ``|n^T N n| <= |rho| sum_i |J_i| |n|^2``: the entry (i, j) of N is at most ``|rho|`` times the smaller lever, so
+    N is bounded by a sum of rank-one terms with the trace ``|rho| sum_i |J_i|``. Therefore
+
+        lambda = 2 h |rho(lambda)| sum_i |J_i|
+
+    bounds the factor by 1/2. The residual depends on the damping itself. For one singular value sigma of J and the rate
+    e along it, ``rho = lambda e / (sigma^2 + lambda)``, and the equation has the solution
+    ``lambda = max(0, 2 h e sum_i |J_i| - sigma^2)``: continuous in sigma, and exactly zero near a goal in reach. In
+    general it is the root of one increasing function. Levenberg-Marquardt methods of inverse kinematics damp by the
+    residual likewise (T. Sugihara, IEEE Transactions on Robotics 27 (2011) 984-991), at every singular value;
+    A. A. Maciejewski and C. A. Klein (International Journal of Robotics Research 8(6) (1989) 38-55) at small ones.
+    """
+
+    dt: float
+    """Duration of the sample [s]."""
+    levers: Sequence[float]
+    """Sum of the norms of the columns of the curved rows of each level on the reduced velocities."""
+    curved: Sequence[Bool[Array, " k"]]
+    """Masks of the rows of each level whose Jacobian depends on the configuration; a constant one has no slope N."""
+    near: Sequence[float] = ()
+    """Damping of each level in a similar program; empty if none is known."""
+
+
+def lever_sum(jacobian: Float[Array, "k r"], curved: Bool[Array, " k"]) -> float:
+    """Return the sum of the norms of the columns of the curved rows."""
+    jacobian = jacobian[curved]
+    return float(np.sqrt(np.einsum("kr,kr->r", jacobian, jacobian)).sum())
+
+
+def residual_damping(
+    residual: Callable[[float], float], factor: float, highest: float, at_zero: float, start: float = 0.0
+) -> float:
+    """Return the largest lambda with ``lambda = factor * residual(lambda)``; zero if there is none.
+
+    The right-hand side over lambda falls. Its inverse is linear for one singular value, so the secant method is exact
+    there.
+
+    Args:
+        residual: residual of a level that is damped.
+        factor: damping over residual.
+        highest: bound of the residual.
+        at_zero: value of ``lambda / (factor * residual(lambda))`` at zero.
+        start: lambda near the solution; zero if none is known.
+    """
+    low, high = 0.0, factor * highest
+    if at_zero >= 1.0 or high <= 0.0:
+        return 0.0
+    before, at_before = low, at_zero
+    now = start if 0.0 < start < high else high
+    for _ in range(_ITERATIONS):
+        at_now = now / max(factor * residual(now), 1e-300)
+        if abs(at_now - 1.0) <= _SECANT or (at_now < 1.0 and now >= high):
+            return now
+        low, high = (now, high) if at_now < 1.0 else (low, now)
+        rise = at_now - at_before
+        ahead = now + (1.0 - at_now) * (now - before) / rise if rise else low
+        before, at_before = now, at_now
+        now = ahead if low < ahead < high else now / at_now  # a step of the fixed point stays on its side of it
+    return high
+
+
+class TaskLevel(NamedTuple):
+    """Tasks of one priority: the program minimises ``|J v2 - rate|^2``; rows are multiplied by roots of weights."""
+
+    jacobian: Float[Array, "k r"]
+    rate: Float[Array, " k"]
+
+
+class CascadeSolution(NamedTuple):
+    """Solution of all levels."""
+
+    unknowns: Float[Array, " n"]
+    """Reduced velocities, or inputs and contact forces."""
+    multipliers: Float[Array, "levels k"]
+    """Multipliers of the limits at each level; zero at a level that touches no limit."""
+    damping: tuple[float, ...] = ()
+    """Damping lambda of each level within its limits."""
+
+
+class TaskStack:
+    """All tasks of a program.
+
+    Args:
+        tasks: the tasks.
+        reduced: the model.
+
+    Attributes:
+        bound: the tasks of the model.
+        names: name of each row, in the order of the tasks.
+        levels: number of levels.
+        curved: for each level, a mask of the rows whose Jacobian depends on the configuration.
+    """
+
+    def __init__(self, tasks: Sequence[ControlTask], reduced: ReducedModel) -> None:
+        for each in tasks:
+            if not isinstance(each, ControlTask):
+                raise ConfigurationError(f"a task has to be a ControlTask, found {type(each).__name__}")
+        self.bound = [each.bind(reduced) for each in tasks]
+        self.names = distinct([name for each in self.bound for name in each.names])
+        roots = [np.sqrt(t.numbers("weight", t.weight, len(b.names))) for t, b in zip(tasks, self.bound, strict=True)]
+        priorities = sorted({each.priority for each in tasks})
+        self.levels = len(priorities)
+        order = sorted(range(len(tasks)), key=lambda k: tasks[k].priority)
+        sizes = [len(self.bound[k].names) for k in order]
+        stops = np.cumsum([0, *sizes]).tolist()
+        places = {k: slice(start, stop) for k, start, stop in zip(order, stops[:-1], stops[1:], strict=True)}
+        self._roots = np.concatenate([np.zeros(0), *(roots[k] for k in order)])
+        ends = [max(places[k].stop for k in order if tasks[k].priority == priority) for priority in priorities]
+        self._parts = [slice(start, stop) for start, stop in pairwise([0, *ends])]
+        curved = np.repeat([not self.bound[k].constant for k in order], sizes).astype(bool)
+        self.curved = [curved[part] for part in self._parts]
+        outputs = [(each, places[k]) for k, each in enumerate(self.bound) if isinstance(each, BoundOutput)]
+        self._outputs = OutputsTogether([each for each, _ in outputs], reduced) if outputs else None
+        self._output_rows = np.concatenate([np.arange(0), *(np.arange(stops[-1])[where] for _, where in outputs)])
+        self._others = [(each, places[k]) for k, each in enumerate(self.bound) if not isinstance(each, BoundOutput)]
+        self._nv, self._affine = reduced.n, reduced.affine
+
+    def at(self, sample: ControlSample) -> list[TaskLevel]:
+        """Return the levels at the end of a sample."""
+        roots = self._roots
+        J, rate = np.empty((len(roots), self._nv)), np.empty(len(roots))
+        if self._outputs is not None:
+            J[self._output_rows], rate[self._output_rows] = self._outputs.rows(sample)
+        for bound, where in self._others:
+            J[where], rate[where] = bound.rows(sample)
+        if self._affine:
+            rate = rate - J @ sample.end.b
+        weighted, rate = roots[:, None] * (J @ sample.end.R), roots * rate
+        return [TaskLevel(weighted[part], rate[part]) for part in self._parts]
+
+
+class RelaxedSolution(NamedTuple):
+    """Solution of all levels within limits that may have given way."""
+
+    unknowns: Float[Array, " n"]
+    multipliers: Float[Array, "levels k"]
+    excess: Float[Array, " k"]
+    """Amount by which each limit gave way; zero if it did not."""
+    unsolved: str = ""
+    """Reason why the tasks are not solved: the unknowns only keep the limits, or come to rest."""
+    damping: tuple[float, ...] = ()
+
+
+def solve_within(
+    levels: Sequence[TaskLevel],
+    bounds: ProgramBounds,
+    limits: LimitStack,
+    otherwise: Array,
+    damping: float = 0.0,
+    multipliers: Array | None = None,
+    before: Sequence[Array] = (),
+    sampled: SampledDamping | None = None,
+    exclusive: bool = False,
+) -> RelaxedSolution:
+    """Solve the levels; limits that exclude each other give way.
+
+    Args:
+        levels, bounds, damping, sampled: as for ``solve_cascade``.
+        multipliers: multipliers of all limits in a similar program, (levels, k), to start from.
+        limits: the limits, in the order in which they give way.
+        otherwise: unknowns (n,) if no program is solved.
+        before: groups of further places of the bounds that come before the limits.
+        exclusive: True if the limits of a similar program exclude each other.
+    """
+    start = None if multipliers is None else multipliers[:, bounds.places]
+    found = None if exclusive else solve_cascade(levels, bounds, damping, start, sampled)
+    if found is not None:
+        return RelaxedSolution(
+            found.unknowns, bounds.spread(found.multipliers), np.zeros(bounds.total), damping=found.damping
+        )
+    none, relaxed = np.zeros((max(len(levels), 1), len(bounds.lower))), limits.relaxed(bounds, before)
+    if relaxed is None:
+        reason = "the program of the least excess over limits is not solved"
+        return RelaxedSolution(otherwise, bounds.spread(none), np.zeros(bounds.total), reason)
+    found, reason = solve_cascade(levels, relaxed[0], damping, None, sampled), ""
+    if found is None:
+        found, reason = CascadeSolution(relaxed[1], none), "tasks within limits that gave way are not solved"
+    excess = bounds.excess(found.unknowns)
+    excess[excess < _EXCEEDED] = 0.0
+    multipliers = bounds.spread(found.multipliers)
+    return RelaxedSolution(found.unknowns, multipliers, bounds.spread(excess), reason, found.damping)
+
+
+class _FreeDirections(NamedTuple):
+    """Unknowns ``kept + Z z`` that higher levels leave free, at the cost ``|stiffness z|^2``."""
+
+    kept: Array
+    """Solution of the higher levels (n,)."""
+    Z: Array | None
+    """Directions (n, k), orthogonal; None for all directions."""
+    stiffness: Array
+    """Roots of the cost of each direction (k,), relative to the rows of a level; zero for a free one."""
+
+    def rows(self, jacobian: Array) -> Array:
+        """Rows on z, from rows on the unknowns."""
+        return jacobian if self.Z is None else jacobian @ self.Z
+
+    def outward(self, T: Array) -> Array:
+        """Directions of the unknowns, from directions of z as columns."""
+        return T if self.Z is None else self.Z @ T
+
+
+class _Point(NamedTuple):
+    """Solution of one level."""
+
+    unknowns: Array
+    determined: Array
+    """Part of the unknowns that the rows of the level determine, beside what is kept."""
+    multipliers: Array
+
+
+class _Level:
+    """One level in the coordinates of its singular values: with ``y = scales V^T z`` its cost is a distance.
+
+    Args:
+        free: what higher levels leave free.
+        own: rows (k, n) on z.
+        rate: their desired values (k,).
+        norm: size of the rows.
+        damping: cost of the unknowns.
+        curved: indices of the rows whose Jacobian depends on the configuration; none without sampled damping.
+        factor: sampled damping over residual.
+    """
+
+    def __init__(
+        self, free: _FreeDirections, own: Array, rate: Array, norm: float, damping: float, curved: Array, factor: float
+    ) -> None:
+        left, values, self._right = np.linalg.svd(own, full_matrices=len(own) < own.shape[1])
+        rank = int((values > _RANK * norm).sum())
+        self._free, self._own, self._norm, self._factor = free, own, norm, factor
+        self.unused = self._right[rank:]
+        self._values, self._squares = values[:rank], values[:rank] ** 2 + damping**2
+        self._amounts = rate @ left[:, :rank]
+        self._along, self._wanted = left[curved, :rank], rate[curved]
+        self._start: Array | None = None
+        self._solved: dict[float, tuple[Array, Array, Array]] = {}  # the last program, by its damping
+        self.added = self._added_without_limits() if factor else 0.0
+
+    def _added_without_limits(self) -> float:
+        along = self._along * self._amounts
+        least = self._wanted - along.sum(axis=1)
+        at_rest = _size(self._wanted)
+        turns = self._factor * _size(along @ (1.0 / self._squares))
+        at_zero = 1.0 / max(turns, 1e-300) if _size(least) <= _ROUNDING * at_rest else 0.0
+        return residual_damping(
+            lambda added: _size(least + along @ (added / (self._squares + added))), self._factor, at_rest, at_zero
+        )
+
+    def without_limits(self) -> _Point:
+        """Solution without limits."""
+        determined = self._free.outward(self._right[: len(self._values)].T @ (self._share_of_rate(self.added)))
+        return _Point(self._free.kept + determined, determined, np.zeros(0))
+
+    def _share_of_rate(self, added: float) -> Array:
+        return np.asarray(self._values * self._amounts / (self._squares + added))
+
+    def within(self, bounds: ProgramBounds, start: Array | None, near: float) -> _Point | None:
+        """Solution within limits, which can cause a residual too; None if there is none.
+
+        Args:
+            bounds: the limits.
+            start: multipliers to start from.
+            near: damping in a similar program; zero if none is known.
+        """
+        self._start = start
+        if self._factor:
+            self.added = residual_damping(
+                lambda added: self._residual(bounds, added), self._factor, _size(self._wanted), 0.0, near or self.added
+            )
+        found = self._solved.get(self.added) or self._nearest(bounds, self.added)
+        if found is None:
+            return None
+        y, T, multipliers = found
+        determined = T[:, : len(self._values)] @ y[: len(self._values)]
+        return _Point(self._free.kept + T @ y, determined, multipliers)
+
+    def _nearest(self, bounds: ProgramBounds, added: float) -> tuple[Array, Array, Array] | None:
+        rank, scales = len(self._values), np.sqrt(self._squares + added)
+        cheap = _FREE_COST * (float(scales[-1]) if rank else 1.0)
+        units = np.append(scales, np.full(len(self.unused), np.sqrt(cheap**2 + added)))
+        goal = np.append(scales * self._share_of_rate(added), np.zeros(len(self.unused)))
+        T = self._free.outward(self._right.T / units)
+        found = _nearest(bounds, self._free.kept, goal, T, self._start)
+        self._start = self._start if found is None else found[2]
+        return found
+
+    def _residual(self, bounds: ProgramBounds, added: float) -> float:
+        found = self._nearest(bounds, added)
+        if found is None:
+            return 0.0
+        self._solved = {added: found}
+        z = found[0][: len(self._values)] / np.sqrt(self._squares + added)
+        return _size(self._wanted - self._along @ (self._values * z))
+
+    def left_free(self, lower: Sequence[TaskLevel], determined: Array) -> _FreeDirections | None:
+        """Return the directions that lower levels may use; None if there are none.
+
+        Where the level does not attain its rates, a direction with the singular value sigma is free in part. Motion of
+        lower levels at the speed w turns the null space by ``sum_i |J_i| w / sigma``, so it concerns directions with
+        ``sigma < 2 (2 h sum_i |J_i| w)``.
+        """
+        kept, rank = self._free.kept + determined, len(self._values)
+        share = np.zeros(rank)
+        if self.added:
+            basis = self._free.outward(self._right.T)
+            speed = sum(_speed(basis, J, rate - J @ kept) for J, rate in lower)
+            near = np.maximum(0.0, 1.0 - self._values / max(2.0 * self._factor * speed, 1e-300))
+            share = self.added / (self._squares + self.added) * near
+        loose = share > _LEAST_SHARE
+        if not (len(self.unused) or loose.any()):
+            return None
+        directions = np.vstack([np.sqrt(share[loose])[:, None] * self._right[:rank][loose], self.unused])
+        stiffness = np.append(np.sqrt(1.0 - share[loose]), np.zeros(len(self.unused)))
+        return _FreeDirections(kept, self._free.outward(directions.T), stiffness)
+
+    def largest_speed(self, bounds: ProgramBounds, active: Array) -> float:
+        """Largest speed of lower levels along active limits: the null space turns slowly at it."""
+        rows = self._free.rows(bounds.rows[active != 0.0])
+        along = np.linalg.svd(rows)[2][len(rows) :] if len(rows) else self._right
+        values = np.linalg.svd(self._own @ along.T, compute_uv=False)
+        return _SLOW * float(values[values > _RANK * self._norm].min(initial=np.inf)) / self._factor
+
+
+def solve_cascade(
+    levels: Sequence[TaskLevel],
+    bounds: ProgramBounds,
+    damping: float,
+    multipliers: Array | None = None,
+    sampled: SampledDamping | None = None,
+) -> CascadeSolution | None:
+    """Solve the levels from the highest to the lowest; None if no velocity satisfies the limits.
+
+    A level that attains its rates is kept exactly. Where its rows are nearly dependent and it does not, lower levels
+    may use part of these directions: a null space that gained a direction at once, where its singular value vanishes,
+    would turn from sample to sample. For the same reason they are slow where active limits make rows dependent.
+
+    Args:
+        levels: tasks, highest level first.
+        bounds: limits.
+        damping: cost of the velocity at every level, which bounds it near singular configurations.
+        multipliers: multipliers of a similar cascade, (levels, k), to start from.
+        sampled: damping of levels that do not attain their rates; by default none.
+    """
+    rows, r, k = bounds.rows, bounds.rows.shape[1], len(bounds.lower)
+    levels = levels or [TaskLevel(np.zeros((0, r)), np.zeros(0))]
+    found = np.zeros((len(levels), k))
+    room = _TOUCHING * (1.0 + np.abs(rows).sum(axis=1))
+    low, high = bounds.lower - room, bounds.upper + room
+    near = [0.0] * len(levels) if sampled is None or not sampled.near else list(sampled.near)
+    free, unknowns = _FreeDirections(np.zeros(r), None, np.zeros(r)), None
+    slow: tuple[Array, float] | None = None
+
+    def keeps(point: Array) -> bool:
+        reached = rows @ point
+        return bool((reached <= high).all() and (reached >= low).all())
+
+    for index, (J, rate) in enumerate(levels):
+        own, rate = free.rows(J), rate - J @ free.kept
+        norm = max(float(np.sqrt(np.vdot(own, own))), _NOTHING)
+        start = None if multipliers is None else multipliers[index]
+        lever = 0.0 if sampled is None else sampled.levers[index]
+        if free.stiffness.any():
+            own, rate = np.vstack([own, np.diag(norm * free.stiffness)]), np.append(rate, np.zeros(len(free.stiffness)))
+        elif not lever and (whole := _whole_level(own, rate, _RANK * norm, damping)) is not None:
+            goal, T = whole[0], free.outward(whole[1])  # nothing is left to lower levels
+            ahead = free.kept + T @ goal
+            if keeps(ahead):
+                unknowns = ahead
+            elif (solved := _nearest(bounds, free.kept, goal, T, start)) is not None:
+                unknowns, found[index] = free.kept + T @ solved[0], solved[2]
+            break
+        curved, factor = np.zeros(0, dtype=int), 0.0
+        if lever and sampled is not None:
+            curved, factor = np.flatnonzero(sampled.curved[index]), _SAMPLED_DAMPING * sampled.dt * lever
+        level = _Level(free, own, rate, norm, damping, curved, factor)
+        point = level.without_limits()
+        if not keeps(point.unknowns):
+            limited = level.within(bounds, start, near[index])
+            if limited is None:
+                break  # at a lower level: rounding left no room
+            point, found[index], near[index] = limited, limited.multipliers, level.added
+            if level.added and slow is None and index + 1 < len(levels):
+                slow = point.unknowns, level.largest_speed(bounds, point.multipliers)
+        unknowns = point.unknowns
+        left = level.left_free(levels[index + 1 :], point.determined)
+        if left is None:
+            break
+        free = left
+    if slow is not None and unknowns is not None:  # both ends of the line keep the limits
+        change = unknowns - slow[0]
+        unknowns = slow[0] + min(1.0, slow[1] / max(_size(change), 1e-300)) * change
+    return None if unknowns is None else CascadeSolution(unknowns, found, tuple(near))
+
+
+def _size(values: Array) -> float:
+    return float(np.sqrt(values @ values))
+
+
+def _speed(basis: Array, J: Array, rate: Array) -> float:
+    """Size of the velocity that a level asks for along a basis."""
+    own = J @ basis
+    largest = float(np.einsum("kr,kr->k", own, own).max(initial=0.0))
+    return _size(rate @ own) / max(largest, 1e-300)
+
+
+def _whole_level(own: Array, rate: Array, least: float, damping: float) -> tuple[Array, Array] | None:
+    """Goal y (n,) and T (n, n) of rows (k, n) that determine all unknowns: with ``x = T y`` their cost is a distance.
+
+    The triangular factor of the rows takes less time than their singular values, which a level needs that leaves
+    directions free. None if the singular values may be below ``least``, or without the compiled kernel.
+
+    Args:
+        own, rate: rows and their desired values.
+        least: least singular value of these rows.
+        damping: cost of the unknowns.
+    """
+    size = own.shape[1]
+    if len(own) < size:
+        return None
+    numbers = np.empty((size + 1, size))
+    if not _kernel.library.least_squares(own, rate, least, damping, _RANK, numbers):
+        return None
+    return numbers[0], numbers[1:]
+
+
+def _nearest(
+    bounds: ProgramBounds, kept: Array, goal: Array, T: Array, start: Array | None
+) -> tuple[Array, Array, Array] | None:
+    """The y nearest to a goal with ``kept + T y`` within the limits, T and multipliers; None if there is none."""
+    lower, upper = bounds.lower, bounds.upper
+    if kept.any():
+        offset = bounds.rows @ kept
+        lower, upper = lower - offset, upper - offset
+    point = nearest_point(goal, bounds.rows @ T, lower, upper, start)
+    return None if point is None else (point.point, T, point.multipliers)

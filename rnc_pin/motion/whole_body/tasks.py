@@ -1,0 +1,408 @@
+"""Tasks of whole-body control, rows ``J v = rate``: outputs and bases, and what other tasks leave free."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.control.controller import check_size
+from rnc_pin.control.twist_controller import TwistController
+from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.compiled import evaluator_for
+from rnc_pin.model.coordinates import wrapped
+from rnc_pin.model.input_validation import NotNegative
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import OutputStack
+from rnc_pin.model.rows import ConstantRows, OutputKind
+from rnc_pin.motion.whole_body.limits.control_limit import ControlSample
+from rnc_pin.outputs import CenterOfMass, FramePosition, FrameYaw
+from rnc_pin.references.reference import Reference
+
+_BASE_ACCELERATION = (2.0, 2.0, 2.0)  # of a base whose pivots are aimed [m/s^2, m/s^2, rad/s^2]
+
+__all__ = [
+    "BasePoseTask", "BoundTask", "CenterOfMassTask", "ControlTask", "DampingTask", "OutputTask", "PostureTask",
+    "SingularityTask", "TaskRows",
+]  # fmt: skip
+
+
+class TaskRows(NamedTuple):
+    """Rows of a task at one sample: the program minimises ``weight (J v - rate)^2`` of each."""
+
+    jacobian: Float[Array, "k nv"]
+    """Jacobian J on the full velocity at the end of the sample; the program multiplies it by R."""
+    rate: Float[Array, " k"]
+    """Desired rate."""
+
+
+class BoundTask(ABC):
+    """Task of one model.
+
+    Attributes:
+        names: name of each row, (k,).
+        goal_names: names of the outputs that ``goal`` describes; empty if there are none.
+        constant: True if the Jacobian on the full velocity does not depend on the configuration, as for joints, or if
+            the rows are speeds without a position error: a sampled loop needs no damping then.
+    """
+
+    names: tuple[str, ...]
+    goal_names: tuple[str, ...] = ()
+    constant: bool = False
+
+    @abstractmethod
+    def rows(self, sample: ControlSample) -> TaskRows:
+        """Return the rows at the end of a sample."""
+
+    def goal(self, time: float) -> Float[Array, " k"]:
+        """Return the desired values of the outputs ``goal_names`` at a time [s], for the record of a run."""
+        return np.zeros(0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlTask(ABC):
+    """Task of whole-body control: a description without a model.
+
+    To add a task, derive a frozen dataclass with its settings and a ``bind`` method.
+
+    Args:
+        weight: weight of the squared error within the same priority; a number, or one for each row.
+        gain: rate of convergence [1/s]; a number, or one for each row.
+        priority: level of the task. Level 0 is strictly above level 1, and so on.
+    """
+
+    weight: float | Sequence[float] = 1.0
+    gain: float | Sequence[float] = 1.0
+    priority: int = 0
+
+    @abstractmethod
+    def bind(self, reduced: ReducedModel) -> BoundTask:
+        """Return the task of a model, with all names resolved.
+
+        Raises:
+            ModelError: a joint or frame does not exist.
+            ConfigurationError: the settings do not fit the model.
+        """
+
+    def numbers(self, name: str, value: float | Sequence[float], size: int) -> Float[Array, " k"]:
+        """Return a setting as one number for each of ``size`` rows.
+
+        Raises:
+            ConfigurationError: a number is negative or not finite, or their count is neither one nor ``size``.
+        """
+        array = np.asarray(value, dtype=float)
+        if array.shape not in ((), (size,)) or not (np.isfinite(array).all() and (array >= 0).all()):
+            raise ConfigurationError(
+                f"{name} of {type(self).__name__} has to be a number or {size} numbers, not negative, found {value}"
+            )
+        return np.array(np.broadcast_to(array, (size,)))
+
+
+# ------------------------------------------------------------------ tasks
+
+
+@dataclass(frozen=True)
+class OutputTask(ControlTask):
+    """Output that follows a reference: ``J v = xd_dot + gain (xd - x)``.
+
+    Any output serves, whether it is a reducing output, a vertical output or neither. Angles and orientations take the
+    shortest rotation. A quasi-velocity such as a speed follows the velocity of its reference; it has no position error.
+
+    Args:
+        output: the output, e.g. ``rnc.FramePosition("hand")``.
+        reference: its reference.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> task = rnc.control.tasks.OutputTask(rnc.JointPosition("joint_1"), rnc.planning.Hold([0.5]), gain=2.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = task.bind(reduced).rows(sample)
+        >>> rows.rate.round(6) + 0.0  # gain times the error
+        array([1.])
+    """
+
+    output: OutputKind
+    reference: Reference
+
+    def bind(self, reduced: ReducedModel) -> BoundOutput:
+        return BoundOutput(self, self.output, self.reference, reduced)
+
+
+class BoundOutput(BoundTask):
+    """Output that follows a reference, for one model; ``TaskStack`` evaluates all of them together.
+
+    Args:
+        task: the task, which has the gain.
+        output: the output.
+        reference: its reference.
+        reduced: the model.
+
+    Attributes:
+        block: rows of the output.
+        reference: its reference.
+        gain: rate of convergence of each row (k,) [1/s]; zero for a quasi-velocity.
+    """
+
+    def __init__(self, task: ControlTask, output: OutputKind, reference: Reference, reduced: ReducedModel) -> None:
+        self.block, self.reference = output.bind(reduced.robot), reference
+        self._together = OutputsTogether([self], reduced)
+        self.names = self.goal_names = self.block.names
+        self.constant = isinstance(self.block, ConstantRows) or self.block.quasi
+        check_size(reference, len(self.names), f"'{', '.join(self.names)}'")
+        self.gain = task.numbers("gain", task.gain, len(self.names)) * (not self.block.quasi)
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        return self._together.rows(sample)
+
+    def goal(self, time: float) -> np.ndarray:
+        return self.reference.at(time).position
+
+
+class OutputsTogether:
+    """Several output tasks of one model, with one evaluation of all outputs.
+
+    Args:
+        tasks: the tasks.
+        reduced: the model.
+    """
+
+    def __init__(self, tasks: Sequence[BoundOutput], reduced: ReducedModel) -> None:
+        self._tasks, self._reduced = tasks, reduced
+        self._stack = OutputStack([task.block for task in tasks])
+
+    @cached_property
+    def _evaluator(self) -> NumPyEvaluator:
+        return evaluator_for(self._reduced.reduction_data.measuring(self._stack), self._reduced.evaluator)
+
+    @cached_property
+    def _gain(self) -> np.ndarray:
+        return np.concatenate([task.gain for task in self._tasks])
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        """Return the rows of all tasks at the end of a sample."""
+        here = sample.end.configuration.in_reduction(self._evaluator)
+        points = [task.reference.at(sample.time) for task in self._tasks]
+        position, velocity, acceleration = (np.concatenate(each) for each in list(zip(*points, strict=True))[:3])
+        coordinates = self._stack.coordinates
+        rate = coordinates.to_rates(position, velocity, acceleration)[0]
+        return TaskRows(here.J1, rate + self._gain * coordinates.difference(position, here.outputs()[0]))
+
+
+@dataclass(frozen=True)
+class CenterOfMassTask(ControlTask):
+    """Centre of mass of the robot that follows a reference in the world.
+
+    Args:
+        reference: of the coordinates [m].
+        axes: world axes, e.g. "xy" or "xyz".
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> task = rnc.control.tasks.CenterOfMassTask(rnc.planning.Hold([1.5, 0.0]), axes="xy", gain=2.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = task.bind(reduced).rows(sample)
+        >>> rows.rate.round(6) + 0.0  # the centre is at x = 1 m
+        array([1., 0.])
+    """
+
+    reference: Reference
+    axes: str = "xyz"
+
+    def bind(self, reduced: ReducedModel) -> BoundOutput:
+        check_size(self.reference, len(self.axes), "centre-of-mass")
+        return BoundOutput(self, CenterOfMass(self.axes), self.reference, reduced)
+
+
+@dataclass(frozen=True)
+class BasePoseTask(ControlTask):
+    """Frame of a base that follows a reference pose (x, y, yaw) in the plane.
+
+    A base that cannot move sideways corrects a lateral error by turning while it moves: set ``lateral_gain`` (Y.
+    Kanayama et al., IEEE ICRA 1990). The yaw rate then grows by ``lateral_gain u e``, with the reference's forward
+    speed u and the lateral error e to the left. At rest such a base keeps a lateral error.
+
+    Pivots of its wheels are aimed at the twist of the task, at one more row for each pivot; the base waits for them.
+
+    Args:
+        frame: frame of the base, with x forward.
+        reference: of x, y [m] and yaw [rad].
+        lateral_gain: yaw rate per forward speed and lateral error [rad/m^2].
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> task = rnc.control.tasks.BasePoseTask("base", rnc.planning.Hold([1.0, 0.0, 0.2]), gain=2.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = task.bind(reduced).rows(sample)
+        >>> rows.rate.round(6) + 0.0
+        array([2. , 0. , 0.4])
+    """
+
+    frame: str
+    reference: Reference
+    lateral_gain: NotNegative = 0.0
+
+    def bind(self, reduced: ReducedModel) -> BoundTask:
+        return _BoundBase(self, reduced)
+
+    def numbers(self, name: str, value: float | Sequence[float], size: int) -> Float[Array, " k"]:
+        given = np.atleast_1d(np.asarray(value, dtype=float))
+        more = [given.max()] * (size - 3) if given.shape == (3,) else []  # rows of pivots
+        return super().numbers(name, [*given, *more] if more else value, size)
+
+
+class _BoundBase(BoundTask):
+    def __init__(self, task: BasePoseTask, reduced: ReducedModel) -> None:
+        self._position = FramePosition(task.frame, "xy").bind(reduced.robot)
+        self._yaw = FrameYaw(task.frame).bind(reduced.robot)
+        self.goal_names = (*self._position.names, *self._yaw.names)
+        self._aiming, self._pivots = _aiming(reduced, task.frame), np.zeros((0, reduced.n))
+        steering = () if self._aiming is None else self._aiming.steering
+        if self._aiming is not None:
+            self._pivots = np.eye(reduced.n)[self._aiming.base.pivots]
+            self.constant = True  # its speeds change at limited accelerations
+        self.names = (*self.goal_names, *(f"{name} aim" for name in steering))
+        check_size(task.reference, 3, "base pose")
+        self._reference, self._gain = task.reference, task.numbers("gain", task.gain, 3)
+        (self._lateral_gain,) = task.numbers("lateral_gain", task.lateral_gain, 1)
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        at, desired = sample.end.position, self._reference.at(sample.time)
+        yaw = float(self._yaw.value(at)[0])
+        offset = desired.position[:2] - self._position.value(at)
+        error = np.array([*offset, wrapped(desired.position[2] - yaw)])
+        rate = desired.velocity + self._gain * error
+        cosine, sine = np.cos(desired.position[2]), np.sin(desired.position[2])
+        forward = cosine * desired.velocity[0] + sine * desired.velocity[1]
+        rate[2] += self._lateral_gain * forward * (np.cos(yaw) * offset[1] - np.sin(yaw) * offset[0])
+        rows = np.vstack([self._position.jacobian(at), self._yaw.jacobian(at), self._pivots])
+        if self._aiming is None:
+            return TaskRows(rows, rate)
+        c, s = np.cos(yaw), np.sin(yaw)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        found = self._aiming.aimed(sample.end.q, rate @ turn, sample.start.v, sample.dt or self._aiming.dt)
+        return TaskRows(rows, np.append(turn @ found.twist, found.rates))
+
+    def goal(self, time: float) -> np.ndarray:
+        return self._reference.at(time).position
+
+
+def _aiming(reduced: ReducedModel, frame: str) -> TwistController | None:
+    """Aiming of the pivots of a base; None for a base without them."""
+    try:
+        found = TwistController(reduced, frame, max_acceleration=_BASE_ACCELERATION)
+    except RncError:  # such as a base that a force drives
+        return None
+    return found if found.steering else None
+
+
+@dataclass(frozen=True)
+class DampingTask(ControlTask):
+    """Velocities that stay small: of the reducing outputs, or of joints. The gain has no effect.
+
+    Args:
+        joints: names of joints; by default the reduced velocities v2.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> task = rnc.control.tasks.DampingTask(joints=["joint_1"], weight=0.1)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = task.bind(reduced).rows(sample)
+        >>> rows.rate.round(6) + 0.0
+        array([0.])
+    """
+
+    joints: Sequence[str] | None = None
+
+    def bind(self, reduced: ReducedModel) -> BoundTask:
+        return _BoundDamping(self, reduced)
+
+
+class _BoundDamping(BoundTask):
+    constant = True
+
+    def __init__(self, task: DampingTask, reduced: ReducedModel) -> None:
+        self._jacobian: np.ndarray | None = None
+        names: Sequence[str] = reduced.reducing.names
+        if task.joints is not None:
+            indices = [k for name in task.joints for k in range(reduced.n)[reduced.robot.velocity_indices(name)]]
+            names, self._jacobian = [reduced.robot.velocity_names[k] for k in indices], np.eye(reduced.n)[indices]
+        self.names = tuple(f"{name} damping" for name in names)
+        self._rest = np.zeros(len(names))
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        return TaskRows(sample.end.J2 if self._jacobian is None else self._jacobian, self._rest)
+
+
+@dataclass(frozen=True)
+class PostureTask(ControlTask):
+    """Joints that move towards given positions: ``v = gain (qd - q)``.
+
+    Args:
+        joints: joint name to position [rad or m]; other joints are free.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> task = rnc.control.tasks.PostureTask({"joint_1": 0.5, "joint_2": -0.2}, gain=2.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = task.bind(reduced).rows(sample)
+        >>> rows.rate.round(6) + 0.0
+        array([ 1. , -0.4])
+    """
+
+    joints: Mapping[str, float]
+
+    def bind(self, reduced: ReducedModel) -> BoundTask:
+        return _BoundPosture(self, reduced)
+
+
+class _BoundPosture(BoundTask):
+    constant = True
+
+    def __init__(self, task: PostureTask, reduced: ReducedModel) -> None:
+        robot = reduced.robot
+        if not task.joints:
+            raise ConfigurationError("a posture needs at least one joint with its position")
+        self._goal = robot.configuration(task.joints)
+        self._v = [k for name in task.joints for k in range(robot.nv)[robot.velocity_indices(name)]]
+        self.names = tuple(f"{robot.velocity_names[index]} posture" for index in self._v)
+        self._model, self._gain = robot.model, task.numbers("gain", task.gain, len(self._v))
+        self._jacobian = np.eye(reduced.n)[self._v]
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        error = pin.difference(self._model, sample.end.q, self._goal)[self._v]  # angles take the shortest way
+        return TaskRows(self._jacobian, self._gain * error)
+
+
+@dataclass(frozen=True)
+class SingularityTask(ControlTask):
+    """Motion away from singular configurations: ``v2 = gain dw/dx2``, ``w = log |det E|``.
+
+    E is the stack of constraint rows and reducing outputs. Give the task a lower priority than the others.
+    The gradient is exact.
+    """
+
+    def bind(self, reduced: ReducedModel) -> BoundTask:
+        return _BoundSingularity(self, reduced)
+
+
+class _BoundSingularity(BoundTask):
+    def __init__(self, task: SingularityTask, reduced: ReducedModel) -> None:
+        self.names = tuple(f"{name} regularity" for name in reduced.reducing.names)
+        self._gain = task.numbers("gain", task.gain, reduced.r)
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        rates = sample.along_reducing_outputs().E_dot
+        return TaskRows(sample.end.J2, self._gain * np.einsum("ij,sji->s", sample.end.E_inverse, rates))

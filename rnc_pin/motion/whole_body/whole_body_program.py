@@ -1,0 +1,176 @@
+"""Common part of the whole-body programs: tasks, limits, description and report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.control.controller import Description, LimitedAcceleration, State, part_with
+from rnc_pin.errors import InputError
+from rnc_pin.io.json import Json
+from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.motion.whole_body.limit_stack import LimitStack
+from rnc_pin.motion.whole_body.limits.control_limit import ControlLimit
+from rnc_pin.motion.whole_body.limits.joint_limits import AccelerationLimit
+from rnc_pin.motion.whole_body.task_hierarchy import TaskStack
+from rnc_pin.motion.whole_body.tasks import BoundTask, ControlTask
+from rnc_pin.printing import ReprMixin
+
+
+class LimitReport(NamedTuple):
+    """Effect of the limits at a sample."""
+
+    active: tuple[str, ...]
+    """Limits that change the motion."""
+    exceeded: Mapping[str, float]
+    """Limits that gave way, with the amounts, because they excluded each other."""
+    worst: Mapping[str, float]
+    """The same since the start, with the largest amounts."""
+
+
+class SampleCount(NamedTuple):
+    """Samples of a run to which the same happened."""
+
+    samples: int = 0
+    first: float | None = None
+    """Time of the first one [s]."""
+    reason: str = ""
+    """Reason at that time."""
+
+    def and_one(self, t: float, reason: str) -> SampleCount:
+        """Count one more sample; none without a reason."""
+        if not reason:
+            return self
+        first = (t, reason) if self.first is None else (self.first, self.reason)
+        return SampleCount(self.samples + 1, *first)
+
+
+class WholeBodyProgram(ReprMixin):
+    """Tasks as least squares and limits as inequalities, for one model.
+
+    Args:
+        reduced: the model.
+        tasks, limits: the tasks and limits.
+    """
+
+    def __init__(self, reduced: ReducedModel, tasks: Sequence[ControlTask], limits: Sequence[ControlLimit]) -> None:
+        self.tasks, self.limits = tuple(tasks), tuple(limits)
+        self._reduced = reduced
+        self._tasks, self._limits = TaskStack(self.tasks, reduced), LimitStack(self.limits, reduced)
+        self._desired = DesiredOutputs(self._tasks.bound, reduced)
+        self.limit_names: tuple[str, ...] = self._limits.names
+        """Names of the limits' rows, in the order of ``excess`` of the state."""
+
+    @property
+    def limited_accelerations(self) -> tuple[LimitedAcceleration, ...]:
+        """Accelerations that the limits bound, for the verdict of a run."""
+        limits = [each for each in self.limits if isinstance(each, AccelerationLimit)]
+        return tuple(entry for limit in limits for entry in limit.entries(self._reduced))
+
+    def _describe(self, **settings: Json) -> Description:
+        """Description with the tasks and limits, then these settings."""
+        return {
+            "type": type(self).__name__,
+            "tasks": [_describe_item(each) for each in self.tasks],
+            "limits": [_describe_item(each) for each in self.limits],
+            **settings,
+        }
+
+    def _configuration(self, measurement: Measurement) -> Float[Array, " nq"]:
+        if measurement.q is None:
+            raise InputError("a whole-body controller reads the configuration: the measurement has no q")
+        return measurement.q
+
+    def _check_velocity(self, v2: Array) -> None:
+        if np.shape(v2) != (self._reduced.r,):
+            raise InputError(
+                f"a whole-body controller takes one state: v2 has shape {np.shape(v2)}, expected ({self._reduced.r},)"
+            )
+
+    def report(self, state: State) -> LimitReport:
+        """Return the limits that are active, and those that gave way."""
+        return limit_report(self.limit_names, state.multipliers, state.excess, state.worst_excess)
+
+
+def program_of(controller: object) -> WholeBodyProgram | None:
+    """Whole-body program that a controller is or contains as its ``target``; None without one."""
+    while controller is not None and not isinstance(controller, WholeBodyProgram):
+        controller = getattr(controller, "target", None)
+    return controller
+
+
+def report_within(controller: object, state: State) -> LimitReport | None:
+    """Return the report of the program that a controller is or contains as its ``target``; None without one.
+
+    Args:
+        controller: a controller.
+        state: its state.
+    """
+    program, own = program_of(controller), part_with(state, "worst_excess")
+    return None if program is None or own is None else program.report(own)
+
+
+def limit_report(names: Sequence[str], multipliers: Array, excess: Array, worst: Array) -> LimitReport:
+    """Return the effect of limits, from their multipliers (levels, k) and their excess (k,)."""
+    active = np.any(multipliers, axis=0).tolist()
+    return LimitReport(
+        tuple(name for name, flag in zip(names, active, strict=True) if flag),
+        _nonzero(names, excess),
+        _nonzero(names, worst),
+    )
+
+
+def _nonzero(names: Sequence[str], values: Array) -> dict[str, float]:
+    return {name: float(value) for name, value in zip(names, values, strict=True) if value}
+
+
+def _describe_item(description: object) -> Json:
+    """Settings of a task or a limit for the record: numbers and text as they are, other objects by name."""
+    if not is_dataclass(description):
+        return type(description).__name__
+    found: dict[str, Json] = {"type": type(description).__name__}
+    for each in fields(description):
+        value = getattr(description, each.name)
+        if isinstance(value, list | tuple) and any(is_dataclass(item) for item in value):
+            found[each.name] = [str(getattr(item, "name", repr(item))) for item in value]
+        elif isinstance(value, np.ndarray | list | tuple):
+            found[each.name] = np.asarray(value).tolist()
+        elif value is None or isinstance(value, bool | int | float | str):
+            found[each.name] = value
+        else:
+            found[each.name] = repr(value) if is_dataclass(value) else type(value).__name__
+    return found
+
+
+class DesiredOutputs:
+    """Desired values of a model's outputs, as far as tasks have them.
+
+    Args:
+        tasks: tasks of the model.
+        reduced: the model.
+    """
+
+    def __init__(self, tasks: Sequence[BoundTask], reduced: ReducedModel) -> None:
+        self._sizes = reduced.vertical.size, reduced.r
+        self._goals = []
+        for task in tasks:
+            for place, names in enumerate((reduced.vertical.names, reduced.reducing.names)):
+                own = [index for index, name in enumerate(task.goal_names) if name in names]
+                if own:
+                    where = [names.index(task.goal_names[index]) for index in own]
+                    self._goals.append((task.goal, own, where, place))
+
+    def at(self, t: float) -> tuple[Array | None, Array | None]:
+        """Return x1 and x2 at a time [s], NaN for outputs without a task; None if no task has an output."""
+        if not self._goals:
+            return None, None
+        found = np.full(self._sizes[0], np.nan), np.full(self._sizes[1], np.nan)
+        for goal, own, where, place in self._goals:
+            found[place][where] = goal(t)[own]
+        return found

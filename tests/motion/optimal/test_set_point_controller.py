@@ -1,0 +1,138 @@
+"""Set points without a solver in the loop: arrival, the tube of the feedback, errors of the model, and verdicts."""
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+import systems
+from rnc_pin.lab.faults import FaultyPlant
+from rnc_pin.motion.optimal import InputBound, SetPointController
+
+BOUND = [InputBound(-5.0, 5.0)]
+
+
+def goal_of(frame, x=0.0, y=0.0, yaw=0.0):
+    return {rnc.FramePosition(frame, "xy"): [x, y], rnc.FrameYaw(frame): yaw}
+
+
+def controller_of(reduced, **options):
+    return SetPointController(reduced, goal_of("sleigh"), 5.0, **{"bounds": BOUND, **options})
+
+
+def away(run):
+    """Distance and heading from the origin at the end."""
+    q = run.q[-1]
+    return np.hypot(q[0], q[1]), abs(np.arctan2(q[3], q[2]))
+
+
+@pytest.mark.parametrize(
+    ("form", "aside", "yaw"), [("dynamic", 0.3, 0.2), ("acceleration", 0.3, 0.0), ("kinematic", 1.0, 0.5)]
+)
+def test_arrives_and_stays_where_quadratic_costs_stall(form, aside, yaw):
+    reduced = systems.sleigh()
+    start = reduced.robot.configuration({"root_joint": [0.0, aside, yaw]})
+    run = rnc.simulate(reduced, controller_of(reduced, form=form), start, 10.0, dt=0.05)
+    distance, turn = away(run)
+    assert distance < 0.01
+    assert turn < 0.01
+    assert np.abs(run.v2[-1]).max() < 1e-3
+    assert run.verdict.succeeded
+    if form == "dynamic":
+        assert np.abs(run.T).max() <= 5.0
+
+
+def test_searches_after_the_first_have_more_intervals():
+    """Two intervals cannot move an edge aside and back; four can."""
+    reduced = systems.sleigh()
+    start = reduced.robot.configuration({"root_joint": [0.0, 0.3, 0.0]})
+    run = rnc.simulate(reduced, controller_of(reduced, nodes=2), start, 20.0, dt=0.05)
+    assert run.verdict.succeeded
+    assert away(run)[0] < 0.01
+
+
+def test_leaves_the_tube_brakes_and_plans_again():
+    """A push that the feedback cannot take back: the state moves from "follow" to "stop", and on to a second plan."""
+    reduced = systems.sleigh()
+    controller = controller_of(reduced, check=0.1)
+    measured = reduced.at(reduced.robot.configuration({"root_joint": [1.0, 0.3, 0.0]}), np.zeros(2)).measure(
+        np.zeros(2)
+    )
+    _, state = controller.step(0.0, measured, controller.initial_state(measured))
+    assert (state.mode, state.plans) == ("follow", 1)
+    middle, k = controller._planned(4.0, state)
+    assert k == 32
+    near = reduced.at(middle.q[0], middle.w[0]).measure(np.zeros(2))
+    _, inside = controller.step(4.0, near, state)
+    assert inside.mode == "follow"
+    pushed = middle.q[0] + [0.0, 0.2, 0.0, 0.0]  # aside, a second before the end
+    command, outside = controller.step(4.0, reduced.at(pushed, middle.w[0]).measure(np.zeros(2)), state)
+    assert (outside.mode, np.sign(command.T[0])) == ("stop", -np.sign(middle.w[0, 0]))
+    still = reduced.at(pushed, np.zeros(2)).measure(np.zeros(2))
+    _, standing = controller.step(4.1, still, outside)
+    assert standing.mode == "stand"
+    _, waiting = controller.step(4.15, still, standing)
+    assert (waiting.mode, waiting.samples) == ("stand", 1)
+    _, again = controller.step(4.3, still, waiting)
+    assert (again.mode, again.plans) == ("follow", 2)
+    np.testing.assert_allclose(again.q[0], pushed, atol=1e-9)
+
+
+def test_wrong_masses_noise_and_a_delay():
+    """20 % of mass and inertia, 2 mm and 2 mrad, and measurements one sample late: within 2 cm and 0.02 rad."""
+    reduced, heavier = systems.sleigh(), systems.sleigh.__wrapped__()
+    for body in heavier.robot.model.inertias:
+        body.mass *= 1.2
+        body.inertia *= 1.2
+    faults = rnc.Faults(position_noise=2e-3, velocity_noise=2e-3, delay=1)
+    plant = FaultyPlant(rnc.ReducedPlant(heavier), faults, heavier, seed=1)
+    start = reduced.robot.configuration({"root_joint": [-0.6, 0.5, 0.4]})
+    controller = controller_of(reduced, tolerance=8e-3)
+    run = rnc.simulate(reduced, controller, start, 20.0, dt=0.02, plant=plant)
+    assert away(run)[0] < 0.02
+    assert away(run)[1] < 0.02
+
+
+def test_robots_that_take_velocities():
+    """A differential drive with velocity servos parks 0.4 m aside, in reverse gear too, within velocities and rates."""
+    reduced = systems.differential_drive()
+    bounds = [InputBound(-1.0, 1.0), rnc.optimal.VelocityBound([-0.5, -1.0], [0.5, 1.0])]
+    target = SetPointController(reduced, goal_of("base"), 8.0, form="acceleration", bounds=bounds, velocities=True)
+    controller = rnc.control.ActuatorVelocityController(reduced, target, limits=False)
+    plant = rnc.plants.VelocityPlant(reduced)
+    start = reduced.robot.configuration({"root_joint": [0.0, 0.4, 0.0]})
+    run = rnc.simulate(reduced, controller, start, 16.0, 0.05, plant=plant)
+    assert max(away(run)) < 0.01
+    assert run.verdict.succeeded
+    assert (np.abs(run.v2).max(axis=0) <= np.array([0.5, 1.0]) + 0.02).all()
+    assert np.abs(np.diff(run.v2, axis=0)).max() / 0.05 < 1.2
+    assert run.v2[:, 0].min() < -0.01
+    assert run.v2[:, 0].max() > 0.01
+
+
+def test_a_goal_that_no_plan_reaches_is_in_the_verdict():
+    """9 m in 1 s need more than 5 N at a sleigh of 1 kg."""
+    reduced = systems.sleigh()
+    controller = SetPointController(reduced, goal_of("sleigh", x=9.0), 1.0, bounds=BOUND, seeds=1)
+    run = rnc.simulate(reduced, controller, reduced.robot.configuration(), 0.6, dt=0.05)
+    assert run.verdict.word == "failed"
+    found = run.verdict.first
+    assert (found.kind, found.where) == ("goal", "sleigh_x")
+    assert "no plan led to it" in found.message
+
+
+def test_a_run_at_the_goal_needs_no_plan():
+    reduced = systems.sleigh()
+    controller = controller_of(reduced)
+    measured = reduced.at(reduced.robot.configuration(), np.zeros(2)).measure(np.zeros(2))
+    command, state = controller.step(0.0, measured, controller.initial_state(measured))
+    assert (state.mode, state.plans) == ("stand", 0)
+    np.testing.assert_allclose(command.T, 0.0, atol=1e-12)
+
+
+def test_a_moving_start_brakes_first():
+    reduced = systems.sleigh()
+    run = rnc.simulate(
+        reduced, controller_of(reduced), reduced.robot.configuration(), 14.0, 0.05, v2_0=np.array([0.6, 0.3])
+    )
+    assert max(away(run)) < 0.01
+    assert run.verdict.succeeded

@@ -1,0 +1,111 @@
+"""Trees of propagated motions and the equations of Newton's method, beside dense ones."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import scipy
+
+from benchmarks.planned_models import tractor
+from rnc_pin.motion.planning.action_models import KinematicFlow
+from rnc_pin.motion.planning.way_propagation import _NEAR, PropagatedSearch, _Tree
+from rnc_pin.motion.planning.way_search import SearchBudget
+
+
+def search_of(count):
+    """A search of a tractor with a trailer, and ``count`` configurations of it."""
+    reduced, generator = tractor(1), np.random.default_rng(3)
+    q = np.array([reduced.random_configuration(generator, 0.4) for _ in range(count)])
+    area, every = np.array([[-9.0, -9.0, -9.0], [9.0, 9.0, 9.0]]), np.ones(5)
+    return PropagatedSearch(KinematicFlow(reduced), every > 0, None, q[:2], area, every, SearchBudget(9.0)), q
+
+
+@pytest.mark.parametrize("loose", [1.0, 7.0])
+@pytest.mark.parametrize("open_directions", [5, 3])
+def test_a_change_is_the_least_one_that_meets_the_nodes(loose, open_directions):
+    """The dense least-norm solution of ``A_k dq_k + B_k du_k - dq_k+1 = missed_k``, with the start fixed."""
+    search, nodes = search_of(4)
+    generator = np.random.default_rng(1)
+    inputs, wanted = generator.normal(size=(2, 3, 2))
+    missed, turned = 0.1 * generator.normal(size=(3, 5)), scipy.linalg.qr(generator.normal(size=(5, 5)))[0]
+    search._open, closed = np.split(turned, [open_directions], axis=1)
+    shots = search._flow.shots(nodes[:-1], inputs, 5)
+    A, B = shots.by_start, shots.by_input
+    middle, size = np.sqrt(loose) * np.eye(5), 5 - open_directions
+    rows = np.zeros((15, 6 + 10 + size))  # of du, dq_1 and dq_2 in units of sqrt(loose), and the closed part of dq_3
+    for k in range(3):
+        rows[5 * k : 5 * k + 5, 2 * k : 2 * k + 2] = B[k]
+    rows[:5, 6:11], rows[5:10, 6:11] = -middle, A[1] @ middle
+    rows[5:10, 11:16], rows[10:, 11:16], rows[10:, 16:] = -middle, A[2] @ middle, -closed
+    rest = missed - np.einsum("kij,kj->ki", B, wanted)
+    least = np.linalg.lstsq(rows, rest.ravel(), rcond=None)[0]
+    places, changed = nodes.copy(), inputs.copy()
+    search._change(places, changed, shots, missed, wanted, loose)
+    np.testing.assert_allclose(changed - inputs - wanted, least[:6].reshape(3, 2), atol=1e-9)
+    moved = search._flow.manifold.difference(nodes, places)
+    expected = [np.zeros(5), *(least[6:16].reshape(2, 5) * np.sqrt(loose)), closed @ least[16:]]
+    np.testing.assert_allclose(moved, expected, atol=1e-9)
+
+
+def test_two_trees_that_meet_are_one_path_from_the_start_to_the_goal(monkeypatch):
+    """Numbers in place of configurations, and tenths as inputs: the tree of the goal is driven backwards."""
+    search, _ = search_of(2)
+    trees = [_Tree(np.array([[0.0]])), _Tree(np.array([[70.0], [90.0]]))]
+    grown = (0, 0, (0, 1, 2)), (0, 1, (2, 3, 4)), (1, 1, (90, 8, 7)), (0, 0, (0, 50)), (1, 2, (7, 6, 5))
+    for tree, parent, way in grown:
+        trees[tree].add(np.array(way, dtype=float)[:, None], parent, np.array(way[-2:], dtype=float)[:, None] / 10)
+    search._goals, search._reachable = np.array([[70.0], [90.0]]), [np.eye(2), np.eye(1)]
+    monkeypatch.setattr(search, "_exact", lambda nodes, inputs: (nodes.ravel(), inputs.ravel()))
+    nodes, inputs = search._joined(trees, (2, 3))
+    np.testing.assert_array_equal(nodes, [0, 1, 2, 3, 4, 6, 7, 8, 90])
+    np.testing.assert_allclose(inputs, [0.1, 0.2, 0.3, 0.4, -0.5, -0.6, -0.7, -0.8])
+    assert (search._goal, search._open.shape) == (90.0, (1, 1))
+    assert search._joined(trees, (0, 1)) is None
+
+
+def test_places_of_both_trees_that_are_near_each_other_are_joined(monkeypatch):
+    search, _ = search_of(2)
+    met = []
+
+    def joined(trees, places):
+        met.append(search._distances(trees[0].q[places[0]][None], trees[1].q[places[1]])[0])
+        return "found" if len(met) == 20 else None
+
+    monkeypatch.setattr(search, "_joined", joined)
+    assert search.run([], 0, seed=1) == "found"
+    assert max(met) < _NEAR
+
+
+@pytest.mark.parametrize("free", [True, False])
+def test_a_motion_that_meets_the_goal_is_taken_if_it_is_free(free):
+    search, q = search_of(2)
+    inputs, counts = np.array([[0.1, 0.05]]), np.array([5])
+    nodes = np.concatenate([q[:1], search._flow.along(q[:1], inputs, counts)[0][-1:]])
+    search._goal, search._checker = nodes[1], SimpleNamespace(is_free=lambda motion: free)
+    assert (search._refined(nodes, inputs, None, counts) is not None) == free
+
+
+def test_random_motions_are_as_long_as_a_tenth_of_a_metre_to_a_metre():
+    """Half of them move one coordinate at a time; the largest velocity of a joint counts."""
+    search, q = search_of(2)
+    drawn = np.array([search._drawn(q[0], np.random.default_rng(k)) for k in range(40)])
+    sizes = np.abs(drawn @ search._flow.reduced.at(q[0]).R.T).max(axis=3)
+    assert (0.1 <= sizes.min() < 0.11, 0.99 < sizes.max() <= 1.0) == (True, True)
+    assert (np.count_nonzero(drawn, axis=3) == np.repeat([1, 2], 12)[:, None]).all()
+    assert {tuple(each) for each in np.sign(drawn[:, :12]).reshape(-1, 2)} == {(1, 0), (-1, 0), (0, 1), (0, -1)}
+
+
+def test_distances_count_a_radian_of_a_joint_as_half_a_metre():
+    """The base counts a radian as a metre; targets and motions are within the limits of 1.2 and 1.57 rad."""
+    search, (start, _) = search_of(2)
+    steps = 0.1 * np.array([[3, 4, 0, 0, 0], [0, 0, 2, 0, 0], [0, 0, 0, 6, 8]])
+    q = search._flow.manifold.integrate(np.tile(start, (3, 1)), steps)
+    np.testing.assert_allclose(search._distances(q, start), [0.5, 0.2, 0.5])
+    search._goals = q[[0, 1, 0]]
+    for away, nearest in ((0.8, 0.4), (0.9, 0.4), (0.4, 0.2)):
+        search._note(search._flow.manifold.integrate(q[1:2], away * np.eye(5)[4:])[0])
+        assert search.nearest.distance == pytest.approx(nearest)
+    np.testing.assert_array_equal(search._box[:, [0, 1, 4, 5]], [[-9, -9, -1.2, -1.57], [9, 9, 1.2, 1.57]])
+    motions = np.tile(start, (5, 2, 1))
+    motions[:, 1, 4:] = [[1.2, -1.57], [-1.2, 1.57], [1.21, 0.0], [-1.21, 0.0], [0.0, 1.58]]
+    assert search._within(motions).tolist() == [True, True, False, False, False]

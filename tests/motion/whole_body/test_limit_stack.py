@@ -1,0 +1,66 @@
+"""Nearest points within bounds, and levels of tasks that are solved by them: conditions of optimality."""
+
+import numpy as np
+import pytest
+from scipy.linalg import null_space
+from scipy.optimize import LinearConstraint, minimize
+
+from rnc_pin.math.convex_programs import nearest_point
+from rnc_pin.motion.whole_body.limit_stack import ProgramBounds
+from rnc_pin.motion.whole_body.task_hierarchy import SampledDamping, TaskLevel, lever_sum, solve_cascade
+
+
+def test_nearest_points_satisfy_the_conditions_of_optimality():
+    """Rows with a bound above, below, at both sides and none."""
+    generator, active = np.random.default_rng(2), np.zeros(2, dtype=int)
+    for _ in range(4):
+        goal, rows = 3.0 * generator.normal(size=4), generator.normal(size=(5, 4))
+        lower, upper = np.array([-np.inf, -0.5, -0.6, -np.inf, -0.2]), np.array([0.3, np.inf, 0.4, np.inf, 0.1])
+        point, force = nearest_point(goal, rows, lower, upper)
+        values = rows @ point
+        np.testing.assert_allclose(point - goal + rows.T @ force, 0.0, atol=1e-8)
+        assert (values <= upper + 1e-8).all()
+        assert (values >= lower - 1e-8).all()
+        np.testing.assert_allclose(values[force > 1e-9], upper[force > 1e-9], atol=1e-8)
+        np.testing.assert_allclose(values[force < -1e-9], lower[force < -1e-9], atol=1e-8)
+        active += (force > 1e-9).sum(), (force < -1e-9).sum()
+    assert (active > 0).all()
+
+
+def test_lower_levels_leave_what_damped_levels_within_limits_determine():
+    """Three levels of ten unknowns in a small box: the third does its best where the first two leave it free."""
+    generator, touched = np.random.default_rng(5), 0
+    for _ in range(6):
+        levels = [TaskLevel(generator.normal(size=(2, 10)), 2.0 * generator.normal(size=2)) for _ in range(3)]
+        bounds = ProgramBounds(np.eye(10), np.full(10, -0.4), np.full(10, 0.4), np.arange(10), 10)
+        levers = [lever_sum(level.jacobian, np.ones(2, dtype=bool)) for level in levels[:2]]
+        damping = SampledDamping(0.0005, [*levers, 0.0], [np.ones(2, dtype=bool)] * 3)
+        two, three = (solve_cascade(levels[:count], bounds, 0.0, sampled=damping) for count in (2, 3))
+        above, (J, rate) = np.vstack([levels[0].jacobian, levels[1].jacobian]), levels[2]
+        np.testing.assert_allclose(above @ three.unknowns, above @ two.unknowns, atol=1e-7)
+        free = null_space(above)
+
+        def miss(y, J=J, rate=rate, free=free, two=two):
+            return float(np.sum((J @ (two.unknowns + free @ y) - rate) ** 2))
+
+        inside = LinearConstraint(free, -0.4 - two.unknowns, 0.4 - two.unknowns)
+        best = minimize(miss, np.zeros(6), method="SLSQP", constraints=inside, options={"ftol": 1e-12})
+        assert np.sum((J @ three.unknowns - rate) ** 2) == pytest.approx(best.fun, abs=1e-5)
+        touched += np.count_nonzero(two.multipliers[1])
+    assert touched > 3
+
+
+def test_what_a_task_leaves_free_costs_next_to_nothing():
+    """``(x - 1)^2 + (y / 1000)^2`` within ``x <= y``: both are ``1 / (1 + 1e-6)``."""
+    bounds = ProgramBounds(np.array([[1.0, -1.0]]), np.array([-np.inf]), np.array([0.0]), np.array([0]), 1)
+    found = solve_cascade([TaskLevel(np.array([[1.0, 0.0]]), np.ones(1))], bounds, 0.0)
+    np.testing.assert_allclose(found.unknowns, 1 / (1 + 1e-6), rtol=1e-8)
+
+
+def test_rows_that_do_not_act_move_nothing():
+    """Numbers whose squares are zero in floating point."""
+    bounds = ProgramBounds(np.eye(2), np.array([0.1, -1.0]), np.ones(2), np.arange(2), 2)
+    level = TaskLevel(np.array([[1e-200, 0.0]]), np.ones(1))
+    damping = SampledDamping(0.01, [1.0], [np.ones(1, dtype=bool)])
+    found = solve_cascade([level], bounds, 0.0, sampled=damping)
+    np.testing.assert_allclose(found.unknowns, [0.1, 0.0], atol=1e-12)

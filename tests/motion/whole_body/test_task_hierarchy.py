@@ -1,0 +1,111 @@
+"""A light wrist on a slow cart: the factor per sample in closed form, with and without the damping."""
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.control import VelocityQP, limits, tasks
+from rnc_pin.motion.planning import Hold
+from rnc_pin.motion.whole_body import ControlSample, InverseDynamicsQP, task_hierarchy
+
+LEVER, GAIN, FAR, SLOW, DT = 0.1, 5.0, 3.0, 0.1, 0.025
+"""[m], [1/s], [m] of the goal ahead, [m/s] of the cart, [s]"""
+
+INERTIA = '<inertial><mass value="{0}"/><inertia ixx="1" iyy="1" izz="{1}" ixy="0" ixz="0" iyz="0"/></inertial>'
+URDF = f"""<robot name="cart_with_wrist">
+  <link name="world"/>
+  <link name="cart">{INERTIA.format(20, 1)}</link>
+  <link name="hand">{INERTIA.format(0.1, 0.001)}</link>
+  <link name="tip"/>
+  <joint name="slide" type="prismatic"><parent link="world"/><child link="cart"/><axis xyz="1 0 0"/>
+    <limit lower="-9" upper="9" velocity="{SLOW}" effort="500"/></joint>
+  <joint name="wrist" type="revolute"><parent link="cart"/><child link="hand"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" velocity="9" effort="50"/></joint>
+  <joint name="grip" type="fixed"><parent link="hand"/><child link="tip"/><origin xyz="{LEVER} 0 0"/></joint>
+</robot>"""
+
+
+@pytest.fixture(scope="module")
+def reduced(tmp_path_factory):
+    path = tmp_path_factory.mktemp("cart") / "cart.urdf"
+    path.write_text(URDF)
+    return rnc.NonholonomicSystem(rnc.Robot.from_urdf(path), [], ["slide", "wrist"]).reduce()
+
+
+REACH = tasks.OutputTask(rnc.FramePosition("tip", "xy"), Hold([FAR, 0.0]), gain=GAIN)
+SPEED = limits.JointVelocityLimit(margin=0.0)
+
+
+def slope(residual, share):
+    """Velocity of the wrist per angle, negative: least squares over (y, damping), linear in the angle."""
+    return (residual * LEVER + GAIN * LEVER**2) / (LEVER**2 + share * DT * residual * (1.0 + LEVER))
+
+
+@pytest.mark.parametrize("share", [0.0, 2.0])
+def test_the_wrist_follows_its_sampled_loop(reduced, share, monkeypatch):
+    """``v+ = -a (angle + h v)``, ``angle+ = angle + h (v + v+) / 2``."""
+    monkeypatch.setattr(task_hierarchy, "_SAMPLED_DAMPING", share)
+    program = VelocityQP(reduced, [REACH], [SPEED], dt=DT)
+    q, v = np.array([0.0, 1e-9]), np.array([SLOW, 0.0])
+    angles, expected = [q[1]], [q[1]]
+    angle, speed = q[1], 0.0
+    for _ in range(8):
+        found = program.solve(ControlSample(reduced, 0.0, q, v, DT)).v2
+        residual = GAIN * (FAR - (q[0] + DT * v[0]) - LEVER) - SLOW
+        faster = -slope(residual, share) * (angle + DT * speed)
+        angle, speed = angle + DT * (speed + faster) / 2, faster
+        q, v = q + DT * (v + found) / 2, found
+        angles.append(q[1])
+        expected.append(angle)
+    np.testing.assert_allclose(angles, expected, rtol=1e-4)
+    u = DT * slope(GAIN * (FAR - LEVER) - SLOW, share)
+    factors = np.abs(np.roots([1.0, 1.5 * u - 1.0, -u / 2.0]))
+    assert (factors.max() > 4.5) if share == 0.0 else (factors.max() < 1.0)
+    np.testing.assert_allclose(abs(angles[8] / angles[7]), factors.max(), rtol=0.02)
+
+
+def test_a_light_joint_is_steady_at_acceleration_level(reduced):
+    """The wrist needs no effort near its limit to reverse within a sample, and does not reverse."""
+    program = InverseDynamicsQP(reduced, [REACH], [SPEED], dt=DT)
+    start = reduced.robot.configuration({"wrist": 0.3})
+    run = rnc.simulate(reduced, program, start, 2.5, DT)
+    wrist = run.v[8:, 1]
+    assert np.abs(run.v[:, 0]).max() <= SLOW * (1 + 1e-6)  # the goal is out of reach
+    assert np.abs(np.diff(wrist, 2)).max() < 0.05
+    assert abs(run.q[-1, 1]) < 0.01
+
+
+def reversing(values, largest):
+    """Largest change, as a share of a limit, that takes part in three reversals in a row."""
+    change = np.diff(values, axis=0) / largest
+    signs = np.sign(change)
+    least = np.min([np.abs(change[k : len(change) - 3 + k]) for k in range(4)], axis=0)
+    turning = np.all([signs[k : len(signs) - 3 + k] * signs[k + 1 : len(signs) - 2 + k] < 0 for k in range(3)], axis=0)
+    return float((least * turning).max(initial=0.0))
+
+
+@pytest.mark.parametrize("beyond", [1.0, 0.01])
+@pytest.mark.parametrize(("name", "shoulder", "reach"), [("panda", 0.333, 0.962), ("ur5_robot", 0.089, 0.95)])
+def test_an_arm_stretches_towards_a_goal_out_of_reach_and_rests(name, shoulder, reach, beyond):
+    """With a posture below, by both programs; nothing reverses by more than 5 % of its limit."""
+    fingers = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02} if name == "panda" else {}
+    robot = rnc.Robot.from_example(name, lock=fingers)
+    arm = rnc.NonholonomicSystem(robot, [], list(robot.joint_names)).reduce()
+    goal = np.array([0.0, 0.0, shoulder]) + (reach + beyond) * np.array([0.6, 0.48, 0.64])
+    tip = rnc.FramePosition("panda_hand" if name == "panda" else "tool0")
+    q0 = robot.configuration(dict(zip(robot.joint_names[1:4], (-0.6, 0.4, -1.2), strict=True)))
+    wanted = [
+        tasks.OutputTask(tip, Hold(goal), gain=3.0),
+        tasks.PostureTask(dict.fromkeys(robot.joint_names, -0.4), priority=1),
+    ]
+    held = [limits.JointPositionLimit(), limits.JointVelocityLimit()]
+    by_inputs = InverseDynamicsQP(arm, wanted, held, dt=0.01, braking_time=None)
+    run = rnc.simulate(arm, by_inputs, q0, 4.0, 0.01)
+    assert reversing(run.T[200:], arm.actuation.limits) < 0.05
+    _, path = rnc.kinematic_rollout(arm, VelocityQP(arm, wanted, held, dt=0.01), q0, duration=4.0)
+    fastest = robot.model.upperVelocityLimit
+    for q in (run.q, path):
+        assert reversing(np.diff(q[200:], axis=0) / 0.01, fastest) < 0.05
+        assert np.abs(q[-1] - q[-2]).max() < 2e-3
+        stretched = arm.at(q[-1]).position.placement(robot.frame_id(tip.frame)).translation
+        assert np.linalg.norm(goal - stretched) < beyond + 0.15
