@@ -32,7 +32,9 @@ from coverage import CoverageData
 
 ROOT = Path(__file__).parents[1]
 COPIED = ("rnc_pin", "tests", "urdf", "benchmarks", "pyproject.toml", "docs", "README.md", "examples", "CHANGELOG.md")
-PACKAGES = ("model", "constraints", "outputs", "control", "references", "motion/whole_body", "motion/planning", "analysis")
+PACKAGES = (
+    "model", "constraints", "outputs", "control", "references", "motion/whole_body", "motion/planning", "analysis",
+)  # fmt: skip
 # Tests of these packages. Those of commands, browsers and readers take minutes and execute few of their lines.
 TESTS = (
     *(f"tests/{name}" for name in PACKAGES), "tests/forces", "tests/simulation/test_simulate.py",

@@ -19,7 +19,7 @@ ROOT = Path(__file__).parent.parent
 FLAGS = ("-O1", "-g", "-fno-omit-frame-pointer", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 TESTS = (
     "tests/model/test_twins.py", "tests/model/test_compiled.py", "tests/analysis/test_derivatives.py",
-    "tests/plants/test_plant_batch.py", "tests/plants/test_friction.py", "tests/simulation/test_many_runs.py",
+    "tests/plants/test_friction.py", "tests/simulation/test_batch.py",
 )  # fmt: skip
 RUN = """
 import importlib.util, sys

@@ -140,7 +140,8 @@ def test_every_public_name_is_there(name):
     package = import_module(name)
     stub = ast.parse(Path(package.__file__).with_suffix(".pyi").read_text())
     listed = [each for each in stub.body if isinstance(each, ast.ImportFrom)]
-    starred = [import_module(resolve_name("." * each.level + each.module, name)).__all__ for each in listed if each.names[0].name == "*"]
+    stars = [each for each in listed if each.names[0].name == "*"]
+    starred = [import_module(resolve_name("." * each.level + each.module, name)).__all__ for each in stars]
     names = [each.asname for node in listed for each in node.names if each.asname] + [*chain(*starred)]
     assert package.__all__ == dir(package) == sorted(names)
     assert all(getattr(package, each) is not None for each in names)

@@ -19,9 +19,9 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.input_validation import Positive
+from rnc_pin.motion.planning.steering_detection import SteeringGeometry
 from rnc_pin.references.kinds import MinimumJerk, ViaPoints
 from rnc_pin.references.reference import InTurn, Reference
-from rnc_pin.motion.planning.steering_detection import SteeringGeometry
 
 _STEEPEST = np.deg2rad(75.0)
 FINE = 201  # points of a leg at which its curvature is checked
