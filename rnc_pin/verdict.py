@@ -16,6 +16,11 @@ from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, printed
 
+SHORTFALL = 1e-4
+"""Shortfall of a clearance, or excess over a limit of a program, that counts [m, rad, and per second]."""
+MOSTLY = 0.5
+"""Share of a run under fallback commands, unsolved programs or old motions, above which it fails."""
+
 
 class Severity(StrEnum):
     """Weight of a finding: a motion with one that fails has not succeeded."""

@@ -25,6 +25,7 @@ from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.printing import ReprMixin, printed
 from rnc_pin.references.reference import Reference
+from rnc_pin.verdict import Finding
 
 State: TypeAlias = Any
 """State of a controller from one sample to the next; only the controller knows its content."""
@@ -290,6 +291,29 @@ def part_with(whole: object, name: str) -> State:
     while whole is not None and not hasattr(whole, name):
         whole = getattr(whole, "target", None)
     return whole
+
+
+@runtime_checkable
+class SelfJudging(Protocol):
+    """Controller that tells what happened in its own steps, such as programs that were not solved."""
+
+    def findings(self, state: State, samples: int) -> Iterable[Finding]:
+        """Return findings about the steps so far, from the state of this controller or of one around it."""
+
+
+def findings_of(controller: object, state: State, samples: int) -> tuple[Finding, ...]:
+    """Findings of a controller, and of the one within it as its ``target``, about its steps so far.
+
+    Args:
+        controller: any controller; one without ``findings`` has none.
+        state: its state.
+        samples: number of its steps.
+    """
+    found: tuple[Finding, ...] = ()
+    while controller is not None:
+        found += tuple(controller.findings(state, samples)) if isinstance(controller, SelfJudging) else ()
+        controller = getattr(controller, "target", None)
+    return found
 
 
 def missed_goals(controller: object, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:

@@ -1,13 +1,13 @@
 """Exports of ``rnc_pin.simulation``, which ``__init__.py`` imports at their first use."""
 
 from rnc_pin.plants import ReducedPlant as ReducedPlant
+from rnc_pin.verdict import SHORTFALL as SHORTFALL
 from rnc_pin.verdict import Finding as Finding
 from rnc_pin.verdict import FindingKind as FindingKind
 from rnc_pin.verdict import Severity as Severity
 from rnc_pin.verdict import Verdict as Verdict
 
 from .free_motion import free_motion as free_motion
-from .judgement import SHORTFALL as SHORTFALL
 from .judgement import distance_findings as distance_findings
 from .judgement import judge as judge
 from .judgement import missed_goal_findings as missed_goal_findings
@@ -31,11 +31,9 @@ from .run_data import tracking_errors as tracking_errors
 from .run_figure import compared_paths as compared_paths
 from .run_figure import ground_paths as ground_paths
 from .run_figure import run_name as run_name
-from .run_info import BrakingUse as BrakingUse
 from .run_info import Columns as Columns
 from .run_info import FallbackUse as FallbackUse
 from .run_info import IntegrationAccuracy as IntegrationAccuracy
-from .run_info import MissedUpdates as MissedUpdates
 from .run_info import Outcome as Outcome
 from .run_info import OutputNames as OutputNames
 from .run_info import PhaseInfo as PhaseInfo

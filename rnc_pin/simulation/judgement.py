@@ -21,17 +21,14 @@ from rnc_pin.simulation.derived_quantities import blocks
 from rnc_pin.simulation.limit_replay import ROUNDING, Clearance, FurtherLimits, LimitReplay, LimitUse, replay_limits
 from rnc_pin.simulation.run_info import FORCE_UNITS, Outcome
 from rnc_pin.simulation.trajectory import Trajectory
-from rnc_pin.verdict import Finding, FindingKind, Severity, Verdict
+from rnc_pin.verdict import MOSTLY, SHORTFALL, Finding, FindingKind, Severity, Verdict
 
 PENETRATION = 1e-6
 """Depth of a penetration that counts as a collision [m]."""
-SHORTFALL = 1e-4
-"""Shortfall of a clearance, or excess over a limit of a program, that counts [m, rad, and per second]."""
 _SATURATED = 0.2  # share of a run at a bound from which an input counts as saturated
 _REVERSED = 0.05  # of a limit: a change that counts as a reversal; noise of a few per cent is smaller
 _OFTEN_REVERSED = 0.01  # share of samples with reversals that degrades: more than a few at a start or a switch
 _VIOLENT, _OFTEN_VIOLENT = 0.5, 0.1  # of a limit, and share of samples above it that fails: it wears a drive out
-_MOSTLY = 0.5  # share of a run under a fallback command that fails
 _AT_LIMIT = 0.99  # use of friction of a contact that slides, if its plant does not know the speed
 _CREEP = 1e-3  # [m/s]; slower contacts stick: those of MuJoCo are soft
 _MOMENT = 0.01  # share of a run at the limit of friction that fails: more than a landing
@@ -82,8 +79,7 @@ def judge(
         *_end(run),
         *_finite(run),
         *_fallback(run),
-        *_missed_updates(run),
-        *_program(run),
+        *run.info.findings,
         *_integration(run),
         *(_goals(run, goal_errors or {}, goal_tolerance) if completed else ()),
         *(() if replay is None else map(_exceeded, replay.violations)),
@@ -136,56 +132,13 @@ def _fallback(run: Trajectory) -> Iterator[Finding]:
     if used is None:
         return
     share = used.samples / max(len(run.time), 1)
-    fails = used.at_the_end or share > _MOSTLY
+    fails = used.at_the_end or share > MOSTLY
     until = ", and until the end" if used.at_the_end else ""
     message = (
         f"the loop gave a fallback command in {100 * share:.3g} % of the samples, first at t = {used.first:.3f} s"
         f"{until}: {used.reason}"
     )
     yield Finding(FindingKind.FALLBACK, "control loop", share, "", used.first, _graded(fails), message)
-
-
-def _missed_updates(run: Trajectory) -> Iterator[Finding]:
-    """Finding of updates of a predictive controller that were late or failed: it fails if they are most of them."""
-    counts = run.info.missed_updates
-    if counts is None:
-        return
-    share = counts.missed / (counts.missed + counts.updates)
-    message = (
-        f"{counts.missed} of {counts.missed + counts.updates} updates of the predictive controller were late or "
-        "failed: its last motion went on"
-    )
-    yield Finding(FindingKind.FALLBACK, "predictive controller", share, "", None, _graded(share > _MOSTLY), message)
-
-
-_Count = tuple[int, float | None, str]  # of samples, with the time and the reason of the first one
-
-
-def _program(run: Trajectory) -> Iterator[Finding]:
-    """Findings of a whole-body program: samples that were not solved, braking motions, and limits that gave way."""
-    total, unsolved, braking = len(run.time), run.info.unsolved, run.info.braking
-
-    def counted(kind: FindingKind, name: str, what: str, found: _Count, fails: float = np.inf) -> Iterator[Finding]:
-        samples, first, why = found
-        if samples:
-            share = samples / max(total, 1)
-            message = f"{what} in {samples} of {total} samples, first at t = {first or 0.0:.3f} s: {why}"
-            yield Finding(kind, name, share, "", first, _graded(share > fails), message)
-
-    if unsolved is not None:
-        found: _Count = unsolved.samples, unsolved.first, unsolved.reason
-        yield from counted(FindingKind.UNSOLVED, "program", "the program was not solved", found, _MOSTLY)
-    if braking is None:
-        return
-    what = "a verified braking motion took the place of the program"
-    found = braking.samples, braking.first, f"{braking.reason} otherwise"
-    yield from counted(FindingKind.BRAKING, "program", what, found)
-    found = braking.unverified, braking.unverified_first, braking.problem
-    yield from counted(FindingKind.BRAKING, "verification", "no braking motion could be verified", found)
-    for name, amount in braking.exceeded.items():
-        if amount > SHORTFALL:
-            message = f"limit {name} of the program was exceeded by {amount:.3g}"
-            yield Finding(FindingKind.LIMIT_GAVE_WAY, name, amount, "", None, Severity.FAILS, message)
 
 
 def _integration(run: Trajectory) -> Iterator[Finding]:

@@ -24,6 +24,7 @@ from rnc_pin.simulation.derived_quantities import MATRICES, DerivedQuantities, R
 from rnc_pin.simulation.ground_bodies import GroundBody, ground_bodies
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.trajectory import Trajectory
+from rnc_pin.verdict import Finding
 from rnc_pin.version import __version__
 
 _GOALS = ("v2_desired", "x1_desired", "x2_desired")
@@ -63,12 +64,8 @@ class Record:
         """Intervals with one set of constraints, of a plant whose contacts open and close."""
         self.fallback: run_info.FallbackUse | None = None
         """Use of fallback commands by the control loop."""
-        self.missed_updates: run_info.MissedUpdates | None = None
-        """Updates of a predictive controller that were late or failed."""
-        self.unsolved: run_info.UnsolvedSamples | None = None
-        """Samples whose whole-body program was not solved."""
-        self.braking: run_info.BrakingUse | None = None
-        """Braking motions of a program in inputs."""
+        self.findings: tuple[Finding, ...] = ()
+        """Findings of the controller about its own steps."""
         self.integration: run_info.IntegrationAccuracy | None = None
         """Estimated errors of the integration."""
         self.late: LateTicks | None = None
@@ -232,9 +229,7 @@ class Record:
             message,
             self.phases,
             self.fallback,
-            self.missed_updates,
-            self.unsolved,
-            self.braking,
+            self.findings,
             self.integration,
             late=self.late,
         )

@@ -16,7 +16,7 @@ from rnc_pin.errors import ConfigurationError, printable
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.printing import printed
-from rnc_pin.verdict import Verdict
+from rnc_pin.verdict import Finding, Verdict
 
 _Record = TypeVar("_Record")
 _Schema = dict[str, object]
@@ -245,57 +245,6 @@ class FallbackUse:
     at_the_end: Flag
 
 
-@dataclass(frozen=True)
-class MissedUpdates:
-    """Updates of a predictive controller that were late or failed: its last motion and feedback went on instead.
-
-    Attributes:
-        missed: number of these updates.
-        updates: number of updates that were used.
-    """
-
-    missed: Whole
-    updates: Whole
-
-
-@dataclass(frozen=True)
-class UnsolvedSamples:
-    """Samples whose whole-body program was not solved.
-
-    Attributes:
-        samples: their number.
-        first: time of the first one [s].
-        reason: reason at that time.
-    """
-
-    samples: Whole
-    first: float
-    reason: str
-
-
-@dataclass(frozen=True)
-class BrakingUse:
-    """Braking motions of a program in inputs.
-
-    Attributes:
-        samples: number of samples that executed a verified braking motion, or inputs between it and the program's.
-        first: time of the first one [s]; None if there is none.
-        reason: limit that the program would not have kept at that time.
-        unverified: number of samples without a verified braking motion, in which the program went on.
-        unverified_first: time of the first one [s]; None if there is none.
-        problem: what the braking motion did not keep at that time.
-        exceeded: largest amounts by which the motion exceeds limits of the program, by name, as its model predicts it.
-    """
-
-    samples: Whole
-    first: Number | None
-    reason: str
-    unverified: Whole
-    unverified_first: Number | None
-    problem: str
-    exceeded: Mapping[str, float] = field(default_factory=dict)
-
-
 @printed()
 @dataclass(frozen=True)
 class IntegrationAccuracy:
@@ -346,9 +295,7 @@ class RunInfo:
         message: reason of an early end, if any.
         phases: intervals between events of contacts; empty if the plant has none that open and close.
         fallback: use of fallback commands; None if there was none.
-        missed_updates: updates of a predictive controller that were not used; None if there were none.
-        unsolved: samples whose whole-body program was not solved; None if there were none.
-        braking: braking motions of a program in inputs; None if it always went on and they were verified.
+        findings: findings of the controller about its own steps, such as programs that were not solved.
         integration: estimated errors of the integration; None if the plant does not estimate it.
         verdict: findings about the run, if it was judged.
         late: samples whose computation took longer than the sampling period; in no file, print or comparison.
@@ -363,9 +310,7 @@ class RunInfo:
     message: str | None = None
     phases: tuple[PhaseInfo, ...] = ()
     fallback: FallbackUse | None = None
-    missed_updates: MissedUpdates | None = None
-    unsolved: UnsolvedSamples | None = None
-    braking: BrakingUse | None = None
+    findings: tuple[Finding, ...] = ()
     integration: IntegrationAccuracy | None = None
     verdict: Verdict | None = None
     late: LateTicks | None = field(default=None, repr=False, compare=False)
@@ -382,8 +327,9 @@ class RunInfo:
             "outcome": str(self.outcome),
             "message": self.message,
             "phases": [asdict(each) for each in self.phases] or None,
+            "findings": [each.to_json() for each in self.findings] or None,
         }
-        for name in ("fallback", "missed_updates", "unsolved", "braking", "integration"):
+        for name in ("fallback", "integration"):
             parts[name] = None if getattr(self, name) is None else asdict(getattr(self, name))
         parts["verdict"] = None if self.verdict is None else self.verdict.to_json()
         content = {

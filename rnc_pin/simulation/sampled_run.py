@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from time import perf_counter, thread_time
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.control.controller import Command, State, limited_accelerations, missed_goals, part_with
+from rnc_pin.control.controller import Command, findings_of, limited_accelerations, missed_goals
 from rnc_pin.control.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
 from rnc_pin.control.loop.loop_state import with_late_tick
 from rnc_pin.control.loop.options import admit_controller, admit_model, type_name
@@ -18,7 +17,6 @@ from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.motion.whole_body.braking_motion import BrakingState
 from rnc_pin.plants import Plant, ReducedPlant
 from rnc_pin.plants.constrained_dynamics import integrated_outputs
 from rnc_pin.plants.plant import PlantReport, ReportingPlant, takes_velocities
@@ -127,13 +125,6 @@ class PlantAdapter:
         found = self.reported
         kinds = found.friction_used, found.slip_speed, found.normal_forces, found.contact_forces
         return self.measured[1], *(np.array([*each.values()]) for each in kinds)
-
-
-@runtime_checkable
-class _Braking(Protocol):
-    """Controller that verifies braking motions, and counts them in its state."""
-
-    def exceeded_limits(self, state: State) -> dict[str, float]: ...
 
 
 class SampledRun:
@@ -285,12 +276,7 @@ class SampledRun:
         if self.record.late is not None:
             self.record.late = self.record.late._replace(ticks=self.samples) if self.record.late.late else None
         self.record.integration = self.integration()
-        state = self.loop.state.controller
-        if (late := part_with(state, "missed")) is not None and late.missed:
-            self.record.missed_updates = run_info.MissedUpdates(late.missed, late.updates)
-        if (program := part_with(state, "unsolved")) is not None and program.unsolved.samples:
-            self.record.unsolved = run_info.UnsolvedSamples(*program.unsolved)
-        self.record.braking = _braking(self.controller, state)
+        self.record.findings = findings_of(self.controller, self.loop.state.controller, self.samples)
         run = self.record.finish(self._dt, self._provenance, outcome, message)
         missed = missed_goals(self.controller, run.q[-1], run.v2[-1]) if len(run.time) else ()
         return judged_by(run, self._reduced, self._accelerations, missed)
@@ -302,17 +288,6 @@ def _blamed(error: DivergenceError, errors: IntegrationErrors | None, v: Array) 
         return error
     what = f"the integrator, not the robot: {error.what}; substeps {errors.most} is too small, set {errors.enough}"
     return DivergenceError(what, time=error.time)
-
-
-def _braking(controller: object, state: object) -> run_info.BrakingUse | None:
-    """Braking motions of a program in inputs, by its state."""
-    if not isinstance(controller, _Braking) or not hasattr(state, "braking"):
-        return None
-    count: BrakingState = state.braking
-    exceeded = controller.exceeded_limits(state)
-    if not (count.braked.samples or count.unverified.samples or exceeded):
-        return None
-    return run_info.BrakingUse(*count.braked, *count.unverified, exceeded)
 
 
 def check_arguments(arguments: RunArguments) -> None:

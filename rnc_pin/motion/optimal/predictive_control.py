@@ -12,7 +12,15 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Command, DescribedMixin, Description, LimitedAcceleration, MissedGoal
+from rnc_pin.control.controller import (
+    Command,
+    DescribedMixin,
+    Description,
+    LimitedAcceleration,
+    MissedGoal,
+    State,
+    part_with,
+)
 from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -33,6 +41,7 @@ from rnc_pin.motion.optimal.set_point import (
 )
 from rnc_pin.motion.optimal.transcription import Iterate
 from rnc_pin.motion.planning.action_models import Form, Nodes, action_model
+from rnc_pin.verdict import MOSTLY, Finding, FindingKind, Severity
 
 _LONGEST = 6  # how often the time until the next search doubles
 _HELD = 0.01  # of a limit; the force is held between two samples, so that the acceleration departs from its bound
@@ -190,6 +199,22 @@ class PredictiveController(DescribedMixin):
 
     def _settings(self) -> Mapping[str, object]:
         return {**{name: getattr(self, name) for name in self.described}, "updates": self.updates}
+
+    def findings(self, state: State, samples: int) -> tuple[Finding, ...]:
+        """Return the finding of updates that were late or failed: the last motion and its feedback went on instead.
+
+        Args:
+            state: state of the controller, or of one around it.
+            samples: number of steps.
+        """
+        own: PredictiveState = part_with(state, "missed")
+        if not own.missed:
+            return ()
+        total = own.missed + own.updates
+        share, what = own.missed / total, f"{own.missed} of {total} updates of the predictive controller"
+        severity = Severity.FAILS if share > MOSTLY else Severity.DEGRADES
+        message = f"{what} were late or failed: its last motion went on"
+        return (Finding(FindingKind.FALLBACK, "predictive controller", share, "", None, severity, message),)
 
     def missed_goals(self, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
         """Rows of the set point that a run misses which ends in this state, for its verdict.

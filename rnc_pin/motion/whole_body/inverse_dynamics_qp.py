@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Command, Description, elapsed_time, listed
+from rnc_pin.control.controller import Command, Description, State, elapsed_time, listed, part_with
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE, LieRungeKutta4
 from rnc_pin.model.reduced_kinematics import Measurement
@@ -23,6 +23,7 @@ from rnc_pin.motion.whole_body.limits.control_limit import ControlLimit, Control
 from rnc_pin.motion.whole_body.task_hierarchy import RelaxedSolution, SampledDamping, TaskLevel, lever_sum, solve_within
 from rnc_pin.motion.whole_body.tasks import ControlTask
 from rnc_pin.motion.whole_body.whole_body_program import SampleCount, WholeBodyProgram
+from rnc_pin.verdict import SHORTFALL, Finding, FindingKind, Severity
 
 _NO_EFFECT = 1e-12  # singular value, relative to the largest, of inputs that move nothing
 _CORRECTIONS = 4  # of the velocity at the end of a sample, each smaller by a factor of order dt
@@ -269,6 +270,28 @@ class InverseDynamicsQP(WholeBodyProgram):
         start = self._reduced.at(q, v2, t=t)
         before = self._braking.exceeded(start, t)
         return self._braking.motion(start, t, before, self._contacts.at(start)).problem
+
+    def findings(self, state: State, samples: int) -> tuple[Finding, ...]:
+        """Return findings about the steps so far: unsolved programs, braking motions, limits that gave way.
+
+        Args:
+            state: state of the program, or of a controller around it.
+            samples: number of steps.
+        """
+        own: InverseDynamicsState = part_with(state, "braking")
+        braked, unverified = own.braking.braked, own.braking.unverified
+        braked = braked._replace(reason=f"{braked.reason} otherwise")
+        what = "a verified braking motion took the place of the program"
+        found = braked.findings(FindingKind.BRAKING, "program", what, samples)
+        found += unverified.findings(
+            FindingKind.BRAKING, "verification", "no braking motion could be verified", samples
+        )
+        gave_way = [
+            Finding(FindingKind.LIMIT_GAVE_WAY, name, amount, "", None, Severity.FAILS, message)
+            for name, amount in self.exceeded_limits(own).items()
+            if amount > SHORTFALL and (message := f"limit {name} of the program was exceeded by {amount:.3g}")
+        ]
+        return (*super().findings(own, samples), *found, *gave_way)
 
     def exceeded_limits(self, state: InverseDynamicsState) -> dict[str, float]:
         """Return the limits of motion that the run exceeds by the model since its start, with the largest amounts."""

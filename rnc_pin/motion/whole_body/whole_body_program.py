@@ -21,6 +21,7 @@ from rnc_pin.motion.whole_body.limits.joint_limits import AccelerationLimit
 from rnc_pin.motion.whole_body.task_hierarchy import TaskStack
 from rnc_pin.motion.whole_body.tasks import BoundTask, ControlTask
 from rnc_pin.printing import ReprMixin
+from rnc_pin.verdict import MOSTLY, Finding, FindingKind, Severity
 
 
 class LimitReport(NamedTuple):
@@ -49,6 +50,26 @@ class SampleCount(NamedTuple):
             return self
         first = (t, reason) if self.first is None else (self.first, self.reason)
         return SampleCount(self.samples + 1, *first)
+
+    def findings(
+        self, kind: FindingKind, where: str, what: str, samples: int, fails: float = np.inf
+    ) -> tuple[Finding, ...]:
+        """Return the finding of these samples; none without any.
+
+        Args:
+            kind, where: kind of the finding, and the part of the program.
+            what: what happened in these samples.
+            samples: number of samples of the run.
+            fails: share of the run above which it fails.
+        """
+        if not self.samples:
+            return ()
+        share = self.samples / max(samples, 1)
+        message = (
+            f"{what} in {self.samples} of {samples} samples, first at t = {self.first or 0.0:.3f} s: {self.reason}"
+        )
+        severity = Severity.FAILS if share > fails else Severity.DEGRADES
+        return (Finding(kind, where, share, "", self.first, severity, message),)
 
 
 class WholeBodyProgram(ReprMixin):
@@ -92,6 +113,16 @@ class WholeBodyProgram(ReprMixin):
             raise InputError(
                 f"a whole-body controller takes one state: v2 has shape {np.shape(v2)}, expected ({self._reduced.r},)"
             )
+
+    def findings(self, state: State, samples: int) -> tuple[Finding, ...]:
+        """Return findings about the steps so far: samples whose program was not solved.
+
+        Args:
+            state: state of the program, or of a controller around it.
+            samples: number of steps.
+        """
+        count: SampleCount = part_with(state, "unsolved").unsolved
+        return count.findings(FindingKind.UNSOLVED, "program", "the program was not solved", samples, MOSTLY)
 
     def report(self, state: State) -> LimitReport:
         """Return the limits that are active, and those that gave way."""
