@@ -1,5 +1,5 @@
-"""Check a built site: no page loads anything from another host, every local file that a page names exists, and words of
-readers lead to their page first.
+"""Check a built site: no page loads anything from another host, every local file that a page names exists, words of
+readers lead to their page first, and every page has a kind.
 
 ``python docs/check_site.py OUT`` prints what is wrong, and then ends with status 1. Links that a reader may follow are
 not loaded; ``python -m sphinx -b linkcheck docs OUT`` follows them.
@@ -90,8 +90,11 @@ def faults_of_search(site: Path, synonyms: dict[str, list[str]]) -> Iterator[str
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parent))
-    from site_pages import SYNONYMS
+    from site_pages import SYNONYMS, faults_of_kinds
 
-    found = [*faults_of_site(Path(sys.argv[1])), *faults_of_search(Path(sys.argv[1]), SYNONYMS)]
-    print("\n".join(found) or "nothing comes from another host, and words of readers lead to their page")
+    site = Path(sys.argv[1])
+    pages = {path.relative_to(site).with_suffix("").as_posix() for path in site.rglob("*.html")}
+    pages = {page for page in pages if (Path(__file__).parent / f"{page}.md").is_file()}
+    found = [*faults_of_site(site), *faults_of_search(site, SYNONYMS), *faults_of_kinds(pages)]
+    print("\n".join(found) or "nothing comes from another host, words of readers lead to their page, pages have kinds")
     sys.exit(bool(found))

@@ -14,6 +14,7 @@ import os
 import re
 import shutil
 import typing
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -32,17 +33,32 @@ AT_THE_TOP = {
     "SECURITY.md": "project/security.md",
     "LICENSE": "project/license.md",
 }
-SECTIONS = {
-    "Start": ["project/readme", "own_robot"],
-    "Tutorials": ["tutorials/*"],
-    "Topics": ["*"],
-    "Explanation": ["explanation/*", "paper", "glossary", "comparison", "limits"],
-    "Reference": ["commands", "scenarios", "errors", "gallery", "reference/*"],
-    "Evidence": ["validation", "reliability", "results", "random_tasks", "zoo"],
-    "Project": ["maintainers", "project/contributing", "project/changelog", "project/security", "project/license"],
+GUIDES = {
+    "First run": ["project/readme", "tutorials/index", "tutorials/01_your_robot", "drive"],
+    "My robot": ["own_robot", "tutorials/02_wheels_slip_momentum", "tutorials/10_writing_a_constraint"],
+    "Which redundancy": ["redundancy", "tutorials/03_choosing_outputs", "tutorials/04_redundancy"],
+    "A controller": ["tutorials/13_your_controller", "tutorials/05_adaptive_control"],
+    "Limits and obstacles": ["whole_body", "tutorials/06_limits_obstacles"],
+    "A plan": [
+        "optimal",
+        "ways",
+        "tutorials/07_planning_tracking",
+        "tutorials/16_drive_there_and_stop",
+        "tutorials/17_from_here_to_there",
+    ],
+    "A loop of mine": ["tutorials/08_control_loop", "tutorials/14_your_loop_from_yaml", "tutorials/11_cmd_vel"],
+    "My figure": ["tutorials/12_my_figure"],
+    "My log": ["logs", "tutorials/15_my_robot_does_not_move_like_my_file", "tutorials/18_what_does_the_arm_weigh"],
+    "Many runs": ["sweeps", "tutorials/09_many_runs"],
 }
-"""Parts of the table of contents; a pattern stands for the pages that no part names."""
-RANKS = {"Evidence": -100, "Project": -5, "Reference": -2}
+"""Guides in the order of a user's day."""
+ORDER = ("Guide", "Reference", "Explanation", "Record")
+"""Kinds of pages, as the third line of each page states them, in the order of the table of contents."""
+KINDS_AT_THE_TOP = {"project/readme": "Guide", "project/changelog": "Record"}
+"""Kinds of pages that state none; all others of the root, and those of the code, are reference."""
+MOST_WORDS = 900
+"""Words of a guide, at most."""
+RANKS = {"Record": -100, "Reference": -2}
 """What the search adds to the score of a page: guides come before pages to look things up, and records come last."""
 SYNONYMS = {
     "answers": [
@@ -95,25 +111,43 @@ def site_links(text: str, folder: Path) -> str:
     return _LINK.sub(moved, text)
 
 
+def kind(page: str) -> str:
+    """Return the kind that a page states in its third line, or "" if it states none."""
+    if page.startswith(("project/", "reference/")):
+        return KINDS_AT_THE_TOP.get(page, "Reference")
+    found = re.match(r"# .*\n\n\*(\w+)\.\*\n", (DOCS / f"{page}.md").read_text())
+    return found[1] if found else ""
+
+
+def sections(pages: set[str]) -> dict[str, list[str]]:
+    """Return the pages by part of the table of contents: the guides of a day, then the other kinds."""
+    parts = {caption: [name for name in names if name in pages] for caption, names in GUIDES.items()}
+    for each in ORDER[1:]:
+        parts[each] = sorted(name for name in pages if kind(name) == each and not name.startswith("reference/"))
+    parts["Reference"] += ["reference/index"] if "reference/index" in pages else []
+    return parts
+
+
+def faults_of_kinds(pages: set[str]) -> Iterator[str]:
+    """Return pages without a kind, guides that are too long, and guides without a place in the day of a user."""
+    day = {name for names in GUIDES.values() for name in names}
+    for page in sorted(pages - {"index"}):
+        if kind(page) not in ORDER:
+            yield f"{page}: the third line has to be one of {', '.join(f'*{each}.*' for each in ORDER)}"
+        elif (kind(page) == "Guide") != (page in day):
+            yield f"{page}: a guide has a place in GUIDES, and no other page has one"
+        elif page in day and (words := len((DOCS / f"{page}.md").read_text().split())) > MOST_WORDS:
+            yield f"{page}: {words} words, and a guide has {MOST_WORDS} at most"
+    yield from (f"{page}: GUIDES has no such page" for page in sorted(day - pages))
+
+
 def table_of_contents(pages: set[str]) -> str:
-    """Return the hidden table of contents: all pages, in the order of ``SECTIONS``."""
-    named = {name for names in SECTIONS.values() for name in names} | {"index"}
+    """Return the hidden table of contents: guides first, records last."""
     parts = []
-    for caption, names in SECTIONS.items():
-        found: list[str] = []
-        for name in names:
-            if name.endswith("*"):
-                folder = name.rpartition("/")[0]
-                beside = sorted(page for page in pages - named if page.rpartition("/")[0] == folder)
-                index = f"{folder}/index"
-                if index in beside:  # first; the reference lists its pages there
-                    beside = [index, *(page for page in beside if page != index and folder != "reference")]
-                found.extend(beside)
-            elif name in pages:
-                found.append(name)
-        if found:
-            lines = "\n".join(f"/{name}" for name in found)
-            parts.append(f"```{{toctree}}\n:caption: {caption}\n:hidden:\n\n{lines}\n```\n")
+    for caption, names in sections(pages).items():
+        lines = "\n".join(f"/{name}" for name in names)
+        title = {"Reference": "Reference", "Explanation": "Explanation", "Record": "Records"}.get(caption, caption)
+        parts.append(f"```{{toctree}}\n:caption: {title}\n:hidden:\n\n{lines}\n```\n")
     return "\n".join(parts)
 
 
@@ -128,10 +162,12 @@ def project_pages() -> dict[str, str]:
 
 def search_scorer() -> str:
     """Return the scores of Sphinx's search, those of ``searchtools.js`` with :data:`RANKS`."""
-    ranks = {page: rank for caption, rank in RANKS.items() for page in SECTIONS[caption]}
+    written = [path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")]
+    pages = {name.removesuffix(".md") for name in (*written, *AT_THE_TOP.values()) if not name.startswith("reference/")}
+    ranks = {page: RANKS[kind(page)] for page in sorted(pages) if kind(page) in RANKS}
     return f"""const ranks = {json.dumps(ranks)};
 var Scorer = {{
-  score: ([page, , , , score]) => score + (ranks[page] ?? ranks[page.replace(/[^/]*$/, "*")] ?? 0),
+  score: ([page, , , , score]) => score + (ranks[page] ?? (page.startsWith("reference/") ? -2 : 0)),
   objNameMatch: 11, objPartialMatch: 6, objPrio: {{0: 15, 1: 5, 2: -5}}, objPrioDefault: 0,
   title: 15, partialTitle: 7, term: 5, partialTerm: 2,
 }};
