@@ -322,7 +322,7 @@ class _Exploring:
         level, tried, untried = [(k,) for k in range(len(single))], 0, 0
         while level:
             whole, larger = set(level), []
-            for members in sorted({(*a, b[-1]) for a, b in combinations(level, 2) if a[:-1] == b[:-1]}):
+            for members in [(*each, k) for each in level for k in range(each[-1] + 1, len(single))]:
                 rows = tuple(row for k in members for row in single[k])
                 parts = combinations(members, len(members) - 1)
                 failed = any(part not in whole for part in parts)

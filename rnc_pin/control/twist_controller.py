@@ -36,7 +36,7 @@ from rnc_pin.printing import ReprMixin
 
 _STILL = 1e-9  # share of a twist that rounding causes
 _MOVING = 0.1  # share of the command below which a base counts as standing
-_HALVINGS = 12
+_HALVES = 0.5 ** np.arange(1, 13)  # parts of the way between two twists, tried in turn
 _MOST = 6  # steered wheels with limits for which all choices of rolling are compared
 _ITERATIONS = 50
 _SETTLED = 1e-12  # [rad]
@@ -342,15 +342,12 @@ class TwistController(ReprMixin):
         follows = np.abs(start + wrapped(after - before) - turn) < 0.5 * np.pi
         if not (self._can_turn(motion, start, bounds) and follows[seen].all()):
             return wanted, turn
-        fits, fails, found = 0.0, 1.0, (wanted, turn)
-        for _ in range(_HALVINGS):
-            share = 0.5 * (fits + fails)
-            goal = (1.0 - share) * last + share * wanted
+        share, found = 0.0, (wanted, turn)
+        for more in _HALVES:
+            goal = last + (share + more) * (wanted - last)
             turns = self.base.turns(motion, q, goal, state.rates).turn
             if self._can_turn(motion, turns, bounds):
-                fits, found = share, (goal, turns)
-            else:
-                fails = share
+                share, found = share + more, (goal, turns)
         return found
 
     def _can_turn(self, motion: BaseMotion, turn: Array, bounds: tuple[Array, Array]) -> bool:

@@ -256,6 +256,23 @@ def test_pivots_take_the_shorter_way_where_the_centre_of_rotation_passes_between
         assert path == pytest.approx(abs((after - before + np.pi / 2) % np.pi - np.pi / 2), abs=1e-6)
 
 
+def test_pivots_that_cannot_turn_at_once_share_one_centre_of_rotation_on_the_way():
+    """The base goes on, and one pivot at least turns as fast as it can, until all have the angles of the command."""
+    name, twist = "four steered drives", np.array([0.4, -0.2, 0.9])
+    reduced, controller = model(name), TwistController(model(name), "base", DT)
+    plant = KinematicPlant(reduced, start(reduced))
+    _, state = driven(controller, plant, suitable(name), controller.initial_state(), 60)
+    columns = [reduced.robot.velocity_indices(joint).start for joint in controller.steering]
+    for _ in range(10):
+        (command,), state = driven(controller, plant, twist, state, 1)
+        angles = reduced.robot.joint_values(plant.q)
+        places = [(each.x, each.y, angles[each.pivot]) for each in KINDS[name].wheels.values()]
+        guides = [[-np.sin(a), np.cos(a), x * np.cos(a) + y * np.sin(a)] for x, y, a in places]
+        assert np.linalg.svd(guides)[1][-1] < 1e-9
+        assert np.abs(command.v[columns]).max() == pytest.approx(STEERING_RATE, rel=5e-3)
+        assert command.twist[0] > 0.39
+
+
 def test_a_turn_by_a_right_angle_does_not_hesitate():
     """Both ways are equally long, and noise of the angle prefers now one, now the other."""
     reduced, controller = model("turret"), TwistController(model("turret"), "base", DT)
