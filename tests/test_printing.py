@@ -1,6 +1,7 @@
 """Things print themselves: in one line, or in a few."""
 
 import re
+from dataclasses import is_dataclass
 from importlib.metadata import version
 from types import SimpleNamespace
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin import control
+from rnc_pin import analysis, control
 from rnc_pin.simulation.summary import add_verdict
 from systems import space_robot
 
@@ -66,11 +67,13 @@ def test_a_controller_says_its_settings_and_parts():
     assert "k=[1.  2.5 3. ], beta=10, sigma=0.1" in repr(tracker)
 
 
-def test_every_controller_prints_itself():
-    kinds = [kind for kind in vars(control).values() if isinstance(kind, type)]
-    for kind in kinds:
-        if hasattr(kind, "step") and not getattr(kind, "_is_protocol", False):
-            assert kind.__repr__ is not object.__repr__, kind.__name__
+def test_every_controller_and_every_record_of_an_analysis_prints_itself():
+    kinds, found = ([getattr(room, name) for name in dir(room)] for room in (control, analysis))
+    acting = [kind for kind in kinds if hasattr(kind, "step") and not getattr(kind, "_is_protocol", False)]
+    assert len(acting) > 9
+    assert [kind for kind in acting if kind.__repr__ is object.__repr__] == []
+    records = [kind for kind in found if hasattr(kind, "_fields") or is_dataclass(kind)]
+    assert [kind for kind in records if not hasattr(kind, "_repr_pretty_")] == [analysis.Use]  # a row of a record
 
 
 def test_the_version_is_the_installed_one():

@@ -7,6 +7,7 @@ import pytest
 import rnc_pin as rnc
 from driven_bases import KINDS, RADIUS, STEERING_RATE, KinematicPlant, drafted_model, tricycle, turret
 from rnc_pin.control import TwistController
+from rnc_pin.control.twist_controller import _choices
 from systems import ackermann_car, bicycle, fire_truck, spinning_space_robot
 from textbook_systems import differential_drive
 
@@ -345,6 +346,12 @@ def test_the_nearest_twist_within_limits_of_angle_beats_all_others(seed):
     for other in wanted + spread:
         if np.linalg.norm(scale * (other - wanted)) < distance - 1e-6:
             assert not rolls_within(other, name, 1.0)
+
+
+def test_more_wheels_than_vehicles_have_roll_as_they_favour():
+    favoured = np.array([-2.0, 0.0, 3.0, -0.1, 1.0, 1.0])
+    assert len({tuple(each) for each in _choices(favoured)}) == 2**6
+    assert np.array_equal(list(_choices(np.append(favoured, -1.0))), [[-1, 1, 1, -1, 1, 1, -1]])
 
 
 def test_a_tight_turn_stops_at_the_limit_of_the_angle():

@@ -366,6 +366,8 @@ def test_measurements_that_stay_away_lead_to_the_safe_command(safe, expected):
     assert v2[0] > 0.1
     if safe == "brake":
         assert inputs[-1, 0] < 0
+        q, v = plant.read()
+        assert not any(loop.step(1.0, q * np.nan, wrong).any() for wrong in (None, v * np.nan, v[:1], v[:, None]))
     else:
         assert np.array_equal(inputs[-1], expected * inputs[29])
 

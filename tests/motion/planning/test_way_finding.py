@@ -227,6 +227,9 @@ def test_a_way_that_no_iteration_improves_is_the_plan_itself():
 def test_the_joints_that_are_held_do_not_move():
     reduced, q0, goal, obstacles = TASKS["differential drive"]()
     way = find_way(reduced, q0, goal, obstacles)
+    pair, distance = way_checker(reduced.robot, q0, obstacles, None, 1.0).violation(q0)
+    assert "table" in pair  # which is farther than links from each other
+    assert 0.1 < distance < 0.4
     arm = slice(4, 14)
     assert way.q[:, arm] == pytest.approx(np.tile(q0[arm], (len(way.q), 1)), abs=1e-8)
 

@@ -108,6 +108,16 @@ def test_a_start_that_cannot_stop_is_named_and_the_run_does_not_succeed():
     assert rnc.simulation.RunInfo.from_json(run.info.to_json()).findings == run.info.findings
 
 
+@pytest.mark.parametrize("acceleration", [0.5, 1.0])
+def test_limits_of_accelerations_lengthen_the_way_to_rest(acceleration):
+    """It is ``v^2 / 2 a``, and 1 m is left; efforts alone would do with less."""
+    reduced, bounds = cart(2.0), [limits.JointPositionLimit(), limits.AccelerationLimit(acceleration)]
+    program = InverseDynamicsQP(reduced, [tasks.DampingTask()], bounds, dt=0.02, braking_time=3.0)
+    fastest = np.sqrt(2.0 * acceleration)
+    assert program.braking_problem(0.0, np.zeros(1), np.array([0.85 * fastest])) is None
+    assert "gives way" in program.braking_problem(0.0, np.zeros(1), np.array([1.01 * fastest]))
+
+
 @pytest.mark.parametrize(("axis", "effort", "speed", "rests"), [
     ("PZ", 9.0, 1.0, False), ("PZ", 10.0, 1.0, True), ("PX", 2.0, 3.5, True), ("PX", 2.0, 3.9, False),
 ])  # fmt: skip

@@ -11,6 +11,7 @@ import rnc_pin as rnc
 from driven import drive
 from rnc_pin.control import InverseDynamicsQP, VelocityQP, limits, tasks
 from rnc_pin.motion.planning import Hold
+from rnc_pin.motion.whole_body.limit_stack import LimitStack
 from rnc_pin.motion.whole_body.limits.control_limit import PlannedBraking
 from rnc_pin.motion.whole_body.limits.joint_limits import velocity_to_stop
 from rnc_pin.robots.joint_values import limited_positions
@@ -129,6 +130,17 @@ def test_a_joint_beyond_its_limit_may_rest_or_return():
     found = velocity_to_stop(room, np.ones(3), 0.01)
     np.testing.assert_array_equal(found[:2], 0.0)
     np.testing.assert_allclose(found[2], 1e-9 / 0.01, rtol=1e-12)  # the chord of the first sample
+
+
+def test_a_braking_motion_plans_with_the_room_that_is_left():
+    """At a constant deceleration over the time h, the mean of both velocities is at most the room by h."""
+    reduced, at, h, rate = manipulator_in_joints(), 0.4, 0.5, 1.5
+    q0, end = reduced.robot.configuration({"joint_1": at}), reduced.robot.model.upperPositionLimit[-2]
+    sample = rnc.control.ControlSample(reduced, 0.0, q0, np.array([0.0, 0.0, rate, 0.0]), h)
+    bound = limits.JointPositionLimit(joints=["joint_1"], margin=0.0)
+    rows = LimitStack([bound], reduced).rows(sample, braking=True)
+    expected = [[2 * (end - at) / h - rate], [2 * (end + at) / h + rate]]
+    np.testing.assert_allclose([rows.upper, -rows.lower], expected, rtol=1e-12)
 
 
 def test_limits_that_exclude_each_other_give_way_in_order():
