@@ -35,6 +35,7 @@ COPIED = ("rnc_pin", "tests", "urdf", "benchmarks", "pyproject.toml", "docs", "R
 PACKAGES = (
     "model", "constraints", "outputs", "control", "references", "motion/whole_body", "motion/planning", "analysis",
 )  # fmt: skip
+DECLARED = ("tests/test_vocabulary.py", "tests/test_printing.py")  # promises of declarations, which an import executes
 # Tests of these packages. Those of commands, browsers and readers take minutes and execute few of their lines.
 TESTS = (
     *(f"tests/{name}" for name in PACKAGES), "tests/forces", "tests/simulation/test_simulate.py",
@@ -42,17 +43,12 @@ TESTS = (
     "tests/motion/optimal/test_plan_feedback.py", "tests/motion/optimal/test_predictive_control.py",
     "tests/system/test_single_joint.py", "tests/robots/test_vehicles.py", "tests/system/test_copies.py",
     "tests/system/test_regular_motion.py", "tests/system/test_wheel_rows.py", "tests/system/test_rounded_rows.py",
-    "tests/system/test_uncertain_wheels.py", "tests/test_printing.py", "tests/visualization/test_scene_bodies.py",
+    "tests/system/test_uncertain_wheels.py", *DECLARED, "tests/visualization/test_scene_bodies.py",
 )  # fmt: skip
-DECLARED = (
-    "tests/test_vocabulary.py::test_no_record_gives_up_a_promise_and_every_argument_has_a_name",
-    "tests/test_printing.py::test_every_controller_and_every_record_of_an_analysis_prints_itself",
-)  # they execute no line of a module that is imported already
 IN_ANNOTATIONS = "core/ReplaceBinaryOperator_BitOr_"  # nothing evaluates these
 START_UP = 60.0  # [s] that pytest and its imports may take
 MORE = 5.0  # times the patience, for survivors of the first stage
 KERNELS = ("numpy", "c")
-TIMED_OUT = "timeout"  # Cosmic Ray's output of tests that were ended
 
 
 def modules(paths: list[str]) -> list[Path]:
@@ -95,12 +91,12 @@ def tests_of(
     found = {name.rpartition("|")[0] for name in contexts.get(executed, ())} - {""}
     if not found and "" in contexts.get(executed, ()):
         found = {name.rpartition("|")[0] for names in contexts.values() for name in names} - {""} or set(seconds)
-        found |= {*DECLARED}
+        found |= {name for name in seconds if name.startswith(DECLARED)}
     package = module.parent.relative_to("rnc_pin") if module.parts[0] == "rnc_pin" else module.parent
-    own = (f"tests/{package}/test_{module.stem}.py::", f"tests/{package}/")
+    own = (f"tests/{package}/test_{module.stem}.py::", *DECLARED), f"tests/{package}/"
 
-    def order(name: str) -> tuple[bool, bool, bool, float]:
-        return name not in DECLARED, not name.startswith(own[0]), not name.startswith(own[1]), seconds.get(name, 1.0)
+    def order(name: str) -> tuple[bool, bool, float]:
+        return not name.startswith(own[0]), not name.startswith(own[1]), seconds.get(name, 1.0)
 
     chosen, total = [], 0.0
     for name in sorted(found, key=order):
@@ -217,7 +213,7 @@ def main() -> None:
             for name in (mutant.module_path.parent.name, "all"):
                 score[name][0] += not survived
                 score[name][1] += 1
-            if result.output == TIMED_OUT:
+            if result.output == "timeout":  # Cosmic Ray's word for tests that were ended
                 endless.append(f"{mutant.module_path}:{mutant.start_pos[0]} ({mutant.operator_name})")
             if survived:
                 tried_again.append(mutant)

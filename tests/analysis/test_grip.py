@@ -1,5 +1,7 @@
 """Grip as a limit on multipliers: closed forms, what slows down with time, and references that are slowed."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -103,13 +105,6 @@ def test_a_run_that_needs_more_than_the_stated_friction_fails(grip, word):
         assert (found[0].where, found[0].amount) == ("wheel", pytest.approx(needed, rel=0.01))
 
 
-class Wheel:
-    """A wheel under a name of a user's own, which says of no frame that it is its."""
-
-    def bind(self, robot):
-        return rnc.RollingWheel("b", WHEEL).bind(robot)
-
-
 @pytest.mark.parametrize(("friction", "word"), [(0.07, "failed"), (0.09, "succeeded")])
 def test_a_contact_that_needs_the_most_friction_between_two_samples_is_judged_there(gripping, friction, word):
     """One sample of 0.4 s beside forty of the same motion: the side force rises and falls within it."""
@@ -125,7 +120,8 @@ def test_a_contact_that_needs_the_most_friction_between_two_samples_is_judged_th
 
 
 def test_a_wheel_without_a_frame_has_the_name_of_its_first_row():
-    reduced = rnc.NonholonomicSystem(cart_robot(), [rnc.Caster("nose", WHEEL), Wheel()]).reduce()
+    mine = SimpleNamespace(bind=rnc.RollingWheel("b", WHEEL).bind)  # it says of no frame that it is its
+    reduced = rnc.NonholonomicSystem(cart_robot(), [rnc.Caster("nose", WHEEL), mine]).reduce()
     assert rnc.Grip(reduced, 0.5).names == ("rolling(b)",)
 
 

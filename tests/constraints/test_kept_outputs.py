@@ -216,17 +216,13 @@ def test_rows_that_demand_two_things_are_refused():
 SWING = Harmonic([0.0], [0.3], 0.5)
 
 
-class Doubled:
+def doubled(wrong):
     """A swing of which one rate is twice what it should be."""
 
-    size, duration = 1, np.inf
+    def at(t):
+        return (point := SWING.at(t))._replace(**{wrong: 2.0 * getattr(point, wrong)})
 
-    def __init__(self, wrong):
-        self.wrong = wrong
-
-    def at(self, t):
-        point = SWING.at(t)
-        return point._replace(**{self.wrong: 2.0 * getattr(point, self.wrong)})
+    return SimpleNamespace(size=1, duration=np.inf, at=at)
 
 
 def prescribed(motion):
@@ -238,8 +234,8 @@ test_what_cannot_be_kept_is_refused = refused([
     (rnc.FixedOutput(rnc.FrameSpeed("tip", "x"), 0.0), "a speed has no value; PrescribedMotion prescribes its rate"),
     (prescribed(Harmonic([0, 0], 1.0, 1.0)), r"joint_1: expected a Reference of size 1, found .* of size 2"),
     (prescribed(0.3), r"expected a Reference of size 1, found 0\.3"),
-    (prescribed(Doubled("velocity")), "joint_1: its velocity is not the rate of its position"),
-    (prescribed(Doubled("acceleration")), "joint_1: its acceleration is not the rate of its velocity"),
+    (prescribed(doubled("velocity")), "joint_1: its velocity is not the rate of its position"),
+    (prescribed(doubled("acceleration")), "joint_1: its acceleration is not the rate of its velocity"),
     (rnc.Pfaffian(lambda q, t: np.eye(4)[:1], names=["belt"], rate=lambda q, t: np.array([t**2]),
         rate_dot=lambda q, v, t: np.array([t]), rheonomic=True), r"rate_dot\(q, v\).* row 'belt'"),
     (rnc.MomentumConservation("platform", [1.0, 2.0]), "takes 1 finite number, found"),

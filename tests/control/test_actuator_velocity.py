@@ -7,23 +7,16 @@ import rnc_pin as rnc
 import systems
 from rnc_pin.control.actuator_velocity import admissible_scale, driven_joints, velocity_from_actuators, velocity_limits
 from rnc_pin.control.controller import VelocityTarget
+from simple_controllers import Counting
 from systems import random_states, spinning_space_robot
 from textbook_systems import sliders
 
 STATES = random_states(spinning_space_robot(), 4, seed=4)
 
 
-class Wanted:
+def wanted(v2):
     """Kinematic controller of one constant v2d."""
-
-    def __init__(self, v2):
-        self.v2 = np.array(v2)
-
-    def initial_state(self, measurement):
-        return None
-
-    def step(self, t, measurement, state):
-        return VelocityTarget(self.v2, 0 * self.v2, x1=self.v2 + 1, x2=self.v2 + 2), 7
+    return Counting(lambda *_: VelocityTarget(v2, 0 * v2, x1=v2 + 1, x2=v2 + 2))
 
 
 @pytest.mark.parametrize("part", [0.25, 1.5])
@@ -40,7 +33,7 @@ def test_only_what_is_commanded_is_scaled(part, index):
     if limits[joint] <= 0:  # the drift alone is towards the other side
         along, v2, side = -along, -v2, -side
         limits[joint] = side * offset[joint] + part * abs(along[joint])
-    command, _ = rnc.control.ActuatorVelocityController(reduced, Wanted(v2), limits).step(0.0, at.measure(), None)
+    command, _ = rnc.control.ActuatorVelocityController(reduced, wanted(v2), limits).step(0.0, at.measure(), 5)
     scale = min(part, 1.0)
     np.testing.assert_allclose(command.v2_desired, scale * v2, rtol=1e-10)
     np.testing.assert_allclose(command.T, at.B.T @ (scale * along + offset), rtol=1e-10)
@@ -64,7 +57,7 @@ def test_limits_are_those_of_the_file_where_it_has_any():
     reduced = rnc.NonholonomicSystem(robot, [], ["a", "b", "c"]).reduce()
     np.testing.assert_array_equal(velocity_limits(reduced, True), [0.7, np.inf, np.inf])
     np.testing.assert_array_equal(velocity_limits(reduced, False), np.full(3, np.inf))
-    described = rnc.control.ActuatorVelocityController(reduced, Wanted(np.ones(3))).describe()
+    described = rnc.control.ActuatorVelocityController(reduced, wanted(np.ones(3))).describe()
     assert described["limits"] == {"a": 0.7}
     for wrong in ([1.0, 2.0], [1.0, 0.0, 1.0], [1.0, -1.0, 1.0], "fast", 3.0):
         with pytest.raises(rnc.ConfigurationError, match="3 positive numbers"):
@@ -76,7 +69,7 @@ def test_actuators_that_leave_a_motion_open_are_counted():
     for names, words in ((["a", "c"], r"\(a, c\) determine 2 of 3"), ([], r"\(none\) determine 0 of 3")):
         reduced = rnc.NonholonomicSystem(robot, [], names).reduce()
         with pytest.raises(rnc.ConfigurationError, match=words):
-            rnc.control.ActuatorVelocityController(reduced, Wanted(np.ones(3)))
+            rnc.control.ActuatorVelocityController(reduced, wanted(np.ones(3)))
 
 
 def test_without_constraints_actuators_move_their_own_joints():
@@ -90,9 +83,9 @@ def test_without_constraints_actuators_move_their_own_joints():
 def test_targets_that_are_none_are_refused():
     reduced = systems.differential_drive()
     measurement = reduced.at(reduced.robot.configuration(), np.zeros(2)).measure(np.zeros(2))
-    for wanted, error, words in (
+    for v2, error, words in (
         ([1.0, 2.0, 3.0], rnc.InputError, r"shape \(3,\), expected \(..., 2\)"),
         ([1.0, np.nan], rnc.DivergenceError, "not finite"),
     ):
         with pytest.raises(error, match=words):
-            rnc.control.ActuatorVelocityController(reduced, Wanted(wanted)).step(0.0, measurement, None)
+            rnc.control.ActuatorVelocityController(reduced, wanted(np.array(v2))).step(0.0, measurement, 5)

@@ -1,4 +1,6 @@
-"""Controllers of tests: given inputs, or none."""
+"""Controllers of tests: given inputs, or none; and a plant that tells no more than it has to."""
+
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -16,6 +18,21 @@ class Memoryless:
 
     def step(self, t, measurement, state):
         return self._law(t, measurement), state
+
+
+class Counting(Memoryless):
+    """The same with a state: the number of its steps, from 5 on."""
+
+    def initial_state(self, measurement):
+        return 5
+
+    def step(self, t, measurement, state):
+        return self._law(t, measurement), state + 1
+
+
+def silent(plant):
+    """A plant without the rest of its interface, such as work and forces."""
+    return SimpleNamespace(**{name: getattr(plant, name) for name in ("reset", "read", "apply", "advance")})
 
 
 class Inputs(Memoryless):

@@ -8,6 +8,7 @@ a URDF (``robots/test_robot.py``), wrong usage (``test_cli.py``).
 import re
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from patience import PATIENCE
 from refusals import refused
 from rnc_pin.applications.command_line.report import print_summary
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
+from simple_controllers import silent
 from terminal import results
 
 SPACE_ROBOT = with_options(
@@ -399,18 +401,11 @@ def test_a_kinematic_controller_and_a_step_of_another_kind_are_named():
     q0 = reduced.robot.configuration()
     with pytest.raises(rnc.RncError, match=r"decides velocities, not forces: .*VelocityTracker\(it\)"):
         rnc.simulate(reduced, target, q0, 0.1)
-
-    class Lazy:
-        def initial_state(self, measurement):
-            return None
-
-        def step(self, t, measurement, state):
-            return rnc.control.Command(T=np.zeros(2))
-
+    lazy = SimpleNamespace(initial_state=lambda _: None, step=lambda *_: rnc.control.Command(T=np.zeros(2)))
     with pytest.raises(rnc.RncError, match="has to return a Command and its state, found a Command"):
-        rnc.simulate(reduced, Lazy(), q0, 0.1)
+        rnc.simulate(reduced, lazy, q0, 0.1)
     with pytest.raises(rnc.ConfigurationError, match="found a NonholonomicSystem: call reduce"):
-        rnc.simulate(system, Lazy(), q0, 0.1)
+        rnc.simulate(system, lazy, q0, 0.1)
 
 
 def test_rows_without_names_are_numbered_through():
@@ -431,18 +426,8 @@ def test_rows_without_names_are_numbered_through():
 
 def test_a_plant_that_tells_no_work_has_no_drift(capsys):
     _, reduced, target = small()
-
-    class Silent:
-        def __init__(self):
-            self.plant = rnc.ReducedPlant(reduced)
-
-        def __getattr__(self, name):
-            if name in ("reset", "read", "apply", "advance"):
-                return getattr(self.plant, name)
-            raise AttributeError(name)
-
-    tracker = rnc.control.VelocityTracker(target)
-    run = rnc.simulate(reduced, tracker, reduced.robot.configuration(), 0.1, 0.01, plant=Silent())
+    tracker, plant = rnc.control.VelocityTracker(target), silent(rnc.ReducedPlant(reduced))
+    run = rnc.simulate(reduced, tracker, reduced.robot.configuration(), 0.1, 0.01, plant=plant)
     summary = rnc.summarize(run)
     assert summary["energy_drift"] is None
     print_summary(summary)

@@ -85,15 +85,8 @@ def fed_back(reduced, q0):
 
 def rolled_out(reduced, q0):
     hold = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([0.0, 0.0]))
-
-    class Target:
-        def initial_state(self, measurement):
-            return hold.initial_state(measurement)
-
-        def step(self, t, measurement, state):
-            return figure_missing(t) or hold.step(t, measurement, state)
-
-    rnc.kinematic_rollout(reduced, Target(), q0, 1.0)
+    target = Memoryless(lambda t, measurement: figure_missing(t) or hold.step(t, measurement, None)[0])
+    rnc.kinematic_rollout(reduced, target, q0, 1.0)
 
 
 @pytest.mark.parametrize(("motion", "who"), [(observed, "observer"), (fed_back, "feedback"), (rolled_out, "target")])

@@ -1,5 +1,8 @@
 """Driven runs with scripted commands: goals, limits, obstacles and refusals; and the lines of their status."""
 
+from itertools import count
+from types import SimpleNamespace
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -292,15 +295,13 @@ def distance_to(run, configurations, obstacle, times):
 def test_commands_of_a_queue_are_logged_at_their_sample_and_give_the_same_motion_again():
     live = manipulator()
     queue = CommandQueue(live.controls)
+    commands = {10: {"kind": "base_goal", "x": 0.5, "y": 0.2}, 90: {"kind": "end"}}
 
-    class User:
-        def show(self, sample, status):
-            if sample.time == pytest.approx(10 * DT):
-                assert queue.put({"kind": "base_goal", "x": 0.5, "y": 0.2})
-            if sample.time == pytest.approx(90 * DT):
-                assert queue.put({"kind": "end"})
+    def show(sample, status):
+        if command := commands.get(round(sample.time / DT)):
+            assert queue.put(command)
 
-    result = drive(live, queue, watcher=User())
+    result = drive(live, queue, watcher=SimpleNamespace(show=show))
     assert [each.sample for each in live.log.commands] == [11, 91]
     assert result.trajectory.outcome is rnc.Outcome.COMPLETED
     assert len(result.trajectory.time) == 92
@@ -314,15 +315,9 @@ def test_commands_of_a_queue_are_logged_at_their_sample_and_give_the_same_motion
 def test_a_run_without_end_grows_its_record(monkeypatch):
     monkeypatch.setattr("rnc_pin.applications.drive.run._CAPACITY", 8)
     run = manipulator([(2, goal(2.0, 0.6))])
-    queue, count = CommandQueue(run.controls), [0]
-
-    class User:
-        def show(self, sample, status):
-            count[0] += 1
-            if count[0] == 50:
-                queue.put({"kind": "end"})
-
-    grown = drive(run, queue, watcher=User()).trajectory
+    queue, calls = CommandQueue(run.controls), count(1)
+    user = SimpleNamespace(show=lambda *_: next(calls) == 50 and queue.put({"kind": "end"}))
+    grown = drive(run, queue, watcher=user).trajectory
     monkeypatch.undo()
     whole = drive(manipulator([(2, goal(2.0, 0.6))]), samples=51).trajectory
     assert len(grown.time) == 51

@@ -42,17 +42,11 @@ def test_random_goals_respect_the_limits_of_the_file(seed):
     low, high = model.lowerPositionLimit[places], model.upperPositionLimit[places]
     q0 = robot.configuration({n: float(generator.uniform(a, b)) for n, a, b in zip(names, low, high, strict=True)})
     goals = generator.uniform([-2, -2, -0.5], [2, 2, 2.5], (6, 3))
-
-    class Jumping:
-        size, duration = 3, np.inf
-
-        def at(self, t):
-            return Hold(goals[min(int(t / 0.5), 5)]).at(t)
-
+    jumping = SimpleNamespace(size=3, duration=np.inf, at=lambda t: Hold(goals[min(int(t / 0.5), 5)]).at(t))
     deceleration = 6.0
     program = VelocityQP(
         reduced,
-        [tasks.OutputTask(rnc.FramePosition("arm_7_link"), Jumping(), gain=4.0), tasks.DampingTask(weight=1e-3)],
+        [tasks.OutputTask(rnc.FramePosition("arm_7_link"), jumping, gain=4.0), tasks.DampingTask(weight=1e-3)],
         [
             limits.JointPositionLimit(deceleration=deceleration, margin=0.0),
             limits.JointVelocityLimit(),
