@@ -40,31 +40,21 @@ def assert_close(actual, expected, tolerance):
     np.testing.assert_allclose(actual, expected, rtol=0, atol=tolerance * scale)
 
 
-def test_basis_satisfies_the_constraints(reduced, states):
+def test_basis_satisfies_the_constraints_and_gives_back_the_reducing_outputs(reduced, states):
     for q, v2 in states:
         t = reduced.terms(q, v2)
         lengths = np.linalg.norm(t.A, axis=1, keepdims=True) * np.linalg.norm(t.R)
         assert np.abs(t.A @ t.R / lengths).max(initial=0.0) < CONSTRAINT
         relative = np.abs(reduced.at(q, v=t.v).residual / lengths[:, 0]).max(initial=0.0)
         assert relative < CONSTRAINT * (1 + np.linalg.norm(v2) + np.linalg.norm(t.b))
-
-
-def test_basis_gives_back_the_reducing_outputs(reduced, states):
-    for q, v2 in states:
-        t = reduced.terms(q, v2)
         assert_close(reduced.at(q).J2 @ t.R, np.eye(reduced.r), ROUNDING)
 
 
-def test_inertia_is_symmetric_positive_definite(reduced, states):
-    for q, v2 in states:
-        H = reduced.terms(q, v2).H
-        assert_close(H, H.T, ROUNDING)
-        assert np.linalg.eigvalsh(H)[0] > 0
-
-
-def test_rate_of_inertia_is_v_plus_its_transpose(reduced, states):
+def test_inertia_is_symmetric_positive_definite_and_its_rate_is_v_plus_its_transpose(reduced, states):
     for q, v2 in states:
         t = reduced.terms(q, v2)
+        assert_close(t.H, t.H.T, ROUNDING)
+        assert np.linalg.eigvalsh(t.H)[0] > 0
         H_dot = derivative(reduced, q, t.v, lambda p, v2=v2: reduced.terms(p, v2).H)
         assert_close(t.V + t.V.T, H_dot, LEMMA_1)
 
@@ -88,18 +78,13 @@ def test_gravity_and_inertia_do_not_depend_on_velocity(reduced, states):
             assert not moving.b_dot.any()
 
 
-def test_rates_of_basis_and_constraints(reduced, states):
+def test_rates_of_basis_constraints_and_outputs(reduced, states):
     for q, v2 in states:
         t = reduced.terms(q, v2)
         for rate, name in ((t.R_dot, "R"), (t.A_dot, "A"), (t.A_star_dot, "A_star"), (t.b_dot, "b")):
             difference = derivative(reduced, q, t.v, lambda p, v2=v2, name=name: getattr(reduced.terms(p, v2), name))
             assert_close(rate, difference, FINITE_DIFFERENCE)
-
-
-def test_rates_of_outputs(reduced, states):
-    for q, v2 in states:
-        measured = reduced.at(q, v2).measure()
-        v = reduced.terms(q, v2).v
+        measured, v = reduced.at(q, v2).measure(), t.v
         x1_dot = derivative(reduced, q, v, lambda p: reduced.at(p).outputs()[0])
         x2_dot = derivative(reduced, q, v, lambda p: reduced.at(p).outputs()[1])
         assert_close(measured.v1, x1_dot, FINITE_DIFFERENCE)
