@@ -273,7 +273,7 @@ def _corrected(
         scales = float(time) ** np.arange(deepest)
         series = [np.einsum("cn,mnf->cmf", linear, each / scales[:, None, None]) for each in drawn]
         fine, coarse = (_coefficients(each, weights, powers) for each in series)
-        error = max((float(np.abs(a - b).max(initial=0.0)) for a, b in zip(fine, coarse, strict=True)), default=0.0)
+        error = float(np.abs(np.concatenate(fine) - np.concatenate(coarse)).max())
         if best is None or error < best[2]:
             best = (*_sorted(fine, linear, powers, weights, error), error)
         if error < _ACCURATE:
