@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy import ndarray as Array
@@ -76,28 +76,6 @@ class KnownKinematics(PositionKinematics):
         return known
 
 
-class _Forced(Protocol):
-    """Part that ``accelerated`` reads of an evaluation."""
-
-    @property
-    def passive_force(self) -> Array:
-        """Generalized forces that follow from the state (..., nv)."""
-
-
-class _Entry:
-    """Array of a record, by the name of the attribute; None if the kernel declined to fill the record."""
-
-    def __init__(self, record: str) -> None:
-        self._record = record
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name
-
-    def __get__(self, owner: object, kind: type) -> Array | None:
-        record: Array | None = getattr(owner, self._record)
-        return None if record is None else record[self._name]
-
-
 class CompiledArraysAtQ(ArraysAtQ):
     """Arrays at regular configurations.
 
@@ -109,9 +87,8 @@ class CompiledArraysAtQ(ArraysAtQ):
         output_values: values x1 and x2, if known.
     """
 
-    M = _Entry("kinematics")
-    E, E_inverse = _Entry("inverse"), _Entry("inverse")
-    J1, A_star = _Entry("vertical"), _Entry("vertical")
+    kinematics: Array
+    inverse: Array
 
     def __init__(
         self,
@@ -181,7 +158,7 @@ class CompiledArraysAtQ(ArraysAtQ):
         B.setflags(write=False)
         return B
 
-    def allocated(self, at: Configurations, F: Array) -> Array | None:
+    def allocated(self, F: Array) -> Array | None:
         """Actuator inputs (..., p) for reduced forces (..., r); None if NumPy has to decide."""
         data = self.kernel.data
         if data.p != data.r or not self.kernel.has_inputs or F.shape[:-1] != self.batch:
@@ -190,7 +167,7 @@ class CompiledArraysAtQ(ArraysAtQ):
         force = np.ascontiguousarray(F)
         return T if self._calls.allocate(self.q, self.kinematics, self.inverse, force, T) else None
 
-    def output_slopes(self, at: Configurations, along: Sequence[int] | Array) -> Array | None:
+    def output_slopes(self, along: Sequence[int] | Array) -> Array | None:
         """Rates (s, ..., k, r) of A_star in motions of single reducing outputs; None if NumPy has to evaluate them."""
         data = self.kernel.data
         if self.kernel.python_rows or data.affine or not len(along):
@@ -223,11 +200,6 @@ class CompiledArraysAtV(ArraysAtV):
         rates: record of rates, if known.
     """
 
-    nonlinear_effects, gamma = _Entry("biases"), _Entry("biases")
-    E_inverse_gamma, motion_force = _Entry("biases"), _Entry("biases")
-    E_dot, R_dot = _Entry("rates"), _Entry("rates")
-    J1_dot, A_star, A_star_dot = _Entry("rates"), _Entry("rates"), _Entry("rates")
-
     def __init__(
         self,
         at_q: CompiledArraysAtQ,
@@ -251,14 +223,13 @@ class CompiledArraysAtV(ArraysAtV):
         self._calls.biases(at.q, at.kinematics, at.inverse, self._v, external, rates, biases)
         return biases
 
-    def accelerated(self, state: _Forced, force: Array) -> Array | None:
+    def accelerated(self, force: Array) -> Array | None:
         """Reduced acceleration under forces (..., nv); None if it is not finite, or if the forces have more axes."""
-        at, data = self.at_q, self._kernel.data
+        at = self.at_q
         if force.shape[:-1] != at.batch:
             return None
-        v2_dot = np.empty((*at.batch, data.r))
-        force = np.ascontiguousarray(force + state.passive_force if data.forces else force)
-        return v2_dot if self._calls.accelerate(at.inverse, self.biases, force, v2_dot) else None
+        v2_dot = np.empty((*at.batch, self._kernel.data.r))
+        return v2_dot if self._calls.accelerate(at.inverse, self.biases, np.ascontiguousarray(force), v2_dot) else None
 
     @property
     def passive_sums(self) -> ForceSums | None:

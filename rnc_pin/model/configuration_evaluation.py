@@ -19,7 +19,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConstraintError, DivergenceError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import Component, apply, apply_transposed, inverse, product, weakest_rows
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.evaluator import ArraysAtQ, Evaluator, filled_for_q, solved_for_q
+from rnc_pin.model.evaluator import ArraysAtQ, Evaluator
 from rnc_pin.model.factorization import Factorization, factorize, row_lengths
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import PositionKinematics
@@ -113,7 +113,7 @@ class ConfigurationEvaluation(SummaryMixin):
     @property
     def compiled_kinematics(self) -> Array | None:
         """Kinematics at q, as the compiled kernel has filled them; None if it has filled none."""
-        return getattr(self.arrays_at_q, "kinematics", None)
+        return self.arrays_at_q.kinematics
 
     if not TYPE_CHECKING:
 
@@ -134,9 +134,11 @@ class ConfigurationEvaluation(SummaryMixin):
 
     # ------------------------------------------------------------------ matrices
 
-    @filled_for_q
+    @cached_property
     def M(self) -> Float[Array, "*batch nv nv"]:
         """Inertia matrix H* before reduction."""
+        if (filled := self.arrays_at_q.M) is not None:
+            return filled
         return self.position.M
 
     @cached_property
@@ -148,9 +150,11 @@ class ConfigurationEvaluation(SummaryMixin):
             return np.broadcast_to(constant, (*self.batch, *constant.shape)) if self.batch else constant
         return self.varying_B
 
-    @filled_for_q
+    @cached_property
     def varying_B(self) -> Float[Array, "*batch nv p"]:
         """Actuation matrix of actuators whose effect depends on q."""
+        if (filled := self.arrays_at_q.varying_B) is not None:
+            return filled
         return self._data.actuation.matrix(self.position)
 
     @cached_property
@@ -158,19 +162,25 @@ class ConfigurationEvaluation(SummaryMixin):
         """All constraint rows, dropped ones included."""
         return self._data.rows.jacobian(self.position)
 
-    @filled_for_q
+    @cached_property
     def factorization(self) -> Factorization:
         """Matrix E, its inverse and the constraint rows in it."""
+        if (filled := self.arrays_at_q.factorization) is not None:
+            return filled
         return factorize(self._data, self.position) if self._equal is None else self._equal.factorization
 
-    @filled_for_q
+    @cached_property
     def E(self) -> Float[Array, "*batch nv nv"]:
         """Stack ``E = [A; J2]`` of constraint rows and reducing outputs; defined at singular configurations too."""
+        if (filled := self.arrays_at_q.E) is not None:
+            return filled
         return self.factorization.E
 
-    @filled_for_q
+    @cached_property
     def E_inverse(self) -> Float[Array, "*batch nv nv"]:
         """Inverse ``E^-1``: the columns of the multipliers, then R."""
+        if (filled := self.arrays_at_q.E_inverse) is not None:
+            return filled
         found = self.factorization
         if not found.everywhere_regular:
             raise self._singularity(np.asarray(found.regular))
@@ -186,9 +196,11 @@ class ConfigurationEvaluation(SummaryMixin):
         """Jacobian of the reducing outputs: ``v2 = J2 v``."""
         return self.E[..., self._data.m :, :]
 
-    @filled_for_q
+    @cached_property
     def J1(self) -> Float[Array, "*batch k nv"]:
         """Jacobian of the vertical outputs."""
+        if (filled := self.arrays_at_q.J1) is not None:
+            return filled
         return self._data.vertical.jacobian(self.position)
 
     @cached_property
@@ -196,9 +208,11 @@ class ConfigurationEvaluation(SummaryMixin):
         """Null-space basis, ``v = R v2 + b``."""
         return self.E_inverse[self._data.basis]
 
-    @filled_for_q
+    @cached_property
     def A_star(self) -> Float[Array, "*batch k r"]:
         """Kinematics of the vertical outputs, ``x1dot = A_star v2 + J1 b``."""
+        if (filled := self.arrays_at_q.A_star) is not None:
+            return filled
         return self.J1 @ self.R
 
     @cached_property
@@ -206,9 +220,11 @@ class ConfigurationEvaluation(SummaryMixin):
         """``R^T B``: reduced force for unit actuator inputs."""
         return product(self.R.mT, self.B)
 
-    @filled_for_q
+    @cached_property
     def H(self) -> Float[Array, "*batch r r"]:
         """Reduced inertia matrix ``R^T H* R``."""
+        if (filled := self.arrays_at_q.H) is not None:
+            return filled
         R = self.R
         return product(R.mT, product(self.M, R))
 
@@ -285,9 +301,10 @@ class ConfigurationEvaluation(SummaryMixin):
             each.setflags(write=False)
         return values
 
-    @solved_for_q
     def velocity(self, v2: Array) -> Float[Array, "*batch nv"]:
         """Full velocity ``R v2 + b`` for reduced velocities (..., r)."""
+        if (filled := self.arrays_at_q.velocity(self, v2)) is not None:
+            return filled
         v = apply(self.R, v2)
         return v + self.b if self._data.affine else v
 
@@ -299,9 +316,10 @@ class ConfigurationEvaluation(SummaryMixin):
         """
         return self.allocated(vector(F, self._data.r, "F"))
 
-    @solved_for_q
     def allocated(self, F: Array) -> Float[Array, "*batch p"]:
         """As ``allocate``, for an array (..., r)."""
+        if (filled := self.arrays_at_q.allocated(F)) is not None:
+            return filled
         data = self._data
         matrix = self.input_matrix
         if data.p == data.r:

@@ -1,23 +1,23 @@
 """The door to evaluators, which fill the arrays of an evaluation, first for q, then for v.
 
-``ConfigurationEvaluation``, ``ReducedKinematics`` and ``StateEvaluation`` hold each formula once. A quantity that is
-marked here takes the array that the evaluator has filled by this name, and else its formula. So NumPy needs to fill
-nothing: see ``numpy_evaluator``. The compiled evaluator declines states inside itself: see ``compiled``.
+``ConfigurationEvaluation``, ``ReducedKinematics`` and ``StateEvaluation`` hold each formula once. The quantities below
+are those that an evaluator may fill, and each formula begins with the array that it has filled. NumPy fills nothing:
+see ``numpy_evaluator``. The compiled evaluator declines states inside itself: see ``compiled``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import wraps
-from typing import NamedTuple, Protocol, TypeVar, cast
+from typing import NamedTuple, Protocol
 
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.math.linear_algebra import Component
-from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.factorization import Factorization
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
+from rnc_pin.model.passive_forces import ForceSums
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.printing import printed
 
@@ -100,10 +100,6 @@ class StateDerivative(NamedTuple):
     power: Array | float  # (...,), power of actuators, damping and moving constraints [W]
 
 
-_Value = TypeVar("_Value")
-_Method = TypeVar("_Method", bound=Callable[..., object])
-
-
 class Configurations(Protocol):
     """Parts that evaluators read of an evaluation at configurations (..., nq) and times t (...)."""
 
@@ -131,8 +127,52 @@ class States(Configurations, Protocol):
         """Kinematics at the states."""
 
 
+class Entry:
+    """Array of a record, by the name of the attribute; None without the record."""
+
+    def __init__(self, record: str) -> None:
+        self._record = record
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, owner: object, kind: type) -> Array | None:
+        record: Array | None = getattr(owner, self._record)
+        return None if record is None else record[self._name]
+
+
 class ArraysAtQ:
-    """Arrays that an evaluator has filled for q; none here. Subclasses have attributes by the names of quantities."""
+    """Arrays that an evaluator has filled for q; None where the formula of ``ConfigurationEvaluation`` decides.
+
+    NumPy's evaluator fills none. Records of the kernel have the fields of ``ReductionKernel``.
+    """
+
+    kinematics: Array | None = None
+    inverse: Array | None = None
+
+    @property
+    def vertical(self) -> Array | None:
+        """Record of J1 and A_star."""
+        return None
+
+    M = Entry("kinematics")
+    E, E_inverse = Entry("inverse"), Entry("inverse")
+    J1, A_star = Entry("vertical"), Entry("vertical")
+
+    @property
+    def factorization(self) -> Factorization | None:
+        """E and its inverse."""
+        return None
+
+    @property
+    def H(self) -> Array | None:
+        """Reduced inertia matrix (..., r, r)."""
+        return None
+
+    @property
+    def varying_B(self) -> Array | None:
+        """Actuation matrix (..., nv, p)."""
+        return None
 
     def position_of(self, data: ReductionData, at: Configurations) -> PositionKinematics:
         """Kinematics at the configurations."""
@@ -142,8 +182,16 @@ class ArraysAtQ:
         """Values x1 (..., k) and x2 (..., r); zero for quasi-velocities."""
         return data.vertical.value(at.position), data.reducing.value(at.position)
 
-    def allocated(self, at: Configurations, F: Array) -> Array | None:
-        """Actuator inputs (..., p) for reduced forces (..., r), None without."""
+    def velocity(self, at: Configurations, v2: Array) -> Array | None:
+        """Full velocity (..., nv) for reduced velocities (..., r)."""
+        return None
+
+    def allocated(self, F: Array) -> Array | None:
+        """Actuator inputs (..., p) for reduced forces (..., r)."""
+        return None
+
+    def output_slopes(self, along: Sequence[int] | Array) -> Array | None:
+        """Rates (s, ..., k, r) of A_star in motions of single reducing outputs, by their indices (s,)."""
         return None
 
 
@@ -156,7 +204,41 @@ class HasArraysAtQ(Protocol):
 
 
 class ArraysAtV:
-    """Arrays that an evaluator has filled for q and v; none here."""
+    """Arrays that an evaluator has filled for q and v; None where the formula of ``StateEvaluation`` decides."""
+
+    @property
+    def biases(self) -> Array | None:
+        """Record of the forces and accelerations at zero inputs."""
+        return None
+
+    @property
+    def rates(self) -> Array | None:
+        """Record of rates along v."""
+        return None
+
+    nonlinear_effects, gamma = Entry("biases"), Entry("biases")
+    E_inverse_gamma, motion_force = Entry("biases"), Entry("biases")
+    E_dot, R_dot = Entry("rates"), Entry("rates")
+    J1_dot, A_star, A_star_dot = Entry("rates"), Entry("rates"), Entry("rates")
+
+    @property
+    def row_velocities(self) -> Array | None:
+        """Rates ``E v`` of the constraint rows and of the reducing outputs, (..., nv)."""
+        return None
+
+    @property
+    def v1(self) -> Array | None:
+        """Rates ``J1 v`` of the vertical outputs, (..., k)."""
+        return None
+
+    @property
+    def passive_sums(self) -> ForceSums | None:
+        """Sums of the passive forces."""
+        return None
+
+    def accelerated(self, force: Array) -> Array | None:
+        """Reduced acceleration (..., r) under generalized forces (..., nv), passive ones included."""
+        return None
 
 
 class Evaluator(Protocol):
@@ -169,54 +251,3 @@ class Evaluator(Protocol):
 
     def fill_at_v(self, at: States, filled: ArraysAtQ) -> ArraysAtV:
         """Fill arrays for v, from those for q."""
-
-
-class _Filled(cached_property[_Value]):
-    """Quantity of an evaluation: the array that an evaluator has filled by this name, or else a formula."""
-
-    def __init__(self, formula: Callable[..., _Value], arrays: str) -> None:
-        super().__init__(formula)
-        self._arrays = arrays
-
-    def __get__(self, owner: object | None, kind: type) -> object:  # type: ignore[override]  # as the base class
-        if owner is None:
-            return self
-        value = getattr(getattr(owner, self._arrays), self._name, None)
-        if value is None:
-            value = self._compute(owner)
-            if isinstance(value, Array):
-                value.setflags(write=False)
-        setattr(owner, self._name, value)
-        return value
-
-
-def filled_for_q(formula: Callable[..., _Value]) -> cached_property[_Value]:
-    """Mark a quantity that depends on q."""
-    return _Filled(formula, "arrays_at_q")
-
-
-def filled_for_v(formula: Callable[..., _Value]) -> cached_property[_Value]:
-    """Mark a quantity that depends on q and v."""
-    return _Filled(formula, "arrays_at_v")
-
-
-def solved_for_q(formula: _Method) -> _Method:
-    """Mark a formula with one argument; the method of the arrays at q by this name comes first."""
-    return _solved(formula, "arrays_at_q")
-
-
-def solved_for_v(formula: _Method) -> _Method:
-    """Mark a formula with one argument; the method of the arrays at q and v by this name comes first."""
-    return _solved(formula, "arrays_at_v")
-
-
-def _solved(formula: _Method, arrays: str) -> _Method:
-    name = formula.__name__
-
-    @wraps(formula)
-    def call(owner: object, right: object) -> object:
-        solve = getattr(getattr(owner, arrays), name, None)
-        found = None if solve is None else solve(owner, right)
-        return formula(owner, right) if found is None else found
-
-    return cast(_Method, call)

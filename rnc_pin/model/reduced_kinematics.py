@@ -21,7 +21,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.math.linear_algebra import apply, product
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.evaluator import ArraysAtV, filled_for_v, solved_for_q
+from rnc_pin.model.evaluator import ArraysAtV
 from rnc_pin.model.input_validation import ArrayInput
 from rnc_pin.model.kinematics import VelocityKinematics
 from rnc_pin.printing import ObjectSummary, described, printed
@@ -129,14 +129,18 @@ class ReducedKinematics(ConfigurationEvaluation):
         """Arrays that the evaluator has filled for v."""
         return self._evaluator.fill_at_v(self, self.arrays_at_q)
 
-    @filled_for_v
+    @cached_property
     def row_velocities(self) -> Float[Array, "*batch nv"]:
         """Rates ``E v`` of the constraint rows and of the reducing outputs."""
+        if (filled := self.arrays_at_v.row_velocities) is not None:
+            return filled
         return apply(self.E, self.v)
 
-    @filled_for_v
+    @cached_property
     def gamma(self) -> Float[Array, "*batch nv"]:
         """Bias acceleration ``Edot v - [mudot; 0]`` of constraint rows and reducing outputs, at zero ``vdot``."""
+        if (filled := self.arrays_at_v.gamma) is not None:
+            return filled
         data = self._data
         if self.factorization.kept is None:
             return data.stack.bias_acceleration(self.motion)
@@ -149,9 +153,11 @@ class ReducedKinematics(ConfigurationEvaluation):
         residual = self.row_velocities[..., : self._data.m]
         return residual - self.mu if self._data.affine else residual
 
-    @filled_for_v
+    @cached_property
     def v1(self) -> Float[Array, "*batch k"]:
         """Rates of the vertical outputs, ``J1 v``."""
+        if (filled := self.arrays_at_v.v1) is not None:
+            return filled
         return apply(self.J1, self.v)
 
     @cached_property
@@ -159,9 +165,11 @@ class ReducedKinematics(ConfigurationEvaluation):
         """Kinematics at (q, v) with rates along v."""
         return self.motion
 
-    @filled_for_v
+    @cached_property
     def E_dot(self) -> Float[Array, "*batch nv nv"]:
         """Rate of E."""
+        if (filled := self.arrays_at_v.E_dot) is not None:
+            return filled
         data = self._data
         if self.factorization.kept is None:
             return data.stack.jacobian_dot(self.rates)
@@ -174,24 +182,32 @@ class ReducedKinematics(ConfigurationEvaluation):
         """Rate of A."""
         return self.E_dot[..., : self._data.m, :]
 
-    @filled_for_v
+    @cached_property
     def R_dot(self) -> Float[Array, "*batch nv r"]:
         """Rate ``-E^-1 Edot R`` of R."""
+        if (filled := self.arrays_at_v.R_dot) is not None:
+            return filled
         return -product(self.E_inverse, product(self.E_dot, self.R))
 
-    @filled_for_v
+    @cached_property
     def J1_dot(self) -> Float[Array, "*batch k nv"]:
         """Rate of J1."""
+        if (filled := self.arrays_at_v.J1_dot) is not None:
+            return filled
         return self._data.vertical.jacobian_dot(self.rates)
 
-    @filled_for_v
+    @cached_property
     def A_star(self) -> Float[Array, "*batch k r"]:
         """Kinematics of the vertical outputs, ``x1dot = A_star v2 + J1 b``."""
+        if (filled := self.arrays_at_v.A_star) is not None:
+            return filled
         return super().A_star
 
-    @filled_for_v
+    @cached_property
     def A_star_dot(self) -> Float[Array, "*batch k r"]:
         """Rate of A_star."""
+        if (filled := self.arrays_at_v.A_star_dot) is not None:
+            return filled
         if not self.J1.shape[-2]:
             return self.A_star  # without outputs, no rate is needed, which may be unknown
         return self.J1_dot @ self.R + self.J1 @ self.R_dot
@@ -245,8 +261,9 @@ def kinematic_gradient(here: ConfigurationEvaluation, along: Sequence[int] | Arr
     return np.moveaxis(output_slopes(here, along), 0, -1)
 
 
-@solved_for_q
 def output_slopes(here: ConfigurationEvaluation, along: Sequence[int] | Array) -> Float[Array, "s *batch k r"]:
     """Rates of ``A_star`` in the motions of single reducing outputs at unit rate, by their indices in x2, (s,)."""
+    if (filled := here.arrays_at_q.output_slopes(along)) is not None:
+        return filled
     each = [ReducedKinematics(here, v=here.R[..., j]).A_star_dot for j in along]
     return np.stack(each) if each else np.zeros((0, *here.A_star.shape))

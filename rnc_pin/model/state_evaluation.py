@@ -24,16 +24,7 @@ from rnc_pin.math.linear_algebra import (
 )
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.evaluator import (
-    ArraysAtQ,
-    ArraysAtV,
-    Evaluator,
-    ReducedRegressor,
-    ReducedTerms,
-    StateDerivative,
-    filled_for_v,
-    solved_for_v,
-)
+from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Evaluator, ReducedRegressor, ReducedTerms, StateDerivative
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.passive_forces import ForceSums
 from rnc_pin.model.reduced_kinematics import ReducedKinematics
@@ -91,9 +82,11 @@ class StateEvaluation(ReducedKinematics):
         """Nonlinear effects ``C* v + g*``, minus passive forces."""
         return self.nonlinear_effects - self.passive_force if self._data.forces else self.nonlinear_effects
 
-    @filled_for_v
+    @cached_property
     def nonlinear_effects(self) -> Float[Array, "*batch nv"]:
         """Nonlinear effects ``C* v + g*`` without passive forces."""
+        if (filled := self.arrays_at_v.nonlinear_effects) is not None:
+            return filled
         return self.motion.bias
 
     @cached_property
@@ -101,9 +94,11 @@ class StateEvaluation(ReducedKinematics):
         """Generalized forces of springs, dampers and other kinds from ``rnc_pin.forces``."""
         return self.passive_sums.total
 
-    @filled_for_v
+    @cached_property
     def passive_sums(self) -> ForceSums:
         """Sums of the passive forces."""
+        if (filled := self.arrays_at_v.passive_sums) is not None:
+            return filled
         return self._data.forces.sums(self.motion)
 
     @cached_property
@@ -161,9 +156,11 @@ class StateEvaluation(ReducedKinematics):
         """Full acceleration ``R v2_dot + Rdot v2 + b_dot`` for a reduced acceleration (..., r)."""
         return apply(self.R, v2_dot) - self.E_inverse_gamma
 
-    @filled_for_v
+    @cached_property
     def E_inverse_gamma(self) -> Float[Array, "*batch nv"]:
         """Acceleration ``E^-1 gamma``, with ``vdot = R v2dot - E^-1 gamma``."""
+        if (filled := self.arrays_at_v.E_inverse_gamma) is not None:
+            return filled
         return apply(self.E_inverse, self.gamma)
 
     def _force(self, T: Array, damping: Array | None) -> Array:
@@ -179,14 +176,18 @@ class StateEvaluation(ReducedKinematics):
         """Forces ``H* E^-1 gamma - bias`` without actuators."""
         return self.motion_force + self.passive_force if self._data.forces else self.motion_force
 
-    @filled_for_v
+    @cached_property
     def motion_force(self) -> Array:
         """Forces ``H* E^-1 gamma - (C* v + g*)``: ``unforced`` without passive forces."""
+        if (filled := self.arrays_at_v.motion_force) is not None:
+            return filled
         return apply(self.M, self.E_inverse_gamma) - self.nonlinear_effects
 
-    @solved_for_v
     def accelerated(self, force: Array) -> Float[Array, "*batch r"]:
         """Reduced acceleration under generalized forces (..., nv): ``H v2dot = R^T (force + unforced)``."""
+        acting = force + self.passive_force if self._data.forces else force
+        if (filled := self.arrays_at_v.accelerated(acting)) is not None:
+            return filled
         free = force + self.unforced
         v2_dot = solve_positive_definite(self.H, apply_transposed(self.R, free))
         with np.errstate(over="ignore", invalid="ignore"):  # near the largest number, the sum overflows first
