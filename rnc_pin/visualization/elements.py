@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import coal
 import numpy as np
 import pinocchio as pin
 
@@ -158,6 +159,32 @@ def drawn_scale(shape: pin.GeometryObject) -> np.ndarray:
     return np.abs(np.asarray(shape.meshScale, dtype=float))
 
 
+class PlacedShapes:
+    """Drawn shapes of a robot, placed at its configurations.
+
+    Args:
+        robot: the robot.
+        node: path of the node above the shapes.
+    """
+
+    def __init__(self, robot: Robot, node: str) -> None:
+        drawn = robot.drawn_geometry
+        assert drawn is not None
+        self._robot, self._visual = robot, drawn
+        self._data, self._shapes = robot.model.createData(), drawn.createData()
+        self._nodes = [f"{node}/{shape.name}" for shape in drawn.geometryObjects]
+        self._own = [np.diag([*drawn_scale(shape), 1.0]) for shape in drawn.geometryObjects]
+        for own, shape in zip(self._own, drawn.geometryObjects, strict=True):
+            if isinstance(shape.geometry, coal.Plane | coal.Halfspace):
+                own[:3, 3] = shape.geometry.d * np.ravel(shape.geometry.n)
+
+    def place(self, scene: MeshcatScene, q: np.ndarray) -> None:
+        """Place all shapes at a configuration (nq,)."""
+        pin.updateGeometryPlacements(self._robot.model, self._data, self._visual, self._shapes, q)
+        for node, own, placement in zip(self._nodes, self._own, self._shapes.oMg, strict=True):
+            scene.place(node, placement.homogeneous @ own)
+
+
 @dataclass(eq=False)
 class Ghost(Element):
     """Pale copy of the robot at another configuration.
@@ -173,22 +200,15 @@ class Ghost(Element):
     source: str
 
     def __post_init__(self) -> None:
-        drawn = self.robot.drawn_geometry
-        assert drawn is not None
-        self._visual = drawn
-        self._data, self._shapes = self.robot.model.createData(), self._visual.createData()
+        self._shapes = PlacedShapes(self.robot, self.node)
 
     def build(self, scene: MeshcatScene) -> None:
-        for shape in self._visual.geometryObjects:
+        drawn = self.robot.drawn_geometry
+        for shape in () if drawn is None else drawn.geometryObjects:
             scene.copy(f"{self.node}/{shape.name}", f"{self.source}/{shape.name}", self.entry.color, 0.4)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
-        q = self.configuration(state)
-        pin.updateGeometryPlacements(self.robot.model, self._data, self._visual, self._shapes, q)
-        for shape, placement in zip(self._visual.geometryObjects, self._shapes.oMg, strict=True):
-            matrix = placement.homogeneous.copy()
-            matrix[:3, :3] *= drawn_scale(shape)
-            scene.place(f"{self.node}/{shape.name}", matrix)
+        self._shapes.place(scene, self.configuration(state))
 
 
 def _cylinder(middle: np.ndarray, along: np.ndarray, height: float, radius: float) -> np.ndarray:

@@ -30,7 +30,7 @@ from rnc_pin.robots.sources.description import is_below
 from rnc_pin.robots.sources.mesh_formats import convex_hull
 from rnc_pin.visualization.browser.page import BaseVisualizer, DaeMeshGeometry, MeshcatVisualizer, mg
 from rnc_pin.visualization.drawn_state import DrawnState, grounds_of
-from rnc_pin.visualization.elements import GREEN, GREY, Element, LayerEntry, drawn_scale
+from rnc_pin.visualization.elements import GREEN, GREY, Element, LayerEntry, PlacedShapes, drawn_scale
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.scene_kinematics import SceneKinematics, box_corners
 
@@ -151,28 +151,15 @@ class MeshcatRobot:
 
     def __init__(self, robot: Robot, scene: MeshcatScene) -> None:
         check_drawable(robot)
-        self.visualizer: BaseVisualizer = MeshVisualizer(robot.model, robot.drawn_geometry, robot.folders)
-        self.visualizer.initViewer(viewer=scene.root)
-        self.visualizer.loadViewerModel(rootNodeName="robot")
-        self.visualizer.viewer = _TransformSink(scene)
+        visualizer: BaseVisualizer = MeshVisualizer(robot.model, robot.drawn_geometry, robot.folders)
+        visualizer.initViewer(viewer=scene.root)
+        visualizer.loadViewerModel(rootNodeName="robot")
         self.group = "robot/visuals"
+        self._scene, self._shapes = scene, PlacedShapes(robot, self.group)
 
     def display(self, q: np.ndarray) -> None:
         """Show a configuration."""
-        self.visualizer.display(q)
-
-
-class _TransformSink:
-    """Replacement of Meshcat's tree in the visualizer, so that the scene receives every transform."""
-
-    def __init__(self, scene: MeshcatScene, name: str = "") -> None:
-        self._scene, self._name = scene, name
-
-    def __getitem__(self, name: str) -> _TransformSink:
-        return _TransformSink(self._scene, name)
-
-    def set_transform(self, matrix: np.ndarray) -> None:
-        self._scene.place(self._name, np.asarray(matrix))
+        self._shapes.place(self._scene, q)
 
 
 _CIRCLE_POINTS = 32  # points of a circle
