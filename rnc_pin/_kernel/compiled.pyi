@@ -28,6 +28,7 @@ def interior_point(N: int, nx: int, nz: int, k: int, *arrays: _Array) -> bool: .
 def least_squares(
     rows: _Array, values: _Array, threshold: float, damping: float, rank: float, found: _Array, /
 ) -> bool: ...
+def solve(matrix: _Array, right: _Array, positive: float, found: _Array, /) -> bool: ...
 
 # ------------------------------------------------------------------ frames and distances
 

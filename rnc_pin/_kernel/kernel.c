@@ -1649,62 +1649,40 @@ static void destroy(PyObject *self)
     Py_DECREF(type);
 }
 
+#define METHOD(name, function) {#name, (PyCFunction)(void (*)(void))function, METH_FASTCALL, NULL}
+/* clang-format off */
 static PyMethodDef methods[] = {
-    {"configure", (PyCFunction)(void (*)(void))configure, METH_FASTCALL, NULL},
-    {"velocity", (PyCFunction)(void (*)(void))full_velocity, METH_FASTCALL, NULL},
-    {"inertia", (PyCFunction)(void (*)(void))reduced_inertia, METH_FASTCALL, NULL},
-    {"biases", (PyCFunction)(void (*)(void))bias_forces, METH_FASTCALL, NULL},
-    {"accelerate", (PyCFunction)(void (*)(void))acceleration, METH_FASTCALL, NULL},
-    {"actuation", (PyCFunction)(void (*)(void))actuation, METH_FASTCALL, NULL},
-    {"allocate", (PyCFunction)(void (*)(void))allocation, METH_FASTCALL, NULL},
-    {"set_numbers", (PyCFunction)(void (*)(void))set_numbers, METH_FASTCALL, NULL},
-    {"vertical", (PyCFunction)(void (*)(void))vertical_rows, METH_FASTCALL, NULL},
-    {"passive_forces", (PyCFunction)(void (*)(void))passive_forces, METH_FASTCALL, NULL},
-    {"values", (PyCFunction)(void (*)(void))output_values, METH_FASTCALL, NULL},
-    {"rates", (PyCFunction)(void (*)(void))row_rates, METH_FASTCALL, NULL},
-    {"inverse_dynamics", (PyCFunction)(void (*)(void))inverse_dynamics, METH_FASTCALL, NULL},
-    {"forward_dynamics", (PyCFunction)(void (*)(void))forward_dynamics, METH_FASTCALL, NULL},
-    {"state_derivative", (PyCFunction)(void (*)(void))state_derivative, METH_FASTCALL, NULL},
-    {"planned_motion", (PyCFunction)(void (*)(void))planned_motion, METH_FASTCALL, NULL},
-    {"planned_steps", (PyCFunction)(void (*)(void))planned_steps, METH_FASTCALL, NULL},
-    {"planned_derivatives", (PyCFunction)(void (*)(void))planned_derivatives, METH_FASTCALL, NULL},
-    {"integrate", (PyCFunction)(void (*)(void))integrate, METH_FASTCALL, NULL},
-    {"state_derivatives", (PyCFunction)(void (*)(void))state_derivatives, METH_FASTCALL, NULL},
-    {"vertical_velocities", (PyCFunction)(void (*)(void))vertical_velocities, METH_FASTCALL, NULL},
-    {"row_velocities", (PyCFunction)(void (*)(void))row_velocities, METH_FASTCALL, NULL},
-    {"admissible_velocities", (PyCFunction)(void (*)(void))admissible_velocities, METH_FASTCALL, NULL},
-    {"measure", (PyCFunction)(void (*)(void))measure, METH_FASTCALL, NULL},
-    {"terms", (PyCFunction)(void (*)(void))terms, METH_FASTCALL, NULL},
+    METHOD(configure, configure), METHOD(velocity, full_velocity), METHOD(inertia, reduced_inertia),
+    METHOD(biases, bias_forces), METHOD(accelerate, acceleration), METHOD(actuation, actuation),
+    METHOD(allocate, allocation), METHOD(set_numbers, set_numbers), METHOD(vertical, vertical_rows),
+    METHOD(passive_forces, passive_forces), METHOD(values, output_values), METHOD(rates, row_rates),
+    METHOD(inverse_dynamics, inverse_dynamics), METHOD(forward_dynamics, forward_dynamics),
+    METHOD(state_derivative, state_derivative), METHOD(planned_motion, planned_motion),
+    METHOD(planned_steps, planned_steps), METHOD(planned_derivatives, planned_derivatives),
+    METHOD(integrate, integrate), METHOD(state_derivatives, state_derivatives),
+    METHOD(vertical_velocities, vertical_velocities), METHOD(row_velocities, row_velocities),
+    METHOD(admissible_velocities, admissible_velocities), METHOD(measure, measure), METHOD(terms, terms),
+    {NULL, NULL, 0, NULL},
+};
+
+static PyMethodDef functions[] = {
+    METHOD(riccati_factors, riccati_factors), METHOD(riccati_solve, riccati_solve), METHOD(variances, variances),
+    METHOD(interior_point, interior_point), METHOD(least_squares, least_squares), METHOD(solve, solve),
+    METHOD(shape_poses, shape_poses), METHOD(frame_kinematics, frame_kinematics), METHOD(pair_rows, pair_rows),
+    METHOD(pair_bounds, pair_bounds),
     {NULL, NULL, 0, NULL},
 };
 
 static PyType_Slot slots[] = {
-    {Py_tp_init, initialize},
-    {Py_tp_new, PyType_GenericNew},
-    {Py_tp_dealloc, destroy},
-    {Py_tp_methods, methods},
+    {Py_tp_init, initialize}, {Py_tp_new, PyType_GenericNew}, {Py_tp_dealloc, destroy}, {Py_tp_methods, methods},
     {0, NULL},
 };
 
 static PyType_Spec spec = {
-    .name = "rnc_pin._kernel.compiled.Evaluator",
-    .basicsize = sizeof(Evaluator),
-    .flags = Py_TPFLAGS_DEFAULT,
+    .name = "rnc_pin._kernel.compiled.Evaluator", .basicsize = sizeof(Evaluator), .flags = Py_TPFLAGS_DEFAULT,
     .slots = slots,
 };
-
-static PyMethodDef functions[] = {
-    {"riccati_factors", (PyCFunction)(void (*)(void))riccati_factors, METH_FASTCALL, NULL},
-    {"riccati_solve", (PyCFunction)(void (*)(void))riccati_solve, METH_FASTCALL, NULL},
-    {"variances", (PyCFunction)(void (*)(void))variances, METH_FASTCALL, NULL},
-    {"interior_point", (PyCFunction)(void (*)(void))interior_point, METH_FASTCALL, NULL},
-    {"least_squares", (PyCFunction)(void (*)(void))least_squares, METH_FASTCALL, NULL},
-    {"shape_poses", (PyCFunction)(void (*)(void))shape_poses, METH_FASTCALL, NULL},
-    {"frame_kinematics", (PyCFunction)(void (*)(void))frame_kinematics, METH_FASTCALL, NULL},
-    {"pair_rows", (PyCFunction)(void (*)(void))pair_rows, METH_FASTCALL, NULL},
-    {"pair_bounds", (PyCFunction)(void (*)(void))pair_bounds, METH_FASTCALL, NULL},
-    {NULL, NULL, 0, NULL},
-};
+/* clang-format on */
 
 static struct PyModuleDef module = {
     PyModuleDef_HEAD_INIT,

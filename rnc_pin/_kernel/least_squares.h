@@ -51,3 +51,26 @@ static int least_squares_by(Arrays *all, PyObject *const *args)
     return size > 0.0 && 1.0 > relative * sqrt(square) * size;
 }
 FUNCTION(least_squares, 6)
+
+/* x with A x = b for A (n, n), b (n) or columns (n, k), and a number: by Cholesky's factor if it is not zero, otherwise
+   by the inverse. False if neither exists, or if the arrays need the other path. */
+static int solve_by(Arrays *all, PyObject *const *args)
+{
+    double *x[4], *work;
+    Py_ssize_t n = 0, m = 0, rows = 0, k = 0;
+    if (!stacked(args[0], &m, &n) || !stacked(args[1], &rows, &k) || m != n || n < 1 || rows * k % n) return 0;
+    Py_ssize_t sizes[] = {n * n, rows * k, 0, rows * k}, columns = rows * k / n;
+    int ok = arrays_of(all, args, "ddfw", sizes, x);
+    if (ok <= 0) return ok;
+    if (!(work = memory_of(all, 2 * n * n))) return -1;
+    if (*x[2] == 0.0) {
+        ok = invert(x[0], work, work + n * n, n);
+        if (ok) multiply(work, n, x[1], columns, x[3], n, n, columns);
+        return ok;
+    }
+    memcpy(x[3], x[1], (size_t)(rows * k) * sizeof(double));
+    ok = cholesky(x[0], n, 1, work, n);
+    if (ok) solve_cholesky(work, x[3], n, columns);
+    return ok;
+}
+FUNCTION(solve, 4)

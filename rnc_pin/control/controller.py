@@ -16,7 +16,6 @@ from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
-import scipy.linalg  # noqa: F401  # SciPy imports it at its first use, which would be in a loop
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float

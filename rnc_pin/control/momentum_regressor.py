@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 import pinocchio as pin
-import scipy
 
 from rnc_pin.constraints import MomentumConservation
 from rnc_pin.control.estimation import EstimatedModel, ParametrizedCopy
@@ -127,7 +126,5 @@ class MomentumRegressor:
         others = v.copy()
         others[rows] = 0.0
         columns[0] = A.dot(others)
-        *_, solved, info = scipy.linalg.lapack.dgesv(A[:, rows], columns.T)
-        if info:
-            raise np.linalg.LinAlgError("inertia of the base is singular")
+        solved = np.linalg.solve(A[:, rows], columns.T)
         return -solved[:, 0], -solved[:, 1:]

@@ -1,25 +1,22 @@
 """Small dense solves, and formulas of components, over leading batch axes; fast for a single state.
 
-A single state calls LAPACK directly: for small matrices, NumPy's wrapper costs several times the factorisation.
+A single state calls the compiled kernel: for small matrices, NumPy's wrapper costs several times the factorisation.
 A stack uses NumPy's batched routines. The algorithm is the same.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache
+from contextlib import suppress
 from typing import TypeAlias, TypeVar
 
 import numpy as np
 import scipy
 
+from rnc_pin import _kernel
+
 _ROUNDING = 1e-12  # part of the largest eigenvalue
 _ZERO = 1e-6  # part of the largest value below which a nonnegative one counts as zero
-
-
-@cache
-def _identity(n: int) -> np.ndarray:
-    return np.asfortranarray(np.eye(n))
 
 
 def apply(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
@@ -53,11 +50,15 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
     The inverse of a single matrix is stored by columns, so that a block of columns is contiguous.
     """
     if matrix.ndim == 2:
-        _, _, solution, info = scipy.linalg.lapack.dgesv(matrix, _identity(len(matrix)))
-        return np.full_like(matrix, np.inf) if info else solution
+        found, unit = np.empty(matrix.shape), np.eye(len(matrix))
+        if _kernel.library.solve(np.ascontiguousarray(matrix), unit, 0.0, found):
+            return np.asfortranarray(found)
     try:
-        return np.linalg.inv(matrix)
+        found = np.linalg.inv(matrix)
+        return np.asfortranarray(found) if matrix.ndim == 2 else found
     except np.linalg.LinAlgError:  # one singular matrix fails the whole call: invert one by one
+        if matrix.ndim == 2:
+            return np.full_like(matrix, np.inf)
         flat = matrix.reshape(-1, *matrix.shape[-2:])
         return np.stack([inverse(each) for each in flat]).reshape(matrix.shape)
 
@@ -72,38 +73,43 @@ def sorted_eigenvalues(matrix: np.ndarray) -> np.ndarray:
 def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve ``matrix @ x = right`` for (..., n, n) and (..., n); infinite for matrices that are exactly singular."""
     if matrix.ndim == 2 and right.ndim == 1:
-        _, _, solution, info = scipy.linalg.lapack.dgesv(matrix, right)
-        return np.full_like(right, np.inf) if info else solution
-    return _each_solved(solve, matrix, right)
+        found = np.empty(right.shape)
+        if _kernel.library.solve(np.ascontiguousarray(matrix), np.ascontiguousarray(right), 0.0, found):
+            return found
+    return _each_solved(matrix, right, np.inf)
 
 
 def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve ``matrix @ x = right`` for symmetric positive definite (..., n, n) and (..., n); NaN for singular ones."""
-    if matrix.ndim == 2 and right.ndim == 1 and len(right):
-        _, solution, info = scipy.linalg.lapack.dposv(matrix, right)
-        return np.full_like(right, np.nan) if info else solution
-    return _each_solved(solve_positive_definite, matrix, right)
+    if matrix.ndim == 2 and right.ndim == 1:
+        found = solve_positive_definite_columns(matrix, right)
+        return np.full_like(right, np.nan) if found is None else found
+    return _each_solved(matrix, right, np.nan)
 
 
-def _each_solved(
-    alone: Callable[[np.ndarray, np.ndarray], np.ndarray], matrix: np.ndarray, right: np.ndarray
-) -> np.ndarray:
-    """Solutions of many systems (..., n), by one call; ``alone`` solves each if one matrix is singular."""
+def _each_solved(matrix: np.ndarray, right: np.ndarray, none: float) -> np.ndarray:
+    """Solutions of many systems (..., n), by one call; a number takes the place of those that do not exist."""
     try:
         return np.linalg.solve(matrix, right[..., None])[..., 0]
     except np.linalg.LinAlgError:  # one singular matrix fails the whole call
-        batch = np.broadcast_shapes(matrix.shape[:-2], right.shape[:-1])
-        found = np.empty((*batch, right.shape[-1]))
-        matrices, rights = np.broadcast_to(matrix, (*batch, *matrix.shape[-2:])), np.broadcast_to(right, found.shape)
-        for i in np.ndindex(batch):
-            found[i] = alone(matrices[i], rights[i])
+        found = np.full((*np.broadcast_shapes(matrix.shape[:-2], right.shape[:-1]), right.shape[-1]), none)
+        matrices, rights = np.broadcast_to(matrix, (*found.shape, found.shape[-1])), np.broadcast_to(right, found.shape)
+        for i in np.ndindex(found.shape[:-1]):
+            with suppress(np.linalg.LinAlgError):
+                found[i] = np.linalg.solve(matrices[i], rights[i])
         return found
 
 
 def solve_positive_definite_columns(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray | None:
-    """Solve ``matrix @ x = columns`` for symmetric (n, n) and (n, k); None if the matrix is not positive definite."""
-    _, solution, info = scipy.linalg.lapack.dposv(matrix, columns)
-    return None if info else np.asarray(solution)
+    """Solve ``matrix @ x = columns`` for symmetric (n, n), and (n, k) or (n,); None if it is not positive definite."""
+    found = np.empty(columns.shape)
+    if _kernel.library.solve(np.ascontiguousarray(matrix), np.ascontiguousarray(columns), 1.0, found):
+        return found
+    try:
+        np.linalg.cholesky(matrix)
+        return np.linalg.solve(matrix, columns)
+    except np.linalg.LinAlgError:
+        return None
 
 
 def product(left: np.ndarray, right: np.ndarray) -> np.ndarray:

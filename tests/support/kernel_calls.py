@@ -9,6 +9,7 @@ import pinocchio as pin
 import rnc_pin as rnc
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.control import VelocityQP, limits, tasks
+from rnc_pin.math.linear_algebra import inverse, solve
 from rnc_pin.motion.optimal.interior_point import InteriorPointSolver, LinearQuadratic, RiccatiFactors
 from rnc_pin.motion.planning import Harmonic, Hold
 from rnc_pin.motion.whole_body import ControlSample
@@ -176,8 +177,7 @@ def sizes_of_rows():
         (0, nx, nx), (0, nx, nu), (1, k, nx), (1, k, nu)
     ))  # fmt: skip
     C[:, 0], D[:, 1] = 0.0, 0.0
-    H, end = np.tile(np.diag([1.0, 1.0, 1.0, 1.0, 1.0, 0.3, 2.0, 0.0]), (N, 1, 1)), np.eye(nx)
-    limit = np.ones((N + 1, k))
+    H, end, limit = np.tile(np.diag([1.0] * 5 + [0.3, 2.0, 0.0]), (N, 1, 1)), np.eye(nx), np.ones((N + 1, k))
     linear = LinearQuadratic(0.4 * A, B, A[:, 0], H, H[:, 0], end, end[0], C, D, -limit, limit)
     return list(linear.typical_sizes)
 
@@ -188,6 +188,7 @@ CALLS = {
     "variances": (sizes_of_rows, 1e-12),
     "interior_point": (programs_in_stages, 1e-9),
     "least_squares": (programs, 1e-10),
+    "solve": (lambda: [solve(np.eye(3) + 1.0, np.arange(3.0)), inverse(np.eye(3) + 1.0)], 1e-14),
     "frame_kinematics": (frames, 1e-13),
     "shape_poses": (distances, 1e-13),
     "pair_rows": (distances, 1e-13),
