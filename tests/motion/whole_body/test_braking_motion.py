@@ -65,12 +65,12 @@ def test_a_weak_telescopic_arm_keeps_its_limits_among_people_who_walk():
     assert f"{round(used.amount * len(run.time))} of {len(run.time)}" in str(used)
 
 
-def cart(effort, mass=1.0):
+def cart(effort, mass=1.0, axis="PX", reach=1.0):
     """One joint of 1 kg on a level rail, with a range of 2 m and a limited force."""
     model = pin.Model()
-    add_body(model, "rail", "PX", mass, moments=0.1)
-    model.lowerPositionLimit[:], model.upperPositionLimit[:] = -1.0, 1.0
-    model.upperVelocityLimit[:], model.upperEffortLimit[:] = 10.0, effort
+    add_body(model, "rail", axis, mass, moments=0.1)
+    model.lowerPositionLimit[:], model.upperPositionLimit[:] = -reach, reach
+    model.upperVelocityLimit[:], model.upperEffortLimit[:] = 10.0 * reach, effort
     return rnc.NonholonomicSystem(rnc.Robot(model), [], ["rail"]).reduce()
 
 
@@ -123,11 +123,7 @@ def test_limits_of_accelerations_lengthen_the_way_to_rest(acceleration):
 ])  # fmt: skip
 def test_a_load_beyond_the_efforts_is_no_rest(axis, effort, speed, rests):
     """A lift that rises is at rest for an instant before it falls; level, a tenth of the time is in reserve."""
-    model = pin.Model()
-    add_body(model, "lift", axis, 1.0, moments=0.1)
-    model.lowerPositionLimit[:], model.upperPositionLimit[:] = -100.0, 100.0
-    model.upperVelocityLimit[:], model.upperEffortLimit[:] = 100.0, effort
-    reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], ["lift"]).reduce()
+    reduced = cart(effort, axis=axis, reach=100.0)
     program = InverseDynamicsQP(reduced, [tasks.DampingTask()], [limits.JointPositionLimit()], dt=0.02)
     problem = program.braking_problem(0.0, np.zeros(1), np.array([speed]))
     assert problem == (None if rests else "the robot does not come to rest within 2 s")
@@ -135,11 +131,7 @@ def test_a_load_beyond_the_efforts_is_no_rest(axis, effort, speed, rests):
 
 def test_a_load_that_efforts_cannot_hold_is_said_and_rolled_out_once(monkeypatch):
     """Until the state changes: a lift that hangs on a stop is where it was."""
-    model = pin.Model()
-    add_body(model, "lift", "PZ", 1.0, moments=0.1)
-    model.lowerPositionLimit[:], model.upperPositionLimit[:] = -1.0, 1.0
-    model.upperEffortLimit[:] = 9.0
-    reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], ["lift"]).reduce()
+    reduced = cart(9.0, axis="PZ")
     program = InverseDynamicsQP(reduced, [tasks.DampingTask()], [limits.JointPositionLimit()], dt=0.02)
     start = reduced.at(np.zeros(1), np.zeros(1)).measure()
     tried, motion = [], Braking.motion

@@ -11,7 +11,7 @@ from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.motion.whole_body import ControlSample, InverseDynamicsQP
 from rnc_pin.motion.whole_body.limits import CollisionAvoidance
 from rnc_pin.motion.whole_body.limits.distance_limits import approach_speed
-from rnc_pin.motion.whole_body.tasks import OutputTask
+from rnc_pin.motion.whole_body.tasks import DampingTask, OutputTask
 from systems import with_box
 
 DT = 0.01
@@ -96,6 +96,17 @@ def test_weak_actuators_brake_in_time():
     assert least_distance(wall, 2.5) > 0.05 - 1e-6
     assert least_distance(wall, 2.5, None, deceleration=1e3) < 0.0  # the damper alone brakes too late
     assert least_distance(wall, 2.5, deceleration=1e3) > 0.05 - 1e-6  # not with a verified braking motion
+
+
+@pytest.mark.parametrize(("place", "later", "speed", "stops"), [
+    (1.2, 1.2, 1.8, True), (1.2, 1.2, 2.0, False), (1.2, 3.0, 2.2, True), (2.0, 0.6, 1.5, False),
+])  # fmt: skip
+def test_a_braking_motion_meets_a_door_where_it_will_be(place, later, speed, stops):
+    """2 N stop 1 kg within ``v^2 / 4``; 0.25 m of the way are shapes and clearance."""
+    motion = rnc.planning.MinimumJerk([place, 0.0, 0.0, 0.0], [later, 0.0, 0.0, 0.0], duration=1.0)
+    door, reduced = Obstacle(coal.Box(0.2, 1.0, 1.0), motion=motion), weak_cart(2.0)
+    program = InverseDynamicsQP(reduced, [DampingTask()], [CollisionAvoidance(0.05, obstacles=[door])], dt=0.025)
+    assert (program.braking_problem(0.0, np.zeros(1), np.array([speed])) is None) == stops
 
 
 def test_robot_retreats_from_a_person_in_motion():
