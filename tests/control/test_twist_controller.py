@@ -318,6 +318,7 @@ def test_a_program_aims_beside_angles_at_which_the_axles_are_in_line(sign):
     assert 0.02 < np.linalg.norm(found - goal * scale) / np.linalg.norm(goal) <= 0.04
     np.testing.assert_allclose(list(expected_wheels(name, found / scale, angles)[1].values()), 0.0, atol=1e-12)
     assert independence(name, angles, length) >= 0.75 * 0.04
+    assert np.abs(turn).max() < np.arctan2(0.3, 0.2)  # of both sides of the goal, the one with the shorter turns
 
 
 # ---------------------------------------------------------------------- limits
