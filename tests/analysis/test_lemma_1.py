@@ -59,16 +59,12 @@ def test_inertia_is_symmetric_positive_definite_and_its_rate_is_v_plus_its_trans
         assert_close(t.V + t.V.T, H_dot, LEMMA_1)
 
 
-def test_coriolis_matrix_is_linear_in_velocity(reduced, states):
+def test_coriolis_matrix_alone_depends_on_velocity_and_is_linear_in_it(reduced, states):
     for q, v2 in states:
         other = np.flip(v2) + 0.3
         # Weights that add up to one: with affine constraints V is affine, and without it is zero at rest (below).
         V = [reduced.terms(q, each).V for each in (v2, other, 3 * v2 - 2 * other)]
         assert_close(V[2], 3 * V[0] - 2 * V[1], ROUNDING)
-
-
-def test_gravity_and_inertia_do_not_depend_on_velocity(reduced, states):
-    for q, v2 in states:
         moving, resting = reduced.terms(q, v2), reduced.terms(q, np.zeros_like(v2))
         assert_close(moving.H, resting.H, ROUNDING)
         if not reduced.affine:  # else both hold what the given motion b does
@@ -98,7 +94,7 @@ def test_rates_of_basis_constraints_and_outputs(reduced, states):
         assert_close(v2[own], x2_dot[own], FINITE_DIFFERENCE)
 
 
-def test_acceleration_agrees_with_kkt(reduced, states):
+def test_acceleration_agrees_with_kkt_and_inverse_dynamics_undoes_it(reduced, states):
     """Independent: Pinocchio solves the constrained dynamics as a saddle-point problem.
 
     Rows of momenta are not imposed there: that a momentum is conserved has to follow.
@@ -118,14 +114,6 @@ def test_acceleration_agrees_with_kkt(reduced, states):
         multipliers = reduced.multipliers(q, v2, T)
         assert_close(t.A.T @ multipliers, residual, KKT)
         assert_close(multipliers[~rows], np.zeros((~rows).sum()), KKT * (1 + np.abs(full.B @ T).max()))
-
-
-def test_inverse_dynamics_undoes_forward_dynamics(reduced, states):
-    generator = np.random.default_rng(2)
-    for q, v2 in states:
-        T = generator.normal(size=reduced.p)
-        t = reduced.terms(q, v2)
-        v2_dot = reduced.forward_dynamics(q, v2, T)
         F = t.input_matrix @ T
         assert_close(reduced.inverse_dynamics(q, v2, v2_dot), F, KKT)
         assert_close(t.H @ v2_dot + t.V @ v2 + t.G, F, KKT)
