@@ -201,8 +201,6 @@ class _AxleSteering(Steering):
 
     def __init__(self, reduced: ReducedModel, planned: Bool[Array, " nv"], row: Float[Array, " 3"]) -> None:
         super().__init__(reduced, planned)
-        base = reduced.robot.model.joints[1]
-        self.base, self._place = slice(base.idx_v, base.idx_v + 3), slice(base.idx_q, base.idx_q + 4)
         across = complex(row[0], row[1])
         forward = -1j * across / abs(across)
         along = forward.real if abs(forward.real) > 1e-6 else forward.imag
@@ -217,7 +215,7 @@ class _AxleSteering(Steering):
     def driven(self, length: float, turn: float) -> Float[Array, " nv"]:
         """Displacement of the base along an arc, or on the spot; all other joints stand."""
         step, moved = np.zeros(len(self.planned)), length * self._forward - 1j * turn * self._point
-        step[self.base] = [moved.real, moved.imag, turn]
+        step[:3] = [moved.real, moved.imag, turn]
         return step
 
     def seen(self, start: Array, goal: Array) -> tuple[float, float, float]:
@@ -228,14 +226,14 @@ class _AxleSteering(Steering):
 
     def _pose(self, q: Array) -> tuple[complex, complex]:
         """Position and heading of the axle."""
-        x, y, c, s = q[self._place]
+        x, y, c, s = q[:4]
         turned = complex(c, s)
         return complex(x, y) + turned * self._point, turned * self._forward
 
     def joints(self, start: Array, goal: Array) -> Float[Array, " nv"]:
         """Displacement of all planned joints but the base."""
         step = np.where(self.planned, self.manifold.difference(start[None], goal[None])[0], 0.0)
-        step[self.base] = 0.0
+        step[:3] = 0.0
         return step
 
 
@@ -319,7 +317,7 @@ class CarSteering(_AxleSteering):
             R = self.reduced.at(q).R
         except SingularityError:
             return np.nan
-        speed, turn = self.axle_velocity(np.linalg.svd(R[self.base])[0][:, 0])
+        speed, turn = self.axle_velocity(np.linalg.svd(R[:3])[0][:, 0])
         held = (low >= high) | ((q[led] > low - _EXACT) & (q[led] < high + _EXACT))
         return float(turn / speed) if abs(speed) > 1e-6 and held.all() else np.nan
 

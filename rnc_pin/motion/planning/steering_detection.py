@@ -204,17 +204,15 @@ def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], *, room: float
     places = np.flatnonzero(planned)
     if reduced.r == len(places):
         return FreeSteering(reduced, planned)
-    base = reduced.robot.model.joints[1]
-    if base.shortname() != "JointModelPlanar":
+    if reduced.robot.model.joints[1].shortname() != "JointModelPlanar":
         _refuse(reduced, "the rows restrict joints other than a planar base")
-    first = base.idx_v
     rows = [_annihilators(R[places]) for R in samples.bases]
-    on_base = np.isin(places, np.arange(first, first + 3))
+    on_base = places < 3
     if any(np.abs(each[:, ~on_base]).max(initial=0.0) > _EXACT for each in rows):
         _refuse(reduced, "the rows couple the base with other joints")
     joints, count = list(reduced.robot.model.joints)[1:], len(places) - reduced.r
     single = [each.idx_v for each in joints if each.nv == 1 and planned[each.idx_v]]
-    steering = [index for index in single if samples.matters(index, slice(first, first + 3))]
+    steering = [index for index in single if samples.matters(index, slice(3))]
     _, sizes, axes = np.linalg.svd(np.array([np.linalg.svd(each[:, on_base])[2][-1] for each in rows]))
     row = rows[0][0, on_base] if count == 1 else axes[2]
     if np.hypot(row[0], row[1]) < 1e-6:

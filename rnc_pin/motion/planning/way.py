@@ -166,9 +166,7 @@ def way_along(
 
 def _length(reduced: ReducedModel, motion: ExactMotion) -> float:
     """Length of the path of a base [m]."""
-    base = reduced.robot.model.joints[1].idx_v
-    places = slice(base, base + base_axes(reduced.robot.model))
-    return float(np.linalg.norm(motion.steps[:, places], axis=1).sum())
+    return float(np.linalg.norm(motion.steps[:, : base_axes(reduced.robot.model)], axis=1).sum())
 
 
 def _residual(reduced: ReducedModel, motion: ExactMotion, v: Array) -> float:

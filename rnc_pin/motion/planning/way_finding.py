@@ -231,12 +231,11 @@ def _failure(
     budget: SearchBudget,
 ) -> InfeasibleError:
     """Error about a search without a way: how near it came, and what is in the way."""
-    base, size, near = reduced.robot.model.joints[1], base_axes(reduced.robot.model), search.nearest.q
+    size, near = base_axes(reduced.robot.model), search.nearest.q
     text = f"no way found in {budget.elapsed:.0f} s, {budget.motions} motions checked"
     if size:
-        places = slice(base.idx_q, base.idx_q + size)
-        away = float(np.linalg.norm(ends[:, places] - near[places], axis=1).min())
-        text += f"; nearest {away:.2g} m from the goal, with the base at {np.round(near[places], 2).tolist()}"
+        away = float(np.linalg.norm(ends[:, :size] - near[:size], axis=1).min())
+        text += f"; nearest {away:.2g} m from the goal, with the base at {np.round(near[:size], 2).tolist()}"
     if checker is not None and checker.blocks.any():
         worst = int(np.argmax(checker.blocks))
         pair, share = checker.distances.pairs[worst].label, checker.blocks[worst] / checker.blocks.sum()

@@ -109,10 +109,9 @@ class PropagatedSearch:
         self._low, self._high = np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
         self._weights = np.where(planned, _JOINTS, 0.0)
         self._box = np.where(limited, [low, high], self._start + np.array([[-np.pi], [np.pi]]))
-        base, size = model.joints[1], base_axes(model)
-        if size:
-            self._weights[base.idx_v : base.idx_v + base.nv] = 1.0
-            self._box[:, base.idx_q : base.idx_q + size] = area[:, :size]
+        if size := base_axes(model):
+            self._weights[: model.joints[1].nv] = 1.0
+            self._box[:, :size] = area[:, :size]
         self._reach = 0.0
         if checker is not None:
             self._reach = max(1.0, 2.0 * float(checker.distances.radii[: checker.distances.link_shapes].sum()))

@@ -164,9 +164,9 @@ def base_area(
         if area.shape != (2, 3) or not (area[0] < area[1]).all():
             raise InputError(f"area: expected smallest and largest x, y and z (2, 3), found {area.tolist()}")
         return area
-    base, size = reduced.robot.model.joints[1], base_axes(reduced.robot.model)
+    size = base_axes(reduced.robot.model)
     points = np.zeros((len(configurations), 3))
-    points[:, :size] = configurations[:, base.idx_q : base.idx_q + size]
+    points[:, :size] = configurations[:, :size]
     corners = [points]
     for obstacle in obstacles:
         if not obstacle.unbounded:

@@ -64,10 +64,10 @@ def test_a_differential_drive_turns_its_wheels_by_the_textbook():
 def test_the_twist_of_another_frame_includes_its_lever():
     reduced, _ = differential_drive()
     wheel = reduced.robot.model.jointPlacements[2].translation
-    model = reduced.robot.model
-    add_frame(model, "sensor", 1, (0.4, 0.1, 0.3))
+    add_frame(reduced.robot.model, "sensor", 1, (0.4, 0.1, 0.3))
     loop = rnc.VelocityLoop(reduced, constant([0.5, 0.8]), DT, base="sensor", joints=["right_wheel_joint"])
-    command = loop.step(0.0, reduced.robot.configuration({"root_joint": [1.0, 2.0, 0.4]}), np.zeros(5))
+    assert loop.step(0.0, None, None).twist == (0.0, 0.0, 0.0)  # nothing is known yet
+    command = loop.step(DT, reduced.robot.configuration({"root_joint": [1.0, 2.0, 0.4]}), np.zeros(5))
     assert command.twist == pytest.approx((0.5 - 0.8 * 0.1, 0.8 * 0.4, 0.8))
     assert command.joints == pytest.approx([(0.5 + 0.8 * abs(wheel[1])) / 0.1])
 

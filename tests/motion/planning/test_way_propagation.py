@@ -85,6 +85,16 @@ def test_a_motion_that_meets_the_goal_is_taken_if_it_is_free(free):
     assert (search._refined(nodes, inputs, None, counts) is not None) == free
 
 
+def test_a_motion_is_shortened_as_long_as_that_saves_a_hundredth(monkeypatch):
+    """Else by a half as much, down to a twentieth; what was found last is driven."""
+    search, _ = search_of(2)
+    search._nodes, search._inputs, tried = None, None, []
+    offers = [SimpleNamespace(steps=np.full((1, 5), time)) if time else None for time in (3, 2, 1.99, 0, 1.9, 1.9, 1.9)]
+    monkeypatch.setattr(search, "_exact", lambda nodes, inputs, share: tried.append(share) or offers[len(tried)])
+    assert search.shortened(offers[0], 9) is offers[4]
+    assert tried == [0.4, 0.4, 0.2, 0.1, 0.1, 0.05]
+
+
 def test_random_motions_are_as_long_as_a_tenth_of_a_metre_to_a_metre():
     """Half of them move one coordinate at a time; the largest velocity of a joint counts."""
     search, q = search_of(2)
