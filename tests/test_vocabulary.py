@@ -109,6 +109,5 @@ def test_no_public_name_is_defined_twice():
 
 
 def test_no_record_gives_up_a_promise_and_every_argument_has_a_name():
-    """Records are frozen unless they have an identity or are private, and print as their base class does."""
     given_up = re.compile(r"\b(frozen|kw_only)=False|\b(eq|repr)=True|^ +/,$", re.MULTILINE)
     assert not [path.name for path in (ROOT / "rnc_pin").rglob("*.py") if given_up.search(path.read_text())]

@@ -1,5 +1,7 @@
 """Data of a reduction at other velocities, and the lengths of its rows."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -63,6 +65,8 @@ def test_a_reduction_is_put_together_again_in_other_velocities():
         np.testing.assert_array_equal(other.lengths, [5.0, 0.5, *sizes])
         assert (other.kinematics, other.singularity_limit) == (parts.kinematics, 1e5)
         assert (other.vertical, other.actuation, other.rows) == (vertical, parts.actuation, parts.rows)
-    other = parts.keeping([1, 2])
+    other, strict = parts.keeping([1, 2]), replace(parts, singularity_limit=1e2)
+    pairs = (strict, replace(strict)), (strict, parts), (parts, strict)
+    assert [one.has_rows_of(two) for one, two in pairs] == [True, False, False]
     assert (other.kept, other.reducing, other.free) == ((1, 2), outputs, False)
     np.testing.assert_array_equal(other.lengths, [7.0, 0.5, 2.0, 4.0])
