@@ -12,7 +12,7 @@ is optional.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -285,11 +285,40 @@ class MissedGoal(NamedTuple):
         return tuple(cls(name, error, tolerance, reason) for name, error in found if not error <= tolerance)
 
 
-def part_with(whole: object, name: str) -> State:
-    """Return the controller or state that has an attribute: the whole, or what it has as its ``target``; else None."""
-    while whole is not None and not hasattr(whole, name):
-        whole = getattr(whole, "target", None)
-    return whole
+@runtime_checkable
+class Nesting(Protocol):
+    """Controller with another one as its ``target``, or the state of such a controller."""
+
+    target: Any
+
+
+@runtime_checkable
+class Ending(Protocol):
+    """Controller that tells which of its goals a run has missed that ends in a state."""
+
+    def missed_goals(self, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> Iterable[MissedGoal]: ...
+
+
+@runtime_checkable
+class Limiting(Protocol):
+    """Controller that limits accelerations."""
+
+    limited_accelerations: tuple[LimitedAcceleration, ...]
+
+
+@runtime_checkable
+class VelocityGiving(Protocol):
+    """Controller whose inputs may be velocities of the actuators."""
+
+    gives_velocities: bool
+
+
+def nested(whole: object) -> Iterator[object]:
+    """Iterate over a controller or a state, and those within it as ``target``, from the outermost."""
+    yield whole
+    while isinstance(whole, Nesting):
+        whole = whole.target
+        yield whole
 
 
 @runtime_checkable
@@ -308,11 +337,8 @@ def findings_of(controller: object, state: State, samples: int) -> tuple[Finding
         state: its state.
         samples: number of its steps.
     """
-    found: tuple[Finding, ...] = ()
-    while controller is not None:
-        found += tuple(controller.findings(state, samples)) if isinstance(controller, SelfJudging) else ()
-        controller = getattr(controller, "target", None)
-    return found
+    judging = (each for each in nested(controller) if isinstance(each, SelfJudging))
+    return tuple(finding for each in judging for finding in each.findings(state, samples))
 
 
 def missed_goals(controller: object, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
@@ -323,11 +349,11 @@ def missed_goals(controller: object, q: Float[Array, " nq"], v2: Float[Array, " 
         q: configuration (nq,).
         v2: reduced velocity (r,).
     """
-    found = part_with(controller, "missed_goals")
+    found = next((each for each in nested(controller) if isinstance(each, Ending)), None)
     return () if found is None else tuple(found.missed_goals(q, v2))
 
 
 def limited_accelerations(controller: object) -> tuple[LimitedAcceleration, ...]:
     """Accelerations that a controller limits, or that the one within it as its ``target`` limits."""
-    found = part_with(controller, "limited_accelerations")
+    found = next((each for each in nested(controller) if isinstance(each, Limiting)), None)
     return () if found is None else found.limited_accelerations

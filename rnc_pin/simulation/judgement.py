@@ -44,7 +44,6 @@ def judge(
     *,
     goal_errors: Mapping[str, float] | None = None,
     goal_tolerance: float = 0.02,
-    gave_way: Mapping[str, float] | None = None,
     grip: Grip | None = None,
     reduced: ReducedModel | None = None,
     more: Iterable[Finding] = (),
@@ -57,7 +56,6 @@ def judge(
         replay: replay of its limits and distances, by ``replay_limits``; without it they are not judged.
         goal_errors: errors at the end by name [m or rad]; None if the run has no goals.
         goal_tolerance: error above which a goal is missed [m or rad].
-        gave_way: largest amounts by which limits of a whole-body program gave way, by name.
         grip: stated friction of the ground, for the forces that the constraints of the run need.
         reduced: model of the run. Without it, steered wheels and lift-off inside samples are not judged.
         more: findings that others made, such as a plan that is not verified.
@@ -86,7 +84,6 @@ def judge(
         *_contacts(run, grip, reduced),
         *(() if replay is None else _saturation(run, replay)),
         *(() if replay is None else _reversals(run, replay)),
-        *_given_way(gave_way or {}),
         *(() if reduced is None else _side_slips(run, reduced)),
         *more,
     ]
@@ -315,12 +312,6 @@ def _reversals(run: Trajectory, replay: LimitReplay) -> Iterator[Finding]:
         )
         severity = _graded(violent > _OFTEN_VIOLENT)
         yield Finding(FindingKind.REVERSAL, name, float(largest.max()), "", first, severity, message)
-
-
-def _given_way(amounts: Mapping[str, float]) -> Iterator[Finding]:
-    for name, amount in amounts.items():
-        message = f"limit {name} gave way by up to {amount:.3g}, because limits excluded each other"
-        yield Finding(FindingKind.LIMIT_GAVE_WAY, name, amount, "", None, Severity.DEGRADES, message)
 
 
 def judged_by(

@@ -8,7 +8,7 @@ from time import perf_counter, thread_time
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.control.controller import Command, findings_of, limited_accelerations, missed_goals
+from rnc_pin.control.controller import Command, VelocityGiving, findings_of, limited_accelerations, missed_goals
 from rnc_pin.control.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
 from rnc_pin.control.loop.loop_state import with_late_tick
 from rnc_pin.control.loop.options import admit_controller, admit_model, type_name
@@ -297,7 +297,7 @@ def check_arguments(arguments: RunArguments) -> None:
     admit_controller(controller)
     if plant is not None and (isinstance(plant, type) or not isinstance(plant, Plant)):
         raise ConfigurationError(f"plant: expected methods reset, read, apply, advance, found {type_name(plant)}")
-    takes, gives = takes_velocities(plant), getattr(controller, "gives_velocities", False)
+    takes, gives = takes_velocities(plant), isinstance(controller, VelocityGiving) and controller.gives_velocities
     if takes and not gives:
         raise ConfigurationError(
             "the plant takes velocities: put rnc.control.ActuatorVelocityController(reduced, ...) over a kinematic "

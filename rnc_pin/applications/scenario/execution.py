@@ -56,8 +56,8 @@ def execute(
         # The wall time of the summary is that of the simulation, without building and drawing.
         start = time.perf_counter()
         own = _watched(scenario.experiment, observer, _shown(progress, 0.0, scenario.name))
-        trajectory, error, gave_way = scenario.simulated(scenario.experiment, own)
-        summary, limits = judged_summary(scenario.experiment, trajectory, gave_way, time.perf_counter() - start)
+        trajectory, error = scenario.simulated(scenario.experiment, own)
+        summary, limits = judged_summary(scenario.experiment, trajectory, time.perf_counter() - start)
         others: dict[str, Trajectory] = {}
         if error is None and trajectory.outcome is Outcome.COMPLETED:
             others = _comparisons(scenario, summary, progress)
@@ -72,7 +72,7 @@ def _comparisons(
     before = scenario.duration
     for label, experiment in scenario.comparisons.items():
         shown = _shown(progress, before, f"{scenario.name}: {label}")
-        run, failure, _ = scenario.simulated(experiment, _watched(experiment, None, shown))
+        run, failure = scenario.simulated(experiment, _watched(experiment, None, shown))
         before += experiment.simulation.seconds
         whole = run_summary(experiment, run)
         compared = cast(Compared, {key: value for key, value in whole.items() if key in Compared.__annotations__})

@@ -277,7 +277,7 @@ class Scenario(SummaryMixin):
         """
         with np.errstate(over="ignore", invalid="ignore"):  # diverged values
             run = self.simulated(self.experiment, observer)
-            judged_summary(self.experiment, run.trajectory, run.gave_way)
+            judged_summary(self.experiment, run.trajectory)
         if run.error is not None:
             raise run.error
         return run.trajectory

@@ -13,10 +13,10 @@ from rnc_pin.applications.scenario.builder import Experiment
 from rnc_pin.applications.scenario.controllers.feedback import SetPointSettings
 from rnc_pin.applications.scenario.plan_builder import frame_poses
 from rnc_pin.applications.scenario.schema.motions import MotionProblem
-from rnc_pin.control import State, limited_accelerations, missed_goals
+from rnc_pin.control import limited_accelerations, missed_goals
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.motion.planning import continued_back, path_distances
-from rnc_pin.motion.whole_body import InverseDynamicsQP, report_within
+from rnc_pin.motion.whole_body import InverseDynamicsQP
 from rnc_pin.motion.whole_body.limits import CollisionAvoidance
 from rnc_pin.simulation import (
     SHORTFALL,
@@ -24,7 +24,6 @@ from rnc_pin.simulation import (
     LimitReplay,
     Observer,
     Outcome,
-    Sample,
     SimulationOptions,
     Summary,
     Trajectory,
@@ -40,15 +39,14 @@ from rnc_pin.verdict import Finding, FindingKind, Severity
 
 
 class Simulated(NamedTuple):
-    """Motion of a run, the error that ended it early, and the largest amounts by which limits gave way, by name."""
+    """Motion of a run, and the error that ended it early."""
 
     trajectory: Trajectory
     error: RncError | None
-    gave_way: dict[str, float]
 
 
 def simulated(
-    experiment: Experiment, options: Callable[[Observer], SimulationOptions], observer: Observer | None
+    experiment: Experiment, options: Callable[[Observer | None], SimulationOptions], observer: Observer | None
 ) -> Simulated:
     """Simulate an experiment. An error that ends it early is part of the result.
 
@@ -57,23 +55,12 @@ def simulated(
         options: options of the run for an observer.
         observer: called with every ``Sample``.
     """
-    state: State = None
-
-    def watch(sample: Sample) -> None:
-        nonlocal state
-        state = sample.state
-        if observer is not None:
-            observer(sample)
-
-    error: RncError | None = None
     try:
-        trajectory = experiment.run(options(watch))
+        return Simulated(experiment.run(options(observer)), None)
     except RncError as failure:
         if not isinstance(failure.trajectory, Trajectory):
             raise
-        trajectory, error = failure.trajectory, failure
-    report = report_within(experiment.controller, state)
-    return Simulated(trajectory, error, {} if report is None else dict(report.worst))
+        return Simulated(failure.trajectory, failure)
 
 
 REPLAY_DISTANCE = 0.2
@@ -82,19 +69,13 @@ _REPLAY_STEP, _REPLAYED = 0.02, 500  # smallest step between distances [s], and 
 
 
 def judged_summary(
-    experiment: Experiment,
-    run: Trajectory,
-    gave_way: Mapping[str, float] | None = None,
-    wall_time: float | None = None,
-    *,
-    goals: bool = True,
+    experiment: Experiment, run: Trajectory, wall_time: float | None = None, *, goals: bool = True
 ) -> tuple[Summary, LimitReplay | None]:
     """Judge a run of a scenario. The run has its verdict afterwards, and the summary has it too.
 
     Args:
         experiment: objects of the run.
         run: the run.
-        gave_way: largest amounts by which limits of a whole-body program gave way, by name.
         wall_time: computing time [s].
         goals: False for a run whose end is not in the scenario, such as one that a user drives.
 
@@ -119,7 +100,6 @@ def judged_summary(
         replay,
         goal_errors=errors,
         goal_tolerance=scenario.goal_tolerance,
-        gave_way=gave_way,
         grip=_grip(experiment, run),
         reduced=experiment.reduced,
         more=more,
@@ -129,8 +109,10 @@ def judged_summary(
     add_verdict(summary, verdict)
     if replay is not None:
         add_limits(summary, replay)
-    if gave_way:
-        summary["limits_gave_way"] = dict(gave_way)
+    gave_way = [each for each in run.info.findings if each.kind is FindingKind.LIMIT_GAVE_WAY]
+    excluded = {each.where: each.amount or 0.0 for each in gave_way if each.severity is Severity.DEGRADES}
+    if excluded:
+        summary["limits_gave_way"] = excluded
     if goals:
         summary["goal_tolerance"] = scenario.goal_tolerance
         if errors and (experiment.goals is not None or scenario.planner is not None):

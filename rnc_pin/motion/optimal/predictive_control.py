@@ -19,7 +19,7 @@ from rnc_pin.control.controller import (
     LimitedAcceleration,
     MissedGoal,
     State,
-    part_with,
+    nested,
 )
 from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
 from rnc_pin.model.reduced_kinematics import Measurement
@@ -207,7 +207,7 @@ class PredictiveController(DescribedMixin):
             state: state of the controller, or of one around it.
             samples: number of steps.
         """
-        own: PredictiveState = part_with(state, "missed")
+        own = next(each for each in nested(state) if isinstance(each, PredictiveState))
         if not own.missed:
             return ()
         total = own.missed + own.updates

@@ -12,4 +12,3 @@ from .velocity_qp import VelocityQP as VelocityQP
 from .whole_body_program import LimitReport as LimitReport
 from .whole_body_program import WholeBodyProgram as WholeBodyProgram
 from .whole_body_program import program_of as program_of
-from .whole_body_program import report_within as report_within

@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Command, Description, State, elapsed_time, listed, part_with
+from rnc_pin.control.controller import Command, Description, State, elapsed_time, listed, nested
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE, LieRungeKutta4
 from rnc_pin.model.reduced_kinematics import Measurement
@@ -278,7 +278,7 @@ class InverseDynamicsQP(WholeBodyProgram):
             state: state of the program, or of a controller around it.
             samples: number of steps.
         """
-        own: InverseDynamicsState = part_with(state, "braking")
+        own = next(each for each in nested(state) if isinstance(each, InverseDynamicsState))
         braked, unverified = own.braking.braked, own.braking.unverified
         braked = braked._replace(reason=f"{braked.reason} otherwise")
         what = "a verified braking motion took the place of the program"

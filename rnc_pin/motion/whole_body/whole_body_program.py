@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Description, LimitedAcceleration, State, part_with
+from rnc_pin.control.controller import Description, LimitedAcceleration, State, nested
 from rnc_pin.errors import InputError
 from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_kinematics import Measurement
@@ -72,6 +72,16 @@ class SampleCount(NamedTuple):
         return (Finding(kind, where, share, "", self.first, severity, message),)
 
 
+@runtime_checkable
+class ProgramRecord(Protocol):
+    """What the states of all programs have."""
+
+    multipliers: Float[Array, "levels k"]
+    excess: Float[Array, " k"]
+    worst_excess: Float[Array, " k"]
+    unsolved: SampleCount
+
+
 class WholeBodyProgram(ReprMixin):
     """Tasks as least squares and limits as inequalities, for one model.
 
@@ -115,14 +125,19 @@ class WholeBodyProgram(ReprMixin):
             )
 
     def findings(self, state: State, samples: int) -> tuple[Finding, ...]:
-        """Return findings about the steps so far: samples whose program was not solved.
+        """Return findings about the steps so far: programs that were not solved, limits that excluded each other.
 
         Args:
             state: state of the program, or of a controller around it.
             samples: number of steps.
         """
-        count: SampleCount = part_with(state, "unsolved").unsolved
-        return count.findings(FindingKind.UNSOLVED, "program", "the program was not solved", samples, MOSTLY)
+        own = next(each for each in nested(state) if isinstance(each, ProgramRecord))
+        what = "the program was not solved"
+        found = own.unsolved.findings(FindingKind.UNSOLVED, "program", what, samples, MOSTLY)
+        for name, amount in self.report(own).worst.items():
+            message = f"limit {name} gave way by up to {amount:.3g}, because limits excluded each other"
+            found += (Finding(FindingKind.LIMIT_GAVE_WAY, name, amount, "", None, Severity.DEGRADES, message),)
+        return found
 
     def report(self, state: State) -> LimitReport:
         """Return the limits that are active, and those that gave way."""
@@ -131,20 +146,7 @@ class WholeBodyProgram(ReprMixin):
 
 def program_of(controller: object) -> WholeBodyProgram | None:
     """Whole-body program that a controller is or contains as its ``target``; None without one."""
-    while controller is not None and not isinstance(controller, WholeBodyProgram):
-        controller = getattr(controller, "target", None)
-    return controller
-
-
-def report_within(controller: object, state: State) -> LimitReport | None:
-    """Return the report of the program that a controller is or contains as its ``target``; None without one.
-
-    Args:
-        controller: a controller.
-        state: its state.
-    """
-    program, own = program_of(controller), part_with(state, "worst_excess")
-    return None if program is None or own is None else program.report(own)
+    return next((each for each in nested(controller) if isinstance(each, WholeBodyProgram)), None)
 
 
 def limit_report(names: Sequence[str], multipliers: Array, excess: Array, worst: Array) -> LimitReport:

@@ -44,7 +44,7 @@ def reaching_run(reduced, seed, braking_time):
 
 
 def braking(run, where="program"):
-    return next((each for each in run.info.findings if each.where == where), None)
+    return next((each for each in reversed(run.info.findings) if each.where == where), None)
 
 
 def test_a_weak_telescopic_arm_keeps_its_limits_among_people_who_walk():
