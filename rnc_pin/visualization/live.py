@@ -101,6 +101,10 @@ class LiveView:
         """Show the page in the user's browser."""
         self.window.open()
 
+    def tell(self, kind: str, content: Mapping[str, Json]) -> None:
+        """Send the controls, the status or the verdict to the panel of the page: a later one replaces it."""
+        self.window.post({"type": f"panel_{kind}", "path": "/panel", "content": content})
+
     def restart(self) -> None:
         """Show the next sample whatever its time is, and count real time from it."""
         self._started, self._next = None, -math.inf

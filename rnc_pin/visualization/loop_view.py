@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.control.controller import Command
 from rnc_pin.errors import InputError, RncError
-from rnc_pin.io.json import Json
+from rnc_pin.io.json import to_json_mapping
 from rnc_pin.model.input_validation import is_number, vector
 from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -63,12 +63,10 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
         self._last_time, self._begin = -math.inf, time.monotonic()
         panel = ControlPanel("loop", self._receive)
         super().__init__(model, view, speed=speed, open_browser=False, title=title, panel=panel)
-        ranges: dict[str, Json] = {
-            name: {"lower": lower, "upper": upper, "start": start}
-            for name, (lower, upper, start) in self._ranges.items()
-        }
-        self._post("controls", {"gains": ranges})
-        self._tell()
+        keys = ("lower", "upper", "start")
+        ranges = {name: dict(zip(keys, values, strict=True)) for name, values in self._ranges.items()}
+        self.tell("controls", to_json_mapping({"gains": ranges}, "controls"))
+        self._tell_status()
 
     def __enter__(self) -> LoopView[Made]:
         return self
@@ -134,7 +132,7 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
                 self._made, self._message = self._make(**gains), ""
             except RncError as error:
                 self._message = str(error)
-            self._tell()
+            self._tell_status()
         return self._made
 
     @property
@@ -216,14 +214,12 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
                 if is_number(value) and lower <= value <= upper:
                     self._gains[name] = float(value)
             self._condition.notify_all()
-        self._tell()
+        self._tell_status()
 
-    def _tell(self) -> None:
-        state: dict[str, Json] = {"paused": self._paused, "running": self._running, "message": self._message}
-        self._post("status", {**state, "gains": dict(self._gains)})
-
-    def _post(self, kind: str, content: dict[str, Json]) -> None:
-        self.window.post({"type": f"loop_{kind}", "path": f"/loop/{kind}", "content": content})
+    def _tell_status(self) -> None:
+        messages = [*([] if self._running else ["the loop ends"]), *filter(None, [self._message])]
+        status = {"paused": self._paused, "messages": messages, "values": self._gains}
+        self.tell("status", to_json_mapping(status, "status"))
 
     def _summary(self) -> ObjectSummary:
         state = "paused" if self._paused else "running" if self._running else "ended"

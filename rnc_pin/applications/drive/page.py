@@ -43,7 +43,7 @@ class DrivePage(LiveView):
         self._marked = False
         panel = ControlPanel("drive", queue.put, farewell={"kind": "stop"})
         super().__init__(drawn, view, info, 0.0, open_browser, title=title, panel=panel)
-        self._post("controls", controls_entry(controls, self._ground))
+        self.tell("controls", controls_entry(controls, self._ground))
 
     def show(self, sample: Sample, status: DriveStatus | None) -> None:
         """Show a sample and, if there is one, a status."""
@@ -57,7 +57,7 @@ class DrivePage(LiveView):
         status, self._status = self._status, None
         if status is not None:
             self._mark(status.goals.base_goal)
-            self._post("status", self._status_entry(status, state.q))
+            self.tell("status", self._status_entry(status, state.q))
 
     def conclude(self, verdict: Verdict) -> None:
         """Show the verdict of the run in place of its messages: the findings that count, those that fail first."""
@@ -65,10 +65,7 @@ class DrivePage(LiveView):
         weights = [weight_of(each.kind, each.severity, verdict.accepted) for each in found]
         lines: list[Json] = [f"{weight}: {each}" for weight, each in zip(weights, found, strict=True)]
         headline = f"The run has ended. Verdict: {verdict.word}"
-        self._post("verdict", {"word": verdict.word, "headline": headline, "findings": lines})
-
-    def _post(self, kind: str, content: dict[str, Json]) -> None:
-        self.window.post({"type": f"drive_{kind}", "path": "/drive", kind: content})
+        self.tell("verdict", {"word": verdict.word, "headline": headline, "findings": lines})
 
     def _status_entry(self, status: DriveStatus, q: np.ndarray) -> dict[str, Json]:
         controls, goals, robot = self._controls, status.goals, self._model.robot
@@ -82,7 +79,7 @@ class DrivePage(LiveView):
             "factor": status.factor,
             "limits": status.limits,
             "messages": status.messages,
-            "posture": goals.posture,
+            "values": goals.posture,
             "places": places,
             "goals": aims,
         }

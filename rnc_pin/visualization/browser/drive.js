@@ -2,18 +2,15 @@
 "use strict";
 (function () {
   const { make, send, slider, lines } = panel;
-  panel.refresh = show_messages;
   window.drive_command = send;
 
   // ---- panel
 
-  let controls = null, status = null, verdict = null, chosen = null, parts = {};
+  let controls = null, status = null, chosen = null, parts = {};
   const heights = {};  // z of the goals that clicks set [m]
 
   function build(given) {
     controls = given;
-    panel.clear("drive");
-    parts = { joints: {} };
     const title = make("h2", panel.element, "Drive");
     parts.factor = make("span", title, "1.00 x", "factor");
     parts.factor.title = "simulated time over real time";
@@ -42,45 +39,27 @@
       box.type = "checkbox";
       box.addEventListener("change", () => { send({ kind: "hold_base", on: box.checked }); box.blur(); });
       make("span", line, "base stays while frames move");
-      make("p", panel.element, "Arrows or W A S D drive" + (given.base.slides ? ", Q E slide" : "") + ", space stops.", "hint");
+      panel.hint("Arrows or W A S D drive" + (given.base.slides ? ", Q E slide" : "") + ", space stops.");
     }
     if (Object.values(given.frames).some((axes) => axes[2])) {
-      make("p", panel.element, "R and F move the goal up and down.", "hint");
+      panel.hint("R and F move the goal up and down.");
     }
     make("h2", panel.element, "Active limits");
     parts.limits = panel.list("limits");
-    parts.messages = panel.list("messages");
-    if (Object.keys(given.joints).length) {
-      make("h2", panel.element, "Posture");
-      for (const joint in given.joints) {
-        parts.joints[joint] = slider(panel.element, joint, given.joints[joint],
-          (position) => ({ kind: "joint_goal", joint, position }));
-      }
-    }
+    panel.list("messages");
+    panel.sliders("Posture", given.joints, (joint, position) => ({ kind: "joint_goal", joint, position }));
     const more = make("details", panel.element);
     make("summary", more, "Gains and speeds");
     for (const gain in given.gains) {
       slider(more, gain, given.gains[gain], (value) => ({ kind: "gain", gain, value }));
     }
-    panel.scene();
-    show_messages();
   }
 
   function show(given) {
     status = given;
-    if (!controls) return;
     parts.factor.textContent = given.factor.toFixed(2) + " x";
     parts.factor.classList.toggle("late", given.factor < 0.95);
     lines(parts.limits, given.limits);
-    show_messages();
-    for (const joint in given.posture) parts.joints[joint](given.posture[joint]);
-  }
-
-  function show_messages() {
-    if (!parts.messages) return;  // the controls have not come yet
-    if (verdict) return lines(parts.messages, [verdict.headline, ...verdict.findings], verdict.word);
-    const ended = panel.offline ? ["the run has ended, or this page may only watch"] : [];
-    lines(parts.messages, [...ended, ...(status ? status.messages : [])], "goal");
   }
 
   // ---- keys
@@ -165,11 +144,5 @@
     if (found) command_to(chosen, found);
   }, true);
 
-  // ---- what the run says
-
-  panel.listen({
-    drive_controls: (command) => build(command.controls),
-    drive_status: (command) => show(command.status),
-    drive_verdict: (command) => { verdict = command.verdict; show_messages(); },
-  });
+  panel.serve("drive", "run", { build, show });
 })();

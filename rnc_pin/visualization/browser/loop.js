@@ -2,40 +2,27 @@
 "use strict";
 (function () {
   const { make, send } = panel;
-  let status = null, parts = {};
-  panel.refresh = show;
+  let paused = false, parts = {};
 
   function pause() {
-    send({ kind: "pause", value: !(status && status.paused) });
+    send({ kind: "pause", value: !paused });
   }
 
   function build(given) {
-    panel.clear("loop");
-    parts = { gains: {} };
     make("h2", panel.element, "Loop");
     const buttons = make("div", panel.element, undefined, "buttons");
     parts.pause = panel.button(buttons, "Pause", pause);
     parts.step = panel.button(buttons, "Step", () => send({ kind: "step" }));
     panel.button(buttons, "End loop", () => send({ kind: "end" }));
-    make("p", panel.element, "Space pauses, the right arrow key takes a step.", "hint");
-    parts.messages = panel.list("messages");
-    if (Object.keys(given.gains).length) make("h2", panel.element, "Gains");
-    for (const name in given.gains) {
-      parts.gains[name] = panel.slider(panel.element, name, given.gains[name], (value) => ({ kind: "gain", name, value }));
-    }
-    panel.scene();
-    show();
+    panel.hint("Space pauses, the right arrow key takes a step.");
+    panel.list("messages");
+    panel.sliders("Gains", given.gains, (name, value) => ({ kind: "gain", name, value }));
   }
 
-  function show() {
-    if (!parts.messages) return;  // the controls have not come yet
-    const ended = panel.offline ? ["the loop has ended, or this page may only watch"] : [];
-    const told = status ? [...(status.running ? [] : ["the loop ends"]), status.message].filter((each) => each) : [];
-    panel.lines(parts.messages, [...ended, ...told], "goal");
-    if (!status) return;
-    parts.pause.textContent = status.paused ? "Continue" : "Pause";
-    parts.step.disabled = !status.paused;
-    for (const name in status.gains) parts.gains[name](status.gains[name]);
+  function show(status) {
+    paused = status.paused;
+    parts.pause.textContent = paused ? "Continue" : "Pause";
+    parts.step.disabled = !paused;
   }
 
   document.addEventListener("keydown", (event) => {
@@ -46,8 +33,5 @@
     event.preventDefault();
   });
 
-  panel.listen({
-    loop_controls: (command) => build(command.content),
-    loop_status: (command) => { status = command.content; show(); },
-  });
+  panel.serve("loop", "loop", { build, show });
 })();

@@ -1,4 +1,5 @@
-// ControlPanel of controls: what users do becomes messages to the server; the pages build on it.
+// Panel of controls: what users do becomes messages to the server. It shows sliders, messages and the verdict; the
+// script of a page adds what only this page has.
 "use strict";
 const panel = (function () {
   const make = (tag, parent, text, kind) => {
@@ -23,13 +24,6 @@ const panel = (function () {
 
   own.element = make("div", document.body, undefined, "panel");
 
-  own.clear = (id) => {
-    own.element.id = id;
-    own.element.replaceChildren();
-    document.body.classList.add("with-panel");
-    window.dispatchEvent(new Event("resize"));  // the picture has another size beside a panel
-  };
-
   own.slider = (parent, name, range, command) => {
     const line = make("label", parent, undefined, "slider");
     make("span", line, name.replaceAll("_", " ")).title = name;
@@ -48,6 +42,18 @@ const panel = (function () {
     made.addEventListener("click", () => { action(); made.blur(); });
     return made;
   };
+
+  // Sliders that follow the values of the status.
+  let followers = {};
+  own.sliders = (title, ranges, command) => {
+    if (!Object.keys(ranges).length) return;
+    make("h2", own.element, title);
+    for (const name in ranges) {
+      followers[name] = own.slider(own.element, name, ranges[name], (value) => command(name, value));
+    }
+  };
+
+  own.hint = (text) => make("p", own.element, text, "hint");
 
   own.lines = (list, texts, kind) => {
     const old = [...list.children].map((each) => each.textContent);
@@ -70,12 +76,39 @@ const panel = (function () {
     viewer.gui.open();
   };
 
-  // Messages of the server beside drawing commands: a function for each type.
-  own.listen = (handlers) => {
+  // ---- messages of the server beside drawing commands
+
+  // The server tells once which controls there are, then their status again and again, and at the end a verdict.
+  own.serve = (id, name, { build, show }) => {
+    let messages = null, status = null, verdict = null;
+    own.refresh = () => {
+      if (!messages) return;  // the controls have not come yet
+      const ended = own.offline ? ["the " + name + " has ended, or this page may only watch"] : [];
+      if (verdict) own.lines(messages, [verdict.headline, ...verdict.findings], verdict.word);
+      else own.lines(messages, [...ended, ...(status ? status.messages : [])], "goal");
+      if (!status) return;
+      for (const each in status.values) followers[each]?.(status.values[each]);
+      show(status);
+    };
+    const own_types = {
+      panel_controls: (given) => {
+        own.element.id = id;
+        own.element.replaceChildren();
+        followers = {};
+        document.body.classList.add("with-panel");
+        window.dispatchEvent(new Event("resize"));  // the picture has another size beside a panel
+        build(given);
+        messages = document.getElementById("messages");
+        own.scene();
+      },
+      panel_status: (given) => { status = given; },
+      panel_verdict: (given) => { verdict = given; },
+    };
     const others = viewer.handle_command.bind(viewer);
     viewer.handle_command = (command) => {
-      if (handlers[command.type]) handlers[command.type](command);
-      else others(command);
+      if (!own_types[command.type]) return others(command);
+      own_types[command.type](command.content);
+      own.refresh();
     };
   };
 
