@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TypedDict, Unpack
 
@@ -29,10 +31,11 @@ from rnc_pin.visualization import DrawnModel, LiveView, Recording, View, recorde
 from rnc_pin.visualization.browser import is_loopback
 
 
+@contextmanager
 def live_view(
     model: DrawnModel, view: View, info: RunInfo | Provenance, title: str, speed: float, browser: bool, host: str
-) -> LiveView:
-    """Serve a live view, print its address, and wait for the browser."""
+) -> Iterator[LiveView]:
+    """Serve a live view, print its address, and wait for the browser; warn if it stopped before the run."""
     if not is_loopback(host):
         warn(f"--host {host}: everyone who can reach this address can watch")
     live = LiveView(model, view, info, speed, browser, host, title)
@@ -40,17 +43,11 @@ def live_view(
     try:
         with interruptible():
             live.wait_for_browser(10.0)
-    except BaseException:
+        yield live
+    finally:
         live.close()
-        raise
-    return live
-
-
-def close(live: LiveView) -> None:
-    """Close a live view; warn if it stopped before the run."""
-    live.close()
-    if live.problem is not None:
-        warn(f"the live view stopped: {type(live.problem).__name__}: {live.problem}")
+        if live.problem is not None:
+            warn(f"the live view stopped: {type(live.problem).__name__}: {live.problem}")
 
 
 class ReplayFiles(TypedDict):
@@ -107,14 +104,10 @@ def _verdict(run: Run) -> Verdict:
 
 
 def _show(run: Run, speed: float, browser: bool, host: str) -> None:
-    live = live_view(run.drawn_model, run.scenario.view, run.trajectory.info, run.title, speed, browser, host)
-    try:
+    shown = run.drawn_model, run.scenario.view, run.trajectory.info, run.title
+    with live_view(*shown, speed, browser, host) as live, suppress(KeyboardInterrupt):
         for state in recorded_states(run.reduced.robot, run.trajectory, rate=60.0):
             live(state)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        close(live)
 
 
 def export_file(source: Path, file: Path, arrays: tuple[str, ...], force: bool) -> None:

@@ -56,17 +56,14 @@ def run_scenario(
 
 def _watched(prepared: Scenario, watching: Watching, quiet: bool) -> Result:
     """Execute the run with a live view."""
-    from rnc_pin.applications.command_line.commands.replay import close, live_view  # Meshcat takes a second to import
+    from rnc_pin.applications.command_line.commands.replay import live_view  # Meshcat takes a second to import
     from rnc_pin.visualization import DrawnModel
 
     experiment = prepared.experiment
     title = prepared.content.title or prepared.name
     drawn = DrawnModel(experiment.reduced.robot, experiment.reduced, experiment.obstacles)
-    live = live_view(drawn, prepared.content.view, experiment.provenance, title, **watching)
-    try:
+    with live_view(drawn, prepared.content.view, experiment.provenance, title, **watching) as live:
         return _executed(prepared, live, quiet)
-    finally:
-        close(live)
 
 
 def _executed(prepared: Scenario, live: Observer | None, quiet: bool) -> Result:
