@@ -33,7 +33,6 @@ from rnc_pin.robots import Robot
 
 Entry = str | Mapping[str, Json]
 
-_BALANCED = 0.2  # largest distance of a wheel's center of mass from its axle, in radii
 UNMEASURED = "MEASURE the radius: no round shape of the wheel was read"
 DRIVEN, TURNED, BENT = 0.5, 0.4, 0.2  # displacements of the reference: base, heading, joint [m, rad, rad]
 DURATION = 5  # duration of the reference [s]
@@ -47,6 +46,7 @@ class BaseAssumptions:
         base: "fixed", "planar", "free", or None for the base of the file.
         kind: description of the assumed base, with its reason.
         frame: frame of the base.
+        start: start values of the joints of the file.
         constraints: constraint entries, with a remark on each.
         actuators: actuator entries of the base, wheels and steering, with a remark on each.
         outputs: candidate reducing outputs, the preferred one first, with the displacement of each reference.
@@ -72,6 +72,7 @@ class BaseAssumptions:
     base: str | None
     kind: str
     frame: str = ""
+    start: Mapping[str, float] = field(default_factory=dict)
     constraints: list[tuple[Entry, str]] = field(default_factory=list)
     actuators: list[tuple[Entry, str]] = field(default_factory=list)
     outputs: list[tuple[Mapping[str, Json], float]] = field(default_factory=list)
@@ -98,17 +99,26 @@ class BaseAssumptions:
         self.actuators.append((joint, remark))
         self.steering.add(joint)
 
-    def hold(self, joints: Iterable[str], start: Mapping[str, float], why: str) -> None:
+    def decide(self, question: str, answer: str, confidence: float, evidence: str, *others: Alternative) -> None:
+        """Add a decision, with the other answers."""
+        self.decisions.append(DraftDecision(question, answer, confidence, evidence, others))
+
+    def hold(self, joints: Iterable[str], why: str) -> None:
         """Lock joints at their start values, and note the reason."""
         named = list(dict.fromkeys(joints))
         if named:
-            self.lock.update({joint: start.get(joint, 0.0) for joint in named})
+            self.lock.update({joint: self.start.get(joint, 0.0) for joint in named})
             self.notes.append(f"{why}: {', '.join(named)}")
 
-    def lock_carriers(self, wheels: Iterable[Wheel], start: Mapping[str, float]) -> None:
+    def lock_carriers(self, wheels: Iterable[Wheel]) -> None:
         """Lock the joints that would lift wheels."""
         carriers = (joint for wheel in wheels for joint in wheel.carriers)
-        self.hold(carriers, start, "locked, because they would lift wheels off the ground")
+        self.hold(carriers, "locked, because they would lift wheels off the ground")
+
+    def roll_line(self, line: Iterable[Wheel], what: str = "", *, lateral: bool = True) -> None:
+        """Add the wheels of an axle line: the first one has a lateral row, for all of them, or none has."""
+        for index, wheel in enumerate(line):
+            self.roll(wheel, what, **({} if lateral and index == 0 else {"lateral": False}))
 
     def roll(self, wheel: Wheel, what: str = "", /, **keys: Json) -> None:
         """Add a wheel to the constraints, with a remark; one that is only drawn is a knife edge, or skids freely."""
@@ -117,13 +127,18 @@ class BaseAssumptions:
                 self.constraints.append(({"no_side_slip": dict(wheel.edge)}, f"{what or 'knife edge'}; only drawn"))
             return
         self.constraints.append((turned(wheel, **keys), f"{what}; {measured(wheel)}" if what else measured(wheel)))
-        if wheel.imbalance > _BALANCED * wheel.radius:
+        balanced = 0.2  # largest distance of a wheel's center of mass from its axle, in radii
+        if wheel.imbalance > balanced * wheel.radius:
             said = f"the center of mass of wheel {wheel.joint} is {wheel.imbalance:.2g} m from its axle in the file"
             self.doubts.append((wheel.joint, wheel.imbalance, said))
 
     def act(self, kind: str, axis: str, remark: str) -> None:
         """Add a force or torque along an axis of the base's frame to the actuators."""
         self.actuators.append(({kind: {"frame": self.frame, "axis": axis}}, remark))
+
+    def drive_along(self, axis: str, step: float = DRIVEN) -> None:
+        """Add the speed of the base along an axis of its frame to the candidate outputs."""
+        self.outputs.append(({"frame_speed": {"frame": self.frame, "axis": axis}}, step))
 
     def add_planar_pose_outputs(self) -> None:
         """Add position on the ground and heading to the candidate outputs."""
@@ -153,10 +168,6 @@ def measured(wheel: Wheel) -> str:
     if wheel.measured == "inertia":
         return f"{UNMEASURED}, the value fits its inertia as a solid disk"
     return f"radius from the {wheel.measured} geometry"
-
-
-_ROUNDING = 1e-9  # entry of a row, relative to the longest row, that is rounding
-_SLID = 0.05  # displacement of the reference of a prismatic joint [m]
 
 
 @dataclass
@@ -227,13 +238,13 @@ def _step(robot: Robot, name: str, value: float) -> float:
     """Displacement of a joint's reference [rad or m]: small, toward the farther limit."""
     low, high = range_of_motion(robot, name)
     above, below = high - value, value - low  # both infinite without limits
-    length = max(min(BENT if is_revolute(robot, name) else _SLID, 0.3 * max(above, below)), 0.0)
+    slid = 0.05  # displacement of the reference of a prismatic joint [m]
+    length = max(min(BENT if is_revolute(robot, name) else slid, 0.3 * max(above, below)), 0.0)
     return round(length if above >= (1 - SAME) * below else -length, 4)
 
 
 _UNPOWERED = "effort 0 in the file: CHECK its limit"
 _PASSIVE = "driven, although it is usually passive: CHECK"
-_UNTOLD = "in place of actuators that the file does not describe: CHECK"
 
 
 @dataclass(frozen=True)
@@ -304,10 +315,11 @@ def actuator_candidates(
     passive = [name for name in joints if name in mobility.passive - conserved - named - followers - weak]
     given = [entry for entry, _ in driving]
     remarked: dict[str, tuple[Entry, str]] = {name: (name, _UNPOWERED) for name in (*wheels, *unpowered)}
+    untold = "in place of actuators that the file does not describe: CHECK"
     return ActuatorCandidates(
         [*(each for each in driving if each[0] not in wheels), *((name, "") for name in sure)],
         [*remarked.values(), *((name, _PASSIVE) for name in passive)],
-        [(force, _UNTOLD) for force in _forces(mobility) if force not in given],
+        [(force, untold) for force in _forces(mobility) if force not in given],
         [remarked[name] for name in wheels],
     )
 
@@ -328,7 +340,8 @@ def _rank(forces: np.ndarray) -> int:
 def _unit_rows(rows: np.ndarray, least: float = 0.0) -> np.ndarray:
     """Rows of unit length; entries that are rounding beside the longest row, or beside ``least``, are zero."""
     longest = np.linalg.norm(rows, axis=-1).max(initial=least)
-    return unit_rows(np.where(np.abs(rows) > _ROUNDING * longest, rows, 0.0))
+    rounding = 1e-9  # entry of a row, relative to the longest row, that is rounding
+    return unit_rows(np.where(np.abs(rows) > rounding * longest, rows, 0.0))
 
 
 # ---------------------------------------------------------------------- joints without a motor

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +14,6 @@ from rnc_pin.applications.init.assumptions import BaseAssumptions
 from rnc_pin.applications.init.evidence import LIKELY, DraftDecision
 from rnc_pin.applications.init.omnidirectional_base import (
     force_driven_base,
-    is_swerve,
-    is_turret,
     omnidirectional_base,
     rollers_decision,
     swerve_base,
@@ -28,6 +26,7 @@ from rnc_pin.applications.init.source import DraftOptions, Source, with_choices
 from rnc_pin.applications.init.start_values import start_values
 from rnc_pin.applications.init.trial import Trial
 from rnc_pin.applications.init.wheel_detection import (
+    Wheel,
     find_raised_wheels,
     find_virtual_joints,
     find_wheels,
@@ -44,8 +43,95 @@ from rnc_pin.applications.init.wheeled_base import knife_edge_base, wheeled_base
 from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
 from rnc_pin.verdict import Finding, FindingKind
 
-_STANDS = 3  # smallest number of drawn wheels on which a robot without other wheels stands
-_BaseBuilder = Callable[[], BaseAssumptions]
+
+@dataclass(frozen=True)
+class BaseEvidence:
+    """Evidence for the kind of a base.
+
+    Attributes:
+        at_start: the robot.
+        source: its file, with the user's choices.
+        layout: wheels on which it stands, by their function.
+        axles: axles that are only drawn, if no wheel has a joint.
+        drawn: wheels that are only drawn on pivots, beside such axles.
+        balance: decision whether it balances on two wheels; None if the question does not arise.
+        rollers: decision whether the wheels have rollers; None if the question does not arise.
+    """
+
+    at_start: RobotAtStart
+    source: Source
+    layout: WheelLayout
+    axles: list[Wheel]
+    drawn: WheelLayout
+    balance: DraftDecision | None
+    rollers: DraftDecision | None
+
+    @property
+    def asked(self) -> str | None:
+        """Base that the user chose."""
+        return self.source.options.base
+
+    @property
+    def decided(self) -> list[DraftDecision]:
+        """Decisions on its wheels."""
+        return [each for each in (self.balance, self.rollers) if each is not None]
+
+    @property
+    def is_open(self) -> bool:
+        """True for a robot without wheels, of which the user chose no base."""
+        return self.asked is None and not self.layout.wheels
+
+    @property
+    def is_cart(self) -> bool:
+        """True if fixed wheels roll in one direction."""
+        return bool(self.layout.fixed) and self.layout.is_straight and not _is_yes(self.rollers)
+
+    @property
+    def is_without_wheels(self) -> bool:
+        """True if there are none, or only disks at right angles that do not carry the base."""
+        return not self.layout.wheels or bool(self.layout.fixed and not self.layout.steered and not self.is_cart)
+
+    def without_wheels(self, base: str | None, why: str = "asked for") -> BaseAssumptions:
+        """Return the assumptions without wheels, on a base or on the likely one."""
+        return other_bases.without_wheels(self.at_start, base, self.source.mass_of_base, why)
+
+
+class BaseKind(NamedTuple):
+    """Kind of a base."""
+
+    fits: Callable[[BaseEvidence], bool]
+    """Return whether the evidence is for this kind."""
+    draft: Callable[[BaseEvidence], BaseAssumptions]
+    """Return its assumptions, with decisions, their confidence, and doubts."""
+    is_last: bool = False
+    """True if nothing else is tried after it."""
+
+
+BASE_KINDS = (
+    BaseKind(
+        lambda e: e.asked is None and e.layout.is_bicycle, lambda e: other_bases.bicycle_base(e.layout, e.at_start)
+    ),
+    BaseKind(
+        lambda e: e.asked is None and e.layout.is_on_one_track and not e.layout.is_bicycle,
+        lambda e: other_bases.refuse_one_track(e.layout, find_crossed_wheels(e.at_start)),
+        is_last=True,
+    ),
+    BaseKind(lambda e: _is_yes(e.balance), lambda e: other_bases.balancing_base(e.layout, e.at_start, e.decided)),
+    BaseKind(lambda e: _is_yes(e.rollers), lambda e: omnidirectional_base(e.layout, e.at_start, e.decided)),
+    BaseKind(lambda e: e.layout.is_turret, lambda e: turret_base(e.layout, e.at_start)),
+    BaseKind(lambda e: e.layout.is_swerve, lambda e: swerve_base(e.layout, e.at_start)),
+    BaseKind(lambda e: e.is_cart, lambda e: wheeled_base(e.layout, e.at_start, e.decided)),
+    BaseKind(lambda e: bool(e.axles), lambda e: knife_edge_base(e.axles, e.drawn, e.at_start)),
+    BaseKind(lambda e: e.is_without_wheels, lambda e: e.without_wheels(e.asked)),
+    BaseKind(lambda e: bool(e.layout.wheels), lambda e: force_driven_base(e.layout, e.at_start)),
+    BaseKind(lambda e: e.is_open, lambda e: e.without_wheels("fixed", "taken to be bolted down, for lack of better")),
+    BaseKind(lambda e: e.is_open, lambda e: other_bases.fixed_base_with_locked_joints(e.at_start)),
+)
+"""Kinds of bases, the most likely first; the first one whose trial succeeds is taken."""
+
+
+def _is_yes(decision: DraftDecision | None) -> bool:
+    return decision is not None and decision.answer == "yes"
 
 
 @dataclass(frozen=True)
@@ -123,20 +209,14 @@ def _tried(name: str, folder: Path, choices: DraftOptions, decided: Iterable[Dra
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         source = Source(name, folder, choices)
-        at_start = _at_start(source)
-        for way in _candidate_bases(at_start, source):
+        evidence = _evidence(source)
+        for kind in (each for each in BASE_KINDS if each.fits(evidence)):
             mobility: BaseAssumptions | None = None
             begun = len(heard)
             try:
-                mobility = way()
-                for each in find_crossed_wheels(at_start):
-                    mobility.doubts.append(
-                        (each, 0.0, f"the axis of joint {each} is across that of its drawn cylinder")
-                    )
-                if at_start.loose:
-                    mobility.lock.update(at_start.loose)
-                    mobility.notes.append(f"locked, because nothing drives them: {', '.join(at_start.loose)}")
-                attempt = ScenarioCandidate(mobility, source, at_start, folder)
+                mobility = kind.draft(evidence)
+                _complete(mobility, evidence.at_start)
+                attempt = ScenarioCandidate(mobility, source, evidence.at_start, folder)
                 mobility.notes += [*source.remarks, *failures]
                 mobility.decisions += decided
                 scenario = DraftedScenario(attempt.written(), tuple(mobility.decisions))
@@ -144,6 +224,8 @@ def _tried(name: str, folder: Path, choices: DraftOptions, decided: Iterable[Dra
                 first = first or error
                 if not any(str(error) in each for each in failures):
                     failures.append(f"not '{mobility.kind}', which does not run: {error}" if mobility else str(error))
+                if kind.is_last:
+                    break
                 continue
             finally:
                 said = _messages(heard[begun:])
@@ -154,90 +236,65 @@ def _tried(name: str, folder: Path, choices: DraftOptions, decided: Iterable[Dra
             if verdict.succeeded:
                 break
             failures.append(f"not '{mobility.kind}': {verdict.first}")
-    called = at_start.robot.name or source.name
+    called = evidence.at_start.robot.name or source.name
     if best is not None:
-        doubts = (
-            [f"'{called}' is drafted, but {'; '.join(best.trial.doubts)}: CHECK the draft"] if best.trial.doubts else []
-        )
-        return best._replace(warnings=[*_messages(heard), *best.warnings, *doubts])
+        doubts = "; ".join(best.trial.doubts)
+        doubted = [f"'{called}' is drafted, but {doubts}: CHECK the draft"] if doubts else []
+        return best._replace(warnings=[*_messages(heard), *best.warnings, *doubted])
     if choices.base and isinstance(first, ModelError):
         raise first  # the file cannot have the base that the user asked for
     hint = "lock joints with --lock JOINT, or choose the base with --base"
     raise ConfigurationError(f"no scenario can be drafted for '{called}': {failures[0]}; {hint}")
 
 
+def _complete(mobility: BaseAssumptions, at_start: RobotAtStart) -> None:
+    """Add the doubts about crossed axes, and lock the joints that nothing drives."""
+    for each in find_crossed_wheels(at_start):
+        mobility.doubts.append((each, 0.0, f"the axis of joint {each} is across that of its drawn cylinder"))
+    if at_start.loose:
+        mobility.lock.update(at_start.loose)
+        mobility.notes.append(f"locked, because nothing drives them: {', '.join(at_start.loose)}")
+
+
 def _messages(heard: Iterable[warnings.WarningMessage]) -> list[str]:
     return [str(each.message) for each in heard if issubclass(each.category, ModelWarning)]
 
 
-def _at_start(source: Source) -> RobotAtStart:
-    """Return the robot of a file at its start values."""
+def _evidence(source: Source) -> BaseEvidence:
+    """Return the robot of a file at its start values, and what it stands on."""
     robot, is_rigid = source.load_for_detection()
     source.remember_packages(robot)
-    drives = source.drive_evidence(robot)
-    return RobotAtStart(robot, start_values(robot), source.names(), drives, not source.is_mjcf, is_rigid)
+    drives, options = source.drive_evidence(robot), source.options
+    at_start = RobotAtStart(robot, start_values(robot), source.names(), drives, not source.is_mjcf, is_rigid)
+    layout, axles, drawn = WheelLayout(), list[Wheel](), WheelLayout()
+    if options.base in (None, "planar"):
+        wheels, axles, shapes = _found_wheels(at_start, source)
+        drawn = classify_wheels(shapes, drives)
+        least = 3  # drawn wheels on which a robot without other wheels stands
+        if wheels or (len(shapes) >= least and not axles):
+            layout = _layout([*wheels, *shapes], at_start, options)
+    balance = other_bases.balance_decision(layout, at_start, options.balance) if options.base is None else None
+    rollers = rollers_decision(layout, at_start, options.rollers)
+    return BaseEvidence(at_start, source, layout, axles, drawn, balance, rollers)
 
 
-def _candidate_bases(at_start: RobotAtStart, source: Source) -> Iterator[_BaseBuilder]:
-    """Candidate bases, the most likely first; only one if the user chose the base."""
-    asked = source.options.base
-    if asked in (None, "planar"):
-        wheels = find_wheels(at_start)
-        source.hold(find_virtual_joints(at_start), "virtual wheels move no shape and nearly no mass")
-        if other_bases.is_called_afloat(at_start) and not stand_below_body(wheels, at_start):
-            wheels = []
-        on_ice = bool(not wheels and (other_bases.moves_over_ground(at_start) or at_start.own_planar_joints))
-        axles = [] if wheels or on_ice else find_drawn_axles(at_start)
-        drawn = [] if on_ice else find_drawn_wheels(at_start, wheels or axles)
-        if wheels or (len(drawn) >= _STANDS and not axles):
-            wheels += drawn
-            called = wheels_called_omni(wheels, at_start) if source.options.rollers is None else []
-            sliding = called if len(called) < len(wheels) else []
-            layout = classify_wheels(wheels, at_start.drives, find_raised_wheels(at_start, wheels), sliding)
-            if layout.steered and not (layout.fixed or is_swerve(layout) or is_turret(layout)):
-                layout.fixed += (axle for axle in find_drawn_axles(at_start) if axle.joint == at_start.root_joint)
-            yield from _candidate_wheeled_bases(layout, at_start, source)
-            return
-        if axles:
-            yield lambda: knife_edge_base(axles, classify_wheels(drawn, at_start.drives), at_start)
-    yield lambda: other_bases.without_wheels(at_start, asked, source.mass_of_base)
-    if asked is None:
-        why = "taken to be bolted down, for lack of better"
-        yield lambda: other_bases.without_wheels(at_start, "fixed", source.mass_of_base, why)
-        yield lambda: other_bases.fixed_base_with_locked_joints(at_start)
+def _found_wheels(at_start: RobotAtStart, source: Source) -> tuple[list[Wheel], list[Wheel], list[Wheel]]:
+    """Return wheels with a joint, axles that are only drawn if there are none, and wheels that are only drawn."""
+    wheels = find_wheels(at_start)
+    source.hold(find_virtual_joints(at_start), "virtual wheels move no shape and nearly no mass")
+    if other_bases.is_called_afloat(at_start) and not stand_below_body(wheels, at_start):
+        wheels = []
+    if not wheels and (other_bases.moves_over_ground(at_start) or at_start.own_planar_joints):
+        return [], [], []
+    axles = [] if wheels else find_drawn_axles(at_start)
+    return wheels, axles, find_drawn_wheels(at_start, wheels or axles)
 
 
-def _candidate_wheeled_bases(found: WheelLayout, at_start: RobotAtStart, source: Source) -> Iterator[_BaseBuilder]:
-    wishes = source.options
-    if wishes.base is None and other_bases.is_bicycle(found):
-        yield lambda: other_bases.bicycle_base(found, at_start)
-    elif wishes.base is None and found.is_on_one_track:
-        yield lambda: other_bases.refuse_one_track(found, find_crossed_wheels(at_start))
-        return
-    balance = other_bases.balance_decision(found, at_start, wishes.balance) if wishes.base is None else None
-    rollers = rollers_decision(found, at_start, wishes.rollers)
-    if balance is not None and balance.answer == "yes":
-        yield lambda: other_bases.balancing_base(found, at_start, balance)
-    elif rollers is not None and rollers.answer == "yes":
-        yield lambda: omnidirectional_base(found, at_start, rollers)
-    if is_turret(found):
-        yield lambda: turret_base(found, at_start)
-    elif is_swerve(found):
-        yield lambda: swerve_base(found, at_start)
-    elif found.fixed and found.is_straight and (rollers is None or rollers.answer != "yes"):
-        yield lambda: wheeled_base(found, at_start, [each for each in (balance, rollers) if each is not None])
-    elif found.fixed and not found.steered:  # disks at right angles that do not carry the base
-        yield lambda: other_bases.without_wheels(at_start, wishes.base, source.mass_of_base)
-    yield lambda: force_driven_base(found, at_start, _why_not_on_wheels(found))
-
-
-def _why_not_on_wheels(found: WheelLayout) -> str:
-    if found.fixed:
-        return "these wheels cannot roll together as they are read"
-    if not found.steered:
-        return "all wheels are casters"
-    if len(found.steered) == 1 and found.casters:
-        still = " ".join(f"--lock {each.pivot.joint}" for each in found.casters)
-        pivot = found.steered[0].pivot.joint
-        return f"{pivot} alone steers, and casters do not hold the heading of the base (if they are fixed: {still})"
-    return "every wheel is steered by itself"
+def _layout(wheels: list[Wheel], at_start: RobotAtStart, options: DraftOptions) -> WheelLayout:
+    """Return wheels by their function; drawn axles guide a base whose wheels only steer."""
+    called = wheels_called_omni(wheels, at_start) if options.rollers is None else []
+    sliding = called if len(called) < len(wheels) else []
+    layout = classify_wheels(wheels, at_start.drives, find_raised_wheels(at_start, wheels), sliding)
+    if layout.steered and not (layout.fixed or layout.is_swerve or layout.is_turret):
+        layout.fixed += (axle for axle in find_drawn_axles(at_start) if axle.joint == at_start.root_joint)
+    return layout

@@ -43,6 +43,11 @@ class Alternative:
         return " ".join(self.options)
 
 
+def for_each(option: str, joints: Iterable[str]) -> tuple[str, ...]:
+    """Return the options that name joints, such as ("--driven", "left", "--driven", "right")."""
+    return tuple(word for joint in joints for word in (option, joint))
+
+
 @dataclass(frozen=True)
 class DraftDecision:
     """One decision of a draft.
@@ -171,9 +176,7 @@ def is_revolute(robot: Robot, name: str) -> bool:
 
 
 _ONLY_READS = re.compile("state_?publisher|p3d|odometry_?publisher", re.IGNORECASE)
-_DRIVES = "drive|driven|driving|traction|motor|powered|propulsion"
 _MANY = 3  # number of joints beside the base above which a list that names none of them is a list of the base alone
-_OPTION = "an option"
 
 
 @dataclass(frozen=True)
@@ -237,7 +240,8 @@ class DriveEvidence:
         stated = [each for each in possible if 0 < self.efforts.get(each, 0.0) < np.inf]
         if 0 < len(stated) < len(possible):
             return DrivenJoints(tuple(stated), LIKELY, "only they have an effort in the file")
-        called = [each for each in possible if has_word(_DRIVES, each)]
+        drives = "drive|driven|driving|traction|motor|powered|propulsion"
+        called = [each for each in possible if has_word(drives, each)]
         if called and len(called) < len(possible):
             return DrivenJoints(tuple(called), GUESSED, "by their names")
         sure = LIKELY if len(usual) == len(possible) else GUESSED
@@ -245,7 +249,8 @@ class DriveEvidence:
 
     def source(self, joint: str) -> str:
         """Return what names a joint as driven."""
-        return _OPTION if joint in self.driven else self.named[joint]
+        option = "an option"
+        return option if joint in self.driven else self.named[joint]
 
     def unlisted(self, joints: Collection[str]) -> list[str]:
         """Return the joints beside the base that options or the file's list of motors leave out.

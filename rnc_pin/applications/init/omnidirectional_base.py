@@ -16,35 +16,19 @@ from rnc_pin.applications.init.evidence import (
     Alternative,
     DraftDecision,
     body_frame,
+    for_each,
     has_word,
     turning_axis,
     words_of,
 )
 from rnc_pin.applications.init.robot_at_start import SAME, RobotAtStart
 from rnc_pin.applications.init.wheel_detection import Wheel
-from rnc_pin.applications.init.wheel_layout import WheelGroup, WheelLayout, are_parallel, in_line
+from rnc_pin.applications.init.wheel_layout import WheelLayout, in_line
 from rnc_pin.errors import few
 from rnc_pin.io import Json
 from rnc_pin.math import unit_rows
 
 _GUIDES = 2  # largest number of axle lines with a lateral row: two of them fix the centre of rotation
-
-
-def is_turret(layout: WheelLayout) -> bool:
-    """True if one pivot carries two or more driven wheels of one axle line, and nothing else guides the base."""
-    if layout.fixed or layout.trailers or len(layout.steered) != 1:
-        return False
-    wheels = layout.steered[0].wheels
-    return len(wheels) > 1 and len(in_line(wheels)) == 1 and all(each.joint in layout.driven.joints for each in wheels)
-
-
-def is_swerve(layout: WheelLayout) -> bool:
-    """True if two or more driven wheels, or wheels that are only drawn, are steered one by one and guide the base."""
-    if layout.fixed or layout.trailers or len(layout.steered) < 2:
-        return False
-    wheels = [each.wheels[0] for each in layout.steered]
-    driven = [each.joint in layout.driven.joints or each.edge is not None for each in wheels]
-    return sum(driven) > 1 and all(are_parallel(wheels[0], each) for each in wheels)
 
 
 def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
@@ -56,19 +40,20 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     unit = layout.steered[0]
     kind = f"{len(layout.wheels)} wheels, driven by a turret with {len(unit.wheels)} wheels"
     result = wheeled_base.planar_on_wheels(layout, at_start, kind)
-    _add_unit(result, unit, lateral=True)
+    result.roll_line(unit.wheels, f"steered by {unit.pivot.joint}")
     wheeled_base.add_wheel_motors(result, layout, at_start)
     pivot = unit.pivot
     result.steer(pivot.joint, "turns the turret")
     frame = body_frame(at_start.robot, pivot.index)
-    along = np.abs(at_start.data.oMi[pivot.index].rotation.T @ unit.wheels[0].heading)
-    speed: dict[str, Json] = {"frame_speed": {"frame": frame, "axis": "xyz"[int(along.argmax())]}}
+    speed: dict[str, Json] = {"frame": frame, "axis": at_start.along(unit.wheels[0].heading, frame)}
     result.add_planar_pose_outputs()
-    result.outputs += [(speed, DRIVEN), ({"frame_yaw": result.frame}, TURNED), ({"joint": pivot.joint}, BENT)]
-    wheeled_base.support_by_casters(result, layout, at_start)
+    driven: dict[str, Json] = {"frame_speed": speed}
+    result.outputs += [(driven, DRIVEN), ({"frame_yaw": result.frame}, TURNED), ({"joint": pivot.joint}, BENT)]
+    wheeled_base.support_by_casters(result, layout)
     result.vertical.append({"frame_position": {"frame": result.frame, "axes": "xy"}})
     evidence = "its pivot carries all driven wheels, and the other wheels are casters"
-    _decide(result, "Is the pivot of the driven wheels driven?", f"yes, {pivot.joint}", evidence, pivot.joint)
+    question = "Is the pivot of the driven wheels driven?"
+    result.decide(question, f"yes, {pivot.joint}", LIKELY, evidence, _as_casters([pivot.joint]))
     return result
 
 
@@ -81,39 +66,29 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     result = wheeled_base.planar_on_wheels(layout, at_start, kind)
     guides = [line[0].joint for cart in _carts(layout, at_start) for line in _farthest(cart)]
     first = layout.steered[0].wheels[0]
-    speed: dict[str, Json] = {"frame_speed": {"frame": result.frame, "axis": at_start.along(first.heading)}}
     if len(guides) >= _GUIDES and first.joint in layout.driven.joints:  # it moves sideways and on the spot too
         result.outputs.append(({"joint": first.joint}, round(DRIVEN / first.radius, 3)))
     else:
-        result.outputs.append((speed, DRIVEN))
+        result.drive_along(at_start.along(first.heading))
     if len(guides) < _GUIDES:
         result.outputs.append(({"frame_yaw": result.frame}, 0.0))
     for each in layout.steered:
-        _add_unit(result, each, lateral=each.wheels[0].joint in guides)
+        result.roll_line(each.wheels, f"steered by {each.pivot.joint}", lateral=each.wheels[0].joint in guides)
         upward = np.sign(turning_axis(at_start.robot.model, at_start.data, each.pivot.index)[2])
         result.outputs.append(({"joint": each.pivot.joint}, float(upward * BENT)))
     wheeled_base.add_wheel_motors(result, layout, at_start)
     for each in layout.steered:
         result.steer(each.pivot.joint)
-    wheeled_base.support_by_casters(result, layout, at_start)
+    wheeled_base.support_by_casters(result, layout)
     result.vertical += place_and_heading(result.frame)
     if len(layout.steered) > len(guides):
         result.notes.append("the controller has to aim all wheels at one point: those without a lateral row would skid")
     pivots = [each.pivot.joint for each in layout.steered]
-    evidence, sure, asked = "each driven wheel has a pivot of its own", LIKELY, pivots[:1]
+    question, evidence, sure = "Are the wheels steered one by one?", "each driven wheel has a pivot of its own", LIKELY
     if not layout.motorized:
-        evidence, sure, asked = (
-            "wheels are only drawn on pivots, and the file has no joints about their axles",
-            GUESSED,
-            pivots,
-        )
-    _decide(result, "Are the wheels steered one by one?", "yes", evidence, *asked, confidence=sure)
+        evidence, sure = "wheels are only drawn on pivots, and the file has no joints about their axles", GUESSED
+    result.decide(question, "yes", sure, evidence, _as_casters(pivots[:1] if layout.motorized else pivots))
     return result
-
-
-def _add_unit(result: BaseAssumptions, unit: WheelGroup, *, lateral: bool) -> None:
-    for wheel, more in wheeled_base.one_lateral(unit.wheels):
-        result.roll(wheel, f"steered by {unit.pivot.joint}", **(more if lateral else {"lateral": False}))
 
 
 def _carts(layout: WheelLayout, at_start: RobotAtStart) -> list[list[list[Wheel]]]:
@@ -132,18 +107,12 @@ def _farthest(lines: list[list[Wheel]]) -> list[list[Wheel]]:
     return [lines[0]] if len(lines) == 1 else [lines[int(np.argmin(along))], lines[int(np.argmax(along))]]
 
 
-def _decide(
-    result: BaseAssumptions, question: str, answer: str, evidence: str, *joints: str, confidence: float = LIKELY
-) -> None:
-    options = tuple(word for joint in joints for word in ("--passive", joint))
-    other = Alternative(f"{few(joints)} {'is a caster' if len(joints) == 1 else 'are casters'}", options)
-    result.decisions.append(DraftDecision(question, answer, confidence, evidence, (other,)))
+def _as_casters(pivots: Sequence[str]) -> Alternative:
+    are = "is a caster" if len(pivots) == 1 else "are casters"
+    return Alternative(f"{few(pivots)} {are}", for_each("--passive", pivots))
 
 
 _OMNIDIRECTIONAL = "mecanum.*|.*mecanum|omni|omniwheel|omnidirectional|swedish|holonomic|planar_move"
-_SENSOR = "cam|camera|vision|eye|lidar|laser|scan|scanner|sensor|microphone|mic|antenna|wrist|tool"
-_APART = 0.05  # smallest singular value of three independent rows on the base velocity
-_MECANUM = np.pi / 4
 
 
 def wheels_called_omni(wheels: Sequence[Wheel], at_start: RobotAtStart) -> list[Wheel]:
@@ -155,7 +124,8 @@ def _is_called_omni(at_start: RobotAtStart) -> bool:
     """True if a name of the whole robot tells of rollers; "omni" before a word for a sensor is one of its sensors."""
     pairs = (pair for name in at_start.title for pair in itertools.pairwise([*words_of(name), ""]))
     called = (pair for pair in pairs if has_word(_OMNIDIRECTIONAL, pair[0]) or pair == ("planar", "move"))
-    return any(not has_word(_SENSOR, after) for _, after in called)
+    sensor = "cam|camera|vision|eye|lidar|laser|scan|scanner|sensor|microphone|mic|antenna|wrist|tool"
+    return any(not has_word(sensor, after) for _, after in called)
 
 
 def rollers_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | None) -> DraftDecision | None:
@@ -187,41 +157,58 @@ def rollers_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     return DraftDecision(question, "no", LIKELY, "nothing in the file tells of rollers", (yes,))
 
 
-def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart, decided: DraftDecision) -> BaseAssumptions:
+def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart, decided: list[DraftDecision]) -> BaseAssumptions:
     """Base on three or more wheels with rollers; each roller is one constraint row."""
     wheels, parallel = layout.fixed, layout.is_straight
     angles = [_angle(wheel, wheels, at_start, parallel) for wheel in wheels]
-    if np.linalg.svd(unit_rows(_on_base(wheels, angles)), compute_uv=False)[2] < _APART:
+    apart = 0.05  # smallest singular value of three independent rows on the base velocity
+    if np.linalg.svd(unit_rows(_on_base(wheels, angles)), compute_uv=False)[2] < apart:
         return force_driven_base(layout, at_start, "these rollers do not constrain the base in three directions")
     kind = f"{len(wheels)} {'Mecanum' if parallel else 'omni'} wheels"
     result = wheeled_base.planar(at_start, kind, wheels)
-    result.decisions.append(decided)
+    result.decisions += decided
     modelled = [roller for wheel in wheels for roller in wheel.rollers]
-    result.hold(modelled, at_start.start, "the roller at the ground is a constraint row; those of the file are locked")
+    result.hold(modelled, "the roller at the ground is a constraint row; those of the file are locked")
     for wheel, angle in zip(wheels, angles, strict=True):
         doubt = "as Mecanum wheels are mounted to turn well: MEASURE its sign" if parallel else "MEASURE its angle"
         result.roll(wheel, "" if wheel.rollers else doubt, roller=round(angle, 6) + 0.0)
         result.actuators.append((wheel.joint, ""))
     if not parallel:
         result.notes.append("wheels with different headings can move the base only if they are omni wheels")
-    _release(result, layout, at_start)
+    _release(result, layout)
     result.add_planar_pose_outputs()
     return result
 
 
-def force_driven_base(layout: WheelLayout, at_start: RobotAtStart, why: str) -> BaseAssumptions:
-    """Base that moves in any direction, driven by forces in place of the wheels."""
+def force_driven_base(layout: WheelLayout, at_start: RobotAtStart, why: str = "") -> BaseAssumptions:
+    """Base that moves in any direction, driven by forces in place of the wheels.
+
+    Args:
+        layout: wheels by their function.
+        at_start: the robot.
+        why: reason against the wheels; by default that of the layout.
+    """
     result = wheeled_base.planar(at_start, f"{len(layout.wheels)} wheels, in any direction", layout.wheels)
     pivots = [pivot.joint for wheel in layout.wheels for pivot in wheel.pivots]
     rollers = [roller for wheel in layout.wheels for roller in wheel.rollers]
-    result.hold(
-        [*(wheel.joint for wheel in layout.wheels), *pivots, *rollers],
-        at_start.start,
-        f"{why}: the base is assumed to move in any direction, by forces in place of the wheels; locked and only drawn",
-    )
-    _release(result, layout, at_start)
+    said = "the base is assumed to move in any direction, by forces in place of the wheels; locked and only drawn"
+    wheels = (wheel.joint for wheel in layout.wheels)
+    result.hold([*wheels, *pivots, *rollers], f"{why or _why_not_on_wheels(layout)}: {said}")
+    _release(result, layout)
     push(result)
     return result
+
+
+def _why_not_on_wheels(found: WheelLayout) -> str:
+    if found.fixed:
+        return "these wheels cannot roll together as they are read"
+    if not found.steered:
+        return "all wheels are casters"
+    if len(found.steered) == 1 and found.casters:
+        still = " ".join(f"--lock {each.pivot.joint}" for each in found.casters)
+        pivot = found.steered[0].pivot.joint
+        return f"{pivot} alone steers, and casters do not hold the heading of the base (if they are fixed: {still})"
+    return "every wheel is steered by itself"
 
 
 def push(result: BaseAssumptions) -> None:
@@ -232,13 +219,13 @@ def push(result: BaseAssumptions) -> None:
     result.add_planar_pose_outputs()
 
 
-def _release(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
+def _release(result: BaseAssumptions, layout: WheelLayout) -> None:
     """Lock joints that would lift wheels, and wheels that only support."""
-    result.lock_carriers(layout.wheels, at_start.start)
+    result.lock_carriers(layout.wheels)
     supports = [joint for each in (*layout.casters, *layout.trailers) for joint in each.joints]
     supports += [wheel.joint for wheel in layout.balls]
     free = [joint for joint in supports if joint not in result.lock]
-    result.hold(free, at_start.start, "wheels that only support are locked and only drawn")
+    result.hold(free, "wheels that only support are locked and only drawn")
 
 
 def _angle(wheel: Wheel, wheels: list[Wheel], at_start: RobotAtStart, parallel: bool) -> float:
@@ -253,7 +240,8 @@ def _angle(wheel: Wheel, wheels: list[Wheel], at_start: RobotAtStart, parallel: 
     offset = wheel.center - middle
     beside = [float(offset @ each) for each in (heading, across)]
     side = np.sign(np.prod([each if abs(each) > SAME * wheel.radius else 0.0 for each in beside]))
-    return float(-_MECANUM * (side or 1.0))
+    mecanum = np.pi / 4
+    return float(-mecanum * (side or 1.0))
 
 
 def _modelled_angle(wheel: Wheel, at_start: RobotAtStart) -> float:

@@ -25,21 +25,15 @@ from rnc_pin.applications.init.evidence import (
 from rnc_pin.applications.init.omnidirectional_base import push
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.wheel_detection import Wheel
-from rnc_pin.applications.init.wheel_layout import WheelLayout, are_parallel
-from rnc_pin.applications.init.wheeled_base import one_lateral, planar
+from rnc_pin.applications.init.wheel_layout import WheelLayout
+from rnc_pin.applications.init.wheeled_base import planar
 from rnc_pin.errors import ConfigurationError, few
 from rnc_pin.io import Json
 from rnc_pin.printing import significant
 from rnc_pin.robots import NO_LIMIT, flat_links
 
-_SUPPORT = "caster.*|.*caster|castor.*|.*castor|support|skid|stabili[sz]er|ball|roller|slider|foot|feet|leg_rest"
-_BALANCES = "balanc.*|segway|pendul.*|upkie|hoverboard|two_?wheel(?:ed)?|self_?balanc.*"
-_TALL = 1.5  # smallest height of the center of mass above the axle of a balancing robot, in radii
-_NEAR = 0.3  # largest height of a support above the ground, in radii
 _FAR, _FAST = 0.05, 0.5  # displacement and speed with the same cost as a tilt of 0.1 rad, at wheels of 0.1 m [m, m/s]
 _SMALL, _LARGE = 0.1, 0.3  # radii for which the costs of a body on one axle, and of a bicycle, are stated [m]
-_PUSHED = 0.1  # initial tilt rate of a bicycle [rad/s]; an initial tilt could also be that of a steady circle
-_FROUDE = 1.5  # speed of a bicycle / sqrt(gravity * wheelbase): enough for balance by steering
 
 
 def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | None) -> DraftDecision | None:
@@ -59,9 +53,11 @@ def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     if asked is not None:
         return DraftDecision(question, "yes" if asked else "no", SURE, "by an option")
     above, beside = _center_of_mass(layout, at_start)
-    named = has_word(_BALANCES, *at_start.title)  # a load balancer on a cart is none
+    balances = "balanc.*|segway|pendul.*|upkie|hoverboard|two_?wheel(?:ed)?|self_?balanc.*"
+    named = has_word(balances, *at_start.title)  # a load balancer on a cart is none
     on_legs = bool(one.carriers and other.carriers)
-    if beside >= max(0.5 * above, 0.2 * one.radius) or above <= (0.0 if named or on_legs else _TALL * one.radius):
+    tall = 1.5  # smallest height of the center of mass above the axle of a balancing robot, in radii
+    if beside >= max(0.5 * above, 0.2 * one.radius) or above <= (0.0 if named or on_legs else tall * one.radius):
         where = "its center of mass is low, or beside the axle"
         if on_legs:
             return DraftDecision(question, "no", GUESSED, f"{where}, but its wheels are on legs", (yes,))
@@ -81,23 +77,23 @@ def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     return DraftDecision(question, "yes", LIKELY if stated or on_legs else GUESSED, evidence, (no,))
 
 
-def balancing_base(layout: WheelLayout, at_start: RobotAtStart, decided: DraftDecision) -> BaseAssumptions:
+def balancing_base(layout: WheelLayout, at_start: RobotAtStart, decided: list[DraftDecision]) -> BaseAssumptions:
     """Free base on one axle: two wheel torques control both wheel angles and the pitch.
 
     The feedback uses wheel angles, not path length and heading: the motion of an unbalanced wheel depends on its angle.
     """
-    wheels = layout.fixed
-    result = BaseAssumptions("free", "2 wheels under a body that balances", at_start.frame, travel=DRIVEN)
-    result.decisions.append(decided)
-    _lie_down(result, wheels, at_start)
+    wheels, kind = layout.fixed, "2 wheels under a body that balances"
+    result = BaseAssumptions("free", kind, at_start.frame, at_start.start, travel=DRIVEN)
+    result.decisions += decided
+    _lie_down(result, wheels)
     ahead = at_start.along(wheels[0].heading)
     tilt = f"{at_start.frame}_tilt_{ahead}"
     leaning: dict[str, Json] = {"frame_tilt": {"frame": at_start.frame, "axis": ahead}}
     forward = at_start.placement.rotation[:, "xyz".index(ahead)]
     size = wheels[0].radius / _SMALL  # lengths grow with it, and times with its square root
     cost: dict[str, Json] = {tilt: 100, f"{tilt}_dot": significant(size)}
-    for wheel, more in one_lateral(wheels):
-        result.roll(wheel, **more)
+    result.roll_line(wheels)
+    for wheel in wheels:
         result.actuators.append((wheel.joint, ""))
         way = float(np.sign(wheel.heading @ forward)) * DRIVEN / wheel.radius
         result.outputs.append(({"joint": wheel.joint}, round(way, 2)))
@@ -120,18 +116,6 @@ def balancing_base(layout: WheelLayout, at_start: RobotAtStart, decided: DraftDe
     return result
 
 
-def is_bicycle(layout: WheelLayout) -> bool:
-    """True if a steered wheel is in front of a fixed wheel, in one plane."""
-    if len(layout.fixed) != 1 or len(layout.steered) != 1 or layout.balls or layout.casters:
-        return False
-    rear, (front,) = layout.fixed[0], (layout.steered[0].wheels or (None,))[:1]
-    if front is None or len(layout.steered[0].wheels) != 1 or not are_parallel(rear, front):
-        return False
-    between = front.center - rear.center
-    along = abs(float(between @ rear.heading))
-    return bool(np.linalg.norm(between[:2]) < 1.05 * along and along > 0.8 * rear.radius)
-
-
 def refuse_one_track(layout: WheelLayout, crossed: Collection[str]) -> NoReturn:
     """Refuse wheels in line without steering, or wheels that seem so because the axes of their joints are wrong.
 
@@ -152,61 +136,58 @@ def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions
     """Free base that rolls forward, tilts, and is balanced by its steering."""
     rear, fork = layout.fixed[0], layout.steered[0]
     front = fork.wheels[0]
-    result = BaseAssumptions("free", "2 wheels in line: a bicycle, which leans", at_start.frame)
+    across, along, steering = at_start.along(rear.axle), at_start.along(rear.heading), fork.pivot.joint
+    result = BaseAssumptions("free", "2 wheels in line: a bicycle, which leans", at_start.frame, at_start.start)
     upright = Alternative("it is held upright", ("--base", "planar"))
     evidence = "its wheels stand in line, and one of them is steered"
-    result.decisions.append(DraftDecision("Does it lean, as a bicycle does?", "yes", LIKELY, evidence, (upright,)))
-    _lie_down(result, [rear, front], at_start)
-    result.constraints.append((rolls(rear), measured(rear)))
-    result.constraints.append((rolls(front), f"steered by {fork.pivot.joint}; {measured(front)}"))
+    result.decide("Does it lean, as a bicycle does?", "yes", LIKELY, evidence, upright)
+    _lie_down(result, [rear, front])
+    remarks = measured(rear), f"steered by {steering}; {measured(front)}"
+    result.constraints += zip((rolls(rear), rolls(front)), remarks, strict=True)
     result.actuators.append((rear.joint, "drives"))
-    result.steer(fork.pivot.joint)
+    result.steer(steering)
     result.passive.add(front.joint)
-    across = at_start.along(rear.axle)
-    along, steering = at_start.along(rear.heading), fork.pivot.joint
     speed, tilt = f"{at_start.frame}_speed_{along}", f"{at_start.frame}_tilt_{across}"
     leaning: dict[str, Json] = {"frame_tilt": {"frame": at_start.frame, "axis": across}}
-    driven: dict[str, Json] = {"frame_speed": {"frame": at_start.frame, "axis": along}}
-    result.outputs += [(driven, 0.0), (leaning, 0.0), ({"joint": steering}, 0.0)]
+    result.drive_along(along, 0.0)
+    result.outputs += [(leaning, 0.0), ({"joint": steering}, 0.0)]
     result.vertical += place_and_heading(at_start.frame)
     size = rear.radius / _LARGE
-    feedback: dict[str, Json] = {
-        "type": "state_feedback",
-        "coordinates": [leaning, steering],
-        "rates": [speed, tilt, steering],
-        "state_cost": {
-            tilt: 100,
-            steering: 10,
-            speed: significant(4 / size),
-            f"{tilt}_dot": significant(size),
-            f"{steering}_dot": significant(size),
-        },
-        "input_cost": _input_cost(layout, at_start),
-    }
+    cost: dict[str, Json] = {tilt: 100, steering: 10, speed: significant(4 / size)}
+    cost |= {f"{tilt}_dot": significant(size), f"{steering}_dot": significant(size)}
     wheelbase = abs(float((front.center - rear.center) @ rear.heading))
     forward = at_start.placement.rotation[:, "xyz".index(along)]
     sense = 1.0 if forward @ (front.center - rear.center) > 0 else -1.0
-    rolling = {speed: round(sense * _FROUDE * float(np.sqrt(9.81 * wheelbase)), 2)}
-    result.v2 = {**rolling, tilt: _PUSHED}
-    result.travel = abs(rolling[speed]) * DURATION
-    # Wheels of a file are symmetric about their axles only to a few digits; their angles are cyclic all the same.
-    result.feedback = {**feedback, "v2": dict(rolling), "cyclic": [rear.joint, front.joint]}
+    froude = 1.5  # speed of a bicycle / sqrt(gravity * wheelbase): enough for balance by steering
+    rolling = round(sense * froude * float(np.sqrt(9.81 * wheelbase)), 2)
+    pushed = 0.1  # initial tilt rate of a bicycle [rad/s]; an initial tilt could also be that of a steady circle
+    result.v2 = {speed: rolling, tilt: pushed}
+    result.travel = abs(rolling) * DURATION
+    result.feedback = {
+        "type": "state_feedback",
+        "coordinates": [leaning, steering],
+        "rates": [speed, tilt, steering],
+        "state_cost": cost,
+        "input_cost": _input_cost(layout, at_start),
+        "v2": {speed: rolling},
+        # Wheels of a file are symmetric about their axles only to a few digits; their angles are cyclic all the same.
+        "cyclic": [rear.joint, front.joint],
+    }
     result.notes.append(
         "a bicycle falls when it stands: it starts rolling, fast enough to be kept upright by steering alone"
     )
     return result
 
 
-def _lie_down(result: BaseAssumptions, wheels: list[Wheel], at_start: RobotAtStart) -> None:
+def _lie_down(result: BaseAssumptions, wheels: list[Wheel]) -> None:
     """Put the base at the height where the wheels touch the ground, and lock all other joints."""
     height = median(float(wheel.radius - wheel.center[2]) for wheel in wheels)
     result.initial["root_joint"] = [0.0, 0.0, round(height, 6), 0.0, 0.0, 0.0, 1.0]
     result.ground = 0.0
-    pivots = {pivot.joint for wheel in wheels for pivot in wheel.pivots}
-    moving = {wheel.joint for wheel in wheels} | pivots
-    result.lock_carriers(wheels, at_start.start)
-    others = [name for name in at_start.start if name not in moving and name not in result.lock]
-    result.hold(others, at_start.start, "locked, while the base is balanced")
+    moving = {joint for wheel in wheels for joint in (wheel.joint, *(pivot.joint for pivot in wheel.pivots))}
+    result.lock_carriers(wheels)
+    others = [name for name in result.start if name not in moving and name not in result.lock]
+    result.hold(others, "locked, while the base is balanced")
 
 
 def _center_of_mass(layout: WheelLayout, at_start: RobotAtStart) -> tuple[float, float]:
@@ -234,12 +215,14 @@ def _support(layout: WheelLayout, at_start: RobotAtStart) -> str:
     supports = [int(each) for wheel in layout.fixed for each in model.supports[joint_id(wheel.joint)]]
     own = {each for each in supports if each > at_start.root}  # wheels and legs
     everything = [each for kind in at_start.shapes.values() for each in kind if each.joint not in own]
+    near = 0.3  # largest height of a support above the ground, in radii
     for shape in everything:
-        if shape.bottom - (axle - radius) < _NEAR * radius:
+        if shape.bottom - (axle - radius) < near * radius:
             return shape.name
+    support = "caster.*|.*caster|castor.*|.*castor|support|skid|stabili[sz]er|ball|roller|slider|foot|feet|leg_rest"
     for index, frame in enumerate(model.frames):
         low = at_start.data.oMf[index].translation[2] <= axle
-        if low and frame.parentJoint not in own and frame.name != "universe" and has_word(_SUPPORT, frame.name):
+        if low and frame.parentJoint not in own and frame.name != "universe" and has_word(support, frame.name):
             return str(frame.name)
     return ""
 
@@ -257,7 +240,6 @@ def _holding_torque(layout: WheelLayout, at_start: RobotAtStart) -> float:
 
 
 _LIMBS = 3  # a body with at least this number of limbs probably floats
-_ON_AND_ON = 4 * np.pi  # smallest range of a rotor; files write large limits for none [rad]
 _UPRIGHT = 0.8  # smallest vertical part of the axes of rotors, and ratio of the lengths of their arms
 _HEAVY, _VERY_HEAVY = 0.5, 0.8  # share of the mass in the first link above which the base may float, and floats
 _AFLOAT = (
@@ -266,9 +248,6 @@ _AFLOAT = (
 )
 _AT_SEA = "boat|ship|vessel|usv|asv|catamaran|kayak|canoe|barge|hull|wam_?v|surface_vehicle"
 _MOVES_OVER_GROUND = "planar_?move.*|.*planar_?move|omnidirectional|holonomic|mecanum.*|force_?based_?move"
-_WHEEL = ".*wheel|wheel.*|tire|tyre|crawler|track|caster"
-_INNER_WHEEL = "reaction_?wheel|fly_?wheel|momentum_?wheel|steering_?wheel"
-_BOLTED = "table|pedestal|stand|mount|wall|ground|world|rail"
 
 
 def moves_over_ground(at_start: RobotAtStart) -> str:
@@ -296,68 +275,68 @@ def without_wheels(
         mass_of_base: returns the mass of the first link [kg]; it loads the robot.
         because: reason for the given base.
     """
-    over_ground = moves_over_ground(at_start)
-    if asked == "planar" or (asked is None and over_ground):
-        result = _on_ice(at_start, over_ground or "asked for; no wheels were found, so that it moves in any direction")
-        if asked is None:
-            _decide(result, "planar", over_ground, LIKELY, at_start)
-        return _doubting_wheels(result, at_start)
     own = bool(at_start.root) and at_start.robot.model.joints[at_start.root].nv == 6 and not at_start.is_rigid
-    why, sure = (because, SURE) if asked else ("a free joint in the file", SURE)
-    if not asked and not own:
-        why, sure = _floats(at_start, mass_of_base)
-    if asked == "fixed" or not why:
-        kind = why or "no wheels were found, and the first link is taken to be bolted down"
-        result = BaseAssumptions("fixed", kind, at_start.frame)
+    if asked is None:
+        base, floats, why, sure = _likely_motion(at_start, own, mass_of_base)
+    else:
+        base, floats, why, sure = asked, asked == "free", because, SURE
+    if floats:
+        rotors = _rotors(at_start)
+        if rotors and base == "free":
+            why, sure = f"{why}: {len(rotors)} rotors with upright axes around it carry it", min(sure, GUESSED)
+        result = _afloat(at_start, None if own and asked is None else base, why, rotors)
+    elif base == "planar":
+        said = "asked for; no wheels were found, so that it moves in any direction"
+        result = _on_ice(at_start, why if asked is None else moves_over_ground(at_start) or said)
+    else:
+        kind = because if asked else "no wheels were found, and the first link is taken to be bolted down"
+        result = BaseAssumptions("fixed", kind, at_start.frame, at_start.start)
         if at_start.own_planar_joints:
             joints = ", ".join(at_start.own_planar_joints)
             result.kind = f"joints of the file let it move over the ground: {joints}"
             result.notes.append(f"{joints} are driven, and the base moves in any direction")
-        elif asked is None:
-            _decide(result, "fixed", "no wheels were found, and nothing tells that it floats", LIKELY, at_start)
-        return _doubting_wheels(result, at_start)
-    if asked is None and not own and _called_wheels(at_start):
-        called = "links are called wheels, so that it stands on the ground, and no joint turns them there"
-        result = _on_ice(at_start, called)
-        _decide(result, "planar", called, GUESSED, at_start)
-        return _doubting_wheels(result, at_start)
-    base, flat, rotors = (
-        "free",
-        flat_links(at_start.robot.model) if asked is None and not own else [],
-        _rotors(at_start),
-    )
-    if flat:
-        why = f"{why}, and {few(flat)} have a moment of inertia about one axis only, as of a robot in a plane"
-        base, sure = "planar", LIKELY
-    elif rotors:
-        why, sure = f"{why}: {len(rotors)} rotors with upright axes around it carry it", min(sure, GUESSED)
-    result = _afloat(at_start, None if own and asked is None else base, why, rotors)
-    if asked is None:
-        _decide(result, base, why, sure, at_start)
+    if asked is None and not (base == "fixed" and at_start.own_planar_joints):
+        words = {"fixed": "it is bolted down", "planar": "it moves over the ground", "free": "it floats or flies"}
+        possible = [each for each in words if each != base and not (each == "fixed" and at_start.is_rigid)]
+        others = [Alternative(words[each], ("--base", each)) for each in possible]
+        result.decide("How does the base move, without wheels that roll?", words[base], sure, why, *others)
     return _doubting_wheels(result, at_start)
 
 
-def _decide(result: BaseAssumptions, base: str, evidence: str, confidence: float, at_start: RobotAtStart) -> None:
-    words = {"fixed": "it is bolted down", "planar": "it moves over the ground", "free": "it floats or flies"}
-    bases = ("planar", "free") if at_start.is_rigid else ("fixed", "planar", "free")
-    others = tuple(Alternative(words[each], ("--base", each)) for each in bases if each != base)
-    question = "How does the base move, without wheels that roll?"
-    result.decisions.append(DraftDecision(question, words[base], confidence, evidence, others))
+def _likely_motion(
+    at_start: RobotAtStart, own: bool, mass_of_base: Callable[[], float]
+) -> tuple[str, bool, str, float]:
+    """Likely base of a robot without wheels, whether it floats, the evidence, and the confidence."""
+    if over_ground := moves_over_ground(at_start):
+        return "planar", False, over_ground, LIKELY
+    why, sure = ("a free joint in the file", SURE) if own else _floats(at_start, mass_of_base)
+    if not why:
+        return "fixed", False, "no wheels were found, and nothing tells that it floats", LIKELY
+    if not own and _called_wheels(at_start):
+        called = "links are called wheels, so that it stands on the ground, and no joint turns them there"
+        return "planar", False, called, GUESSED
+    if not own and (flat := flat_links(at_start.robot.model)):
+        about = f"{few(flat)} have a moment of inertia about one axis only, as of a robot in a plane"
+        return "planar", True, f"{why}, and {about}", LIKELY
+    return "free", True, why, sure
 
 
 def fixed_base_with_locked_joints(at_start: RobotAtStart) -> BaseAssumptions:
     """Robot on a fixed base with its joints without effort locked, because they would fall."""
-    result = BaseAssumptions("fixed", "bolted down, with the joints held that nothing drives", at_start.frame)
+    kind = "bolted down, with the joints held that nothing drives"
+    result = BaseAssumptions("fixed", kind, at_start.frame, at_start.start)
     weak = [name for name in at_start.start if effort_limit(at_start.robot, name) == 0]
     why = "effort 0 in the file" if at_start.is_urdf else "no actuator in the file"
-    result.hold(weak, at_start.start, f"{why}, and the rest falls or diverges without them: held")
+    result.hold(weak, f"{why}, and the rest falls or diverges without them: held")
     return _doubting_wheels(result, at_start)
 
 
 def _called_wheels(at_start: RobotAtStart) -> list[str]:
     """Links that are called wheels, casters or tracks."""
     links = [frame.name for frame in at_start.robot.model.frames if frame.type == pin.FrameType.BODY]
-    return [each for each in links if has_word(_WHEEL, each) and not has_word(_INNER_WHEEL, each)]
+    wheel = ".*wheel|wheel.*|tire|tyre|crawler|track|caster"
+    inner_wheel = "reaction_?wheel|fly_?wheel|momentum_?wheel|steering_?wheel"
+    return [each for each in links if has_word(wheel, each) and not has_word(inner_wheel, each)]
 
 
 def _doubting_wheels(result: BaseAssumptions, at_start: RobotAtStart) -> BaseAssumptions:
@@ -382,7 +361,8 @@ def _floats(at_start: RobotAtStart, mass_of_base: Callable[[], float]) -> tuple[
     if is_named:
         return "no wheels, and a name of something that floats", LIKELY
     share = mass / (mass + sum(inertia.mass for inertia in at_start.robot.model.inertias[1:]))
-    if share > _HEAVY and not has_word(_BOLTED, *at_start.title, *at_start.names_on("universe")):
+    bolted = "table|pedestal|stand|mount|wall|ground|world|rail"
+    if share > _HEAVY and not has_word(bolted, *at_start.title, *at_start.names_on("universe")):
         why = f"no wheels, and {100 * share:.0f} % of the mass in the first link: nothing is bolted so"
         return why, LIKELY if share > _VERY_HEAVY else GUESSED
     return "", LIKELY
@@ -400,7 +380,8 @@ def _rotors(at_start: RobotAtStart) -> list[str]:
     model, data = at_start.robot.model, at_start.data
     leaves = [k for k in range(1, model.njoints) if model.parents[k] == at_start.root and not len(model.children[k])]
     upright = [k for k in leaves if model.joints[k].nv == 1 and abs(turning_axis(model, data, k)[2]) > _UPRIGHT]
-    found = [k for k in upright if np.ptp(joint_limits(at_start.robot, model.names[k])) > _ON_AND_ON]
+    on_and_on = 4 * np.pi  # smallest range of a rotor; files write large limits for none [rad]
+    found = [k for k in upright if np.ptp(joint_limits(at_start.robot, model.names[k])) > on_and_on]
     places = np.array([data.oMi[k].translation[:2] for k in found]).reshape(-1, 2)
     arms = np.linalg.norm(places - places.sum(axis=0) / max(len(found), 1), axis=1)
     in_circle = len(found) >= _LIMBS and arms.min() > _UPRIGHT * arms.max()
@@ -408,17 +389,13 @@ def _rotors(at_start: RobotAtStart) -> list[str]:
 
 
 def _afloat(at_start: RobotAtStart, base: str | None, why: str, rotors: Collection[str] = ()) -> BaseAssumptions:
-    result = BaseAssumptions(base, why, at_start.frame, weightless=not rotors)
+    result = BaseAssumptions(base, why, at_start.frame, at_start.start, weightless=not rotors)
     joint = at_start.robot.joint_names[0] if base is None else "root_joint"
-    said = (
-        "forces and torques on the body stand for those of its rotors, which are locked; none push it sideways, CHECK"
-    )
-    if rotors:
-        result.hold(rotors, at_start.start, said)
-    else:
-        result.notes.append(
-            "a floating base is free of contacts and of gravity, as in space; for a bolted one: --base fixed"
-        )
+    said = "forces and torques on the body stand for those of its rotors, which are locked"
+    result.hold(rotors, f"{said}; none push it sideways, CHECK")
+    if not rotors:
+        said = "a floating base is free of contacts and of gravity, as in space; for a bolted one: --base fixed"
+        result.notes.append(said)
     place: dict[str, Json] = {"frame_position": {"frame": at_start.frame}}
     if base == "planar":
         place["frame_position"] = {"frame": at_start.frame, "axes": "xy"}

@@ -18,7 +18,6 @@ from rnc_pin.outputs import CenterOfMass, FramePosition, FrameSpeed, FrameYaw, J
 from rnc_pin.verdict import Verdict
 
 _KEPT = "robot", "ground", "constraints", "mimic", "actuators", "forces", "obstacles"
-_SHARES = 1.0, 0.3, 0.1  # of the usual motion
 _MOTION, _REST, _MANOEUVRE = 4.0, 2.0, 24.0  # [s]
 _NEAR = 0.7  # distance of joints from the start that is tried where the start is singular [rad or m]
 _BEND = 0.3  # motion of the joints [rad]
@@ -102,13 +101,14 @@ def scenario_of(scenario: Scenario, found: FoundUse) -> tuple[Scenario, Verdict]
     failures: list[str] = []
     best: tuple[Scenario, Verdict] | None = None
     known = _known_outputs(scenario)
+    shares = 1.0, 0.3, 0.1  # of the usual motion
     for bent in (False, True):
         try:
             start = _bent_start(scenario, found, known) if bent else (found, {})
         except RncError as error:
             failures.append(str(error))
             continue
-        for share, tracker in product(_SHARES, ("adaptive", "computed_torque")):
+        for share, tracker in product(shares, ("adaptive", "computed_torque")):
             try:
                 made = replace(scenario, raw=_content(scenario, *start, known, share, tracker), show_warnings=False)
                 verdict = made.run().verdict
@@ -225,8 +225,8 @@ def _known_outputs(scenario: Scenario) -> dict[str, OutputKind]:
     robot, found = scenario.robot, dict[str, OutputKind]()
     candidates = (each for group in default_candidates(scenario.reduced) for each in group)
     for kind in filter(None, (*scenario.content.listed_outputs, *candidates, *velocity_outputs(robot).values())):
-        axes = kind.axes if isinstance(kind, FramePosition | CenterOfMass) else ""
-        for each in [replace(kind, axes=axis) for axis in axes] or [kind]:  # type: ignore[type-var]
+        points = isinstance(kind, FramePosition | CenterOfMass) and [replace(kind, axes=axis) for axis in kind.axes]
+        for each in points or [kind]:
             found |= {name: found.get(name, each) for name in each.bind(robot).names}
     return found
 

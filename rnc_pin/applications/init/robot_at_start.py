@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -60,7 +60,7 @@ class Shape:
         name: name of the geometry.
         points: points in the world frame (k, 3) [m].
         margin: radius around the points [m].
-        axis: axis of a cylinder in the world frame (3,), else None.
+        axis: axis of a cylinder in the world frame (3,); zero for other shapes.
         file: path of the mesh, or an empty string.
     """
 
@@ -68,13 +68,28 @@ class Shape:
     name: str
     points: np.ndarray
     margin: float
-    axis: np.ndarray | None
+    axis: np.ndarray
     file: str
 
     @property
     def bottom(self) -> float:
         """Height of the lowest point [m]."""
         return float(self.points[:, 2].min() - self.margin)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Mean of its points (3,) [m]."""
+        return np.asarray(self.points.mean(axis=0))
+
+    @property
+    def radius(self) -> float:
+        """Radius of a cylinder [m]."""
+        return float(np.linalg.norm(across(self.points - self.middle, self.axis), axis=1).max())
+
+    @property
+    def is_disk(self) -> bool:
+        """True for a cylinder that is short beside its radius."""
+        return bool(self.axis.any() and np.ptp(self.points @ self.axis) < 1.5 * self.radius)
 
 
 def joints_without_mesh(robot: Robot, kind: Kind) -> set[int]:
@@ -99,18 +114,18 @@ def shapes(robot: Robot, kind: Kind, q: np.ndarray) -> list[Shape]:
     stand_ins = robot.stand_ins if kind == "visual" else frozenset()
     found = []
     for item, placement in zip(geometry.geometryObjects, placed.oMg, strict=True):
-        local = _points(item.geometry)
+        local = _points(item)
         if local is None or item.name in stand_ins:  # skip boxes that only stand for an inertia
             continue
         points, margin = local
-        axis = placement.rotation[:, 2].copy() if type(item.geometry).__name__ == "Cylinder" else None
+        axis = placement.rotation[:, 2] * (type(item.geometry).__name__ == "Cylinder")
         world = points @ placement.rotation.T + placement.translation
         found.append(Shape(item.parentJoint, item.name, world, margin, axis, item.meshPath))
     return found
 
 
-def _points(geometry: Any) -> tuple[np.ndarray, float] | None:
-    kind = type(geometry).__name__
+def _points(item: pin.GeometryObject) -> tuple[np.ndarray, float] | None:
+    geometry, kind = item.geometry, type(item.geometry).__name__
     if kind == "Sphere":
         return np.zeros((1, 3)), float(geometry.radius)
     if kind in ("Cylinder", "Cone"):
@@ -124,7 +139,7 @@ def _points(geometry: Any) -> tuple[np.ndarray, float] | None:
     if kind == "Box":
         corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
         return corners * geometry.halfSide, 0.0
-    if hasattr(geometry, "vertices"):
+    if kind.startswith("BVHModel"):
         points = np.array(geometry.vertices(), dtype=float).reshape(-1, 3)
         return (points, 0.0) if len(points) and np.isfinite(points).all() else None
     return None
@@ -176,8 +191,8 @@ def _reach(part: Shape, own: np.ndarray, axle: np.ndarray) -> float:
 
     A cylinder whose axis is the axle up to rounding reaches as far as its radius, not as its raised edge.
     """
-    middle, along = part.points.mean(axis=0), axle
-    if part.axis is not None and np.linalg.norm(np.cross(part.axis, axle)) < ALIGNED:
+    middle, along = part.middle, axle
+    if part.axis.any() and np.linalg.norm(np.cross(part.axis, axle)) < ALIGNED:
         along = part.axis
     beside = across(middle - own, axle)
     return float(np.linalg.norm(across(part.points - middle, along) + beside, axis=1).max()) + part.margin
@@ -250,6 +265,16 @@ class RobotAtStart:
             found[kind] = [each for each in every if each.joint <= self.root or each.joint not in lost]
         return found
 
+    @property
+    def drawn(self) -> list[Shape]:
+        """Shapes of the "visual" geometry, or of the other one if there are none."""
+        return self.shapes["visual"] or self.shapes["collision"]
+
+    @cached_property
+    def ground(self) -> float:
+        """Height of the lowest drawn shape [m]."""
+        return min((each.bottom for each in self.drawn), default=0.0)
+
     @cached_property
     def own_planar_joints(self) -> tuple[str, ...]:
         """Joints of the file's own planar base: two horizontal slides and a vertical revolute joint, or none."""
@@ -287,22 +312,18 @@ class RobotAtStart:
     @property
     def own_joint(self) -> dict[str, list[float]]:
         """Name and value of the joint that carries the base."""
-        return {str(self.robot.model.names[self.root]): self.several_values(self.root)}
+        return {self.root_joint: self._several_values[self.root_joint]}
 
     @property
     def loose(self) -> dict[str, list[float]]:
         """Names and values of joints with several degrees of freedom, without the joint of the base."""
-        joints = list(self.robot.model.joints)
-        return {
-            str(self.robot.model.names[index]): self.several_values(index)
-            for index in range(1, len(joints))
-            if joints[index].nv > 1 and index != self.root
-        }
+        return {name: values for name, values in self._several_values.items() if name != self.root_joint}
 
-    def several_values(self, index: int) -> list[float]:
-        """Return the start values of a joint with several degrees of freedom."""
-        values = self.robot.joint_values(self.q)[str(self.robot.model.names[index])]
-        return values if isinstance(values, list) else [values]
+    @cached_property
+    def _several_values(self) -> dict[str, list[float]]:
+        values, joints = self.robot.joint_values(self.q), list(self.robot.model.joints)
+        names = [name for name, joint in zip(self.robot.model.names, joints, strict=True) if joint.nv > 1]
+        return {name: np.atleast_1d(values[name]).tolist() for name in names}
 
     def driver(self, joint: str) -> str:
         """Return the joint that drives a joint by a mimic of the file, or the joint itself."""

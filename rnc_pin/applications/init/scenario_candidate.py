@@ -45,11 +45,9 @@ from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.model import NonholonomicSystem
 from rnc_pin.simulation import Outcome
 
-_LEAN = 0.05  # [rad]
 _REDUCTIONS, _LEAST_SHARE = 3, 0.05  # largest number of smaller motions that are tried, and the smallest share
 _SHORT, _REST = 0.1, 1  # duration of the first trial run, and of the run after the end of the reference [s]
 _PATIENCE = 20.0  # largest computing time of a trial run [s]
-_LOADED = "gravity loads the robot, and it learns this load slowly"
 _ADAPTIVE = "adaptive needs no inertias; the alternative, tracker: computed_torque, needs all"
 _INFORMED = "computed_torque knows the model; adaptive does not, and does not suit: {}"  # {}: the reason
 _FEEDBACK = "uses the model: state feedback by linearize and lqr at the start"
@@ -109,8 +107,9 @@ class ScenarioCandidate:
     def _assembled_start(self) -> np.ndarray:
         """Initial configuration (nq,), assembled: wheels on the ground."""
         q = self.robot.configuration({**self.start, **self.mobility.initial})
+        lean = 0.05  # [rad]
         if self.mobility.lean is not None:
-            pitched = pin.AngleAxis(_LEAN * self._share, self.mobility.lean / np.linalg.norm(self.mobility.lean))
+            pitched = pin.AngleAxis(lean * self._share, self.mobility.lean / np.linalg.norm(self.mobility.lean))
             q[3:7] = (pin.Quaternion(pitched) * pin.Quaternion(q[3:7])).coeffs()
         return self.system.assembled(q)
 
@@ -122,7 +121,8 @@ class ScenarioCandidate:
         """
         scenario, mobility = self._scenario(), self.mobility
         findings = model_findings(self.system, mobility, scenario["outputs"]["reducing"], self._against)
-        failures = [_LOADED] if self._is_loaded() else []
+        loaded = "gravity loads the robot, and it learns this load slowly"
+        failures = [loaded] if self._is_loaded() else []
         best: tuple[Trial, str] | None = None
         for controller, dt, remark in self._controllers(is_loaded=bool(failures)):
             if best is not None and controller.get("tracker") == "adaptive":
@@ -232,7 +232,7 @@ class ScenarioCandidate:
         idle = {name for group in moved_together if group <= {*free} for name in group}
         loose = [name for name in self.start if name in idle]
         if loose:
-            mobility.hold(loose, self.start, "locked, because neither an actuator nor a constraint moves them")
+            mobility.hold(loose, "locked, because neither an actuator nor a constraint moves them")
             self.robot = self.source.load(mobility.base, mobility.lock)
             self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
 

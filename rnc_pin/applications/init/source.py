@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -26,8 +25,6 @@ from rnc_pin.robots import MOVES_NONE, Massless, Robot, UselessInertia, example_
 from rnc_pin.robots.sources import Packages, parse_urdf, parse_xml, read_number
 
 Lock = Mapping[str, float | list[float]]
-
-_BASE = "root_joint"  # a massless base gets a mass; it is not locked
 
 
 @dataclass(frozen=True)
@@ -57,17 +54,19 @@ class DraftOptions:
 
 def with_choices(choices: DraftOptions, options: Sequence[str]) -> DraftOptions:
     """Return choices with those of an alternative, such as ("--driven", "front_left") or ("--no-rollers",)."""
-    changes: dict[str, Any] = {}
-    for name, value in zip_longest(options[::2], options[1::2]):
-        key = name.removeprefix("--").removeprefix("no-")
-        if value is None:
-            changes[key] = not name.startswith("--no-")
-        elif key == "base":
-            changes[key] = value
-        else:
-            known = changes.get(key, getattr(choices, key))
-            changes[key] = (*known, value)
-    return dataclasses.replace(choices, **changes)
+    for name, value in zip_longest(options[::2], options[1::2], fillvalue=""):
+        match name:
+            case "--base":
+                choices = dataclasses.replace(choices, base=value)
+            case "--driven":
+                choices = dataclasses.replace(choices, driven=(*choices.driven, value))
+            case "--passive":
+                choices = dataclasses.replace(choices, passive=(*choices.passive, value))
+            case "--balance" | "--no-balance":
+                choices = dataclasses.replace(choices, balance=name == "--balance")
+            case "--rollers" | "--no-rollers":
+                choices = dataclasses.replace(choices, rollers=name == "--rollers")
+    return choices
 
 
 class Source:
@@ -180,8 +179,8 @@ class Source:
             ModelError: an option names an unknown joint.
         """
         options = self.options
-        for option in ("driven", "passive"):
-            for joint in getattr(options, option):
+        for option, joints in (("driven", options.driven), ("passive", options.passive)):
+            for joint in joints:
                 if joint not in robot.joint_names:
                     raise ModelError(f"--{option} {joint}: no joint '{joint}'{nearest(joint, robot.joint_names)}")
         single = robot.single_joint_names
@@ -246,7 +245,8 @@ class Source:
 
     def _repair_inertias(self, joints: Sequence[Massless]) -> bool:
         """Give links a mass, or lock joints without any child mass or shape; return True if something changed."""
-        idle = [each.joint for each in joints if each.why == MOVES_NONE and not each.shaped and each.joint != _BASE]
+        base = "root_joint"  # a massless base gets a mass; it is not locked
+        idle = [each.joint for each in joints if each.why == MOVES_NONE and not each.shaped and each.joint != base]
         given = {link: mass for each in joints if each.joint not in idle for link, mass in each.masses.items()}
         new = {link: mass for link, mass in given.items() if link not in self.masses}
         if new:  # joints that carry these links move some mass from now on

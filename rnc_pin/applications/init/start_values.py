@@ -21,9 +21,6 @@ from rnc_pin.robots import Robot
 
 _COUPLED = 1e-9  # smallest entry of a constraint row that couples a joint
 _STEPS = 20  # number of steps in which a loop is followed
-_FASTER = 3.0  # growth of the fastest rate of a loop that counts as its dead centre
-_BESIDE = 0.3  # largest correction of a step that follows a loop, as a share of the step: beyond, it jumps
-_OF_REACH = 0.8  # share of the reach of a loop that a reference uses
 
 
 def loop_closures(robot: Robot) -> list[tuple[Entry, str]]:
@@ -81,6 +78,7 @@ def keep_within_loops(
     """
     notes = []
     reduced: ReducedModel | None = None
+    of_reach = 0.8  # share of the reach of a loop that a reference uses
     for row, name in enumerate(chosen.names):
         usual = chosen.steps[row]
         if name not in coupled or not usual:
@@ -90,7 +88,7 @@ def keep_within_loops(
         if found.end:
             other = _reach(reduced, q, row, -usual)
             step, found = (-usual, other) if other.share > found.share else (usual, found)
-        chosen.steps[row] = round(step * (_OF_REACH * found.share if found.end else 1.0), 4)
+        chosen.steps[row] = round(step * (of_reach * found.share if found.end else 1.0), 4)
         if found.end:
             notes.append(f"{name} moves by {chosen.steps[row]:g} only: its loop ends {found.end}")
     return notes
@@ -115,6 +113,8 @@ def _reach(reduced: ReducedModel, q: np.ndarray, row: int, step: float) -> _Reac
     limits = [(name, robot.model.joints[robot.joint_id(name)].idx_q, joint_limits(robot, name)) for name in joints]
     slowest = np.inf
     start, column = q, robot.velocity_indices(reduced.reducing.names[row]).start
+    faster = 3.0  # growth of the fastest rate of a loop that counts as its dead centre
+    beside = 0.3  # largest correction of a step that follows a loop, as a share of the step: beyond, it jumps
     for _ in range(_STEPS):
         moved = float(pin.difference(robot.model, start, q)[column])  # less than asked for near a dead centre
         share = max(moved / step, 0.0)
@@ -126,7 +126,7 @@ def _reach(reduced: ReducedModel, q: np.ndarray, row: int, step: float) -> _Reac
             return _Reach(share, "at a dead centre")
         fastest = float(np.abs(v).max())
         slowest = min(slowest, fastest)
-        if fastest > _FASTER * slowest or np.abs(pin.difference(robot.model, ahead, q)).max() > _BESIDE * fastest:
+        if fastest > faster * slowest or np.abs(pin.difference(robot.model, ahead, q)).max() > beside * fastest:
             return _Reach(share, "at a dead centre")
         for name, place, (low, high) in limits:
             if not low <= q[place] <= high:
@@ -134,16 +134,10 @@ def _reach(reduced: ReducedModel, q: np.ndarray, row: int, step: float) -> _Reac
     return _Reach(1.0)
 
 
-_CLOSED = 1e-4  # largest gap of a loop that counts as rounding in the file [m or rad], as at the start of a run
 _SOLVED = 1e-9  # largest gap of a configuration that is computed here
 _MARGIN = 0.02  # distance from a limit, as a share of the range
-_SINGULAR = 1e-9  # smallest eigenvalue of an inertia matrix with ones on its diagonal
 _PULLED, _TURNED_ASIDE = 0.1, 0.6  # [m], [rad]
-_MOVES = 3  # largest number of joints to move for a regular inertia matrix
-_BEARABLE = 0.8  # largest share of an effort limit that the weight takes at the start: the rest is for the motion
 _POSES, _ASIDE = 4, 0.5  # number of random poses for the gravity check, and their distance from the start [rad or m]
-_LEVER = 1e-4  # gravity loads a joint above this lever arm of the weight behind it [m]; for a slide, share of it
-_TRIED = 25  # number of values of a joint that are tried
 
 _Values = dict[str, float]
 
@@ -208,9 +202,10 @@ def _closed(robot: Robot, start: _Values) -> _Values:
     loose = uncoupled_joints(start, loops, robot, start)
     coupled = [name for name in start if name not in loose]
     system = NonholonomicSystem(robot, [constraint_of(entry) for entry, _ in loops])
+    closed = 1e-4  # largest gap of a loop that counts as rounding in the file [m or rad], as at the start of a run
     for values in _guesses(robot, start, coupled):
         inside = all(low <= values[name] <= high for name in coupled for low, high in [joint_limits(robot, name)])
-        if inside and np.abs(system.assembly.residual(robot.configuration(values))).max() < _CLOSED:
+        if inside and np.abs(system.assembly.residual(robot.configuration(values))).max() < closed:
             return values
     targets: dict[OutputTarget, float] = {output_of({"joint": name}): _middle(robot, name) for name in coupled}
     found = solve_ik(system.reduce(), robot.configuration(start), targets, hold=loose)
@@ -239,8 +234,10 @@ def with_regular_inertia(robot: Robot, start: Mapping[str, float]) -> tuple[_Val
         New values, and a line on each moved joint.
     """
     values, notes = dict(start), []
-    for _ in range(_MOVES):
-        if _smallest_eigenvalue(robot, values) > _SINGULAR:
+    singular = 1e-9  # smallest eigenvalue of an inertia matrix with ones on its diagonal
+    moves = 3  # largest number of joints to move for a regular inertia matrix
+    for _ in range(moves):
+        if _smallest_eigenvalue(robot, values) > singular:
             break
         moved = {name: {**values, name: _aside(robot, name, values[name])} for name in values}
         name = max(moved, key=lambda each: _smallest_eigenvalue(robot, moved[each]))
@@ -280,9 +277,10 @@ def with_bearable_loads(robot: Robot, start: Mapping[str, float], joints: Collec
     values = dict(start)
     if (_loads(robot, values, limits) <= 1.0).all():
         return values, []
+    bearable = 0.8  # largest share of an effort limit that the weight takes at the start: the rest is for the motion
     for _ in limits:
         tried = [(name, value) for name in limits for value in _values_around(robot, name, values[name])]
-        beyond = [_loads(robot, {**values, name: value}, limits) - _BEARABLE for name, value in tried]
+        beyond = [_loads(robot, {**values, name: value}, limits) - bearable for name, value in tried]
         overloads = [float((np.maximum(each, 0.0) ** 2).sum()) for each in beyond]
         away = [abs(value - values[name]) for name, value in tried]
         best = min(range(len(tried)), key=lambda each: (round(overloads[each], 9), away[each]))
@@ -306,7 +304,8 @@ def is_loaded(robot: Robot, q: np.ndarray, joints: Collection[str]) -> bool:
     pin.computeSubtreeMasses(model, data)
     rows = [robot.velocity_indices(name).start for name in joints]
     weights = [data.mass[robot.joint_id(name)] for name in joints]
-    least = np.maximum(np.linalg.norm(model.gravity.linear) * _LEVER * np.array(weights), 1e-6)
+    lever = 1e-4  # gravity loads a joint above this lever arm of the weight behind it [m]; for a slide, share of it
+    least = np.maximum(np.linalg.norm(model.gravity.linear) * lever * np.array(weights), 1e-6)
     generator = np.random.default_rng(0)
     beside = [q]
     for _ in range(_POSES):
@@ -330,4 +329,5 @@ def _values_around(robot: Robot, name: str, value: float) -> list[float]:
         return [value]
     low, high = _inner_range(robot, name)
     ends = max(low, value - np.pi), min(high, value + np.pi)
-    return [value, *np.round(np.linspace(*ends, _TRIED), 4).tolist()] if ends[0] < ends[1] else [value]
+    tried = 25  # number of values of a joint that are tried
+    return [value, *np.round(np.linspace(*ends, tried), 4).tolist()] if ends[0] < ends[1] else [value]

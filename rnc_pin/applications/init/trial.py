@@ -31,9 +31,7 @@ LOST = 0.5
 """Ratio of error to reference motion above which another kind of base is more likely."""
 MEANINGFUL = 1.0
 """Duration of the shortest run with a meaningful displacement [s]: a controller that learns starts late."""
-_LITTLE = 0.5  # motion assumed for an output with a constant reference, as a share of the largest motion
 _USUAL_RADII = 0.002, 5.0  # [m] of wheels; others are probably in other units
-_SETTLED = 0.1  # final share of a run whose errors count for a balancing controller
 
 
 @dataclass(frozen=True)
@@ -112,15 +110,16 @@ def worst_output(trajectory: Trajectory, motions: Mapping[str, float], *, settle
     if not errors or not largest:
         return Trial(duration)
     trials = []
+    little = 0.5  # motion assumed for an output with a constant reference, as a share of the largest motion
+    settled = 0.1  # final share of a run whose errors count for a balancing controller
     for name, error in errors.items():
-        first = int((1 - _SETTLED) * len(error)) if settles else 0
+        first = int((1 - settled) * len(error)) if settles else 0
         worst = float(np.nan_to_num(np.abs(error[first:])).max(initial=0.0))
-        trials.append(Trial(duration, name, worst, abs(motions[name]) or _LITTLE * largest))
+        trials.append(Trial(duration, name, worst, abs(motions[name]) or little * largest))
     return max(trials, key=lambda each: each.relative_error)
 
 
 _MOVED = 0.5  # smallest share of the displacement that a base on wheels makes of the one that was asked for
-_SPARED = 0.9  # share of a limit that a reduced motion aims at
 _OF_RUN = {
     FindingKind.POSITION,
     FindingKind.VELOCITY,
@@ -210,10 +209,11 @@ def kept_share(trajectory: Trajectory, replay: LimitReplay, *, at_rest: bool) ->
     """
     resting = dict(zip(trajectory.info.outputs.T, np.abs(trajectory.T[0]), strict=True)) if at_rest else {}
     share = 1.0
+    spared = 0.9  # share of a limit that a reduced motion aims at
     for use in replay.violations:
         rest = float(resting.get(use.name, 0.0)) if use.kind == "effort" else 0.0
         if use.kind in ("velocity", "effort") and use.limit > rest:
-            share = min(share, _SPARED * (use.limit - rest) / (abs(use.value) - rest))
+            share = min(share, spared * (use.limit - rest) / (abs(use.value) - rest))
     return share
 
 

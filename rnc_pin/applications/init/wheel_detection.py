@@ -26,14 +26,7 @@ from rnc_pin.applications.init.robot_at_start import (
 from rnc_pin.io import Json
 
 UPRIGHT = 1e-5  # horizontal part of a unit axis below which a pivot is vertical up to rounding
-_STEERS = 0.5  # smallest vertical part of a unit swivel axis: forks are inclined, those of choppers by 50 degrees
-_TURNS = 4 * np.pi  # a joint with a larger range can be a wheel, like a continuous joint; wrists have less [rad]
-_WIDEST = 8.0  # largest width of a wheel, in radii
-_ROLLERS = 4  # smallest number of child joints on a rim that are rollers
-_IN_PLANE = 3  # smallest number of wheels on the ground in the plane of a sprocket
 _SIZES = (0.003, 1.5)  # plausible radii if no shape gives one [m]
-_VIRTUAL = 0.01  # largest mass of a virtual wheel, as a share of that of a wheel
-_ON_AXLE = 1e-4  # largest distance of a wheel's frame from its axle [m]: a wheel that is farther away is eccentric
 _WHEEL = ".*wheel|wheel.*|tire|tyre|.*caster|caster.*|.*castor|castor.*"
 _NO_WHEEL = "reaction_wheel|flywheel|momentum_wheel|steering_?wheel|rotor|propeller|prop|pulley|gear|spider"
 
@@ -151,11 +144,12 @@ def find_virtual_joints(at_start: RobotAtStart) -> list[str]:
     shaped = shaped.union(*(joints_without_mesh(at_start.robot, kind) for kind in GEOMETRY))
     lightest = min((float(model.inertias[each.index].mass) for each in wheels), default=0.0)
     found = []
+    virtual = 0.01  # largest mass of a virtual wheel, as a share of that of a wheel
     for joint in range(at_start.root + 1, model.njoints):
         behind = [int(each) for each in model.subtrees[joint]]
         level = any(abs(data.oMi[joint].translation[2] - each.center[2]) < PLACED for each in wheels)
         mass = sum(model.inertias[each].mass for each in behind)
-        if level and model.joints[joint].nv == 1 and not shaped & {*behind} and mass < _VIRTUAL * lightest:
+        if level and model.joints[joint].nv == 1 and not shaped & {*behind} and mass < virtual * lightest:
             found.append(str(model.names[joint]))
     return found
 
@@ -164,10 +158,11 @@ def find_raised_wheels(at_start: RobotAtStart, wheels: Sequence[Wheel]) -> list[
     """Return round bodies above the ground in the plane of several wheels: sprockets and idlers of a track."""
     standing = {wheel.joint for wheel in wheels}
     others = [each.wheel for each in _measured_wheels(at_start)[0] if each.is_shaped]
+    in_plane = 3  # smallest number of wheels on the ground in the plane of a sprocket
     return [
         other
         for other in others
-        if other.joint not in standing and sum(_are_in_plane(other, wheel) for wheel in wheels) >= _IN_PLANE
+        if other.joint not in standing and sum(_are_in_plane(other, wheel) for wheel in wheels) >= in_plane
     ]
 
 
@@ -278,6 +273,7 @@ class _Found:
 def _candidates(at_start: RobotAtStart) -> Iterator[_Candidate]:
     """Yield continuous joints with a horizontal axis and no child joints except rollers."""
     model = at_start.robot.model
+    turns = 4 * np.pi  # a joint with a larger range can be a wheel, like a continuous joint; wrists have less [rad]
     for index in range(at_start.root + 1, model.njoints):
         if model.joints[index].nv != 1:
             continue
@@ -292,7 +288,7 @@ def _candidates(at_start: RobotAtStart) -> Iterator[_Candidate]:
                 continue
             rollers = []  # a named wheel can carry gears and hubs
         travel = _travel(at_start, index)
-        turns_once = not named and travel <= (1 + SAME) * _TURNS
+        turns_once = not named and travel <= (1 + SAME) * turns
         if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > LEVEL or (turns_once and travel < (1 - 10 * SAME) * 2 * np.pi):
             continue
         behind = {index, *rollers}
@@ -309,9 +305,10 @@ def _travel(at_start: RobotAtStart, index: int) -> float:
 def _on_axle(at_start: RobotAtStart, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]:
     """Frame of a wheel and its position (3,): a link on the axle with a wheel's name, or the joint's body frame."""
     origin = at_start.data.oMi[joint].translation
+    on_axle = 1e-4  # largest distance of a wheel's frame from its axle [m]: a wheel that is farther away is eccentric
     for index, frame in enumerate(at_start.robot.model.frames):
         called = frame.parentJoint == joint and frame.type == pin.FrameType.BODY and has_word(_WHEEL, frame.name)
-        if called and np.abs(across(at_start.data.oMf[index].translation - origin, axle)).max() < _ON_AXLE:
+        if called and np.abs(across(at_start.data.oMf[index].translation - origin, axle)).max() < on_axle:
             return str(frame.name), at_start.data.oMf[index].translation.copy()
     return body_frame(at_start.robot, joint), origin.copy()
 
@@ -324,7 +321,8 @@ def _are_rollers(at_start: RobotAtStart, joints: list[int], center: np.ndarray, 
     leaves = all(model.joints[each].nv == 1 and not len(model.children[each]) for each in joints)
     away = np.array([across(at_start.data.oMi[each].translation - center, axle) for each in joints])
     distances = np.linalg.norm(away, axis=1)
-    return len(joints) >= _ROLLERS and leaves and bool(distances.min() > 0.5 * distances.max())
+    rollers = 4  # smallest number of child joints on a rim that are rollers
+    return len(joints) >= rollers and leaves and bool(distances.min() > 0.5 * distances.max())
 
 
 def _measured_size(at_start: RobotAtStart, candidate: _Candidate, floor: float | None) -> _Size | None:
@@ -333,9 +331,10 @@ def _measured_size(at_start: RobotAtStart, candidate: _Candidate, floor: float |
     Sources of the radius, in order: its shapes, its height above a floor in the file, its inertia, its height above the
     base's origin.
     """
+    widest = 8.0  # largest width of a wheel, in radii
     for kind, parts in candidate.parts.items():
         disk = fitted_disk(parts, candidate.center, candidate.axle)
-        if disk is not None and disk.width < _WIDEST * disk.radius:
+        if disk is not None and disk.width < widest * disk.radius:
             return _Size(disk.radius, disk.bottom, kind, all(len(part.points) == 1 for part in parts))
     spun = _radius_from_inertia(at_start, candidate)
     if not candidate.named and (spun is None or any(candidate.parts.values())):
@@ -413,13 +412,14 @@ def joints_above(
     model, data = at_start.robot.model, at_start.data
     pivots: list[Pivot] = []
     carriers: list[str] = []
+    steers = 0.5  # smallest vertical part of a unit swivel axis: forks are inclined, those of choppers by 50 degrees
     while joint > at_start.root and model.joints[joint].nv == 1:
         axis = turning_axis(model, data, joint)
         along = center - data.oMi[joint].translation
         parallel = axis.any() and np.abs(across(axis, axle)).max() < ALIGNED
         if parallel and np.abs(across(along, axis)).max() < placed(radius):
             pass  # a gear on the same axle rotates the wheel but does not move it
-        elif abs(axis[2]) > _STEERS:
+        elif abs(axis[2]) > steers:
             free = _travel(at_start, joint) >= (1 - 10 * SAME) * 2 * np.pi  # files write 3.14
             point = data.oMi[joint].translation.copy()
             pivots.append(Pivot(str(model.names[joint]), int(joint), point, axis * np.sign(axis[2]), free))

@@ -5,43 +5,49 @@ Axles of wheels that are only drawn are knife edges without side slip.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init import robot_at_start
 from rnc_pin.applications.init.evidence import DriveEvidence, DrivenJoints, has_word, turning_axis
+from rnc_pin.applications.init.robot_at_start import (
+    ALIGNED,
+    GEOMETRY,
+    LEVEL,
+    NEAR,
+    PLACED,
+    RobotAtStart,
+    across,
+    first_smallest,
+    fitted_disk,
+    placed,
+)
 from rnc_pin.applications.init.wheel_detection import Pivot, Wheel, joints_above
+from rnc_pin.io import Json
 
 
-def find_drawn_axles(at_start: robot_at_start.RobotAtStart) -> list[Wheel]:
+def find_drawn_axles(at_start: RobotAtStart) -> list[Wheel]:
     """Return pairs of coaxial horizontal disks at the ground on one body, each as one wheel that is only drawn."""
-    drawn = at_start.shapes["visual"] or at_start.shapes["collision"]
-    ground = _ground(at_start)
     axles: list[Wheel] = []
-    disks = [s for s in drawn if s.axis is not None and abs(s.axis[2]) < robot_at_start.LEVEL and _thin(s)]
-    for one in disks:
-        for other in disks:
-            if one.name >= other.name or one.joint != other.joint:
-                continue
-            axle, between = one.axis, other.points.mean(axis=0) - one.points.mean(axis=0)
-            assert axle is not None
-            radii = [_radius(each) for each in (one, other)]
-            apart = np.linalg.norm(between)
-            level = one.bottom - ground < robot_at_start.NEAR * radii[0]
-            aligned = apart > radii[0] and abs(between @ axle) > (1 - 0.5 * robot_at_start.ALIGNED) * apart
-            if not level or not aligned or abs(radii[0] - radii[1]) > 0.1 * radii[0]:
-                continue
-            center = (one.points.mean(axis=0) + other.points.mean(axis=0)) / 2
-            wheel = _drawn(at_start, one.joint, radii[0], center, axle, max(robot_at_start.PLACED, 0.2 * radii[0]))
+    disks = [each for each in at_start.drawn if each.is_disk and abs(each.axis[2]) < LEVEL]
+    for one, other in itertools.permutations(disks, 2):
+        between = other.middle - one.middle
+        apart, radius = np.linalg.norm(between), one.radius
+        level = one.bottom - at_start.ground < NEAR * radius
+        aligned = apart > radius and abs(between @ one.axis) > (1 - 0.5 * ALIGNED) * apart
+        equal = one.joint == other.joint and abs(radius - other.radius) <= 0.1 * radius
+        if one.name < other.name and level and aligned and equal:
+            center = (one.middle + other.middle) / 2
+            wheel = _drawn(at_start, one.joint, radius, center, one.axis, max(PLACED, 0.2 * radius))
             if wheel is not None and all(wheel.frame != each.frame for each in axles):
                 axles.append(wheel)
     return axles
 
 
-def find_drawn_wheels(at_start: robot_at_start.RobotAtStart, wheels: Sequence[Wheel]) -> list[Wheel]:
+def find_drawn_wheels(at_start: RobotAtStart, wheels: Sequence[Wheel]) -> list[Wheel]:
     """Return disks on the ground that a pivot turns, and no joint about their axle: wheels that only steer.
 
     Args:
@@ -49,55 +55,42 @@ def find_drawn_wheels(at_start: robot_at_start.RobotAtStart, wheels: Sequence[Wh
         wheels: its wheels with a joint, or its drawn axles, which tell where the ground is.
     """
     model = at_start.robot.model
-    ground = min((each.center[2] - each.radius for each in wheels), default=_ground(at_start))
+    ground = min((each.center[2] - each.radius for each in wheels), default=at_start.ground)
     rolling = {int(each) for wheel in wheels for each in model.supports[model.getJointId(wheel.joint)]}
     found: dict[int, Wheel] = {}
-    for shape in (each for kind in robot_at_start.GEOMETRY for each in at_start.shapes[kind]):
+    for shape in (each for kind in GEOMETRY for each in at_start.shapes[kind]):
         index = shape.joint
         if index in {*rolling, *found} or index <= at_start.root or model.joints[index].nv != 1:
             continue
-        if abs(turning_axis(model, at_start.data, index)[2]) < 1 - robot_at_start.ALIGNED:
+        if abs(turning_axis(model, at_start.data, index)[2]) < 1 - ALIGNED:
             continue
         center = (shape.points.min(axis=0) + shape.points.max(axis=0)) / 2
-        for axle in at_start.data.oMi[index].rotation.T if shape.axis is None else (shape.axis,):
-            disk = robot_at_start.fitted_disk([shape], center, axle) if abs(axle[2]) < robot_at_start.LEVEL else None
-            if (
-                disk
-                and disk.width < 1.5 * disk.radius
-                and abs(disk.bottom - ground) < robot_at_start.NEAR * disk.radius
-            ):
+        for axle in (shape.axis,) if shape.axis.any() else at_start.data.oMi[index].rotation.T:
+            disk = fitted_disk([shape], center, axle) if abs(axle[2]) < LEVEL else None
+            if disk and disk.width < 1.5 * disk.radius and abs(disk.bottom - ground) < NEAR * disk.radius:
                 wheel = _drawn(at_start, index, disk.radius, center, axle, np.inf)
-                if wheel is not None:
-                    found[index] = wheel
+                found |= {} if wheel is None else {index: wheel}
     return [*found.values()]
 
 
-def find_crossed_wheels(at_start: robot_at_start.RobotAtStart) -> list[str]:
+def find_crossed_wheels(at_start: RobotAtStart) -> list[str]:
     """Return joints with a horizontal axis across that of the disk on the ground that they turn: mistakes of a file."""
-    model, ground = at_start.robot.model, _ground(at_start)
-    crossed = []
-    for shape in at_start.shapes["visual"] or at_start.shapes["collision"]:
+    model, crossed = at_start.robot.model, []
+    most = 0.1  # cosine of two axes that are across each other
+    for shape in at_start.drawn:
         joint = shape.joint
-        if shape.axis is None or joint <= at_start.root or model.joints[joint].nv != 1 or not _thin(shape):
+        if joint <= at_start.root or model.joints[joint].nv != 1 or not shape.is_disk:
             continue
-        axis, down = (
-            turning_axis(model, at_start.data, joint),
-            shape.bottom - ground < robot_at_start.NEAR * _radius(shape),
-        )
-        level = max(abs(axis[2]), abs(shape.axis[2])) < robot_at_start.LEVEL
-        if down and level and axis.any() and abs(axis @ shape.axis) < _ACROSS:
+        axis = turning_axis(model, at_start.data, joint)
+        down = shape.bottom - at_start.ground < NEAR * shape.radius
+        level = max(abs(axis[2]), abs(shape.axis[2])) < LEVEL
+        if down and level and axis.any() and abs(axis @ shape.axis) < most:
             crossed.append(str(model.names[joint]))
     return crossed
 
 
-def _ground(at_start: robot_at_start.RobotAtStart) -> float:
-    """Height of the lowest drawn shape [m]."""
-    drawn = at_start.shapes["visual"] or at_start.shapes["collision"]
-    return min((each.bottom for each in drawn), default=0.0)
-
-
 def _drawn(
-    at_start: robot_at_start.RobotAtStart, joint: int, radius: float, center: np.ndarray, axle: np.ndarray, near: float
+    at_start: RobotAtStart, joint: int, radius: float, center: np.ndarray, axle: np.ndarray, near: float
 ) -> Wheel | None:
     """Wheel without a joint about its axle, or None if no frame of its body is along the axle."""
     place = _frame_on(at_start, joint, center, axle, near)
@@ -108,25 +101,13 @@ def _drawn(
     wheel = Wheel(str(at_start.robot.model.names[joint]), frame, radius, "visual", center, axle, pivots, carriers)
     placement = at_start.data.oMf[at_start.robot.frame_id(frame)]
     ahead = float((center - placement.translation) @ wheel.heading)
-    at = [round(float(each), 6) + 0.0 for each in placement.rotation.T @ (ahead * wheel.heading)]
-    return replace(
-        wheel, edge={"frame": frame, "axis": axis, **({"at": at} if abs(ahead) > robot_at_start.placed(radius) else {})}
-    )
-
-
-def _thin(disk: robot_at_start.Shape) -> bool:
-    assert disk.axis is not None
-    return bool(np.ptp(disk.points @ disk.axis) < 1.5 * _radius(disk))
-
-
-def _radius(cylinder: robot_at_start.Shape) -> float:
-    assert cylinder.axis is not None
-    offsets = cylinder.points - cylinder.points.mean(axis=0)
-    return float(np.linalg.norm(robot_at_start.across(offsets, cylinder.axis), axis=1).max())
+    at: list[Json] = [round(float(each), 6) + 0.0 for each in placement.rotation.T @ (ahead * wheel.heading)]
+    edge: dict[str, Json] = {"frame": frame, "axis": axis}
+    return replace(wheel, edge={**edge, "at": at} if abs(ahead) > placed(radius) else edge)
 
 
 def _frame_on(
-    at_start: robot_at_start.RobotAtStart, joint: int, point: np.ndarray, axle: np.ndarray, near: float
+    at_start: RobotAtStart, joint: int, point: np.ndarray, axle: np.ndarray, near: float
 ) -> tuple[str, str] | None:
     """Frame of the body with its origin above or on the axle [m], and its local axis along the axle, or None."""
     best, nearest = None, near
@@ -135,21 +116,15 @@ def _frame_on(
             continue
         offset = at_start.data.oMf[index].translation - point
         along = np.abs(at_start.data.oMf[index].rotation.T @ axle)
-        beside = robot_at_start.across(offset, axle)
+        beside = across(offset, axle)
         away = float(np.hypot(beside[0], beside[1]))
-        if away <= nearest and along.max() > np.cos(2 * robot_at_start.ALIGNED):
+        if away <= nearest and along.max() > np.cos(2 * ALIGNED):
             best, nearest = (str(frame.name), "xyz"[int(along.argmax())]), away
     return best
 
 
-_ACROSS = 0.1  # largest cosine of two axes that are across each other
-_TRAILS = 0.2  # smallest caster trail, in radii: from the swivel axis to the wheel
-_AXLE = 1.0  # smallest such distance of several wheels on one pivot that carry a trailer, in radii
-_SAME_LINE = 0.25  # largest distance of wheels of one axle line along their heading, in radii: at ends of legs too
-_ONE_TRACK = 0.25  # largest lateral distance of wheels that stand in line, in radii
 _CASTER = "caster.*|.*caster|castor.*|.*castor|swivel.*"
 _GLIDES = f"{_CASTER}|ball|support"
-_STEERED = "steer|steering|steered|knuckle|articulat.*"
 TOWED = "hitch|trailer|kingpin|king_pin|coupler|coupling|drawbar|tow|towed|towbar"
 
 
@@ -189,7 +164,8 @@ class WheelGroup:
     @property
     def follows(self) -> bool:
         """True if the trail is long enough for the wheels to follow the motion of the base."""
-        return self.trail > _TRAILS * self.wheels[0].radius
+        trails = 0.2  # smallest caster trail, in radii: from the swivel axis to the wheel
+        return self.trail > trails * self.wheels[0].radius
 
 
 @dataclass
@@ -257,7 +233,38 @@ class WheelLayout:
         """Fixed axle nearest to the middle of all: a base with steered wheels turns about a point of its line."""
         axles = self.axles
         distances = [abs(float((axle[0].center - self.middle) @ axle[0].heading)) for axle in axles]
-        return axles[robot_at_start.first_smallest(distances, robot_at_start.placed(axles[0][0].radius))]
+        return axles[first_smallest(distances, placed(axles[0][0].radius))]
+
+    @property
+    def is_turret(self) -> bool:
+        """True if one pivot carries two or more driven wheels of one axle line, and nothing else guides the base."""
+        if self.fixed or self.trailers or len(self.steered) != 1:
+            return False
+        wheels = self.steered[0].wheels
+        return (
+            len(wheels) > 1 and len(in_line(wheels)) == 1 and all(each.joint in self.driven.joints for each in wheels)
+        )
+
+    @property
+    def is_swerve(self) -> bool:
+        """True if two or more driven or drawn wheels are steered one by one and guide the base."""
+        if self.fixed or self.trailers or len(self.steered) < 2:
+            return False
+        wheels = [each.wheels[0] for each in self.steered]
+        driven = [each.joint in self.driven.joints or each.edge is not None for each in wheels]
+        return sum(driven) > 1 and all(are_parallel(wheels[0], each) for each in wheels)
+
+    @property
+    def is_bicycle(self) -> bool:
+        """True if a steered wheel is in front of a fixed wheel, in one plane."""
+        if len(self.fixed) != 1 or len(self.steered) != 1 or self.balls or self.casters:
+            return False
+        rear, front = self.fixed[0], self.steered[0].wheels[0]
+        if len(self.steered[0].wheels) != 1 or not are_parallel(rear, front):
+            return False
+        between = front.center - rear.center
+        along = abs(float(between @ rear.heading))
+        return bool(np.linalg.norm(between[:2]) < 1.05 * along and along > 0.8 * rear.radius)
 
     @property
     def is_on_one_track(self) -> bool:
@@ -267,16 +274,18 @@ class WheelLayout:
             return False
         beside = [float((each.center - wheels[0].center) @ wheels[0].axle) for each in wheels]
         along = [float((each.center - wheels[0].center) @ wheels[0].heading) for each in wheels]
-        return bool(np.ptp(beside) < _ONE_TRACK * wheels[0].radius < np.ptp(along))
+        one_track = 0.25  # largest lateral distance of wheels that stand in line, in radii
+        return bool(np.ptp(beside) < one_track * wheels[0].radius < np.ptp(along))
 
 
 def in_line(wheels: Iterable[Wheel]) -> list[list[Wheel]]:
     """Return wheels grouped by axle line."""
     axles: list[list[Wheel]] = []
+    same_line = 0.25  # largest distance of wheels of one axle line along their heading, in radii: at ends of legs too
     for wheel in wheels:
         for axle in axles:
             beside = (wheel.center - axle[0].center) @ axle[0].heading
-            if are_parallel(axle[0], wheel) and abs(beside) < _SAME_LINE * wheel.radius:
+            if are_parallel(axle[0], wheel) and abs(beside) < same_line * wheel.radius:
                 axle.append(wheel)
                 break
         else:
@@ -378,10 +387,12 @@ def _others_like(carriage: WheelGroup, layout: WheelLayout, drives: DriveEvidenc
         return layout.steered
     if has_word(TOWED, *names) and not is_paired:
         return layout.trailers
-    if has_word(_STEERED, *names):
+    steered = "steer|steering|steered|knuckle|articulat.*"
+    if has_word(steered, *names):
         return layout.steered
     if has_word(_CASTER, *names):
         return layout.casters
+    axle = 1.0  # smallest such distance of several wheels on one pivot that carry a trailer, in radii
     if not carriage.is_lone:
-        return layout.trailers if carriage.trail > _AXLE * radius else layout.steered
+        return layout.trailers if carriage.trail > axle * radius else layout.steered
     return layout.casters if follows else layout.steered

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from statistics import median
 
 import numpy as np
 
 from rnc_pin.applications.init.assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, place_and_heading
-from rnc_pin.applications.init.evidence import GUESSED, LIKELY, SURE, Alternative, DraftDecision, body_frame, has_word
+from rnc_pin.applications.init.evidence import (
+    GUESSED,
+    LIKELY,
+    SURE,
+    Alternative,
+    DraftDecision,
+    body_frame,
+    for_each,
+    has_word,
+)
 from rnc_pin.applications.init.robot_at_start import RobotAtStart, placed
 from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import TOWED, WheelGroup, WheelLayout, are_parallel, in_line
@@ -17,10 +25,9 @@ from rnc_pin.errors import few
 from rnc_pin.io import Json
 
 _TRACK, _MANY = 3, 5  # smallest number of wheels of a track: called so, or of any name
-_TRACK_WORDS = "track|crawler|idler|sprocket|bogie|road|roadwheel|caterpillar|band|belt"
 
 
-def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[DraftDecision] = ()) -> BaseAssumptions:
+def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: list[DraftDecision]) -> BaseAssumptions:
     """Base on one or more axles, with steered wheels, casters, trailers or tracks.
 
     Each axle line has one lateral row, because wheels of a file are never on one line exactly: two nearly equal rows
@@ -34,15 +41,14 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[
     sides = tracks(layout)
     result = planar_on_wheels(layout, at_start, _kind(layout, is_tracked=bool(sides)))
     result.decisions += decided
-    towed = [pivot.joint for pivot in layout.straight]
-    result.hold(towed, at_start.start, "a steered axle of a trailer does not steer the base: locked straight")
+    towed = (pivot.joint for pivot in layout.straight)
+    result.hold(towed, "a steered axle of a trailer does not steer the base: locked straight")
     if sides:
         _crawl(result, layout, sides, at_start)
     else:
         _roll(result, layout, at_start)
         add_wheel_motors(result, layout, at_start)
-    along = at_start.along(layout.fixed[0].heading)
-    result.outputs.append(({"frame_speed": {"frame": at_start.frame, "axis": along}}, DRIVEN))
+    result.drive_along(at_start.along(layout.fixed[0].heading))
     if layout.steered:
         _steer(result, layout, at_start)
     else:
@@ -50,7 +56,7 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[
             result.act("torque", "z", "turns the base: one wheel cannot")
             result.notes.append("one wheel, held upright by assumption: if it may fall, give the robot a free base")
         result.outputs.append(({"frame_yaw": at_start.frame}, TURNED))
-    support_by_casters(result, layout, at_start)
+    support_by_casters(result, layout)
     for carriage in layout.trailers:
         _tow(result, carriage, at_start)
     result.vertical += place_and_heading(at_start.frame)
@@ -69,43 +75,31 @@ def add_wheel_motors(result: BaseAssumptions, layout: WheelLayout, at_start: Rob
     idle = [joint for joint in own if joint not in driven.joints]
     result.actuators += [(joint, "") for joint in own if joint in driven.joints]
     result.passive |= set(idle)
-    instead = tuple(word for joint in idle for word in ("--driven", joint))
-    others = (Alternative(few(idle), instead),) if idle else ()
-    question = "Which wheels are driven?"
-    result.decisions.append(DraftDecision(question, few(driven.joints), driven.confidence, driven.evidence, others))
+    others = [Alternative(few(idle), for_each("--driven", idle))] if idle else []
+    result.decide("Which wheels are driven?", few(driven.joints), driven.confidence, driven.evidence, *others)
 
 
-def support_by_casters(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
+def support_by_casters(result: BaseAssumptions, layout: WheelLayout) -> None:
     """Add casters, which follow the base; a swivel without a trail does not, so that its wheel skids."""
     for carriage in layout.casters:
         if not carriage.follows:
-            why = "a swivel without a trail does not turn by itself: held"
-            result.hold([carriage.pivot.joint], at_start.start, why)
-            for wheel in carriage.wheels:
-                result.roll(wheel, "skids sideways", lateral=False)
+            result.hold([carriage.pivot.joint], "a swivel without a trail does not turn by itself: held")
+            result.roll_line(carriage.wheels, "skids sideways", lateral=False)
             result.passive |= {wheel.joint for wheel in carriage.wheels}
             continue
         for line in in_line(carriage.wheels):
-            for wheel, more in one_lateral(line):
-                result.roll(wheel, "a caster, not driven", **more)
+            result.roll_line(line, "a caster, not driven")
         result.passive |= set(carriage.joints)
-
-
-def one_lateral(line: Sequence[Wheel]) -> list[tuple[Wheel, dict[str, Json]]]:
-    """Return the wheels of an axle line with their keys: the first has a lateral row, for all of them."""
-    return [(wheel, {} if index == 0 else {"lateral": False}) for index, wheel in enumerate(line)]
 
 
 def planar(at_start: RobotAtStart, kind: str, wheels: list[Wheel]) -> BaseAssumptions:
     """Planar base; it uses the file's own planar joints if there are any."""
-    result = BaseAssumptions("planar", kind, at_start.frame, travel=DRIVEN)
+    result = BaseAssumptions("planar", kind, at_start.frame, at_start.start, travel=DRIVEN)
     if at_start.own_planar_joints:
         result.base = "fixed"
         result.passive |= set(at_start.own_planar_joints)
-        result.notes.append(
-            "the file's own joints let the base move over the ground, its wheels drive it: "
-            f"{', '.join(at_start.own_planar_joints)}"
-        )
+        said = "the file's own joints let the base move over the ground, its wheels drive it"
+        result.notes.append(f"{said}: {', '.join(at_start.own_planar_joints)}")
     elif at_start.has_replaceable_free_joint:
         result.lock.update(at_start.own_joint)
         result.notes.append(f"a planar base replaces the file's own {', '.join(at_start.own_joint)}")
@@ -118,14 +112,12 @@ def planar(at_start: RobotAtStart, kind: str, wheels: list[Wheel]) -> BaseAssump
 def planar_on_wheels(layout: WheelLayout, at_start: RobotAtStart, kind: str) -> BaseAssumptions:
     """Planar base with the joints held that would lift its wheels or that only slide."""
     result = planar(at_start, kind, layout.wheels)
-    result.lock_carriers(layout.wheels, at_start.start)
-    drawn = [wheel.frame for wheel in layout.wheels if wheel.edge is not None]
-    if drawn:
-        result.notes.append(
-            f"no joint turns these wheels about their axles, so that they are knife edges: {few(drawn)}"
-        )
+    result.lock_carriers(layout.wheels)
+    if drawn := [wheel.frame for wheel in layout.wheels if wheel.edge is not None]:
+        said = "no joint turns these wheels about their axles, so that they are knife edges"
+        result.notes.append(f"{said}: {few(drawn)}")
     gliding = [wheel.joint for wheel in layout.balls]
-    result.hold(gliding, at_start.start, "ball casters slide, so that they are locked and only drawn")
+    result.hold(gliding, "ball casters slide, so that they are locked and only drawn")
     result.passive |= {dolly for dolly in layout.dollies if not at_start.drives.says(dolly)}
     return result
 
@@ -160,7 +152,7 @@ def knife_edge_base(axles: list[Wheel], drawn: WheelLayout, at_start: RobotAtSta
         result.frame = body_frame(at_start.robot, at_start.robot.joint_id(own[0].joint))
     along = at_start.along(own[0].heading, result.frame)
     result.act("force", along, "drives the base")
-    result.outputs.append(({"frame_speed": {"frame": result.frame, "axis": along}}, DRIVEN))
+    result.drive_along(along)
     if steered:
         result.passive |= {pivot.joint for each in axles for pivot in each.pivots}  # hitches
         _steer(result, WheelLayout(fixed=own[:1], steered=steered), at_start)
@@ -168,7 +160,7 @@ def knife_edge_base(axles: list[Wheel], drawn: WheelLayout, at_start: RobotAtSta
         if len(bodies) == 1:
             result.act("torque", "z", "turns the base")
         result.outputs.append(({"frame_yaw": result.frame}, TURNED))
-    support_by_casters(result, drawn, at_start)
+    support_by_casters(result, drawn)
     result.vertical += place_and_heading(result.frame)
     return result
 
@@ -210,13 +202,9 @@ def _roll(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) 
             + "; if these are Mecanum or omni wheels, give each its roller instead of lateral"
         )
     for axle in axles:
-        for wheel, more in one_lateral(axle):
-            if guide and axle[0] is guide[0]:
-                result.roll(wheel, **more)
-            else:
-                result.roll(wheel, "skids sideways", lateral=False)
-    for wheel in layout.sliding:
-        result.roll(wheel, "slides on its rollers", lateral=False)
+        guides = bool(guide) and axle[0] is guide[0]
+        result.roll_line(axle, "" if guides else "skids sideways", lateral=guides)
+    result.roll_line(layout.sliding, "slides on its rollers", lateral=False)
 
 
 def tracks(layout: WheelLayout) -> list[list[Wheel]]:
@@ -232,7 +220,8 @@ def tracks(layout: WheelLayout) -> list[list[Wheel]]:
         return []
     for wheel in wheels:
         sides.setdefault(_is_left(wheel, layout), []).append(wheel)
-    called = all(has_word(_TRACK_WORDS, *wheel.names) for wheel in wheels)
+    track_words = "track|crawler|idler|sprocket|bogie|road|roadwheel|caterpillar|band|belt"
+    called = all(has_word(track_words, *wheel.names) for wheel in wheels)
     driven_above = {_is_left(wheel, layout) for wheel in layout.raised} == {True, False}
     each_side = sorted(sides.values(), key=lambda side: wheels.index(side[0]))
     least = _TRACK if called or driven_above else _MANY
@@ -271,11 +260,10 @@ def _crawl(result: BaseAssumptions, layout: WheelLayout, sides: list[list[Wheel]
         support: dict[str, Json] = {"frame": last.frame, "radius": round(last.radius, 6)}
         result.constraints.append(({"caster": support}, "supports the other end of its track"))
         result.passive |= {wheel.joint for wheel in every if wheel is not driver}
-    everything = tuple(word for wheel in layout.fixed for word in ("--driven", wheel.joint))
-    others = (Alternative("each wheel has a motor", everything),)
+    other = Alternative("each wheel has a motor", for_each("--driven", [wheel.joint for wheel in layout.fixed]))
     evidence = "by sprockets above them" if layout.raised else "by the names or the number of its wheels"
-    question = "Do tracks couple the wheels of each side?"
-    result.decisions.append(DraftDecision(question, f"yes, driven by {few(drivers)}", LIKELY, evidence, others))
+    question, answer = "Do tracks couple the wheels of each side?", f"yes, driven by {few(drivers)}"
+    result.decide(question, answer, LIKELY, evidence, other)
 
 
 def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
@@ -296,7 +284,7 @@ def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart)
             if not lateral and not same and not linked and _reach(one, fixed[0]) > placed(one.wheels[0].radius):
                 ackermann = {"left": main[0].pivot.joint, "right": pivot, "axle": fixed[0].frame}
                 if number:
-                    ackermann["axis"] = _own_axis(at_start, fixed[0])
+                    ackermann["axis"] = at_start.along(fixed[0].axle, fixed[0].frame)
                 result.constraints.append(({"ackermann": ackermann}, "all steered wheels turn about one point"))
             elif not lateral and same:
                 result.notes.append(f"{main[0].pivot.joint} and {pivot} have the same angle, so that a wheel skids")
@@ -304,14 +292,13 @@ def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart)
                 said = f"the wheel of {pivot} skids where its angle is not that of Ackermann steering"
                 result.notes.append(f"loops of the file couple {main[0].pivot.joint} and {pivot}: {said}")
             elif not lateral:
-                result.hold([pivot], at_start.start, "on the line of the fixed axle, where no steering is needed")
+                result.hold([pivot], "on the line of the fixed axle, where no steering is needed")
             for line in in_line(one.wheels):
-                for wheel, more in one_lateral(line):
-                    result.roll(wheel, f"steered by {pivot}", **(more if lateral else {"lateral": False}))
+                result.roll_line(line, f"steered by {pivot}", lateral=lateral)
             result.passive |= {pivot} - {driver}
-    others = tuple(Alternative(f"{axle[0].pivot.joint}", ("--passive", main[0].pivot.joint)) for axle in steered[1:2])
+    others = [Alternative(axle[0].pivot.joint, ("--passive", main[0].pivot.joint)) for axle in steered[1:2]]
     evidence = "the farthest from the fixed axle" if others else "the only steered axle"
-    result.decisions.append(DraftDecision("Which axle steers?", driver, LIKELY, evidence, others))
+    result.decide("Which axle steers?", driver, LIKELY, evidence, *others)
 
 
 def _steered_axles(layout: WheelLayout, axle: Wheel) -> list[list[WheelGroup]]:
@@ -331,12 +318,6 @@ def _reach(group: WheelGroup, axle: Wheel) -> float:
     return abs(float((group.pivot.point - axle.center) @ axle.heading))
 
 
-def _own_axis(at_start: RobotAtStart, wheel: Wheel) -> str:
-    """Axis of a wheel's frame along its axle."""
-    frame = at_start.data.oMf[at_start.robot.frame_id(wheel.frame)]
-    return "xyz"[int(np.argmax(np.abs(frame.rotation.T @ wheel.axle)))]
-
-
 def _side_by_side(one: WheelGroup, other: WheelGroup, axle: Wheel) -> bool:
     across = other.pivot.point - one.pivot.point
     single = len(one.wheels) == len(other.wheels) == 1
@@ -347,12 +328,8 @@ def _side_by_side(one: WheelGroup, other: WheelGroup, axle: Wheel) -> bool:
 
 def _tow(result: BaseAssumptions, carriage: WheelGroup, at_start: RobotAtStart) -> None:
     """Add the wheels of a trailer on its hitch; a pivot with an effort may be the joint of an articulated vehicle."""
-    guide = in_line(carriage.wheels)[0][0]
-    for wheel in carriage.wheels:
-        if wheel is guide:
-            result.roll(wheel, "of a trailer")
-        else:
-            result.roll(wheel, "of a trailer, without a lateral row of its own", lateral=False)
+    result.roll(carriage.wheels[0], "of a trailer")
+    result.roll_line(carriage.wheels[1:], "of a trailer, without a lateral row of its own", lateral=False)
     joint, drives = carriage.pivot.joint, at_start.drives
     if drives.says(joint) is False or not drives.efforts.get(joint):
         sure, evidence = LIKELY, "nothing drives it"
@@ -361,5 +338,5 @@ def _tow(result: BaseAssumptions, carriage: WheelGroup, at_start: RobotAtStart) 
     else:
         sure, evidence = GUESSED, "its wheels are far behind it, but the file gives it an effort"
     steers = Alternative("no, it is driven and steers", ("--driven", joint))
-    result.decisions.append(DraftDecision(f"Is {joint} a free hitch?", "yes", sure, evidence, (steers,)))
+    result.decide(f"Is {joint} a free hitch?", "yes", sure, evidence, steers)
     result.passive |= set(carriage.joints)
