@@ -54,16 +54,20 @@ def main() -> None:
     except Exception as error:
         if "--debug" in sys.argv:
             traceback.print_exc()
-        try:
-            if isinstance(error, OSError) and error.filename is None:
-                print(flush=True)  # this fails again if standard output is full, and no file
-        except OSError as full:
-            sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (Python would write the rest at its end)
-            complain(f"standard output cannot be written: {full.strerror}")
-            sys.exit(FAILED)
-        complain(f"unexpected {type(error).__name__}: {' '.join(str(error).split())} (--debug shows where)")
+        complain(_unexpected(error))
         sys.exit(FAILED)
     sys.exit(status if isinstance(status, int) else DONE)
+
+
+def _unexpected(error: Exception) -> str:
+    """Message of an error that is none of the package, or of a standard output that is full."""
+    try:
+        if isinstance(error, OSError) and error.filename is None:
+            print(flush=True)  # this fails again if standard output is full, and no file
+    except OSError as full:
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (Python would write the rest at its end)
+        return f"standard output cannot be written: {full.strerror}"
+    return f"unexpected {type(error).__name__}: {' '.join(str(error).split())} (--debug shows where)"
 
 
 def run() -> None:

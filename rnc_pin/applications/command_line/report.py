@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -95,19 +95,11 @@ def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
         summary: summary of the run.
         outputs: outputs and inputs of the run, for their units.
     """
-    units = _units(outputs or OutputNames())
+    outputs = outputs or OutputNames()
     console = Console(markup=False, emoji=False)
     word = summary.get("verdict", summary["outcome"])
     console.print(f"{summary['scenario']}: {word}", style="bold", highlight=False)
-    errors = Table("output")
-    for column in ("final error", "largest error", "rms error"):
-        errors.add_column(column, justify="right")
-    for name in summary["final_error"]:
-        figures = (each[name] for each in (summary["final_error"], summary["max_error"], summary["rms_error"]))
-        errors.add_row(name + units.get(name, ""), *(f"{figure:.2e}" for figure in figures))
-    for name, figure in summary.get("goal_error", {}).items():
-        if name not in summary["final_error"]:
-            errors.add_row(name, f"{figure:.2e}", "-", "-")
+    errors = _errors(summary, _units(outputs))
     if errors.row_count:
         console.print(errors)
     for finding in summary.get("findings", ()):
@@ -118,32 +110,50 @@ def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
     invariants = Table(show_header=False, box=None, pad_edge=False)
     invariants.add_column()
     invariants.add_column(justify="right")
-    invariants.add_row("simulated time", f"{summary['duration']:.2f} s")
+    for row in _invariants(summary, dict(zip(outputs.T, outputs.T_units, strict=False))):
+        invariants.add_row(*row)
+    console.print(invariants)
+
+
+def _errors(summary: Summary, units: Mapping[str, str]) -> Table:
+    """Table of the errors of outputs."""
+    errors = Table("output")
+    for column in ("final error", "largest error", "rms error"):
+        errors.add_column(column, justify="right")
+    for name in summary["final_error"]:
+        figures = (each[name] for each in (summary["final_error"], summary["max_error"], summary["rms_error"]))
+        errors.add_row(name + units.get(name, ""), *(f"{figure:.2e}" for figure in figures))
+    for name, figure in summary.get("goal_error", {}).items():
+        if name not in summary["final_error"]:
+            errors.add_row(name, f"{figure:.2e}", "-", "-")
+    return errors
+
+
+def _invariants(summary: Summary, inputs: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """Yield what else is known of a run, with its value; the units of inputs are by name."""
+    yield "simulated time", f"{summary['duration']:.2f} s"
     if summary["wall_time"]:
-        invariants.add_row(
-            "simulation computed in", f"{summary['wall_time']:.2f} s ({summary['realtime_factor']:.1f} x real time)"
-        )
-    invariants.add_row("constraint residual, largest", f"{summary['constraint_residual_max']:.1e} m/s or rad/s")
+        factor = f"{summary['realtime_factor']:.1f} x real time"
+        yield "simulation computed in", f"{summary['wall_time']:.2f} s ({factor})"
+    yield "constraint residual, largest", f"{summary['constraint_residual_max']:.1e} m/s or rad/s"
     if summary["position_residual_max"]:
-        invariants.add_row("position residual, largest", f"{summary['position_residual_max']:.1e} m or rad")
+        yield "position residual, largest", f"{summary['position_residual_max']:.1e} m or rad"
     if summary["energy_drift"] is not None:  # needs the work of the plant
-        invariants.add_row("energy less work, drift", f"{summary['energy_drift']:.1e} (relative)")
+        yield "energy less work, drift", f"{summary['energy_drift']:.1e} (relative)"
     if summary["min_singular_value"] is not None:
-        invariants.add_row("singular value of E, smallest", f"{summary['min_singular_value']:.3g} (0: singular)")
+        yield "singular value of E, smallest", f"{summary['min_singular_value']:.3g} (0: singular)"
     if "off_tracking_max" in summary:
-        invariants.add_row("trailer off the driven path, largest", f"{summary['off_tracking_max']:.1e} m")
+        yield "trailer off the driven path, largest", f"{summary['off_tracking_max']:.1e} m"
     if summary["lift_off"] is not None:
         lowest = f"{summary['lift_off']['lowest']:.3g} N"
-        invariants.add_row(f"normal force of {summary['lift_off']['contact']}, lowest", lowest)
+        yield f"normal force of {summary['lift_off']['contact']}, lowest", lowest
     of_links = "distance between links, smallest", summary.get("smallest_own_distance")
     for words, nearest in (("distance to obstacles, smallest", summary.get("smallest_distance")), of_links):
         if nearest is not None:
             pair, at = " / ".join(nearest["bodies"]), f"t = {nearest['time']:.2f} s"
-            invariants.add_row(words, f"{nearest['distance']:.3g} m, {pair} at {at}")
-    inputs = dict(zip(outputs.T, outputs.T_units, strict=False)) if outputs else {}
+            yield words, f"{nearest['distance']:.3g} m, {pair} at {at}"
     for name, figure in summary["max_input"].items():
-        invariants.add_row(f"input {name}, largest", f"{figure:.3g} {inputs.get(name, '')}".rstrip())
-    console.print(invariants)
+        yield f"input {name}, largest", f"{figure:.3g} {inputs.get(name, '')}".rstrip()
 
 
 def _units(outputs: OutputNames) -> dict[str, str]:

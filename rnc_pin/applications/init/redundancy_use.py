@@ -225,8 +225,10 @@ def _known_outputs(scenario: Scenario) -> dict[str, OutputKind]:
     robot, found = scenario.robot, dict[str, OutputKind]()
     candidates = (each for group in default_candidates(scenario.reduced) for each in group)
     for kind in filter(None, (*scenario.content.listed_outputs, *candidates, *velocity_outputs(robot).values())):
-        points = isinstance(kind, FramePosition | CenterOfMass) and [replace(kind, axes=axis) for axis in kind.axes]
-        for each in points or [kind]:
+        kinds: list[OutputKind] = [kind]
+        if isinstance(kind, FramePosition | CenterOfMass):
+            kinds = [replace(kind, axes=axis) for axis in kind.axes]
+        for each in kinds:
             found |= {name: found.get(name, each) for name in each.bind(robot).names}
     return found
 

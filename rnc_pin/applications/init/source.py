@@ -129,11 +129,10 @@ class Source:
         Joints whose limits leave no motion are locked from now on.
         """
         self._lock_motionless()
-        is_rigid = False
+        base = None if self.is_mjcf else "fixed"
         try:
-            robot = self.load(None if self.is_mjcf else "fixed")
-            if self._lock_leaders(robot):
-                robot = self.load(None if self.is_mjcf else "fixed")
+            robot = self.load(base)
+            return self.load(base) if self._lock_leaders(robot) else robot, False
         except ModelError as error:
             if self.is_mjcf:
                 raise
@@ -143,8 +142,7 @@ class Source:
                 raise error from None
             if robot.nv > 6:
                 raise
-            is_rigid = True
-        return robot, is_rigid
+            return robot, True
 
     @property
     def is_mjcf(self) -> bool:

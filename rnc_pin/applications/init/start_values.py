@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -203,7 +203,8 @@ def _closed(robot: Robot, start: _Values) -> _Values:
     coupled = [name for name in start if name not in loose]
     system = NonholonomicSystem(robot, [constraint_of(entry) for entry, _ in loops])
     closed = 1e-4  # largest gap of a loop that counts as rounding in the file [m or rad], as at the start of a run
-    for values in _guesses(robot, start, coupled):
+    for drawn in ({}, robot.references):
+        values = _with_mimics(robot, {**start, **{name: drawn.get(name, 0.0) for name in coupled}})
         inside = all(low <= values[name] <= high for name in coupled for low, high in [joint_limits(robot, name)])
         if inside and np.abs(system.assembly.residual(robot.configuration(values))).max() < closed:
             return values
@@ -213,11 +214,6 @@ def _closed(robot: Robot, start: _Values) -> _Values:
         return start
     solved = robot.joint_values(found.q)
     return {name: round(float(np.ravel(solved[name])[0]), 9) + 0.0 for name in start}
-
-
-def _guesses(robot: Robot, start: Mapping[str, float], coupled: list[str]) -> Iterator[_Values]:
-    for chosen in ({}, robot.references):
-        yield _with_mimics(robot, {**start, **{name: chosen.get(name, 0.0) for name in coupled}})
 
 
 # ---------------------------------------------------------------------- starts that the robot can have

@@ -15,7 +15,6 @@ from typing import NotRequired, TypedDict
 import numpy as np
 
 from rnc_pin.applications.init.assumptions import DURATION, BaseAssumptions, Entry
-from rnc_pin.applications.init.evidence import DraftDecision
 from rnc_pin.applications.scenario.files import one_line_yaml
 from rnc_pin.applications.scenario.plan_builder import frame_poses
 from rnc_pin.errors import few, printable
@@ -270,11 +269,11 @@ def write_draft(name: str, scenario: Drafted, remark: str, trial: Trial, mobilit
         trial: result of the trial run.
         mobility: assumptions about the base.
     """
-    outputs = scenario["outputs"]
+    outputs, words = scenario["outputs"], {True: "QUESTION", False: "Decided"}
     lines = [
         *_remark(f"First draft for {name}, guessed from its file by rnc-pin init: read it before you believe it."),
         *(line for each in trial.verdict.findings for line in _remark(f"{_WORDS[each.severity]}: {each}.")),
-        *(line for each in mobility.decisions for line in _remark(f"{_label(each)}: {each}.")),
+        *(line for each in mobility.decisions for line in _remark(f"{words[each.is_open]}: {each}.")),
         *(line for note in mobility.notes for line in _remark(f"Assumed: {note}.")),
         f"title: {one_line_yaml(f'First draft for {name}')}",
         *_remark(f"base {mobility.base or 'as in the file'}: {mobility.kind}"),
@@ -313,10 +312,6 @@ def _of_rows(constraints: list[tuple[Entry, str]]) -> str:
     wheels = [entry.get("rolling_wheel") for entry, _ in constraints if isinstance(entry, Mapping)]
     shares = any(isinstance(wheel, Mapping) and wheel.get("lateral") is False for wheel in wheels)
     return "# A(q) v = 0" + ("; wheels of one axle line share a lateral row" if shares else "")
-
-
-def _label(decision: DraftDecision) -> str:
-    return "QUESTION" if decision.is_open else "Decided"
 
 
 def _entries(key: str, entries: list[tuple[Entry, str]], remark: str, indent: str = "") -> list[str]:

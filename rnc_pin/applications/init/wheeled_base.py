@@ -276,25 +276,23 @@ def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart)
     result.outputs.append(({"joint": driver}, BENT))
     for number, axle in enumerate(steered):
         for one in axle:
-            pivot = one.pivot.joint
-            same = at_start.driver(pivot) == driver
-            linked = at_start.are_in_loops(main[0].pivot.joint, pivot)
-            lateral = one is main[0]
-            ackermann: dict[str, Json] | None = None
-            if not lateral and not same and not linked and _reach(one, fixed[0]) > placed(one.wheels[0].radius):
-                ackermann = {"left": main[0].pivot.joint, "right": pivot, "axle": fixed[0].frame}
+            pivot, leads = one.pivot.joint, one is main[0]
+            if leads:
+                pass
+            elif at_start.driver(pivot) == driver:
+                result.notes.append(f"{main[0].pivot.joint} and {pivot} have the same angle, so that a wheel skids")
+            elif at_start.are_in_loops(main[0].pivot.joint, pivot):
+                said = f"the wheel of {pivot} skids where its angle is not that of Ackermann steering"
+                result.notes.append(f"loops of the file couple {main[0].pivot.joint} and {pivot}: {said}")
+            elif _reach(one, fixed[0]) > placed(one.wheels[0].radius):
+                ackermann: dict[str, Json] = {"left": main[0].pivot.joint, "right": pivot, "axle": fixed[0].frame}
                 if number:
                     ackermann["axis"] = at_start.along(fixed[0].axle, fixed[0].frame)
                 result.constraints.append(({"ackermann": ackermann}, "all steered wheels turn about one point"))
-            elif not lateral and same:
-                result.notes.append(f"{main[0].pivot.joint} and {pivot} have the same angle, so that a wheel skids")
-            elif not lateral and linked:
-                said = f"the wheel of {pivot} skids where its angle is not that of Ackermann steering"
-                result.notes.append(f"loops of the file couple {main[0].pivot.joint} and {pivot}: {said}")
-            elif not lateral:
+            else:
                 result.hold([pivot], "on the line of the fixed axle, where no steering is needed")
             for line in in_line(one.wheels):
-                result.roll_line(line, f"steered by {pivot}", lateral=lateral)
+                result.roll_line(line, f"steered by {pivot}", lateral=leads)
             result.passive |= {pivot} - {driver}
     others = [Alternative(axle[0].pivot.joint, ("--passive", main[0].pivot.joint)) for axle in steered[1:2]]
     evidence = "the farthest from the fixed axle" if others else "the only steered axle"
