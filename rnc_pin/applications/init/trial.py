@@ -269,11 +269,11 @@ def write_draft(name: str, scenario: Drafted, remark: str, trial: Trial, mobilit
         trial: result of the trial run.
         mobility: assumptions about the base.
     """
-    outputs, words = scenario["outputs"], {True: "QUESTION", False: "Decided"}
+    outputs, labels = scenario["outputs"], {True: "QUESTION", False: "Decided"}
     lines = [
         *_remark(f"First draft for {name}, guessed from its file by rnc-pin init: read it before you believe it."),
         *(line for each in trial.verdict.findings for line in _remark(f"{_WORDS[each.severity]}: {each}.")),
-        *(line for each in mobility.decisions for line in _remark(f"{words[each.is_open]}: {each}.")),
+        *(line for each in mobility.decisions for line in _remark(f"{labels[each.is_open]}: {each}.")),
         *(line for note in mobility.notes for line in _remark(f"Assumed: {note}.")),
         f"title: {one_line_yaml(f'First draft for {name}')}",
         *_remark(f"base {mobility.base or 'as in the file'}: {mobility.kind}"),
