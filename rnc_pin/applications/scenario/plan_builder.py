@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -183,22 +183,20 @@ def build_plan(
         )
 
 
-def _regulator(scenario: ScenarioFile) -> tuple[str, optimal.Weight, optimal.Weight]:
-    """Gains, weights of states and of inputs of the feedback of the run.
+def _regulator(scenario: ScenarioFile) -> tuple[str, dict[str, Any]]:
+    """Gains of the feedback of the run, and the options of its regulator.
 
     Trackers of outputs have another feedback; the usual regulator stands for it.
     """
     chosen = scenario.controller
-    if isinstance(chosen, feedback.PlanFeedbackSettings):
-        return chosen.gains, chosen.state_cost, chosen.input_cost
-    return "tvlqr", 1.0, 1.0
+    if not isinstance(chosen, feedback.PlanFeedbackSettings):
+        chosen = feedback.PlanFeedbackSettings(type="plan_feedback")
+    return chosen.gains, {name: getattr(chosen, name) for name in feedback.REGULATOR}
 
 
 def _feedback(scenario: ScenarioFile, reduced: ReducedModel) -> optimal.RunFeedback:
-    gains, state_cost, input_cost = _regulator(scenario)
-    if gains == "plan":
-        return "plan"
-    return lambda found: optimal.tvlqr(reduced, found, state_cost, input_cost).K
+    gains, options = _regulator(scenario)
+    return "plan" if gains == "plan" else lambda found: optimal.tvlqr(reduced, found, **options).K
 
 
 def planned_path(found: optimal.MotionPlan, reduced: ReducedModel, frame: str) -> PlannedPath:

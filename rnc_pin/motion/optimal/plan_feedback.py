@@ -29,8 +29,15 @@ from rnc_pin.printing import ReprMixin
 _AT_REST = 1e-3  # part of an interval: a plan that brakes in less time ends at rest
 _APPROACH = 50.0  # rate of the motion that ends at a bound [1/s], if samples are shorter than 10 ms
 _HORIZON = 1000  # intervals of the regulator at rest
+_FREQUENCY = 10.0  # of the closed loop [rad/s]: samples up to its inverse, 0.1 s, keep a double integrator stable
+_SMALL, _LEAST = 1e-6, 1e-9  # of the cost of an input, and of the largest: inputs that move the same share their work
 _SWEEPS = 3  # over the bounds of outputs that share inputs
 _ROUNDING = 1e-12  # part of the largest velocity of the plan that is rounding
+
+
+RegulatorWeights = float | tuple[Weight, Weight]
+"""Natural frequency of a regulator [rad/s], or weights of states and inputs."""
+_Numbers = float | tuple[Array, Array]
 
 
 class PlanEnd:
@@ -53,8 +60,6 @@ class PlanEnd:
         self._model, self._plan = model, plan
         self._driven = KinematicModel(model.reduced)
         self._h = float(plan.time[-1] - plan.time[-2])
-        self._reached = 0, plan.q[-1:]
-        self._input_of: tuple[int, Array] | None = None
         self._rates = np.zeros((1, model.r))
         self.duration = self._braking(plan)
 
@@ -63,12 +68,11 @@ class PlanEnd:
         if since >= self.duration:
             return self._standing
         k = min(int(since / self._h), round(self.duration / self._h) - 1)
-        start = self._start(k)
-        if self._input_of is None or self._input_of[0] != k:
-            middle = Nodes(self._moved(start, k * self._h, self._h / 2), self._velocity((k + 0.5) * self._h))
-            self._input_of = k, self._input(middle, self._rates)  # it serves for the whole interval
+        start = self._starts[k]
+        middle = Nodes(self._moved(start, k * self._h, self._h / 2), self._velocity((k + 0.5) * self._h))
         q = self._moved(start, k * self._h, since - k * self._h)
-        return Nodes(q, self._velocity(since) if self._model.nw else self._plan.w[-1:]), self._input_of[1]
+        at = Nodes(q, self._velocity(since) if self._model.nw else self._plan.w[-1:])
+        return at, self._input(middle, self._rates)  # one for the whole interval
 
     def _velocity(self, since: float) -> Array:
         """Reduced velocity (1, r) at a time after the end of the plan."""
@@ -95,16 +99,13 @@ class PlanEnd:
         self._h, self._rates = total / count, -plan.w[-1:] / total
         return total
 
-    def _start(self, k: int) -> Array:
-        """Configuration (1, nq) at the start of the k-th interval.
-
-        Only the last one is kept; an earlier one is computed again.
-        """
-        reached, q = self._reached if self._reached[0] <= k else (0, self._plan.q[-1:])
-        for each in range(reached, k):
-            q = self._moved(q, each * self._h, self._h)
-        self._reached = k, q
-        return q
+    @cached_property
+    def _starts(self) -> list[Array]:
+        """Configurations (1, nq) at the starts of the intervals, and at the end."""
+        found = [self._plan.q[-1:]]
+        for k in range(round(self.duration / self._h)):
+            found.append(self._moved(found[-1], k * self._h, self._h))
+        return found
 
     def _input(self, at: Nodes, rates: Array) -> Array:
         """Input of the form that gives reduced accelerations (1, r), or comes nearest to them."""
@@ -119,7 +120,7 @@ class PlanEnd:
     def _standing(self) -> tuple[Nodes, Array]:
         """State at rest after the stop, and the input that holds it."""
         zeros = np.zeros((1, self._model.nw))
-        rest = Nodes(self._start(round(self.duration / self._h)), zeros)
+        rest = Nodes(self._starts[-1], zeros)
         return rest, self._input(rest, zeros) if self._model.form == "dynamic" else np.zeros(self._model.nu)
 
 
@@ -144,9 +145,10 @@ class PlanFeedback(ReprMixin):
         plan: the plan.
         K: gains (intervals, inputs, states); those of the plan by default.
         bandwidth: decay rate of the velocity error in the kinematic form [1/s].
-        weights: weights of states and inputs of the feedback after the end: a regulator about the state at rest, whose
-            horizon is 1000 intervals. Directions that no input moves there, such as aside of a wheel, keep their error.
-            By default, the last gains of K hold after the end, and weights of one without K.
+        weights: natural frequency [rad/s], or weights of states and inputs, of the feedback after the end: a regulator
+            about the state at rest, whose horizon is 1000 intervals. Directions that no input moves there, such as
+            aside of a wheel, keep their error. By default, the last gains of K hold after the end, and 10 rad/s
+            without K.
 
     Raises:
         ConfigurationError: plan, gains and model do not fit.
@@ -171,7 +173,7 @@ class PlanFeedback(ReprMixin):
         plan: MotionPlan,
         K: Float[Array, "K nu nx"] | None = None,
         bandwidth: Positive = 20.0,
-        weights: tuple[Weight, Weight] | None = None,
+        weights: RegulatorWeights | None = None,
     ) -> None:
         self.plan, self.bandwidth = plan, bandwidth
         self._reduced, self._model = reduced, fitting_model(reduced, plan)
@@ -185,22 +187,14 @@ class PlanFeedback(ReprMixin):
         for quantity, name, *sides in plan.info.bounds:
             if name in known[quantity]:
                 self._sides[quantity].append((known[quantity].index(name), np.array(sides)))
-        self.weights = (1.0, 1.0) if K is None and weights is None else weights
+        self.weights = _FREQUENCY if K is None and weights is None else weights
         self._outputs = plan.reference() if plan.info.output_names == names else None
 
     def describe(self) -> Description:
         """Return the form, the duration and the outcome of the plan, and the largest size of each gain."""
-        info = self.plan.info
-        return {
-            "type": type(self).__name__,
-            "form": info.form,
-            "duration": self.plan.duration,
-            "intervals": len(self.plan.u),
-            "cost": info.cost,
-            "outcome": info.outcome,
-            "bandwidth": self.bandwidth,
-            "gains": listed(np.abs(self.K).max(axis=0)),
-        }
+        plan, found = self.plan, {name: getattr(self.plan.info, name) for name in ("form", "cost", "outcome")}
+        sizes = {"duration": plan.duration, "intervals": len(plan.u), "bandwidth": self.bandwidth}
+        return {"type": type(self).__name__, **found, **sizes, "gains": listed(np.abs(self.K).max(axis=0))}
 
     def initial_state(self, measurement: Measurement) -> None:
         """Return None: there is no last sample."""
@@ -258,11 +252,9 @@ class PlanFeedback(ReprMixin):
         if self.weights is None:
             return self.K[-1]
         at, u = self._after.at(np.inf)
-        Q, R = regulator_weights(self.plan, *self.weights)
-        h = np.diff(self.plan.time)[-1:]
-        step = self._model.step_derivatives(at, u[None], h)
-        AB, H = np.concatenate([step.x, step.u], axis=2), h[0] * np.diag(np.concatenate([Q, R]))
-        long = RiccatiFactors(np.repeat(AB, _HORIZON, axis=0), np.repeat(H[None], _HORIZON, axis=0), np.diag(h[0] * Q))
+        AB, H = _stages(self._model, at, u[None], np.diff(self.plan.time)[-1:], _numbers(self.plan, self.weights))
+        nx = self._model.nx
+        long = RiccatiFactors(np.repeat(AB, _HORIZON, axis=0), np.repeat(H, _HORIZON, axis=0), H[0, :nx, :nx])
         return long.K[0] if np.isfinite(long.K[0]).all() else self.K[-1]
 
     def planned(self, t: float) -> tuple[Nodes, Array, Array]:
@@ -278,21 +270,30 @@ class PlanFeedback(ReprMixin):
 def tvlqr(
     reduced: ReducedModel,
     plan: MotionPlan,
-    state_cost: Weight = 1.0,
-    input_cost: Weight = 1.0,
+    state_cost: Weight | None = None,
+    input_cost: Weight | None = None,
     final_cost: Weight | None = None,
+    frequency: Positive = _FREQUENCY,
 ) -> PlanFeedback:
     """Return a time-varying linear-quadratic regulator about a plan.
 
     It minimises the sum of ``h (dx^T Q dx + du^T R du)`` over the intervals, plus the final cost, under the exact
     linearization of every step.
 
+    Without costs, each output that inputs move gets a critically damped loop of the natural frequency, whatever the
+    form and the inertia: accelerations da cost ``da^2``, velocities ``2 frequency^2 dv2^2``, and positions
+    ``frequency^4`` times the squares of ``J2 dq`` and of the part of dq that no v2 moves. (In the kinematic form,
+    velocities cost ``dv2^2`` and positions ``frequency^2``.) Intervals longer than ``1 / frequency`` lower the
+    frequency, and samples that are longer make the loop unstable. Inputs saturate at the bounds of the plan.
+
     Args:
         reduced: the model.
         plan: the plan.
-        state_cost: weights Q: a number, one for each state, or weights by name of ``plan.info.state_names``.
-        input_cost: weights R in the same forms, positive.
-        final_cost: weights of the last state; ten times Q by default.
+        state_cost: weights Q: a number, one for each state, or weights by name: entries of v, and reduced velocities
+            with "(rate)" after their names (``plan.info.state_names``). One if only R is given.
+        input_cost: weights R in the same forms, positive; one if only Q is given.
+        final_cost: weights of the last state; ten times Q by default, and of the natural frequency without costs.
+        frequency: natural frequency without costs [rad/s].
 
     Raises:
         ConfigurationError: a weight is negative, or names an unknown state; the plan does not fit the model.
@@ -308,10 +309,12 @@ def tvlqr(
         (40, 2, 5)
     """
     model = fitting_model(reduced, plan)
-    Q, R = regulator_weights(plan, state_cost, input_cost)
-    last = 10.0 * Q if final_cost is None else weights_of(final_cost, plan.info.state_names)
-    K = regulator_gains(model, Nodes(plan.q[:-1], plan.w[:-1]), plan.u, np.diff(plan.time), (Q, R, last))
-    return PlanFeedback(reduced, plan, K, weights=(state_cost, input_cost))
+    costs = [1.0 if each is None else each for each in (state_cost, input_cost)]
+    weights: RegulatorWeights = frequency if state_cost is input_cost is None else (costs[0], costs[1])
+    last = None if final_cost is None else weights_of(final_cost, plan.info.state_names)
+    at, numbers = Nodes(plan.q[:-1], plan.w[:-1]), _numbers(plan, weights)
+    K = regulator_gains(model, at, plan.u, np.diff(plan.time), numbers, last)
+    return PlanFeedback(reduced, plan, K, weights=weights)
 
 
 def gains_for(plan: MotionPlan, K: ArrayLike) -> Float[Array, "K nu nx"]:
@@ -322,20 +325,22 @@ def gains_for(plan: MotionPlan, K: ArrayLike) -> Float[Array, "K nu nx"]:
     return found
 
 
-def regulator_weights(plan: MotionPlan, state_cost: Weight, input_cost: Weight) -> tuple[Array, Array]:
-    """Weights of states (nx,) and inputs (nu,) of a plan.
+def _numbers(plan: MotionPlan, weights: RegulatorWeights) -> _Numbers:
+    """Natural frequency, or weights of states (nx,) and inputs (nu,) of a plan.
 
     Raises:
-        ConfigurationError: one is negative or has an unknown name, or an input has none.
+        ConfigurationError: a weight is negative or has an unknown name, or an input has none.
     """
-    Q, R = weights_of(state_cost, plan.info.state_names), weights_of(input_cost, plan.info.input_names)
+    if not isinstance(weights, tuple):
+        return weights
+    Q, R = weights_of(weights[0], plan.info.state_names), weights_of(weights[1], plan.info.input_names)
     if not (R > 0).all():
         raise ConfigurationError("input_cost: every input needs a positive weight")
     return Q, R
 
 
 def regulator_gains(
-    model: ActionModel, at: Nodes, u: Array, h: Array, weights: tuple[Array, Array, Array]
+    model: ActionModel, at: Nodes, u: Array, h: Array, weights: _Numbers, last: Array | None = None
 ) -> Float[Array, "K nu nx"]:
     """Gains of a time-varying linear-quadratic regulator about a motion.
 
@@ -344,12 +349,29 @@ def regulator_gains(
         at: states at the begin of the intervals.
         u: inputs (K, nu).
         h: lengths of the intervals (K,) [s].
-        weights: of states, of inputs, and of the last state.
+        weights: natural frequency [rad/s], or weights of states and of inputs.
+        last: weights of the last state; by default, those of ``tvlqr``.
     """
-    Q, R, last = weights
+    AB, H = _stages(model, at, u, h, weights)
+    end = H[-1, : model.nx, : model.nx] / h[-1]
+    end *= 10.0 if isinstance(weights, tuple) else (2.0 if model.nw else 1.0) / weights
+    return RiccatiFactors(AB, H, end if last is None else np.diag(last)).K
+
+
+def _stages(model: ActionModel, at: Nodes, u: Array, h: Array, weights: _Numbers) -> tuple[Array, Array]:
+    """Dynamics (K, nx, nz) and costs (K, nz, nz) of the intervals of a regulator."""
     steps = model.step_derivatives(at, u, h)
-    H = h[:, None, None] * np.diag(np.concatenate([Q, R]))
-    return RiccatiFactors(np.concatenate([steps.x, steps.u], axis=2), H, np.diag(last)).K
+    AB, h, nv, nx = np.concatenate([steps.x, steps.u], axis=2), h[:, None, None], model.nv, model.nx
+    if isinstance(weights, tuple):
+        return AB, h * np.diag(np.concatenate(weights))
+    H, R, J2 = np.zeros((len(h), nx + model.nu, nx + model.nu)), steps.flow.v_w, model.reduced.at(at.q).J2
+    rates = steps.u[:, nv:] / h if model.nw else np.eye(model.nu)
+    H[:, :nv, :nv] = weights ** (4 if model.nw else 2) * (J2.mT @ J2 + np.eye(nv) - R @ np.linalg.pinv(R))
+    H[:, range(nv, nx), range(nv, nx)] = 2.0 * weights**2
+    H[:, nx:, nx:] = rates.mT @ rates
+    own = np.einsum("kii->ki", H)[:, nx:]  # a writable view
+    own += _SMALL * own + _LEAST * own.max()
+    return AB, h * H
 
 
 def fitting_model(reduced: ReducedModel, plan: MotionPlan) -> ActionModel:

@@ -256,8 +256,7 @@ class SetPointController(DescribedMixin):
         """Gains of the feedback along a plan, of velocities about it if these are the commands."""
         if not self.velocities:
             return tvlqr(self.reduced, plan, state_cost=self.state_cost).K
-        n, r = self._driven.nx, self._driven.nu
-        weights = np.full(n, self.state_cost), np.ones(r), np.full(n, 10.0 * self.state_cost)
+        weights = np.full(self._driven.nx, self.state_cost), np.ones(self._driven.nu)
         start = Nodes(plan.q[:-1], np.empty((len(plan.u), 0)))
         return regulator_gains(self._driven, start, (plan.w[:-1] + plan.w[1:]) / 2, np.diff(plan.time), weights)
 

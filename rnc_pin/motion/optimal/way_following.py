@@ -172,7 +172,5 @@ class WayFollower(DescribedMixin):
         places = np.concatenate([[0.0], np.cumsum(h)[:-1]])
         q = self.way.at(places)
         u = np.matvec(self.reduced.at(q).J2, self.way.v[k])
-        weights = np.where(self.way.planned, self.state_cost, 0.0)
-        ones = np.ones(self._model.nu)
-        gains = regulator_gains(self._model, Nodes(q, np.empty((len(q), 0))), u, h, (weights, ones, 10.0 * weights))
-        return places, gains
+        weights = np.where(self.way.planned, self.state_cost, 0.0), np.ones(self._model.nu)
+        return places, regulator_gains(self._model, Nodes(q, np.empty((len(q), 0))), u, h, weights)

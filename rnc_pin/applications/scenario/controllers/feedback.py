@@ -129,18 +129,13 @@ def _limits(given: Mapping[str, Limits]) -> tuple[dict[str, float], dict[str, fl
 _Weights = float | Numbers | dict[str, float]
 
 
-def _costs(states: str, inputs: str) -> dict[str, object]:
-    """Forms of the weights of a regulator, with what a file says about them."""
-    described = {"state_cost": states, "input_cost": inputs}
-    return {name: Annotated[_Weights, Field(description=text)] for name, text in described.items()}
-
-
-_STATES = "Weights of the states: one number, one for each, or a mapping by name. Names of rates end in ``_dot``."
-_INPUTS = "Weights of the actuators' inputs: one number, one for each, or a mapping by name."
+_STATES = Field(description="Weights of states: one number, one for each, or by name. Names of rates end in ``_dot``.")
+_INPUTS = Field(description="Weights of the actuators' inputs: one number, one for each, or a mapping by name.")
 _HELD = Field(description="Joints whose equilibrium position is their initial position.")
 _EQUILIBRIUM = part(equilibrium, "hold", "cyclic", forms={"hold": Annotated[list[str], _HELD]})
 _LINEAR = part(linearize, "coordinates", "rates", forms={"coordinates": list[str | OutputItem] | None})
-_REGULATOR = part(lqr, "state_cost", "input_cost", forms=_costs(_STATES, _INPUTS))
+_COSTS = {"state_cost": Annotated[_Weights, _STATES], "input_cost": Annotated[_Weights, _INPUTS]}
+_REGULATOR = part(lqr, *_COSTS, forms=_COSTS)
 
 
 class StateFeedbackSettings(ControllerSettings, _EQUILIBRIUM.model, _LINEAR.model, _REGULATOR.model):  # type: ignore[name-defined, misc]
@@ -169,12 +164,8 @@ class StateFeedbackSettings(ControllerSettings, _EQUILIBRIUM.model, _LINEAR.mode
         return BuiltController(StateFeedback(linear, K, reference, names), complaints)
 
 
-_PLAN_STATES = (
-    'Weights of the states for "tvlqr": one number, one for each, or a mapping by name. States are the entries\n'
-    'of v and, with "(rate)" after the name, the reduced velocities.'
-)
-_PLAN_INPUTS = 'Weights of the inputs of the plan for "tvlqr": one number, one for each, or a mapping by name.'
-_TVLQR = part(optimal.tvlqr, "state_cost", "input_cost", forms=_costs(_PLAN_STATES, _PLAN_INPUTS))
+REGULATOR = *_COSTS, "frequency"
+_TVLQR = part(optimal.tvlqr, *REGULATOR, forms=dict.fromkeys(_COSTS, _Weights | None))
 _FEEDBACK = part(optimal.PlanFeedback, "bandwidth")
 
 
@@ -187,7 +178,7 @@ class PlanFeedbackSettings(ControllerSettings, _TVLQR.model, _FEEDBACK.model):  
     type: Literal["plan_feedback"]
     """Planned inputs with feedback. It uses the model."""
     gains: Literal["tvlqr", "plan"] = "tvlqr"
-    """Gains: "tvlqr", a regulator with ``state_cost`` and ``input_cost``; or "plan", those of the costs of the plan."""
+    """Gains: "tvlqr", a regulator with a ``frequency`` or costs; or "plan", those of the costs of the plan."""
 
     def _build(self, context: ControllerContext) -> BuiltController:
         reduced, plan = context.reduced, context.plan
@@ -207,7 +198,7 @@ class PlanFeedbackSettings(ControllerSettings, _TVLQR.model, _FEEDBACK.model):  
 
     @model_validator(mode="after")
     def _weights_belong_to_tvlqr(self) -> PlanFeedbackSettings:
-        for name in ("state_cost", "input_cost"):
+        for name in REGULATOR:
             if self.gains == "plan" and name in self.model_fields_set:
                 raise wrong(name, "belongs to gains 'tvlqr'")
         return self

@@ -36,7 +36,7 @@ VALUES = {  # of every setting that some type has
     "input_cost": {"joint_1": 2.0}, "v2": {"joint_1": 0.1}, "hold": ["joint_1"], "cyclic": ["joint_1"],
     "limits": {"joint_velocity": {"limit": 2.0}, "joint_position": None,
         "regions": [{"frame": "tip", "box": {"x": [0, 1]}}]},
-    "damping": 0.1, "velocity_gain": 10.0, "friction": 0.6, "bounds": {"input": {"joint_1": [-1, 1]}},
+    "damping": 0.1, "frequency": 5.0, "velocity_gain": 10.0, "friction": 0.6, "bounds": {"input": {"joint_1": [-1, 1]}},
     "clearance": 0.1, "links": True, "acceleration": 1.0, "speed": 0.5, "seed": 3,
     "velocities": True, "equality": True, "nodes": 10, "seeds": 2, "tube": 0.1, "check": 0.5,
     "braking": 2.0, "tolerance": 0.01, "form": "acceleration", "period": 0.1, "iterations": 2, "budget": 0.02,
