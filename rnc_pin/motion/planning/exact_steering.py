@@ -208,9 +208,8 @@ class _AxleSteering(Steering):
         self._point = float(row[2]) / abs(across) * forward  # on the axle, nearest to the origin of the base
 
     def axle_velocity(self, base: Float[Array, " 3"]) -> tuple[float, float]:
-        """Forward and turning speed of the axle for velocities of the base."""
-        moved = complex(base[0], base[1]) + 1j * base[2] * self._point
-        return (moved / self._forward).real, float(base[2])
+        """Forward and turning speed of the axle, which is straight ahead of the base, for velocities of the base."""
+        return (complex(base[0], base[1]) / self._forward).real, float(base[2])
 
     def driven(self, length: float, turn: float) -> Float[Array, " nv"]:
         """Displacement of the base along an arc, or on the spot; all other joints stand."""
