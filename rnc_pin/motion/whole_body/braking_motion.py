@@ -211,10 +211,7 @@ class Braking:
                     break
                 if len(inputs) + held > most:
                     break
-                end, found = self._under(T, held, state, t, allowed)
-                while found is not None and held > 1:  # constant inputs suit a part of the way
-                    held //= 2
-                    end, found = self._under(T, held, state, t, allowed)
+                end, held, found = self._under(T, held, state, t, allowed)
                 inputs += [T] * held
                 if found is not None:
                     return BrakingMotion(start.q, start.v2, np.array(inputs), found, first)
@@ -226,17 +223,26 @@ class Braking:
 
     def _under(
         self, T: Array, held: int, state: StateEvaluation, t: float, allowed: Array
-    ) -> tuple[StateEvaluation, str | None]:
-        """State after samples under the same inputs, and the limit that it or one on the way exceeds."""
-        while held:
+    ) -> tuple[StateEvaluation, int, str | None]:
+        """State after samples under the same inputs, their number, and the limit that one exceeds.
+
+        Where a limit gives way, half the samples are tried: constant inputs suit a part of the way.
+        """
+        way = [(0, state)]  # checked, with the samples until there
+        while way[-1][0] < held:
+            done, last = way[-1]
             # Velocities decrease, so positions are between those of the ends.
-            speed = max(float(np.abs(state.v2).max()), 1e-9)
-            samples = min(held, max(1, int(self._limits.spacing / (speed * self._dt))))
-            state, exceeded = self._samples(state, t, T, samples)
-            t, held = t + samples * self._dt, held - samples
-            if (found := self._broken(exceeded, allowed)) is not None:
-                return state, found
-        return state, None
+            speed = max(float(np.abs(last.v2).max()), 1e-9)
+            samples = min(held - done, max(1, int(self._limits.spacing / (speed * self._dt))))
+            end, exceeded = self._samples(last, t + done * self._dt, T, samples)
+            if (found := self._broken(exceeded, allowed)) is None:
+                way.append((done + samples, end))
+            elif held == 1:
+                return end, held, found
+            else:
+                held //= 2
+                way = [each for each in way if each[0] <= held]
+        return way[-1][1], held, None
 
     def exceeded(
         self, state: StateEvaluation, t: float, sample: ControlSample | None = None, mean: Array | None = None
