@@ -81,9 +81,9 @@ def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve ``matrix @ x = right`` for symmetric positive definite (..., n, n) and (..., n); NaN for singular ones."""
-    if matrix.ndim == 2 and right.ndim == 1:
-        found = solve_positive_definite_columns(matrix, right)
-        return np.full_like(right, np.nan) if found is None else found
+    if matrix.ndim == 2 and right.ndim < 3:
+        found = solve_positive_definite_columns(matrix, right.T)
+        return np.full_like(right, np.nan) if found is None else found.T
     return _each_solved(matrix, right, np.nan)
 
 

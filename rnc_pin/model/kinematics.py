@@ -237,6 +237,11 @@ class PositionKinematics:
         """Jacobian (..., 6, nv) of a joint's body: velocity of its point at the origin of the world, in world axes."""
         return self._placed.get(_joint_jacobian, (6, self._at.nv), joint)
 
+    @property
+    def center_of_mass(self) -> np.ndarray:
+        """Centre of mass of the robot and its Jacobian side by side, (..., 3, 1 + nv)."""
+        return self._placed.get(_center_of_mass, (3, 1 + self._at.nv))
+
     def with_velocity(self, v: np.ndarray) -> VelocityKinematics:
         """The same configurations with velocities (..., nv)."""
         return VelocityKinematics(self, v)
@@ -355,6 +360,11 @@ def _placement(columns: np.ndarray) -> Placement:
 
 def _jacobian(at: Kinematics, frame: int, axes: pin.ReferenceFrame) -> np.ndarray:
     return _by_columns(at, pin.getFrameJacobian(at.model, at.data, frame, axes))
+
+
+def _center_of_mass(at: Kinematics) -> np.ndarray:
+    jacobian = pin.jacobianCenterOfMass(at.model, at.data, False)
+    return np.column_stack([at.data.com[0], jacobian])
 
 
 def _velocity(at: Kinematics, frame: int) -> np.ndarray:

@@ -189,10 +189,10 @@ class _CenterOfMassRows(OutputRows):
         return np.asarray(sum(share * of(center) for share, center in self._bodies))
 
     def value(self, at: PositionKinematics) -> np.ndarray:
-        return self._sum(lambda center: center.point.placement(at).translation)[..., self._chosen]
+        return at.center_of_mass[..., self._chosen, 0]
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        return self._sum(lambda center: center.jacobian(at))[..., self._chosen, :]
+        return at.center_of_mass[..., self._chosen, 1:]
 
     def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         return self._sum(lambda center: center.jacobian_dot(at))[..., self._chosen, :]

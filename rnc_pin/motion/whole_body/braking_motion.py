@@ -18,6 +18,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import DivergenceError, SingularityError
+from rnc_pin.math.linear_algebra import inverse
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.motion.whole_body.limit_stack import ContactBounds, ContactCones, LimitStack
@@ -261,8 +262,8 @@ class Braking:
         effects, adverse = state.row_accelerations(self._identity)
         p = self._reduced.p
         ground, upper = contacts.rows, contacts.upper - _GROUND * np.abs(contacts.upper)
-        inverse = np.linalg.inv(effects) if p == len(effects) else np.linalg.pinv(effects)
-        load, impulse = -inverse @ adverse, -inverse @ state.v2
+        inverted = inverse(effects) if p == len(effects) else np.linalg.pinv(effects)
+        load, impulse = -inverted @ adverse, -inverted @ state.v2
         room = np.concatenate([self._efforts - load, self._efforts + load, upper - ground[:, :p] @ load])
         used = np.concatenate([impulse, -impulse, ground[:, :p] @ impulse])
         if (room >= 0.0).all():

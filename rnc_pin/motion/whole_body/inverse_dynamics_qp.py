@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, State, elapsed_time, listed, nested
+from rnc_pin.math.linear_algebra import inverse
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE, LieRungeKutta4
 from rnc_pin.model.reduced_kinematics import Measurement
@@ -80,11 +80,10 @@ def _unknowns(gain: Array, p: int) -> tuple[Array, Array]:
     motion, inputs = np.zeros_like(gain), np.eye(gain.shape[1])
     r = len(gain)
     if p == r:  # the unknowns can be the velocities themselves
-        with suppress(np.linalg.LinAlgError):
-            inverse = np.linalg.inv(gain[:, :p])
-            if np.abs(inverse).max() * np.abs(gain).max() * r * r * _NO_EFFECT < 1.0:  # bounds the singular values
-                motion[:, :p], inputs[:p, :p] = np.eye(p), inverse
-                return motion, inputs
+        inverted = inverse(gain[:, :p])
+        if np.abs(inverted).max() * np.abs(gain).max() * r * r * _NO_EFFECT < 1.0:  # bounds the singular values
+            motion[:, :p], inputs[:p, :p] = np.eye(p), inverted
+            return motion, inputs
     left, values, right = np.linalg.svd(gain)
     rank = int((values > _NO_EFFECT * values.max(initial=0.0)).sum())
     inputs = right.T.copy()
@@ -304,8 +303,8 @@ class InverseDynamicsQP(WholeBodyProgram):
         state, p = sample.start, self._reduced.p
         contacts = self._contacts.at(state)
         gain = np.zeros((self._reduced.r, p + contacts.unknowns))
-        gain[:, :p] = self.dt * np.linalg.solve(state.H, state.input_matrix)
-        offset = state.v2 + self.dt * state.v2_dot(np.zeros(p))
+        effects, adverse = state.row_accelerations(np.eye(self._reduced.r))
+        gain[:, :p], offset = self.dt * effects, state.v2 + self.dt * adverse
         motion, inputs = _unknowns(gain, p)
         moved = motion.T @ offset
         still, resting = offset - motion @ moved, -inputs @ moved
