@@ -25,11 +25,7 @@ class _NumPyAlone:
     """Library without a compiled kernel: each function declines, and the caller evaluates its formula by NumPy."""
 
     def __getattr__(self, name: str) -> Callable[..., bool]:
-        return _declined
-
-
-def _declined(*arguments: object) -> bool:
-    return False
+        return lambda *arguments: False
 
 
 NUMPY_ALONE: object = _NumPyAlone()

@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from functools import partial
 from threading import RLock
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -270,6 +270,13 @@ class VelocityKinematics(PositionKinematics):
         self._at.check_rates()
         return self._at.over_states(pin.computeCoriolisMatrix, (self._at.nv, self._at.nv), self.q, self.v)
 
+    def of_center(self, kind: Literal["acceleration", "gradient", "rate"]) -> np.ndarray:
+        """Acceleration (..., 3, 1) of the centre at zero ``vdot``, its gradient in q, or the rate of its Jacobian."""
+        if kind == "rate":
+            self._at.check_rates()
+        read, columns = _OF_CENTER[kind], 1 if kind == "acceleration" else self._at.nv
+        return self._at.over_states(read, (3, columns), self.q, self.v, np.zeros_like(self.v))
+
     def bias_gradient(self) -> np.ndarray:
         """Derivative of ``bias`` with respect to q at fixed v, (..., nv, nv)."""
         return self._gradient(self.v, np.zeros_like(self.v))
@@ -365,6 +372,18 @@ def _jacobian(at: Kinematics, frame: int, axes: pin.ReferenceFrame) -> np.ndarra
 def _center_of_mass(at: Kinematics) -> np.ndarray:
     jacobian = pin.jacobianCenterOfMass(at.model, at.data, False)
     return np.column_stack([at.data.com[0], jacobian])
+
+
+_OF_CENTER = {
+    "acceleration": lambda m, d, q, v, w: _linear(m, pin.computeCentroidalMomentumTimeVariation(m, d, q, v, w).vector),
+    "gradient": lambda m, d, q, v, w: _linear(m, pin.computeCentroidalDynamicsDerivatives(m, d, q, v, w)[1]),
+    "rate": lambda m, d, q, v, w: _linear(m, pin.computeCentroidalMapTimeVariation(m, d, q, v)),
+}
+
+
+def _linear(model: pin.Model, momentum: np.ndarray) -> np.ndarray:
+    """Part (3, nv) of the velocity of the centre of mass in derivatives of the momentum."""
+    return momentum.reshape(6, -1)[:3] / pin.computeTotalMass(model)
 
 
 def _velocity(at: Kinematics, frame: int) -> np.ndarray:

@@ -9,9 +9,9 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ConfigurationError, ConstraintError, ModelError
+from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.linear_algebra import Entry, apply, complex_step, components, dot
-from rnc_pin.model.frame_rows import OffsetFrame, PointRows, axis_index, evaluated, rate_of
+from rnc_pin.model.frame_rows import axis_index, evaluated, rate_of
 from rnc_pin.model.input_validation import Axis
 from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
@@ -174,19 +174,10 @@ class CenterOfMass:
 
 
 class _CenterOfMassRows(OutputRows):
-    """Sum of the velocities of the bodies' centres, each times its part of the mass."""
-
     def __init__(self, robot: Robot, chosen: list[int]) -> None:
         self._chosen = chosen
         self.names = tuple(f"center_of_mass_{'xyz'[axis]}" for axis in chosen)
         self.units, self.angular = ("m/s",) * len(chosen), (False,) * len(chosen)
-        inertias = robot.model.inertias
-        heavy = [index for index, each in enumerate(inertias) if index and each.mass > 0]
-        total = sum(inertias[index].mass for index in heavy)
-        self._bodies = [(inertias[index].mass / total, PointRows(_center(robot, index))) for index in heavy]
-
-    def _sum(self, of: Callable[[PointRows], np.ndarray]) -> np.ndarray:
-        return np.asarray(sum(share * of(center) for share, center in self._bodies))
 
     def value(self, at: PositionKinematics) -> np.ndarray:
         return at.center_of_mass[..., self._chosen, 0]
@@ -195,28 +186,13 @@ class _CenterOfMassRows(OutputRows):
         return at.center_of_mass[..., self._chosen, 1:]
 
     def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        return self._sum(lambda center: center.jacobian_dot(at))[..., self._chosen, :]
+        return at.of_center("rate")[..., self._chosen, :]
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        return self._sum(lambda center: center.bias_acceleration(at))[..., self._chosen]
+        return at.of_center("acceleration")[..., self._chosen, 0]
 
     def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
-        return self._sum(lambda center: center.bias_acceleration_gradient(at))[self._chosen]
-
-
-def _center(robot: Robot, joint: int) -> OffsetFrame:
-    """Centre of mass of the body behind a joint.
-
-    Raises:
-        ModelError: it has no frame.
-    """
-    model, inertia = robot.model, robot.model.inertias[joint]
-    for index, frame in enumerate(model.frames):
-        if frame.parentJoint == joint and robot.frame_id(frame.name) == index:
-            return OffsetFrame(robot, frame.name, frame.placement.actInv(inertia.lever))
-    raise ModelError(
-        f"body behind joint '{model.names[joint]}' has no frame with a name of its own: add one with model.addFrame"
-    )
+        return at.of_center("gradient")[self._chosen]
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import coal
 import numpy as np
 import pinocchio as pin
 
@@ -165,6 +164,9 @@ class PlacedShapes:
     Args:
         robot: the robot.
         node: path of the node above the shapes.
+
+    Attributes:
+        names: their names.
     """
 
     def __init__(self, robot: Robot, node: str) -> None:
@@ -172,17 +174,14 @@ class PlacedShapes:
         assert drawn is not None
         self._robot, self._visual = robot, drawn
         self._data, self._shapes = robot.model.createData(), drawn.createData()
-        self._nodes = [f"{node}/{shape.name}" for shape in drawn.geometryObjects]
+        self._node, self.names = node, [shape.name for shape in drawn.geometryObjects]
         self._own = [np.diag([*drawn_scale(shape), 1.0]) for shape in drawn.geometryObjects]
-        for own, shape in zip(self._own, drawn.geometryObjects, strict=True):
-            if isinstance(shape.geometry, coal.Plane | coal.Halfspace):
-                own[:3, 3] = shape.geometry.d * np.ravel(shape.geometry.n)
 
     def place(self, scene: MeshcatScene, q: np.ndarray) -> None:
         """Place all shapes at a configuration (nq,)."""
         pin.updateGeometryPlacements(self._robot.model, self._data, self._visual, self._shapes, q)
-        for node, own, placement in zip(self._nodes, self._own, self._shapes.oMg, strict=True):
-            scene.place(node, placement.homogeneous @ own)
+        for name, own, placement in zip(self.names, self._own, self._shapes.oMg, strict=True):
+            scene.place(f"{self._node}/{name}", placement.homogeneous @ own)
 
 
 @dataclass(eq=False)
@@ -203,9 +202,8 @@ class Ghost(Element):
         self._shapes = PlacedShapes(self.robot, self.node)
 
     def build(self, scene: MeshcatScene) -> None:
-        drawn = self.robot.drawn_geometry
-        for shape in () if drawn is None else drawn.geometryObjects:
-            scene.copy(f"{self.node}/{shape.name}", f"{self.source}/{shape.name}", self.entry.color, 0.4)
+        for name in self._shapes.names:
+            scene.copy(f"{self.node}/{name}", f"{self.source}/{name}", self.entry.color, 0.4)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         self._shapes.place(scene, self.configuration(state))

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from rnc_pin import figures, simulation, visualization
 from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.applications.scenario.schema.scenario import FigureSettings, PlotSettings
 from rnc_pin.errors import RncError, few
 from rnc_pin.interruption import interruptible
 
@@ -120,15 +120,11 @@ def _write_plot(scenario: Scenario, result: Result, path: Path) -> bool:
     own = {"overview": _overview, "top_view": _top_view, "limits": _limits}
     if path.stem in own:
         return own[path.stem](scenario, result, path)
-    return _plot(scenario.content.figures, result, scenario.content.plots[path.stem], path)
-
-
-def _plot(figures: FigureSettings, result: Result, settings: PlotSettings, path: Path) -> bool:
+    common, settings = scenario.content.figures, scenario.content.plots[path.stem]
     chosen = result.comparisons if settings.comparisons is None else settings.comparisons
     shown = {label: result.comparisons[label] for label in chosen if label in result.comparisons}
-    size, title = settings.size or figures.size, settings.title
-    run = result.trajectory
-    run.plot(settings.outputs, title=title, comparisons=shown, size=size, labels=figures.labels, file=path)
+    size, title = settings.size or common.size, settings.title
+    result.trajectory.plot(settings.outputs, title=title, comparisons=shown, size=size, labels=common.labels, file=path)
     return True
 
 
@@ -139,26 +135,20 @@ def _overview(scenario: Scenario, result: Result, path: Path) -> bool:
 
 
 def _top_view(scenario: Scenario, result: Result, path: Path) -> bool:
-    from rnc_pin.figures import Labels, save
-    from rnc_pin.simulation import ground_paths
-    from rnc_pin.visualization import plot_top_view
-
-    if not ground_paths(result.trajectory):
+    if not simulation.ground_paths(result.trajectory):
         return False
-    experiment, figures = scenario.experiment, scenario.content.figures
+    experiment, settings = scenario.experiment, scenario.content.figures
     obstacles, title = experiment.obstacles, experiment.scenario.title
     robot = experiment.reduced.robot if obstacles else None  # beside obstacles, the room that the robot needs counts
-    labels = Labels(figures.labels)
-    save(plot_top_view(result.trajectory, title, result.comparisons, obstacles, robot, figures.size, labels), path)
+    run, others, labels = result.trajectory, result.comparisons, figures.Labels(settings.labels)
+    figures.save(visualization.plot_top_view(run, title, others, obstacles, robot, settings.size, labels), path)
     return True
 
 
 def _limits(scenario: Scenario, result: Result, path: Path) -> bool:
-    from rnc_pin.figures import Labels, save
-    from rnc_pin.visualization import plot_limits
-
     if result.limits is None or not (result.limits.uses or result.limits.clearances):
         return False
-    figures = scenario.content.figures
-    save(plot_limits(result.limits, scenario.content.title, figures.size, Labels(figures.labels)), path)
+    title, settings = scenario.content.title, scenario.content.figures
+    labels = figures.Labels(settings.labels)
+    figures.save(visualization.plot_limits(result.limits, title, settings.size, labels), path)
     return True

@@ -17,6 +17,7 @@ from numpy import ndarray as Array
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.math.linear_algebra import as_slice
 from rnc_pin.math.convex_programs import nearest_point
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.whole_body.limit_stack import LimitStack, ProgramBounds, distinct
@@ -151,14 +152,13 @@ class TaskStack:
         roots = [np.sqrt(t.numbers("weight", t.weight, len(b.names))) for t, b in zip(tasks, self.bound, strict=True)]
         priorities = sorted({each.priority for each in tasks})
         self.levels = len(priorities)
-        order = sorted(range(len(tasks)), key=lambda k: tasks[k].priority)
-        sizes = [len(self.bound[k].names) for k in order]
+        sizes = [len(each.names) for each in self.bound]
         stops = np.cumsum([0, *sizes]).tolist()
-        places = {k: slice(start, stop) for k, start, stop in zip(order, stops[:-1], stops[1:], strict=True)}
-        self._roots = np.concatenate([np.zeros(0), *(roots[k] for k in order)])
-        ends = [max(places[k].stop for k in order if tasks[k].priority == priority) for priority in priorities]
-        self._parts = [slice(start, stop) for start, stop in pairwise([0, *ends])]
-        curved = np.repeat([not self.bound[k].constant for k in order], sizes).astype(bool)
+        places = [slice(*each) for each in pairwise(stops)]
+        self._roots = np.concatenate([np.zeros(0), *roots])
+        ranks = np.repeat([each.priority for each in tasks], sizes)
+        self._parts = [as_slice(np.flatnonzero(ranks == priority)) for priority in priorities]
+        curved = np.repeat([not each.constant for each in self.bound], sizes).astype(bool)
         self.curved = [curved[part] for part in self._parts]
         outputs = [(each, places[k]) for k, each in enumerate(self.bound) if isinstance(each, BoundOutput)]
         self._outputs = OutputsTogether([each for each, _ in outputs], reduced) if outputs else None
