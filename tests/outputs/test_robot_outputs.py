@@ -5,7 +5,6 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
 from rnc_pin.model.kinematics import Kinematics
 from tolerances import ROUNDING
 
@@ -53,7 +52,3 @@ def test_axes_of_a_centre_of_mass():
     words = "axes 'xx' of the centre of mass: name each of x, y, z at most once"
     with pytest.raises(rnc.ConfigurationError, match=words):
         rnc.CenterOfMass("xx").bind(robot)
-    model = pin.Model()
-    add_body(model, "hinge", "RX", pin.Inertia.Random())
-    with pytest.raises(rnc.ModelError, match="body behind joint 'hinge' has no frame"):
-        rnc.CenterOfMass().bind(rnc.Robot(model))

@@ -17,8 +17,8 @@ from numpy import ndarray as Array
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.math.linear_algebra import as_slice
 from rnc_pin.math.convex_programs import nearest_point
+from rnc_pin.math.linear_algebra import as_slice
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.whole_body.limit_stack import LimitStack, ProgramBounds, distinct
 from rnc_pin.motion.whole_body.limits.control_limit import ControlSample
