@@ -23,7 +23,6 @@ from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.run_scene import RunScene, ShownRun
 from rnc_pin.visualization.scene_bodies import check_drawable
 
-_VALUES_RATE = 10.0  # updates of the overlay per second
 RATE = 30.0  # frames per second
 
 
@@ -138,10 +137,11 @@ class LiveView:
             title = self.window.title if self.window.title != "rnc_pin" else ""
             self.scene.overlay(title, self._run_scene.overlay.labels(), self._run_scene.legend())
         now = time.monotonic()
+        values_rate = 10.0  # updates of the overlay per second
         with self.window.batched():
             self._run_scene.update(state)
             if now >= self._next_values:
-                self._next_values = now + 1.0 / _VALUES_RATE
+                self._next_values = now + 1.0 / values_rate
                 self.scene.overlay_values(*self._run_scene.overlay.values(state))
 
     def _draw(self) -> None:

@@ -29,7 +29,6 @@ from rnc_pin.visualization.live import LiveView
 
 Made = TypeVar("Made")
 
-_POLL = 0.1  # period at which a paused loop looks for a browser [s]
 _ABSENCE = 5.0  # time without a browser after which a paused loop continues [s]; a page may be loaded again
 
 
@@ -186,9 +185,10 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
         self.restart()
         self(sample)
         begin = seen = time.monotonic()
+        poll = 0.1  # period at which a paused loop looks for a browser [s]
         with self._condition:
             while self._paused and not self._steps:
-                self._condition.wait(_POLL)
+                self._condition.wait(poll)
                 if self.watched:
                     seen = time.monotonic()
                 elif time.monotonic() - seen > _ABSENCE:

@@ -40,11 +40,10 @@ _force = click.option("--force", is_flag=True, help="Write into a folder that rn
 _debug = click.option("--debug", is_flag=True, expose_value=False, help="Show a traceback with an error.")
 
 
-def _command(name: str) -> Callable[..., Given]:
-    """Import and return the function of a command."""
+def _imported(function: Callable[[], _Command]) -> _Command:
+    """Return the function of a command, which is imported by its name."""
     with interruptible_imports():
-        function: Callable[..., Given] = getattr(commands, name)
-    return function
+        return function()
 
 
 def _print_version(context: click.Context, parameter: click.Parameter, asked: bool) -> None:
@@ -133,7 +132,7 @@ def run(**given: Given) -> int:
     """Run a SCENARIO: a built-in name or a YAML file."""
     find_scenario(given["scenario"])
     announce(f"{given['scenario']}: reading the scenario", given["as_json"])
-    return _command("run_scenario")(**given)
+    return _imported(lambda: commands.run_scenario)(**given)
 
 
 @cli.command(context_settings=_HELP)
@@ -155,7 +154,7 @@ def drive(**given: Given) -> int:
     Arrow keys or W A S D drive the base, a click on the ground sets a goal, and sliders move joints. Space stops.
     """
     announce(f"{given['source']}: preparing the drive", quiet=True)
-    return _command("drive_robot")(**given)
+    return _imported(lambda: commands.drive_robot)(**given)
 
 
 @cli.command(context_settings=_HELP)
@@ -169,7 +168,7 @@ def inspect(**given: Given) -> None:
     """Analyze a SYSTEM: motions, constraint rows, actuation, redundancy and singularities."""
     find_scenario(given["system"])
     announce(f"{given['system']}: analyzing the system", quiet=True)
-    _command("inspect_system")(**given)
+    _imported(lambda: commands.inspect_system)(**given)
 
 
 @cli.command(context_settings=_HELP)
@@ -184,7 +183,7 @@ def explore(**given: Given) -> int | None:
     """Tell what the redundancy of a SYSTEM can do while its primary outputs rest, best use first."""
     find_scenario(given["system"])
     announce(f"{given['system']}: exploring the redundancy", quiet=True)
-    return _command("explore_system")(**given)
+    return _imported(lambda: commands.explore_system)(**given)
 
 
 @cli.command(context_settings=_HELP)
@@ -202,13 +201,13 @@ def explore(**given: Given) -> int | None:
 def init(**given: Given) -> None:
     """Draft a scenario for a ROBOT: a URDF, xacro or MJCF file, or the name of an example."""
     announce(f"{given['robot']}: reading the robot and testing a scenario for it", quiet=True)
-    _command("draft_scenario")(**given)
+    _imported(lambda: commands.draft_scenario)(**given)
 
 
 @cli.command(context_settings=_HELP)
 def schema() -> None:
     """Print the JSON Schema of scenario files, for editors."""
-    _command("print_schema")()
+    _imported(lambda: commands.print_schema)()
 
 
 @cli.command(context_settings=_HELP)
@@ -222,7 +221,7 @@ def schema() -> None:
 def replay(**given: Given) -> int:
     """Replay runs: folders of ``run``, or their trajectory.npz. Further runs are compared with the first."""
     announce(f"{', '.join(map(str, given['sources']))}: reading", quiet=True)
-    return _command("replay_runs")(**given)
+    return _imported(lambda: commands.replay_runs)(**given)
 
 
 @cli.command(context_settings=_HELP)
@@ -233,7 +232,7 @@ def replay(**given: Given) -> int:
 @_debug
 def export(**given: Given) -> None:
     """Write a run, a folder of ``run`` or its trajectory.npz, as a FILE.csv with names and units."""
-    _command("export_file")(**given)
+    _imported(lambda: commands.export_file)(**given)
 
 
 @cli.command(context_settings=_HELP)
@@ -253,4 +252,4 @@ def sweep(**given: Given) -> int:
     find_scenario(given["scenario"])
     announce(f"{given['scenario']}: reading the scenario", given["as_json"])
     scheduler = given.pop("scheduler")
-    return _command("sweep_scenario")(**{**given, "jobs": scheduler or given["jobs"]})
+    return _imported(lambda: commands.sweep_scenario)(**{**given, "jobs": scheduler or given["jobs"]})

@@ -17,7 +17,6 @@ from rnc_pin.visualization import DrawnModel, DrawnState, LiveView, mg
 from rnc_pin.visualization.browser import ControlPanel
 
 _GOAL = 0xE69F00
-_GOAL_SIZE = 0.06  # radius of the mark of the base's goal [m]
 _MARK = "goal/base"
 
 
@@ -86,9 +85,10 @@ class DrivePage(LiveView):
 
     def _mark(self, goal: tuple[float, float] | None) -> None:
         """Draw the goal of the base."""
+        goal_size = 0.06  # radius of the mark of the base's goal [m]
         if goal is not None:
             if not self._marked:
-                self.scene.mesh(_MARK, mg.Cylinder(0.01, _GOAL_SIZE), _GOAL)
+                self.scene.mesh(_MARK, mg.Cylinder(0.01, goal_size), _GOAL)
                 self._marked = True
             pose = np.eye(4)
             pose[1:3, 1:3] = [[0.0, -1.0], [1.0, 0.0]]  # Meshcat's cylinders have y as their axis

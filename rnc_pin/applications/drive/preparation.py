@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
@@ -23,16 +22,16 @@ from rnc_pin.applications.scenario.files import ROBOT_FILES, built_in_names, map
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.scenario import output_of, validate
-from rnc_pin.control import ActuatorVelocityController, ComputedTorque, VelocityQP, VelocityTracker, describe
+from rnc_pin.control import ActuatorVelocityController, ComputedTorque, VelocityTracker, describe
 from rnc_pin.errors import ConfigurationError, RncError, few
 from rnc_pin.io import Json, load_yaml
 from rnc_pin.model import NonholonomicSystem, ReducedModel
 from rnc_pin.motion.whole_body.limits import CollisionAvoidance, ControlLimit
+from rnc_pin.outputs import FramePosition
 from rnc_pin.robots import Robot
 
 PERIOD = 0.01
 """Sampling period of a driven run [s], if no option gives another one."""
-_MOST_FRAMES = 4
 _ACCELERATION, _SLOWEST = 4.0, 0.02  # [rad/s^2 or m/s^2]; a new goal starts without a jerk, and starts
 _CONTROLLER: dict[str, Json] = {"type": "qp", "tracker": "computed_torque", "tasks": [{"damping": {}}]}
 _STATES, _SPEED = 20, 0.5  # random states, and their largest reduced velocity, at which efforts are compared
@@ -51,7 +50,6 @@ _REPLACED = (
     "preflight",
 )
 _ALWAYS_REGULAR = ("frame_speed", "frame_yaw", "joint", "frame_angular_velocity")
-_MOVED = 1e-6  # smallest singular value of R^T B, in rows of unit length, at which actuators move everything
 
 
 @dataclass(frozen=True)
@@ -125,8 +123,8 @@ def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
     reduced, settings = experiment.reduced, experiment.simulation
     joints = [name for name in reduced.reducing.names if name in reduced.robot.joint_names]
     controls, log = find_controls(reduced, experiment.q0, frames, joints), CommandLog()
-    program = cast(VelocityQP, experiment.program)  # the controller of every driven scenario
-    limits = _with_obstacles(program.limits, reduced, experiment)
+    assert experiment.program is not None  # the controller of every driven scenario has one
+    limits = _with_obstacles(experiment.program.limits, reduced, experiment)
     controller = DriveController(reduced, controls, log, limits, settings.dt)
     tracker = copy.copy(experiment.controller)
     vars(tracker)["target"] = controller
@@ -247,8 +245,7 @@ def _output_candidates(
 
 def _default_frames(scenario: ScenarioFile, robot: Robot) -> tuple[str, ...]:
     """Frames of the scenario's position outputs and trails, then the ends of chains; none that a base carries."""
-    outputs = scenario.listed_outputs
-    named = [str(getattr(each, "frame", "")) for each in outputs if type(each).__name__ == "FramePosition"]
+    named = [each.frame for each in scenario.listed_outputs if isinstance(each, FramePosition)]
     parents = {int(parent) for parent in robot.model.parents[1:]}
     bodies = {int(each.parentJoint): str(each.name) for each in robot.model.frames if each.type.name == "BODY"}
     ends = [bodies[joint] for joint in sorted(bodies) if joint and joint not in parents]
@@ -257,7 +254,8 @@ def _default_frames(scenario: ScenarioFile, robot: Robot) -> tuple[str, ...]:
     for name in (*named, *scenario.view.trail, *([] if named else ends)):
         if robot.model.existFrame(name) and robot.model.frames[robot.frame_id(name)].parentJoint not in (0, root):
             found.append(name)
-    return tuple(dict.fromkeys(found))[:_MOST_FRAMES]
+    most_frames = 4
+    return tuple(dict.fromkeys(found))[:most_frames]
 
 
 def _check_drivable(name: str, experiment: Experiment) -> None:
@@ -269,7 +267,8 @@ def _check_drivable(name: str, experiment: Experiment) -> None:
     reduced = experiment.reduced
     matrix = reduced.at(experiment.q0).input_matrix
     units = matrix / np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-300)
-    rank = int(np.linalg.matrix_rank(units, _MOVED)) if matrix.size else 0
+    moved = 1e-6  # smallest singular value of R^T B, in rows of unit length, at which actuators move everything
+    rank = int(np.linalg.matrix_rank(units, moved)) if matrix.size else 0
     if rank < reduced.r:
         idle = [
             each for each, row in zip(reduced.reducing.names, matrix, strict=True) if not np.abs(row).max(initial=0) > 0

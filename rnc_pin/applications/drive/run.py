@@ -26,7 +26,6 @@ from rnc_pin.simulation import RunArguments, Sample, Trajectory
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.stop import Progress, complete_run
 
-_NEAR = 0.01  # distance from a goal that counts as reached [m]
 _WAITING = 200  # targets that one sample can set
 
 
@@ -116,9 +115,10 @@ def goal_distances(controls: DriveControls, goals: DriveGoals, points: Mapping[s
     if controls.base is not None and goals.base_goal is not None:
         wanted.append((controls.base.frame, goals.base_goal, (True, True)))
     found = {}
+    near = 0.01  # distance from a goal that counts as reached [m]
     for name, goal, axes in wanted:
         distance = float(np.linalg.norm((points[name][: len(goal)] - goal)[list(axes)]))
-        if distance > _NEAR:
+        if distance > near:
             found[name] = distance
     return found
 
@@ -129,7 +129,6 @@ def _soft(name: str) -> bool:
 
 _CAPACITY = 4096  # samples; the record grows
 _STATUS = 0.1  # period of the status [s]
-_WINDOW = 1.0  # [s] of real time over which the factor is measured
 
 
 class RealTimeClock:
@@ -162,7 +161,8 @@ class RealTimeClock:
         else:
             self._start -= early  # lost time stays lost
         self._window.append((now, t))
-        while len(self._window) > 2 and self._window[1][0] < now - _WINDOW:
+        window = 1.0  # [s] of real time over which the factor is measured
+        while len(self._window) > 2 and self._window[1][0] < now - window:
             self._window.popleft()
 
     @property

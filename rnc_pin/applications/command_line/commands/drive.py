@@ -20,8 +20,6 @@ from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.pictures import picture_names
 from rnc_pin.interruption import interruptible, uninterrupted
 
-_WAIT = 15.0  # [s] for a browser before the run starts
-
 
 class NewDrive(TypedDict):
     """Options of a drive."""
@@ -55,13 +53,14 @@ def _driven(prepared: PreparedDrive, duration: float | None, browser: bool) -> R
     settings, queue = prepared.scenario.experiment.simulation, CommandQueue(prepared.controls)
     samples = None if duration is None else max(2, round(duration / settings.dt) + 1)
     title = prepared.scenario.experiment.scenario.title or prepared.scenario.name
+    wait = 15.0  # [s] for a browser before the run starts
     with ExitStack() as stack:
         page = DrivePage(prepared, queue, title, browser)
         stack.callback(page.close)
         click.echo(f"drive on {page.url} (Ctrl-C or 'End run' ends it)", err=True)
         if browser:
             with interruptible():
-                page.wait_for_browser(_WAIT)
+                page.wait_for_browser(wait)
         result = drive(prepared, queue, samples, RealTimeClock(), page)
         page.conclude(result.trajectory.verdict)
     if page.problem is not None:
