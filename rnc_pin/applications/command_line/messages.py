@@ -16,6 +16,7 @@ from rnc_pin.errors import ModelWarning, printable
 from rnc_pin.io import dump_json
 
 DONE, FAILED, USAGE = 0, 1, 2
+_MINUTE = 60.0  # between the lines of a log [s]
 
 
 def print_json(content: object) -> None:
@@ -41,11 +42,9 @@ def told_each_minute(activity: Callable[[], str], quiet: bool) -> Iterator[None]
     """Print the activity each minute inside, if the output is a log and no terminal."""
     over = threading.Event()
 
-    minute = 60.0  # between the lines of a log [s]
-
     def tell() -> None:
         begin = time.perf_counter()
-        while not over.wait(minute):
+        while not over.wait(_MINUTE):
             announce(f"{activity()}, {(time.perf_counter() - begin) / 60:.0f} min", quiet)
 
     if not (quiet or sys.stderr.isatty()):

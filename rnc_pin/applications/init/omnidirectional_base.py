@@ -236,12 +236,10 @@ def _angle(wheel: Wheel, wheels: list[Wheel], at_start: RobotAtStart, parallel: 
         return 0.0
     # Roller axes through the middle give no torque about it: each roller axis is normal to its diagonal.
     middle = np.mean([each.center for each in wheels], axis=0)
-    heading, across = wheels[0].heading, np.cross([0.0, 0.0, 1.0], wheels[0].heading)
-    offset = wheel.center - middle
-    beside = [float(offset @ each) for each in (heading, across)]
+    heading, offset = wheels[0].heading, wheel.center - middle
+    beside = [float(offset @ each) for each in (heading, np.cross([0.0, 0.0, 1.0], heading))]
     side = np.sign(np.prod([each if abs(each) > SAME * wheel.radius else 0.0 for each in beside]))
-    mecanum = np.pi / 4
-    return float(-mecanum * (side or 1.0))
+    return float(-np.pi / 4 * (side or 1.0))
 
 
 def _modelled_angle(wheel: Wheel, at_start: RobotAtStart) -> float:
@@ -259,8 +257,7 @@ def _on_base(wheels: list[Wheel], angles: list[float]) -> np.ndarray:
     middle = np.mean([wheel.center for wheel in wheels], axis=0)
     rows = []
     for wheel, angle in zip(wheels, angles, strict=True):
-        heading, across = wheel.heading, np.cross([0.0, 0.0, 1.0], wheel.heading)
-        x, y, _ = np.cos(angle) * heading + np.sin(angle) * across
+        x, y, _ = np.cos(angle) * wheel.heading + np.sin(angle) * np.cross([0.0, 0.0, 1.0], wheel.heading)
         at = wheel.center - middle
         size = max(float(np.hypot(at[0], at[1])), 1e-9)
         rows.append([x, y, (at[0] * y - at[1] * x) / size])

@@ -58,12 +58,9 @@ def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     on_legs = bool(one.carriers and other.carriers)
     tall = 1.5  # smallest height of the center of mass above the axle of a balancing robot, in radii
     if beside >= max(0.5 * above, 0.2 * one.radius) or above <= (0.0 if named or on_legs else tall * one.radius):
-        where = "its center of mass is low, or beside the axle"
-        if on_legs:
-            return DraftDecision(question, "no", GUESSED, f"{where}, but its wheels are on legs", (yes,))
-        return DraftDecision(question, "no", LIKELY, where, (yes,))
-    support = "" if named else _support(layout, at_start)
-    if support:
+        where = "its center of mass is low, or beside the axle" + ", but its wheels are on legs" * on_legs
+        return DraftDecision(question, "no", GUESSED if on_legs else LIKELY, where, (yes,))
+    if not named and (support := _support(layout, at_start)):
         return DraftDecision(question, "no", LIKELY, f"{support} supports it", (yes,))
     efforts = [effort_limit(at_start.robot, wheel.joint) for wheel in layout.fixed]
     stated = sum(each for each in efforts if 0 < each < NO_LIMIT)
