@@ -29,7 +29,7 @@ saturation ends the lemma holds again, with everything that was learnt before.
 
 from __future__ import annotations
 
-from math import exp, expm1
+from math import exp, expm1, isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -68,7 +68,7 @@ def fed_back(gain: float | np.ndarray, error: np.ndarray, actual: np.ndarray) ->
             given.
     """
     product = gain * error
-    if np.isfinite(product).all():
+    if isfinite(np.vdot(product, product)) or np.isfinite(product).all():  # the first is quick, and may overflow
         return product
     missing = np.isnan(error) & (np.broadcast_to(gain, error.shape) != 0)
     without = missing & ~np.isnan(actual)
