@@ -236,14 +236,14 @@ class TwistController(ReprMixin):
         goal, turn = self._regular(motion, q, self._in_range(motion, q, motion.allowed(wanted), rates)[0], rates)
         independence = self.base.independence(motion, 0.0 * turn)
         largest, still = np.abs(turn).max(initial=0.0), max(_QUIET, _MOVING * float(np.linalg.norm(goal)))
-        if largest > min(_AIMED, 0.25 * independence) and np.linalg.norm(last) > still:
-            goal, turn = np.zeros(3), 0.0 * turn  # it stops before its pivots turn far
+        waits = largest > min(_AIMED, 0.25 * independence)
+        turn = turn * (not waits or np.linalg.norm(last) <= still)  # it stops before its pivots turn far
         speed = min(_PROFILE, np.sqrt(_STEERING_ACCELERATION / max(largest, _SETTLED)))
         turning = speed * turn * (np.linalg.norm(goal) > _QUIET)
         ahead = max(dt, _LEAD)
         bounds, change = self._bounds(q, dt, self._limits), _STEERING_ACCELERATION * ahead
         turning *= _largest_share(motion.turning @ turning, 0.0, bounds)[0]
-        goal = self._accelerated(last, self._nearest(motion, goal, _AIMED), ahead)
+        goal = self._accelerated(last, self._nearest(motion, goal * (not waits), _AIMED), ahead)
         allowed = min(1.0, 2.0 * independence / _REGULAR) * self._nearest(motion, goal, waits=0.0)
         allowed *= _largest_share(motion.moving @ allowed, 0.0, bounds)[0]
         return AimedTwist(allowed / self._scale, np.clip(turning, rates - change, rates + change))

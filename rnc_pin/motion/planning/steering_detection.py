@@ -197,7 +197,7 @@ def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], *, room: float
     """
     if reduced.affine:
         _refuse(reduced, "its rows prescribe a motion")
-    samples = _Samples(reduced, q0)
+    samples = SampledBases(reduced, q0)
     if samples.couplings.unknown:
         _refuse(reduced, f"row '{samples.couplings.unknown[0]}' couples joints")
     planned = ~samples.followers()
@@ -206,7 +206,7 @@ def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], *, room: float
         return FreeSteering(reduced, planned)
     if reduced.robot.model.joints[1].shortname() != "JointModelPlanar":
         _refuse(reduced, "the rows restrict joints other than a planar base")
-    rows = [_annihilators(R[places]) for R in samples.bases]
+    rows = [np.linalg.svd(R[places])[0][:, reduced.r :].T for R in samples.bases]  # that all velocities satisfy
     on_base = places < 3
     if any(np.abs(each[:, ~on_base]).max(initial=0.0) > _EXACT for each in rows):
         _refuse(reduced, "the rows couple the base with other joints")
@@ -236,22 +236,7 @@ def _refuse(reduced: ReducedModel, why: str) -> NoReturn:
     )
 
 
-def _annihilators(R: Float[Array, "n r"]) -> Float[Array, "k n"]:
-    """Orthonormal rows (n - r, n) that all velocities satisfy."""
-    return np.linalg.svd(R)[0][:, R.shape[1] :].T
-
-
-def planned_velocities(reduced: ReducedModel, q0: Float[Array, " nq"]) -> Bool[Array, " nv"]:
-    """Mask of the velocities that are planned; wheels and casters without limits, and coupled joints, follow.
-
-    Args:
-        reduced: the model.
-        q0: a configuration (nq,).
-    """
-    return ~_Samples(reduced, q0).followers()
-
-
-class _Samples:
+class SampledBases:
     """Random configurations within the limits, and bases R (nv, r) of the velocities that the rows allow there."""
 
     def __init__(self, reduced: ReducedModel, q0: Array) -> None:

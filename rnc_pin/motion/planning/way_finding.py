@@ -20,7 +20,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
 from rnc_pin.motion.planning.action_models import KinematicFlow
 from rnc_pin.motion.planning.exact_steering import ExactMotion, Steering, base_axes
-from rnc_pin.motion.planning.steering_detection import find_steering, planned_velocities
+from rnc_pin.motion.planning.steering_detection import SampledBases, find_steering
 from rnc_pin.motion.planning.way import Way, WayInfo, way_along
 from rnc_pin.motion.planning.way_checking import (
     WayChecker,
@@ -135,7 +135,7 @@ def find_way(
     _check_stands(obstacles)
     start = validated_configuration(reduced, q0)
     steering = _steering(reduced, start, settings)
-    planned = planned_velocities(reduced, start) if steering is None else steering.planned
+    planned = ~SampledBases(reduced, start).followers() if steering is None else steering.planned
     apart = clearance if steering else clearance + DEVIATION
     checker = way_checker(reduced.robot, start, obstacles, selection, apart)
     budget = SearchBudget(settings.seconds, settings.motions)

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from driven_bases import car, differential, swerve
+from driven_bases import KINDS, car, differential
 from drives import Watcher, point_of, pose_of, prepared, reduced_of
 from rnc_pin.applications.drive.commands import PlacedGoal, initial_goals
 from rnc_pin.applications.drive.controls import DriveControls, DrivenBase
@@ -168,14 +168,14 @@ def test_an_articulated_vehicle_that_stays_does_not_fold(tmp_path):
     np.testing.assert_allclose(pose_of(run, trajectory.q[-1]), pose_of(run, trajectory.q[0]), atol=1e-3)
 
 
-SWERVE, CART = swerve((0.5, 0.4), (0.5, -0.4), (-0.5, 0.4), (-0.5, -0.4)), differential()
+SWERVE, CART = KINDS["four steered drives"], differential()
 DRIVEN = [(SWERVE, 1, 0, 0), (SWERVE, 0, 1, 0), (SWERVE, 0, 0, 1), (SWERVE, 1, 0, 1), (CART, 1, 0, 1), (car(), 1, 0, 0)]
 
 
 @pytest.mark.parametrize(("kind", "forward", "left", "turn"), DRIVEN)
 def test_wheels_of_a_driven_draft_are_aimed_at_one_point_and_stay_on_the_ground(kind, forward, left, turn, tmp_path):
     """A wheel at (x, y) of a base with the twist (vx, vy, w) moves along (vx - w y, vy + w x)."""
-    (tmp_path / "unit.urdf").write_text(kind.urdf)
+    (tmp_path / "unit.urdf").write_text(kind.urdf.replace(BOX, '<box size="0.1 0.1 0.05"/>'))  # clear of the wheels
     (tmp_path / "unit.yaml").write_text(draft(str(tmp_path / "unit.urdf"), tmp_path))
     key = {"kind": "base_velocity", "forward": float(forward), "left": float(left), "turn": float(turn)}
     run = prepared(str(tmp_path / "unit.yaml"), [(k, key) for k in range(0, 240, 20)], simulation__dt=DT)
@@ -185,6 +185,7 @@ def test_wheels_of_a_driven_draft_are_aimed_at_one_point_and_stay_on_the_ground(
         for each in kind.wheels.values():
             c, s = np.cos(angles.get(each.pivot, 0.0)), np.sin(angles.get(each.pivot, 0.0))
             assert abs(c * (vy + w * each.x) - s * (vx - w * each.y)) < 0.005
+    assert not trajectory.verdict.findings
     np.testing.assert_allclose(trajectory.v[-1, :3], [0.5 * forward, 0.5 * left, 0.8 * turn], atol=0.03)
     assert np.abs(trajectory.T).max() < 2.0
     assert trajectory.normal_forces.min() > 0.0

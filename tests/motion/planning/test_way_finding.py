@@ -19,7 +19,7 @@ from places import ROOT
 from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.motion.planning import WaySettings, find_way
 from rnc_pin.motion.planning.shortest_paths import reeds_shepp_words, word_length
-from rnc_pin.motion.planning.steering_detection import planned_velocities
+from rnc_pin.motion.planning.steering_detection import SampledBases
 from rnc_pin.motion.planning.way import intervals_along, motion_along
 from rnc_pin.motion.planning.way_checking import goal_configurations, way_checker
 from rnc_pin.motion.planning.way_search import SearchBudget, WaySearch
@@ -390,4 +390,4 @@ def test_wheels_follow_however_a_file_says_that_they_have_no_limits(limit, plann
     robot = rnc.Robot.from_urdf(tmp_path / "drive.urdf", base="planar")
     rows = [rnc.RollingWheel(f"{name}_wheel", 0.1) for name in ("left", "right")]
     reduced = rnc.NonholonomicSystem(robot, rows).reduce()
-    assert planned_velocities(reduced, robot.configuration()).sum() == planned
+    assert (~SampledBases(reduced, robot.configuration()).followers()).sum() == planned
