@@ -74,7 +74,7 @@ class SampleCount(NamedTuple):
 
 @runtime_checkable
 class ProgramRecord(Protocol):
-    """What the states of all programs have."""
+    """Record that the states of all programs have."""
 
     multipliers: Float[Array, "levels k"]
     excess: Float[Array, " k"]
