@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.analysis.linearization import Linearization
 from rnc_pin.control.controller import (
     Command,
     DescribedMixin,
@@ -26,6 +26,9 @@ from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
 from rnc_pin.references.reference import Reference
+
+if TYPE_CHECKING:  # a run without linear feedback starts without it
+    from rnc_pin.analysis.linearization import Linearization
 
 
 class ZeroInput(DescribedMixin):

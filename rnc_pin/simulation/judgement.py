@@ -6,10 +6,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rnc_pin.analysis import Grip, NormalForces, first_lift_off
+from rnc_pin.analysis import NormalForces, first_lift_off
 from rnc_pin.array_shapes import Float, Int
 from rnc_pin.constraints.wheeled_base import missing_lateral_rows
 from rnc_pin.control.controller import LimitedAcceleration, MissedGoal
@@ -22,6 +23,9 @@ from rnc_pin.simulation.limit_replay import ROUNDING, Clearance, FurtherLimits, 
 from rnc_pin.simulation.run_info import FORCE_UNITS, Outcome
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.verdict import MOSTLY, SHORTFALL, Finding, FindingKind, Severity, Verdict
+
+if TYPE_CHECKING:  # a run without friction of the ground starts without it
+    from rnc_pin.analysis import Grip
 
 PENETRATION = 1e-6
 """Depth of a penetration that counts as a collision [m]."""
