@@ -27,6 +27,7 @@ BARE = (
     "rnc-pin sweep space-robot --runs 4 --jobs 2 --out s --set simulation.duration=0.2",
 )
 EXTRAS = {
+    "control": ("PAGE docs/answers.md",),
     "dask": ("PAGE docs/sweeps.md",),
     "meshes": (
         """python -c 'import trimesh, rnc_pin as rnc; trimesh.creation.box().export("x.glb"); """
@@ -36,12 +37,16 @@ EXTRAS = {
     "ompl": ("PAGE docs/ways.md",),
     "robots": ("python -c 'import rtbdata'",),
     "video": ("rnc-pin run space-robot --set simulation.duration=0.2", "rnc-pin replay runs/space-robot --video v.gif"),
-    "all": ("python -c 'import dask, mujoco, ompl, trimesh'",),
+    "all": ("python -c 'import control, dask, mujoco, ompl, trimesh'",),
     "dev": ("ruff --version", "mypy --version", "lint-imports --help"),
 }
 """Commands that the documentation of an extra promises. ``.ci/run`` itself runs those of ``test`` and ``docs``."""
 ELSEWHERE = {"test", "docs"}
 MISSING = {
+    "control": (
+        """python -c 'import rnc_pin as rnc; robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, 0, 0)); """
+        """rnc.linearize(rnc.NonholonomicSystem(robot).reduce(), robot.configuration()).to_control()'"""
+    ),
     "dask": "rnc-pin sweep space-robot --runs 2 --out s --scheduler tcp://127.0.0.1:1",
     "meshes": """touch x.ply && python -c 'import rnc_pin as rnc; rnc.collision.load_mesh_shape("x.ply")'""",
     "mujoco": "rnc-pin run space-robot --set plant=mujoco",

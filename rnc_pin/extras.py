@@ -16,6 +16,7 @@ class _Package(NamedTuple):
 
 
 _PACKAGES = {
+    "control": _Package("python-control", "control"),
     "dask": _Package("Dask", "distributed"),
     "meshes": _Package("trimesh", "trimesh"),
     "mujoco": _Package("MuJoCo", "mujoco"),

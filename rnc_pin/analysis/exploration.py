@@ -34,6 +34,7 @@ from rnc_pin.math.linear_algebra import pivot_columns
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
+from rnc_pin.model.input_validation import Axes
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack, RowStack
@@ -612,7 +613,7 @@ def _frame_outputs(reduced: ReducedModel, q: Array, frame: str) -> list[OutputKi
     moves = largest_entries(reduced.at(q).position.jacobian(reduced.robot.frame_id(frame))) > _ZERO
     found: list[OutputKind] = []
     if moves[:3].any():
-        found.append(FramePosition(frame, "".join(np.array(list("xyz"))[moves[:3]])))
+        found.append(FramePosition(frame, cast(Axes, "".join(np.array(list("xyz"))[moves[:3]]))))
     if moves[3:].any():
         found.append(FrameOrientation(frame) if moves[3:5].any() else FrameYaw(frame))
     return found

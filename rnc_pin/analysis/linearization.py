@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,6 +16,7 @@ from rnc_pin.analysis.lie_brackets import frame_bracket
 from rnc_pin.analysis.symmetry import entries_of
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, ModelError, place_of
+from rnc_pin.extras import check_extra
 from rnc_pin.math.linear_algebra import sorted_eigenvalues
 from rnc_pin.model.independence import ROUNDING
 from rnc_pin.model.kinematics import Kinematics
@@ -35,7 +37,7 @@ Coordinate = str | OutputKind
 class Linearization(SummaryMixin):
     """``x' = A x + B u`` for small deviations ``x = (coordinates, v2 - v2_0)`` and ``u = T - T_0``.
 
-    The arrays are what python-control's ``ss(A, B, C, D)`` and ``scipy.linalg.solve_continuous_are`` take.
+    The arrays are what ``scipy.linalg.solve_continuous_are`` takes; :meth:`to_control` is for python-control.
 
     Attributes:
         A, B: system matrix (s, s) and input matrix (s, p) for s states and p inputs.
@@ -77,6 +79,21 @@ class Linearization(SummaryMixin):
         """Return the state x (s,) at q (nq,) and v2 (r,), for a feedback ``T = T_0 - K x``."""
         rates = (np.asarray(v2, float) - self.v2)[self._kept]
         return np.concatenate([self._read.deviation(np.asarray(q, float), self.q), rates])
+
+    def to_control(self) -> Any:
+        """Return a ``StateSpace`` of python-control, whose outputs are the states: deviations from the motion.
+
+        Names are those of states and inputs, with ``_`` for a dot, which python-control does not allow.
+
+        Raises:
+            ConfigurationError: python-control is not installed.
+        """
+        check_extra("control", "to_control")
+        import control  # with Matplotlib, which takes a second
+
+        states, inputs = ([each.replace(".", "_") for each in names] for names in (self.state_names, self.input_names))
+        C, D = np.eye(len(states)), np.zeros_like(self.B)
+        return control.ss(self.A, self.B, C, D, states=states, inputs=inputs, outputs=states)
 
     def _summary(self) -> ObjectSummary:
         states, inputs = counted(len(self.state_names), "state"), counted(len(self.input_names), "input")
@@ -163,11 +180,11 @@ def linearize(
     if coordinates is not None or len(held) or len(kept) < reduced.r:
         moving = derivatives.v if coordinates is not None else np.zeros(reduced.n)
         A, B = _restricted(reduced, read, kept, moving, q, A, B)
-    rate_names = [outputs.names[i] + ("" if outputs.quasi[i] else "_dot") for i in kept]
+    rate_names = [each + "_dot" * (not outputs.quasi[i] or each in read.names) for i, each in enumerate(outputs.names)]
     return Linearization(
         A=A,
         B=B,
-        state_names=(*read.names, *rate_names),
+        state_names=(*read.names, *(rate_names[i] for i in kept)),
         input_names=reduced.actuation.names,
         q=q,
         v2=v2,

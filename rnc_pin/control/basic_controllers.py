@@ -141,7 +141,10 @@ class StateFeedback(ReprMixin):
         self.outputs = (reducing.names if outputs is None else tuple(outputs)) if reference is not None else ()
         self._of = np.array([place_of(name, reducing.names, "no reducing output") for name in self.outputs], dtype=int)
         self._coordinates = reducing.coordinates.choose(self._of)
-        rates = [name if reducing.quasi[i] else f"{name}_dot" for name, i in zip(self.outputs, self._of, strict=True)]
+        rates = [  # a quasi-velocity has its own name, unless a coordinate has it
+            f"{name}_dot" if f"{name}_dot" in states or not reducing.quasi[i] else name
+            for name, i in zip(self.outputs, self._of, strict=True)
+        ]
         values = [name if not reducing.quasi[i] else "" for name, i in zip(self.outputs, self._of, strict=True)]
         self._values = [(k, states.index(name)) for k, name in enumerate(values) if name in states]
         self._rates = [(k, states.index(name)) for k, name in enumerate(rates) if name in states]

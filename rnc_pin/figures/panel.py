@@ -60,7 +60,7 @@ class Panel:
         note: title of the legend, for example about lines that the panel omits.
         log: True if the axis is logarithmic; it begins at ``bottom``.
         bottom: fixed lower limit of the axis, if any.
-        zero: True to draw a line at zero.
+        mark: value at which a black line is drawn, if any.
     """
 
     quantity: str
@@ -69,7 +69,7 @@ class Panel:
     note: str = ""
     log: bool = False
     bottom: float | None = None
-    zero: bool = False
+    mark: float | None = None
 
     @property
     def words(self) -> Iterator[str]:

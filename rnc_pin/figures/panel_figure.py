@@ -218,8 +218,8 @@ def _draw(
     ]
     if desired:
         entries.append(st.LegendEntry(texts.text("desired"), desired[:1]))
-    if panel.zero:
-        axes.axhline(0.0, color="black", lw=st.points(0.8))
+    if panel.mark is not None:
+        axes.axhline(panel.mark, color="black", lw=st.points(0.8))
     axes.margins(x=0.01)
     _limit_axis(axes, panel)
     return entries, note

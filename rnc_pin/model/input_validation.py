@@ -148,6 +148,8 @@ def broadcast_states(q: np.ndarray, beside: np.ndarray, name: str) -> tuple[np.n
 
 Axis = Literal["x", "y", "z"]
 """Axis of a frame."""
+Axes = Literal["x", "y", "z", "xy", "yx", "xz", "zx", "yz", "zy", "xyz", "xzy", "yxz", "yzx", "zxy", "zyx"]
+"""Several axes, each at most once."""
 Positive = Annotated[float, Gt(0)]
 NotNegative = Annotated[float, Ge(0)]
 Vector = Annotated[Sequence[float], Len(3, 3)]

@@ -12,7 +12,7 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.linear_algebra import Entry
 from rnc_pin.model.frame_rows import DirectionRows, FrameVelocityRows, axis_index
-from rnc_pin.model.input_validation import Axis
+from rnc_pin.model.input_validation import Axes, Axis
 from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, PositionKinematics
 from rnc_pin.model.rows import OutputRows
@@ -37,7 +37,7 @@ class FramePosition:
     """
 
     frame: str
-    axes: str = "xyz"
+    axes: Axes = "xyz"
 
     def bind(self, robot: Robot) -> OutputRows:
         chosen = [axis_index(axis) for axis in self.axes]

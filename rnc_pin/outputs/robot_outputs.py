@@ -12,7 +12,7 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.linear_algebra import Entry, apply, complex_step, components, dot
 from rnc_pin.model.frame_rows import axis_index, evaluated, rate_of
-from rnc_pin.model.input_validation import Axis
+from rnc_pin.model.input_validation import Axes, Axis
 from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, admitting, check_defined
@@ -164,7 +164,7 @@ class CenterOfMass:
         array([1., 0.])
     """
 
-    axes: str = "xyz"
+    axes: Axes = "xyz"
 
     def bind(self, robot: Robot) -> OutputRows:
         chosen = [axis_index(axis) for axis in self.axes]

@@ -19,6 +19,7 @@ from rnc_pin.figures.style import LegendEntry
 from rnc_pin.simulation.run_data import RunData
 from rnc_pin.simulation.run_panels import QUANTITIES, TOP_VIEW, Others, panels
 
+_ALL = slice(None)
 _SAME_PATH = 1e-3  # largest distance between two paths that count as one, over the extent
 
 
@@ -88,8 +89,9 @@ def plot_run(
     size: Size | None,
     labels: Mapping[str, str],
     name: str | None,
+    part: slice = _ALL,
 ) -> Figure:
-    """Figure of ``Trajectory.plot``, which has the same arguments."""
+    """Figure of ``Trajectory.plot``, which has the same arguments, or of a part of its panels."""
     if len(run.time) < 2:
         raise InputError(f"the run has too few samples to plot: {len(run.time)}, expected at least 2")
     sheet, texts, own = Sheet.of(size), Labels(labels), name or run_name(run, comparisons)
@@ -100,7 +102,7 @@ def plot_run(
     def draw(axes: Axes) -> Sequence[LegendEntry]:
         return draw_paths(axes, paths, texts, own)
 
-    drawn = PlaneView(draw, paths.aspect()) if paths.own else None
+    drawn = PlaneView(draw, paths.aspect()) if paths.own and not part.start else None
     chosen = None
     if outputs is not None:
         given = [outputs] if isinstance(outputs, str) else list(outputs)
@@ -112,7 +114,7 @@ def plot_run(
         elif drawn is None:
             raise InputError(f"outputs: the run has no {TOP_VIEW}: no body on the ground, no frame with x and y")
     shown, times = panels(run, comparisons, chosen), {label: other.time for label, other in comparisons.items()}
-    return panel_figure(shown, run.time, sheet, title=title, labels=texts, name=own, compared=times, view=drawn)
+    return panel_figure(shown[part], run.time, sheet, title=title, labels=texts, name=own, compared=times, view=drawn)
 
 
 def run_name(run: RunData, comparisons: Others) -> str:

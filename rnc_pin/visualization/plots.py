@@ -126,9 +126,8 @@ def plot_limits(
         labels: texts of names.
     """
     panels = [
-        *([Panel("distance", "m", _distances(replay), "nearest bodies", zero=True)] if replay.clearances else []),
-        *([Panel("beyond limit", "% of its range", _uses(replay), "most used joint limits", zero=True)]
-          if replay.uses else []),
+        *([Panel("distance", "m", _distances(replay), "nearest bodies", mark=0.0)] if replay.clearances else []),
+        *([Panel("used", "% of the limit", _uses(replay), "most used limits", mark=100.0)] if replay.uses else []),
     ]  # fmt: skip
     return panel_figure(panels, replay.time, Sheet.of(size), title=title, labels=labels)
 
@@ -149,9 +148,9 @@ def _distances(replay: LimitReplay) -> tuple[Series, ...]:
 
 
 def _uses(replay: LimitReplay) -> tuple[Series, ...]:
-    most = sorted(range(len(replay.uses)), key=lambda k: -replay.uses[k].excess)[:MAX_LINES]
-    found = []
-    for k in most:
-        use, values = replay.uses[k], 100.0 * replay.excesses[:, k]
-        found.append(Series(f"{use.kind} of {use.name}", values, active=values > 100.0 * (_ACTIVE_SHARE - 1.0)))
-    return tuple(found)
+    shares = np.array([2.0 if use.kind == "position" else 1.0 for use in replay.uses])  # 0 in the middle of a range
+    used = 100.0 * (1.0 + shares * replay.excesses)
+    return tuple(
+        Series(f"{use.kind} of {use.name}", values, active=values > 100.0 * _ACTIVE_SHARE)
+        for use, values in sorted(zip(replay.uses, used.T, strict=True), key=lambda each: -each[1].max())[:MAX_LINES]
+    )

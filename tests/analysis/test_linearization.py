@@ -1,5 +1,7 @@
 """Derivatives and linearisations: against differences of the dynamics, closed forms and published numbers."""
 
+import sys
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -31,6 +33,20 @@ def test_pendulum_on_wheels_falls_at_the_rate_of_the_closed_form(actuators):
     np.testing.assert_allclose(found.eigenvalues, [-pole, 0, 0, pole], rtol=1e-12, atol=1e-12)
     assert found.state_names == ("pitch", "base_speed_x", "pitch_dot", "base_yaw_dot")
     assert (found.input_names, found.B.shape, found.difference_error) == (actuators, (4, len(actuators)), 0.0)
+
+
+def test_python_control_has_the_names_and_the_poles_of_the_model(monkeypatch):
+    cart = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+    system = rnc.NonholonomicSystem(cart, [rnc.NoSideSlip("axle")], [rnc.FrameForce("base", "x")])
+    found = rnc.linearize(system.reduce(), cart.configuration())
+    other = found.to_control()
+    rates = ["root_joint[0]_dot", "root_joint[2]_dot", "joint_1_dot", "joint_2_dot"]
+    assert other.state_labels == other.output_labels == [*cart.velocity_names, *rates]
+    assert (other.input_labels, found.input_names) == (["force(base_x)"], ("force(base.x)",))
+    np.testing.assert_allclose(np.sort_complex(other.poles()), found.eigenvalues, atol=1e-9)
+    monkeypatch.setitem(sys.modules, "control", None)
+    with pytest.raises(rnc.ConfigurationError, match=r"python-control is not installed: pip install '\.\[control\]'"):
+        found.to_control()
 
 
 def test_whole_state_of_a_steady_motion_is_the_variational_equation():

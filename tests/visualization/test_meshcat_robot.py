@@ -180,7 +180,7 @@ def test_what_fails_in_drawing_costs_the_drawing_alone(tmp_path, monkeypatch, ca
     assert "final error" in table  # the table was there before anything was drawn
     (line,) = [line for line in err.splitlines() if line.startswith("rnc-pin: ")]
     cause = "ValueError: found a left-handed frame"
-    assert line == f"rnc-pin: warning: overview.png, animation.html could not be drawn: {cause}"
+    assert line == f"rnc-pin: warning: overview.png, overview_2.png, animation.html could not be drawn: {cause}"
     (files,) = [line for line in out.splitlines() if line.startswith("in ")]
     written = files.split(": ")[-1].split()
     assert not {"overview.png", "animation.html"} & {path.name for path in (tmp_path / "out").iterdir()}

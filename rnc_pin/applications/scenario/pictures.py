@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from rnc_pin.errors import RncError, few
 from rnc_pin.interruption import interruptible
 
 ANIMATION = "animation.html"
+_MOST_PANELS = 8  # panels of the overview; the others are in a second picture
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ def picture_names(scenario: Scenario) -> list[str]:
     """Names of the pictures that a run can write."""
     content = scenario.content
     formats = {name: plot.formats or content.figures.formats for name, plot in content.plots.items()}
-    own = ["overview", "top_view", "limits"]
+    own = ["overview", "overview_2", "top_view", "limits"]
     formats |= dict.fromkeys(own, content.figures.formats)
     return list(dict.fromkeys([*(f"{name}.{each}" for name, found in formats.items() for each in found), ANIMATION]))
 
@@ -117,7 +119,8 @@ def _drawn(scenario: Scenario, result: Result, path: Path) -> bool | str:
 
 def _write_plot(scenario: Scenario, result: Result, path: Path) -> bool:
     """Write the plot that the file name means; False if there is nothing to draw."""
-    own = {"overview": _overview, "top_view": _top_view, "limits": _limits}
+    parts = {"overview": slice(_MOST_PANELS), "overview_2": slice(_MOST_PANELS, None)}
+    own = {"top_view": _top_view, "limits": _limits} | {name: partial(_overview, part) for name, part in parts.items()}
     if path.stem in own:
         return own[path.stem](scenario, result, path)
     common, settings = scenario.content.figures, scenario.content.plots[path.stem]
@@ -128,9 +131,15 @@ def _write_plot(scenario: Scenario, result: Result, path: Path) -> bool:
     return True
 
 
-def _overview(scenario: Scenario, result: Result, path: Path) -> bool:
-    content = scenario.content
-    result.trajectory.plot(title=content.title, labels=content.figures.labels, file=path)
+def _overview(part: slice, scenario: Scenario, result: Result, path: Path) -> bool:
+    from rnc_pin.figures import save
+    from rnc_pin.simulation.run_figure import plot_run
+    from rnc_pin.simulation.run_panels import panels
+
+    run, content = result.trajectory, scenario.content
+    if len(panels(run)) <= (part.start or 0):
+        return False
+    save(plot_run(run, None, content.title, {}, None, content.figures.labels, None, part), path)
     return True
 
 

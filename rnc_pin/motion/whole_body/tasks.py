@@ -18,7 +18,7 @@ from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.coordinates import wrapped
-from rnc_pin.model.input_validation import NotNegative
+from rnc_pin.model.input_validation import Axes, NotNegative
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
@@ -216,7 +216,7 @@ class CenterOfMassTask(ControlTask):
     """
 
     reference: Reference
-    axes: str = "xyz"
+    axes: Axes = "xyz"
 
     def bind(self, reduced: ReducedModel) -> BoundOutput:
         check_size(self.reference, len(self.axes), "centre-of-mass")

@@ -197,6 +197,7 @@ viewer.set_3d_pane_size = function (width, height) {
     });
     speed.addEventListener("change", () => { animator.mixer.timeScale = Number(speed.value); });
     document.getElementById("player").hidden = false;
+    viewer.gui.domElement.style.display = "none";  // the player and the legend have what a recording needs
     let shown = -1;
     const refresh = () => {
       button.textContent = animator.playing ? "❚❚" : "▶";

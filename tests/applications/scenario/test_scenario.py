@@ -44,6 +44,20 @@ def test_an_open_differential_turns_its_motor_at_the_mean_speed_and_shares_its_t
         assert rnc.Scenario.load(one).reduced
 
 
+def test_rotor_inertia_of_a_file_adds_to_the_inertia_of_its_joint(tmp_path):
+    """``H = R^T (M + diag(armature)) R``: the rotor alone changes the kinetic energy of its joint."""
+    robot = {"urdf": "mobile_manipulator.urdf", "base": "planar"}
+    plain, geared = (
+        rnc.Scenario.load(written(tmp_path, robot={**robot, **more}, constraints=[], actuators=[])).reduced
+        for more in ({}, {"armature": {"joint_2": 0.4}})
+    )
+    at = plain.at(plain.robot.configuration({"joint_2": 0.7}), v=np.arange(5.0))
+    assert geared.energy(at.q, at.v2) - plain.energy(at.q, at.v2) == pytest.approx(0.4 * at.v[4] ** 2 / 2, rel=1e-9)
+    wrong = written(tmp_path, robot={**robot, "armature": {"joint2": 0.4}}, constraints=[], actuators=[])
+    with pytest.raises(rnc.ConfigurationError, match="armature: no joint 'joint2'; did you mean 'joint_2'"):
+        assert rnc.Scenario.load(wrong).reduced
+
+
 def test_a_run_needs_no_outputs(tmp_path):
     free = {"controller": {"type": "none"}, "simulation": {"duration": 0.5, "dt": 0.01}}
     path = written(tmp_path, **free, initial={"q": {"root_joint": [0.0, 0.0, 0.3]}})

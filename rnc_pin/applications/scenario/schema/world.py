@@ -16,9 +16,9 @@ from pydantic import Field, model_validator
 from rnc_pin.applications.scenario.schema.derived import Entry, one_of
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
 from rnc_pin.collision import Obstacle, ground_shape, load_map, load_mesh_shape
-from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.errors import ConfigurationError, RncError, place_of
 from rnc_pin.io import Json, Strict
-from rnc_pin.model import Coordinates, Positive
+from rnc_pin.model import Coordinates, NotNegative, Positive
 from rnc_pin.robots import Robot, find_mjcf, find_shipped, find_urdf
 
 _Three = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -56,6 +56,8 @@ class RobotSource(Strict):
     """Joints to lock: name to position [rad or m]."""
     masses: dict[str, float] = {}
     """Masses of links without a valid inertia: name to mass [kg], distributed over the geometry of the link."""
+    armature: dict[str, NotNegative] = {}
+    """Rotor inertia by joint, times the square of its gear ratio [kg m^2 or kg]; it replaces that of the file."""
     snap: bool = True
     """True to correct rounded angles and axes of joints in the file to their exact values."""
     gravity: _Three | None = None
@@ -78,6 +80,8 @@ class RobotSource(Strict):
 
     def build(self, folder: Path) -> Robot:
         robot = self._alone(folder)
+        for name, inertia in self.armature.items():
+            robot.model.armature[place_of(name, robot.velocity_names, "armature: no joint")] = inertia
         for each in self.attach:
             turn = pin.rpy.rpyToMatrix(np.array(each.rpy))
             robot = robot.attach(each.robot.build(folder), each.frame, pin.SE3(turn, np.array(each.xyz)))
