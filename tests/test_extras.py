@@ -46,10 +46,7 @@ def test_a_message_names_an_extra_that_brings_the_package(extra):
     assert command == f"{package.name} is not installed: pip install '.[{extra}]' in the folder of rnc_pin's source"
 
 
-@pytest.mark.parametrize(
-    ("larger", "smaller"),
-    [*(("test", extra) for extra in extras._PACKAGES), ("docs", "mujoco")],
-)  # fmt: skip
+@pytest.mark.parametrize(("larger", "smaller"), [*(("test", each) for each in extras._PACKAGES), ("docs", "mujoco")])
 def test_an_extra_that_needs_another_has_all_of_it(larger, smaller):
     assert set(DECLARED[smaller]) <= set(DECLARED[larger])
 

@@ -141,11 +141,9 @@ class StateFeedback(ReprMixin):
         self.outputs = (reducing.names if outputs is None else tuple(outputs)) if reference is not None else ()
         self._of = np.array([place_of(name, reducing.names, "no reducing output") for name in self.outputs], dtype=int)
         self._coordinates = reducing.coordinates.choose(self._of)
-        rates = [  # a quasi-velocity has its own name, unless a coordinate has it
-            f"{name}_dot" if f"{name}_dot" in states or not reducing.quasi[i] else name
-            for name, i in zip(self.outputs, self._of, strict=True)
-        ]
-        values = [name if not reducing.quasi[i] else "" for name, i in zip(self.outputs, self._of, strict=True)]
+        quasi = [reducing.quasi[i] for i in self._of]  # they have their own names, unless coordinates have these
+        rates = [n if quasi[k] and f"{n}_dot" not in states else f"{n}_dot" for k, n in enumerate(self.outputs)]
+        values = ["" if quasi[k] else name for k, name in enumerate(self.outputs)]
         self._values = [(k, states.index(name)) for k, name in enumerate(values) if name in states]
         self._rates = [(k, states.index(name)) for k, name in enumerate(rates) if name in states]
         if reference is not None:

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from rnc_pin.errors import InputError, closest, nearest
+from rnc_pin.errors import InputError, nearest
 
 MAX_LINES = 6  # largest number of lines in a panel
 _MAX_NAME = 60  # characters
@@ -196,9 +196,7 @@ class Sheet:
             return cls()
         if isinstance(size, str):
             if size not in _WIDTHS:
-                close = closest(size, _WIDTHS)
-                hint = f"; did you mean '{close}'?" if close else " in inches"
-                raise InputError(f"size '{size}': expected 'column', 'page' or (width, height){hint}")
+                raise InputError(f"size '{size}': expected (width, height) in inches{nearest(size, _WIDTHS)}")
             return cls(_WIDTHS[size], None, _PRINT)
         try:
             width, height = (float(each) for each in size)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import struct
-import zlib
 from collections.abc import Iterable, Sequence
 from io import BytesIO
 from itertools import cycle
@@ -36,7 +34,7 @@ _SCREEN = 10.0  # size of text for which lengths in points are given [points]
 _DPI = 160
 _NOTEBOOK_WIDTH = 800  # of small figures [pixels]
 _PRINT_DPI = 300  # of figures with smaller text
-_COMPRESSION = 4  # level of PNG files
+_QUICKLY = {"compress_level": 1}  # of PNG files: a fifth less time, and a fifth more bytes
 
 
 def style(font: float = _SCREEN) -> dict[Any, Any]:
@@ -108,27 +106,8 @@ def save(figure: Figure, path: str | Path, replace: bool = True) -> Path:
     if Path(path).suffix not in FORMATS:
         raise ConfigurationError(f"{path}: expected a name that ends in .png, .pdf or .svg")
     with mpl.rc_context(STYLE), atomic_file(Path(path), replace) as partial:
-        if Path(path).suffix == ".png":
-            partial.write_bytes(_png(figure))
-        else:
-            figure.savefig(partial)
+        figure.savefig(partial, **({"pil_kwargs": _QUICKLY} if Path(path).suffix == ".png" else {}))
     return Path(path)
-
-
-def _png(figure: Figure) -> bytes:
-    """PNG of a figure. Matplotlib's would filter each row, which takes half the time; lines and text need no filter."""
-    pixels = BytesIO()
-    figure.savefig(pixels, format="raw")
-    width, height = figure.canvas.get_width_height(physical=True)
-    rows = np.zeros((height, 1 + 4 * width), np.uint8)  # a byte for the filter, then red, green, blue and opacity
-    rows[:, 1:] = np.frombuffer(pixels.getvalue(), np.uint8).reshape(height, -1)
-    dots = round(figure.dpi / 0.0254)  # per metre
-    chunks = (
-        b"IHDR" + struct.pack(">2I5B", width, height, 8, 6, 0, 0, 0), b"pHYs" + struct.pack(">2IB", dots, dots, 1),
-        b"IDAT" + zlib.compress(rows.tobytes(), _COMPRESSION), b"IEND",
-    )  # fmt: skip
-    framed = (struct.pack(">I", len(each) - 4) + each + struct.pack(">I", zlib.crc32(each)) for each in chunks)
-    return b"\x89PNG\r\n\x1a\n" + b"".join(framed)
 
 
 class LegendEntry(NamedTuple):

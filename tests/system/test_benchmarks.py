@@ -6,16 +6,10 @@ from benchmarks import __main__ as entry
 from benchmarks import recording
 
 
-@pytest.fixture(scope="module")
-def mutation():
-    """The module, which imports Cosmic Ray: that takes seconds."""
-    from benchmarks import mutation
-
-    return mutation
-
-
-def test_a_sample_says_what_the_whole_has_at_least(mutation):
+def test_a_sample_says_what_the_whole_has_at_least():
     """Wilson's bound, one-sided: by the table of the binomial distribution 95 of 100 leave 90 %."""
+    from benchmarks import mutation  # with Cosmic Ray, which takes seconds
+
     assert mutation.lower_bound(95, 100) == pytest.approx(0.90, abs=0.003)
     assert mutation.lower_bound(950, 1000) == pytest.approx(0.937, abs=0.002)
 

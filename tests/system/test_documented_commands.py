@@ -12,7 +12,6 @@ import tomllib
 from typing import NamedTuple
 
 import click
-import numpy as np
 import pytest
 
 from places import ROOT, pages
@@ -198,7 +197,7 @@ def type_in(line):
 
 @pytest.fixture(scope="module")
 def beside(tmp_path_factory):
-    """Files that the pages assume: a robot and its draft, runs, and the commands of a drive."""
+    """Files that the pages assume: a robot, its draft, and runs."""
     folder = tmp_path_factory.mktemp("beside")
     robot = (ROOT / "urdf" / "mobile_manipulator.urdf").read_text().replace('"tip"', '"tool_link"')
     (folder / "my_robot.urdf").write_text(robot)
@@ -207,25 +206,9 @@ def beside(tmp_path_factory):
         without_waiting(patch)
         (folder / "my_robot.yaml").write_text(draft("my_robot.urdf", folder, DraftOptions()))
         type_in("rnc-pin run space-robot --set simulation.duration=0.02 --set comparisons={}")
-        type_in("rnc-pin drive mobile-manipulator --duration 0.1 --no-browser --out runs/tiago-drive")
-    write_log(folder)
     for name in ("a", "b"):
         shutil.copytree(folder / "runs" / "space-robot", folder / "runs" / name)
     return folder
-
-
-def write_log(folder):
-    """Log of a differential drive on a circle, with its mapping: wheels of 0.1 m, 0.4 m apart."""
-    t = 0.02 * np.arange(300)
-    turn = 0.1 * (6 - 4) * t / 0.4
-    columns = [t, 4 * t, 6 * t, np.sin(turn), 1 - np.cos(turn), turn]  # 0.5 m/s and 0.5 rad/s: a radius of 1 m
-    np.savetxt(
-        folder / "log.csv", np.column_stack(columns), "%.17g", ",", header="time,left,right,x,y,yaw", comments=""
-    )
-    (folder / "log.yaml").write_text(
-        "joints: {left_wheel_joint: {position: left}, right_wheel_joint: {position: right}}\n"
-        "frames: {base: {x: x, y: y, yaw: yaw}}\n"
-    )
 
 
 def without_waiting(patch):

@@ -11,7 +11,8 @@ import rnc_pin as rnc
 from places import ROOT, docs_script, pages
 from rnc_pin.applications.scenario.schema.scenario import validate
 
-EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+ELSEWHERE = ("two_phases.py", "gymnasium_env.py")  # test_composite_controllers.py and test_gymnasium_env.py run them
+EXAMPLES = sorted(path for path in (ROOT / "examples").glob("*.py") if path.name not in ELSEWHERE)
 DOCUMENTS = pages()
 BLOCK = re.compile(r"^```python\n(.*?)^```", flags=re.DOTALL | re.MULTILINE)
 FOLDERS = "benchmarks|docs|examples|rnc_pin|tests|tools"
@@ -34,12 +35,7 @@ def half_a_second(monkeypatch):
     monkeypatch.setattr(rnc, "simulate", cut_short)
 
 
-@pytest.mark.parametrize(
-    "example",
-    # tests/control/test_composite_controllers.py and tests/system/test_gymnasium_env.py run the others.
-    [path for path in EXAMPLES if path.name not in ("two_phases.py", "gymnasium_env.py")],
-    ids=lambda path: path.name,
-)
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.name)
 def test_example_runs(example, half_a_second, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [str(example)])

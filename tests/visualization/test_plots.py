@@ -15,6 +15,7 @@ from browsing import give_up
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.figures import save
+from rnc_pin.simulation.run_figure import plot_run
 from rnc_pin.simulation.run_panels import learning_panels, panels
 from rnc_pin.visualization import recording as capture
 from rnc_pin.visualization.plots import draw_footprints, footprints, plot_top_view
@@ -47,6 +48,12 @@ def test_what_is_learnt_is_plotted():
     (panel,) = learning_panels(learning, {}, "estimates")
     assert (panel.quantity, panel.unit) == ("estimate", "kg")  # the paper counts masses in units of 10 kg
     np.testing.assert_array_equal(panel.series[1].values, 10.0 * learning.estimates[:, 1])
+
+
+def test_a_second_picture_has_the_other_panels_and_no_top_view(drive):
+    first, second = (plot_run(drive[0], None, None, {}, None, {}, None, part) for part in (slice(2), slice(2, None)))
+    labels = [[axes.get_ylabel() for axes in each.axes] for each in (first, second)]
+    assert (len(labels[0]), [*labels[0], *labels[1]]) == (3, [each.get_ylabel() for each in drive[0].plot().axes])
 
 
 def test_a_run_of_one_sample_has_nothing_to_plot(run):

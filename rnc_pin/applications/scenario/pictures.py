@@ -49,8 +49,7 @@ def picture_names(scenario: Scenario) -> list[str]:
     """Names of the pictures that a run can write."""
     content = scenario.content
     formats = {name: plot.formats or content.figures.formats for name, plot in content.plots.items()}
-    own = ["overview", "overview_2", "top_view", "limits"]
-    formats |= dict.fromkeys(own, content.figures.formats)
+    formats |= dict.fromkeys(("overview", "overview_2", "top_view", "limits"), content.figures.formats)
     return list(dict.fromkeys([*(f"{name}.{each}" for name, found in formats.items() for each in found), ANIMATION]))
 
 

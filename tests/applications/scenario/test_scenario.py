@@ -45,7 +45,6 @@ def test_an_open_differential_turns_its_motor_at_the_mean_speed_and_shares_its_t
 
 
 def test_rotor_inertia_of_a_file_adds_to_the_inertia_of_its_joint(tmp_path):
-    """``H = R^T (M + diag(armature)) R``: the rotor alone changes the kinetic energy of its joint."""
     robot = {"urdf": "mobile_manipulator.urdf", "base": "planar"}
     plain, geared = (
         rnc.Scenario.load(written(tmp_path, robot={**robot, **more}, constraints=[], actuators=[])).reduced
@@ -53,9 +52,8 @@ def test_rotor_inertia_of_a_file_adds_to_the_inertia_of_its_joint(tmp_path):
     )
     at = plain.at(plain.robot.configuration({"joint_2": 0.7}), v=np.arange(5.0))
     assert geared.energy(at.q, at.v2) - plain.energy(at.q, at.v2) == pytest.approx(0.4 * at.v[4] ** 2 / 2, rel=1e-9)
-    wrong = written(tmp_path, robot={**robot, "armature": {"joint2": 0.4}}, constraints=[], actuators=[])
     with pytest.raises(rnc.ConfigurationError, match="armature: no joint 'joint2'; did you mean 'joint_2'"):
-        assert rnc.Scenario.load(wrong).reduced
+        assert rnc.Scenario.load(written(tmp_path, robot={**robot, "armature": {"joint2": 0.4}})).reduced
 
 
 def test_a_run_needs_no_outputs(tmp_path):
