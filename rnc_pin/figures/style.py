@@ -106,7 +106,8 @@ def save(figure: Figure, path: str | Path, replace: bool = True) -> Path:
     if Path(path).suffix not in FORMATS:
         raise ConfigurationError(f"{path}: expected a name that ends in .png, .pdf or .svg")
     with mpl.rc_context(STYLE), atomic_file(Path(path), replace) as partial:
-        figure.savefig(partial, **({"pil_kwargs": _QUICKLY} if Path(path).suffix == ".png" else {}))
+        options: dict[str, Any] = {"pil_kwargs": _QUICKLY} if Path(path).suffix == ".png" else {}
+        figure.savefig(partial, **options)
     return Path(path)
 
 

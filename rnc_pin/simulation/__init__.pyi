@@ -30,6 +30,7 @@ from .rollout import tuned_tracker as tuned_tracker
 from .run_data import tracking_errors as tracking_errors
 from .run_figure import compared_paths as compared_paths
 from .run_figure import ground_paths as ground_paths
+from .run_figure import plot_run as plot_run
 from .run_figure import run_name as run_name
 from .run_info import Columns as Columns
 from .run_info import FallbackUse as FallbackUse

@@ -113,8 +113,10 @@ def plot_run(
             drawn = None
         elif drawn is None:
             raise InputError(f"outputs: the run has no {TOP_VIEW}: no body on the ground, no frame with x and y")
-    shown, times = panels(run, comparisons, chosen), {label: other.time for label, other in comparisons.items()}
-    return panel_figure(shown[part], run.time, sheet, title=title, labels=texts, name=own, compared=times, view=drawn)
+    shown, times = panels(run, comparisons, chosen)[part], {label: each.time for label, each in comparisons.items()}
+    if not shown and drawn is None:
+        return Figure()  # no panel is in this part
+    return panel_figure(shown, run.time, sheet, title=title, labels=texts, name=own, compared=times, view=drawn)
 
 
 def run_name(run: RunData, comparisons: Others) -> str:

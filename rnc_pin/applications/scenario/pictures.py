@@ -132,14 +132,13 @@ def _write_plot(scenario: Scenario, result: Result, path: Path) -> bool:
 
 def _overview(part: slice, scenario: Scenario, result: Result, path: Path) -> bool:
     from rnc_pin.figures import save
-    from rnc_pin.simulation.run_figure import plot_run
-    from rnc_pin.simulation.run_panels import panels
+    from rnc_pin.simulation import plot_run
 
-    run, content = result.trajectory, scenario.content
-    if len(panels(run)) <= (part.start or 0):
-        return False
-    save(plot_run(run, None, content.title, {}, None, content.figures.labels, None, part), path)
-    return True
+    content = scenario.content
+    figure = plot_run(result.trajectory, None, content.title, {}, None, content.figures.labels, None, part)
+    if figure.axes:
+        save(figure, path)
+    return bool(figure.axes)
 
 
 def _top_view(scenario: Scenario, result: Result, path: Path) -> bool:
