@@ -127,7 +127,7 @@ class States(Configurations, Protocol):
         """Kinematics at the states."""
 
 
-class Entry:
+class RecordEntry:
     """Array of a record, by the name of the attribute; None without the record."""
 
     def __init__(self, record: str) -> None:
@@ -155,9 +155,9 @@ class ArraysAtQ:
         """Record of J1 and A_star."""
         return None
 
-    M = Entry("kinematics")
-    E, E_inverse = Entry("inverse"), Entry("inverse")
-    J1, A_star = Entry("vertical"), Entry("vertical")
+    M = RecordEntry("kinematics")
+    E, E_inverse = RecordEntry("inverse"), RecordEntry("inverse")
+    J1, A_star = RecordEntry("vertical"), RecordEntry("vertical")
 
     @property
     def factorization(self) -> Factorization | None:
@@ -216,10 +216,10 @@ class ArraysAtV:
         """Record of rates along v."""
         return None
 
-    nonlinear_effects, gamma = Entry("biases"), Entry("biases")
-    E_inverse_gamma, motion_force = Entry("biases"), Entry("biases")
-    E_dot, R_dot = Entry("rates"), Entry("rates")
-    J1_dot, A_star, A_star_dot = Entry("rates"), Entry("rates"), Entry("rates")
+    nonlinear_effects, gamma = RecordEntry("biases"), RecordEntry("biases")
+    E_inverse_gamma, motion_force = RecordEntry("biases"), RecordEntry("biases")
+    E_dot, R_dot = RecordEntry("rates"), RecordEntry("rates")
+    J1_dot, A_star, A_star_dot = RecordEntry("rates"), RecordEntry("rates"), RecordEntry("rates")
 
     @property
     def row_velocities(self) -> Array | None:
