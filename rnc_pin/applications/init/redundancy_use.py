@@ -228,7 +228,7 @@ def _known_outputs(scenario: Scenario) -> dict[str, OutputKind]:
     for kind in filter(None, (*scenario.content.listed_outputs, *candidates, *velocity_outputs(robot).values())):
         kinds: list[OutputKind] = [kind]
         if isinstance(kind, FramePosition | CenterOfMass):
-            axes: tuple[Literal[x, y, z], ...] = ("x", "y", "z")
+            axes: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
             kinds = [replace(kind, axes=axis) for axis in axes if axis in kind.axes]
         for each in kinds:
             found |= {name: found.get(name, each) for name in each.bind(robot).names}
