@@ -14,9 +14,7 @@ from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
-_RANK = 1e-10  # part of the largest singular value below which one counts as zero
-_ASSEMBLED = 1e-6  # the same at configurations that are assembled to a tolerance
-_SAMPLES = 3  # configurations, beside the neutral one, that decide the rank of the equations
+_ASSEMBLED = 1e-6  # part of the largest singular value below which one is an error of the assembly
 _FREE = 1e-8  # part of a unit force that is free, below which this is rounding
 
 
@@ -74,6 +72,7 @@ class ContactForceSet:
         if lines is None:
             return of_rows, None
         gives, couples = self.normal.plane_effects(lines)
+        # Two wheels without casters cannot balance a pitch moment: such a balance must not enter the equations.
         kept = self.balanced_part(gives, couples)
         left = np.zeros((len(rows), 3, self._rows))
         for number, contact in enumerate(self.normal.contacts):
@@ -91,7 +90,12 @@ class ContactForceSet:
     def equations(
         self, state: StateEvaluation, T: Float[Array, "N p"]
     ) -> tuple[Float[Array, "M e y"], Float[Array, "N e"]]:
-        """Return W and b at states (N,), or at one state (M = 1), under inputs T."""
+        """Return W and b at states (N,), or at one state (M = 1), under inputs T.
+
+        Args:
+            state: states (N,), or one state for all inputs.
+            T: inputs of the actuators [N or N m].
+        """
         batch = state.q if state.q.ndim > 1 else state.q[None]
         lines = self._lines(state)
         effects, kept = self._effects(state.all_rows.reshape(len(batch), *state.all_rows.shape[-2:]), lines)
@@ -103,9 +107,15 @@ class ContactForceSet:
         return effects, np.concatenate([needed, np.matvec(kept, balance)], axis=1)
 
     def balanced_part(self, gives: Float[Array, "N 3 c"], couples: Float[Array, "N 3 u"]) -> Float[Array, "N e 3"]:
-        """Combinations of the three balances that forces can satisfy: the sum exactly, moments by least squares."""
+        """Combinations of the three balances that forces can satisfy: the sum exactly, moments by least squares.
+
+        Args:
+            gives: effects of unit upward forces of the contacts on the three balances.
+            couples: effects of unit couples of axles.
+        """
         effects = np.concatenate([gives[:, :, self._by_motion], couples], axis=2)
         sums, moments = effects[0, 0], effects[:, 1:]
+        # The sum of the forces carries the weight exactly; only what is left may reduce the error of the moments.
         free = np.eye(len(sums)) - np.outer(sums, sums) / self._by_motion.sum()  # directions that keep the sum
         out = np.zeros((len(gives), 1 + len(sums), 3))
         out[:, 0, 0] = 1.0
@@ -128,7 +138,8 @@ class ContactForceSet:
         Near configurations at which constraint rows are dependent, there are values of the size of the residual. No
         more count than where the robot is assembled.
         """
-        return (values > _RANK * values[:, :1]) & (np.arange(values.shape[1]) < self._rank)
+        least = 1e-10  # part of the largest singular value below which one counts as zero
+        return (values > least * values[:, :1]) & (np.arange(values.shape[1]) < self._rank)
 
     @cached_property
     def _rank(self) -> int:
@@ -141,6 +152,7 @@ class ContactForceSet:
         selection = self.selection.reshape(-1, self.selection.shape[-1])
         found = 0
         for values, right in self._assembled:
+            # Projection on the row space: what is left of the selection is what the equations leave open.
             right = right[: len(values)][values > _ASSEMBLED * values[0]]
             left = selection - (selection @ right.T) @ right
             found = max(found, int((np.linalg.svd(left, compute_uv=False) > _ASSEMBLED).sum()))
@@ -150,7 +162,9 @@ class ContactForceSet:
     def _assembled(self) -> list[tuple[Array, Array]]:
         """Singular values and right singular vectors of W at a few assembled configurations."""
         robot, generator, found = self._reduced.robot, np.random.default_rng(0), []
-        for q in (robot.configuration(), *(robot.random_configuration(generator) for _ in range(_SAMPLES))):
+        samples = 3  # beside the neutral configuration: they decide the rank of the equations
+        for q in (robot.configuration(), *(robot.random_configuration(generator) for _ in range(samples))):
+            # Some random configurations cannot be assembled, or are singular: the others decide.
             with suppress(RncError):
                 state = self._reduced.at(self._reduced.assembled(q))
                 effects, _ = self._effects(state.all_rows[None], self._lines(state.q[None]))
@@ -166,7 +180,12 @@ class ContactForceSet:
         return (left * acts[:, None])[:, :, :count].reshape(len(right), *self.selection.shape[:2], count)
 
     def known(self, contact_forces: Float[Array, "N l"], normal_forces: Float[Array, "N c"]) -> Float[Array, "N m k"]:
-        """Contact forces from those of the rows on the robot, and from ``NormalForces``; 0 where nothing carries."""
+        """Contact forces from those of the rows on the robot, and from ``NormalForces``; 0 where nothing carries.
+
+        Args:
+            contact_forces: forces of all constraint rows on the robot [N or N m].
+            normal_forces: normal forces of the contacts of ``normal`` [N].
+        """
         out = np.zeros((len(contact_forces), len(self.contacts), self.size))
         for number, (contact, place) in enumerate(zip(self.contacts, self._places, strict=True)):
             out[:, number, 1 : 1 + len(contact.along)] = contact_forces[:, list(contact.along)]
@@ -178,14 +197,22 @@ class ContactForceSet:
 
 
 def linked_contacts(free: Float[Array, "N m k d"]) -> Bool[Array, "N m m"]:
-    """Pairs of contacts that a common choice changes, from free directions; with itself, if a contact has a choice."""
+    """Pairs of contacts that a common choice changes, from free directions; with itself, if a contact has a choice.
+
+    Args:
+        free: free directions, as ``ContactForceSet.free`` returns them.
+    """
     N, m, k, d = free.shape
     flat = free.reshape(N, m * k, d)
     return (np.abs(flat @ flat.mT) > _FREE**2).reshape(N, m, k, m, k).any(axis=(2, 4))
 
 
 def dependent_groups(linked: Bool[Array, "m m"]) -> list[list[int]]:
-    """Groups of contacts that choices link, from all linked pairs; contacts without a choice are in no group."""
+    """Groups of contacts that choices link, from all linked pairs; contacts without a choice are in no group.
+
+    Args:
+        linked: True for pairs of contacts that a common choice changes.
+    """
     groups: list[list[int]] = []
     left = set(np.flatnonzero(linked.diagonal()).tolist())
     while left:

@@ -118,6 +118,7 @@ def _compiled(
 
 
 def _flat(values: Array, batch: tuple[int, ...]) -> Array:
+    # The kernel takes rows that follow each other in memory.
     wide = np.broadcast_to(values, (*batch, values.shape[-1]))
     return np.ascontiguousarray(wide.reshape(int(np.prod(batch)), values.shape[-1]))
 
@@ -142,6 +143,7 @@ def _at_one_state(reduced: ReducedModel, state: StateEvaluation, T: Array) -> St
     found = _partials(reduced, state, state.v_dot(v2_dot), T)
     E_inverse, M, B, R = state.E_inverse, state.M, state.B, state.R
     right = B @ T - found.forces
+    # R^T times the balance has no multipliers, but R moves with q: its derivative acts on the whole force.
     multipliers = E_inverse[:, : reduced.m].T @ right
     force_q = found.input_q - np.einsum("jab,a->bj", found.E_q[:, : reduced.m], multipliers) - found.forces_q
 
@@ -197,6 +199,7 @@ def _partials(reduced: ReducedModel, state: StateEvaluation, w: Array, T: Array)
     rows = RowStack.joined(reduced.constraints, reduced.reducing)
     time = reduced.reduction_data.kinematics.time if state.t is None else float(np.asarray(state.t))
     kinematics = Kinematics(reduced.robot, time)
+    # Rates along the n unit velocities are the derivatives by q: one batch gives the whole tensor.
     along = kinematics.position(np.tile(q, (n, 1))).with_velocity(np.eye(n))
     still = kinematics.position(q).with_velocity(np.zeros(n))  # rates of rows over time that do not move
     E_t = rows.jacobian_dot(still) if rows.turning else np.zeros((n, n))
@@ -255,6 +258,7 @@ def _actuation_gradient(reduced: ReducedModel, along: VelocityKinematics, q: Arr
 def _drift_gradient(rows: RowStack, kinematics: Kinematics, q: Array, v: Array) -> tuple[Array, float]:
     """Derivative (nv, nv) of ``Edot v - mudot`` with respect to q at fixed v, and the error of finite differences."""
     out, error = np.zeros((rows.size, kinematics.nv)), 0.0
+    # The drift is quadratic in v: at rest its derivative is zero, and user functions need no differences.
     if not (v.any() or rows.rheonomic):
         return out, error
     gradients = kinematics.position(q).with_velocity(v)

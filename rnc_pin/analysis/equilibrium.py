@@ -24,7 +24,6 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 
 _STEPS, _HALVINGS = 100, 12
-_LONGEST = 0.3  # longest step [rad or m]
 _STILL = 1e-10  # acceleration that counts as zero, relative to those that gravity causes
 _GOOD = 1e-9  # largest accepted acceleration, on the same scale; a linearization accepts it too
 _ROUNDED = 1e-6  # largest accepted shape rates and gaps in motion: symmetries of a rounded file are no more accurate
@@ -109,12 +108,17 @@ def equilibrium(
     if q.ndim > 1:
         raise InputError(f"the guess has shape {q.shape}, expected one configuration ({reduced.robot.nq},)")
     moves = reduced.affine or bool(given.any()) or bool(open_rates.any())
+    # At rest every configuration is a candidate; symmetries cost derivatives at several states.
     symmetries = find_symmetries(reduced, q, cyclic) if moves else None
     return search(reduced, q, given, hold, symmetries, open_rates)
 
 
 def velocities(reduced: ReducedModel, v2: Velocities | None) -> tuple[Array, Array]:
     """Reduced velocities (r,), and a mask (r,) of the unknown ones.
+
+    Args:
+        reduced: the model.
+        v2: all reduced velocities (r,), or some by name; None for rest.
 
     Raises:
         InputError: the shape does not fit.
@@ -138,7 +142,16 @@ def search(
     symmetries: Symmetries | None,
     open_rates: Array,
 ) -> Equilibrium:
-    """Return the solution nearest to a guess (q, v2) among motions along ``symmetries``; at rest if they are None."""
+    """Return the solution nearest to a guess (q, v2) among motions along ``symmetries``; at rest if they are None.
+
+    Args:
+        reduced: the model.
+        guess: configuration (nq,) to start from.
+        v2: reduced velocities (r,); the unknown ones are a guess.
+        hold: joints whose positions stay.
+        symmetries: symmetries of the model; None at rest.
+        open_rates: True (r,) for the unknown reduced velocities.
+    """
     free = np.ones(reduced.n, dtype=bool)
     for joint in hold:
         free[reduced.robot.velocity_indices(joint)] = False
@@ -187,6 +200,7 @@ class _Search:
         self._free = np.concatenate([free, np.ones(int(self._open.sum()), dtype=bool)])
         self._model = reduced.robot.model
         self._kinematics = Kinematics(reduced.robot)
+        # Accelerations are compared with those of gravity and of the motion, which a small residual is a part of.
         self._size = 1.0 + float(np.linalg.norm(self._model.gravity.linear)) + float(v2 @ v2)
         if reduced.affine:
             b = reduced.at(guess).b
@@ -242,6 +256,7 @@ class _Search:
             if np.abs(step).max() <= _STILL:
                 break
             here = self._after(here, step)
+        # The way back may leave the branch: the result counts only if it rests and is nearer.
         return here if self._rests(here) and self._distance(here) < self._distance(found) else found
 
     def _after(self, here: _Point, step: Array) -> _Point:
@@ -265,12 +280,14 @@ class _Search:
         )
 
     def _limited(self, step: Array) -> Array:
-        return step / max(1.0, float(np.abs(step).max()) / _LONGEST)
+        longest = 0.3  # step [rad or m]: Newton's step is a guess where it is long
+        return step / max(1.0, float(np.abs(step).max()) / longest)
 
     def _at(self, q: Array, v2: Array) -> _Point:
         reduced = self._settled(q)
         assembly = reduced.assembly
         state = reduced.at(q, v2)
+        # Forces over the root of their inertia compare a finger with a base, and are near the acceleration's size.
         scale = 1.0 / np.sqrt(np.diag(state.H))
         influence = scale[:, None] * state.input_matrix
         needed = scale * state.inverse_dynamics(np.zeros(reduced.r))
@@ -329,5 +346,6 @@ class _Search:
         coefficients = self._symmetries.coefficients(here.q, derivatives.v)
         along_q = derivatives.v_q - self._symmetries.gradient(here.q, coefficients)
         changes = np.hstack([along_q, derivatives.v_v2[:, self._open]])
+        # Changes along the symmetries move no shape: only what is across them counts.
         symmetric = scipy.linalg.orth(directions, rcond=_DEPENDENT)
         return changes - symmetric @ (symmetric.T @ changes)

@@ -57,17 +57,8 @@ from rnc_pin.robots.robot import Robot
 _ZERO = 1e-9  # motion, relative to the largest of all outputs, that is rounding
 _RANK = 1e-6  # singular value of D, relative to its largest, below which a direction is not moved
 _USUAL = 0.9  # share of the samples that decides
-_WEAK = 0.05  # part of the median singular value below which a sample counts as singular
-_MOST_SETS = 300  # sets of outputs that are tried
-_CLOSURES = 3  # configurations at which brackets are evaluated
-_MOST_MOTIONS = 16  # whose brackets take less than a second; class 3 is not looked for among more
 _DEEPEST, _BRACKETS = 4, 1e-5  # order of brackets, and their precision
 _POSES = 4  # samples at which a straight joint has to make D singular, or at which a frame may move
-_FINGER = 3  # joints of a finger
-_POINT = 1e-3  # [m] below which a robot has no length
-_WORKING = 0.25  # of the motion of the busiest actuator, above which one counts as working
-_MOST_ACTUATORS = 4
-_ORDER = ("1", "2", "2s", "3", None)
 
 
 @dataclass(frozen=True)
@@ -145,7 +136,11 @@ class Exploration(SummaryMixin):
 
 
 def short_names(names: Sequence[str]) -> str:
-    """Return names in one line, with the components of a vector together: ``hand_xyz``."""
+    """Return names in one line, with the components of a vector together: ``hand_xyz``.
+
+    Args:
+        names: names of outputs.
+    """
     found: list[str] = []
     for name in names:
         stem = name[:-1]
@@ -238,6 +233,7 @@ class _Set:
     def __init__(self, rows: tuple[int, ...], D: Array) -> None:
         self.rows, self.D = rows, D[:, list(rows)]
         self.values = np.linalg.svd(self.D, compute_uv=False)
+        # One scale for all candidates: an output that hardly moves beside the others does not move.
         scale = max(float(np.abs(D).max(initial=0.0)), 1e-300)
         ranks = (self.values > _RANK * scale).sum(axis=1)
         self.rank, self.full = int(np.median(ranks)), bool((ranks == len(rows)).mean() > _USUAL)
@@ -277,7 +273,8 @@ class _Exploring:
         at_start = Kinematics(self._robot).position(self._robot.configuration())
         places = [at_start.placement(frame).translation for frame in range(self._robot.model.nframes)]
         size = 0.5 * float(np.linalg.norm(np.ptp(places, axis=0)))  # of the box around all frames
-        self._length = size if size > _POINT else 1.0
+        point = 1e-3  # [m] below which a robot has no length
+        self._length = size if size > point else 1.0
         angles = np.array([unit.startswith("rad") for unit in self._robot.velocity_units])
         self._lengths = np.where(angles, self._length, 1.0)[:, None]
         self._angular = [unit.startswith("rad") for unit in self._outputs.units]
@@ -301,6 +298,7 @@ class _Exploring:
         """Mask of the configurations where the primary outputs are independent; A_star, J, P, R N and D at these."""
         here, count = self._reduced.at(q).in_reduction(self._evaluator), len(self._first)
         _, values, right = np.linalg.svd(here.A_star[:, self._first])
+        # Where the primary outputs depend on each other, motions beside them are not defined.
         good = (values[:, -1] > _RANK * values[:, 0]) & (count <= self._reduced.r)
         A, J = here.A_star[good], here.J1[good]
         ways = np.linalg.qr(self._lengths * (here.R[good] @ right[good, count:].mT))[0] / self._lengths  # (S, nv, r2)
@@ -322,15 +320,17 @@ class _Exploring:
         single = [each.rows for each in found if each.full and not own.issuperset(each.names(self._names))]
         known = {frozenset(group) for group in self._groups}
         level, tried, untried = [(k,) for k in range(len(single))], 0, 0
+        most_sets = 300  # the number of unions grows exponentially with the candidates
         while level:
             whole, larger = set(level), []
             for members in [(*each, k) for each in level for k in range(each[-1] + 1, len(single))]:
                 rows = tuple(row for k in members for row in single[k])
                 parts = combinations(members, len(members) - 1)
                 failed = any(part not in whole for part in parts)
+                # A set has full rank only if all its parts have: most unions need no singular values.
                 if failed or len({*rows}) < len(rows) or len(rows) > self.motions or frozenset(rows) in known:
                     continue
-                if tried == _MOST_SETS:
+                if tried == most_sets:
                     untried += 1
                     continue
                 tried += 1
@@ -353,7 +353,8 @@ class _Exploring:
             return "2s", steered, ""
         if 0 < moved < count and moved == self.motions and self._splits(each):
             return "2", each.moved, "the rest follows from the primary outputs"
-        if 1 < self.motions <= _MOST_MOTIONS and each.rank < count:
+        most_motions = 16  # whose brackets take less than a second; class 3 is not looked for among more
+        if 1 < self.motions <= most_motions and each.rank < count:
             ranks = [np.linalg.matrix_rank(J[rows] @ closure, _BRACKETS) for J, closure in self._closures]
             if ranks and float(np.median(ranks)) == count:  # brackets of the motions move outputs in all directions
                 return "3", every, "not directly"
@@ -401,12 +402,13 @@ class _Exploring:
         known = [_Bound(place.block) for place in self._reduced.all_constraints.places]
         held = _Bound(_HeldRows(self._outputs.selected(tuple(self._first))))
         found: list[tuple[Array, Array]] = []
+        most_closures = 3  # configurations at which brackets are evaluated
         with suppress(RncError):
             resting = NonholonomicSystem(self._robot, [*known, held]).reduce()
             for q, J in zip(self._q, self._J, strict=True):
                 with suppress(SingularityError):
                     found.append((J, grow(resting, q, limit=_DEEPEST).closure))
-                if len(found) == _CLOSURES:
+                if len(found) == most_closures:
                     break
         return found
 
@@ -420,6 +422,7 @@ class _Exploring:
         scaled = self._lengths * self._ways
         allowed = single if np.linalg.matrix_rank(scaled[0][single], _RANK) == self.motions else free
         best: tuple[float, list[int]] = (-1.0, [])
+        # Pivots of a few samples are candidates; the median over all samples decides among them.
         for way in scaled[:: max(1, len(scaled) // 8)]:
             chosen = [allowed[k] for k in pivot_columns(way[allowed].T, self.motions)[0]]
             smallest = float(np.median(np.linalg.svd(scaled[:, chosen], compute_uv=False)[:, -1]))
@@ -437,7 +440,8 @@ class _Exploring:
         typical.setflags(write=False)
         last = each.values[:, max(each.rank - 1, 0)]
         worst = int(np.argmin(last))
-        weak = float((last < _WEAK * np.median(last)).mean()) if each.rank else 0.0
+        weak_part = 0.05  # of the median singular value below which a sample counts as singular
+        weak = float((last < weak_part * np.median(last)).mean()) if each.rank else 0.0
         names, (actuators, effort) = each.names(self._names), self._work(each)
         ends = self._q[[worst, int(np.argmax(last))]]
         ends.setflags(write=False)
@@ -512,11 +516,14 @@ class _Exploring:
         names = self._reduced.actuation.names
         if not (names and each.rank):
             return (), None
+        # The least motion that moves each output by one.
         moving = self._ways @ np.linalg.pinv(each.D, rcond=_RANK)
         motion = np.abs(self._here.B.mT @ moving).max(axis=2)  # (S, p)
         shares = np.median(motion, axis=0)
-        busiest = np.argsort(-shares, kind="stable")[:_MOST_ACTUATORS].tolist()
-        working = [k for k in busiest if shares[k] > _WORKING * shares.max()]
+        most_actuators = 4  # more do not fit into a sentence
+        busiest = np.argsort(-shares, kind="stable")[:most_actuators].tolist()
+        working_part = 0.25  # of the motion of the busiest actuator, above which one counts as working
+        working = [k for k in busiest if shares[k] > working_part * shares.max()]
         load = self._static_inputs
         effort = 0.0 if load is None else float(np.median(np.abs(load[:, working]).max(axis=1)))
         return tuple(names[k] for k in working), effort if effort > _ZERO else None
@@ -550,7 +557,8 @@ class _Exploring:
         typical = float(use.singular_values[use.rank - 1]) if use.rank else 0.0
         kind, count = use.redundancy_class, len(use.vertical)
         alone = max(sum(name in own for name in use.vertical), int(len(use.actuators) == 1))
-        return kind is None, not use.driven, alone, _ORDER.index(kind), -typical, count
+        order = ("1", "2", "2s", "3", None)
+        return kind is None, not use.driven, alone, order.index(kind), -typical, count
 
 
 def _wheel_joints(reduced: ReducedModel, *, steered: bool = False) -> set[int]:
@@ -591,7 +599,8 @@ def tip_frames(reduced: ReducedModel) -> tuple[str, ...]:
 
 def _hand(joint: int, parents: list[int], bases: set[int]) -> int:
     """Body that carries a short chain, such as a finger, beside others; zero if the chain is long."""
-    for _ in range(_FINGER):
+    longest_finger = 3  # joints
+    for _ in range(longest_finger):
         joint = parents[joint]
         if joint in bases or parents.count(joint) > 1:
             break

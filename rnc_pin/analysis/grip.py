@@ -16,8 +16,6 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
 
-_SMALL = 1e-9
-
 
 class Grip(SummaryMixin):
     """Friction that constraints need: the norm of their force along the ground over ``friction`` times the load.
@@ -124,7 +122,8 @@ class Grip(SummaryMixin):
         """Shares (..., w) of states (...,)."""
         sizes = [np.linalg.norm(contact_forces[..., list(each.along)], axis=-1) for each in self._contacts]
         even, allowed = np.stack(sizes, axis=-1), self.friction * self._loads(normal_forces)
-        shares = np.divide(even, allowed, out=np.where(even > _SMALL, np.inf, 0.0), where=allowed > 0)
+        small = 1e-9  # [N]: a force without a load that is rounding slips on no ground
+        shares = np.divide(even, allowed, out=np.where(even > small, np.inf, 0.0), where=allowed > 0)
         batch = shares.shape[:-1]
         arrays = (q, rows, contact_forces, normal_forces, shares)
         ends = (each.shape[len(each.shape) - order :] for each, order in zip(arrays, (1, 2, 1, 1, 1), strict=True))
@@ -134,6 +133,8 @@ class Grip(SummaryMixin):
         free = self._set.free(q, rows)
         forces, shares = self._set.known(contact_forces, normal_forces), shares.copy()
         column = np.cumsum(self._set.gripping) - 1
+        # Contacts whose forces do not depend on each other are separate programs, which are smaller and equal for many
+        # samples.
         for samples, group in _alike(free):
             grips = self._set.gripping[group]
             if not grips.any():
@@ -147,6 +148,7 @@ class Grip(SummaryMixin):
 
 def _alike(free: Array) -> Iterator[tuple[list[int], list[int]]]:
     """Samples in which the forces of a group of contacts depend on each other, and the group."""
+    # Samples with the same pattern of dependence are solved in one stack.
     patterns, which = np.unique(linked_contacts(free), axis=0, return_inverse=True)
     for number, linked in enumerate(patterns):
         samples = np.flatnonzero(which.reshape(-1) == number).tolist()

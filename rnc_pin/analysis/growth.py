@@ -25,16 +25,10 @@ from rnc_pin.printing import printed
 
 MARGIN = 1e3  # smallest ratio of a direction's singular value to the error and to the rejected singular values
 _ZERO = 10.0  # ratio to the same values below which a singular value is clearly zero
-_FIRST = 1e-5  # shortest bracket of unit generators; shorter ones are rounding errors of a file
 _ROUNDED, _SMALLEST = 1e-5, 1e-8  # smallest relative singular value: the first, a tenth per level, at least the second
 _NOTHING = 1e-11  # relative singular value that counts as zero
-_FADES = 0.2  # smallest ratio of the sizes of two successive levels, over the flow time
-_ACCURATE = 1e-8  # relative error of a level below which no shorter time is tried
-_SHALLOW = 3  # order that is sufficient for most systems
 DEEPEST = 12
 """Default limit of the number of levels after the first brackets."""
-_NEARBY, _AWAY = 3, 0.3  # configurations nearby, and their distance from a configuration [rad or m]
-_SPREAD = 0.8  # of random configurations [rad or m]
 _FEWEST, _MOST, _AGREEING = 8, 32, 3  # samples: least number, largest number, and number that must agree to stop
 
 
@@ -150,7 +144,13 @@ def growth_vector(reduced: ReducedModel, q: np.ndarray, *, deepest: int = DEEPES
 
 
 def filtration(reduced: ReducedModel, q: np.ndarray, deepest: int = DEEPEST) -> Growth:
-    """Return the filtration at a configuration, singular ones included, with the errors of ``growth_vector``."""
+    """Return the filtration at a configuration, singular ones included, with the errors of ``growth_vector``.
+
+    Args:
+        reduced: the model.
+        q: a configuration (nq,).
+        deepest: largest number of levels after the first brackets.
+    """
     if not isinstance(deepest, int | np.integer) or deepest < 1:
         raise InputError(f"deepest: expected a positive integer, found {deepest!r}")
     found = grow(reduced, q, _generic_dimension(reduced, q), int(deepest))
@@ -165,10 +165,12 @@ def filtration(reduced: ReducedModel, q: np.ndarray, deepest: int = DEEPEST) -> 
 def _generic_dimension(reduced: ReducedModel, q: np.ndarray) -> int:
     """Largest dimension that all brackets reach at configurations near q and at random ones."""
     generator, R = np.random.default_rng(0), reduced.at(q).R
-    steps = [R @ generator.normal(size=reduced.r) for _ in range(_NEARBY)]
-    near = (pin.integrate(reduced.robot.model, q, _AWAY * step / np.linalg.norm(step)) for step in steps)
+    nearby, away = 3, 0.3  # configurations near q, and their distance from it [rad or m]
+    steps = [R @ generator.normal(size=reduced.r) for _ in range(nearby)]
+    near = (pin.integrate(reduced.robot.model, q, away * step / np.linalg.norm(step)) for step in steps)
     chosen = [*map(reduced.assembled, near)]
-    chosen += [reduced.random_configuration(generator, _SPREAD) for _ in range(_FEWEST)]
+    spread = 0.8  # of random configurations [rad or m]
+    chosen += [reduced.random_configuration(generator, spread) for _ in range(_FEWEST)]
     reached = 0
     for each in chosen:
         with suppress(SingularityError):
@@ -185,6 +187,10 @@ def generic_growth(
 
     Takes configurations (count, nq) in turn until three agree on the largest dimensions: at least 8 if available, at
     most 32.
+
+    Args:
+        reduced: the model.
+        configurations: regular configurations, in the order in which they are taken.
     """
     found: list[tuple[Growth, np.ndarray]] = []
     generic: tuple[int, ...] = ()
@@ -244,7 +250,8 @@ def grow(reduced: ReducedModel, q: np.ndarray, reach: int = 0, limit: int = DEEP
         doubtful = first[1] < reduced.n and rejected > _SMALLEST
         return Growth(first[: 1 + (first[1] > first[0])], basis, margin, doubtful)
     found = None
-    for order in sorted({min(_SHALLOW, deepest), min(2 * _SHALLOW, deepest) if reach else deepest, deepest}):
+    shallow = 3  # order that is sufficient for most systems: deeper fits lose digits
+    for order in sorted({min(shallow, deepest), min(2 * shallow, deepest) if reach else deepest, deepest}):
         found = _deeper(jets, basis, order, rejected, reach)
         if len(found.dimensions) < order or found.dimensions[-1] in (reduced.n, reach):
             break
@@ -278,11 +285,14 @@ def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float, r
     """Levels up to an order, from the first accurate flow time, or else from the most accurate one."""
     best: _Levels | None = None
     failure: SingularityError | None = None
+    fades = 0.2  # smallest ratio of the sizes of two successive levels, over the flow time
+    accurate = 1e-8  # relative error of a level below which no shorter time is tried
     for time in FLOW_TIMES:
         generator = np.random.default_rng(0)
         try:
-            drawn, fading = [jets.draw(order, time, generator)], _FADES * time
+            drawn, fading = [jets.draw(order, time, generator)], fades * time
             found = _levels(drawn, basis, rejected, fading, reach)
+            # As many directions as functions: more functions show whether there are more directions.
             while found.crowded and len(drawn) < basis.shape[0]:
                 drawn.append(jets.draw(order, time, generator))
                 found = _levels(drawn, basis, rejected, fading, reach)
@@ -291,7 +301,7 @@ def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float, r
             continue
         if best is None or found.error < best.error:
             best = found
-        if found.error < _ACCURATE:
+        if found.error < accurate:
             break
     if best is None:
         assert failure is not None
@@ -319,6 +329,7 @@ def _levels(drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: f
         error = max(error, wrong)
         room = start.shape[0] - bases[0].shape[1]
         values = values[:room]
+        # A value that an earlier level rejected is an error of this size, or a direction in doubt: it bounds both.
         floor = max(wrong, rejected, np.finfo(float).eps)
         count = int((values > max(MARGIN * floor, _SMALLEST, _ROUNDED * 0.1 ** (level - 1))).sum())
         none = values[count:].max(initial=0.0)
@@ -341,15 +352,17 @@ def _levels(drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: f
 def _with_first_brackets(basis: np.ndarray, vectors: np.ndarray) -> tuple[np.ndarray, float, float]:
     """Basis with the brackets (nv, pairs) of two generators, margin of the smallest, and largest rejected value."""
     lengths = np.linalg.norm(vectors, axis=0)
+    shortest = 1e-5  # bracket of unit generators; shorter ones are rounding errors of a file
     # A weak coupling makes one pair's bracket small beside another's: each bracket is judged on its own.
-    long = lengths > _FIRST
+    long = lengths > shortest
     rejected = float(lengths[~long].max(initial=0.0))
     if not long.any():
         return basis, np.inf, rejected
+    # Pivoted QR takes the clearest bracket first, so its diagonal falls and shows a gap.
     units = _rest(basis, vectors[:, long] / lengths[long])
     Q, triangle, _ = scipy.linalg.qr(units, mode="economic", pivoting=True)
     diagonal = np.abs(np.diag(triangle))
-    count = int((diagonal > _FIRST).sum())
+    count = int((diagonal > shortest).sum())
     rejected = max(rejected, float(diagonal[count:].max(initial=0.0)))
     if not count:
         return basis, np.inf, rejected

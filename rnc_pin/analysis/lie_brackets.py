@@ -30,7 +30,11 @@ Bracket = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def frame_bracket(model: pin.Model) -> Bracket:
-    """Return the bracket of tangent vectors (..., nv) as left-invariant fields of SE(2), SO(3) and SE(3) joints."""
+    """Return the bracket of tangent vectors (..., nv) as left-invariant fields of SE(2), SO(3) and SE(3) joints.
+
+    Args:
+        model: model of the robot.
+    """
     parts: list[tuple[slice, str]] = []
     for joint in list(model.joints)[1:]:
         kind = joint.shortname()
@@ -93,6 +97,7 @@ class BracketJets:
         self._moved = ConfigurationManifold(self._model).integrate
         self._bracket = frame_bracket(self._model)
         R = reduced.at(q).R
+        # Orthonormal at q: brackets of long and short columns would have sizes of their own.
         self._scaling = np.linalg.inv(np.linalg.qr(R)[1])
         self.generators: np.ndarray = R @ self._scaling
         self._pairs = np.triu_indices(reduced.r, 1)
@@ -143,6 +148,8 @@ class BracketJets:
         back = np.tile(np.eye(n), (len(times), 1, 1))
         for _ in range(PIECES):
             direction = generator.normal(size=self.reduced.r)
+            # All pieces together move over the same length for any number of generators, so the flow times fit all
+            # robots.
             direction *= np.sqrt(self.reduced.r) / (PIECES * np.linalg.norm(direction))
             q, step = self._flow(q, times, direction, order)
             back = back @ np.linalg.inv(step)
@@ -195,6 +202,7 @@ class BracketJets:
         total, term = v.copy(), v
         for j, number in enumerate(scipy.special.bernoulli(order + 1)[1:], start=1):
             term = self._bracket(xi, term)
+            # The series ends for commuting motions, such as those of revolute joints.
             if number and not term.any():
                 break
             total += (-1) ** j * number / factorial(j) * term
@@ -227,9 +235,11 @@ class BracketJets:
 def _coefficients(values: Callable[[np.ndarray], np.ndarray], order: int, time: float, spare: int) -> Jets:
     """Taylor coefficients of functions (times, ...) of the time, scaled by its powers, by fits of both signs of it."""
     degree = order + spare
+    # More nodes than coefficients: the fit averages rounding errors.
     count = ceil(1.25 * (degree + 1))
     nodes = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
     fitted = values(time * nodes)
+    # Fits of two degrees from the same values: their difference shows what the truncation costs.
     return Jets(*(_fit(nodes, fitted, each)[: order + 1] for each in (degree, degree - 2)))
 
 

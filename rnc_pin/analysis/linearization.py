@@ -28,7 +28,6 @@ from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, d
 
 _STEADY = 1e-8  # largest acceleration that counts as zero, relative to the accelerations that gravity causes
 _CLOSED = ROUNDING  # largest relative dependence on omitted coordinates, such as the angle of a non-round wheel
-_INDEPENDENT = 1e-10
 
 Coordinate = str | OutputKind
 
@@ -76,7 +75,12 @@ class Linearization(SummaryMixin):
         return sorted_eigenvalues(self.A)
 
     def deviation(self, q: Array, v2: Array) -> Array:
-        """Return the state x (s,) at q (nq,) and v2 (r,), for a feedback ``T = T_0 - K x``."""
+        """Return the state x (s,) at q (nq,) and v2 (r,), for a feedback ``T = T_0 - K x``.
+
+        Args:
+            q: configuration (nq,).
+            v2: reduced velocity (r,).
+        """
         rates = (np.asarray(v2, float) - self.v2)[self._kept]
         return np.concatenate([self._read.deviation(np.asarray(q, float), self.q), rates])
 
@@ -170,6 +174,7 @@ def linearize(
     for name in cyclic:
         A[:, entries_of(reduced.robot, name)] = 0.0
     held, names = state.A[list(reduced.constraints.holonomic)], reduced.robot.velocity_names
+    # Heights of wheels follow from the other entries: an entry for each would be a state that no input moves.
     own = names if not len(held) else [names[k] for k in best_entries(held, reduced.n - len(held))]
     read = _Coordinates(reduced, own if coordinates is None else coordinates)
     outputs = reduced.reducing
@@ -236,9 +241,11 @@ def _restricted(
     C_dot = scipy.linalg.block_diag(J_dot, np.zeros((len(kept), r)))
     seen, moved = C @ admissible, (C @ A + C_dot) @ admissible
     values = np.linalg.svd(seen, compute_uv=False)
-    if seen.shape[1] < len(seen) or values[-1] <= _INDEPENDENT * values[0]:
+    least = 1e-10  # relative singular value at which coordinates are independent
+    if seen.shape[1] < len(seen) or values[-1] <= least * values[0]:
         raise ConstraintError(f"coordinates {', '.join(read.names)} are not independent under the constraints")
     chosen = moved @ np.linalg.pinv(seen)
+    # Zero if the chosen coordinates move by themselves alone: least squares shows what else moves them.
     rest = (moved - chosen @ seen) @ admissible.T
     if np.abs(rest).max() > _CLOSED * max(1.0, np.abs(A).max()):
         missing = (*reduced.robot.velocity_names, *reduced.reducing.names)[int(np.argmax(np.abs(rest).max(axis=0)))]
@@ -297,9 +304,6 @@ class _Coordinates:
 
 Cost = float | Sequence[float] | Mapping[str, float] | Array
 
-_SLOW = 1e-5  # real part, relative to the size of A, above which a mode counts as not stable
-_UNREACHED = 1e-6  # zero limit, relative to the sizes of A and B, or of the cost
-
 
 def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Float[Array, "p s"]:
     """Return the gain K of the feedback ``T = T_0 - K x`` that minimises the integral of ``x^T Q x + u^T R u``.
@@ -329,6 +333,7 @@ def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Floa
     A, B = linear.A, linear.B
     Q = _cost(state_cost, linear.state_names, "state_cost")
     R = _cost(input_cost, linear.input_names, "input_cost")
+    # A cost of the form C^T C has eigenvalues of zero, which rounding makes slightly negative.
     if np.linalg.eigvalsh(Q).min() < -1e-12 * np.abs(Q).max():
         raise ConfigurationError("state_cost: no weight may be negative")
     if not len(R):
@@ -339,19 +344,22 @@ def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Floa
     unit = 1.0 / np.sqrt(np.diag(R))
     B, R = B * unit, unit[:, None] * R * unit
     size = float(np.abs(A).max(initial=1.0))
+    slow = 1e-5  # real part, relative to the size of A, above which a mode counts as not stable
+    unreached = 1e-6  # zero limit, relative to the sizes of A and B, or of the cost
     for mode in np.linalg.eigvals(A):
-        if mode.real < -_SLOW * size:
+        if mode.real < -slow * size:
             continue
+        # Hautus' test: [A - s I, B] loses rank for a mode that no input reaches, [A - s I; Q] for one without a cost.
         shifted = A - mode * np.eye(len(A))
         left, values, _ = np.linalg.svd(np.hstack([shifted / size, B / max(np.abs(B).max(), 1e-300)]))
-        if values[-1] < _UNREACHED:
+        if values[-1] < unreached:
             names = _moved(left[:, -1], linear.state_names)
             raise ConstraintError(
                 f"the actuators {', '.join(linear.input_names)} do not control a mode that is not stable: "
                 f"it moves {names}"
             )
         _, values, right = np.linalg.svd(np.vstack([shifted / size, Q / max(np.abs(Q).max(), 1e-300)]))
-        if values[-1] < _UNREACHED and abs(mode.real) <= _SLOW * size:
+        if values[-1] < unreached and abs(mode.real) <= slow * size:
             names = _moved(right[-1], linear.state_names)
             raise ConstraintError(f"state_cost: a mode that is not stable has zero cost: it moves {names}")
     try:
@@ -377,6 +385,7 @@ def check_sampling(linear: Linearization, K: Float[Array, "p s"], dt: float) -> 
         InfeasibleError: the closed loop is unstable; the message gives its rate.
     """
     s, p = linear.B.shape
+    # The exact zero-order hold: the exponential of A and B together.
     held = scipy.linalg.expm(np.block([[linear.A, linear.B], [np.zeros((p, s + p))]]) * dt)
     if np.abs(np.linalg.eigvals(held[:s, :s] - held[:s, s:] @ K)).max(initial=0.0) >= 1.0:
         fastest = float(np.abs(np.linalg.eigvals(linear.A - linear.B @ K)).max())

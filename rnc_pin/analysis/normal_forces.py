@@ -29,8 +29,6 @@ from rnc_pin.robots.joint_values import NamedModel
 _UNITS = np.eye(6)
 _CARRIER = "joint that carries the robot"
 _SMALL = 1e-9
-_PARTS = (0.25, 0.5, 0.75, 1.0)  # of a sampling interval, at which it is judged
-_SAMPLES = 3  # configurations, beside the neutral one, that decide which rows carry
 _ROUNDING = 1e-6  # share of the weight below which a force counts as zero
 
 
@@ -83,7 +81,11 @@ class ContactLines(NamedTuple):
 
 
 def contacts_of(reduced: ReducedModel) -> list[Contact]:
-    """Return the contacts of a system with the ground: contacts without slip, and gliding contacts."""
+    """Return the contacts of a system with the ground: contacts without slip, and gliding contacts.
+
+    Args:
+        reduced: the model.
+    """
     acting = np.zeros(reduced.all_constraints.size, dtype=bool)
     for position in _defined(reduced):
         acting |= np.isfinite(reduced.all_constraints.lines_of_action(position)[0]).all(axis=1)
@@ -94,7 +96,8 @@ def contacts_of(reduced: ReducedModel) -> list[Contact]:
 def _defined(reduced: ReducedModel) -> Iterator[PositionKinematics]:
     """Neutral and a few random configurations, without those at which a row is undefined."""
     kinematics, generator = Kinematics(reduced.robot), np.random.default_rng(0)
-    drawn = (reduced.robot.random_configuration(generator) for _ in range(_SAMPLES))
+    samples = 3  # beside the neutral configuration: they decide which rows carry
+    drawn = (reduced.robot.random_configuration(generator) for _ in range(samples))
     for q in (reduced.robot.configuration(), *drawn):
         position = kinematics.position(q)
         with suppress(SingularityError):
@@ -127,6 +130,7 @@ def _carriers(reduced: ReducedModel) -> tuple[tuple[Contact, ...], Array]:
     carrying = [each.up is not None and bool(sizes[each.up] > _SMALL) for each in found]
     down = bool(found) and float(model.gravity.linear[2]) < 0
     planar = down and _moves_along(model, data, random, 0) and _moves_along(model, data, random, 1)
+    # A base that can rise has rows that keep the heights: only a planar base leaves the forces to the balances.
     planar = planar and not _moves_along(model, data, random, 2)
     kept = [(each, carries) for each, carries in zip(found, carrying, strict=True) if down and (carries or planar)]
     carried_by_row = np.array([carries for _, carries in kept], dtype=bool)
@@ -205,7 +209,12 @@ class _ExternalWrenches:
         return position.with_velocity(np.concatenate([np.zeros((*v.shape[:-1], 6)), v], axis=-1))
 
     def at(self, q: Array, v: Array) -> Float[Array, "N 6"]:
-        """Sum of the wrenches about the world's origin at states (N,); NaN if one is unknown."""
+        """Sum of the wrenches about the world's origin at states (N,); NaN if one is unknown.
+
+        Args:
+            q: configurations (N, nq).
+            v: velocities (N, nv).
+        """
         if self.unknown:
             return np.full((len(q), 6), np.nan)
         if not self._forces:
@@ -324,8 +333,10 @@ class NormalForces:
         ends = self._reduced.at(q[both], v=v[both], t=time[both])
         more = contact_forces[both] - ends.contact_forces(T[both]), normal_forces[both] - self.at(ends, T[both])
         (turn,), (change,) = np.diff(ends.acceleration(T[[k, k]]), axis=0), np.diff(v[both], axis=0)
-        for part in _PARTS:
+        parts = (0.25, 0.5, 0.75, 1.0)  # of a sampling interval, at which it is judged
+        for part in parts:
             t, w, *others = (start + part * (end - start) for start, end in (time[both], v[both], *more))
+            # Constant acceleration in the interval bends the path beside the geodesic by a t (T - t) / 2.
             bend = 0.5 * part * (1.0 - part) * np.diff(time[both], axis=0).T
             w, steps = w - bend * turn, zip(k, -bend * change, strict=True)
             p = np.array([pin.integrate(model, pin.interpolate(model, q[i], q[i + 1], part), by) for i, by in steps])
@@ -343,7 +354,11 @@ class NormalForces:
         return pushing
 
     def plane_effects(self, lines: ContactLines) -> tuple[Float[Array, "N 3 c"], Float[Array, "N 3 u"]]:
-        """Return what unit upward forces and unit couples of axles give: upwards, and about axes along the ground."""
+        """Return what unit upward forces and unit couples of axles give: upwards, and about axes along the ground.
+
+        Args:
+            lines: lines of action of the contacts.
+        """
         points, across = lines
         ones = np.ones(points.shape[:2])
         # Effects of upward forces: their sum, and their moments about the axes along the ground.
@@ -351,6 +366,7 @@ class NormalForces:
         axles = [column for column, contact in enumerate(self.contacts) if contact.up is None]
         if not axles:
             return gives, np.zeros((len(points), 3, 0))
+        # Couples count like forces at the distance of the contacts: a least norm of N and N m would depend on units.
         spread = np.sqrt(points[..., :2].var(axis=1).sum(axis=-1))
         spread = np.where(spread > 0, spread, 1.0)[:, None, None]
         headings = np.stack([np.zeros_like(ones), across[..., 1], -across[..., 0]], axis=1)
@@ -406,6 +422,7 @@ class NormalForces:
         """Forces and moments (N, 6) of ``_needed``, which are affine in accelerations and inputs."""
         model, data = self._model, self._data
         first = self._needed(q, v, v_dot[0], T[0])
+        # One call instead of one for each input: the centroidal map is linear in the accelerations.
         pin.computeCentroidalMap(model, data, q)
         change = (v_dot - v_dot[0]) @ data.Ag.T
         change[:, 3:] += np.cross(data.com[0], change[:, :3])  # moments about the origin

@@ -33,9 +33,6 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
 
 _SPAN = 1e-7  # singular value of unit vectors below which they are dependent
-_LARGE = 0.95  # of the largest entry: the first such entry is the pivot
-_SPARE = 6  # flows above the number of coefficients
-_TIMES = (0.5, 0.2, 0.05)  # flow times, tried in turn while the error is large
 _ACCURATE, _WRONG = 1e-11, 1e-6  # errors of coefficients that end the search, and that are refused
 _NOISE = 10.0  # times the error: a coefficient below it is zero
 
@@ -102,18 +99,30 @@ class PrivilegedCoordinates(ReprMixin):
         )
 
     def values(self, q: ArrayLike) -> Float[Array, "*n c"]:
-        """Coordinates z of configurations (..., nq)."""
+        """Coordinates z of configurations (..., nq).
+
+        Args:
+            q: configurations near the center.
+        """
         z, _ = self._evaluated(self._stack(q), False)
         return z.reshape(*np.shape(q)[:-1], self.size)
 
     def jacobian(self, q: ArrayLike) -> Float[Array, "*n c nv"]:
-        """Derivatives of z along tangent vectors at configurations (..., nq)."""
+        """Derivatives of z along tangent vectors at configurations (..., nq).
+
+        Args:
+            q: configurations near the center.
+        """
         _, slopes = self._evaluated(self._stack(q), True)
         assert slopes is not None
         return slopes.reshape(*np.shape(q)[:-1], *slopes.shape[1:])
 
     def norm(self, q: ArrayLike) -> Float[Array, "*n"]:
-        """Homogeneous norms, sums of ``|z_i|^(1 / w_i)``: within constant factors, the lengths of shortest motions."""
+        """Homogeneous norms, sums of ``|z_i|^(1 / w_i)``: within constant factors, the lengths of shortest motions.
+
+        Args:
+            q: configurations near the center (..., nq).
+        """
         return np.asarray((np.abs(self.values(q)) ** (1.0 / np.array(self.weights))).sum(axis=-1))
 
     def _stack(self, q: ArrayLike) -> Array:
@@ -125,6 +134,7 @@ class PrivilegedCoordinates(ReprMixin):
     def _evaluated(self, q: Array, derivatives: bool) -> tuple[Array, Array | None]:
         z = self.chart.coordinates(q) @ self.linear.T
         slopes = self.linear @ self.chart.jacobian(q) if derivatives else None
+        # In the order of the weights: each polynomial has coordinates that are corrected already.
         for j, (powers, coefficients) in enumerate(self._polynomials):
             lower = z.copy()
             for power, coefficient in zip(powers, coefficients, strict=True):
@@ -214,6 +224,7 @@ def _kept(reduced: ReducedModel, q: Array, ignored: Sequence[str]) -> Array:
     kept, generator = np.flatnonzero(~free), np.random.default_rng(0)
     if not len(kept):
         raise ConfigurationError("ignored: no joint is left")
+    # A turn of the ignored joints must leave the motions of the others as they are.
     if free.any():
         turned = pin.integrate(model, q, free * generator.uniform(0.5, 1.0, reduced.n))
         here, there = (scipy.linalg.orth(reduced.at(each).R[kept], _SPAN) for each in (q, turned))
@@ -231,6 +242,7 @@ def _adapted(flags: Sequence[Array]) -> tuple[Array, list[int], list[int]]:
     """
     size = len(flags[0])
     rows, pivots, weights = np.empty((0, size)), list[int](), list[int]()
+    large = 0.95  # of the largest entry: the first such entry is the pivot, so that rounding does not choose it
     for level in range(len(flags), -1, -1):
         known = scipy.linalg.orth(flags[level - 1], _SPAN) if level else np.empty((size, 0))
         missing = size - known.shape[1] - len(rows)
@@ -238,7 +250,7 @@ def _adapted(flags: Sequence[Array]) -> tuple[Array, list[int], list[int]]:
         left = left - left[:, pivots] @ np.linalg.solve(rows[:, pivots], rows)
         for _ in range(missing):
             sizes = np.abs(left).max(axis=0)
-            pivot = int(np.flatnonzero(sizes >= _LARGE * sizes.max())[0])  # places come before joints
+            pivot = int(np.flatnonzero(sizes >= large * sizes.max())[0])  # places come before joints
             k = int(np.abs(left[:, pivot]).argmax())
             row = left[k] / left[k, pivot]
             left = left - left[:, pivot : pivot + 1] * row
@@ -261,14 +273,16 @@ def _corrected(
     if deepest == 1:
         return linear, [none] * c, 0.0
     powers = [_monomials(weights, degree) for degree in range(deepest)]
-    count, pieces = max(map(len, powers)) + _SPARE, max(PIECES, len(kept))
+    spare = 6  # flows above the number of coefficients: least squares averages their errors
+    count, pieces = max(map(len, powers)) + spare, max(PIECES, len(kept))
     _, sizes, right = np.linalg.svd(jets.generators[kept], full_matrices=False)
     moving = sizes > _SPAN
     fields = np.random.default_rng(0).normal(size=(count, pieces, int(moving.sum())))
     fields *= np.sqrt(moving.sum()) / (pieces * np.linalg.norm(fields, axis=2, keepdims=True))
     fields = fields / sizes[moving] @ right[moving]  # the joints that matter move over unit lengths
     best: tuple[Array, list[Polynomial], float] | None = None
-    for time in _TIMES:
+    times = (0.5, 0.2, 0.05)  # of flows, tried in turn while the error is large
+    for time in times:
         drawn = jets.follow(deepest - 1, time, fields)
         scales = float(time) ** np.arange(deepest)
         series = [np.einsum("cn,mnf->cmf", linear, each / scales[:, None, None]) for each in drawn]

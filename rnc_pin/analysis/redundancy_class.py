@@ -14,11 +14,6 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.task import Task
 from rnc_pin.printing import printed
 
-_ZERO = 1e-9
-_RANK = 1e-9  # of the largest singular value of all outputs' Jacobian
-_POSSIBLE = 1e-6  # largest motion of outputs that must not move
-_STEERING = "d(A3 v21)/dx22"
-
 
 @printed()
 @dataclass(frozen=True)
@@ -41,10 +36,9 @@ class Evidence:
 
     def to_dict(self) -> dict[str, Json]:
         """Return lists, numbers and strings that JSON can store."""
+        steering = "d(A3 v21)/dx22"
         known = {
-            _STEERING if name == "steering" else name: value
-            for name, value in asdict(self).items()
-            if value is not None
+            steering if name == "steering" else name: value for name, value in asdict(self).items() if value is not None
         }
         return to_json_mapping(known, "evidence")
 
@@ -80,6 +74,12 @@ def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed
     Class 1: A4 has full row rank. Class 2: A6 = 0, A4 nonsingular, A5 independent of x22. The last condition uses the
     partial derivative at fixed x21, x11 and x12. (Under the constraints, x11 moves with x22, and A5 may depend on x11.)
     Class 2s: x22 enters through A3 only, ``d(A3 v21)/dx22`` nonsingular.
+
+    Args:
+        reduced: the model.
+        task: partition of the outputs.
+        configurations: regular configurations; their number decides how sure the class is.
+        seed: of the primary velocities.
     """
     names = task.vertical_names
     if not len(task.redundant) or not names:
@@ -89,9 +89,11 @@ def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed
     A = here.A_star[:, task.vertical]
     # Derivatives of A_star along the motion of each redundant output alone, (count, k, r, r2).
     A_along = kinematic_gradient(here, task.redundant)[:, task.vertical]
-    zero = _ZERO * max(1.0, float(np.abs(A).max()))
+    part = 1e-9  # of the largest entry of A, at least 1: what is below is rounding
+    zero = part * max(1.0, float(np.abs(A).max()))
     A3, A4 = A[..., task.primary], A[..., task.redundant]
     A3_along = A_along[:, :, task.primary]  # (count, k, r1, r2)
+    # Away from zero, where nothing steers, and different for each output, so that effects do not cancel.
     v21 = np.random.default_rng(seed).uniform(0.5, 1.5, len(task.primary))
     steering = np.einsum("nkij,i->nkj", A3_along, v21)
 
@@ -138,8 +140,10 @@ def motions_alone(J: np.ndarray, moved: np.ndarray, otherwise: np.ndarray) -> np
         otherwise: motions (count, nv, j) in place of those that dependent rows make impossible.
     """
     alone = np.eye(J.shape[1])[:, moved]
-    ways = np.linalg.pinv(J, rcond=_RANK) @ alone
-    possible = np.abs(J @ ways - alone).max(axis=1, keepdims=True) < _POSSIBLE
+    least = 1e-9  # of the largest singular value of all outputs' Jacobian
+    ways = np.linalg.pinv(J, rcond=least) @ alone
+    possible_error = 1e-6  # largest motion of outputs that must not move
+    possible = np.abs(J @ ways - alone).max(axis=1, keepdims=True) < possible_error
     return np.asarray(np.where(possible, ways, otherwise))
 
 
@@ -198,5 +202,6 @@ def has_full_row_rank(matrices: np.ndarray) -> bool:
     values = np.linalg.svd(matrices, compute_uv=False)
     if matrices.shape[-2] > matrices.shape[-1]:
         return False
+    # A few samples may lie near a singular surface: nine of ten decide.
     good = values[:, -1] > 1e-6 * np.maximum(values[:, 0], 1e-12)
     return bool(good.mean() > 0.9)

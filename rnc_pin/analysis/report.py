@@ -23,9 +23,6 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted, items, printed
 
-_TOLERANCE = 1e-5  # for unit rows; the closure is as accurate as the brackets
-_CLEAR = 1e6  # margin above which a closure is accurate enough to judge rows
-
 
 @printed()
 @dataclass(frozen=True)
@@ -55,25 +52,21 @@ def integrability(reduced: ReducedModel, configurations: Sequence[np.ndarray] | 
     evidence, growths = generic_growth(reduced, configurations)
     generic = growths[0][0].vector
     clearest = max(growth.margin for growth, _ in growths)
-    growths = [(growth, q) for growth, q in growths if growth.margin >= min(_CLEAR, clearest)]
+    clear = 1e6  # margin above which a closure is accurate enough to judge rows
+    growths = [(growth, q) for growth, q in growths if growth.margin >= min(clear, clearest)]
     names = reduced.constraints.names
     rows = [reduced.at(q).A for _, q in growths]
     leftover = np.array(
         [np.linalg.norm(unit_rows(A) @ growth.closure, axis=1) for A, (growth, _) in zip(rows, growths, strict=True)]
     ).max(axis=0)
-    flat = leftover < _TOLERANCE
+    tolerance = 1e-5  # for unit rows; the closure is as accurate as the brackets
+    flat = leftover < tolerance
     return Integrability(
         growth_vector=generic,
         integrable=tuple(name for name, each in zip(names, flat, strict=True) if each),
         nonholonomic=tuple(name for name, each in zip(names, flat, strict=True) if not each),
         evidence=evidence,
     )
-
-
-_LEMMA_TOLERANCE = 1e-6
-_RANK = 1e-10  # of the largest singular value of R^T B
-_FEW_JOINTS = 6  # of a configuration in words
-_MISSING = 1e-6  # limit of the missing part of a unit force
 
 
 @dataclass(frozen=True, repr=False)
@@ -179,7 +172,8 @@ def _place(found: Singularity) -> str:
         name: f"({', '.join(f'{each:.3g}' for each in value)})" if isinstance(value, list) else f"{value:.3g}"
         for name, value in found.configuration.items()
     }
-    if len(values) > _FEW_JOINTS:
+    most_joints = 6  # more do not fit into a line
+    if len(values) > most_joints:
         return "singular"
     return "singular, e.g. at " + ", ".join(f"{name} = {value}" for name, value in values.items())
 
@@ -228,7 +222,8 @@ def analyze(
     growth = rows.growth_vector
     redundancy = classify(reduced, task, good, seed)
     lemma = lemma_1_residuals(reduced, good, seed)
-    held = max(lemma[name] for name in ("A R", "H - H^T", "Hdot - V - V^T", "V linear")) < _LEMMA_TOLERANCE
+    tolerance = 1e-6  # of the residuals: rounding, and fourth-order differences
+    held = max(lemma[name] for name in ("A R", "H - H^T", "Hdot - V - V^T", "V linear")) < tolerance
     actuation_rank, unactuated = _actuation(reduced, configurations)
     singular = stack_singularities(reduced, configurations)
     if redundancy.redundancy_class in ("1", "2"):
@@ -262,8 +257,11 @@ def _actuation(reduced: ReducedModel, configurations: np.ndarray) -> tuple[int, 
     """Smallest rank of ``R^T B``, and the unactuated reducing outputs at that sample."""
     if not reduced.p:
         return 0, reduced.reducing.names
+    # Left singular vectors beyond the rank are reduced forces that no actuator gives.
     left, values, _ = np.linalg.svd(reduced.at(configurations).input_matrix)
-    ranks = (values > _RANK * values[:, :1]).sum(axis=1)
+    least = 1e-10  # of the largest singular value of R^T B
+    ranks = (values > least * values[:, :1]).sum(axis=1)
     worst, rank = int(np.argmin(ranks)), int(ranks.min())
     missing = np.linalg.norm(left[worst][:, rank:], axis=1)
-    return rank, tuple(name for name, part in zip(reduced.reducing.names, missing, strict=True) if part > _MISSING)
+    missing_part = 1e-6  # of a unit force: less is rounding
+    return rank, tuple(name for name, part in zip(reduced.reducing.names, missing, strict=True) if part > missing_part)

@@ -23,12 +23,6 @@ from rnc_pin.model.task import Task
 from rnc_pin.printing import printed
 from rnc_pin.robots.robot import Robot
 
-_PAIRS = 8
-_CLOSE = 1e-15  # of a path between samples
-_VANISHES = 1e-7  # smallest singular value, with unit rows, that counts as zero
-_WORST = 3
-_PRESENT = 1e-6  # weight, relative to the largest, below which the structure of a singular surface makes it zero
-
 MatrixOf = Callable[[np.ndarray], np.ndarray]
 SignOf = Callable[[np.ndarray], float]
 Support = frozenset[int] | None  # rows with a weight in the dependence; None for a sample beside a surface
@@ -55,7 +49,12 @@ class Singularity:
 
 
 def stack_singularities(reduced: ReducedModel, configurations: np.ndarray) -> list[Singularity]:
-    """Singularities of ``E = [A; J2]``, for configurations (count, nq): the outputs do not parametrise the motion."""
+    """Singularities of ``E = [A; J2]``, for configurations (count, nq): the outputs do not parametrise the motion.
+
+    Args:
+        reduced: the model.
+        configurations: regular configurations.
+    """
     names = (*reduced.constraints.names, *reduced.reducing.names)
     sign, matrix = (lambda q: _sign(reduced.at(q).scaled_stack)), (lambda q: reduced.at(q).scaled_stack)
     return _search("E", matrix, sign, names, reduced, configurations)
@@ -64,7 +63,14 @@ def stack_singularities(reduced: ReducedModel, configurations: np.ndarray) -> li
 def task_singularities(
     reduced: ReducedModel, task: Task, tracked: Sequence[str], configurations: np.ndarray
 ) -> list[Singularity]:
-    """Singularities of A4, rows of the vertical outputs ``tracked``: the redundant outputs cannot steer them."""
+    """Singularities of A4, rows of the vertical outputs ``tracked``: the redundant outputs cannot steer them.
+
+    Args:
+        reduced: the model.
+        task: partition of the outputs.
+        tracked: vertical outputs that redundant ones steer.
+        configurations: regular configurations (count, nq).
+    """
     rows = np.array([reduced.vertical.names.index(name) for name in tracked])
     block = np.ix_(rows, task.redundant)
 
@@ -81,6 +87,7 @@ def task_singularities(
 
 
 def _sign(matrix: np.ndarray) -> float:
+    # The sign alone: a determinant of many rows may overflow.
     return float(np.linalg.slogdet(matrix)[0])
 
 
@@ -98,25 +105,29 @@ def _search(
         return []
     scale = float(np.median([np.linalg.norm(each, 2) for _, each in samples]))
 
+    present = 1e-6  # weight, relative to the largest, below which the structure of a singular surface makes it zero
+
     def found(q: np.ndarray, value: np.ndarray, located: bool) -> tuple[Singularity, Support]:
         left, values, _ = np.linalg.svd(value)
         weights = np.abs(left[:, len(values) - 1])
         rows = weakest_rows(value, names)
-        support = frozenset(np.flatnonzero(weights > _PRESENT * weights.max()).tolist()) if located else None
+        support = frozenset(np.flatnonzero(weights > present * weights.max()).tolist()) if located else None
         return Singularity(what, rows, float(values[-1]), located, reduced.robot.joint_values(q)), support
 
     points: list[tuple[Singularity, Support]] = []
+    vanishes = 1e-7  # smallest singular value, with unit rows, that counts as zero
     for low, high in _pairs([q for q, _ in samples], sign, reduced.robot):
         try:
             q = _between(sign, reduced, low, high)
             point = found(q, matrix(q), True)
         except (SingularityError, ConstraintError):  # the path meets an undefined matrix, or a loop opens
             continue
-        if point[0].smallest_singular_value < _VANISHES * scale:
+        if point[0].smallest_singular_value < vanishes * scale:
             points.append(point)
     if points:
         return _apart(points)
-    worst = sorted(samples, key=lambda sample: float(np.linalg.svd(sample[1], compute_uv=False)[-1]))[:_WORST]
+    most = 3  # samples that are shown
+    worst = sorted(samples, key=lambda sample: float(np.linalg.svd(sample[1], compute_uv=False)[-1]))[:most]
     return _apart([found(q, value, False) for q, value in worst])
 
 
@@ -139,10 +150,12 @@ def _pairs(samples: Sequence[np.ndarray], sign: SignOf, robot: Robot) -> list[tu
     signs = np.array([sign(q) for q in samples])
     positive = [q for q, each in zip(samples, signs, strict=True) if each > 0]
     negative = [q for q, each in zip(samples, signs, strict=True) if each < 0]
+    # The rarer sign limits the number of pairs; for each, the nearest partner gives the shortest path.
     few, many = sorted((positive, negative), key=len)
     if not few:
         return []
-    distances = [[pin.distance(robot.model, q, p) for p in many] for q in few[:_PAIRS]]
+    most_pairs = 8  # each costs about fifty evaluations of the bisection
+    distances = [[pin.distance(robot.model, q, p) for p in many] for q in few[:most_pairs]]
     return [(q, many[int(np.argmin(row))]) for q, row in zip(few, distances, strict=False)]
 
 
@@ -152,7 +165,8 @@ def _between(sign: SignOf, reduced: ReducedModel, low: np.ndarray, high: np.ndar
     def way(share: float) -> np.ndarray:
         return reduced.assembly.project(pin.interpolate(reduced.robot.model, low, high, share))
 
-    return way(scipy.optimize.bisect(lambda share: sign(way(share)), 0.0, 1.0, xtol=_CLOSE))
+    close = 1e-15  # of a path between samples: the last bit of a share
+    return way(scipy.optimize.bisect(lambda share: sign(way(share)), 0.0, 1.0, xtol=close))
 
 
 # ------------------------------------------------------------------ Lemma 1
@@ -168,6 +182,12 @@ def lemma_1_residuals(
     The residuals are: ``A R`` with unit rows and columns; ``H - H^T`` and ``Hdot - V - V^T`` relative to their size,
     with Hdot by fourth-order differences of this step; the smallest eigenvalue of H relative to its largest; and
     ``V(2 v2) - 2 V(v2)``.
+
+    Args:
+        reduced: the model.
+        configurations: regular configurations.
+        seed: of the velocities.
+        step: step of the differences along the direction of the velocity.
     """
     count = len(configurations)
     v2 = np.random.default_rng(seed).uniform(-1, 1, (count, reduced.r))

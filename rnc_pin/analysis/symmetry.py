@@ -22,12 +22,6 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 
-_SAMPLES, _TRIES = 4, 40
-_SPREAD = 1.0  # of sampled configurations [rad or m]
-_UNCHANGED = 1e-6  # zero limit, relative to the largest change along any direction
-_DEPENDENT = 1e-9
-_NO_CHANGE = 1e-12  # absolute zero limit for the changes along all directions
-
 
 class Symmetries:
     """Symmetries of a reduced system.
@@ -48,15 +42,30 @@ class Symmetries:
         self.size = twists.shape[1] + joints.shape[1]
 
     def coefficients(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return the least-squares coefficients (s,) of the symmetries in a velocity (nv,)."""
-        return np.linalg.lstsq(self.directions(q), v, rcond=_DEPENDENT)[0]
+        """Return the least-squares coefficients (s,) of the symmetries in a velocity (nv,).
+
+        Args:
+            q: configuration (nq,).
+            v: the velocity.
+        """
+        dependent = 1e-9  # relative singular value: symmetries may coincide at some configurations
+        return np.linalg.lstsq(self.directions(q), v, rcond=dependent)[0]
 
     def directions(self, q: np.ndarray) -> np.ndarray:
-        """Return the velocities (nv, s) of the symmetries at a configuration (nq,)."""
+        """Return the velocities (nv, s) of the symmetries at a configuration (nq,).
+
+        Args:
+            q: the configuration.
+        """
         return np.hstack([self._whole(q)[0] @ self._twists, self._joints])
 
     def gradient(self, q: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-        """Return the derivatives (nv, nv) of ``directions(q) @ coefficients``; the last index is the direction."""
+        """Return the derivatives (nv, nv) of ``directions(q) @ coefficients``; the last index is the direction.
+
+        Args:
+            q: configuration (nq,).
+            coefficients: coefficients of the symmetries (s,).
+        """
         n, model = self._model.nv, self._model
         result = np.zeros((n, n))
         k = self._twists.shape[1]
@@ -104,7 +113,12 @@ def find_symmetries(reduced: ReducedModel, q: np.ndarray, cyclic: Sequence[str] 
 
 
 def entries_of(robot: Robot, name: str) -> list[int]:
-    """Return the indices in v of a joint, or of an entry of v by name."""
+    """Return the indices in v of a joint, or of an entry of v by name.
+
+    Args:
+        robot: the robot.
+        name: name of a joint, or of an entry of v.
+    """
     names = robot.velocity_names
     return [names.index(name)] if name in names else [*range(robot.nv)[robot.velocity_indices(name)]]
 
@@ -140,15 +154,17 @@ def _changes(reduced: ReducedModel, q: np.ndarray, generator: np.random.Generato
 def _sampled(reduced: ReducedModel, q: np.ndarray, generator: np.random.Generator) -> list[np.ndarray]:
     """Regular configurations near a given one that satisfy the holonomic rows."""
     found: list[np.ndarray] = []
-    for _ in range(_TRIES):
-        tangent = generator.uniform(-_SPREAD, _SPREAD, reduced.n)
+    samples, tries = 4, 40  # states that decide, and configurations tried for them: some cannot be assembled
+    spread = 1.0  # [rad or m]: far enough that accidental symmetries of one configuration vanish
+    for _ in range(tries):
+        tangent = generator.uniform(-spread, spread, reduced.n)
         try:
             configuration = reduced.assembled(pin.integrate(reduced.robot.model, q, tangent))
             _ = reduced.at(configuration).R
         except (ConstraintError, SingularityError):
             continue
         found.append(configuration)
-        if len(found) == _SAMPLES:
+        if len(found) == samples:
             return found
     raise ConstraintError("no steady motion: there are no regular configurations near the guess")
 
@@ -165,10 +181,13 @@ def _whole_motions(model: pin.Model, data: pin.Data, q: np.ndarray) -> tuple[np.
 
 def _scaled(changes: np.ndarray) -> np.ndarray:
     largest = np.abs(changes).max(initial=0.0)
-    return changes / largest if largest > _NO_CHANGE else np.zeros_like(changes)
+    no_change = 1e-12  # absolute zero limit for the changes along all directions
+    return changes / largest if largest > no_change else np.zeros_like(changes)
 
 
 def _null_space(rows: np.ndarray) -> np.ndarray:
     """Orthonormal basis of the directions without changes above ``_UNCHANGED``."""
+    # Rows of zeros make the matrix tall: all right singular vectors have a value then.
     _, values, right = np.linalg.svd(np.vstack([rows, np.zeros((rows.shape[1], rows.shape[1]))]))
-    return right[values < _UNCHANGED].T
+    unchanged = 1e-6  # zero limit, relative to the largest change along any direction
+    return right[values < unchanged].T

@@ -39,11 +39,8 @@ _HULLS: WeakKeyDictionary[Robot, list[coal.CollisionGeometry]] = WeakKeyDictiona
 """Convex shapes of the links of each robot: hulls of meshes take most of the time of a construction."""
 _ALWAYS: WeakKeyDictionary[Robot, frozenset[tuple[int, int]]] = WeakKeyDictionary()
 """Pairs of shapes of each robot that touch in nearly all of its configurations: its file means no collision by them."""
-_DRAWN, _NEARLY_ALL = 40, 0.95  # configurations that are looked at, and the share of them
-_UP = np.array([0.0, 0.0, 1.0])  # obstacles that move turn by yaw
 
 _TURNS = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]) / np.sqrt(3.0)
-_SAME_POINT = 1e-3  # [m]
 _TOUCHING = 1e-9  # [m]
 
 
@@ -125,12 +122,14 @@ class CollisionDistances:
         poses = self._own_rotations, self._own_origins
         self._axes = axes_of_rotation(self._model)
         self.spinning = SpinningShapes(self._model, self._axes, self.shapes, self._link_carriers, *poses, self.radii)
+        # A joint changes the distance of a pair if it carries one of both bodies and not the other.
         self._support = np.zeros((len(self.carriers), self._model.nv))
         for k, joint in enumerate(self.carriers):
             for above in list(self._model.supports[joint])[1:]:
                 start = self._model.joints[above].idx_v
                 self._support[k, start : start + self._model.joints[above].nv] = 1.0
         usual: frozenset[tuple[int, int]] = frozenset()
+        # Pairs that the user names are checked whatever they do in random configurations.
         if selection is None or (selection.links and selection.pairs is None):
             usual = self._always(select_pairs(robot.model, links, self.carriers[: len(shapes)], PairSelection())[0])
         self._use(kept)
@@ -180,6 +179,7 @@ class CollisionDistances:
         """
         pairs, first = near.pairs, self.shape_pairs[0][near.pairs]
         found = []
+        # The corners of a tetrahedron: one of four axes is never far from that of the turn onto an edge.
         for axis in _TURNS:
             rotation = pin.exp3(turn * axis)
             rotations = self._at.rotations.copy()
@@ -188,17 +188,25 @@ class CollisionDistances:
             origins = self._at.origins.copy()
             origins[first] = middles[first] + np.matvec(rotation, origins[first] - middles[first])
             measured = self._measure(pairs, rotations, origins)
+            # The nearest point of the turned body belongs to a point of the body as it is: turn it back.
             a = middles[first] + np.matvec(rotation.T, measured[:, 4:7] - middles[first])
             for point, plane, sign in ((a, near.point_b, 1.0), (measured[:, 7:10], near.point_a, -1.0)):
                 distance = sign * np.vecdot(near.normal, plane - point)
                 ends = point, point + (sign * distance)[:, None] * near.normal
                 found.append(np.column_stack([distance, near.normal, *ends[:: int(sign)]]))
         numbers = np.concatenate(found)
-        chosen = np.abs(numbers[:, 4:7] - np.tile(near.point_a, (len(found), 1))).max(axis=1) > _SAME_POINT
+        same_point = 1e-3  # [m]: nearer points would give the same row twice
+        chosen = np.abs(numbers[:, 4:7] - np.tile(near.point_a, (len(found), 1))).max(axis=1) > same_point
         return self._with_rates(np.tile(pairs, len(found))[chosen], np.ascontiguousarray(numbers[chosen]), t)
 
     def smallest(self, q: ArrayLike, t: float = 0.0, beyond: float = 0.0) -> np.ndarray:
-        """Distance of every pair (k,) [m]; pairs farther than ``beyond`` may have a lower bound instead."""
+        """Distance of every pair (k,) [m]; pairs farther than ``beyond`` may have a lower bound instead.
+
+        Args:
+            q: configuration (nq,).
+            t: time, for obstacles that move [s].
+            beyond: distance up to which pairs are measured [m].
+        """
         self._place(self._validator.validate(q), t)
         bounds = self._bounds.of_volumes(self._at)
         near = np.flatnonzero(bounds < beyond)
@@ -213,7 +221,11 @@ class CollisionDistances:
         return len(self.carriers) - len(self.obstacles)
 
     def depends_on(self, velocities: np.ndarray) -> np.ndarray:
-        """Mask (k,) of the pairs whose bodies move relative to each other by some velocities, a mask (nv,)."""
+        """Mask (k,) of the pairs whose bodies move relative to each other by some velocities, a mask (nv,).
+
+        Args:
+            velocities: True (nv,) for the entries of v that move.
+        """
         return np.asarray(self._signs[:, velocities].any(axis=1))
 
     def place(self, q: np.ndarray, t: np.ndarray) -> PlacedBodies:
@@ -232,7 +244,8 @@ class CollisionDistances:
         turns, origins = joints[..., :9].reshape(*joints.shape[:2], 3, 3).swapaxes(-1, -2), joints[..., 9:]
         moving = [self.link_shapes + k for k in self._moving]
         at = ShapePoses.carried(joints, self._link_carriers, rotations, places, self._centers)
-        axes = np.matvec(turns, self._axes), np.broadcast_to(_UP, (len(q), len(moving), 3))
+        up = np.array([0.0, 0.0, 1.0])  # obstacles that move turn by yaw
+        axes = np.matvec(turns, self._axes), np.broadcast_to(up, (len(q), len(moving), 3))
         return PlacedBodies(
             at.rotations,
             self.spinning.without_spin(at.rotations, turns),
@@ -243,11 +256,22 @@ class CollisionDistances:
         )
 
     def lower_bounds(self, placed: PlacedBodies, pairs: np.ndarray) -> np.ndarray:
-        """Lower bounds (n, k) of the distances of pairs [m], by bounding volumes."""
+        """Lower bounds (n, k) of the distances of pairs [m], by bounding volumes.
+
+        Args:
+            placed: poses of all bodies at n places.
+            pairs: indices of the pairs (k,).
+        """
         return self._bounds.of_volumes(placed, pairs)
 
     def measure(self, placed: PlacedBodies, places: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-        """Distance, normal and nearest points (k, 10) of pairs at places; equal places follow each other."""
+        """Distance, normal and nearest points (k, 10) of pairs at places; equal places follow each other.
+
+        Args:
+            placed: poses of all bodies at the places.
+            places: place of each pair (k,).
+            pairs: indices of the pairs (k,).
+        """
         ends = np.flatnonzero(np.diff(places, append=-1)) + 1
         return np.concatenate(
             [np.zeros((0, NUMBERS))]
@@ -275,12 +299,13 @@ class CollisionDistances:
     def _always(self, pairs: Sequence[LinkPair]) -> frozenset[tuple[int, int]]:
         """Those of all pairs of links that touch in nearly all configurations."""
         found = _ALWAYS.get(self.robot)
+        count, nearly_all = 40, 0.95  # configurations that are looked at, and the share of them
         if found is None:
             generator = np.random.default_rng(0)
             self._use(pairs)
-            drawn = [self.robot.random_configuration(generator) for _ in range(_DRAWN)]
+            drawn = [self.robot.random_configuration(generator) for _ in range(count)]
             share = np.mean([self.smallest(q, beyond=_TOUCHING) < _TOUCHING for q in drawn], axis=0)
-            found = frozenset(pair[:2] for pair, each in zip(pairs, share.tolist(), strict=True) if each >= _NEARLY_ALL)
+            found = frozenset(pair[:2] for pair, each in zip(pairs, share.tolist(), strict=True) if each >= nearly_all)
             _ALWAYS[self.robot] = found
         return found
 
@@ -303,6 +328,7 @@ class CollisionDistances:
         q = at.q if isinstance(at, ConfigurationEvaluation) else at
         if q.ndim != 1:
             raise InputError(f"q has shape {q.shape}, expected ({self.robot.nq},)")
+        # The compiled evaluation has placements and Jacobian of this state: Pinocchio would compute them again.
         if known is not None:
             joints, self._jacobian = known["placements"], known["J"]
         else:
@@ -362,6 +388,7 @@ def _convex_once(shape: pin.GeometryObject, hulls: dict[bytes, coal.CollisionGeo
     geometry = shape.geometry
     if not isinstance(geometry, coal.BVHModelBase):
         return convex_shape(geometry, shape.name)
+    # A wheel's mesh occurs four times in a car: one hull serves all.
     key = np.array(geometry.vertices()).tobytes()
     if key not in hulls:
         hulls[key] = convex_shape(geometry, shape.name)

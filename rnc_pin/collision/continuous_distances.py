@@ -26,13 +26,7 @@ from rnc_pin.printing import printed
 
 TOLERANCE = 1e-3
 """Default tolerance of smallest distances [m]."""
-_SHARE = 0.01  # of the radius of the largest link, for robots that are small
 _FINEST = 2e-5  # [m]; coal's errors are below
-_MOST_PLACES = 2_500  # places beside the samples: those of a diverged run have no end
-_FIRST = 16  # samples between those of the first look at a long motion; a shorter one is seen at as many places
-_SAME = 1e-7  # [m]; errors of coal: a sample that may be nearer by less is not measured
-_UNCHANGED = 1e-5  # [m]; range of distances of a pair that counts as constant
-_CHUNK = 5_000  # pairs at places that are measured at a time: bounds memory
 
 
 @printed(smallest="m", within="m", tolerance="m")
@@ -78,7 +72,11 @@ class DistanceCurves:
     within: float
 
     def of(self, pairs: Int[Array, " k"]) -> Float[Array, "n k"]:
-        """Distances (n, k) of pairs [m]; lower bounds beyond ``within``."""
+        """Distances (n, k) of pairs [m]; lower bounds beyond ``within``.
+
+        Args:
+            pairs: indices of the pairs.
+        """
         chunks = [
             _near(self.distances, self.distances.place(self.q[part], self.time[part]), pairs, self.within)[..., 0]
             for part in _chunks(len(self.q), len(pairs))
@@ -88,7 +86,8 @@ class DistanceCurves:
 
 def _chunks(places: int, pairs: int) -> Iterator[slice]:
     """Parts of the places, so that memory is bounded."""
-    size = max(_CHUNK // max(pairs, 1), 1)
+    chunk = 5_000  # pairs at places that are measured at a time: bounds memory
+    size = max(chunk // max(pairs, 1), 1)
     return (slice(first, first + size) for first in range(0, places, size))
 
 
@@ -104,9 +103,14 @@ def _near(
 
 
 def default_tolerance(distances: CollisionDistances) -> float:
-    """Tolerance of smallest distances [m]: 1 mm, or 1 % of the radius of the largest link of a small robot."""
+    """Tolerance of smallest distances [m]: 1 mm, or 1 % of the radius of the largest link of a small robot.
+
+    Args:
+        distances: pairs of a robot and its obstacles.
+    """
     links = distances.radii[: distances.link_shapes]
-    return float(np.clip(_SHARE * links.max(), _FINEST, TOLERANCE))
+    share = 0.01  # of the radius of the largest link, for robots that are small
+    return float(np.clip(share * links.max(), _FINEST, TOLERANCE))
 
 
 def continuous_distances(
@@ -202,7 +206,8 @@ class _Search:
         self._distances, self._motion, self._samples = distances, motion, samples
         self._within, self._exact, self._tolerance = within, exact, tolerance
         last = len(samples) - 1
-        apart = int(np.clip(last // _FIRST, 1, _FIRST))
+        first_samples = 16  # between places of the first look at a long motion; a shorter one is seen at as many places
+        apart = int(np.clip(last // first_samples, 1, first_samples))
         first = samples[np.unique(np.append(np.arange(0, last, apart), last))]
         self._places = first.astype(float)  # that are known so far; pairs have their numbers
         self._bodies = self._placed(self._places)
@@ -220,7 +225,8 @@ class _Search:
         entries = self._refined(below=-np.inf)
         uncertain = np.zeros(len(self._best), dtype=bool)
         uncertain[entries.pair] = True
-        kind = self._largest - self._best < _UNCHANGED, uncertain
+        unchanged = 1e-5  # [m]; range of distances of a pair that counts as constant
+        kind = self._largest - self._best < unchanged, uncertain
         return ContinuousDistances(self._best, self._best_time, *kind, curves.within, self._tolerance, curves)
 
     def violation(self) -> int | None:
@@ -233,7 +239,8 @@ class _Search:
 
     def _refined(self, below: float | Float[Array, " k"]) -> PairEnds:
         """Entries that stay uncertain, or that are left when a pair is found below a distance."""
-        entries, most = self._first_look(), len(self._samples) + _MOST_PLACES
+        most_places = 2_500  # beside the samples: the places of a diverged run have no end
+        entries, most = self._first_look(), len(self._samples) + most_places
         while len(entries.pair) and len(self._places) < most and not (self._best < below).any():
             entries = self._halved(entries)
         return entries
@@ -250,6 +257,7 @@ class _Search:
             )
         paths = self._motion.paths(np.column_stack([self._places[:-1], self._places[1:]]))
         means = 0.5 * (known[:-1, :, 0] + known[1:, :, 0])
+        # Most pairs of a robot are far apart: a bound for all pairs at once leaves few entries.
         doubtful = means - self._bounds.coarse(paths, bodies) < self._target()
         rows, pairs = np.nonzero(doubtful)
         return self._undecided(PairEnds(rows, rows + 1, pairs, known[rows, pairs], known[rows + 1, pairs]))
@@ -280,6 +288,8 @@ class _Search:
 
     def _undecided(self, entries: PairEnds) -> PairEnds:
         """Entries whose distance may fall below the smallest one that is known: the cheapest bound decides first."""
+        same = 1e-7  # [m]; errors of coal: a sample that may be nearer by less is not measured
+        # The bound by the path needs no displacements between samples: it is cheap and settles most pairs.
         for by_path in (True, False):
             if not len(entries.pair):
                 break
@@ -288,13 +298,15 @@ class _Search:
             segments = None if by_path else self._motion.segments(places)
             bound = self._bounds.along(entries, self._bodies, of_segment, self._motion.paths(places), segments)
             first, last = self._inside(places)
-            slack = np.where((first < last)[of_segment] & (bound < self._exact), _SAME, self._tolerance)
+            # Samples inside count exactly up to ``exact``; between samples the tolerance holds.
+            slack = np.where((first < last)[of_segment] & (bound < self._exact), same, self._tolerance)
             entries = entries.chosen(np.flatnonzero(bound < self._target()[entries.pair] - slack))
         return entries
 
     def _keep(self, places: Int[Array, " k"], pairs: Int[Array, " k"], measured: Float[Array, "k 4"]) -> None:
         """Keep the smallest and the largest distances of pairs; of equal ones the place with the lowest number."""
         distance = measured[:, 0]
+        # The lowest number wins among equal distances, so that the result does not depend on the order of the search.
         order = np.lexsort([places, distance, pairs])
         nearest = order[np.unique(pairs[order], return_index=True)[1]]
         nearest = nearest[distance[nearest] < self._best[pairs[nearest]]]
@@ -319,5 +331,6 @@ class _Search:
 def _unique_segments(entries: PairEnds) -> tuple[Int[Array, "s 2"], Int[Array, " k"]]:
     """Segments, each once, as numbers of both places; and the segment of each entry."""
     count = int(entries.end.max(initial=0)) + int(entries.start.max(initial=0)) + 1
+    # One integer for two: numpy.unique of rows is many times slower.
     keys, of_segment = np.unique(entries.start * count + entries.end, return_inverse=True)
     return np.stack(np.divmod(keys, count), axis=1), of_segment.ravel()

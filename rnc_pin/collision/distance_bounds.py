@@ -13,8 +13,6 @@ from rnc_pin.array_shapes import Float, Int
 _TOLERANCE = 1e-5
 """Bound of coal's error [m], with a margin: a measured distance less this is a lower bound."""
 
-_FEW = 6  # pairs for which bounds of volumes cost more than distances
-
 
 class ShapePoses:
     """Poses of all shapes, at one place of a motion or at many, which are then the first axis.
@@ -44,6 +42,7 @@ class ShapePoses:
             rotations, origins: poses of all shapes in their joints (..., s, 3, 3) and (..., s, 3).
             centers: as for the class.
         """
+        # One place, in a control loop: the kernel avoids the overhead of NumPy. Many places share their cost.
         if joints.ndim == 2:
             found = cls.__new__(cls)
             found.rotations, found.origins, found.middles = (np.empty(a.shape) for a in (rotations, origins, origins))
@@ -96,7 +95,12 @@ class DistanceBounds:
         self._measured = np.zeros(len(first), dtype=bool)
 
     def of_volumes(self, at: ShapePoses | PlacedBodies, pairs: Array | slice = slice(None)) -> Float[Array, "*n k"]:
-        """Bounds of these pairs [m], from spheres and from boxes along the axes of the world."""
+        """Bounds of these pairs [m], from spheres and from boxes along the axes of the world.
+
+        Args:
+            at: poses of all shapes, at one place or at n.
+            pairs: indices of the pairs (k,); all by default.
+        """
         first, second = self._first[pairs], self._second[pairs]
         halves = np.matvec(np.abs(at.rotations), self._halves)
         apart = np.abs(at.middles.take(second, -2) - at.middles.take(first, -2))
@@ -112,6 +116,10 @@ class DistanceBounds:
 
         A distance decreases at most by the motion of both bodies: that of the centre, and that of the rotation about it
         at the corner of the box. So pairs that were far need no volumes until they may be near.
+
+        Args:
+            at: poses of all shapes at one place.
+            within: the distance [m].
         """
         if self._last is None:
             self._known = self.of_volumes(at)
@@ -126,8 +134,10 @@ class DistanceBounds:
         self._last = at
         near = np.flatnonzero(self._known < within)
         fresh = near[~self._measured[near]]
-        if len(fresh) > _FEW:
+        few = 6  # pairs for which bounds of volumes cost more than distances
+        if len(fresh) > few:
             self._known[fresh] = np.maximum(self._known[fresh], self.of_volumes(at, fresh))
+            # A fresh pair was known by its motion only; bounds of volumes may show that it is far.
             near = near[self._known[near] < within]
         self._measured[:] = False
         return near
@@ -139,7 +149,12 @@ class DistanceBounds:
         )
 
     def measured(self, pairs: Int[Array, " n"], distances: Float[Array, " n"]) -> None:
-        """Remember the distances [m] of pairs at the poses of ``nearby``."""
+        """Remember the distances [m] of pairs at the poses of ``nearby``.
+
+        Args:
+            pairs: indices of the pairs.
+            distances: their measured distances [m].
+        """
         self._known[pairs] = distances - _TOLERANCE
         self._measured[pairs] = True
 

@@ -15,15 +15,6 @@ from rnc_pin.collision.shapes import Obstacle, ObstacleMotion
 from rnc_pin.errors import ModelError
 from rnc_pin.model.coordinates import ConfigurationManifold
 
-_LONGEST = 0.05
-"""Longest time [s] over which the motion of an obstacle is judged from its poses and velocities at both ends."""
-_SHORTEST = 2.0**-20
-"""Part of the time between two samples that is not halved: an obstacle jumps, or two bodies touch with equal speed."""
-_CUBIC = 0.25  # a cubic deviates from its chord by 4/27 of the differences of its slopes times the duration
-
-_SPHERICAL = ("JointModelSphericalZYX", "JointModelUniversal")
-_REVOLUTE = ("JointModelR",)  # bounded and unbounded, along an axis of the frame or not
-_PRISMATIC = ("JointModelP",)
 _HELICAL = ("JointModelH",)
 
 
@@ -58,7 +49,11 @@ class JointSteps:
         ]
 
     def of(self, steps: Float[Array, "k nv"]) -> tuple[Float[Array, "k njoints"], Float[Array, "k njoints"]]:
-        """Rotations [rad] and translations [m] of the joints along steps (k, nv); the universe has none."""
+        """Rotations [rad] and translations [m] of the joints along steps (k, nv); the universe has none.
+
+        Args:
+            steps: tangent vectors between configurations.
+        """
         angular, linear = (np.zeros((len(steps), self._count)) for _ in range(2))
         for joint, columns, turning, moving in self._parts:
             size = np.linalg.norm(steps[:, columns], axis=1)
@@ -76,11 +71,14 @@ def _parts(index: int, joint: pin.JointModel, lever: float, largest: Float[Array
         return [_Part(index, slice(start, start + 3), 0.0, 1.0), _Part(index, slice(start + 3, start + 6), 1.0, lever)]
     if kind == "JointModelPlanar":
         return [_Part(index, slice(start, start + 2), 0.0, 1.0), _Part(index, each[2], 1.0, lever)]
-    if kind == "JointModelTranslation" or kind.startswith(_PRISMATIC):
+    prismatic = ("JointModelP",)
+    if kind == "JointModelTranslation" or kind.startswith(prismatic):
         return [_Part(index, every, 0.0, 1.0)]
     if kind in ("JointModelSpherical",):
         return [_Part(index, every, 1.0, lever)]
-    if kind in _SPHERICAL or kind.startswith(_REVOLUTE):
+    several_axes = ("JointModelSphericalZYX", "JointModelUniversal")
+    revolute = ("JointModelR",)  # bounded and unbounded, along an axis of the frame or not
+    if kind in several_axes or kind.startswith(revolute):
         return [_Part(index, one, 1.0, lever) for one in each]
     if kind.startswith(_HELICAL):
         return [_Part(index, every, 1.0, lever + abs(float(_extracted(joint).pitch)))]
@@ -152,11 +150,19 @@ class SampledMotion:
         self._tracks = [_Track(each.motion) for each in obstacles if each.motion is not None]
 
     def times(self, places: Float[Array, "*k"]) -> Float[Array, "*k"]:
-        """Times [s] at places."""
+        """Times [s] at places.
+
+        Args:
+            places: places in the motion.
+        """
         return np.interp(places, np.arange(len(self._time)), self._time)
 
     def configurations(self, places: Float[Array, " k"]) -> Float[Array, "k nq"]:
-        """Configurations at places, on the geodesics between samples."""
+        """Configurations at places, on the geodesics between samples.
+
+        Args:
+            places: places in the motion.
+        """
         before = places.astype(int)
         found = self._q[before]
         between = np.flatnonzero(places > before)
@@ -165,12 +171,21 @@ class SampledMotion:
         return found
 
     def halfway(self, places: Float[Array, "k 2"]) -> Float[Array, " k"]:
-        """Places about halfway along segments, samples if there are some; NaN for a segment that is not halved."""
+        """Places about halfway along segments, samples if there are some; NaN for a segment that is not halved.
+
+        Args:
+            places: begin and end of each segment.
+        """
         length, middle = places[:, 1] - places[:, 0], places.mean(axis=1)
-        return np.where(length > 1.0, np.floor(middle), np.where(length > _SHORTEST, middle, np.nan))
+        shortest = 2.0**-20  # of the time between two samples: an obstacle jumps, or two bodies touch with equal speed
+        return np.where(length > 1.0, np.floor(middle), np.where(length > shortest, middle, np.nan))
 
     def segments(self, places: Float[Array, "k 2"]) -> Segments:
-        """Displacements and deviations of the segments between these places."""
+        """Displacements and deviations of the segments between these places.
+
+        Args:
+            places: begin and end of each segment.
+        """
         starts, ends = (self.configurations(each) for each in places.T)
         angular, linear = self._steps.of(self._manifold.difference(starts, ends))
         angular_deviation, linear_deviation = np.zeros(angular.shape), np.zeros(linear.shape)
@@ -188,10 +203,15 @@ class SampledMotion:
         """Rotations and translations of the joints along segments, summed over all samples in them.
 
         They bound the paths of points, at whatever rates the joints move. Obstacles are as in ``segments``.
+
+        Args:
+            places: begin and end of each segment.
         """
+        # The last place has no sample after it: it is the end of the step before.
         before = np.minimum(places.astype(int), max(len(self._time) - 2, 0))
         after, part = np.minimum(before + 1, len(self._time) - 1), (places - before)[:, :, None]
         at = [total[before] + part * (total[after] - total[before]) for total in self._travelled]
+        # Sums of norms from the first sample: a difference gives the path of any segment at once.
         angular, linear = (each[:, 1] - each[:, 0] for each in at)
         found = Segments(angular, linear, np.zeros(angular.shape), np.zeros(linear.shape))
         return self._with_tracks(found, self.times(places))
@@ -233,7 +253,8 @@ class _Track:
 
     def segments(self, times: Float[Array, "k 2"]) -> tuple[Array, Array, Array, Array]:
         """Rotations, translations and their deviations, (k,) each, along segments of constant velocity and yaw rate."""
-        counts = np.maximum(np.ceil((times[:, 1] - times[:, 0]) / _LONGEST), 1.0).astype(int)
+        longest = 0.05  # [s] over which an obstacle is judged from its poses and velocities at both ends
+        counts = np.maximum(np.ceil((times[:, 1] - times[:, 0]) / longest), 1.0).astype(int)
         rows, first = np.repeat(np.arange(len(times)), counts), np.cumsum(counts) - counts
         number = np.arange(len(rows)) - first[rows]  # of each piece in its segment
         start, end = times[rows].T
@@ -241,7 +262,8 @@ class _Track:
         moments = [start + parts[0] * (end - start), np.where(parts[1] < 1.0, start + parts[1] * (end - start), end)]
         (poses, rates), (next_poses, next_rates) = ([np.array(x) for x in self._at(each)] for each in moments)
         step, slope = ((end - start) / counts[rows])[:, None], next_poses - poses
-        bent = _CUBIC * (np.abs(rates * step - slope) + np.abs(next_rates * step - slope))
+        cubic = 0.25  # a cubic deviates from its chord by 4/27 of the differences of its slopes times the duration
+        bent = cubic * (np.abs(rates * step - slope) + np.abs(next_rates * step - slope))
         origin, last = poses[first], next_poses[first + counts - 1]
         away = np.abs(next_poses - origin[rows] - parts[1][:, None] * (last - origin)[rows])
         deviation = np.zeros((2, len(times), 4))

@@ -24,16 +24,20 @@ from rnc_pin.printing import printed
 MOST_BOXES = 2000
 """Largest number of boxes; each is a pair with every shape of the robot."""
 
-_MOST_CELLS = 2**25  # of a grid
-
 
 def merged_boxes(filled: Bool[Array, "*n"]) -> Int[Array, "k m"]:
-    """Disjoint boxes that cover the True cells of a grid exactly: first indices, then sizes, along each axis."""
+    """Disjoint boxes that cover the True cells of a grid exactly: first indices, then sizes, along each axis.
+
+    Args:
+        filled: grid of any number m of axes.
+    """
     rest, found = filled.copy(), []
     for start in np.argwhere(filled).tolist():
         if not rest[tuple(start)]:
             continue
         window = [slice(at, at + 1) for at in start]
+        # Greedy: as long as possible along the last axis, then along the others. Not the least number, but disjoint and
+        # exact.
         for axis in reversed(range(rest.ndim)):
             window[axis] = slice(start[axis], None)
             others = tuple(k for k in range(rest.ndim) if k != axis)
@@ -82,8 +86,9 @@ def cells_around(points: ArrayLike, side: float, name: str = "cells") -> tuple[O
         raise ModelError(f"{title}: there are no points")
     first = places.min(axis=0)
     count = places.max(axis=0) - first + 1.0
-    if not count.prod() <= _MOST_CELLS:
-        raise ModelError(f"{title}: {count.prod():.3g} cubes, expected at most {_MOST_CELLS:,}: give a larger 'side'")
+    most_cells = 2**25  # a byte each in memory; a far outlier of a scan would span more
+    if not count.prod() <= most_cells:
+        raise ModelError(f"{title}: {count.prod():.3g} cubes, expected at most {most_cells:,}: give a larger 'side'")
     occupied = np.zeros(count.astype(int).tolist(), dtype=bool)
     occupied[tuple((places - first).astype(int).T)] = True
     found = _few_boxes(occupied, title, "a larger 'side'")
@@ -96,8 +101,6 @@ def cells_around(points: ArrayLike, side: float, name: str = "cells") -> tuple[O
 
 
 # ------------------------------------------------------------------ maps
-
-_LARGEST = 2**26  # pixels of an image
 
 
 @printed(resolution="m")
@@ -202,13 +205,15 @@ def _pixels(path: Path, image: str, title: str) -> tuple[Float[Array, "n m"], Bo
     """Brightness from 0 to 1 of the cells, the lowest row first, and the mask of transparent ones."""
     from PIL import Image, UnidentifiedImageError
 
+    # A map from an untrusted source could name any file of the computer.
     file = (path.parent / image).resolve()
     if not file.is_relative_to(path.parent.resolve()):
         raise ModelError(f"{title}: image '{image}' is not in the folder of the map")
+    largest = 2**26  # pixels: a small PNG may declare any size, and each takes 32 bytes as RGBA numbers
     try:
         with Image.open(io.BytesIO(read_bytes(file)), formats=["PNG", "PPM"]) as picture:
-            if picture.width * picture.height > _LARGEST:
-                raise ModelError(f"{title}: image '{image}' has more than {_LARGEST:,} pixels")
+            if picture.width * picture.height > largest:
+                raise ModelError(f"{title}: image '{image}' has more than {largest:,} pixels")
             if picture.mode not in ("1", "L", "LA", "P", "RGB", "RGBA"):
                 raise ModelError(f"{title}: image '{image}' has pixels of mode {picture.mode}, expected 8 bits")
             colors = np.array(picture.convert("RGBA"), dtype=float)
@@ -216,4 +221,5 @@ def _pixels(path: Path, image: str, title: str) -> tuple[Float[Array, "n m"], Bo
         raise ModelError(f"{title}: image '{image}' is neither PGM nor PNG") from None
     except (OSError, ValueError, SyntaxError) as error:
         raise ModelError(f"{title}: image '{image}': {error}") from None
+    # The first row of an image is its top, which is the farthest along y on the map.
     return colors[::-1, :, :3].mean(axis=2) / 255.0, colors[::-1, :, 3] == 0.0

@@ -28,11 +28,7 @@ from rnc_pin.collision.distance_bounds import PlacedBodies
 from rnc_pin.collision.motion_segments import Segments
 from rnc_pin.errors import ModelError
 
-_CHUNK = 20_000  # entries at a time: bounds memory
 _LARGEST = 50.0  # exponent; the bound is of no use far below
-_NO_GAP = -1e9  # [m]; gap along a direction that coal does not give, or in which a half space has no end
-_UNIT = 1e-6  # error of the square of a unit vector
-_ALONG = 1e-9  # distance of a direction from the normal of a half space that counts as rounding
 
 
 def support(shape: coal.CollisionGeometry, directions: Float[Array, "k 3"]) -> Float[Array, " k"]:
@@ -50,6 +46,7 @@ def support(shape: coal.CollisionGeometry, directions: Float[Array, "k 3"]) -> F
     """
     x, y, z = directions.T
     swept = shape.getSweptSphereRadius()
+    rounding = 1e-9  # of a unit vector: a half space has a bound along its normal alone
     match shape:
         case coal.Box():
             found = np.abs(directions) @ np.ravel(shape.halfSide)
@@ -67,7 +64,7 @@ def support(shape: coal.CollisionGeometry, directions: Float[Array, "k 3"]) -> F
             found = (directions @ np.array(shape.points()).T).max(axis=1)
         case coal.Halfspace():
             normal = np.ravel(shape.n)
-            found = np.where(np.abs(directions - normal).max(axis=1) < _ALONG, shape.d, np.inf)
+            found = np.where(np.abs(directions - normal).max(axis=1) < rounding, shape.d, np.inf)
         case _:
             raise ModelError(f"a {type(shape).__name__} has no support function")
     return np.asarray(found + swept)
@@ -86,7 +83,11 @@ class PairEnds(NamedTuple):
     at_end: Float[Array, "k 4"]
 
     def chosen(self, which: Array | slice) -> PairEnds:
-        """Some of the pairs."""
+        """Some of the pairs.
+
+        Args:
+            which: indices or mask.
+        """
         return PairEnds(*(each[which] for each in self))
 
 
@@ -124,10 +125,15 @@ class PairBounds:
         """Largest decrease of each pair's mean distance along each segment, cheap and far from sharp.
 
         Segment k starts at place k.
+
+        Args:
+            segments: displacements along the segments (s,).
+            placed: poses of all bodies at places.
         """
         middles, joints = placed.middles, placed.joints
         rows, robot = slice(0, len(segments.angular)), slice(1, self._joints)
         centers = middles[rows, : self._links]
+        # One sphere around all links serves every pair: the bound needs no loop over pairs.
         center = centers.mean(axis=1, keepdims=True)
         far = (np.linalg.norm(centers - center, axis=2) + self._radii[: self._links]).max(axis=1)[:, None]
         levers = far + np.linalg.norm(joints[rows] - center, axis=2)
@@ -159,8 +165,9 @@ class PairBounds:
                 cheap.
         """
         found = np.empty(len(rows))
-        for first in range(0, len(rows), _CHUNK):
-            part = slice(first, first + _CHUNK)
+        chunk = 20_000  # entries at a time: bounds memory
+        for first in range(0, len(rows), chunk):
+            part = slice(first, first + chunk)
             here, between = ends.chosen(part), self._between[ends.pair[part]]
             own = [Segments(*(each[rows[part]] * between for each in some)) for some in (paths, segments) if some]
             found[part] = self._along(here, placed, *own) - self._wobble[here.pair]
@@ -201,6 +208,7 @@ class PairBounds:
             world = placed.still[place, one].swapaxes(1, 2)
             relative.append(world @ placed.still[place, other])
             centers.append(np.matvec(world, placed.middles[place, other] - placed.origins[place, one]))
+        # A chord of a rotation by a is 2 sin(a/2) times the lever, and the Frobenius norm has a root of two more.
         turn = np.linalg.norm((relative[1] - relative[0]).reshape(-1, 9), axis=1) * np.sqrt(0.5)
         return np.linalg.norm(centers[1] - centers[0], axis=1) + turn * self._radii[other]
 
@@ -220,9 +228,12 @@ class PairBounds:
         bodies = np.concatenate([np.tile(one, 2), np.tile(other, 4)])
         supports = self._supports(bodies, np.concatenate([normals.reshape(-1, 3), inner.reshape(-1, 3)]))
         own, opposite = np.split(supports, [normals[..., 0].size])
+        # The gap along a direction: distance of the origins less the supports of both bodies towards each other.
         found = np.vecdot(normals[:, None], shifts) - own.reshape(2, 1, -1) - opposite.reshape(2, 2, -1)
-        unit = np.abs(np.vecdot(normals, normals) - 1.0) < _UNIT
-        return np.where(unit[:, None], np.maximum(found, _NO_GAP), _NO_GAP)
+        unit_error = 1e-6  # of the square of a unit vector
+        unit = np.abs(np.vecdot(normals, normals) - 1.0) < unit_error
+        no_gap = -1e9  # [m]; along a direction that coal does not give, or in which a half space has no end
+        return np.where(unit[:, None], np.maximum(found, no_gap), no_gap)
 
     def _supports(self, shapes: Int[Array, " k"], directions: Float[Array, "k 3"]) -> Float[Array, " k"]:
         """Largest value of ``direction . x`` over the points of each of these shapes [m]."""

@@ -95,6 +95,7 @@ def select_pairs(
                 kept.append(LinkPair(first, second, pair))
         elif frozenset(pair) in disabled:
             omitted.append(OmittedPair(pair, "disabled"))
+        # Links of one joint touch at it by design.
         elif model.parents[a] == b or model.parents[b] == a:
             omitted.append(OmittedPair(pair, "adjacent links"))
         else:
@@ -144,7 +145,11 @@ class PairDistances:
             array.flags.writeable = False
 
     def rates(self, v: np.ndarray) -> np.ndarray:
-        """Rates (k,) of the distances [m/s] at a velocity v (nv,)."""
+        """Rates (k,) of the distances [m/s] at a velocity v (nv,).
+
+        Args:
+            v: velocity of the robot.
+        """
         return np.asarray(self.jacobian @ v + self.drift)
 
 
@@ -156,14 +161,14 @@ _GJK, _EPA = 1e-9, 1e-6
 up to 4e-5 m for cylinders, and a finer one for EPA makes it fail."""
 _GJK_OF_TOUCHING = 1e-7
 """Tolerance for pairs of which EPA fails: of cylinders that touch along a line, 1 in 100 poses."""
-_ITERATIONS = 256
 _FAILED = -1e6  # [m]; coal returns the smallest float if EPA fails
 
 
 def _request(tolerance: float) -> coal.DistanceRequest:
     request = coal.DistanceRequest()
     request.gjk_tolerance, request.epa_tolerance = tolerance, _EPA
-    request.gjk_max_iterations = _ITERATIONS
+    iterations = 256  # twice coal's default of 128: the finer tolerance needs more
+    request.gjk_max_iterations = iterations
     return request
 
 
@@ -192,7 +197,13 @@ class PairMeasurement:
     def place(
         self, pairs: Sequence[int], rotations: Float[np.ndarray, "s 3 3"], origins: Float[np.ndarray, "s 3"]
     ) -> None:
-        """Give coal the poses of the shapes of these pairs."""
+        """Give coal the poses of the shapes of these pairs.
+
+        Args:
+            pairs: indices of the pairs.
+            rotations: rotations of all shapes in the world.
+            origins: origins of all shapes in the world [m].
+        """
         columns = rotations.swapaxes(1, 2).copy()  # coal copies matrices that are stored by rows
         poses, used = self._poses, {shape for pair in pairs for shape in self._shapes_of[pair]}
         for k in used:
@@ -200,6 +211,9 @@ class PairMeasurement:
 
     def measure(self, pairs: Sequence[int]) -> Float[np.ndarray, "k 10"]:
         """Numbers of pairs, read-only.
+
+        Args:
+            pairs: indices of the pairs, whose shapes were placed.
 
         Raises:
             SimulationError: coal finds no depth of a penetration.
@@ -228,9 +242,11 @@ def _memory_of(result: coal.DistanceResult) -> Float[np.ndarray, " 10"] | None:
 
     To read the attributes takes as long as to measure the distance. The caller keeps the result alive.
     """
+    # A view of coal's memory is needed to find the distance, which is stored before the normal.
     if result.normal.flags.owndata:
         return None
     first = result.normal.ctypes.data - ctypes.sizeof(ctypes.c_double)
+    # One known distance decides below: the layout is not documented, and another version may change it.
     memory = np.ctypeslib.as_array((ctypes.c_double * NUMBERS).from_address(first))
     boxes, apart = [coal.Box(*sides) for sides in ((0.3, 0.5, 0.7), (0.2, 0.4, 0.6))], coal.Transform3s()
     apart.setTranslation(np.array([1.0, 2.0, 3.0]))

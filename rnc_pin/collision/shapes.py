@@ -27,14 +27,6 @@ from rnc_pin.errors import InputError, ModelError, nearest
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.mesh_formats import Mesh, MeshError, convex_hull, read_mesh
 
-_THICKNESS = 1e-3  # thickness of the hull of a flat mesh over its extent
-_LARGEST = 1e3  # [m]; no finite bounding sphere is of use beyond it
-_BEYOND = 1e6  # [m]; half side of the box that stands for a half space in the broad phase
-_PRIMITIVES = (coal.Box, coal.Sphere, coal.Cylinder, coal.Capsule, coal.Cone, coal.Ellipsoid, coal.Convex)
-_WOBBLE = 2e-6  # [m]; axes in robot files have few digits: 1.5708 for a right angle moves the rim of a wheel by 1e-6 m
-_OF_REVOLUTION = (coal.Cylinder, coal.Capsule, coal.Cone)  # about the z axes of their frames
-_REVOLUTE = "JointModelR"  # bounded and unbounded, along an axis of the frame or not
-
 
 def convex_shape(shape: coal.CollisionGeometry, name: str) -> coal.CollisionGeometry:
     """Return a convex shape that contains a shape: itself if it is convex, else the hull of its vertices.
@@ -46,7 +38,8 @@ def convex_shape(shape: coal.CollisionGeometry, name: str) -> coal.CollisionGeom
     Raises:
         ModelError: the shape is neither convex nor a mesh, such as a plane or a height field.
     """
-    if isinstance(shape, _PRIMITIVES):
+    primitives = (coal.Box, coal.Sphere, coal.Cylinder, coal.Capsule, coal.Cone, coal.Ellipsoid, coal.Convex)
+    if isinstance(shape, primitives):
         return shape
     if not isinstance(shape, coal.BVHModelBase):
         kind = type(shape).__name__
@@ -60,6 +53,10 @@ def hull_of(points: np.ndarray, name: str) -> coal.Convex:
     coal takes at most 255 edges at a corner. Flat faces are triangulated anew if a corner has more; if that does not
     help, as at the tip of a fine cone, the box around the points takes the place of their hull.
 
+    Args:
+        points: the points, in any order.
+        name: name of the shape, for errors.
+
     Raises:
         ModelError: the points have no hull.
     """
@@ -72,6 +69,7 @@ def hull_of(points: np.ndarray, name: str) -> coal.Convex:
         except MeshError as error:
             raise ModelError(f"mesh '{name}': {error}") from None
     corners = np.array(list(product(*zip(points.min(axis=0), points.max(axis=0), strict=True))))
+    # Joggled input of Qhull gives triangles without flat faces, whose fans have too many edges at one corner.
     for attempt in (partial(convex_hull, points, joggled=True), partial(convex_hull, corners)):
         try:
             return _convex(mesh)
@@ -93,7 +91,8 @@ def _thickened(points: np.ndarray) -> np.ndarray:
     """Points (6n, 3), moved by a small distance along the principal axes."""
     centered = points - points.mean(axis=0)
     extent = max(float(np.ptp(points, axis=0).max(initial=0.0)), 1e-3)
-    axes = np.linalg.eigh(centered.T @ centered)[1].T * (0.5 * _THICKNESS * extent)
+    thickness = 1e-3  # of the hull of a flat mesh, over its extent: GJK needs a volume
+    axes = np.linalg.eigh(centered.T @ centered)[1].T * (0.5 * thickness * extent)
     return np.concatenate([points + sign * axis for axis in axes for sign in (1.0, -1.0)])
 
 
@@ -102,16 +101,22 @@ def bounding_box(shape: coal.CollisionGeometry, name: str) -> tuple[np.ndarray, 
 
     The box of a half space ends at its surface, if its normal is an axis, and 1000 km away.
 
+    Args:
+        shape: any shape of coal.
+        name: its name, for errors.
+
     Raises:
         ModelError: the shape is not finite.
     """
     shape.computeLocalAABB()
     low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
+    beyond = 1e6  # [m]; half side of the box that stands for a half space in the broad phase
     if isinstance(shape, coal.Halfspace):
-        low, high = np.clip(low, -_BEYOND, _BEYOND), np.clip(high, -_BEYOND, _BEYOND)
+        low, high = np.clip(low, -beyond, beyond), np.clip(high, -beyond, beyond)
         return 0.5 * (low + high), 0.5 * (high - low)
-    if not (np.abs([low, high]) < _LARGEST).all():
-        raise ModelError(f"shape '{name}' extends beyond {_LARGEST:g} m: distances need a finite shape")
+    largest = 1e3  # [m]; no finite bounding sphere is of use beyond it
+    if not (np.abs([low, high]) < largest).all():
+        raise ModelError(f"shape '{name}' extends beyond {largest:g} m: distances need a finite shape")
     return 0.5 * (low + high), 0.5 * (high - low)
 
 
@@ -143,19 +148,22 @@ class SpinningShapes:
     ) -> None:
         self.wobble = np.zeros(len(shapes))
         found = []
+        # [m]; axes in files have few digits: 1.5708 for a right angle moves the rim of a wheel by 1e-6 m
+        most_wobble = 2e-6
+        of_revolution = (coal.Cylinder, coal.Capsule, coal.Cone)  # about the z axes of their frames
         for k, joint in enumerate(carriers.tolist()):
             axis = axes[joint]
             if (
                 np.isnan(axis).any()
                 or model.joints[joint].nv != 1
-                or not isinstance(shapes[k], (coal.Sphere, *_OF_REVOLUTION))
+                or not isinstance(shapes[k], (coal.Sphere, *of_revolution))
             ):
                 continue
             tilt = (
                 0.0 if isinstance(shapes[k], coal.Sphere) else float(np.linalg.norm(np.cross(axis, rotations[k, :, 2])))
             )
             wobble = float(np.linalg.norm(np.cross(axis, origins[k]))) + tilt * float(radii[k])
-            if wobble < _WOBBLE:
+            if wobble < most_wobble:
                 found.append(k)
                 self.wobble[k] = wobble
         self.shapes = np.array(found, dtype=int)
@@ -181,10 +189,15 @@ class SpinningShapes:
 
 
 def axes_of_rotation(model: pin.Model) -> Float[Array, "njoints 3"]:
-    """Axis of each joint that turns about one axis, in its frame; NaN for other joints."""
+    """Axis of each joint that turns about one axis, in its frame; NaN for other joints.
+
+    Args:
+        model: model of the robot.
+    """
     axes, q = np.full((model.njoints, 3), np.nan), pin.neutral(model)
+    revolute = "JointModelR"  # bounded and unbounded, along an axis of the frame or not
     for k, joint in enumerate(list(model.joints)[1:], start=1):
-        if joint.shortname().startswith(_REVOLUTE) and joint.nv == 1:
+        if joint.shortname().startswith(revolute) and joint.nv == 1:
             data = joint.createData()
             joint.calc(data, q)
             axes[k] = np.ravel(data.S)[3:]
@@ -298,19 +311,31 @@ class Obstacle:
         return isinstance(self.shape, coal.Halfspace)
 
     def placement(self, t: float) -> pin.SE3:
-        """Pose in the world at time t [s]."""
+        """Pose in the world at time t [s].
+
+        Args:
+            t: time [s].
+        """
         pose = self._pose(t)
         return pin.SE3(pin.rpy.rpyToMatrix(self.roll, self.pitch, float(pose[3])), pose[:3].copy())
 
     def twist(self, t: float) -> np.ndarray:
-        """Velocity (6,) at time t [s]: linear at its origin [m/s], then angular [rad/s], in the world."""
+        """Velocity (6,) at time t [s]: linear at its origin [m/s], then angular [rad/s], in the world.
+
+        Args:
+            t: time [s].
+        """
         if self.motion is None:
             return np.zeros(6)
         rate = self.motion.at(t).velocity
         return np.array([rate[0], rate[1], rate[2], 0.0, 0.0, rate[3]])
 
     def at_rest(self, t: float) -> Obstacle:
-        """The obstacle at rest where it is at time t [s]."""
+        """The obstacle at rest where it is at time t [s].
+
+        Args:
+            t: time [s].
+        """
         if self.motion is None:
             return self
         pose = self._pose(t)
@@ -337,6 +362,10 @@ def ground_shape() -> coal.Halfspace:
 def check_ignored_links(obstacles: Iterable[Obstacle], robot: Robot) -> None:
     """Check that the robot has the links that obstacles ignore.
 
+    Args:
+        obstacles: the obstacles.
+        robot: the robot.
+
     Raises:
         ModelError: it has no such link.
     """
@@ -350,6 +379,7 @@ def check_ignored_links(obstacles: Iterable[Obstacle], robot: Robot) -> None:
 
 def _sizes(shape: coal.CollisionGeometry) -> list[float]:
     """Radii, lengths and sides of a primitive [m]."""
+    # Each primitive of coal has some of these attributes, and no common method.
     sizes = [getattr(shape, key) for key in ("radius", "halfLength") if hasattr(shape, key)]
     return [*sizes, *(np.ravel(shape.halfSide) if hasattr(shape, "halfSide") else ())]
 

@@ -65,7 +65,6 @@ class JointCoupling:
         return CouplingRow(robot, self.joint, self.driver, self.ratio, self.offset)
 
 
-_KINDS = ("frame", "point")
 _PARTS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
@@ -113,14 +112,14 @@ class LoopClosure:
     rpy: Vector = (0.0, 0.0, 0.0)
 
     def bind(self, robot: Robot) -> Rows:
-        if self.kind not in _KINDS:
-            raise ConfigurationError(
-                f"kind of loop closure '{self.kind}' is not known{nearest(str(self.kind), _KINDS)}"
-            )
+        kinds = ("frame", "point")
+        if self.kind not in kinds:
+            raise ConfigurationError(f"kind of loop closure '{self.kind}' is not known{nearest(str(self.kind), kinds)}")
         between = f"'{self.frame_a}' and '{self.frame_b}'"
         turned = triple(self.rpy, f"rpy of the loop of {between}")
         if self.kind == "point" and turned.any():
             raise ConfigurationError(f"loop of {between} with kind 'point' has no orientation: omit rpy")
+        # The rotation counts for frame b only: turned back by it, both frames coincide in the closed loop.
         a = OffsetFrame(robot, self.frame_a, self.offset_a)
         b = OffsetFrame(robot, self.frame_b, self.offset_b, pin.rpy.rpyToMatrix(turned).T)
         if a.joint == b.joint:
@@ -174,11 +173,6 @@ class _ClosureRows(RelativeRows):
 def _log6(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
     logarithm: np.ndarray = pin.log6(pin.SE3(rotation.reshape(3, 3), translation)).vector
     return logarithm
-
-
-_UPRIGHT = 0.3  # horizontal part of a unit axis above which it is not vertical: kingpins lean by up to 17 degrees
-_APART = 1e-6  # smallest wheelbase and track [m]
-_LEVEL = 0.9  # smallest horizontal part of a unit axis along an axle
 
 
 @dataclass(frozen=True)
@@ -244,13 +238,14 @@ def linkage(left: Sequence[Entry], right: Sequence[Entry], p: Entry, k: Entry) -
 
     Args:
         left: cosine and sine of l.
-        right: those of r.
+        right: cosine and sine of r.
         p: ratio of the wheelbases, 1 for a pair.
         k: track over the wheelbase of ``right``; negative if the joint ``left`` is on the right.
     """
     (cl, sl), (cr, sr) = left, right
     return (
         sl * cr - p * cl * sr - k * sl * sr,
+        # All four share sines and cosines; second derivatives by one angle are -f, so no others are needed.
         cl * cr + p * sl * sr - k * cl * sr,
         -(p * cl * cr + sl * sr) - k * sl * cr,
         p * sl * cr - cl * sr - k * cl * cr,
@@ -319,6 +314,7 @@ class _AckermannRow(Rows):
         left, right = (pivot.sign for pivot in self._pivots)
         r, p, k = right * position, self._reach, self._ratio
         sine, cosine = p * np.sin(r), np.cos(r) - k * np.sin(r)  # tan(l) = p sin r / (cos r - k sin r)
+        # arctan2 has no pole where the left wheel is at a quarter turn.
         return left * float(np.arctan2(sine, cosine)), left * float(p / (sine * sine + cosine * cosine)) * right
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
@@ -332,6 +328,7 @@ class _AckermannRow(Rows):
 
 def _direction(pivot: _Pivot, q: Sequence[Component]) -> tuple[Component, Component]:
     """Cosine and sine of a steering angle, positive to the left."""
+    # A continuous joint is stored as (cos, sin): no trigonometric function is called.
     entry = q[pivot.joint.idx_q]
     if pivot.joint.continuous:
         return entry, pivot.sign * q[pivot.joint.idx_q + 1]
@@ -345,7 +342,10 @@ def _pivot(name: str, robot: Robot) -> _Pivot:
         raise ConstraintError(f"steering joint '{name}' has {joint.nv} degrees of freedom, expected one")
     columns = pin.computeJointJacobians(robot.model, data, robot.configuration()).reshape(6, robot.nv)
     x, y, z = columns[3:, joint.idx_v]
-    if not (abs(z) > 0.5 and np.hypot(x, y) < _UPRIGHT):
+    # Horizontal part of a unit axis above which it is not vertical: kingpins lean by up to 17 degrees
+    most_horizontal = 0.3
+    # A prismatic joint has no angular column at all: z alone tells it.
+    if not (abs(z) > 0.5 and np.hypot(x, y) < most_horizontal):
         found = "slides" if not columns[3:, joint.idx_v].any() else f"turns about ({x:.4g}, {y:.4g}, {z:.4g})"
         raise ConstraintError(f"steering joint '{name}' {found}, expected a vertical axis, (0, 0, 1) or (0, 0, -1)")
     return _Pivot(SingleJoint.of(joint), data.oMi[index].translation[:2].copy(), float(np.sign(z)))
@@ -360,16 +360,19 @@ def _ratios(kind: AckermannSteering, pivots: list[_Pivot], robot: Robot) -> tupl
     track = left - right
     across = track if kind.axis is None else placement.rotation[:2, "xyz".index(kind.axis)]
     length = float(np.linalg.norm(across))
-    if kind.axis is not None and length < _LEVEL:
+    least_horizontal = 0.9  # of a unit axis: below it the axis is not along a level axle
+    if kind.axis is not None and length < least_horizontal:
         raise ConstraintError(f"axis {kind.axis} of frame '{kind.axle}' is vertical, expected the axis along its axle")
-    x, y = across / length if length > _APART else (1.0, 0.0)
+    least_length = 1e-6  # wheelbase or track [m] below which their ratio is rounding
+    x, y = across / length if length > least_length else (1.0, 0.0)
     # Distances in front of the fixed axle and to its side; a turn of the axle's direction by pi changes no ratio.
     fore_l, fore_r = (float(each[0] * y - each[1] * x) for each in (left, right))
     beside_l, beside_r = (float(each[0] * x + each[1] * y) for each in (left, right))
-    least = min(abs(fore_l), abs(fore_r)) if length > _APART else 0.0
-    if least < _APART:
+    # A pivot on the fixed axle would need an infinite ratio: the row has no finite coefficients.
+    least = min(abs(fore_l), abs(fore_r)) if length > least_length else 0.0
+    if least < least_length:
         raise ConstraintError(
             f"track and wheelbase of steering joints '{kind.left}' and '{kind.right}' with frame '{kind.axle}' have to "
-            f"be above {_APART:g} m, found {np.linalg.norm(track):.3g} m and {least:.3g} m"
+            f"be above {least_length:g} m, found {np.linalg.norm(track):.3g} m and {least:.3g} m"
         )
     return fore_l / fore_r, (beside_l - beside_r) / fore_r

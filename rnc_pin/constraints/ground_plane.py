@@ -22,8 +22,6 @@ from rnc_pin.model.relative_rows import RelativeRows
 from rnc_pin.model.rows import Friction, GroundContact, GroundSurface, Rows, carrier_of, check_defined
 from rnc_pin.robots.robot import Robot
 
-_ALONG = 1e-9  # component of the velocity across the plane that rounding explains
-
 
 @dataclass(frozen=True)
 class GroundPlane:
@@ -59,7 +57,8 @@ class GroundPlane:
         triple(self.point, "point of the ground")
         velocity = triple(self.velocity, "velocity of the ground")
         across = float(velocity @ normal) / length
-        if abs(across) > _ALONG * max(1.0, float(np.linalg.norm(velocity))):
+        rounding = 1e-9  # part of the speed across the plane that comes from a normal of finite precision
+        if abs(across) > rounding * max(1.0, float(np.linalg.norm(velocity))):
             raise ConfigurationError(
                 f"velocity of the ground has to be along it, found {across:g} m/s along its normal"
             )
@@ -85,6 +84,7 @@ class GroundPlane:
     def twist(self) -> np.ndarray | None:
         """Twist (6,) of the material about the world's origin, as if it reached there; None at rest."""
         angular = self.angular_velocity
+        # Rows act on one twist for all points: the velocity is carried from the plane's point to the world's origin.
         linear = np.asarray(self.velocity) - np.cross(angular, np.asarray(self.point))
         return np.concatenate([linear, angular]) if self.moves else None
 
@@ -130,6 +130,10 @@ class GroundPlane:
 def plane_below(ground: object, body: str) -> GroundPlane | None:
     """Return the plane of a constraint; None for the plane z = 0 at rest, whose rows are simpler.
 
+    Args:
+        ground: ground that the user gave; None for z = 0 at rest.
+        body: the constraint that takes it, for messages.
+
     Raises:
         ConstraintError: a ground that is not a plane; the message names the constraint that takes it.
     """
@@ -159,6 +163,7 @@ def on_carrier(rows: Rows, body: str, ground: GroundSurface | None, robot: Robot
         return rows
     frame = robot.frame_id(carrier)
     frames = robot.model.frames
+    # Relative to itself a body never moves: its rows would be zero at every configuration.
     if frames[frame].parentJoint == frames[robot.frame_id(body)].parentJoint:
         raise ConstraintError(f"'{body}' carries its own ground: frame '{carrier}' of the ground is on the same body")
     return CarriedRows(rows, frame, ground)
@@ -182,7 +187,12 @@ class CarriedRows(RelativeRows):
 
 
 def wheel_level(axle: Sequence[Entry], normal: Sequence[Entry]) -> Entry:
-    """Sine of the angle between the axle of a wheel and the normal of its plane."""
+    """Sine of the angle between the axle of a wheel and the normal of its plane.
+
+    Args:
+        axle: unit axle of the wheel, three components in the axes of the normal.
+        normal: unit normal of the plane, three components.
+    """
     across = cross(axle, normal)
     return dot(across, across) ** 0.5
 
@@ -198,6 +208,11 @@ def wheel_wrenches(axle: Sequence[Entry], normal: Sequence[Entry], radius: Entry
         rolling   h . v - radius a . w
         lateral   c . v + radius s h . w
         vertical  n . v + radius z h . w.
+
+    Args:
+        axle: unit axle of the wheel, three components in world axes.
+        normal: unit normal of the plane, three components in world axes.
+        radius: radius of the wheel [m].
     """
     across, s, z = cross(axle, normal), wheel_level(axle, normal), dot(axle, normal)
     heading = [each / s for each in across]
@@ -238,10 +253,12 @@ class RollingRows(DirectionRows):
         self.units = ("m/s",) * len(disk.parts)
         self.holonomic = tuple(part == "vertical" for part in disk.parts)
         self.wheel, self.frame = disk.frame, robot.frame_id(disk.frame)
+        # A wheel needs the direction of its axle only: its turn about the axle moves no contact.
         self.radius, self.axle, self.directions = disk.radius, disk.axle, disk.axle[:, None]
         self.combination, self._friction = disk.combination, friction
         self.ground = None if plane.is_default else plane
         self._point, self._up = np.asarray(plane.point), plane.axes[2]
+        # ``a @ skew(n)`` is ``a x n`` for stacks of axles, without the overhead of numpy.cross.
         self._normal, self._turned = self._up.tolist(), pin.skew(self._up)
         self.twist, self.affine = plane.twist, plane.moves
 
@@ -261,6 +278,7 @@ class RollingRows(DirectionRows):
         Raises:
             SingularityError: the wheel lies flat.
         """
+        # An estimator calls this for each sample: Python numbers are faster than arrays of three.
         (axle,) = self.world_directions(rotation)
         check_defined(self.undefined, q, cast("float", wheel_level(axle, self._normal)), FLAT, self.names)
         found = cast("list[list[float]]", wheel_wrenches(axle, self._normal, self.radius))
@@ -283,6 +301,7 @@ class RollingRows(DirectionRows):
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
         height = (self._contact(at)[0] - self._point) @ self._up
+        # Only the vertical row has a residual: the others are not integrable.
         return np.asarray(height)[..., None] * self.holonomic
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:

@@ -16,10 +16,6 @@ from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, ove
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
-_SAMPLES = 4
-_TOLERANCE = 1e-9
-
-
 # Components of the spatial velocity that a joint allows, for joints whose velocity is in the moving body's axes.
 _VELOCITY_AXES = {
     "JointModelPlanar": [0, 1, 5],
@@ -206,21 +202,23 @@ def _check_symmetry(robot: Robot, joint: str, rows: slice) -> None:
     """Raise an error if a motion of the joint alone changes the inertia matrix, or if gravity acts along the joint."""
     data = robot.model.createData()
     generator = np.random.default_rng(0)
-    for _ in range(_SAMPLES):
+    samples = 4  # random states decide: a dependence that is not identically zero shows at almost every one
+    tolerance = 1e-9  # relative; rounding of the inertia matrix is near 1e-15, and a dependence of order one
+    for _ in range(samples):
         q = robot.random_configuration(generator)
         shift = np.zeros(robot.nv)
         shift[rows] = generator.uniform(-1.0, 1.0, rows.stop - rows.start)
         moved = pin.integrate(robot.model, q, shift)
         inertia = pin.crba(robot.model, data, q)
         change = np.abs(pin.crba(robot.model, data, moved) - inertia).max() / np.abs(inertia).max()
-        if change > _TOLERANCE:
+        if change > tolerance:
             raise ConstraintError(
                 f"momentum of joint '{joint}' is not conserved: the inertia matrix depends on its position "
                 "(only a base joint, which turns the robot as a whole, is cyclic)"
             )
         weight = pin.computeGeneralizedGravity(robot.model, data, q)
         scale = pin.computeTotalMass(robot.model) * np.linalg.norm(robot.model.gravity.linear)
-        if np.abs(weight[rows]).max() > _TOLERANCE * scale:
+        if np.abs(weight[rows]).max() > tolerance * scale:
             raise ConstraintError(
                 f"momentum of joint '{joint}' is not conserved: gravity acts along it "
                 "(load the robot with gravity=(0, 0, 0), or turn the joint's axis along gravity)"

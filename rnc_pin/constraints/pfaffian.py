@@ -20,9 +20,6 @@ from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, Rows, admit
 from rnc_pin.model.user_functions import DerivedRate, Function, Rate, central_difference, check_rate
 from rnc_pin.robots.robot import Robot
 
-_SPAN = 1.0  # [s] of a prescribed motion that is looked at
-_SHARES, _SHARE = np.linspace(0.09, 0.93, 8), 1e-4  # times in it, and the step of differences
-_DIFFERENT, _STILL, _FEW = 0.01, 1e-6, 2  # of the largest rate; rate at rest; times in motion that decide nothing
 _WHOSE = " of a Pfaffian constraint"
 
 
@@ -95,7 +92,11 @@ class FixedRows(Rows):
         return -self._coordinates.difference(self._wanted(at), self._output.value(at))
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
-        """Rows of the output."""
+        """Rows of the output.
+
+        Args:
+            model: model of the robot.
+        """
         rows = self._output.kernel_rows(model)
         if rows is None or not isinstance(self._output, ConstantRows):
             return rows
@@ -171,19 +172,23 @@ class PrescribedMotion:
 
 def _check_rates(motion: Motion, start: float, names: Sequence[str]) -> None:
     """Refuse a motion whose rates are wrong at all times that are looked at; at single times they may jump."""
-    span = min(float(getattr(motion, "duration", _SPAN)) or _SPAN, _SPAN)
-    times, step = start + span * _SHARES, _SHARE * span
+    longest = 1.0  # [s] of a motion that is looked at: a reference may never end
+    span = min(float(getattr(motion, "duration", longest)) or longest, longest)
+    # Times, off round ones where motions change, and the step of differences
+    shares, step_share = np.linspace(0.09, 0.93, 8), 1e-4
+    times, step = start + span * shares, step_share * span
 
     def value(name: str, t: float, later: float = 0.0) -> Array:
         return np.array(getattr(motion.at(t + later), name), dtype=float).ravel()
 
+    different, still, few = 0.01, 1e-6, 2  # part of the largest rate; rate at rest; times in motion that decide nothing
     for rate, of in (("velocity", "position"), ("acceleration", "velocity")):
         given = np.array([value(rate, t) for t in times.tolist()])
         expected = np.array([central_difference(partial(value, of, t), step) for t in times.tolist()])
         scale = max(np.abs(expected).max(initial=0.0), np.abs(given).max(initial=0.0))
-        moving = np.maximum(np.abs(expected), np.abs(given)) > max(_DIFFERENT * scale, _STILL)
-        wrong = (np.abs(given - expected) > _DIFFERENT * scale) & moving
-        for column in np.flatnonzero((wrong == moving).all(axis=0) & (moving.sum(axis=0) > _FEW)).tolist():
+        moving = np.maximum(np.abs(expected), np.abs(given)) > max(different * scale, still)
+        wrong = (np.abs(given - expected) > different * scale) & moving
+        for column in np.flatnonzero((wrong == moving).all(axis=0) & (moving.sum(axis=0) > few)).tolist():
             row = int(np.argmax(wrong[:, column]))
             raise ConstraintError(
                 f"prescribed motion of {names[column]}: its {rate} is not the rate of its {of}: "

@@ -71,6 +71,8 @@ class RollingBody:
         return pin.SE3(pin.rpy.rpyToMatrix(triple(self.rpy, f"rpy of rolling body '{self.frame}'")), center)
 
     def bind(self, robot: Robot) -> Rows:
+        # Protocols are not checked at run time: a missing method would fail at the first evaluation, far from its
+        # cause.
         missing = [name for name in ("point", "point_rate", "regularity") if not hasattr(self.shape, name)]
         if missing or isinstance(self.shape, type):
             raise ConstraintError(
@@ -135,6 +137,7 @@ class _RollingBodyRows(BodyContactRows):
 
     def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
         moved = self._arm_rate(place.rotation, velocity[..., 3:])
+        # The axes are those of the plane, which does not turn: only the arm moves.
         axes_rate = np.zeros((*moved.shape, 3))
         return contact_wrench_rates(self._axes, axes_rate, np.zeros_like(moved), moved, len(self.names))
 
@@ -155,6 +158,7 @@ class _RollingBodyRows(BodyContactRows):
         support = support_numbers(self._shape)
         if support is None:
             return None
+        # The kernel has a closed support function only; a shape of the user is called from Python.
         numbers = [[*axis, *self._normal, *support] for axis in self._axes]
         pivot = wrench_rows(Form.WORLD, frame, [[0.0, 0.0, 0.0, *self._normal]], self.twist)
         return [*wrench_rows(Form.ROLLING, frame, numbers, self.twist), *pivot][: len(self.names)]
@@ -199,6 +203,7 @@ class RollingBall:
         if self.ground is None or isinstance(self.ground, GroundPlane):
             rows = _RollingBallRows(self, self.ground or GroundPlane(), robot)
             return on_carrier(rows, self.frame, self.ground, robot)
+        # On curved ground the arm turns with the normal below the ball: a ball there is a body like any other.
         return RollingBody(self.frame, Sphere(self.radius), ground=self.ground).bind(robot)
 
 
@@ -215,6 +220,7 @@ class _RollingBallRows(ConstantWrenchRows):
         self.ground = None if plane.is_default else plane
         self.twist, self.affine = plane.twist, plane.moves
         self._plane, self._axes, self._arm = plane, plane.axes, -kind.radius * plane.axes[2]
+        # The arm is constant in the world, so the rows are constant wrenches.
         self.matrix = np.hstack([self._axes, np.cross(self._arm, self._axes)])
 
     def residual(self, at: PositionKinematics) -> np.ndarray:

@@ -18,9 +18,7 @@ from rnc_pin.model.kinematics import Placement, PositionKinematics
 from rnc_pin.model.rows import check_defined
 from rnc_pin.robots.robot import Robot
 
-_STEPS, _ACCURATE = 60, 1e-12  # Newton steps, and the last one relative to the size of the contact
 _FLAT = 1e-6  # smallest relative curvature of body and ground
-_LEANS = 0.9  # component of the normal along a direction above which another direction is projected on the surface
 _EYE = np.eye(3)
 
 
@@ -65,14 +63,28 @@ def contact_wrenches(axes: np.ndarray, arm: np.ndarray, count: int) -> np.ndarra
 def contact_wrench_rates(
     axes: np.ndarray, axes_rate: np.ndarray, arm: np.ndarray, arm_rate: np.ndarray, count: int
 ) -> np.ndarray:
-    """Rates of ``contact_wrenches``."""
+    """Rates of ``contact_wrenches``.
+
+    Args:
+        axes: two axes along the ground and its normal, as rows (..., 3, 3).
+        axes_rate: rates of the axes (..., 3, 3) [1/s].
+        arm: vector from the frame's origin to the contact point (..., 3) [m].
+        arm_rate: rate of the arm (..., 3) [m/s].
+        count: number of wrenches, 3 without the torque, else 4.
+    """
     found = contact_wrenches(axes_rate, arm, count)
     found[..., :3, 3:] += cross_columns(arm_rate, axes.mT).mT
     return found
 
 
 def curved_gradient(away: Sequence[Entry], scale: Entry, axis: Sequence[Entry]) -> list[Entry]:
-    """Gradient (3,) of the level of a sphere or cylinder, at a vector ``away`` from a point of its axis."""
+    """Gradient (3,) of the level of a sphere or cylinder, at a vector ``away`` from a point of its axis.
+
+    Args:
+        away: vector from a point of the axis to the place (3,) [m].
+        scale: one over the radius of the ground, negative inside [1/m].
+        axis: unit axis of a cylinder (3,); zero for a sphere.
+    """
     height = dot(axis, away)
     return [scale * (u - height * a) for u, a in zip(away, axis, strict=True)]
 
@@ -98,6 +110,7 @@ def curved_wrench(
         radius: radius of the ball.
         weights: weights (4,) of the forces along both axes and the normal, and of the torque about the normal.
     """
+    # Both levels are quadratic forms, so that their gradients at the centre and at the contact are parallel.
     gradient = curved_gradient(away, scale, axis)
     length = dot(gradient, gradient) ** 0.5
     normal = [each / length for each in gradient]
@@ -118,7 +131,13 @@ class BodyContactRows(WrenchRows):
     on_ground = True
 
     def name_rows(self, frame: str, center: np.ndarray, pivots: bool) -> None:
-        """Name the rows of a contact below a point of a frame; without pivoting there are four."""
+        """Name the rows of a contact below a point of a frame; without pivoting there are four.
+
+        Args:
+            frame: name of the body's frame.
+            center: point of the frame (3,), in its own axes [m].
+            pivots: True if the body may turn about the normal.
+        """
         parts = ("rolling_x", "rolling_y", "vertical", "pivoting")[: 3 if pivots else 4]
         self.names = tuple(f"{part}({point_name(frame, center)})" for part in parts)
         self.units = ("m/s",) * 3 + ("rad/s",) * (len(parts) - 3)
@@ -126,10 +145,15 @@ class BodyContactRows(WrenchRows):
 
     @abstractmethod
     def contact_axes(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        """Contact point (..., 3) in the world, and the axes there as rows (..., 3, 3)."""
+        """Contact point (..., 3) in the world, and the axes there as rows (..., 3, 3).
+
+        Args:
+            at: kinematics of the configurations.
+        """
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         contact, axes = self.contact_axes(at)
+        # Pivoting is a torque: it has no line of action.
         points = np.full((*contact.shape[:-1], len(self.names), 3), np.nan)
         directions = points.copy()
         points[..., :3, :], directions[..., :3, :] = contact[..., None, :], axes
@@ -185,6 +209,7 @@ class SurfaceContactRows(BodyContactRows):
     def _stepped(self, origin: np.ndarray, found: SurfaceContact) -> tuple[np.ndarray, np.ndarray]:
         """Newton step (..., 3) and (...) of point and gap."""
         apart = origin + found.arm - found.point - found.gap[..., None] * found.normal
+        # Two right sides, one factorisation: the step for a fixed gap, and its change for a wider one.
         solved = _solve(found.relative, np.stack([apart, found.normal], axis=-1))
         gradient = self._surface.gradient(found.point)
         to_gap = self._surface.level(found.point) + _product(gradient, solved[..., 0])
@@ -194,27 +219,32 @@ class SurfaceContactRows(BodyContactRows):
     def _solved(self, at: PositionKinematics) -> SurfaceContact:
         """Contact at configurations; raises an error if it is not one point."""
         rotation, origin = at.placement(self.frame)
+        most_steps, accurate = 60, 1e-12  # Newton steps, and the last one relative to the size of the contact
         with np.errstate(all="ignore"):
+            # The nearest point to the centre is the solution for a ball, and near it for other bodies.
             point = self._surface.below(origin + apply(rotation, self._center))
             found = self._at(rotation, point, np.zeros(point.shape[:-1]))
             gap = _product(origin + found.arm - point, found.normal)
             found = found._replace(gap=gap)
             size = np.linalg.norm(found.arm, axis=-1) + np.linalg.norm(point, axis=-1)
-            for _ in range(_STEPS):
+            for _ in range(most_steps):
                 moved, wider = self._stepped(origin, found)
                 found = self._at(rotation, found.point + moved, found.gap + wider)
                 last = np.linalg.norm(moved, axis=-1) + np.abs(wider)
-                if not (last > _ACCURATE * size).any():
+                if not (last > accurate * size).any():
                     break
-            known = np.where(np.isnan(at.q).any(axis=-1), np.nan, (last <= 1e3 * _ACCURATE * size).astype(float))
+            # A state that is not finite passes here: other checks name it.
+            known = np.where(np.isnan(at.q).any(axis=-1), np.nan, (last <= 1e3 * accurate * size).astype(float))
             check_defined("the contact of a body with curved ground is not found", at.q, known, _FLAT, self.names)
             regularity = self._shape.regularity(-apply((rotation @ self._turned).mT, found.normal))
+            # A body may be flat, or curved no more than the ground below it: both touch at more than one point.
             separate = np.minimum(regularity, _smaller_eigenvalue(found.relative))
         check_defined("a body touches curved ground at more than one point", at.q, separate, _FLAT, self.names)
         return found
 
     def _contact(self, at: PositionKinematics) -> SurfaceContact:
         seen = self._seen.get(get_ident())
+        # Identity of the array means the same state: arrays of a state are not written to.
         if seen is None or seen[0] is not at.q:
             seen = self._seen[get_ident()] = at.q, self._solved(at)
         return seen[1]
@@ -248,16 +278,23 @@ class SurfaceContactRows(BodyContactRows):
         """Direction (..., 3) that is projected on the surface: a constant one, or another where that has no length."""
         along = self._surface.along
         other = _EYE[int(np.argmin(np.abs(along)))]
-        return np.where(np.abs(_dot(normal, along)) > _LEANS, other, along)
+        leaning = 0.9  # cosine of 26 degrees: nearer to the direction, its projection on the surface gets short
+        return np.where(np.abs(_dot(normal, along)) > leaning, other, along)
 
     # ------------------------------------------------------------------ rows
 
     def check_defined(self, at: PositionKinematics) -> None:
+        """Raise a ``SingularityError`` if body and ground do not touch at one point.
+
+        Args:
+            at: kinematics of the configurations.
+        """
         self._contact(at)
 
     def _found(self, place: Placement) -> SurfaceContact:
         """Contact at the placements for which it was checked. One Newton step from there gives its derivatives."""
         found = self._seen[get_ident()][1]
+        # Newton's method converges quadratically: one step with complex numbers gives exact first derivatives.
         if not np.iscomplexobj(place.rotation):
             return found
         near = self._near.get(get_ident())
@@ -289,7 +326,11 @@ class SurfaceContactRows(BodyContactRows):
         return at.placement(self.frame).translation + found.arm, self._axes(found)
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
-        """Rows of the kernel for a ball on a sphere or cylinder; None for other shapes and grounds."""
+        """Rows of the kernel for a ball on a sphere or cylinder; None for other shapes and grounds.
+
+        Args:
+            model: model of the robot.
+        """
         shape, ground = self._shape, self._surface
         if type(shape) is not Sphere:  # a subclass may have methods of its own
             return None
@@ -325,5 +366,6 @@ def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 def _smaller_eigenvalue(matrix: np.ndarray) -> np.ndarray:
     """Smaller eigenvalue (...) besides that of the normal, which is one."""
+    # The normal is an eigenvector with eigenvalue one, so trace and determinant leave a quadratic equation.
     total, product = np.trace(matrix, axis1=-2, axis2=-1) - 1.0, np.linalg.det(matrix)
     return np.asarray((total - np.sqrt(np.maximum(total**2 - 4 * product, 0.0))) / 2)

@@ -12,8 +12,7 @@ from rnc_pin.model.frame_rows import axis_index, triple
 from rnc_pin.model.input_validation import Axis, NotNegative, Positive, Vector, is_number
 
 _EYE = np.eye(3)
-_FINE = 48  # edges of drawn patches
-_CAP = 1.4  # largest half angle of a drawn cap [rad]
+_EDGES = 48  # edges of drawn patches
 
 
 # ------------------------------------------------------------------ surfaces of bodies
@@ -26,13 +25,26 @@ class BodyShape(Protocol):
     """
 
     def point(self, normal: np.ndarray) -> np.ndarray:
-        """Surface point (..., 3) [m] with the outward unit normal (..., 3)."""
+        """Surface point (..., 3) [m] with the outward unit normal (..., 3).
+
+        Args:
+            normal: outward unit normal, in the axes of the body.
+        """
 
     def point_rate(self, normal: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """Rate of ``point`` (..., 3) for a rate of the normal (..., 3)."""
+        """Rate of ``point`` (..., 3) for a rate of the normal (..., 3).
+
+        Args:
+            normal: outward unit normal, in the axes of the body.
+            rate: rate of the normal [1/s], across it.
+        """
 
     def regularity(self, normal: np.ndarray) -> np.ndarray:
-        """Number (...) that tends to zero where ``point`` is not unique, e.g. the horizontal part of a disk's axle."""
+        """Number (...) that tends to zero where ``point`` is not unique, e.g. the horizontal part of a disk's axle.
+
+        Args:
+            normal: outward unit normal, in the axes of the body.
+        """
 
 
 @dataclass(frozen=True)
@@ -53,11 +65,20 @@ class Sphere:
         check_positive("radius of a sphere", self.radius)
 
     def point(self, normal: np.ndarray) -> np.ndarray:
-        """Surface point (..., 3) [m] with the outward unit normal (..., 3)."""
+        """Surface point (..., 3) [m] with the outward unit normal (..., 3).
+
+        Args:
+            normal: outward unit normal, in the axes of the body.
+        """
         return self.radius * normal
 
     def point_rate(self, normal: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """Rate of ``point`` (..., 3) for a rate of the normal (..., 3)."""
+        """Rate of ``point`` (..., 3) for a rate of the normal (..., 3).
+
+        Args:
+            normal: outward unit normal, in the axes of the body.
+            rate: rate of the normal [1/s], across it.
+        """
         return self.radius * rate
 
     def regularity(self, normal: np.ndarray) -> np.ndarray:
@@ -86,11 +107,20 @@ class Ellipsoid:
             check_positive("semi-axis of an ellipsoid", each)
 
     def point(self, normal: np.ndarray) -> np.ndarray:
-        """Surface point (..., 3) [m] with the outward unit normal (..., 3)."""
+        """Surface point (..., 3) [m] with the outward unit normal (..., 3).
+
+        Args:
+            normal: outward unit normal, in the axes of the body.
+        """
         return support_point(normal, np.square(self.semi_axes))
 
     def point_rate(self, normal: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """Rate of ``point`` (..., 3) for a rate of the normal (..., 3)."""
+        """Rate of ``point`` (..., 3) for a rate of the normal (..., 3).
+
+        Args:
+            normal: outward unit normal, in the axes of the body.
+            rate: rate of the normal [1/s], across it.
+        """
         return _support_rate(normal, rate, np.square(self.semi_axes))
 
     def regularity(self, normal: np.ndarray) -> np.ndarray:
@@ -128,15 +158,28 @@ class Torus:
         return 1.0 - _EYE[axis_index(self.axis)]
 
     def point(self, normal: np.ndarray) -> np.ndarray:
-        """Surface point (..., 3) [m] with the outward unit normal (..., 3)."""
+        """Surface point (..., 3) [m] with the outward unit normal (..., 3).
+
+        Args:
+            normal: outward unit normal, in the axes of the body.
+        """
         return support_point(normal, self._across, self.radius, self.tube)
 
     def point_rate(self, normal: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """Rate of ``point`` (..., 3) for a rate of the normal (..., 3)."""
+        """Rate of ``point`` (..., 3) for a rate of the normal (..., 3).
+
+        Args:
+            normal: outward unit normal, in the axes of the body.
+            rate: rate of the normal [1/s], across it.
+        """
         return _support_rate(normal, rate, self._across, self.radius, self.tube)
 
     def regularity(self, normal: np.ndarray) -> np.ndarray:
-        """Part of the normal across the axis; zero where the torus lies flat."""
+        """Part of the normal across the axis; zero where the torus lies flat.
+
+        Args:
+            normal: outward unit normal, in the axes of the body.
+        """
         return np.linalg.norm(self._across * normal, axis=-1)
 
 
@@ -162,7 +205,12 @@ def _support_rate(
 
 
 def support_numbers(shape: BodyShape) -> list[float] | None:
-    """Numbers (5,) of ``support_point`` for the compiled kernel; None for a shape of the user."""
+    """Numbers (5,) of ``support_point`` for the compiled kernel; None for a shape of the user.
+
+    Args:
+        shape: surface of a body.
+    """
+    # The exact type: a subclass may have methods of its own.
     if type(shape) is Sphere:
         return [float(shape.radius) ** 2] * 3 + [1.0, 0.0]
     if type(shape) is Ellipsoid:
@@ -178,7 +226,12 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def check_positive(what: str, value: float) -> None:
-    """Raise a ``ConstraintError`` for a length [m] that is not positive."""
+    """Raise a ``ConstraintError`` for a length [m] that is not positive.
+
+    Args:
+        what: the length, for the message.
+        value: its value [m].
+    """
     if not (is_number(value) and value > 0):
         raise ConstraintError(f"{what} has to be positive [m], found {value!r}")
 
@@ -201,13 +254,25 @@ class CurvedGround(Protocol):
     """
 
     def level(self, point: np.ndarray) -> np.ndarray:
-        """Function (...) that is zero on the surface and grows outwards, at each point (..., 3) [m]."""
+        """Function (...) that is zero on the surface and grows outwards, at each point (..., 3) [m].
+
+        Args:
+            point: places, in world axes.
+        """
 
     def gradient(self, point: np.ndarray) -> np.ndarray:
-        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
+        """Gradient (..., 3) of ``level`` at each point (..., 3).
+
+        Args:
+            point: places, in world axes [m].
+        """
 
     def hessian(self, point: np.ndarray) -> np.ndarray:
-        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3)."""
+        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3).
+
+        Args:
+            point: places, in world axes [m].
+        """
 
     @property
     def moves(self) -> bool:
@@ -222,13 +287,26 @@ class CurvedGround(Protocol):
         """Direction (3,) to whose projection on the surface the first rolling row belongs."""
 
     def below(self, place: np.ndarray) -> np.ndarray:
-        """Points (..., 3) of the surface near which bodies with centres (..., 3) touch it."""
+        """Points (..., 3) of the surface near which bodies with centres (..., 3) touch it.
+
+        Args:
+            place: centres of bodies, in world axes [m].
+        """
 
     def material_velocity(self, place: np.ndarray) -> np.ndarray:
-        """Velocity of the material (..., 3) at each place (..., 3) [m/s], in world axes."""
+        """Velocity of the material (..., 3) at each place (..., 3) [m/s], in world axes.
+
+        Args:
+            place: places on the surface, in world axes [m].
+        """
 
     def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
-        """Part of half width ``size`` [m] near a point ``center`` (3,) [m]: vertices (n, 3) and triangles (m, 3)."""
+        """Part of half width ``size`` [m] near a point ``center`` (3,) [m]: vertices (n, 3) and triangles (m, 3).
+
+        Args:
+            center: the point, in world axes.
+            size: half width along the surface.
+        """
 
 
 @dataclass(frozen=True)
@@ -280,24 +358,45 @@ class SphericalGround:
         return (-1.0 if self.inside else 1.0) / self.radius
 
     def level(self, point: np.ndarray) -> np.ndarray:
-        """Half the difference of squared distance and squared radius, over the radius, at each point (..., 3)."""
+        """Half the difference of squared distance and squared radius, over the radius, at each point (..., 3).
+
+        Args:
+            point: places, in world axes [m].
+        """
         away = point - np.asarray(self.center)
+        # Over the radius, the gradient has the length one on the surface, and the level is a distance [m] near it.
         return np.asarray(0.5 * self._scale * ((away * away).sum(axis=-1) - self.radius**2))
 
     def gradient(self, point: np.ndarray) -> np.ndarray:
-        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
+        """Gradient (..., 3) of ``level`` at each point (..., 3).
+
+        Args:
+            point: places, in world axes [m].
+        """
         return np.asarray(self._scale * (point - np.asarray(self.center)))
 
     def hessian(self, point: np.ndarray) -> np.ndarray:
-        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3)."""
+        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3).
+
+        Args:
+            point: places, in world axes [m].
+        """
         return np.broadcast_to(self._scale * _EYE, (*point.shape[:-1], 3, 3))
 
     def below(self, place: np.ndarray) -> np.ndarray:
-        """Nearest points (..., 3) to each place (..., 3); the lowest for the centre."""
+        """Nearest points (..., 3) to each place (..., 3); the lowest for the centre.
+
+        Args:
+            place: centres of bodies, in world axes [m].
+        """
         return np.asarray(self.center) + self.radius * _unit_vectors(place - np.asarray(self.center), -_EYE[2])
 
     def material_velocity(self, place: np.ndarray) -> np.ndarray:
-        """Velocity of the material (..., 3) at each place (..., 3) [m/s], in world axes."""
+        """Velocity of the material (..., 3) at each place (..., 3) [m/s], in world axes.
+
+        Args:
+            place: places on the surface, in world axes [m].
+        """
         return np.cross(np.asarray(self.angular_velocity), place - np.asarray(self.center))
 
     def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
@@ -309,10 +408,11 @@ class SphericalGround:
         """
         middle = _unit_vectors(np.asarray(center, dtype=float) - np.asarray(self.center), -_EYE[2])
         first, second = _across(middle)
-        tilt = np.linspace(0.0, min(size / self.radius, _CAP), _FINE)[:, None, None]
-        around = np.linspace(0.0, 2 * np.pi, _FINE + 1)[:, None]
+        largest_half_angle = 1.4  # [rad] of a drawn cap: less than a half ball
+        tilt = np.linspace(0.0, min(size / self.radius, largest_half_angle), _EDGES)[:, None, None]
+        around = np.linspace(0.0, 2 * np.pi, _EDGES + 1)[:, None]
         out = np.cos(tilt) * middle + np.sin(tilt) * (np.cos(around) * first + np.sin(around) * second)
-        return np.asarray(self.center) + self.radius * out.reshape(-1, 3), _grid_triangles(_FINE, _FINE + 1)
+        return np.asarray(self.center) + self.radius * out.reshape(-1, 3), _grid_triangles(_EDGES, _EDGES + 1)
 
 
 @dataclass(frozen=True)
@@ -374,28 +474,49 @@ class CylindricalGround:
         return (-1.0 if self.inside else 1.0) / self.radius * (_EYE - np.outer(self.along, self.along))
 
     def level(self, point: np.ndarray) -> np.ndarray:
-        """Half the difference of squared distance and squared radius, over the radius, at each point (..., 3)."""
+        """Half the difference of squared distance and squared radius, over the radius, at each point (..., 3).
+
+        Args:
+            point: places, in world axes [m].
+        """
         away = point - np.asarray(self.point)
         rim = (-0.5 if self.inside else 0.5) * self.radius
         return np.asarray(0.5 * (away * (away @ self._form)).sum(axis=-1) - rim)
 
     def gradient(self, point: np.ndarray) -> np.ndarray:
-        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
+        """Gradient (..., 3) of ``level`` at each point (..., 3).
+
+        Args:
+            point: places, in world axes [m].
+        """
         return np.asarray((point - np.asarray(self.point)) @ self._form)
 
     def hessian(self, point: np.ndarray) -> np.ndarray:
-        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3)."""
+        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3).
+
+        Args:
+            point: places, in world axes [m].
+        """
         return np.broadcast_to(self._form, (*point.shape[:-1], 3, 3))
 
     def below(self, place: np.ndarray) -> np.ndarray:
-        """Nearest points (..., 3) to each place (..., 3); for a place on the axis a low one."""
+        """Nearest points (..., 3) to each place (..., 3); for a place on the axis a low one.
+
+        Args:
+            place: centres of bodies, in world axes [m].
+        """
         away, along = place - np.asarray(self.point), self.along
         height = (away @ along)[..., None] * along
+        # For an upright cylinder no side is low: x is as good as any.
         low = -_EYE[2] if abs(along[2]) < 0.9 else _EYE[0]
         return np.asarray(self.point) + height + self.radius * _unit_vectors(away - height, low - along * (along @ low))
 
     def material_velocity(self, place: np.ndarray) -> np.ndarray:
-        """Velocity of the material (..., 3) at each place (..., 3) [m/s], in world axes."""
+        """Velocity of the material (..., 3) at each place (..., 3) [m/s], in world axes.
+
+        Args:
+            place: places on the surface, in world axes [m].
+        """
         return np.asarray(self.sliding * self.along + np.cross(self.angular_velocity, place - np.asarray(self.point)))
 
     def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
@@ -407,14 +528,18 @@ class CylindricalGround:
         """
         along, (first, second) = self.along, _across(self.along)
         middle = np.asarray(self.point) + along * (along @ (np.asarray(center) - np.asarray(self.point)))
-        around = np.linspace(0.0, 2 * np.pi, 2 * _FINE + 1)[:, None]
+        around = np.linspace(0.0, 2 * np.pi, 2 * _EDGES + 1)[:, None]
         ring = self.radius * (np.cos(around) * first + np.sin(around) * second)
         ends = np.array([-size, size])[:, None, None] * along
-        return (middle + ends + ring).reshape(-1, 3), _grid_triangles(2, 2 * _FINE + 1)
+        return (middle + ends + ring).reshape(-1, 3), _grid_triangles(2, 2 * _EDGES + 1)
 
 
 def admit_ground(ground: CurvedGround, body: str) -> CurvedGround:
     """Return the ground of a constraint.
+
+    Args:
+        ground: ground that the user gave.
+        body: the constraint that takes it, for messages.
 
     Raises:
         ConstraintError: an object without the methods of a ``CurvedGround``.
@@ -436,6 +561,7 @@ def _unit_vectors(vector: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
 
 def _across(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Two unit vectors (3,) across a third."""
+    # The world axis that is farthest from the given one: the product is never short.
     first = np.cross(axis, _EYE[int(np.argmin(np.abs(axis)))])
     first /= np.linalg.norm(first)
     return first, np.cross(axis, first)

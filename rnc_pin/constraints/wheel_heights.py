@@ -16,11 +16,6 @@ from rnc_pin.model.rows import GroundContact, Rows
 from rnc_pin.robots.robot import Robot
 from rnc_pin.verdict import Finding, FindingKind, Severity
 
-_ROUNDED, _COARSE = 0.01, 0.05  # shares of a radius that rounding explains: always, and if its last digit is as coarse
-_EXACT = 1e-4  # share of a radius below which two lengths are equal, and printed with the same digits
-_FIXED = 1e-9  # entry of a row below which a joint does not change the height of a contact
-_NEAREST, _FARTHEST = 0.25, 4.0  # heights of a centre, in radii, at which z = 0 can be its ground
-
 
 @dataclass(frozen=True)
 class _Wheel:
@@ -59,9 +54,10 @@ def wheel_height_findings(
     blocks = [place.block for place in reduced.all_constraints.places]
     wheels = [each for block in blocks for each in _wheels(block, reduced.robot, at)]
     found = []
+    equal = 1e-4  # part of a radius below which the messages print two lengths with the same digits
     for wheel in wheels:
         gap = _gap(wheel, ground)
-        if abs(gap) <= _EXACT * wheel.radius:
+        if abs(gap) <= equal * wheel.radius:
             continue
         side, height = "above" if gap > 0 else "below", _above(wheel.center, wheel.ground, ground)
         message = (
@@ -79,6 +75,7 @@ def _wheels(block: Rows, robot: Robot, at: PositionKinematics) -> list[_Wheel]:
     if plane is not None and not isinstance(plane, GroundPlane):
         return []
     found = []
+    rounding = 1e-9  # entry of a row [m/rad] below which a joint does not change the height
     for each in block.mechanisms():
         if not isinstance(each, GroundContact) or not each.radius or (plane is not None and plane.frame is not None):
             continue
@@ -89,7 +86,7 @@ def _wheels(block: Rows, robot: Robot, at: PositionKinematics) -> list[_Wheel]:
         up = np.array([0.0, 0.0, 1.0]) if plane is None else plane.axes[2]
         lift = at.jacobian(robot.frame_id(each.frame))
         rising = up @ (lift[:3] - pin.skew(lines[0][0] - frame.translation) @ lift[3:])
-        fixed = bool(np.abs(rising).max() < _FIXED)
+        fixed = bool(np.abs(rising).max() < rounding)
         stated = None if plane is None or (up[2] == 1.0 and not plane.point[2]) else plane  # z = 0 may be a default
         found.append(_Wheel(each.frame, each.radius, center, lines[0][0], stated, fixed))
     return found
@@ -99,9 +96,10 @@ def _gap(wheel: _Wheel, ground: float | None) -> float:
     """Height of the contact point above the ground [m]; 0 if it is not known, or if a row keeps it."""
     if not wheel.fixed:
         return 0.0
+    nearest, farthest = 0.25, 4.0  # heights of a centre, in radii, at which z = 0 can be its ground
     if wheel.ground is None and ground is None:
         height = wheel.center[2] / wheel.radius
-        if not _NEAREST <= height <= _FARTHEST:
+        if not nearest <= height <= farthest:
             return 0.0  # a base may be described at any height
     return _above(wheel.contact, wheel.ground, ground)
 
@@ -113,5 +111,6 @@ def _above(point: Array, plane: GroundPlane | None, ground: float | None) -> flo
 def _severity(wheel: _Wheel, difference: float) -> Severity:
     """A note if rounding explains a difference [m]."""
     digits = f"{wheel.radius:.9f}".rstrip("0").partition(".")[2]
-    rounding = min(0.5 * 10.0 ** -len(digits), _COARSE * wheel.radius)
-    return Severity.NOTE if difference <= max(rounding, _ROUNDED * wheel.radius) else Severity.DEGRADES
+    rounded, coarse = 0.01, 0.05  # parts of a radius that rounding explains: always, and if its last digit is as coarse
+    rounding = min(0.5 * 10.0 ** -len(digits), coarse * wheel.radius)
+    return Severity.NOTE if difference <= max(rounding, rounded * wheel.radius) else Severity.DEGRADES

@@ -86,6 +86,7 @@ class RollingWheel:
             ground = admit_ground(self.ground, f"wheel '{self.frame}'")
             if self.roller is not None or not (self.lateral and self.vertical):
                 raise ConfigurationError(f"wheel '{self.frame}' on curved ground: takes no roller, lateral or vertical")
+            # A Torus is round about its own z by default: z turns to the axle.
             turned = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axle).matrix()
             rim, rpy = Torus(self.radius), tuple(pin.rpy.matrixToRpy(turned).tolist())
             return RollingBody(self.frame, rim, rpy=rpy, ground=ground).bind(robot)
@@ -98,6 +99,7 @@ def _friction(kind: RollingWheel) -> Friction:
     """Directions of friction on the ground."""
     if kind.roller is None:
         return "all" if kind.lateral else "longitudinal"
+    # cos(pi/2) and the like leave 1e-17 in angles that users compute.
     return "oblique" if abs(kind.roller) > 1e-9 else "longitudinal"
 
 
@@ -130,8 +132,10 @@ def _joint_axis(name: str, robot: Robot) -> np.ndarray:
             f"joint '{robot.model.names[frame.parentJoint]}' of wheel '{name}' has no single axis: "
             "give the axle with axis='x', 'y' or 'z'"
         )
+    # The axis is constant in the frame's own axes, so any configuration shows it.
     position = Kinematics(robot).position(robot.configuration())
     axis: np.ndarray = position.jacobian(robot.frame_id(name), OWN_AXES)[3:, joint.idx_v]
+    # A unit axis, or zero for a prismatic joint: nothing lies between.
     if np.linalg.norm(axis) < 0.5:
         raise ConstraintError(f"joint of wheel '{name}' is not revolute: give the axle with axis='x', 'y' or 'z'")
     return axis
@@ -185,6 +189,7 @@ class _NoSideSlipRow(DirectionRows):
         self._point = OffsetFrame(robot, kind.frame, kind.at)
         self.names = (f"no_side_slip({self._point.name}.{kind.axis})",)
         self.frame, self.directions = self._point.index, np.array([np.eye(3)[self._axis], kind.at], dtype=float).T
+        # A plane at rest changes nothing for a velocity along the frame's own axis.
         self.ground = plane if plane.moves else None
         self.twist, self.affine = plane.twist, plane.moves
 

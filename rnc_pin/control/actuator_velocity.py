@@ -32,7 +32,6 @@ from rnc_pin.model.row_stack import rheonomic_names
 from rnc_pin.printing import ReprMixin, printed
 from rnc_pin.robots.joint_values import known_velocity_limits
 
-_SAMPLES = 5
 _RANK = 1e-9  # smallest relative singular value of B^T R at which actuators determine the motion
 
 
@@ -90,11 +89,20 @@ class ActuatorVelocityController(ReprMixin):
         return {"type": type(self).__name__, "limits": limits, "target": describe(self.target)}
 
     def initial_state(self, measurement: Measurement) -> State:
-        """Return the initial state of the kinematic controller."""
+        """Return the initial state of the kinematic controller.
+
+        Args:
+            measurement: first measurement.
+        """
         return self.target.initial_state(measurement)
 
     def step(self, t: float, measurement: Measurement, state: State) -> tuple[Command, State]:
         """Compute one sample. ``v2_desired`` of the command is v2d after scaling.
+
+        Args:
+            t: time of the sample [s].
+            measurement: measurement at that time.
+            state: state of the kinematic controller.
 
         Raises:
             InputError: the target gives forces, or a v2d of another shape.
@@ -139,6 +147,7 @@ def admissible_scale(along: np.ndarray, offset: np.ndarray | None, limits: np.nd
     """
     room = limits if offset is None else np.maximum(limits - np.sign(along) * offset, 0.0)
     speed = np.abs(along)
+    # Only entries above their room divide: a limit that is infinite never does.
     ratio = np.divide(room, speed, out=np.ones_like(speed), where=speed > room)
     return np.minimum(ratio.min(axis=-1, keepdims=True), 1.0)
 
@@ -147,6 +156,10 @@ def velocity_from_actuators(at: ConfigurationEvaluation, u: np.ndarray) -> np.nd
     """Return the admissible velocity (nv,) with actuator velocities u (p,); with the nearest ones if there is none.
 
     It does not use the outputs, so it is regular where they are singular.
+
+    Args:
+        at: evaluation at one configuration.
+        u: velocities of the actuators [m/s or rad/s].
     """
     left, values, right = np.linalg.svd(at.A)
     rank = int((values > _RANK * values[0]).sum()) if len(values) else 0
@@ -158,6 +171,9 @@ def velocity_from_actuators(at: ConfigurationEvaluation, u: np.ndarray) -> np.nd
 def check_velocity_actuation(reduced: ReducedModel) -> None:
     """Raise an error unless the actuators determine the motion, at sampled configurations.
 
+    Args:
+        reduced: the model.
+
     Raises:
         ConfigurationError: the rank of ``B^T R`` is below r, or the constraints depend on time.
     """
@@ -165,7 +181,8 @@ def check_velocity_actuation(reduced: ReducedModel) -> None:
         names = ", ".join(rheonomic_names(reduced.constraints))
         raise ConfigurationError(f"velocity servos: constraints that depend on time are not supported: {names}")
     generator, best = np.random.default_rng(0), 0
-    for _ in range(_SAMPLES):
+    samples = 5  # the rank is generic, so one regular configuration decides; some may be singular
+    for _ in range(samples):
         at = reduced.at(reduced.random_configuration(generator))
         if not at.regular:
             continue
@@ -180,6 +197,10 @@ def check_velocity_actuation(reduced: ReducedModel) -> None:
 
 def velocity_limits(reduced: ReducedModel, limits: bool | np.ndarray) -> np.ndarray:
     """Return limits (nv,) of the full velocity, infinity where there is none.
+
+    Args:
+        reduced: the model.
+        limits: True for the limits of the robot's file, False for none, or limits [rad/s, m/s].
 
     Raises:
         ConfigurationError: not a boolean and not nv positive numbers.
@@ -196,7 +217,11 @@ def velocity_limits(reduced: ReducedModel, limits: bool | np.ndarray) -> np.ndar
 
 
 def driven_joints(reduced: ReducedModel) -> tuple[str, ...]:
-    """Return the joints of one degree of freedom on which actuators act directly."""
+    """Return the joints of one degree of freedom on which actuators act directly.
+
+    Args:
+        reduced: the model.
+    """
     robot, frames = reduced.robot, reduced.actuation.configured
     columns = [column for column in range(reduced.p) if column not in frames]
     moved = np.abs(reduced.at(robot.configuration()).B[:, columns]).max(axis=1, initial=0.0) > 0
@@ -275,7 +300,6 @@ class FeasibleTwist(NamedTuple):
 # ------------------------------------------------------------------ odometry
 
 _ODOMETRY_RANK = 1e-6  # smallest relative singular value of the columns of what is unknown
-_UNKNOWN = 1e-6  # share of the base in a motion that the measured joints do not show
 
 
 class OdometryStep(NamedTuple):
@@ -351,7 +375,9 @@ class WheelOdometry(ReprMixin):
         self._hidden = np.setdiff1d(np.arange(reduced.n), [*self.base.base, *self._known])
         self._validator = ConfigurationValidator(robot)
         generator = np.random.default_rng(0)
-        if max(self._unknown(*self.base.rows(reduced.random_configuration(generator))) for _ in range(3)) > _UNKNOWN:
+        most = 1e-6  # part of the base in a motion that the measured joints do not show
+        # Three random configurations: at a singular one the rows show less than they do elsewhere.
+        if max(self._unknown(*self.base.rows(reduced.random_configuration(generator))) for _ in range(3)) > most:
             raise ConfigurationError(
                 f"positions of {', '.join(self.measured) or 'no joint'} do not show the motion of '{frame}': expected "
                 "encoders of more joints in 'measured'"
@@ -385,6 +411,7 @@ class WheelOdometry(ReprMixin):
         model = self._reduced.robot.model
         moved = np.zeros(self._reduced.n)
         moved[self._known] = pin.difference(model, first, last)[self._known]
+        # Halfway: the midpoint rule is of second order, and exact for constant rates.
         rows, to_base = self.base.rows(pin.integrate(model, first, 0.5 * moved))
         right = -rows[:, self._known] @ moved[self._known]
         unknown = self._columns(rows, to_base)
@@ -406,7 +433,12 @@ class WheelOdometry(ReprMixin):
 
 
 def composed(pose: Array, increment: Array) -> Array:
-    """Pose (x, y, heading) after the motion with a constant twist (3,), in the axes of the frame, over unit time."""
+    """Pose (x, y, heading) after the motion with a constant twist (3,), in the axes of the frame, over unit time.
+
+    Args:
+        pose: pose before [m, m, rad].
+        increment: the motion (forward, left, turn) [m, m, rad].
+    """
     x, y, turn = increment
     along, across = arc_chord(turn)
     forward, left = along * x - across * y, across * x + along * y

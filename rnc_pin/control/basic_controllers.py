@@ -53,7 +53,11 @@ class ZeroInput(DescribedMixin):
         self.inputs.setflags(write=False)
 
     def initial_state(self, measurement: Measurement) -> None:
-        """Return None: the controller has no state."""
+        """Return None: the controller has no state.
+
+        Args:
+            measurement: first measurement.
+        """
 
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[Command, None]:
         return Command(T=self.inputs), None
@@ -91,7 +95,11 @@ class ComputedTorque(DescribedMixin):
         self._reduced, self.target, self.k = reduced, target, k
 
     def initial_state(self, measurement: Measurement) -> object:
-        """Return the initial state of the kinematic controller."""
+        """Return the initial state of the kinematic controller.
+
+        Args:
+            measurement: first measurement.
+        """
         return self.target.initial_state(measurement)
 
     def step(self, t: float, measurement: Measurement, state: object) -> tuple[Command, object]:
@@ -165,7 +173,11 @@ class StateFeedback(ReprMixin):
         }
 
     def initial_state(self, measurement: Measurement) -> None:
-        """Return None: the controller has no state."""
+        """Return None: the controller has no state.
+
+        Args:
+            measurement: first measurement.
+        """
 
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[Command, None]:
         linear = self.linear
@@ -175,6 +187,7 @@ class StateFeedback(ReprMixin):
             point, of, v2 = self.reference.at(t), self._of, measurement.v2
             seen = deviation(self._coordinates, point, measurement.x2[of], v2[of])
             for k, place in self._values:
+                # The error is the goal minus the value, a deviation is the value minus the goal.
                 x[place] = -seen.error[k]
             for k, place in self._rates:
                 x[place] = -seen.error_rate[k]
@@ -224,7 +237,11 @@ class ReducingOutputController(DescribedMixin):
         self._feedback = Feedback(reduced.reducing.coordinates, k2)
 
     def initial_state(self, measurement: Measurement) -> None:
-        """Return None: the controller has no state."""
+        """Return None: the controller has no state.
+
+        Args:
+            measurement: first measurement.
+        """
 
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
         desired = self.reference.at(t)

@@ -84,7 +84,11 @@ class JacobianTransposeController(ReprMixin):
         return {"type": type(self).__name__, "active": self._names, "tracker": describe(self.tracker)}
 
     def initial_state(self, measurement: Measurement) -> PositionState:
-        """Return the initial state of the tracker."""
+        """Return the initial state of the tracker.
+
+        Args:
+            measurement: first measurement.
+        """
         return self.tracker.initial_state(measurement)
 
     def step(self, t: float, measurement: Measurement, state: PositionState) -> tuple[Command, PositionState]:
@@ -148,7 +152,11 @@ class SplitController(ReprMixin):
         return {"type": type(self).__name__, "parts": parts}
 
     def initial_state(self, measurement: Measurement) -> tuple[State, ...]:
-        """Return the initial states of the parts."""
+        """Return the initial states of the parts.
+
+        Args:
+            measurement: first measurement.
+        """
         return tuple(controller.initial_state(_part(measurement, outputs)) for controller, outputs in self._parts)
 
     def step(self, t: float, measurement: Measurement, state: tuple[State, ...]) -> tuple[Command, tuple[State, ...]]:
@@ -226,8 +234,13 @@ class UncertainController(ReprMixin):
         return {"type": type(self).__name__, **self.estimator.describe(), "controller": describe(self.controller)}
 
     def initial_state(self, measurement: Measurement) -> UncertainState:
-        """Return the first estimates, and the initial state of the controller under them."""
+        """Return the first estimates, and the initial state of the controller under them.
+
+        Args:
+            measurement: first measurement.
+        """
         state = self.estimator.initial_state()
+        # The controller must not see the true kinematics, not even in its first state.
         seen = with_estimated_kinematics(measurement, self.estimator.model.at(measurement.q, measurement.v2))
         return UncertainState(state, self.controller.initial_state(seen))
 

@@ -150,12 +150,20 @@ class Describable(Protocol):
 
 
 def describe(thing: object) -> Description:
-    """Return the description of an object; the name of its class if it has no ``describe``."""
+    """Return the description of an object; the name of its class if it has no ``describe``.
+
+    Args:
+        thing: any object.
+    """
     return thing.describe() if isinstance(thing, Describable) else {"type": type(thing).__name__}
 
 
 def listed(values: object) -> Json:
-    """Return a gain in a form that JSON can store: a number, or a list of numbers."""
+    """Return a gain in a form that JSON can store: a number, or a list of numbers.
+
+    Args:
+        values: number or array.
+    """
     numbers: Json = np.asarray(values).tolist()
     return numbers
 
@@ -185,7 +193,14 @@ class _Sized(Protocol):
 
 
 def check_size(reference: Reference | _Sized, size: int, what: str) -> None:
-    """Raise an error if the size of a reference differs from the number of its outputs."""
+    """Raise an error if the size of a reference differs from the number of its outputs.
+
+    Args:
+        reference: reference that a user gave.
+        size: number of outputs that it is for.
+        what: word for these outputs, for the message.
+    """
+    # An array has a size too: a user who gives values means a constant reference.
     if not hasattr(reference, "size") or isinstance(reference, np.ndarray):
         raise ConfigurationError(
             f"the {what} reference has to be one such as rnc.planning.Hold(values), found {short_text(reference)}"
@@ -195,7 +210,11 @@ def check_size(reference: Reference | _Sized, size: int, what: str) -> None:
 
 
 def check_target(target: object) -> None:
-    """Raise an error unless the target of a controller is a kinematic controller, and no class of these."""
+    """Raise an error unless the target of a controller is a kinematic controller, and no class of these.
+
+    Args:
+        target: object that a user gave.
+    """
     if isinstance(target, type) or not isinstance(target, KinematicController):
         raise ConfigurationError(
             "target: expected a kinematic controller, such as "
@@ -204,7 +223,13 @@ def check_target(target: object) -> None:
 
 
 def check_known(word: str, valid: Iterable[str], what: str) -> None:
-    """Raise an error with the nearest name if a word is none of the valid ones."""
+    """Raise an error with the nearest name if a word is none of the valid ones.
+
+    Args:
+        word: the word.
+        valid: words that are valid.
+        what: what it chooses, for the message.
+    """
     choices = list(valid)
     if word not in choices:
         raise ConfigurationError(f"{what} '{word}' is not known{nearest(word, choices)}")
@@ -212,6 +237,10 @@ def check_known(word: str, valid: Iterable[str], what: str) -> None:
 
 def elapsed_time(t: float, last: float | None) -> float:
     """Return the time since the last sample [s]; zero at the first sample.
+
+    Args:
+        t: time of the sample [s].
+        last: time of the last sample [s]; None at the first one.
 
     Raises:
         InputError: time runs backwards.
@@ -224,14 +253,26 @@ def elapsed_time(t: float, last: float | None) -> float:
 
 
 def goals_at(values: np.ndarray, where: np.ndarray | slice, shape: tuple[int, ...]) -> np.ndarray:
-    """Return an array of this shape with values at some indices, and NaN ("no goal") at the others."""
+    """Return an array of this shape with values at some indices, and NaN ("no goal") at the others.
+
+    Args:
+        values: values of the outputs with a goal.
+        where: indices of these outputs.
+        shape: shape of all outputs.
+    """
     whole = np.full(shape, np.nan)
     whole[..., where] = values
     return whole
 
 
 def command_towards(target: VelocityTarget, F: np.ndarray | None = None, T: np.ndarray | None = None) -> Command:
-    """Return a command with force F or inputs T, and the record of its velocity target."""
+    """Return a command with force F or inputs T, and the record of its velocity target.
+
+    Args:
+        target: desired motion.
+        F: reduced force (r,).
+        T: actuator inputs (p,).
+    """
     return Command(F, T, target.v2, target.x1, target.x2, target.estimates, target.prediction_error)
 
 
@@ -314,7 +355,11 @@ class VelocityGiving(Protocol):
 
 
 def nested(whole: object) -> Iterator[object]:
-    """Iterate over a controller or a state, and those within it as ``target``, from the outermost."""
+    """Iterate over a controller or a state, and those within it as ``target``, from the outermost.
+
+    Args:
+        whole: controller or state.
+    """
     yield whole
     while isinstance(whole, Nesting):
         whole = whole.target
@@ -326,7 +371,12 @@ class SelfJudging(Protocol):
     """Controller that tells what happened in its own steps, such as programs that were not solved."""
 
     def findings(self, state: State, samples: int) -> Iterable[Finding]:
-        """Return findings about the steps so far, from the state of this controller or of one around it."""
+        """Return findings about the steps so far, from the state of this controller or of one around it.
+
+        Args:
+            state: state of this controller, or of one around it.
+            samples: number of its steps.
+        """
 
 
 def findings_of(controller: object, state: State, samples: int) -> tuple[Finding, ...]:
@@ -354,6 +404,10 @@ def missed_goals(controller: object, q: Float[Array, " nq"], v2: Float[Array, " 
 
 
 def limited_accelerations(controller: object) -> tuple[LimitedAcceleration, ...]:
-    """Accelerations that a controller limits, or that the one within it as its ``target`` limits."""
+    """Accelerations that a controller limits, or that the one within it as its ``target`` limits.
+
+    Args:
+        controller: any controller; one without limits has none.
+    """
     found = next((each for each in nested(controller) if isinstance(each, Limiting)), None)
     return () if found is None else found.limited_accelerations

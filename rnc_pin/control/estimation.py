@@ -31,7 +31,6 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import ReprMixin
 from rnc_pin.robots.robot import Robot
 
-_SAMPLES = 12
 _LENDING = RLock()
 _Thing = TypeVar("_Thing", Robot, RowStack, ReductionData, NumPyEvaluator, ReducedModel)
 Bound = float | Sequence[float] | np.ndarray
@@ -57,10 +56,19 @@ class Regressor(Protocol):
     predicted_units: tuple[str, ...]
 
     def regress(self, q: Array, v: Array) -> tuple[Float[Array, " e"], Float[Array, "e s"]]:
-        """Return y and Y at a measured q (nq,) and v (nv,): ``y = Y p`` at the true parameters p."""
+        """Return y and Y at a measured q (nq,) and v (nv,): ``y = Y p`` at the true parameters p.
+
+        Args:
+            q: measured configuration.
+            v: measured velocity.
+        """
 
     def estimated(self, reduced: ReducedModel) -> EstimatedModel:
-        """Return a model with the outputs of ``reduced``, and estimates in place of the unknown parameters."""
+        """Return a model with the outputs of ``reduced``, and estimates in place of the unknown parameters.
+
+        Args:
+            reduced: the model with the true constraints.
+        """
 
 
 class ParametrizedCopy(NamedTuple):
@@ -102,7 +110,11 @@ class EstimatedModel:
         return {**vars(self), "_memory": []}  # a copy has memory of its own
 
     def at(self, p: Float[Array, " s"]) -> ReducedModel:
-        """Return a model with these parameters, which never changes."""
+        """Return a model with these parameters, which never changes.
+
+        Args:
+            p: parameters.
+        """
         with _LENDING:  # two threads would find the same memory free
             memory = next((each for each in self._memory if each.is_free), None)
             if memory is None:
@@ -113,9 +125,10 @@ class EstimatedModel:
     def _allocate(self) -> _ModelMemory:
         copied, known = self._make_copy(), self._reduced.reduction_data
         robot = Robot(copied.model)
+        count = 12  # as many as a system takes for the scales of its rows
         if self._scales is None:  # the scales of the true rows are unknown
             generator = np.random.default_rng(0)
-            samples = np.stack([robot.random_configuration(generator) for _ in range(_SAMPLES)])
+            samples = np.stack([robot.random_configuration(generator) for _ in range(count)])
             self._scales = row_scales(robot, copied.rows, known.reducing, samples)
         data = replace(
             known, robot=robot, rows=copied.rows, scales=self._scales, free=False, kinematics=Kinematics(robot)
@@ -196,7 +209,11 @@ class AdaptedModel(ReducedModel):
         self.use(model)
 
     def use(self, model: ReducedModel) -> None:
-        """Evaluate another model from now on."""
+        """Evaluate another model from now on.
+
+        Args:
+            model: the model.
+        """
         vars(self).update(vars(model))
 
 
@@ -215,10 +232,21 @@ def adapt(
     The step is bounded as in the trackers: it never corrects more than the measured error, so ``|p - phat|`` does not
     grow (Lemma 4). With noise within the dead zone it does not grow for small steps, because the law ignores such
     errors (``control.feedback``). Clipping to a box that contains p does not make it grow either.
+
+    Args:
+        p: parameters (s,).
+        W: regressor (e, s).
+        error: prediction error (e,) of these parameters.
+        gain: adaptation gain alpha.
+        elapsed: duration of the sample [s].
+        low: lowest parameters (s,).
+        high: highest parameters (s,).
+        dead_zone: error that is ignored; a number or one for each entry.
     """
     step = gain * elapsed
     has_zone = bool(dead_zone) if isinstance(dead_zone, float) else bool(np.any(dead_zone))
     beyond = apply_dead_zone(error, dead_zone) if has_zone else error
+    # Implicit Euler: p moves at most to where the error is zero, whatever alpha and the period are.
     correction = solve(np.eye(len(error)) + step * W @ W.T, step * beyond).dot(W)
     return np.minimum(np.maximum(p + correction, low), high)
 
@@ -311,6 +339,11 @@ class Estimator(ReprMixin):
 
         Reads from the measurement: ``q, v``.
 
+        Args:
+            t: time of the sample [s].
+            measurement: measurement at that time.
+            state: estimates of the last sample.
+
         Raises:
             InputError: time runs backwards.
         """
@@ -325,6 +358,7 @@ class Estimator(ReprMixin):
 
     def _use(self, p: np.ndarray) -> None:
         """Let ``model`` have parameters p."""
+        # Equal estimates keep the evaluations of the model that are cached.
         if not np.array_equal(p, self._p):
             self.model.use(self._estimated.at(p))
             self._p = p
@@ -334,7 +368,12 @@ class Estimator(ReprMixin):
 
 
 def with_estimated_kinematics(measurement: Measurement, estimate: StateEvaluation) -> Measurement:
-    """Return a measurement with the kinematics of an estimated model instead of the true kinematics."""
+    """Return a measurement with the kinematics of an estimated model instead of the true kinematics.
+
+    Args:
+        measurement: measurement of the robot.
+        estimate: evaluation of the estimated model at the measured state.
+    """
     seen = measurement._replace(A_star=estimate.A_star, A_star_dot=estimate.A_star_dot, residual=None)
     if seen.input_deficit is None:
         return seen

@@ -54,7 +54,14 @@ class Deviation(NamedTuple):
 
 
 def deviation(coordinates: Coordinates, desired: ReferencePoint, actual: np.ndarray, rate: np.ndarray) -> Deviation:
-    """Return the deviation of outputs (..., k) and their rates (..., k) from a reference."""
+    """Return the deviation of outputs (..., k) and their rates (..., k) from a reference.
+
+    Args:
+        coordinates: coordinate types of the outputs.
+        desired: values of the reference.
+        actual: measured outputs.
+        rate: measured rates.
+    """
     velocity, acceleration = coordinates.to_rates(desired.position, desired.velocity, desired.acceleration)
     error = coordinates.difference(desired.position, actual)
     return Deviation(velocity, acceleration, error, coordinates.difference_rate(error, velocity, rate))
@@ -63,11 +70,17 @@ def deviation(coordinates: Coordinates, desired: ReferencePoint, actual: np.ndar
 def fed_back(gain: float | np.ndarray, error: np.ndarray, actual: np.ndarray) -> np.ndarray:
     """Return ``gain * error`` (..., k) for outputs (..., k); an output with zero gain needs no value.
 
+    Args:
+        gain: a number or one for each output.
+        error: desired minus actual values; NaN where one is unknown.
+        actual: measured outputs.
+
     Raises:
         InputError: an output with a nonzero gain has no desired value; or it is a quasi-velocity whose integral is not
             given.
     """
     product = gain * error
+    # The rule; the rest of the function explains what is missing.
     if isfinite(np.vdot(product, product)) or np.isfinite(product).all():  # the first is quick, and may overflow
         return product
     missing = np.isnan(error) & (np.broadcast_to(gain, error.shape) != 0)
@@ -108,7 +121,13 @@ class Feedback:
 
 
 def leak(sigma: float, elapsed: float) -> tuple[float, float]:
-    """Return the share of a leaky integral that is left after a sample, and the integral of that share over it [s]."""
+    """Return the share of a leaky integral that is left after a sample, and the integral of that share over it [s].
+
+    Args:
+        sigma: leak rate [1/s]; 0 for none.
+        elapsed: duration of the sample [s].
+    """
+    # expm1 keeps all digits for small products, where 1 - exp loses them.
     return exp(-sigma * elapsed), -expm1(-sigma * elapsed) / sigma if sigma else elapsed
 
 

@@ -167,6 +167,7 @@ class VelocityGains(TrackerGains):
         fastest = typical_inertia.fastest_rate(dt, delay)
         inertia = typical_inertia.inertia_of_outputs(H)
         low, high = inertia.window(slowest, fastest)
+        # Gains of single outputs are simpler to read and to override: modes only if there are none.
         if low > high and combine:
             inertia = typical_inertia.inertia_of_modes(H)
             low, high = inertia.window(slowest, fastest)
@@ -311,6 +312,9 @@ def _override(gains: _Gains, design: GainDesign) -> _Gains:
 
 def check_gains(**gains: Gain) -> None:
     """Raise an error unless gains, by name, are finite numbers, or arrays of them, that are not negative.
+
+    Args:
+        gains: gains by name.
 
     Raises:
         ConfigurationError: one is not.

@@ -81,26 +81,42 @@ class MomentumRegressor:
             # Inertia of the body at unit mass.
             shape = inertia.toDynamicParameters() / inertia.mass
             self._unit.append(each.unit * shape)
+            # The true mass is divided out above and removed here: no prediction depends on it.
             self._known.inertias[joint] = pin.Inertia.Zero()
         self._unit_inertias = [pin.Inertia.FromDynamicParameters(unit) for unit in self._unit]
         base_joint = robot.joint_id(base)
         self._moved = [base_joint in list(robot.model.supports[joint]) for joint in self.joints]
         self._data = self._known.createData()
         known = pin.crba(self._known, self._data, robot.configuration())[self.rows, self.rows]
+        # W0 and W need the inverse of the known base inertia, which must not consist of rounding.
         if np.linalg.cond(known) > 1e10:
             raise ConfigurationError(f"no body of known mass turns with joint '{base}'")
 
     def inertia(self, index: int, value: float) -> pin.Inertia:
-        """Return the inertia of an unknown body for a value of its parameter."""
+        """Return the inertia of an unknown body for a value of its parameter.
+
+        Args:
+            index: number of the body among the unknown ones.
+            value: value of its parameter, in its unit.
+        """
         return pin.Inertia.FromDynamicParameters(value * self._unit[index])
 
     def regress(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return ``x1dot - W0`` (k,) and W (k, s), the paper's form of y and Y."""
+        """Return ``x1dot - W0`` (k,) and W (k, s), the paper's form of y and Y.
+
+        Args:
+            q: measured configuration.
+            v: measured velocity.
+        """
         W0, W = self.predict(q, v)
         return v[self.rows] - W0, W
 
     def estimated(self, reduced: ReducedModel) -> EstimatedModel:
-        """Return models whose unknown bodies have the estimated masses."""
+        """Return models whose unknown bodies have the estimated masses.
+
+        Args:
+            reduced: the model with the true masses.
+        """
         return EstimatedModel(reduced, partial(self._copy, reduced))
 
     def _copy(self, reduced: ReducedModel) -> ParametrizedCopy:
@@ -114,7 +130,12 @@ class MomentumRegressor:
             model.inertias[joint] = self.inertia(index, float(value))
 
     def predict(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return W0 (k,) and W (k, s) at the measured q (nq,) and v (nv,)."""
+        """Return W0 (k,) and W (k, s) at the measured q (nq,) and v (nv,).
+
+        Args:
+            q: measured configuration.
+            v: measured velocity.
+        """
         model, data, rows = self._known, self._data, self.rows
         A = pin.crba(model, data, q, pin.Convention.WORLD)[rows]  # Jacobians in world axes too
         pin.forwardKinematics(model, data, q, v)

@@ -11,9 +11,6 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.model.coordinates import wrapped
 
-_DEGREE = 5
-_FEWEST = 4  # least number of places, each with a heading, for a curve of this degree
-_STEEPEST = 1.0  # largest heading against the middle of the window for which y(x) describes a path [rad]
 _CLOSE = 1e-13  # last Newton step, relative to a spacing or to the window
 
 
@@ -34,6 +31,13 @@ def chord_end_between(
     """Return the point of a cubic Hermite curve between two places (x, y, heading) at distance L from (px, py).
 
     The method is Newton's.
+
+    Args:
+        begin: first place [m, m, rad].
+        end: second place [m, m, rad].
+        px: x of the other end of the chord [m].
+        py: y of the other end of the chord [m].
+        L: length of the chord [m].
     """
     x0, y0, dx, dy = begin[0], begin[1], end[0] - begin[0], end[1] - begin[1]
     h = hypot(dx, dy)
@@ -49,6 +53,7 @@ def chord_end_between(
         if slope <= 0.0:
             break  # the chord is across the path: the caller raises the error
         step = (rx * rx + ry * ry - L * L) / (2 * slope)
+        # The point is between both places: beyond them the cubic is of no use.
         moved = min(max(s + step, 0.0), 1.0)
         if abs(moved - s) < _CLOSE:
             break
@@ -84,21 +89,25 @@ def chord_end_fitted(
     driven = path[:, 3]
     middle = driven[older] + hypot(x0 - path[older, 0], y0 - path[older, 1])
     first, last = np.searchsorted(driven, [middle - window, middle + window])
+    # The window has to hold the places on both sides of the point.
     if first > older or last < older + 2:
         return near
     around = path[first:last]
     turned = wrapped(around[:, 2] - axis)
-    even = np.abs(turned) < _STEEPEST
-    if np.count_nonzero(even) < _FEWEST:
+    steepest = 1.0  # heading against the middle of the window for which y(x) describes a path [rad]
+    even = np.abs(turned) < steepest
+    fewest = 4  # places, each with a heading, for a curve of this degree
+    if np.count_nonzero(even) < fewest:
         return near
     around, turned = around[even], turned[even]
     c, s = cos(axis), sin(axis)
     dx, dy = around[:, 0] - x0, around[:, 1] - y0
     u, values = (c * dx + s * dy) / window, (c * dy - s * dx) / window
     weight = 1.0 - ((around[:, 3] - middle) / window) ** 2
-    powers = u[:, None] ** np.arange(_DEGREE + 1)
+    degree = 5  # of the polynomial y(x)
+    powers = u[:, None] ** np.arange(degree + 1)
     slopes = np.zeros_like(powers)
-    slopes[:, 1:] = powers[:, :-1] * np.arange(1, _DEGREE + 1)
+    slopes[:, 1:] = powers[:, :-1] * np.arange(1, degree + 1)
     # d(heading) = cos^2(heading) d(slope).
     lever = weight * np.cos(turned) ** 2 * (L / window)
     rows = np.concatenate([weight[:, None] * powers, lever[:, None] * slopes])

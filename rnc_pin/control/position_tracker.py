@@ -101,7 +101,11 @@ class PositionTracker(DescribedMixin):
         check_size(reference, len(self.outputs), "tracked")
 
     def initial_state(self, measurement: Measurement) -> PositionState:
-        """Return zero adaptive gains, and the filter at rest at the present error."""
+        """Return zero adaptive gains, and the filter at rest at the present error.
+
+        Args:
+            measurement: first measurement.
+        """
         error = self._error(0.0, measurement)
         k, gamma = error.shape[-1], self.gains.gamma
         nothing, point = np.zeros((*error.shape, k)), self.reference.at(0.0)
@@ -122,6 +126,11 @@ class PositionTracker(DescribedMixin):
 
     def step(self, t: float, measurement: Measurement, state: PositionState) -> tuple[Command, PositionState]:
         """Compute one sample; the sampling interval may vary.
+
+        Args:
+            t: time of the sample [s].
+            measurement: measurement at that time.
+            state: state of the last sample.
 
         Raises:
             InputError: time runs backwards.

@@ -15,8 +15,6 @@ from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.task import Task
 from rnc_pin.references.reference import Reference
 
-_LIMIT = 1e8
-
 Secondary = Callable[[float, Measurement], tuple[np.ndarray, np.ndarray]]
 """Function that returns desired rates z of the redundant outputs (..., r2), and the derivative of z."""
 
@@ -98,7 +96,11 @@ class RedundancyController(DescribedMixin):
         return {**super().describe(), **secondary}
 
     def initial_state(self, measurement: Measurement) -> None:
-        """Return None: the controller has no state."""
+        """Return None: the controller has no state.
+
+        Args:
+            measurement: first measurement.
+        """
 
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
         m, x21d, x1d = measurement, self.primary.at(t), self.vertical.at(t)
@@ -132,6 +134,7 @@ class RedundancyController(DescribedMixin):
         z = z_dot = np.zeros(len(self.task.redundant))
         if self.secondary is not None:
             z, z_dot = self.secondary(t, m)
+        # The least change of the secondary rates: a pseudo-inverse with a rate in closed form.
         S = A4 @ A4.mT
         y = self._solve(S, wanted - apply(A4, z), m)
         S_dot = A4_dot @ A4.mT + A4 @ A4_dot.mT
@@ -141,9 +144,11 @@ class RedundancyController(DescribedMixin):
     def _solve(self, A4: np.ndarray, right: np.ndarray, measurement: Measurement) -> np.ndarray:
         solution = solve(A4, right)
         sizes = np.abs(solution)
-        if sizes.max() < _LIMIT:
+        largest_rate = 1e8  # beside the right side: A4 is singular to rounding where a solution exceeds it
+        # One comparison for all runs on the usual way.
+        if sizes.max() < largest_rate:
             return solution
-        fine = sizes.max(axis=-1) < _LIMIT * (1 + np.abs(right).max(axis=-1))
+        fine = sizes.max(axis=-1) < largest_rate * (1 + np.abs(right).max(axis=-1))
         if fine.all():
             return solution
         run = np.unravel_index(np.argmin(fine), fine.shape)

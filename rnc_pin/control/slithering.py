@@ -20,10 +20,7 @@ from rnc_pin.model.task import Task
 from rnc_pin.printing import ReprMixin
 from rnc_pin.references.reference import ReferencePoint
 
-_ACROSS = 0.2  # smallest cosine between trailer and path, or trailer and tractor, at which slithering is possible
-_JUMP = 0.7  # largest change of the desired heading in a sample without a jump [rad]
 _KEPT = 2.0  # least length of the recorded path, in lengths of the trailer
-_PLACES = 5  # number of recorded places on each side for the fit of the path
 _UNKNOWN = np.full(1, np.nan)
 _UNKNOWN.flags.writeable = False
 
@@ -109,12 +106,17 @@ class SlitheringReference(ReprMixin):
         self._kingpin = self._tractor[:2] if kingpin is None else _places(names, [f"{kingpin}_x", f"{kingpin}_y"])
         self.length, self._offset = _drawbar(reduced, self._output, tractor, kingpin or tractor, axle)
         self.spacing = self.length / 50 if spacing is None else spacing
-        self.window = _PLACES * self.spacing if window is None else window
+        places = 5  # recorded ones on each side for the fit of the path
+        self.window = places * self.spacing if window is None else window
         check_positive_settings(spacing=self.spacing, window=self.window)
         self._names = (*task.vertical_names, names[self._tractor[2]])
 
     def initial_state(self, measurement: Measurement) -> DrivenPath:
-        """Return a straight path behind the tractor, along its heading."""
+        """Return a straight path behind the tractor, along its heading.
+
+        Args:
+            measurement: first measurement.
+        """
         x, y, heading = (float(measurement.x1[i]) for i in self._tractor)
         back = _KEPT * self.length
         behind = [x - back * cos(heading), y - back * sin(heading), heading, -back]
@@ -155,7 +157,9 @@ class SlitheringReference(ReprMixin):
         ex, ey, tx, ty = cos(theta), sin(theta), cos(psi), sin(psi)
         along, L = ex * tx + ey * ty, self.length
         turn = wrapped(theta + self._offset - last)
-        if min(along, cos(heading - theta)) < _ACROSS or abs(turn) > _JUMP:
+        largest_turn = 0.7  # of the desired heading in a sample without a jump [rad]
+        least_cosine = 0.2  # between trailer and path, or trailer and tractor, at which slithering is possible
+        if min(along, cos(heading - theta)) < least_cosine or abs(turn) > largest_turn:
             raise SingularityError(
                 "the driven path bends too tightly for the trailer to slither: it would stand across it or the tractor",
                 q=np.zeros(0) if measurement.q is None else np.array(measurement.q),
@@ -185,6 +189,7 @@ class SlitheringReference(ReprMixin):
             ahead = (x - lx) * cos(psi) + (y - ly) * sin(psi)
             if ahead >= self.spacing:
                 return np.vstack([path, (x, y, heading, driven + hypot(x - lx, y - ly))])
+            # A tractor that backs up by less than a spacing keeps its path: noise does not delete places.
             if ahead > -self.spacing or len(path) == 1:
                 return path
             path = path[:-1]
@@ -217,6 +222,7 @@ def _drawbar(reduced: ReducedModel, output: int, tractor: str, kingpin: str, axl
     robot, generator = reduced.robot, np.random.default_rng(0)
     data, frames = robot.model.createData(), [robot.frame_id(frame) for frame in (tractor, kingpin, axle)]
     found = []
+    # Three configurations: a length that changes with the joints is no drawbar.
     for q in (robot.configuration(), *(robot.random_configuration(generator, spread=0.5) for _ in range(2))):
         pin.framesForwardKinematics(robot.model, data, q)
         front, rear = (data.oMf[frame].translation[:2].copy() for frame in frames[1:])

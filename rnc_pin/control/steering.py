@@ -15,8 +15,6 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.references.reference import Reference, ReferencePoint
 
-_A4_ZERO = 1e-9
-
 
 class SteeringController(DescribedMixin):
     """Backstepping for ``x11dot = A3(x, x22) v21``.
@@ -93,9 +91,14 @@ class SteeringController(DescribedMixin):
         self._redundant = np.array(task.redundant, dtype=np.int64)
 
     def initial_state(self, measurement: Measurement) -> DrivenPath | None:
-        """Return the state of the vertical reference, if any; raise an error if redundant rates move x11."""
+        """Return the state of the vertical reference, if any; raise an error if redundant rates move x11.
+
+        Args:
+            measurement: first measurement.
+        """
         A4 = measurement.A_star[..., self.task.vertical, :][..., self.task.redundant]
-        if np.abs(A4).max() > _A4_ZERO:
+        zero = 1e-9  # entries of A4 of the size of rounding
+        if np.abs(A4).max() > zero:
             raise ConfigurationError(
                 f"rates of {', '.join(self.task.redundant_names)} move {', '.join(self.task.vertical_names)} directly "
                 "(A4 is not zero): use the class-1 controller"
@@ -138,6 +141,7 @@ class SteeringController(DescribedMixin):
         wanted, wanted_dot = self._follow_vertical(x11d, m.x1[..., task.vertical], rate)
         without = apply(A3_dot, v21) - apply(N, v22_now) + apply(A3, v21d_dot)
         right = wanted_dot + self.k4 * (wanted - rate) - without
+        # Damped least squares: where N vanishes, at rest, the rates vanish instead of growing.
         v22 = solve(N.mT @ N + self._damped, apply_transposed(N, right))
         fine = np.isfinite(v22).all(axis=-1)
         if not fine.all():

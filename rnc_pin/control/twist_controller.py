@@ -36,15 +36,10 @@ from rnc_pin.printing import ReprMixin
 
 _STILL = 1e-9  # share of a twist that rounding causes
 _MOVING = 0.1  # share of the command below which a base counts as standing
-_HALVES = 0.5 ** np.arange(1, 13)  # parts of the way between two twists, tried in turn
-_MOST = 6  # steered wheels with limits for which all choices of rolling are compared
-_ITERATIONS = 50
 _SETTLED = 1e-12  # [rad]
 _QUIET = 1e-3  # [m/s] speed of a command that turns no pivot of a program: rest of an error
 _REGULAR = 0.04  # smallest singular value of the model's guides, at angles for which a program aims
-_PROFILE = 30.0  # [1/s] rate of a pivot over its last turn
 _STEERING_ACCELERATION = 4.0  # [rad/s^2]
-_LEAD = 0.05  # [s] by which goals of a program are ahead: errors of velocities decay in such a time
 _AIMED = 0.2  # [rad] within which a base of a program begins to drive
 
 
@@ -160,12 +155,14 @@ class TwistController(ReprMixin):
         rates = share * turn / self.dt
         if rates.any():  # velocities that fit the angles halfway
             motion = self.base.at(pin.integrate(self._reduced.robot.model, q, 0.5 * self.dt * (motion.turning @ rates)))
+            # At the angles halfway, passive joints may turn faster for the same rates of the pivots.
             rates = rates * _largest_share(motion.turning @ rates, 0.0, bounds)[0]
         offset = motion.turning @ rates
         allowed = self._nearest(motion, goal, self.waits * (share > _STILL))
         along = motion.moving @ allowed
         scale, joint = _largest_share(along, offset, bounds)
         v, reached = scale * along + offset, scale * allowed / self._scale
+        # A zero command is not cut: the base rests because it has to.
         cuts: tuple[TwistCut, ...] = ()
         if np.nan_to_num(wanted).any():
             left = np.abs(aimed - self.dt * rates)
@@ -191,7 +188,8 @@ class TwistController(ReprMixin):
         """
         q, wanted = self._admitted(q, twist)
         resting, unlimited = np.zeros(len(self.base.pivots)), np.full(self._reduced.n, np.inf)
-        for _ in range(_ITERATIONS):
+        iterations = 50  # a bound only: the search ends when no pivot turns
+        for _ in range(iterations):
             motion = self.base.at(q)
             goal, beyond = self._in_range(motion, q, motion.allowed(wanted), resting)
             left = self.base.turns(motion, q, goal, resting).turn
@@ -200,6 +198,7 @@ class TwistController(ReprMixin):
             if share * np.abs(left).max(initial=0.0) < _SETTLED:
                 break
             q = np.asarray(pin.integrate(self._reduced.robot.model, q, share * moved))
+            # Joints of a linkage move along: their loops close again after the finite step.
             if self._reduced.assembly.size:
                 q = self._reduced.assembled(q, hold=self.steering)
         else:
@@ -238,9 +237,11 @@ class TwistController(ReprMixin):
         largest, still = np.abs(turn).max(initial=0.0), max(_QUIET, _MOVING * float(np.linalg.norm(goal)))
         waits = largest > min(_AIMED, 0.25 * independence)
         turn = turn * (not waits or np.linalg.norm(last) <= still)  # it stops before its pivots turn far
-        speed = min(_PROFILE, np.sqrt(_STEERING_ACCELERATION / max(largest, _SETTLED)))
+        profile = 30.0  # [1/s] rate of a pivot over its last turn
+        speed = min(profile, np.sqrt(_STEERING_ACCELERATION / max(largest, _SETTLED)))
         turning = speed * turn * (np.linalg.norm(goal) > _QUIET)
-        ahead = max(dt, _LEAD)
+        lead = 0.05  # [s] by which goals are ahead: errors of velocities decay in such a time
+        ahead = max(dt, lead)
         bounds, change = self._bounds(q, dt, self._limits), _STEERING_ACCELERATION * ahead
         turning *= _largest_share(motion.turning @ turning, 0.0, bounds)[0]
         goal = self._accelerated(last, self._nearest(motion, goal * (not waits), _AIMED), ahead)
@@ -342,8 +343,10 @@ class TwistController(ReprMixin):
         follows = np.abs(start + wrapped(after - before) - turn) < 0.5 * np.pi
         if not (self._can_turn(motion, start, bounds) and follows[seen].all()):
             return wanted, turn
+        # Bisection: the share that all pivots can follow has no closed form.
+        halves = 0.5 ** np.arange(1, 13)  # a share of the change to 2e-4
         share, found = 0.0, (wanted, turn)
-        for more in _HALVES:
+        for more in halves:
             goal = last + (share + more) * (wanted - last)
             turns = self.base.turns(motion, q, goal, state.rates).turn
             if self._can_turn(motion, turns, bounds):
@@ -394,7 +397,8 @@ class TwistController(ReprMixin):
 
 def _choices(favoured: Array) -> Iterable[Array]:
     """Signs of rolling of some wheels, (k,): all choices, or the favoured one for more wheels than vehicles have."""
-    if len(favoured) > _MOST:
+    most = 6  # four wheels of a vehicle have 16 choices, six have 64
+    if len(favoured) > most:
         return [np.where(favoured < 0.0, -1.0, 1.0)]
     return (np.array(signs) for signs in product((1.0, -1.0), repeat=len(favoured)))
 

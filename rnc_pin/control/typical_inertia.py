@@ -20,12 +20,6 @@ MAX_RATE_TIMES_DELAY = np.pi / 4
 NEARLY_SINGULAR = 0.05
 """Smallest singular value of E with scaled rows below which a refusal names the singular configuration as its cause."""
 AWAY_FROM_SINGULAR = "keep away from there: nearer goals, another start or path, or other outputs"
-_SHOWN = 8  # positions that a message shows; the error has all
-_SHORTEST_PERIOD = 1e-4  # [s]; control loops that sample faster are rare, so no message asks for it
-_LEVER = 1e-4  # gravity loads an output above this lever arm of the robot's weight [m]; for a slide, share of it
-_LOOKED_AT = 12  # number of configurations at which gravity is computed
-_UNDER_GRAVITY = 20.0  # adaptation rate with which a tracker follows the change of its gravity load [1/s]
-_ADAPTATION_TIMES_AGE = 0.1  # largest product of the adaptation rate and the age of the feedback signal
 
 
 class TypicalInertia(NamedTuple):
@@ -42,14 +36,24 @@ class TypicalInertia(NamedTuple):
     eigenvalues: Float[Array, "count k"]
 
     def window(self, slowest: float, fastest: float) -> tuple[float, float]:
-        """Lowest and highest bandwidth for closed-loop rates between two limits [1/s]."""
+        """Lowest and highest bandwidth for closed-loop rates between two limits [1/s].
+
+        Args:
+            slowest: lowest accepted rate.
+            fastest: highest accepted rate.
+        """
         return slowest * float(self.eigenvalues.max()), fastest * float(self.eigenvalues.min())
 
 
 def inertia_of_outputs(H: np.ndarray) -> TypicalInertia:
-    """Return the typical diagonal D (k,) of inertia matrices (count, k, k): the geometric mean of its extremes."""
+    """Return the typical diagonal D (k,) of inertia matrices (count, k, k): the geometric mean of its extremes.
+
+    Args:
+        H: inertia matrices.
+    """
     H = _symmetric(H)
     entries = np.einsum("...ii->...i", H).reshape(-1, H.shape[-1])
+    # The geometric mean is as far from the least as from the largest, in ratios: the window is symmetric.
     diagonal = np.sqrt(entries.min(axis=0) * entries.max(axis=0))
     scale = np.sqrt(diagonal)
     return TypicalInertia(diagonal, None, np.linalg.eigvalsh(H / np.multiply.outer(scale, scale)))
@@ -64,6 +68,7 @@ def inertia_of_modes(H: np.ndarray) -> TypicalInertia:
     Args:
         H: inertia matrices (count, k, k).
     """
+    # Means of matrices in kg and in kg m^2 would depend on units.
     scale = np.sqrt(inertia_of_outputs(H).weights)
     normal = _symmetric(H / np.multiply.outer(scale, scale))  # free of units
     arithmetic, harmonic = normal.mean(axis=0), np.linalg.inv(np.linalg.inv(normal).mean(axis=0))
@@ -78,7 +83,12 @@ def inertia_of_modes(H: np.ndarray) -> TypicalInertia:
 
 
 def fastest_rate(dt: float, delay: float) -> float:
-    """Largest closed-loop rate [1/s] for a sampling period and a delay [s]."""
+    """Largest closed-loop rate [1/s] for a sampling period and a delay [s].
+
+    Args:
+        dt: sampling period.
+        delay: time from a measurement to its force, without sampling.
+    """
     return min(MAX_RATE_TIMES_PERIOD / dt, MAX_RATE_TIMES_DELAY / (delay + dt / 2))
 
 
@@ -91,13 +101,15 @@ def gravity_loads(reduced: ReducedModel, configurations: np.ndarray, outputs: np
         outputs: indices of the reducing outputs; all by default.
     """
     region = np.atleast_2d(configurations)
-    some = region[np.unique(np.linspace(0, len(region) - 1, _LOOKED_AT).astype(int))]
+    count = 12  # of configurations at which gravity is computed: it changes slowly over a region
+    some = region[np.unique(np.linspace(0, len(region) - 1, count).astype(int))]
     model = reduced.robot.model
     data = model.createData()
     weight = float(pin.computeTotalMass(model) * np.linalg.norm(model.gravity.linear))
     forces = np.array([pin.computeGeneralizedGravity(model, data, q) for q in some])
     loads = apply_transposed(reduced.at(some).R, forces)
-    return bool(np.abs(loads if outputs is None else loads[:, outputs]).max(initial=0.0) > max(_LEVER * weight, 1e-6))
+    lever = 1e-4  # [m] of the robot's weight above which gravity loads an output; for a slide, part of the weight
+    return bool(np.abs(loads if outputs is None else loads[:, outputs]).max(initial=0.0) > max(lever * weight, 1e-6))
 
 
 def adaptation_rate(is_loaded: bool, dt: float, delay: float) -> float:
@@ -110,7 +122,9 @@ def adaptation_rate(is_loaded: bool, dt: float, delay: float) -> float:
         is_loaded: True if gravity loads the outputs.
         dt, delay: sampling period, and delay without sampling [s].
     """
-    return max(1.0, min(_UNDER_GRAVITY, _ADAPTATION_TIMES_AGE / (delay + dt / 2))) if is_loaded else 1.0
+    under_gravity = 20.0  # [1/s], with which a tracker follows the change of its gravity load
+    largest_product = 0.1  # of the adaptation rate and the age of the feedback signal
+    return max(1.0, min(under_gravity, largest_product / (delay + dt / 2))) if is_loaded else 1.0
 
 
 def no_gains(
@@ -163,14 +177,16 @@ def _longest_period(inertia: TypicalInertia, slowest: float, delay: float) -> fl
 
 def _sampling(period: float) -> str:
     """Words on the effect of a shorter sampling period; none if no loop is that fast."""
-    if period >= _SHORTEST_PERIOD:
+    shortest = 1e-4  # [s]; control loops that sample faster are rare, so no message asks for it
+    if period >= shortest:
         return f"; sample faster, at least every {period:.2g} s"
     return "" if period else "; the delay is too long for any sampling"
 
 
 def _place(time: float | None, q: np.ndarray) -> str:
     when = "" if time is None else f" at t = {time:.2f} s"
-    return f"{when} at q = [{', '.join(f'{value:.3g}' for value in q[:_SHOWN])}{', ...' if len(q) > _SHOWN else ''}]"
+    shown = 8  # positions in a message; the error has all
+    return f"{when} at q = [{', '.join(f'{value:.3g}' for value in q[:shown])}{', ...' if len(q) > shown else ''}]"
 
 
 def _symmetric(H: np.ndarray) -> np.ndarray:

@@ -21,10 +21,6 @@ from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.reduced_kinematics import Measurement
 
-_WAKE_FACTOR = 2.0  # distance or heading error, in multiples of ``tolerance``, at which a resting vehicle starts again
-_REVERSAL_RATIO = 0.5  # largest ratio of the angle terms of V, after to before, for a change of driving direction
-_SERIES_ANGLE = 1e-3  # alpha [rad] below which quotients by alpha use their series
-
 
 class DrivingState(NamedTuple):
     """State of the stabiliser: waiting, resting or driving, and the driving direction."""
@@ -112,7 +108,11 @@ class UnicycleStabilizer(DescribedMixin):
         self._c, self._h = 2.2 * rate, 1.2 * rate**2 / k**2
 
     def initial_state(self, measurement: Measurement) -> DrivingState:
-        """Return the waiting state."""
+        """Return the waiting state.
+
+        Args:
+            measurement: first measurement.
+        """
         self._pose(measurement)
         return DrivingState(np.nan)
 
@@ -146,13 +146,15 @@ class UnicycleStabilizer(DescribedMixin):
         off = max(np.hypot(pose[0], pose[1]), abs(pose[2]))
         if off < self.tolerance and np.abs(v2).max() < self.tolerance:
             return DrivingState(t, True, state.backwards)
-        if state.resting and off < _WAKE_FACTOR * self.tolerance:
+        wake_factor = 2.0  # times the tolerance: hysteresis, so that noise at the tolerance starts no motion
+        if state.resting and off < wake_factor * self.tolerance:
             return state
         forth, back = (self._angle_cost(self._polar_pose(pose, way)) for way in (False, True))
         if np.isnan(state.since) or state.resting:
             return DrivingState(t, False, back < forth)
         now, other = (back, forth) if state.backwards else (forth, back)
-        return state._replace(backwards=state.backwards != (other < _REVERSAL_RATIO * now))
+        reversal_ratio = 0.5  # of the angle terms of V, after to before: hysteresis of the driving direction
+        return state._replace(backwards=state.backwards != (other < reversal_ratio * now))
 
     def _polar_pose(self, pose: tuple[float, float, float], backwards: bool) -> _PolarPose:
         """Pose in the coordinates of the law; for backward driving, both headings turn by pi."""
@@ -176,7 +178,8 @@ class UnicycleStabilizer(DescribedMixin):
         theta_dot = speed * s * e / max(e, self.tolerance) ** 2
         alpha_dot = theta_dot - turn
         v_dot = k * (-speed * c * c - e * s * alpha_dot)
-        if abs(alpha) < _SERIES_ANGLE:
+        series_angle = 1e-3  # alpha [rad] below which quotients by alpha use their series
+        if abs(alpha) < series_angle:
             share, slope = 1.0 - 2.0 / 3.0 * alpha**2, -4.0 / 3.0 * alpha
         else:
             share = c * s / alpha  # cos(alpha) sinc(alpha)
@@ -189,6 +192,7 @@ class UnicycleStabilizer(DescribedMixin):
     def _limited(self, v2: np.ndarray, v2_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Inputs slowed below the limits along the same path, and their rates."""
         used = v2 / self.max_speed
+        # A smooth bound: a hard limit would make the desired rate jump.
         scale = np.sqrt(1.0 + used @ used)
         slows = used @ (v2_dot / self.max_speed) / scale**2
         return v2 / scale, (v2_dot - v2 * slows) / scale

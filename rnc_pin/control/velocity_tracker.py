@@ -101,13 +101,22 @@ class VelocityTracker(DescribedMixin):
         self._has_dead_zone = bool(np.any(self._dead_zone))
 
     def initial_state(self, measurement: Measurement) -> TrackerState:
-        """Return zero adaptive gains."""
+        """Return zero adaptive gains.
+
+        Args:
+            measurement: first measurement.
+        """
         shape, target = np.shape(measurement.v2), self.target.initial_state(measurement)
         r = shape[-1]
         return TrackerState(None, np.zeros(shape), np.zeros((*shape, r)), np.zeros((*shape, r * r)), target)
 
     def step(self, t: float, measurement: Measurement, state: TrackerState) -> tuple[Command, TrackerState]:
         """Compute one sample; the sampling interval may vary.
+
+        Args:
+            t: time of the sample [s].
+            measurement: measurement at that time.
+            state: state of the last sample.
 
         Raises:
             InputError: time runs backwards.
@@ -128,6 +137,7 @@ class VelocityTracker(DescribedMixin):
         v2 = measurement.v2
         error = target.v2 - v2
         products = (v2[..., :, None] * target.v2[..., None, :]).reshape(*v2.shape[:-1], -1)  # [v2 v2d]
+        # |w|^2 of the regressor [1, v2d_dot, v2 v2d]: it bounds the step below.
         square = 1.0 + np.vecdot(target.v2_dot, target.v2_dot) + np.vecdot(products, products)
         k, beta = self.gains.k, self.gains.beta
         share, leak_time = leak(self.gains.sigma, elapsed)
@@ -143,6 +153,7 @@ class VelocityTracker(DescribedMixin):
         g = decay * state.g + step
         C = decay[..., None] * state.C + step[..., :, None] * target.v2_dot[..., None, :]
         D = decay[..., None] * state.D + step[..., :, None] * products[..., None, :]
+        # With the gains after the step: one sample then adds at most k e_v.
         F = apply(C, target.v2_dot) + apply(D, products) + g + k * error + self._offset
         return F, g, C, D
 

@@ -22,9 +22,6 @@ from rnc_pin.model.row_stack import RowStack
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.robots.robot import Robot
 
-_SAMPLES = 6
-_SILENT = 1e-9  # entries of Y below which a parameter does not enter a row
-
 
 @dataclass(frozen=True)
 class UnknownRadius:
@@ -152,6 +149,7 @@ class WheelRegressor:
             for wheel, (rows, kept) in found.items()
             if wheel in radii or wheel in tracks
         ]
+        # Copies with radius 1: rows are affine in the radius, so that they are their own coefficients.
         for entry in self._unknown:
             if entry.radius is not None:
                 entry.rows.radius = 1.0
@@ -175,10 +173,12 @@ class WheelRegressor:
         """Wheels with the rows that depend on a parameter; raise an error if a parameter enters no row."""
         generator = np.random.default_rng(0)
         samples: list[np.ndarray] = []
-        for _ in range(_SAMPLES):
+        count = 6  # random states: a parameter that enters a row enters it at almost every one
+        for _ in range(count):
             with suppress(SingularityError):  # a wheel that lies flat
                 samples.append(self.regress(robot.random_configuration(generator), generator.normal(size=robot.nv))[1])
-        told = np.abs(samples).max(axis=0) > _SILENT
+        silent = 1e-9  # entries of Y below which a parameter does not enter a row
+        told = np.abs(samples).max(axis=0) > silent
         for name, heard in zip(self.names, told.any(axis=0), strict=True):
             if not heard:
                 raise ConfigurationError(f"no independent constraint row depends on the {name}")
@@ -188,6 +188,10 @@ class WheelRegressor:
 
     def regress(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return ``y = -A_known v`` (e,) [m/s] and Y (e, s) at the measured q (nq,) and v (nv,).
+
+        Args:
+            q: measured configuration.
+            v: measured velocity.
 
         Raises:
             SingularityError: a wheel lies flat.
@@ -240,7 +244,11 @@ class WheelRegressor:
         return np.array([np.mean(each) for each in values])
 
     def estimated(self, reduced: ReducedModel) -> EstimatedModel:
-        """Return models with the estimated radii and tracks."""
+        """Return models with the estimated radii and tracks.
+
+        Args:
+            reduced: the model with the true radii and tracks.
+        """
         return EstimatedModel(reduced, partial(self._copy, reduced))
 
     def _copy(self, reduced: ReducedModel) -> ParametrizedCopy:

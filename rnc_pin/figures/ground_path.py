@@ -15,11 +15,7 @@ from rnc_pin.figures import style as st
 from rnc_pin.figures.panel import Labels
 from rnc_pin.printing import printed
 
-_MARKS = 12  # heading marks along a path: eleven equal parts, so that marks of two laps do not coincide
-_TURN_LENGTH = 0.15  # distance between marks that is equivalent to a rotation of 1 rad, over the extent of the path
 MIN_HALF_SIZE = 0.05  # smallest half width and half height of the picture [m]
-_PALE_WIDTH = 4.5  # width of the path of a compared run [points]
-_PLAN = "#8a8a8a"  # colour of the planned path
 _POINTER = Path([(1.2, 0.0), (-0.8, 0.62), (-0.45, 0.0), (-0.8, -0.62), (1.2, 0.0)], closed=True)
 
 
@@ -48,6 +44,7 @@ class GroundPath:
     @property
     def goal(self) -> np.ndarray | None:
         """Constant desired position (2,) [m]; None without a goal, or if the desired position varies."""
+        # A goal that moves by rounding only is drawn as a cross, not as a path of no length.
         if self.desired is None or not np.allclose(self.desired, self.desired[-1], rtol=0.0, atol=1e-9):
             return None
         last: np.ndarray = self.desired[-1]
@@ -56,12 +53,14 @@ class GroundPath:
     def marks(self) -> np.ndarray:
         """Indices of the samples with heading marks, evenly along the path; rotation in place counts as distance."""
         steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        turn_length = 0.15  # distance that counts as a turn of 1 rad, over the extent of the path
         if self.headings is not None:
-            steps = steps + _TURN_LENGTH * max(self.extent, MIN_HALF_SIZE) * np.abs(np.diff(np.unwrap(self.headings)))
+            steps = steps + turn_length * max(self.extent, MIN_HALF_SIZE) * np.abs(np.diff(np.unwrap(self.headings)))
         distance = np.concatenate([[0.0], np.cumsum(steps)])
         if not distance[-1] > 0:
             return np.array([0, len(distance) - 1])
-        return np.unique(np.searchsorted(distance, np.linspace(0.0, distance[-1], _MARKS)).clip(max=len(distance) - 1))
+        count = 12  # eleven equal parts, so that marks of two laps do not coincide
+        return np.unique(np.searchsorted(distance, np.linspace(0.0, distance[-1], count)).clip(max=len(distance) - 1))
 
 
 @printed(planned="m")
@@ -80,7 +79,11 @@ class GroundPaths:
     compared: Mapping[str, Sequence[GroundPath]] = field(default_factory=dict)
 
     def aspect(self, further: Sequence[np.ndarray] = ()) -> float:
-        """Height over width of the paths and of further points (n, 2)."""
+        """Height over width of the paths and of further points (n, 2).
+
+        Args:
+            further: points that the picture has to show too [m].
+        """
         every = [path.points for paths in (self.own, *self.compared.values()) for path in paths]
         planned = [] if self.planned is None else [self.planned]
         across, up = np.maximum(np.ptp(np.concatenate([*every, *planned, *further]), axis=0), 2 * MIN_HALF_SIZE)
@@ -100,8 +103,9 @@ def draw_paths(axes: Axes, paths: GroundPaths, texts: Labels, name: str = "") ->
         Legend entries.
     """
     entries: list[st.LegendEntry] = []
+    plan_color = "#8a8a8a"  # grey, beside the colours of the bodies
     if paths.planned is not None:
-        planned = axes.plot(*paths.planned.T, color=_PLAN, ls=(0, (4, 2)), lw=st.points(2.4), zorder=1)
+        planned = axes.plot(*paths.planned.T, color=plan_color, ls=(0, (4, 2)), lw=st.points(2.4), zorder=1)
         entries.append(st.LegendEntry(texts.text("planned path"), planned))
     own = []
     for k, path in enumerate(paths.own):
@@ -137,7 +141,8 @@ def draw_paths(axes: Axes, paths: GroundPaths, texts: Labels, name: str = "") ->
 def _compared(axes: Axes, paths: GroundPaths, texts: Labels) -> list[st.LegendEntry]:
     """Draw other runs as wide pale lines below the run, so that both are visible where they coincide."""
     entries = []
-    names, width = [each.name for each in paths.own], st.points(_PALE_WIDTH)
+    pale_width = 4.5  # [points]: wide enough to be seen on both sides of the own path
+    names, width = [each.name for each in paths.own], st.points(pale_width)
     for j, (style, label) in enumerate(st.dashes(paths.compared)):
         lines = []
         for path in paths.compared[label]:

@@ -12,7 +12,6 @@ import numpy as np
 from rnc_pin.errors import InputError, nearest
 
 MAX_LINES = 6  # largest number of lines in a panel
-_MAX_NAME = 60  # characters
 AXIS_NAMES = {
     "m": "position",
     "rad": "angle",
@@ -93,6 +92,9 @@ class Labels:
     def check(self, valid: Iterable[str]) -> None:
         """Raise an error if a label replaces no name of the figure.
 
+        Args:
+            valid: names in the figure.
+
         Raises:
             InputError: unknown name.
         """
@@ -102,25 +104,40 @@ class Labels:
                 raise InputError(f"labels: nothing is named '{name}'{nearest(name, known)}")
 
     def text(self, name: str) -> str:
-        """Text of a name: the given one, or the readable name; dots replace the middle of a long one."""
+        """Text of a name: the given one, or the readable name; dots replace the middle of a long one.
+
+        Args:
+            name: name of a quantity, a line or an axis.
+        """
         from rnc_pin.figures.style import escape  # Matplotlib takes a second to import
 
-        short = name if len(name) <= _MAX_NAME else f"{name[: _MAX_NAME // 2]}...{name[-_MAX_NAME // 2 :]}"
+        most = 60  # characters
+        short = name if len(name) <= most else f"{name[: most // 2]}...{name[-most // 2 :]}"
         return self.given[name] if name in self.given else escape(short.replace("_", " ").strip())
 
     def of(self, series: Series) -> str:
-        """Text of a line."""
+        """Text of a line.
+
+        Args:
+            series: the line.
+        """
         return f"integral of {self.text(series.name)}" if series.is_integral else self.text(series.name)
 
 
 def split_names(names: Sequence[str], most: int = MAX_LINES) -> list[list[str]]:
-    """Split names into groups of at most ``most``. Names with the same first word stay together."""
+    """Split names into groups of at most ``most``. Names with the same first word stay together.
+
+    Args:
+        names: the names, in their order.
+        most: largest size of a group.
+    """
     if len(names) <= most:
         return [list(names)] if names else []
     words = [name.lstrip("_").split("_")[0].rstrip("0123456789") for name in names]
     pairs = groupby(zip(words, names, strict=True), lambda pair: pair[0])
     groups = [[name for _, name in group] for _, group in pairs]
     if len(groups) == 1 or len(groups) == len(names):
+        # Words do not group these names: equal parts, in their order.
         count = -(-len(names) // most)
         bounds = [round(k * len(names) / count) for k in range(count + 1)]
         return [list(names[start:end]) for start, end in pairwise(bounds)]
@@ -139,19 +156,11 @@ Size: TypeAlias = Literal["column", "page"] | tuple[float, float]
 
 _WIDTHS = {"column": 3.4, "page": 7.0}  # [inches]
 _PRINT, _SCREEN, _SLIDE = 8.0, 10.0, 14.0  # sizes of text [points]; that of a slide is the largest
-_MIN_WIDTH = 2.0  # [inches]
 _SCREEN_ROWS = (4, 5, 6)  # largest number of rows in figures for the screen of one, two, and more columns
 _SCREEN_WIDTHS = (8.0, 7.0)  # width of a column in figures for the screen of one and of several columns [inches]
 # Lengths in sizes of the text:
-_PANEL = 28.0  # smallest width of a panel
-_BESIDE = 45.0  # smallest width of a panel with a legend beside its axes; narrower panels have it above
-_ASPECT = 1.9  # preferred width over height of a panel
 _AXES = {True: 13.5, False: 11.0}  # height of axes with the legend beside and above them
-_SINGLE = {True: 1.7, False: 1.3}  # height of the only row, over that of one of several
-_MIN_AXES = 5.0  # smallest height of axes
-_LEGEND = 15.0  # width of a legend beside axes
 LABEL_ROOM = 7.2  # width of the label and the ticks of a vertical axis
-_VIEW_ROWS = 2  # largest number of rows of a view beside panels
 GAP, TIME = 1.5, 3.0  # height between panels, and of the labels of the time
 
 
@@ -189,6 +198,9 @@ class Sheet:
 
         Text has 8 points on figures up to the width of a page, and grows with wider ones, up to 14 points.
 
+        Args:
+            size: size of the figure.
+
         Raises:
             InputError: another size.
         """
@@ -202,45 +214,70 @@ class Sheet:
             width, height = (float(each) for each in size)
         except (TypeError, ValueError):
             raise InputError(f"size {size!r}: expected 'column', 'page' or (width, height) in inches") from None
-        if not (_MIN_WIDTH <= width <= 100.0 and 0.0 < height <= 100.0):
-            raise InputError(f"size {size!r}: expected a width from {_MIN_WIDTH:g} and a height, up to 100 inches each")
+        least = 2.0  # [inches]
+        if not (least <= width <= 100.0 and 0.0 < height <= 100.0):
+            raise InputError(f"size {size!r}: expected a width from {least:g} and a height, up to 100 inches each")
         return cls(width, height, float(np.clip(_PRINT * width / _WIDTHS["page"], _PRINT, _SLIDE)))
 
     def in_text(self, inches: float) -> float:
-        """Length in sizes of the text."""
+        """Length in sizes of the text.
+
+        Args:
+            inches: the length [inches].
+        """
         return inches * 72.0 / self.font
 
     def grid(self, axes: int, places: int | None = None) -> Grid:
-        """Grid for a number of axes, which need as many places if no other number is given."""
+        """Grid for a number of axes, which need as many places if no other number is given.
+
+        Args:
+            axes: number of axes.
+            places: number of places that they need.
+        """
         places = axes if places is None else places
         if self.width is None:
             within = (k for k, rows in enumerate(_SCREEN_ROWS, start=1) if places <= k * rows)
             columns = next(within, -(-places // _SCREEN_ROWS[-1]))
             return Grid(-(-places // columns), columns, columns * _SCREEN_WIDTHS[columns > 1])
-        most = max(1, min(axes, int(self.in_text(self.width) // _PANEL)))
+        least_panel = 28.0  # width in sizes of the text
+        most = max(1, min(axes, int(self.in_text(self.width) // least_panel)))
         if self.height is None:
             return Grid(-(-places // most), most, self.width)
         height = self.height
-        aspects = [self.width / k / (height / -(-places // k)) / _ASPECT for k in range(1, most + 1)]
+        aspect = 1.9  # preferred width over height of a panel
+        aspects = [self.width / k / (height / -(-places // k)) / aspect for k in range(1, most + 1)]
+        # On a log scale a panel twice as wide is as far from the best as one half as wide.
         columns = 1 + int(np.argmin(np.abs(np.log(aspects))))
         return Grid(-(-places // columns), columns, self.width)
 
     def grid_of(self, panels: int, aspect: float | None) -> tuple[Grid, int]:
-        """Grid for panels after a view of an aspect (height over width) if there is one, and the rows of the view."""
+        """Grid for panels after a view of an aspect (height over width) if there is one, and the rows of the view.
+
+        Args:
+            panels: number of panels.
+            aspect: height over width of the view; None without a view.
+        """
         if aspect is None:
             return self.grid(max(1, panels)), 0
-        most = _VIEW_ROWS if panels else _VIEW_ROWS + 1
+        view_rows = 2  # largest number of rows of a view beside panels
+        most = view_rows if panels else view_rows + 1
+        legend = 15.0  # width of a legend beside axes, in sizes of the text
         for rows in range(1, most + 1):
             grid = self.grid(panels + 1, panels + rows)
             beside = self.is_beside(grid)
-            width = self.in_text(grid.width / grid.columns) - LABEL_ROOM - (_LEGEND if beside else 0.0)
+            width = self.in_text(grid.width / grid.columns) - LABEL_ROOM - (legend if beside else 0.0)
             if aspect * width <= rows * _AXES[beside]:
                 break
         return grid, rows
 
     def is_beside(self, grid: Grid) -> bool:
-        """True if legends are beside the axes, False if they are above."""
-        return self.in_text(grid.width / grid.columns) >= _BESIDE
+        """True if legends are beside the axes, False if they are above.
+
+        Args:
+            grid: grid of the figure.
+        """
+        beside = 45.0  # width of a panel, in sizes of the text, from which a legend beside the axes leaves them room
+        return self.in_text(grid.width / grid.columns) >= beside
 
     def heights(self, grid: Grid, above: float) -> tuple[float, float]:
         """Height of the figure [inches], and that of the axes of a row [sizes of the text].
@@ -253,11 +290,13 @@ class Sheet:
             InputError: the panels do not fit.
         """
         others = above + GAP * grid.rows + TIME
-        axes = _AXES[self.is_beside(grid)] * (_SINGLE[self.is_beside(grid)] if grid.rows == 1 else 1.0)
+        single = {True: 1.7, False: 1.3}  # height of the only row, over that of one of several
+        axes = _AXES[self.is_beside(grid)] * (single[self.is_beside(grid)] if grid.rows == 1 else 1.0)
+        least_axes = 5.0  # height in sizes of the text
         if self.height is not None:
             axes = (self.in_text(self.height) - others) / grid.rows
-            if axes < _MIN_AXES:
-                least = (others + _MIN_AXES * grid.rows) * self.font / 72.0
+            if axes < least_axes:
+                least = (others + least_axes * grid.rows) * self.font / 72.0
                 raise InputError(
                     f"size ({self.width:g}, {self.height:g}): its panels need a height of {np.ceil(10 * least) / 10:g} "
                     "inches; plot fewer outputs, or choose 'column' or 'page'"

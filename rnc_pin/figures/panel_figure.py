@@ -32,15 +32,8 @@ class PlaneView(NamedTuple):
     aspect: float
 
 
-_CHARACTER, _LINE = 0.62, 1.5  # width of a bold character and height of a line, over the size of the text
-_TITLE_LINES = 3  # largest number of lines of a title
 # Lengths in sizes of the text:
-_TOP = 0.8  # height above the first axes, for half a number
-_SIDE = 1.6  # width at the right of the axes
-_NUMBERS = 1.9  # height of the numbers of the time
 _PAD = 0.5  # width between numbers and labels
-_LABEL_LINE = 1.35  # width of a line of a label
-_ACTIVE_WIDTH = 5.0  # width of the pale line at active samples [points]
 
 
 def panel_figure(
@@ -71,6 +64,9 @@ def panel_figure(
     """
     texts = labels or Labels()
     grid, above = sheet.grid_of(len(panels), None if view is None else view.aspect)
+    character, line_height = 0.62, 1.5  # width of a bold character and height of a line, over the size of the text
+    title_lines = 3  # largest number of lines of a title
+    above_axes = 0.8  # height above the first axes, for half a number
     with mpl.rc_context(st.style(sheet.font)):
         figure = st.PrintFigure((grid.width, sheet.height or 4.0))
         room = None if sheet.is_beside(grid) else sheet.in_text(grid.width / grid.columns) - LABEL_ROOM
@@ -89,14 +85,14 @@ def panel_figure(
             if last:
                 axes.set_xlabel(f"{texts.text('time')} [s]")
             axes.tick_params(labelbottom=last)
-        width = max(20, int(sheet.in_text(grid.width) / _CHARACTER))
-        lines = textwrap.wrap(title or "", width, max_lines=_TITLE_LINES, placeholder="...")
+        width = max(20, int(sheet.in_text(grid.width) / character))
+        lines = textwrap.wrap(title or "", width, max_lines=title_lines, placeholder="...")
         if lines:
             shown = figure.suptitle("\n".join(map(st.escape, lines)), x=0.01, ha="left")
         over = [0.0] * grid.rows
         for cell in cells if room is not None else ():
             over[cell.rows[0]] = max(over[cell.rows[0]], cell.legend_size[1])
-        top = _TOP + (_LINE * len(lines) + _PAD if lines else 0.0)
+        top = above_axes + (line_height * len(lines) + _PAD if lines else 0.0)
         height, of_axes = sheet.heights(grid, sum(over) + top)
         figure.set_size_inches(grid.width, height)
         if lines:
@@ -156,7 +152,8 @@ def _arrange(cells: Sequence[_Cell], grid: Grid, tops: Sequence[float], height: 
     """
     figure = cells[0].axes.figure
     width, whole = (cells[0].in_text(pixels) for pixels in figure.bbox.size)
-    right = _SIDE + (max(cell.legend_size[0] for cell in cells) if beside else 0.0)
+    side = 1.6  # width at the right of the axes
+    right = side + (max(cell.legend_size[0] for cell in cells) if beside else 0.0)
 
     def place(left: float) -> None:
         for cell in cells:
@@ -168,14 +165,17 @@ def _arrange(cells: Sequence[_Cell], grid: Grid, tops: Sequence[float], height: 
             cell.axes.set_position((start / width, 1.0 - end / whole, across / width, down / whole))
             cell.axes.apply_aspect()
 
+    # First with room for a label of usual size, to measure the numbers; then with the room that they need.
     place(LABEL_ROOM)
     ticks = max(cell.ticks() for cell in cells) + _PAD
     lines = max(1 + cell.axes.get_ylabel().count("\n") for cell in cells)
-    place(ticks + _LABEL_LINE * lines + _PAD)
+    label_line = 1.35  # width of a line of a label
+    place(ticks + label_line * lines + _PAD)
+    numbers_height = 1.9  # of the time
     for cell in cells:
         across, down = (cell.in_text(pixels) for pixels in cell.axes.bbox.size)
         cell.axes.yaxis.set_label_coords(-ticks / across, 0.5)
-        cell.axes.xaxis.set_label_coords(0.5, -_NUMBERS / down)
+        cell.axes.xaxis.set_label_coords(0.5, -numbers_height / down)
 
 
 def _axis_label(panel: Panel, texts: Labels, height: float) -> str:
@@ -228,9 +228,10 @@ def _draw(
 def _draw_series(axes: Axes, series: Series, k: int, count: int, time: np.ndarray) -> Line2D:
     """Draw the k-th line of a panel with its active samples."""
     line = st.line(axes, k, MAX_LINES if series.active is not None else count, time, series.values)
+    active_width = 5.0  # of the pale line at active samples [points]
     if series.active is not None and _is_active(series):
         marked = np.where(series.active, series.values, np.nan)
-        axes.plot(time, marked, color=line.get_color(), lw=st.points(_ACTIVE_WIDTH), alpha=0.4, solid_capstyle="round")
+        axes.plot(time, marked, color=line.get_color(), lw=st.points(active_width), alpha=0.4, solid_capstyle="round")
     return line
 
 
@@ -253,11 +254,6 @@ def _limit_axis(axes: Axes, panel: Panel) -> None:
             axes.set_ylim((low + high - least) / 2, (low + high + least) / 2)
 
 
-_MAX_LINE = 30  # characters per line of a legend beside the axes; longer lines would leave them too little room
-_NARROW = 0.5  # width of a character of a legend, over the size of the figure's text
-_HANDLE = 6  # characters that the line of an entry and the gap between columns need
-
-
 def _legend(axes: Axes, entries: Sequence[LegendEntry], note: str, room: float | None) -> Legend | None:
     """Add a legend, in which lines of one entry are side by side.
 
@@ -273,13 +269,16 @@ def _legend(axes: Axes, entries: Sequence[LegendEntry], note: str, room: float |
     if not entries:
         return None
     beside = room is None
-    widest = _MAX_LINE if room is None else int(room / _NARROW) - _HANDLE
+    line_limit = 30  # characters: longer lines beside the axes would leave them too little room
+    narrow = 0.5  # width of a character of a legend, over the size of the figure's text
+    handle = 6  # characters that the line of an entry and the gap between columns need
+    widest = line_limit if room is None else int(room / narrow) - handle
     texts = [_broken(entry.text, widest) for entry in entries]
-    longest = _HANDLE + max(len(line) for text in texts for line in text.split("\n"))
+    longest = handle + max(len(line) for text in texts for line in text.split("\n"))
     handles = [entry.lines[0] if len(entry.lines) == 1 else tuple(entry.lines) for entry in entries]
     return axes.legend(
         handles, texts, title=_broken(note, widest) or None,
-        ncols=1 if room is None else min(len(texts), max(1, int(room / _NARROW / longest))),
+        ncols=1 if room is None else min(len(texts), max(1, int(room / narrow / longest))),
         loc="center left" if beside else "lower left", bbox_to_anchor=(1.01, 0.5) if beside else (0.0, 1.0),
         borderaxespad=0.5 if beside else 0.0, borderpad=0.4, alignment="left", columnspacing=1.2, labelspacing=0.35,
         handlelength=2.4, handletextpad=0.6, handler_map={tuple: HandlerTuple(ndivide=None, pad=0.4)},

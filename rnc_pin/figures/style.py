@@ -29,18 +29,20 @@ Dashes = tuple[int, tuple[float, ...]]
 DOTS: Dashes = (0, (1, 1.6))
 DASHES: list[Dashes] = [(0, (6, 3)), (0, (6, 2, 1, 2)), (0, (3, 2)), (0, (8, 2, 1, 2, 1, 2)), (0, (1, 4)), (0, (10, 4))]
 
-_MARKERS_PER_LINE = 7  # number of markers on a line
 _SCREEN = 10.0  # size of text for which lengths in points are given [points]
 _DPI = 160
-_NOTEBOOK_WIDTH = 800  # of small figures [pixels]
-_PRINT_DPI = 300  # of figures with smaller text
 _QUICKLY = {"compress_level": 1}  # of PNG files: a fifth less time, and a fifth more bytes
 
 
 def style(font: float = _SCREEN) -> dict[Any, Any]:
-    """Settings of Matplotlib for text of a size [points]. Sizes are numbers, so that a later ``savefig`` keeps them."""
+    """Settings of Matplotlib for text of a size [points]. Sizes are numbers, so that a later ``savefig`` keeps them.
+
+    Args:
+        font: size of the text [points].
+    """
     part = font / _SCREEN
     sizes = ("font.size", "axes.labelsize", "xtick.labelsize", "ytick.labelsize")
+    print_dpi = 300  # of figures with smaller text
     return {
         **dict.fromkeys(sizes, font),
         **dict.fromkeys(("axes.titlesize", "figure.titlesize"), 1.1 * font),
@@ -59,7 +61,7 @@ def style(font: float = _SCREEN) -> dict[Any, Any]:
         "lines.linewidth": 1.8 * part,
         "lines.markersize": 5.0 * part,
         "legend.frameon": False,
-        "figure.dpi": _DPI if font >= _SCREEN else _PRINT_DPI,
+        "figure.dpi": _DPI if font >= _SCREEN else print_dpi,
         "savefig.dpi": "figure",
         "pdf.fonttype": 42,
         "svg.fonttype": "none",
@@ -70,7 +72,11 @@ STYLE = style()
 
 
 def points(length: float) -> float:
-    """Length of a line, a dash or a marker [points] in the current style, from that beside text of 10 points."""
+    """Length of a line, a dash or a marker [points] in the current style, from that beside text of 10 points.
+
+    Args:
+        length: length beside text of 10 points [points].
+    """
     return length * float(mpl.rcParams["font.size"]) / _SCREEN
 
 
@@ -87,7 +93,8 @@ class PrintFigure(Figure):
 
     def _repr_png_(self) -> bytes:
         buffer = BytesIO()
-        self.savefig(buffer, format="png", dpi=float(np.clip(_NOTEBOOK_WIDTH / self.get_figwidth(), 100, _DPI)))
+        notebook_width = 800  # of small figures [pixels]
+        self.savefig(buffer, format="png", dpi=float(np.clip(notebook_width / self.get_figwidth(), 100, _DPI)))
         return buffer.getvalue()
 
 
@@ -119,9 +126,19 @@ class LegendEntry(NamedTuple):
 
 
 def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray) -> Line2D:
-    """Draw the k-th of ``count`` series. Markers of different series are at different samples."""
-    step = max(1, len(time) // _MARKERS_PER_LINE)
+    """Draw the k-th of ``count`` series. Markers of different series are at different samples.
+
+    Args:
+        axes: axes to draw into.
+        k: number of the series, from zero.
+        count: number of series in the axes.
+        time: times (N,) [s].
+        values: values (N,).
+    """
+    markers = 7  # enough to tell lines in greyscale, too few to hide them
+    step = max(1, len(time) // markers)
     color, marker = COLORS[k % len(COLORS)], MARKERS[k % len(MARKERS)]
+    # Evenly shifted: markers of lines that coincide stay visible.
     start = (2 * k + 1) * step // (2 * max(count, 1))
     return axes.plot(
         time, values, color=color, lw=points(1.6), marker=marker, markevery=(start, step), markeredgecolor="white",
@@ -130,32 +147,59 @@ def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray) -
 
 
 def color_of(k: int, count: int, run: int) -> str:
-    """Colour of the k-th of ``count`` series of a compared run. A single series has the colour of its run."""
+    """Colour of the k-th of ``count`` series of a compared run. A single series has the colour of its run.
+
+    Args:
+        k: number of the series, from zero.
+        count: number of series in the axes.
+        run: number of the compared run, from zero.
+    """
     return COLORS[k % len(COLORS)] if count > 1 else COLORS[(run + 1) % len(COLORS)]
 
 
 def pale(color: str) -> str:
-    """Colour half way to white."""
+    """Colour half way to white.
+
+    Args:
+        color: "#rrggbb".
+    """
     red, green, blue = (int(color[k : k + 2], 16) for k in (1, 3, 5))
     return f"#{(red + 255) // 2:02x}{(green + 255) // 2:02x}{(blue + 255) // 2:02x}"
 
 
 def scaled(style: Dashes, width: float) -> Dashes:
-    """Dash pattern with dashes as long on a line of this width [points] as on one of 1.5 points."""
+    """Dash pattern with dashes as long on a line of this width [points] as on one of 1.5 points.
+
+    Args:
+        style: dash pattern for a line of 1.5 points.
+        width: width of the line [points].
+    """
     return style[0], tuple(1.5 * length / width for length in style[1])
 
 
 def dashes(labels: Iterable[str]) -> Iterable[tuple[Dashes, str]]:
-    """Pairs of dash pattern and label."""
+    """Pairs of dash pattern and label.
+
+    Args:
+        labels: labels of the compared runs.
+    """
     return zip(cycle(DASHES), labels, strict=False)
 
 
 def unit_text(unit: str) -> str:
-    """Unit of an axis in upright letters, with powers: "rad/s^2" becomes "rad/s$^2$"."""
+    """Unit of an axis in upright letters, with powers: "rad/s^2" becomes "rad/s$^2$".
+
+    Args:
+        unit: unit as in the names of this package.
+    """
     return re.sub(r"\^(-?\d+)", r"$^{\1}$", escape(unit))
 
 
 def escape(text: str) -> str:
-    """Escape the characters that Matplotlib, or LaTeX if ``text.usetex`` is on, would read as commands."""
+    """Escape the characters that Matplotlib, or LaTeX if ``text.usetex`` is on, would read as commands.
+
+    Args:
+        text: any text.
+    """
     special = "&%$#_{}" if mpl.rcParams["text.usetex"] else "$"
     return "".join("\\" + each if each in special else each for each in text)

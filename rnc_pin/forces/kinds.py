@@ -144,6 +144,7 @@ class _OutputForce(PassiveForce):
         J, J_q = self._rows.jacobian(at), self._rows.jacobian_dot(along)  # (nv, k, nv); first index: the direction
         y, rate = self._rows.value(at), J @ at.v
         friction = self._limit / self._speed * (1.0 - np.square(np.tanh(rate / self._speed)))
+        # Derivatives of u by the rate and by y; J_q @ v is the change of the rate with the configuration.
         by_rate = -np.diag(self._damping + friction)
         moved = by_rate @ (J_q @ at.v).T - self._stiffness[:, None] * J
         turned = np.einsum("jka,k->aj", J_q, self._law(y, rate))
@@ -153,9 +154,11 @@ class _OutputForce(PassiveForce):
         rows = self._rows.kernel_rows(self._model)
         if rows is None or any(row.form not in FORMS_OF_FORCES for row in rows):
             return None
+        # Only a spring compares values; a damper on a wrapped angle needs no turns.
         turns = self._coordinates.kinds * self.conservative
         columns = np.stack([self._stiffness, self._rest, turns, self._damping, self._limit], axis=1).tolist()
         laws = [KernelForce._make([0.0, *row, self._speed]) for row in columns]
+        # The kernel has values of some outputs only. NumPy evaluates a spring on the others.
         if any(law.stiffness and row.value[0] == Value.NONE for law, row in zip(laws, rows, strict=True)):
             return None
         if isinstance(self._rows, ConstantRows):

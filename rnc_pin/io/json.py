@@ -45,17 +45,27 @@ def to_json(content: object, what: str) -> Json:
 
 
 def to_json_mapping(content: Mapping[str, object], what: str) -> dict[str, Json]:
-    """Return a deep copy of a mapping of JSON values, like ``to_json``."""
+    """Return a deep copy of a mapping of JSON values, like ``to_json``.
+
+    Args:
+        content: mapping to copy.
+        what: its name in errors.
+    """
     return {str(key): to_json(value, f"{what}.{key}") for key, value in content.items()}
 
 
 def dump_json(content: object) -> str:
-    """Return values as JSON text; infinities and NaN become null."""
+    """Return values as JSON text; infinities and NaN become null.
+
+    Args:
+        content: values that JSON can represent, such as those of ``to_json``.
+    """
     return json.dumps(_finite(content), indent=2, allow_nan=False)
 
 
 def _finite(content: object) -> object:
     if isinstance(content, float):
+        # JSON has no infinity; readers in other languages reject the names that Python's json writes.
         return content if math.isfinite(content) else None
     if isinstance(content, Mapping):
         return {key: _finite(value) for key, value in content.items()}
@@ -81,12 +91,15 @@ def atomic_file(path: Path, replace: bool = True) -> Iterator[Path]:
     Raises:
         OSError: the file cannot be written or exists; the error names ``path``.
     """
+    # The temporary file is in the same folder, because a rename between file systems is a copy.
     partial = path.with_name(TEMPORARY_PREFIX + secrets.token_hex(4) + path.suffix)
     try:
+        # "x" refuses a name that another process made in the meantime, a link included.
         partial.open("xb").close()
         yield partial
         _put(partial, path, replace)
     except OSError as error:
+        # A user knows the path of the file, not the temporary one.
         if error.filename in (None, str(partial)) and error.errno is not None:
             raise OSError(error.errno, error.strerror, str(path)) from error
         raise

@@ -22,13 +22,6 @@ ROOM = 256 * 2**20
 RATIO = 20
 """Size limit of the arrays of a larger file, relative to its own size. Runs compress to 80 %, zip bombs to 0.1 %."""
 
-_MAX_TEXT = 32 * 2**20  # bytes of one text array, 4 per character
-_MAX_ARRAYS = 10_000
-_MAX_AXES = 8
-_CHUNK = 2**20
-_MAX_HEADER = 2**16 + 10
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # other methods allocate what their headers request
-
 
 class ArchiveError(Exception):
     """The archive is broken or too large; the message says why."""
@@ -66,6 +59,7 @@ def read_npz(
         raise ArchiveError("larger than memory") from None
     except ArchiveError:
         raise
+    # MemoryError is no fault of the file's form and is told apart above.
     except Exception:  # zipfile, zlib and NumPy raise various exceptions on broken files
         raise ArchiveError("cannot be read as .npz") from None
 
@@ -85,24 +79,29 @@ def _arrays(
     archive: zipfile.ZipFile, names: Collection[str] | None, text: Collection[str], largest: int
 ) -> dict[str, np.ndarray]:
     members = archive.infolist()
-    if len(members) > _MAX_ARRAYS:
-        raise ArchiveError(f"holds {len(members)} arrays, more than {_MAX_ARRAYS}")
+    most_arrays = 10_000  # each costs a directory entry and a header, whatever the size limit says
+    if len(members) > most_arrays:
+        raise ArchiveError(f"holds {len(members)} arrays, more than {most_arrays}")
     chosen: dict[str, zipfile.ZipInfo] = {}
     total = 0
+    text_limit = 32 * 2**20  # bytes of one text array, 4 per character
+    header_limit = 2**16 + 10  # bytes: magic, and the two-byte length of a header of version 1.0 with its content
+    methods = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # other methods allocate what their headers request
     for member in members:
         name = member.filename.removesuffix(".npy")
         if names is not None and name not in names:
             continue
         if name in chosen:
             raise ArchiveError(f"duplicate array '{name}'")
-        if member.compress_type not in _METHODS:
+        if member.compress_type not in methods:
             raise ArchiveError(f"'{name}' has an unsupported compression method")
         with archive.open(member) as file:
             header = _header(file, name, name in text)
+        # Items of size zero take no bytes but a shape of any size: their number counts too.
         total += max(header.size, prod(header.shape))
-        if total > largest or (name in text and header.size > _MAX_TEXT):
+        if total > largest or (name in text and header.size > text_limit):
             raise ArchiveError(f"arrays take more than {largest:,} bytes: '{name}' has shape {header.shape}")
-        if member.file_size > header.size + _MAX_HEADER:
+        if member.file_size > header.size + header_limit:
             raise ArchiveError(f"'{name}' is longer than its header declares")
         chosen[name] = member
     return {name: _array(archive, member, name, name in text) for name, member in chosen.items()}
@@ -114,18 +113,20 @@ def _header(file: IO[bytes], name: str, is_text: bool) -> _Header:
     header = _Header(*np.lib.format.read_array_header_1_0(file))
     if header.dtype.kind not in ("U" if is_text else "fiub"):
         raise ArchiveError(f"'{name}' holds no {'text' if is_text else 'numbers'}")
-    if len(header.shape) > _MAX_AXES or min(header.shape, default=0) < 0:
+    most_axes = 8  # NumPy would take 64, and a run needs few
+    if len(header.shape) > most_axes or min(header.shape, default=0) < 0:
         raise ArchiveError(f"'{name}' has shape {header.shape}")
     return header
 
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str, is_text: bool) -> np.ndarray:
+    chunk_size = 2**20  # bytes that are read at once: small beside the limits, large beside the cost of a call
     with archive.open(member) as file:
         shape, by_columns, dtype = header = _header(file, name, is_text)
         # Read in chunks: the header may declare more than the file has.
         content = bytearray()
         while len(content) < header.size:
-            chunk = file.read(min(_CHUNK, header.size - len(content)))
+            chunk = file.read(min(chunk_size, header.size - len(content)))
             if not chunk:
                 raise ArchiveError(f"'{name}' is shorter than its header declares")
             content += chunk

@@ -63,12 +63,17 @@ def open_regular(path: Path, follow_links: bool = True) -> BufferedReader:
 def read_bytes(path: Path, largest: int = LARGEST) -> bytes:
     """Read the content of a file.
 
+    Args:
+        path: the file.
+        largest: size limit [bytes].
+
     Raises:
         OSError: the file cannot be read, is not regular, or is too large.
     """
     with open_regular(path) as file:
         if os.fstat(file.fileno()).st_size > largest:
             raise OSError(errno.EFBIG, f"Larger than {largest:,} bytes", str(path))
+        # A file that grows after the check is read up to the limit only.
         return file.read(largest)
 
 
@@ -118,17 +123,13 @@ def parse_tree(
     parser.buffer_text = True
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.CharacterDataHandler = builder.data
+    # Expat calls one for entities without a declaration, the other for files outside: none is read.
     parser.SkippedEntityHandler = parser.ExternalEntityRefHandler = refuse
     try:
         parser.Parse(content, True)
     except expat.ExpatError as error:
         raise ParseError(str(error)) from None
     return builder.close()
-
-
-_MAX_VALUES = 100_000
-_MAX_CHARACTERS = 2_000_000
-_MERGE = "tag:yaml.org,2002:merge"
 
 
 class BoundedLoader(yaml.SafeLoader):
@@ -147,8 +148,9 @@ class UniqueKeyLoader(BoundedLoader):
 
 def _mapping(loader: UniqueKeyLoader, node: yaml.MappingNode) -> dict[Hashable, object]:
     seen: set[Hashable] = set()
+    merge = "tag:yaml.org,2002:merge"  # key "<<": it may repeat, and its mapping is no key
     for key_node, _ in node.value:
-        if key_node.tag == _MERGE:
+        if key_node.tag == merge:
             continue
         key = loader.construct_object(key_node, deep=True)
         if isinstance(key, Hashable):
@@ -164,11 +166,16 @@ UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, 
 def load_yaml(text: str, loader: type[BoundedLoader] = UniqueKeyLoader) -> Any:
     """Parse YAML text.
 
+    Args:
+        text: the document.
+        loader: loader of its values; by default duplicate keys are errors.
+
     Raises:
         yaml.YAMLError: the text is not YAML, a value does not match its tag, or the size exceeds a limit.
     """
-    if len(text) > _MAX_CHARACTERS:
-        raise yaml.YAMLError(f"longer than {_MAX_CHARACTERS:,} characters")
+    most_characters = 2_000_000  # bounds the work of the scanner, which comes before nodes are counted
+    if len(text) > most_characters:
+        raise yaml.YAMLError(f"longer than {most_characters:,} characters")
     try:
         return yaml.load(text, Loader=loader)
     except RecursionError:
@@ -180,6 +187,7 @@ def load_yaml(text: str, loader: type[BoundedLoader] = UniqueKeyLoader) -> Any:
 
 def _count(node: yaml.Node, known: dict[int, int], open_nodes: set[int]) -> int:
     """Return the number of values of a node after alias expansion."""
+    # Nodes of one alias are one object: counting each once keeps this linear in the text.
     if id(node) in known:
         return known[id(node)]
     if id(node) in open_nodes:
@@ -190,8 +198,9 @@ def _count(node: yaml.Node, known: dict[int, int], open_nodes: set[int]) -> int:
     for part in parts:
         for each in part if isinstance(part, tuple) else (part,):
             total += _count(each, known, open_nodes)
-    if total > _MAX_VALUES:
-        problem = f"expands to more than {_MAX_VALUES:,} values"
+    most_values = 100_000  # after expansion of aliases: nine levels of nine aliases would be 400 million
+    if total > most_values:
+        problem = f"expands to more than {most_values:,} values"
         raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
     open_nodes.discard(id(node))
     known[id(node)] = total

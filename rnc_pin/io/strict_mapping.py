@@ -17,8 +17,6 @@ from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
 
 from rnc_pin.errors import ConfigurationError, nearest, short_text
 
-_LARGEST = 1e15  # largest magnitude of a number in a file; products stay finite
-
 Numbers = Annotated[list[float], Field(min_length=1)]
 
 
@@ -41,7 +39,12 @@ def _largest(value: object) -> float:
 
 
 def wrong(key: str, message: str) -> PydanticCustomError:
-    """Error at one key of a mapping, for validators of the whole mapping."""
+    """Error at one key of a mapping, for validators of the whole mapping.
+
+    Args:
+        key: the key.
+        message: its error, without the key.
+    """
     return PydanticCustomError("wrong_key", "{message}", {"key": key, "message": message})
 
 
@@ -69,7 +72,11 @@ def _classes(module: str) -> Mapping[str, ast.ClassDef]:
 
 @cache
 def attribute_texts(kind: type) -> Mapping[str, str]:
-    """Text below each annotated attribute in the source of a class; empty if the class has no source."""
+    """Text below each annotated attribute in the source of a class; empty if the class has no source.
+
+    Args:
+        kind: a class whose source can be read.
+    """
     found = _classes(kind.__module__).get(kind.__qualname__)
     return {
         attribute.target.id: inspect.cleandoc(text.value.value)
@@ -94,6 +101,7 @@ class Strict(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, raw: object) -> object:
+        largest = 1e15  # products of a few numbers of a file stay finite
         if isinstance(raw, dict):
             for key, value in raw.items():
                 if key not in cls.model_fields:
@@ -103,8 +111,8 @@ class Strict(BaseModel):
                     bool, cls.model_fields[key].annotation
                 ):
                     raise ValueError(f"'{key}' takes no boolean, found {value!r}")
-                if _largest(value) > _LARGEST:
-                    raise ValueError(f"'{key}' has {_largest(value):g}, largest magnitude is {_LARGEST:g}")
+                if _largest(value) > largest:
+                    raise ValueError(f"'{key}' has {_largest(value):g}, largest magnitude is {largest:g}")
         return raw
 
     @classmethod
@@ -150,6 +158,8 @@ def validated(model: type[_Model], raw: object, source: str, is_tag: Callable[[s
     try:
         return model.model_validate(raw)
     except ValidationError as error:
+        # One error at a time: later errors of pydantic are often consequences of the first, e.g. other members of a
+        # union.
         first = error.errors(include_url=False)[0]
         raise ConfigurationError(f"{source}: {_explain(first, is_tag).removeprefix(f'{_WHOLE}: ')}") from None
 

@@ -19,19 +19,6 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 
-_ITERATIONS = 50
-_GAP = 1e-13  # part of the size of the vectors
-_STEP = 0.99  # part of the way to the boundary of the cones
-_CAP = 10.0  # largest margin, in sizes of the vectors: internal forces may let it grow without bound
-_LEAST_WEIGHT = 1e-6
-_LEAST = 1e-15
-_FREE = 1e-8  # effect below which a direction has none
-_ROUNDS = 30
-_SETTLED = 1e-10  # part of a share by which another round has to lower it
-_LOADLESS = 1e-9  # part of the largest load below which a contact carries nothing
-_REGULAR = 1e-14
-_GRAZING = 1e-9  # rounding of a discriminant
-
 
 class ConeMargin(NamedTuple):
     """Solution of a stack of programs."""
@@ -56,20 +43,26 @@ def cone_margin(
     A margin that grows without bound ends at ten times the largest component of the offset.
     """
     N, m, k = offset.shape
+    # Singular directions leave the method an identity instead of badly scaled gains, and show which inputs have no
+    # effect.
     basis, effects, inputs = np.linalg.svd(gain.reshape(N, m * k, gain.shape[-1]), full_matrices=False)
-    acts = effects > _FREE
+    least_effect = 1e-8  # singular value of the gain, of the order of one, below which a direction has no effect
+    acts = effects > least_effect
     d = int(acts.sum(axis=1).max(initial=0))
     acts = acts[:, :d]
     size = np.abs(offset).max(axis=(1, 2), initial=0.0)
     size = np.where(size > 0, size, 1.0)[:, None]
     weights = np.ones((N, m)) if weights is None else weights
     heaviest = weights.max(axis=1, keepdims=True)
-    w = np.maximum(weights / heaviest, _LEAST_WEIGHT)
+    least_weight = 1e-6  # part of the heaviest weight: a weight of zero would divide the start by zero
+    w = np.maximum(weights / heaviest, least_weight)
     # Slacks h - G x of the unknowns x = [z; e] lie in cones; the last one caps e.
     h, G = np.zeros((N, m + 1, k)), np.zeros((N, m + 1, k, d + 1))
-    h[:, :m], h[:, m, 0] = offset / size[:, :, None], _CAP
+    largest_margin = 10.0  # in sizes of the vectors: internal forces may let the margin grow without bound
+    h[:, :m], h[:, m, 0] = offset / size[:, :, None], largest_margin
     G[:, :m, :, :d] = -(basis[:, :, :d] * acts[:, None]).reshape(N, m, k, d)
     G[:, :m, 0, d], G[:, m, 0, d] = w, 1.0
+    # A unit diagonal holds the directions without an effect: all programs of the stack keep one size.
     still = np.eye(d + 1) * np.append(1.0 - acts, np.zeros((N, 1)), axis=1)[:, :, None]
     x, duals = np.zeros((N, d + 1)), np.zeros((N, m + 1, k))
     x[:, d] = ((h[:, :m, 0] - np.linalg.norm(h[:, :m, 1:], axis=2)) / w).min(axis=1, initial=0.0) - 1.0
@@ -86,25 +79,31 @@ def _interior(h: Array, G: Array, still: Array, x: Array, duals: Array) -> tuple
     aim, one = np.zeros(x.shape[1]), np.zeros(k)
     aim[-1], one[0] = -1.0, 1.0
     slack = h - _times(G, x)
-    for _ in range(_ITERATIONS):
+    iterations = 50  # a bound only: a program ends at its gap
+    gap_limit = 1e-13  # part of the size of the vectors; the caller scaled them to one
+    boundary_share = 0.99  # a step to the boundary itself would leave no scaling
+    regularization = 1e-14  # relative to the diagonal: no normal matrix is singular, and rounding is larger
+    for _ in range(iterations):
         gap = (slack * duals).sum(axis=(1, 2)) / cones
-        going = gap > _GAP
+        going = gap > gap_limit
         W, W_inverse = _scaling(slack, duals)
         scaled, H = np.matvec(W, duals), W_inverse @ G
         flat = H.reshape(N, cones * k, len(aim))
         normal, left = flat.mT @ flat + still, _transposed(G, duals) + aim
         diagonal = np.einsum("nii->ni", normal)
-        diagonal *= 1.0 + _REGULAR  # no system is singular
+        diagonal *= 1.0 + regularization  # no system is singular
         going &= np.isfinite(normal).all(axis=(1, 2))
         if not going.any():
             break
         normal[~going] = np.eye(len(aim))
         square = _product(scaled, scaled)
         steps = _direction(_quotient(scaled, -square), H, normal, left)
+        # Mehrotra: the predictor aims at the boundary, and its length decides how far the corrector is centred.
         affine = np.minimum(1.0, _longest(scaled, *steps[1:]))
         right = -square - _product(*steps[1:]) + ((1.0 - affine) ** 3 * gap)[:, None, None] * one
         steps = _direction(_quotient(scaled, right), H, normal, left)
-        length = np.minimum(1.0, _STEP * _longest(scaled, *steps[1:]))
+        length = np.minimum(1.0, boundary_share * _longest(scaled, *steps[1:]))
+        # A program that cannot step further keeps its last point; the others of the stack go on.
         going &= np.isfinite(length) & np.isfinite(steps[0]).all(axis=1)
         length = np.where(going, length, 0.0)
         x = x + length[:, None] * np.where(going[:, None], steps[0], 0.0)
@@ -141,19 +140,26 @@ def least_shares(
     found = _shares(offset + _times(gain, z), friction)
     going = np.flatnonzero(np.isfinite(found).all(axis=1))
     shares[going] = found[going]
-    for _ in range(_ROUNDS):
+    rounds = 30  # a bound only: a program ends when its share no longer falls
+    # Part of a share by which another round has to lower it
+    least_progress = 1e-10
+    for _ in range(rounds):
         if not len(going):
             break
+        # Dinkelbach's step: with the share of the last round, the largest margin is zero at the optimum and positive
+        # before it.
         offsets, gains, worst = offset[going], gain[going], shares[going].max(axis=1)
         loads = (offsets + _times(gains, z[going]))[:, :, 0]
         scale = np.where(friction > 0, friction, 1.0)
         axis = np.where(friction > 0, worst[:, None], 1.0) * scale
+        # A contact without friction becomes a cone of zero tangents: it only pushes.
         wide = np.concatenate(
             [axis[:, :, None], np.broadcast_to(friction[:, None] > 0, (*axis.shape, offset.shape[2] - 1))], axis=2
         )
         best = cone_margin(wide * offsets, wide[:, :, :, None] * gains, scale * loads).z
         found = _shares(offsets + _times(gains, best), friction)
-        better = found.max(axis=1) < (1 - _SETTLED) * worst
+        # Shares fall in every round until rounding: a round that gains nothing ends a program.
+        better = found.max(axis=1) < (1 - least_progress) * worst
         going, found, best = going[better], found[better], best[better]
         shares[going], z[going] = found, best
     return shares
@@ -164,7 +170,8 @@ def _shares(forces: Array, friction: Array) -> Array:
     loads, along = forces[:, :, 0], np.linalg.norm(forces[:, :, 1:], axis=2)
     allowed = friction * loads
     shares = np.divide(along, allowed, out=np.zeros(loads.shape), where=(allowed > 0) & (loads > 0))
-    shares[loads <= _LOADLESS * np.abs(loads).max(axis=1, keepdims=True)] = np.inf
+    loadless = 1e-9  # part of the largest load below which a contact carries nothing
+    shares[loads <= loadless * np.abs(loads).max(axis=1, keepdims=True)] = np.inf
     return shares
 
 
@@ -200,6 +207,7 @@ def _determinant(a: Array) -> Array:
 
 def _scaling(s: Array, duals: Array) -> tuple[Array, Array]:
     """Nesterov-Todd scalings W with ``W duals = W^-1 s``, and their inverses."""
+    # CVXOPT report, section 5: the symmetric square root of the hyperbolic Householder matrix.
     root_s, root_z = np.sqrt(_determinant(s)), np.sqrt(_determinant(duals))
     s, z = s / root_s[..., None], duals / root_z[..., None]
     z = np.concatenate([z[..., :1], -z[..., 1:]], axis=-1)
@@ -220,6 +228,7 @@ def _scaling(s: Array, duals: Array) -> tuple[Array, Array]:
 def _longest(scaled: Array, *steps: Array) -> Array:
     """Largest lengths (N,) of steps that leave vectors (N, m, k) in their cones."""
     out = np.full(len(scaled), np.inf)
+    grazing = 1e-9  # relative rounding of a discriminant: a step along the cone's surface meets it at a double root
     for step in steps:
         a = step[..., 0] ** 2 - (step[..., 1:] ** 2).sum(axis=-1)
         b = scaled[..., 0] * step[..., 0] - (scaled[..., 1:] * step[..., 1:]).sum(axis=-1)
@@ -227,7 +236,7 @@ def _longest(scaled: Array, *steps: Array) -> Array:
         root = np.sqrt(np.maximum(b * b - a * c, 0.0))
         # Smallest positive root of a x^2 + 2 b x + c, without cancellation.
         found = np.where(b < 0, c / (root - b), -(b + root) / a)
-        meets = (a < 0) | (b < 0) & ((1 + _GRAZING) * b * b >= a * c)
+        meets = (a < 0) | (b < 0) & ((1 + grazing) * b * b >= a * c)
         out = np.minimum(out, np.where(meets, found, np.inf).min(axis=1))
     return out
 
@@ -236,7 +245,6 @@ _SETTINGS = {"primal_tol": 1e-10, "dual_tol": 1e-12, "iter_limit": 2000}
 ROUNDING = 1e-7
 """Largest excess over a bound where rounding exceeds the tolerance of the first attempt."""
 _COARSE = {"primal_tol": ROUNDING, "dual_tol": 1e-9, "iter_limit": 10000}
-_SOLVED = 1
 
 
 class NearestPoint(NamedTuple):
@@ -260,14 +268,18 @@ def nearest_point(
         multipliers: multipliers of a similar program, (k,), to start from.
         coarse: True to try a coarser tolerance too.
     """
+    # A start from old multipliers may mislead the active-set method, so a cold start follows; a coarse tolerance comes
+    # last.
     tried: list[tuple[Array | None, dict[str, float]]] = [(None, _SETTINGS)]
     if multipliers is not None and multipliers.any():
         tried.insert(0, (multipliers, _SETTINGS))
     if coarse:
         tried.append((None, _COARSE))
+    # Kind 0 of DAQP is an inequality that may be active on either side.
     identity, kinds = np.eye(len(goal)), np.zeros(len(rows), dtype=np.int32)
+    solved = 1  # exit flag of DAQP for an optimal point
     for start, settings in tried:
         x, _, status, info = daqp.solve(identity, -goal, rows, upper, lower, kinds, dual_start=start, **settings)
-        if status == _SOLVED:
+        if status == solved:
             return NearestPoint(x, info["lam"])
     return None

@@ -15,32 +15,48 @@ import scipy
 
 from rnc_pin import _kernel
 
-_ROUNDING = 1e-12  # part of the largest eigenvalue
-_ZERO = 1e-6  # part of the largest value below which a nonnegative one counts as zero
-
 
 def apply(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """``matrix @ vector`` for (..., n, k) and (..., k)."""
+    """``matrix @ vector`` for (..., n, k) and (..., k).
+
+    Args:
+        matrix: (..., n, k).
+        vector: (..., k); its leading axes follow the rules of broadcasting.
+    """
     if vector.ndim == 1:
         return matrix.dot(vector)
     return np.matvec(matrix, vector)
 
 
 def apply_transposed(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """``matrix^T @ vector`` for (..., n, k) and (..., n), without conjugation."""
+    """``matrix^T @ vector`` for (..., n, k) and (..., n), without conjugation.
+
+    Args:
+        matrix: (..., n, k).
+        vector: (..., n), real or complex.
+    """
     if vector.ndim == 1:
         return vector.dot(matrix)
     return np.vecmat(vector.conj(), matrix)  # it conjugates the vector
 
 
 def as_slice(places: np.ndarray) -> np.ndarray | slice:
-    """Slice of places that follow each other, which selects without a copy; other places (k,) as they are."""
+    """Slice of places that follow each other, which selects without a copy; other places (k,) as they are.
+
+    Args:
+        places: indices (k,), in any order.
+    """
     first = int(places[0]) if len(places) else 0
     return slice(first, first + len(places)) if np.array_equal(places, first + np.arange(len(places))) else places
 
 
 def clipped(values: np.ndarray, limits: np.ndarray | float) -> np.ndarray:
-    """Values (...) within -limits and limits; for few numbers this is faster than ``numpy.clip``."""
+    """Values (...) within -limits and limits; for few numbers this is faster than ``numpy.clip``.
+
+    Args:
+        values: (...).
+        limits: largest magnitudes, a number or (...); not negative.
+    """
     return np.minimum(np.maximum(values, -limits), limits)
 
 
@@ -48,6 +64,9 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
     """Inverse of (..., n, n); an exactly singular matrix gives entries that are not finite.
 
     The inverse of a single matrix is stored by columns, so that a block of columns is contiguous.
+
+    Args:
+        matrix: (..., n, n).
     """
     if matrix.ndim == 2:
         found, unit = np.empty(matrix.shape), np.eye(len(matrix))
@@ -64,14 +83,24 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
 
 
 def sorted_eigenvalues(matrix: np.ndarray) -> np.ndarray:
-    """Eigenvalues (n,) by real part and then by imaginary part; real parts of rounding count as zero in this order."""
+    """Eigenvalues (n,) by real part and then by imaginary part; real parts of rounding count as zero in this order.
+
+    Args:
+        matrix: one matrix (n, n).
+    """
     values = np.linalg.eigvals(matrix)
-    rounding = _ROUNDING * np.abs(values).max(initial=0.0)
+    rounding_part = 1e-12  # part of the largest eigenvalue below which a real part is rounding
+    rounding = rounding_part * np.abs(values).max(initial=0.0)
     return np.asarray(values[np.lexsort((values.imag, np.where(np.abs(values.real) > rounding, values.real, 0.0)))])
 
 
 def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve ``matrix @ x = right`` for (..., n, n) and (..., n); infinite for matrices that are exactly singular."""
+    """Solve ``matrix @ x = right`` for (..., n, n) and (..., n); infinite for matrices that are exactly singular.
+
+    Args:
+        matrix: (..., n, n).
+        right: right sides (..., n).
+    """
     if matrix.ndim == 2 and right.ndim == 1:
         found = np.empty(right.shape)
         if _kernel.library.solve(np.ascontiguousarray(matrix), np.ascontiguousarray(right), 0.0, found):
@@ -80,7 +109,12 @@ def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve ``matrix @ x = right`` for symmetric positive definite (..., n, n) and (..., n); NaN for singular ones."""
+    """Solve ``matrix @ x = right`` for symmetric positive definite (..., n, n) and (..., n); NaN for singular ones.
+
+    Args:
+        matrix: (..., n, n).
+        right: right sides (..., n).
+    """
     if matrix.ndim == 2 and right.ndim < 3:
         found = solve_positive_definite_columns(matrix, right.T)
         return np.full_like(right, np.nan) if found is None else found.T
@@ -101,7 +135,12 @@ def _each_solved(matrix: np.ndarray, right: np.ndarray, none: float) -> np.ndarr
 
 
 def solve_positive_definite_columns(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray | None:
-    """Solve ``matrix @ x = columns`` for symmetric (n, n), and (n, k) or (n,); None if it is not positive definite."""
+    """Solve ``matrix @ x = columns`` for symmetric (n, n), and (n, k) or (n,); None if it is not positive definite.
+
+    Args:
+        matrix: one matrix (n, n).
+        columns: right sides (n, k), or one (n,).
+    """
     found = np.empty(columns.shape)
     if _kernel.library.solve(np.ascontiguousarray(matrix), np.ascontiguousarray(columns), 1.0, found):
         return found
@@ -113,44 +152,76 @@ def solve_positive_definite_columns(matrix: np.ndarray, columns: np.ndarray) -> 
 
 
 def product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """``left @ right`` for (..., n, k) and (..., k, l)."""
+    """``left @ right`` for (..., n, k) and (..., k, l).
+
+    Args:
+        left: (..., n, k).
+        right: (..., k, l).
+    """
     if left.ndim == right.ndim == 2:
         return left.dot(right)
     return left @ right
 
 
 def cross_columns(vector: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Vector product of a vector (..., 3) and each column (..., 3, k)."""
+    """Vector product of a vector (..., 3) and each column (..., 3, k).
+
+    Args:
+        vector: first factor (..., 3).
+        columns: second factors (..., 3, k).
+    """
     if vector.ndim > 1:
         return np.cross(vector[..., :, None], columns, axis=-2)
+    # numpy.cross of one vector costs several times a product with the skew matrix.
     x, y, z = vector.tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ columns
 
 
 def rotated_motions(rotation: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Linear and angular components of columns (..., 6, k), each times a rotation (..., 3, 3)."""
+    """Linear and angular components of columns (..., 6, k), each times a rotation (..., 3, 3).
+
+    Args:
+        rotation: (..., 3, 3).
+        columns: (..., 6, k), linear components before angular ones.
+    """
     return np.concatenate([rotation @ columns[..., :3, :], rotation @ columns[..., 3:, :]], axis=-2)
 
 
 def vector_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Vector product (..., 3); of two vectors without the overhead of NumPy's."""
+    """Vector product (..., 3); of two vectors without the overhead of NumPy's.
+
+    Args:
+        a: first factor (..., 3).
+        b: second factor (..., 3).
+    """
     return np.array(cross(a.tolist(), b.tolist())) if a.ndim == b.ndim == 1 else np.cross(a, b)
 
 
 def null_space(matrix: np.ndarray) -> np.ndarray:
-    """Orthonormal basis (n, n - rank) of the null space of (m, n)."""
+    """Orthonormal basis (n, n - rank) of the null space of (m, n).
+
+    Args:
+        matrix: (m, n).
+    """
     if not len(matrix):
         return np.eye(matrix.shape[1])
     _, values, right = np.linalg.svd(matrix)
+    # The limit of numpy.linalg.matrix_rank: a smaller singular value is rounding of the matrix's entries.
     limit = np.finfo(float).eps * max(matrix.shape) * values.max(initial=0.0)
     return right[int((values > limit).sum()) :].T
 
 
 def pivot_columns(matrix: np.ndarray, count: int) -> tuple[list[int], np.ndarray]:
-    """Columns of (m, n) that column-pivoted QR takes first, and the sizes of their pivots, (count,) each."""
+    """Columns of (m, n) that column-pivoted QR takes first, and the sizes of their pivots, (count,) each.
+
+    Args:
+        matrix: (m, n); it is not changed.
+        count: number of columns to take, at most n.
+    """
     rest, chosen, sizes = np.array(matrix, dtype=float), list[int](), np.zeros(count)
     for k in range(count):
         lengths = np.linalg.norm(rest, axis=0)
+        # Rounding leaves a rest of a column that was taken: it must not be taken again.
         lengths[chosen] = -1.0
         best = int(np.argmax(lengths))
         chosen.append(best)
@@ -162,19 +233,31 @@ def pivot_columns(matrix: np.ndarray, count: int) -> tuple[list[int], np.ndarray
 
 
 def unit_rows(matrix: np.ndarray) -> np.ndarray:
-    """Matrix with every nonzero row scaled to unit length."""
+    """Matrix with every nonzero row scaled to unit length.
+
+    Args:
+        matrix: (..., n, k).
+    """
     lengths = np.linalg.norm(matrix, axis=-1, keepdims=True)
     return matrix / np.where(lengths > 0, lengths, 1.0)
 
 
 def unit_diagonal(matrix: np.ndarray) -> np.ndarray:
-    """Symmetric matrix (..., n, n) with positive diagonal, scaled from both sides to a unit diagonal."""
+    """Symmetric matrix (..., n, n) with positive diagonal, scaled from both sides to a unit diagonal.
+
+    Args:
+        matrix: (..., n, n).
+    """
     sizes = np.sqrt(np.diagonal(matrix, axis1=-2, axis2=-1))
     return matrix / (sizes[..., :, None] * sizes[..., None, :])
 
 
 def condition_number(matrix: np.ndarray) -> np.ndarray | float:
-    """2-norm condition number (...) of (..., n, n) after scaling rows to unit length."""
+    """2-norm condition number (...) of (..., n, n) after scaling rows to unit length.
+
+    Args:
+        matrix: (..., n, n).
+    """
     values = np.linalg.svd(unit_rows(matrix), compute_uv=False)
     with np.errstate(divide="ignore"):
         return values[..., 0] / values[..., -1]
@@ -187,6 +270,7 @@ def complex_step(function: Callable[..., np.ndarray], *parts: tuple[np.ndarray, 
         function: analytic function of one vector for each part, over leading axes; returns a vector (k,).
         parts: value (d,) and derivative (d, n) of each argument.
     """
+    # A step of 1e-30 loses nothing: no difference is taken, and its square is below rounding of every value.
     moved = function(*(value + 1e-30j * gradient.T for value, gradient in parts))
     return np.asarray(np.imag(moved).T / 1e-30)
 
@@ -195,7 +279,12 @@ def weakest_rows(matrix: np.ndarray, names: Sequence[str]) -> tuple[str, ...]:
     """Names of the rows of a matrix (k, n) that take part in its weakest combination.
 
     A row takes part if its weight is at least a tenth of the largest one.
+
+    Args:
+        matrix: (k, n).
+        names: name of each row, (k,).
     """
+    # The left singular vector of the smallest singular value is the combination of rows that is nearest to zero.
     left, values, _ = np.linalg.svd(matrix)
     weights = np.abs(left[:, min(len(values), len(left)) - 1])
     return tuple(name for name, weight in zip(names, weights, strict=True) if weight > 0.1 * weights.max())
@@ -215,10 +304,12 @@ def nonnegative(values: np.ndarray, free: np.ndarray) -> np.ndarray:
     E = np.vstack([free.T, -values / size])
     target = np.eye(len(E))[-1]
     found = E @ scipy.optimize.nnls(E, target)[0] - target
-    if np.linalg.norm(found) < _ZERO:
+    zero = 1e-6  # part of the largest value below which NNLS's residual, or a value, is rounding
+    # A residual of zero means that no change makes all values nonnegative: the constraints are incompatible.
+    if np.linalg.norm(found) < zero:
         return values
     shifted = values - free @ (size * found[:-1] / found[-1])
-    return np.where(np.abs(shifted) < _ZERO * size, 0.0, shifted)
+    return np.where(np.abs(shifted) < zero * size, 0.0, shifted)
 
 
 # ------------------------------------------------------------------ components
@@ -264,11 +355,13 @@ class Dual:
 
     def __truediv__(self, other: Entry) -> Dual:
         if isinstance(other, Dual):
+            # (a/b)' = (a' - (a/b) b') / b needs no square of b, which could overflow or vanish.
             ratio = self.value / other.value
             return Dual(ratio, (self.slope - ratio * other.slope) / other.value)
         return Dual(self.value / other, self.slope / other)
 
     def __rtruediv__(self, other: Component) -> Dual:
+        # The slope of x**-1 is -x**-2 times that of x.
         return self**-1 * other
 
     def __pow__(self, exponent: float) -> Dual:
@@ -278,7 +371,11 @@ class Dual:
 
 
 def components(vectors: np.ndarray) -> Sequence[Component]:
-    """Entries of a vector (k,) as numbers, or entries of vectors (..., k) as one array (...) each."""
+    """Entries of a vector (k,) as numbers, or entries of vectors (..., k) as one array (...) each.
+
+    Args:
+        vectors: (k,), or (..., k) for many states.
+    """
     if vectors.ndim == 1:
         entries: Sequence[Component] = vectors.tolist()
         return entries
@@ -302,20 +399,39 @@ def packed(rows: Sequence[Sequence[Component]], like: Component) -> np.ndarray:
 
 
 def packed_vector(entries: Sequence[Component], like: Component) -> np.ndarray:
-    """Vector (..., k) of components."""
+    """Vector (..., k) of components.
+
+    Args:
+        entries: k components.
+        like: one of the components; it is an array if there are many states.
+    """
     return np.array(entries) if not isinstance(like, np.ndarray) else np.stack(entries, axis=-1)
 
 
 def cross(a: Sequence[_E], b: Sequence[_E]) -> tuple[_E, _E, _E]:
-    """Vector product of two triples of components."""
+    """Vector product of two triples of components.
+
+    Args:
+        a: three components, the first factor.
+        b: three components, the second factor.
+    """
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def dot(a: Sequence[_E], b: Sequence[_E]) -> _E:
-    """Scalar product of two triples of components."""
+    """Scalar product of two triples of components.
+
+    Args:
+        a: three components.
+        b: three components.
+    """
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def smallest(value: Component) -> float:
-    """Smallest entry of a component over all states; infinite if there are no states."""
+    """Smallest entry of a component over all states; infinite if there are no states.
+
+    Args:
+        value: a number, or an array (...) over states.
+    """
     return float(value.min(initial=np.inf)) if isinstance(value, np.ndarray) else value

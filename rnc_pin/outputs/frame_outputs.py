@@ -101,19 +101,28 @@ class _OrientationRows(FrameVelocityRows, OutputRows):
         if rotation.ndim == 2:  # one state, on the hot path
             return np.asarray(pin.log3(rotation))
         vectors = np.empty(rotation.shape[:-1])
+        # Pinocchio's logarithm takes one matrix; it is exact near half turns, where a short formula is not.
         for i in np.ndindex(vectors.shape[:-1]):
             vectors[i] = pin.log3(rotation[i])
         return vectors
 
 
 def level(direction: Sequence[Entry]) -> Entry:
-    """Length of the part of a direction along the first two axes."""
+    """Length of the part of a direction along the first two axes.
+
+    Args:
+        direction: three components of a unit vector.
+    """
     x, y, _ = direction
     return (x * x + y * y) ** 0.5
 
 
 def yaw_wrench(direction: Sequence[Entry]) -> list[Entry]:
-    """Wrench (6,) whose power is the rate of the angle of a direction in the plane of the first two axes."""
+    """Wrench (6,) whose power is the rate of the angle of a direction in the plane of the first two axes.
+
+    Args:
+        direction: three components of a unit vector that is not vertical.
+    """
     x, y, z = direction
     square = x * x + y * y
     return [0.0, 0.0, 0.0, -z * x / square, -z * y / square, 1.0]
@@ -123,6 +132,9 @@ def tilt_wrench(direction: Sequence[Entry]) -> list[Entry]:
     """Wrench (6,) whose power is the rate of the angle of a direction above this plane.
 
     It is a torque about the line in the plane that is perpendicular to the direction: ``rate = (w x d)_z / level``.
+
+    Args:
+        direction: three components of a unit vector that is not vertical.
     """
     x, y, _ = direction
     length = level(direction)
@@ -152,7 +164,7 @@ class _DirectionAngleRow(DirectionRows, OutputRows):
         self.directions = np.eye(3)[:, [self._axis]]
 
     def regularity(self, *directions: Sequence[Entry]) -> Entry:
-        return level(directions[0])
+        return level(directions[0])  # both angles lose their rates where the axis is vertical
 
     def _direction(self, at: PositionKinematics) -> np.ndarray:
         return at.rotation(self.frame)[..., self._axis]

@@ -50,7 +50,11 @@ class Distance:
 
 
 def distance_force(vector: Sequence[Entry]) -> list[list[Entry]]:
-    """Force (1, 3) at the end of a vector whose power is the rate of its length: the unit vector."""
+    """Force (1, 3) at the end of a vector whose power is the rate of its length: the unit vector.
+
+    Args:
+        vector: three components of the vector, not all zero.
+    """
     length = dot(vector, vector) ** 0.5
     return [[each / length for each in vector]]
 
@@ -247,6 +251,7 @@ class _CustomRows(OutputRows):
         if kind.value is not None:
             self._value = admitting(kind.value, self._shape[:1], f"value(q){whose}")
             self._value(robot.configuration())
+            # A value and a Jacobian of the user are two statements: differences at random states show if they disagree.
             along = partial(_product, self._jacobian)
             check_rate(robot, self._value, along, ("value(q)", f"jacobian(q) v{whose}"), self.names, kind.angular)
         labels = "jacobian(q)", f"jacobian_dot(q, v){whose}"
@@ -289,6 +294,7 @@ def velocity_outputs(robot: Robot) -> dict[str, OutputKind | None]:
         joint, body = robot.model.joints[k], next(iter(robot.links_of(k)), None)
         kinds: list[OutputKind] = [JointPosition(name)] if joint.nv == 1 else []
         if joint.nv > 1 and body is not None and name not in joints_with_moving_axes(robot.model):
+            # Columns of S are unit motions: their largest entry names the axis, 0 to 2 linear and 3 to 5 angular.
             along = np.abs(joint.createData().S).argmax(axis=0).tolist()
             kinds = [FrameSpeed(body, axes[k]) if k < 3 else FrameAngularVelocity(body, axes[k - 3]) for k in along]
         own = {kind.bind(robot).names[0]: kind for kind in kinds}

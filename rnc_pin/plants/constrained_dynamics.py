@@ -47,24 +47,37 @@ class VelocityChart:
     def __init__(self, known: NumPyEvaluator, q: np.ndarray, integrated: OutputStack, t: float | None = None) -> None:
         data, m = known.data, known.data.m
         A = constraint_rows(data, data.kinematics.position(q, t))
+        # Rows in metres and in radians, scaled to equal lengths, have equal weight in the rank.
         lengths = data.lengths[:m]
         self.W = null_space(A / np.where(lengths > 0, lengths, 1.0)[:, None]).T
         key = self.W.tobytes(), *(id(place.block) for place in integrated.places)
+        # Runs from one start have equal charts: their evaluator is built once.
         if known.kept_chart is None or known.kept_chart[0] != key:
             known.kept_chart = key, evaluator_for(data.in_velocities(self.W, vertical=integrated), known)
         self.evaluator = known.kept_chart[1]
 
     def velocity(self, q: np.ndarray, w: np.ndarray, t: float | None) -> tuple[np.ndarray, bool]:
-        """Full velocity at (q, w), and True if this state needs a new chart."""
+        """Full velocity at (q, w), and True if this state needs a new chart.
+
+        Args:
+            q: configuration (nq,).
+            w: velocities of the chart (r,).
+            t: time of rheonomic constraints [s]; None for others.
+        """
         v, size = self.evaluator.admissible_velocity(q, w, t)
         return v, not size < self.evaluator.data.r + MAX_GROWTH
 
 
 def integrated_outputs(reduced: ReducedModel) -> np.ndarray:
-    """Mask (r,) of the reducing outputs whose velocity has to be integrated."""
+    """Mask (r,) of the reducing outputs whose velocity has to be integrated.
+
+    Args:
+        reduced: reduced model.
+    """
     x2 = reduced.reducing
     mask = np.zeros(x2.size, dtype=bool)
     for block, where, *_ in x2.places:
+        # A quasi-velocity has no coordinate, and a continuous joint's coordinate forgets full turns.
         mask[where] = x2.quasi[where].any() or (x2.angular[where].any() and isinstance(block, ConstantRows))
     return mask
 
@@ -133,7 +146,13 @@ class ConstrainedDynamics:
     # ------------------------------------------------------------------ states
 
     def initial(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> np.ndarray:
-        """Return the initial y at time t, in a chart centred at q."""
+        """Return the initial y at time t, in a chart centred at q.
+
+        Args:
+            q: configuration (nq,).
+            v: velocity (nv,).
+            t: time of rheonomic constraints [s].
+        """
         rheonomic = self.reduced.rheonomic
         self.chart = VelocityChart(self.reduced.evaluator, q, self._integrands, t if rheonomic else None)
         y = np.zeros(self.state_size)
@@ -143,11 +162,19 @@ class ConstrainedDynamics:
         return y
 
     def time(self, y: np.ndarray) -> float | None:
-        """Time of a state [s]; None if the constraints do not depend on it."""
+        """Time of a state [s]; None if the constraints do not depend on it.
+
+        Args:
+            y: state of the integrator.
+        """
         return float(y[-2]) if self.reduced.rheonomic else None
 
     def integrals(self, y: np.ndarray) -> np.ndarray:
-        """Integrals of the reducing velocities, (..., r); zero for those without one."""
+        """Integrals of the reducing velocities, (..., r); zero for those without one.
+
+        Args:
+            y: states of the integrator (..., state_size).
+        """
         if not len(self._where) and y.ndim == 1:
             return self._no_integrals
         integrals = np.zeros((*y.shape[:-1], self._r))
@@ -155,20 +182,39 @@ class ConstrainedDynamics:
         return integrals
 
     def at(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
-        """States (...,) in the current chart."""
+        """States (...,) in the current chart.
+
+        Args:
+            q: configurations (..., nq).
+            y: states of the integrator (..., state_size).
+        """
         t = self.time(y) if y.ndim == 1 or not self.reduced.rheonomic else y[..., -2]
         return StateEvaluation.at(self.chart.evaluator, q, np.ascontiguousarray(y[..., : self._r]), t=t)
 
     def integral_rows(self, state: StateEvaluation) -> np.ndarray:
-        """Jacobian (k, nv) of the integrals."""
+        """Jacobian (k, nv) of the integrals.
+
+        Args:
+            state: evaluation of the state.
+        """
         return self._integrands.jacobian(state.position)
 
     def in_reduction(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
-        """State in the reduction of the model."""
+        """State in the reduction of the model.
+
+        Args:
+            q: configuration (nq,).
+            y: state of the integrator.
+        """
         return self.at(q, y).in_reduction(self.reduced.evaluator)
 
     def recentre(self, q: np.ndarray, y: np.ndarray) -> tuple[StateEvaluation, np.ndarray]:
-        """Replace the chart if it is ill-conditioned; return the state in the reduction of the model, and y."""
+        """Replace the chart if it is ill-conditioned; return the state in the reduction of the model, and y.
+
+        Args:
+            q: configuration (nq,).
+            y: state of the integrator.
+        """
         t = self.time(y)
         v, is_ill_conditioned = self.chart.velocity(q, y[: self._r], t)
         if is_ill_conditioned:
@@ -177,25 +223,44 @@ class ConstrainedDynamics:
         return self.reduced.evaluator.measured(q, v, t), y
 
     def errors(self, coarse: State, fine: State, smooth: bool) -> np.ndarray:
-        """Estimated errors (2 nv,) of a state (q, y) by another one from half the step, as ``estimated_errors``."""
+        """Estimated errors (2 nv,) of a state (q, y) by another one from half the step, as ``estimated_errors``.
+
+        Args:
+            coarse: state (q, y).
+            fine: state from half the step.
+            smooth: True if the integration is of fourth order.
+        """
         (q, y), (q_fine, y_fine), r = coarse, fine, self._r
         velocity = (y_fine[:r] - y[:r]) @ self.chart.W
         scale = max(np.abs(q_fine).max(initial=0.0), np.abs(y_fine[:r]).max(initial=0.0))
         return estimated_errors(pin.difference(self.reduced.robot.model, q, q_fine), velocity, smooth, scale)
 
     def project(self, q: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Configuration near q that satisfies the holonomic rows at the time of y."""
+        """Configuration near q that satisfies the holonomic rows at the time of y.
+
+        Args:
+            q: configuration (nq,).
+            y: state of the integrator.
+        """
         assembly = self.reduced.assembly
         return assembly.project(q, t=self.time(y)) if assembly.size else q
 
     # ------------------------------------------------------------------ motion
 
     def damping_force(self, state: StateEvaluation) -> np.ndarray | None:
-        """Generalized force (nv,) of damping; None without damping."""
+        """Generalized force (nv,) of damping; None without damping.
+
+        Args:
+            state: evaluation of the state.
+        """
         return None if self.damping is None else -self.damping * state.v
 
     def saturate(self, T: np.ndarray) -> np.ndarray:
-        """Inputs clipped to the actuator limits."""
+        """Inputs clipped to the actuator limits.
+
+        Args:
+            T: actuator inputs (p,).
+        """
         return T if self._limits is None else clipped(T, self._limits)
 
     def advance(
@@ -203,9 +268,17 @@ class ConstrainedDynamics:
     ) -> tuple[np.ndarray, np.ndarray, float]:
         """Return (q, y) after equal steps of a time h [s] under inputs T, without damping, and their roughness.
 
+        Args:
+            q: configuration (nq,).
+            y: state of the integrator.
+            T: actuator inputs (p,), constant during the steps.
+            h: duration of each step [s].
+            steps: number of steps.
+
         Raises:
             DivergenceError: accelerations are not finite, or a step is longer than the integrator's chart.
         """
+        # The kernel integrates models whose rows it knows; Python does the same for others.
         found = self.chart.evaluator.integrate(q, y, T, h, steps)
         if found is not None:
             return found
@@ -216,7 +289,13 @@ class ConstrainedDynamics:
         return q, y, roughness
 
     def local_rate(self, q: np.ndarray, x: np.ndarray, T: np.ndarray) -> np.ndarray | None:
-        """Rates of coordinates ``x = (u, y)`` at ``q (+) u`` under inputs T; None if an integrator computes them."""
+        """Rates of coordinates ``x = (u, y)`` at ``q (+) u`` under inputs T; None if an integrator computes them.
+
+        Args:
+            q: centre of the coordinates (nq,).
+            x: displacement u (nv,), then the state y.
+            T: actuator inputs (p,).
+        """
         return self.chart.evaluator.chart_rate(q, x, T, self.damping)
 
     def derivative(

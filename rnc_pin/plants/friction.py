@@ -19,11 +19,8 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics, check_conserved
 
-_AT_REST = 1e-9  # speed that counts as rest, relative to the speed that friction removes in the step
 _RANK = 1e-12
 
-_SHORT = 1e-6  # time to rest below which a row counts as stopped, relative to the step
-_SQUARE_ROOT = 1e-4  # ratio of pivots below which rows may be coupled
 INSTANT = 1e-6
 """Horizon for instantaneous friction forces [s]."""
 
@@ -82,6 +79,7 @@ class DryFriction:
             h: duration of the step [s].
         """
         rows, limits = self.rows, self.limits
+        # The mean effect of a constant force over a step in which damping decays: stiff damping cannot overshoot.
         growth = phi_functions(-h * linear.decay, 1)[1]
         modes = (rows @ state.R @ linear.modes).T
         speeds = rows @ state.v
@@ -89,8 +87,11 @@ class DryFriction:
         free = speeds + h * (bias + modes.T @ (growth * (linear.inverse @ w_dot)))
         basis = np.sqrt(growth)[:, None] * modes
         forces, sticking = _least_energy(basis, free / h, limits)
+        # A force at its limit, alone, removes this speed in the step.
         removable = h * (basis * basis).sum(axis=0) * limits
-        at_rest = np.abs(speeds) <= _AT_REST * removable
+        # Speed that counts as rest, relative to the speed that friction removes in the step
+        rest = 1e-9
+        at_rest = np.abs(speeds) <= rest * removable
         opposing = np.where(at_rest, forces, -limits * np.sign(speeds))
         a_dot = linear.inverse @ w_dot + modes @ opposing
 
@@ -104,7 +105,12 @@ class DryFriction:
         return FrictionForces(forces, sticking, speeds, stops)
 
     def stopped(self, state: StateEvaluation, which: Array) -> StateEvaluation:
-        """Return the state after impulses that stop the selected rows (k,); the inertia determines the other rows."""
+        """Return the state after impulses that stop the selected rows (k,); the inertia determines the other rows.
+
+        Args:
+            state: state before the impulses.
+            which: True (k,) for the rows to stop.
+        """
         if not which.any():
             return state
         R, rows = state.R, self.rows[which]
@@ -113,7 +119,8 @@ class DryFriction:
         together, speeds = along @ moved, rows @ state.v
         factor, impulse, failed = scipy.linalg.lapack.dposv(together, speeds)
         pivots = factor.diagonal()
-        if failed or not pivots.min() > _SQUARE_ROOT * pivots.max():  # rows that the constraints couple
+        least_ratio = 1e-4  # of pivots of the root of the matrix, 1e-8 of the matrix: rows below may be coupled
+        if failed or not pivots.min() > least_ratio * pivots.max():  # rows that the constraints couple
             impulse = np.linalg.lstsq(together, speeds, rcond=_RANK)[0]
         return state.with_velocity(state.v - R @ (moved @ impulse))
 
@@ -130,6 +137,7 @@ def _least_energy(basis: Array, free: Array, limits: Array) -> tuple[Array, Arra
     size = np.abs(scaled).max(initial=0.0)
     if not size > 0:
         return -limits * np.sign(free), np.zeros(len(limits), dtype=bool)
+    # Sizes of one: the solver's tolerances are absolute.
     scaled, wanted = scaled / size, free * limits / size**2
     target, *_ = np.linalg.lstsq(scaled.T, wanted, rcond=_RANK)
     found = scipy.optimize.lsq_linear(scaled, -target, bounds=(-1.0, 1.0), method="bvls", tol=_RANK)
@@ -159,7 +167,13 @@ class DissipativeStep:
         return Dissipation(self._dynamics.damping, self.friction.entries, self.friction.limits[None])
 
     def friction_force(self, q: Array, y: Array, T: Array) -> Array:
-        """Generalized forces (nv,) of dry friction at a state."""
+        """Generalized forces (nv,) of dry friction at a state.
+
+        Args:
+            q: configuration (nq,).
+            y: state of the integrator.
+            T: actuator inputs (p,).
+        """
         runs, start = runs_of(self._dynamics.chart.evaluator), RunStarts(q[None], y[None], T[None])
         if runs is not None:
             found, status = runs.friction((runs.chart,), start, INSTANT, self.losses)
@@ -172,6 +186,13 @@ class DissipativeStep:
 
     def advance(self, q: Array, y: Array, T: Array, h: float, steps: int) -> tuple[Array, Array, float]:
         """Return the state after equal steps of a time h under inputs T, and the roughness; infinite at a stop.
+
+        Args:
+            q: configuration (nq,).
+            y: state of the integrator.
+            T: actuator inputs (p,), constant during the steps.
+            h: duration of each step [s].
+            steps: number of steps.
 
         Raises:
             DivergenceError: velocities or accelerations are not finite.
@@ -194,7 +215,9 @@ class DissipativeStep:
             state = self._dynamics.at(q, y)
             linear, _ = self._linear(state, T)
             return self._smooth(q, y, T, limits, limits > 0.0, linear, h)
+        # A bound of two stops a row: the rest of the step then has no more events.
         events, remaining, roughness = 2 * len(limits), h, 0.0
+        short = 1e-6  # time to rest below which a row counts as stopped, relative to the step
         while True:
             state = self._dynamics.at(q, y)
             linear, w_dot = self._linear(state, T)
@@ -210,8 +233,8 @@ class DissipativeStep:
                 q, y, rough = self._smooth(q, y, T, friction.forces, friction.sticking, linear, remaining)
                 return q, y, roughness + rough
             events, roughness = events - 1, np.inf
-            stopping = friction.stops <= (1.0 + _SHORT) * first
-            if first < _SHORT * h:
+            stopping = friction.stops <= (1.0 + short) * first
+            if first < short * h:
                 y = self._stopped(state, y, friction.resting | stopping)
                 continue
             q, y, _ = self._smooth(q, y, T, self._sliding_forces(friction), friction.resting, linear, first)
@@ -229,6 +252,7 @@ class DissipativeStep:
             return y
         y = y.copy()
         y[: len(after.v2)] = after.v2
+        # Impulses of friction do negative work: the energy balance of a run stays closed.
         y[-1] += after.kinetic_energy - state.kinetic_energy
         return y
 

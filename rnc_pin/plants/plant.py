@@ -90,16 +90,29 @@ class Plant(Protocol):
     """
 
     def reset(self, q: Float[Array, " nq"], v: Float[Array, " nv"]) -> None:
-        """Restart at time zero with zero inputs."""
+        """Restart at time zero with zero inputs.
+
+        Args:
+            q: configuration, in Pinocchio's order.
+            v: velocity, in Pinocchio's order.
+        """
 
     def read(self) -> tuple[Float[Array, " nq"], Float[Array, " nv"]]:
         """Return copies of the current configuration and velocity."""
 
     def apply(self, T: Float[Array, " p"]) -> None:
-        """Apply actuator inputs until the next call."""
+        """Apply actuator inputs until the next call.
+
+        Args:
+            T: actuator inputs, in the order of the actuators [N or N m].
+        """
 
     def advance(self, dt: float) -> None:
-        """Advance the time by dt [s]."""
+        """Advance the time by dt [s].
+
+        Args:
+            dt: the time [s].
+        """
 
 
 @runtime_checkable
@@ -111,7 +124,11 @@ class VelocityTaking(Protocol):
 
 
 def takes_velocities(plant: object) -> bool:
-    """Return True if the inputs of a plant are velocities of its actuators."""
+    """Return True if the inputs of a plant are velocities of its actuators.
+
+    Args:
+        plant: any plant.
+    """
     return isinstance(plant, VelocityTaking) and plant.takes_velocities
 
 
@@ -124,5 +141,9 @@ class ReportingPlant(Plant, Protocol):
 
 
 def report_of(plant: Plant) -> PlantReport:
-    """Return the report of a plant; an empty one of a plant that does not report."""
+    """Return the report of a plant; an empty one of a plant that does not report.
+
+    Args:
+        plant: any plant.
+    """
     return plant.report() if isinstance(plant, ReportingPlant) else PlantReport()

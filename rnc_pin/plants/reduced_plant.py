@@ -19,8 +19,6 @@ from rnc_pin.plants.plant import PlantReport
 from rnc_pin.plants.step_control import MOST_EVENT_SUBSTEPS, MOST_SUBSTEPS, IntegrationErrors, Substeps
 from rnc_pin.printing import ReprMixin
 
-_OF_MOTION = ("applied", "errors", "dynamics", "followed")  # attributes that are no settings
-
 
 class Checkpoint(NamedTuple):
     """State of a ``ReducedPlant``."""
@@ -110,7 +108,8 @@ class ReducedPlant(ReprMixin):
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
 
     def _settings(self) -> dict[str, object]:
-        return {name: value for name, value in super()._settings().items() if name not in _OF_MOTION}
+        of_motion = ("applied", "errors", "dynamics", "followed")  # attributes that are no settings
+        return {name: value for name, value in super()._settings().items() if name not in of_motion}
 
     def twin(self) -> ReducedPlant:
         """Return another plant with the same model and options."""
@@ -166,11 +165,18 @@ class ReducedPlant(ReprMixin):
         return Checkpoint(self._q, self._y, self._state, self.applied, self.dynamics.chart, self.errors)
 
     def rollback(self, checkpoint: Checkpoint) -> None:
-        """Return to the state of a ``checkpoint``, to the bit."""
+        """Return to the state of a ``checkpoint``, to the bit.
+
+        Args:
+            checkpoint: state of this plant.
+        """
         self._q, self._y, self._state, self.applied, self.dynamics.chart, self.errors = checkpoint
 
     def apply(self, T: np.ndarray) -> None:
         """Hold the inputs T (p,), clipped to the actuator limits; ``applied`` has the result.
+
+        Args:
+            T: actuator inputs [N or N m].
 
         Raises:
             InputError: T is not p finite numbers.
@@ -186,11 +192,19 @@ class ReducedPlant(ReprMixin):
         self.applied = self.saturated(T)
 
     def saturated(self, T: np.ndarray) -> np.ndarray:
-        """Return the inputs T (p,) clipped to the actuator limits."""
+        """Return the inputs T (p,) clipped to the actuator limits.
+
+        Args:
+            T: actuator inputs [N or N m].
+        """
         return self.dynamics.saturate(T)
 
     def keep_errors(self, errors: IntegrationErrors) -> None:
-        """Go on with the estimated errors of a motion that this plant continues."""
+        """Go on with the estimated errors of a motion that this plant continues.
+
+        Args:
+            errors: the estimated errors.
+        """
         self.errors = errors.interrupted()
 
     @property
@@ -221,6 +235,9 @@ class ReducedPlant(ReprMixin):
 
     def advance(self, dt: float) -> None:
         """Integrate over a time dt [s].
+
+        Args:
+            dt: the time [s].
 
         Raises:
             DivergenceError: velocities or accelerations are not finite.
@@ -275,14 +292,18 @@ class ReducedPlant(ReprMixin):
     def _compared(self, step: _Step, dt: float) -> _Step:
         """Compare a sample with twice as many substeps, and return it with as many as the tolerance asks for."""
         errors, substeps, steps = self.errors, self._substeps, self.errors.steps
+        # The tolerance is per second, so that a run's error does not depend on its sampling period.
         limit, first, enough = substeps.tolerance * dt, step, steps
         finer = self._step(dt, 2 * steps)
         error = first_error = self._difference(step, finer)
         if substeps.number is None or not error <= max(limit, errors.rate * dt):
             most = MOST_EVENT_SUBSTEPS if self.dissipates else MOST_SUBSTEPS
             while not error <= limit and enough < most:
+                # The finer sample of the last comparison is the coarse one of the next: each doubling costs one
+                # integration.
                 enough, step, finer = 2 * enough, finer, self._step(dt, 4 * enough)
                 error = self._difference(step, finer)
+        # A number that the user chose stays: its errors are only recorded.
         if substeps.number is not None:
             if first.failure is not None and step.failure is None:
                 raise DivergenceError(

@@ -20,14 +20,9 @@ MOST_EVENT_SUBSTEPS = 16
 """The same with friction, where the error at an event falls slowly with the step."""
 
 _PERIOD = 128  # samples after which a comparison is due
-_PAUSE = 32  # samples after a comparison without another one, unless the tolerance needs it
-_GROWTH = 4.0  # error of a sample over the last compared one, from which a comparison is due
 _ORDER_4 = 16.0 / 15.0  # error over its difference from that with half the step
 _ORDER_1 = 2.0
-_MARGIN = 64.0  # by which the error is below the limit where half the substeps are enough: 16 and a reserve
 _ROUNDING = 1e-14  # relative difference that is rounding
-_LONGER = 1.5  # duration of a sample over that of the compared one, from which a comparison is due
-_LEAST = 1e-60  # roughness of a motion at rest
 
 
 class Substeps(NamedTuple):
@@ -44,6 +39,10 @@ class Substeps(NamedTuple):
     @classmethod
     def checked(cls, number: object, tolerance: object) -> Substeps:
         """Return a valid choice.
+
+        Args:
+            number: number of substeps that the user gave; None for a free choice.
+            tolerance: tolerance that the user gave [m, rad, m/s or rad/s].
 
         Raises:
             InputError: the number is not a positive integer, or the tolerance not a positive number.
@@ -90,7 +89,11 @@ class IntegrationErrors(NamedTuple):
 
     @classmethod
     def initial(cls, substeps: Substeps) -> IntegrationErrors:
-        """Return the errors at the start of a run."""
+        """Return the errors at the start of a run.
+
+        Args:
+            substeps: choice of the number of substeps.
+        """
         steps = substeps.number or 1
         return IntegrationErrors(steps, steps, _PERIOD, 0.0, 0.0, 0.0, 0.0, 0.0, steps, 1)
 
@@ -106,12 +109,16 @@ class IntegrationErrors(NamedTuple):
             True where the sample needs no comparison, and the errors after it.
         """
         steps, _, age, reference, size, span, total = self[:7]
+        least = 1e-60  # roughness of a motion at rest: no division by zero
         # The roughness over that of the compared sample: of drawn motions a better estimate than a power of the ratio.
-        share = roughness / (reference + _LEAST)
+        share = roughness / (reference + least)
         error = share * size
-        settled = (age < _PAUSE) | (share < _GROWTH) | (error < self.rate * dt)
+        pause = 32  # samples after a comparison without another one, unless the tolerance needs it
+        growth = 4.0  # error of a sample over the compared one, from which a comparison is due
+        settled = (age < pause) | (share < growth) | (error < self.rate * dt)
+        longer = 1.5  # duration over that of the compared sample, from which a comparison is due
         # The error falls faster with the duration than the roughness, and that of a short sample may be below rounding.
-        accepted = (error <= limit) & (age < _PERIOD) & settled & (dt <= _LONGER * span)
+        accepted = (error <= limit) & (age < _PERIOD) & settled & (dt <= longer * span)
         return accepted, IntegrationErrors(
             steps, steps, age + 1, reference, size, span, total + error, self.rate, self.most, self.enough
         )
@@ -134,7 +141,8 @@ class IntegrationErrors(NamedTuple):
             enough: number of substeps that keeps the tolerance.
         """
         following, again = steps, not roughness < np.inf
-        if substeps.number is None and steps > 1 and error * _MARGIN < substeps.tolerance * dt:
+        margin = 64.0  # half the substeps have 16 times the error; four times that is a reserve
+        if substeps.number is None and steps > 1 and error * margin < substeps.tolerance * dt:
             following, again = steps // 2, True
         return IntegrationErrors(
             following, steps, _PERIOD if again else 0, roughness, max(error, _ROUNDING), dt,

@@ -11,8 +11,6 @@ from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.plant import PlantReport
 
-_SETTLED = 20.0  # time after which velocities have settled, in time constants
-
 
 class VelocityPlant:
     """Plant whose actuators follow velocity commands u with a first-order lag, ``w_dot = (u - w) / servo_time``.
@@ -61,7 +59,12 @@ class VelocityPlant:
         self._w: np.ndarray
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Restart with zero commands at configuration q (nq,) and velocity v (nv,)."""
+        """Restart with zero commands at configuration q (nq,) and velocity v (nv,).
+
+        Args:
+            q: configuration.
+            v: velocity; its part along the actuators counts.
+        """
         self._q, self._w = np.array(q, dtype=float), self.reduced.at(q).B.T @ v
         self.applied = np.zeros(self.reduced.p)
 
@@ -70,7 +73,11 @@ class VelocityPlant:
         return self._q.copy(), self._velocity(self._q, self._w)
 
     def apply(self, u: np.ndarray) -> None:
-        """Hold the velocity commands u (p,) until the next call."""
+        """Hold the velocity commands u (p,) until the next call.
+
+        Args:
+            u: velocities of the actuators [m/s or rad/s].
+        """
         self.applied = own_vector(u, self.reduced.p, "u")
 
     @property
@@ -99,6 +106,9 @@ class VelocityPlant:
     def advance(self, dt: float) -> None:
         """Advance the time by dt [s].
 
+        Args:
+            dt: the time [s].
+
         Raises:
             DivergenceError: the configuration is not finite.
         """
@@ -118,8 +128,10 @@ class VelocityPlant:
     def _instants(self, dt: float) -> np.ndarray:
         """Ends of the integration steps; they are short while velocities change."""
         instants = np.linspace(0.0, dt, self.substeps + 1)
+        settled = 20.0  # time constants: exp(-20) is 2e-9 of the change
         if self.servo_time < dt / self.substeps:
-            changing = np.arange(self.servo_time, min(dt, _SETTLED * self.servo_time), self.servo_time)
+            # Steps of one time constant follow the exponential; later the velocity is constant.
+            changing = np.arange(self.servo_time, min(dt, settled * self.servo_time), self.servo_time)
             instants = np.union1d(instants, changing)
         return instants
 

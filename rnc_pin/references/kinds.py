@@ -45,6 +45,7 @@ class Hold(ReferenceSummary):
     def __init__(self, value: ArrayLike) -> None:
         position = _admit(value, "value of a constant reference")
         zero = np.zeros_like(position)
+        # All calls return the same arrays: a caller that wrote into them would change the reference.
         for each in (position, zero):
             each.setflags(write=False)
         self.size = position.size
@@ -155,8 +156,10 @@ class ViaPoints(PiecewisePolynomial):
             found = f"found {len(values)} points at the times {short_text(knots.tolist())}"
             raise InputError(f"via points need at least two increasing times, and one point each: {found}")
         _admit(values, "via points")
+        # A list of numbers is one output: its points become a column.
         values = values.reshape(len(knots), -1)
         zero = np.zeros(values.shape[1])
+        # Velocity and acceleration vanish at both ends: four conditions that a quintic spline needs beside its points.
         rest = [(1, zero), (2, zero)]
         spline = scipy.interpolate.make_interp_spline(knots, values, k=5, bc_type=(rest, rest))
         columns = [scipy.interpolate.PPoly.from_spline((spline.t, column, spline.k)) for column in spline.c.T]
@@ -203,6 +206,7 @@ class Harmonic(ReferenceSummary):
         if t <= 0:
             zero = np.zeros(self.size)
             return ReferencePoint(self._center, zero, zero, zero)
+        # Leibniz's rule for the product of growth and wave follows; most of a run has constant growth.
         growth = _GROWN if t >= self._ramp else np.concatenate(self._growth.at(t))
         angle = self._rate * t + self._phase
         sine, cosine = self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)
@@ -249,6 +253,7 @@ class Geodesic(ReferenceSummary):
         for place in coordinates.rotations:
             triple = slice(place, place + 3)
             R0 = pin.exp3(first[triple])
+            # In world axes: the velocity of the rotation is then the rate of s times this constant vector.
             arc = pin.log3(pin.exp3(last[triple]) @ R0.T)
             self._turns.append((triple, R0, arc))
         self._share = MinimumJerk([0.0], [1.0], duration, begin)
@@ -385,6 +390,7 @@ class RelativeCircle(RelativeReference):
         plane = named or list(range(len(start)))[:2]
         if len(plane) != 2 or len({*plane}) != 2:
             raise ConfigurationError(f"a circle needs two outputs, found {', '.join(self.plane or coordinates.names)}")
+        # The first output is a cosine, by a phase of a quarter turn, the second a sine.
         amplitude, phase = np.zeros((2, len(start)))
         amplitude[plane], phase[plane[0]] = self.radius, np.pi / 2
         rate = 1.0 / self.period if self.period else (self.speed or 0.0) / (2 * np.pi * self.radius)

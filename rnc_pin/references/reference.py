@@ -93,7 +93,11 @@ class TaskReference(NamedTuple):
 
 
 class Joined(ReferenceSummary):
-    """Concatenation of several references: outputs of all parts in one vector."""
+    """Concatenation of several references: outputs of all parts in one vector.
+
+    Args:
+        references: references of the parts, in the order of the outputs.
+    """
 
     def __init__(self, references: Sequence[Reference]) -> None:
         self._parts = list(references)

@@ -41,7 +41,11 @@ class LazyGeometry:
         self._models = {"visual": visual, "collision": collision}
 
     def get(self, kind: str) -> pin.GeometryModel | None:
-        """Geometry of a kind, or None."""
+        """Geometry of a kind, or None.
+
+        Args:
+            kind: "visual" or "collision".
+        """
         if self._models[kind] is None and self._load is not None:
             self._models[kind] = self._load(kind)
         return self._models[kind]
@@ -50,12 +54,18 @@ class LazyGeometry:
         """Return the state for pickle and copy."""
         state = dict(self.__dict__)
         if self._load is not None:
+            # Geometry without a loader cannot be made again: it stays in the pickle.
             state["_models"] = dict.fromkeys(self._models)
         return state
 
 
 class LockedModel:
-    """Reduced model without the locked joints, with its geometry."""
+    """Reduced model without the locked joints, with its geometry.
+
+    Args:
+        model: the full model; it is not changed.
+        lock: joint name to value of each locked joint [rad or m].
+    """
 
     def __init__(self, model: pin.Model, lock: Mapping[str, JointValue]) -> None:
         self._full, named = model, NamedModel(model)
@@ -66,10 +76,16 @@ class LockedModel:
         self.model = self._reduced(None)[0]
 
     def geometry(self, load: Callable[[str], pin.GeometryModel], kind: str) -> pin.GeometryModel:
-        """Geometry of a kind, loaded by ``load`` for the full model and attached to the reduced model."""
+        """Geometry of a kind, loaded by ``load`` for the full model and attached to the reduced model.
+
+        Args:
+            load: function that loads the geometry of a kind for the full model.
+            kind: "visual" or "collision".
+        """
         return self._reduced(load(kind))[1]
 
     def _reduced(self, geometry: pin.GeometryModel | None) -> tuple[pin.Model, pin.GeometryModel | None]:
+        # Pinocchio reduces model and geometry in one call, so the model is reduced again for each kind of geometry.
         unique = _UniqueFrameNames(self._full)
         (full,) = unique.models
         if geometry is None:
@@ -109,7 +125,13 @@ class AttachedModel:
         self.model.gravity = carrier.gravity  # appendModel takes the gravity of the second
 
     def geometry(self, carrier: LazyGeometry, other: LazyGeometry, kind: str) -> pin.GeometryModel:
-        """Geometry of a kind of both models, attached to the joined model."""
+        """Geometry of a kind of both models, attached to the joined model.
+
+        Args:
+            carrier: geometry of the carrier.
+            other: geometry of the attached robot.
+            kind: "visual" or "collision".
+        """
         shapes = [each.get(kind) or pin.GeometryModel() for each in (carrier, other)]
         return pin.appendModel(*self._unique.models, *shapes, self._frame, self._placement)[1]
 
@@ -197,6 +219,8 @@ def _links(model: pin.Model, locked: Collection[str]) -> dict[str, _Link]:
     for index, frame in enumerate(frames):
         if frame.type != pin.FrameType.BODY:
             continue
+        # Pinocchio's own rule: the frame of a fixed joint stores the inertia of its child, and a joint's model stores
+        # the sum.
         group, parent = _group(model, index, locked), frame.parentFrame
         if _weighs(frame):
             found[frame.name] = _Link(index, index, group)
@@ -243,6 +267,7 @@ def _own(model: pin.Model, link: _Link, locked: Collection[str]) -> np.ndarray:
     group = model.frames[link.group]
     at_joint = group.type == pin.FrameType.JOINT or not link.group
     whole = model.inertias[frame.parentJoint].toDynamicParameters() if at_joint else None
+    # The link that the joint moves has no record of its own: subtract what the other frames recorded from the whole.
     own = np.array(whole) if whole is not None else _parameters(group.inertia, group.placement)
     for index, other in enumerate(model.frames):
         if other.parentJoint != frame.parentJoint or not _weighs(other) or index == link.group:
@@ -276,6 +301,7 @@ def _exchange(model: pin.Model, link: _Link, new: np.ndarray | pin.Inertia, old:
     # A single link is scaled exactly, without the rounding errors of a sum and a difference.
     alone = np.abs(whole - old).max() <= _ROUNDING * np.abs(whole).max()
     model.inertias[joint] = pin.Inertia.FromDynamicParameters(parameters if alone else whole + difference)
+    # The records have to follow the sum, or the next change of a mass would start from the old ones.
     keepers = [index for index in (link.keeper, link.group) if index is not None and _weighs(model.frames[index])]
     for index in dict.fromkeys(keepers):
         kept = model.frames[index]

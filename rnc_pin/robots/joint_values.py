@@ -23,18 +23,26 @@ _COORDINATES = {
 NO_LIMIT = 1e10
 """Value above which a number of a robot file means that there is no limit; Pinocchio writes the largest float."""
 
-_BASES = {"JointModelPlanar": "planar", "JointModelFreeFlyer": "free"}
-
 
 def known_velocity_limits(model: pin.Model) -> np.ndarray:
-    """Velocity limits (nv,) of a robot file [rad/s or m/s]; infinity where it states none."""
+    """Velocity limits (nv,) of a robot file [rad/s or m/s]; infinity where it states none.
+
+    Args:
+        model: model of the robot.
+    """
+    # URDF tools write 0 for an unknown limit, and no joint has a limit of zero.
     limits = np.array(model.upperVelocityLimit, dtype=float)
     return np.where((limits > 0) & (limits < NO_LIMIT), limits, np.inf)
 
 
 def base_of(model: pin.Model) -> str:
-    """Kind of the joint between the root link and the world: "fixed", "planar" or "free"."""
-    return _BASES.get(model.joints[1].shortname(), "fixed") if model.njoints > 1 else "fixed"
+    """Kind of the joint between the root link and the world: "fixed", "planar" or "free".
+
+    Args:
+        model: model of the robot.
+    """
+    bases = {"JointModelPlanar": "planar", "JointModelFreeFlyer": "free"}
+    return bases.get(model.joints[1].shortname(), "fixed") if model.njoints > 1 else "fixed"
 
 
 def fixed_base(model: pin.Model) -> str:
@@ -54,6 +62,7 @@ def _joint_coordinates(name: str, joint: pin.JointModel, entry: np.ndarray) -> n
     if kind == "JointModelPlanar" and entry.size == 3:
         return np.array([entry[0], entry[1], np.cos(entry[2]), np.sin(entry[2])])
     if kind in ("JointModelFreeFlyer", "JointModelSpherical") and entry.size == joint.nq:
+        # Numbers in files are rounded: any quaternion with a direction is taken, and made exact.
         length = np.linalg.norm(entry[-4:])
         if length < 1e-9:
             raise ModelError(f"joint '{name}': the quaternion (x, y, z, w) has zero length")
@@ -83,18 +92,31 @@ class SingleJoint(NamedTuple):
 
     @classmethod
     def of(cls, joint: pin.JointModel) -> SingleJoint:
-        """Return the place of a joint, which has one degree of freedom."""
+        """Return the place of a joint, which has one degree of freedom.
+
+        Args:
+            joint: joint of Pinocchio with one degree of freedom.
+        """
         unit = "rad/s" if joint.shortname().startswith("JointModelR") else "m/s"
         return cls(joint.idx_q, joint.idx_v, joint.nq == 2, unit)
 
     def position(self, q: np.ndarray) -> np.ndarray:
-        """Position (...,) [rad or m] at q (..., nq)."""
+        """Position (...,) [rad or m] at q (..., nq).
+
+        Args:
+            q: configurations (..., nq).
+        """
         if self.continuous:
             return np.asarray(np.arctan2(q[..., self.idx_q + 1], q[..., self.idx_q]))
         return np.asarray(q[..., self.idx_q])
 
     def put(self, q: np.ndarray, position: np.ndarray) -> None:
-        """Write positions (...,) [rad or m] into q (..., nq)."""
+        """Write positions (...,) [rad or m] into q (..., nq).
+
+        Args:
+            q: configurations (..., nq), changed in place.
+            position: positions (...,) [rad or m].
+        """
         if self.continuous:
             q[..., self.idx_q], q[..., self.idx_q + 1] = np.cos(position), np.sin(position)
         else:
@@ -120,7 +142,11 @@ class NamedModel:
             raise ModelError(f"joints were added to the model of robot '{self.name}': make a new Robot of it")
 
     def joint_id(self, name: str) -> int:
-        """Index of a joint. An unknown name raises ModelError with the nearest name."""
+        """Index of a joint. An unknown name raises ModelError with the nearest name.
+
+        Args:
+            name: name of the joint.
+        """
         model, valid = self.model, self.joint_names
         if name not in valid:
             if name == "root_joint" and base_of(model) == "fixed":
@@ -133,6 +159,9 @@ class NamedModel:
 
         If a link and a joint share the name, the link's frame is returned. An unknown name raises ModelError with the
         nearest name.
+
+        Args:
+            name: name of the frame.
         """
         if not isinstance(name, str) or not self.model.existFrame(name):
             valid = [frame.name for frame in self.model.frames]
@@ -146,12 +175,20 @@ class NamedModel:
         return [name for name in self.joint_names if self.model.joints[self.joint_id(name)].nv == 1]
 
     def links_of(self, joint: int) -> list[str]:
-        """Names of the links that a joint moves, in the order of the model."""
+        """Names of the links that a joint moves, in the order of the model.
+
+        Args:
+            joint: index of the joint; 0 for the world.
+        """
         frames = (frame for frame in self.model.frames if frame.parentJoint == joint)
         return [str(frame.name) for frame in frames if frame.type == pin.FrameType.BODY]
 
     def velocity_indices(self, joint: str) -> slice:
-        """Slice of a joint's velocity in ``v``."""
+        """Slice of a joint's velocity in ``v``.
+
+        Args:
+            joint: name of the joint.
+        """
         model = self.model.joints[self.joint_id(joint)]
         return slice(model.idx_v, model.idx_v + model.nv)
 
@@ -241,7 +278,11 @@ class NamedModel:
         return q
 
     def joint_values(self, q: np.ndarray) -> dict[str, float | list[float]]:
-        """Joint name to value(s) [rad or m] at q (nq,), the inverse of ``configuration``."""
+        """Joint name to value(s) [rad or m] at q (nq,), the inverse of ``configuration``.
+
+        Args:
+            q: one configuration (nq,).
+        """
         values: dict[str, float | list[float]] = {}
         for name, joint in zip(self.joint_names, list(self.model.joints)[1:], strict=True):
             entry = q[joint.idx_q : joint.idx_q + joint.nq]
@@ -254,8 +295,14 @@ class NamedModel:
         return values
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> np.ndarray:
-        """Random configuration (nq,) from ``generator``, within joint limits and ``spread`` [rad or m] of neutral."""
+        """Random configuration (nq,) from ``generator``, within joint limits and ``spread`` [rad or m] of neutral.
+
+        Args:
+            generator: source of the random numbers.
+            spread: largest displacement from the neutral configuration in each entry of v [rad or m].
+        """
         q = pin.integrate(self.model, pin.neutral(self.model), generator.uniform(-spread, spread, self.nv))
+        # Limits hold for entries of q that are coordinates; others, such as quaternions, have none.
         for joint in list(self.model.joints)[1:]:
             if joint.nq == joint.nv == 1:
                 low = max(self.model.lowerPositionLimit[joint.idx_q], -spread)

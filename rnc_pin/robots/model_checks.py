@@ -14,11 +14,12 @@ from rnc_pin.printing import significant
 from rnc_pin.robots.joint_values import NamedModel
 from rnc_pin.robots.sources.description import Body
 
-_FLAT = 1e-9  # share of the largest moment of inertia below which another one is zero
-
 
 def check_model(model: pin.Model) -> None:
     """Raise an error if a model cannot be simulated; warn about inertias that no body can have, and moving axes.
+
+    Args:
+        model: model of the robot.
 
     Raises:
         ModelError: no joints or too many, duplicate joint names, interleaved branches, or invalid inertias.
@@ -46,16 +47,26 @@ def check_model(model: pin.Model) -> None:
 
 
 def flat_links(model: pin.Model) -> list[str]:
-    """Links if all bodies have a moment of inertia about one axis only, as files of robots in a plane have them."""
+    """Links if all bodies have a moment of inertia about one axis only, as files of robots in a plane have them.
+
+    Args:
+        model: model of the robot.
+    """
     heavy = {joint: np.linalg.eigvalsh(each.inertia) for joint, each in enumerate(model.inertias) if each.mass > 0}
-    if not all(most > 0 and middle <= _FLAT * most for _, middle, most in heavy.values()):
+    flat = 1e-9  # part of the largest moment of inertia below which another one is zero
+    if not all(most > 0 and middle <= flat * most for _, middle, most in heavy.values()):
         return []
     return [each.name for each in model.frames if each.type == pin.FrameType.BODY and each.parentJoint in heavy]
 
 
 def joints_with_moving_axes(model: pin.Model) -> list[str]:
-    """Joints whose axes are not constant in the body that they move: universal, ZYX and most composite joints."""
+    """Joints whose axes are not constant in the body that they move: universal, ZYX and most composite joints.
+
+    Args:
+        model: model of the robot.
+    """
     joints = zip(model.names, model.joints, strict=True)
+    # Half a unit away from neutral in every entry, axes that move differ visibly.
     places = pin.neutral(model), pin.integrate(model, pin.neutral(model), np.full(model.nv, 0.5))
     return [name for name, joint in joints if not np.allclose(_axes(joint, places[0]), _axes(joint, places[1]))]
 
@@ -84,12 +95,7 @@ def _check_order(model: pin.Model) -> None:
 # ---------------------------------------------------------------------- inertias
 
 
-_TRIANGLE_TOLERANCE = 1e-3  # relative to the largest principal moment: values in files are rounded
-_MIN_EIGENVALUE = 1e-12  # smallest eigenvalue of an inertia matrix scaled to a unit diagonal
 _DEFAULT_MASS = 0.1  # [kg] suggested for a link without mass and geometry
-_MIN_MASS = 0.01  # [kg] least suggestion for a link with geometry
-_DENSITY = 300.0  # [kg/m^3] of the box around a link's geometry: robots are hollow
-_INERTIA_PER_MASS = 1e-3  # [m^2] rotational inertia per mass of a link that is given a mass
 
 LARGEST = 256
 """Largest number of degrees of freedom. One evaluation in Pinocchio takes 32 bytes times its cube, 0.5 GB here."""
@@ -137,6 +143,9 @@ class UselessInertia(ModelError):
 def check_model_size(model: pin.Model) -> None:
     """Raise an error if a model is too large for the memory.
 
+    Args:
+        model: model of the robot.
+
     Raises:
         ModelError: the model has more than ``LARGEST`` degrees of freedom.
     """
@@ -153,6 +162,9 @@ def check_inertias(model: pin.Model) -> None:
     The literature idealises bodies: a rotor without mass, or a moment larger than the sum of the others. Their
     equations of motion are sound as long as the inertia matrix of the robot is positive definite.
 
+    Args:
+        model: model of the robot.
+
     Raises:
         ModelError: an inertia or mass is not finite.
         UselessInertia: ``massless`` finds a joint.
@@ -161,9 +173,10 @@ def check_inertias(model: pin.Model) -> None:
     if found:
         raise UselessInertia(_summary(found), found)
     impossible, weightless = [], []
+    triangle_tolerance = 1e-3  # relative to the largest principal moment: values in files are rounded
     for name, inertia in zip(list(model.names)[1:], list(model.inertias)[1:], strict=True):
         moments = np.linalg.eigvalsh(inertia.inertia)
-        if moments[2] > moments[0] + moments[1] + _TRIANGLE_TOLERANCE * moments[2]:
+        if moments[2] > moments[0] + moments[1] + triangle_tolerance * moments[2]:
             impossible.append(name)
         if inertia.mass == 0 and moments.any():
             weightless.append(name)
@@ -190,9 +203,12 @@ def massless(model: pin.Model, bodies: Mapping[str, Body]) -> tuple[Massless, ..
     for each in found:
         _mend(model, each)
     data = model.createData()
+    # A joint may move mass at the neutral configuration and none at others: three random ones, with a fixed seed,
+    # decide.
     generator = np.random.default_rng(0)
     for step in generator.uniform(-np.pi, np.pi, (3, model.nv)):
         q = pin.integrate(model, pin.neutral(model), step)
+        # Each mended body makes the matrix positive along one more motion, so nv rounds suffice.
         for _ in range(model.nv):
             motion = _free_of_mass(pin.crba(model, data, q))
             if motion is None:
@@ -211,7 +227,11 @@ def _summary(found: Sequence[Massless]) -> str:
 
 
 def remedy(joints: Sequence[Massless]) -> str:
-    """Text of the remedy: masses to give."""
+    """Text of the remedy: masses to give.
+
+    Args:
+        joints: joints that need masses.
+    """
     masses: dict[str, float] = {}
     for each in joints:
         masses |= each.masses
@@ -248,6 +268,7 @@ def _body(model: pin.Model, joint: int, bodies: Mapping[str, Body]) -> list[Mass
 
 
 def _is_positive(tensor: np.ndarray) -> bool:
+    # A thin body has a principal moment of zero, which rounding makes slightly negative.
     return bool(np.linalg.eigvalsh(tensor)[0] >= -1e-9 * max(1.0, float(np.trace(tensor))))
 
 
@@ -256,6 +277,7 @@ def _massless(model: pin.Model, joint: int, why: str, message: str, bodies: Mapp
     known = [link for link in links if link in bodies]
     shaped = tuple(link for link in known if bodies[link].shaped)
     wrong = [link for link in known if _is_wrong(bodies[link], why)]
+    # One mass repairs the body: that of a faulty link, else of one with geometry, which has a plausible size.
     chosen = wrong or list(shaped[:1]) or known[:1]
     masses = {link: _mass(bodies[link]) for link in chosen}
     return Massless(model.names[joint], why, shaped, masses, message)
@@ -271,19 +293,26 @@ def _is_wrong(body: Body, why: str) -> bool:
 def _mass(body: Body) -> float:
     if body.mass > 0:
         return body.mass
-    return max(mass_of_box(body.volume()), _MIN_MASS) if body.shaped else _DEFAULT_MASS
+    least_mass = 0.01  # [kg], for a link with tiny geometry
+    return max(mass_of_box(body.volume()), least_mass) if body.shaped else _DEFAULT_MASS
 
 
 def mass_of_box(volume: float) -> float:
-    """Suggested mass [kg] of a body that fills a box of this volume [m^3]."""
-    return significant(_DENSITY * volume)
+    """Suggested mass [kg] of a body that fills a box of this volume [m^3].
+
+    Args:
+        volume: volume of the box around the geometry [m^3].
+    """
+    density = 300.0  # [kg/m^3] of the box around a link's geometry: robots are hollow
+    return significant(density * volume)
 
 
 def _mend(model: pin.Model, each: Massless) -> None:
     """Give a body the inertia that the remedy gives it."""
     index = model.getJointId(each.joint)
     mass = sum(each.masses.values()) or _DEFAULT_MASS
-    model.inertias[index] = pin.Inertia(mass, np.zeros(3), mass * _INERTIA_PER_MASS * np.eye(3))
+    inertia_per_mass = 1e-3  # [m^2], as of a ball of 5 cm radius: 0.4 r^2
+    model.inertias[index] = pin.Inertia(mass, np.zeros(3), mass * inertia_per_mass * np.eye(3))
 
 
 def _free_of_mass(inertia_matrix: np.ndarray) -> tuple[int | None, np.ndarray] | None:
@@ -292,14 +321,17 @@ def _free_of_mass(inertia_matrix: np.ndarray) -> tuple[int | None, np.ndarray] |
     if not diagonal.all():
         entry = int(np.argmin(diagonal))
         return entry, np.eye(len(diagonal))[entry]
+    # With a unit diagonal, eigenvalues compare motions of a finger and of a base: units and sizes cancel.
     values, vectors = np.linalg.eigh(inertia_matrix / (diagonal[:, None] * diagonal))
-    return None if values[0] >= _MIN_EIGENVALUE else (None, vectors[:, 0] / diagonal)
+    least_eigenvalue = 1e-12  # of the matrix with a unit diagonal: a robot's is many orders larger, rounding smaller
+    return None if values[0] >= least_eigenvalue else (None, vectors[:, 0] / diagonal)
 
 
 def _behind(
     model: pin.Model, data: pin.Data, q: np.ndarray, entry: int | None, velocity: np.ndarray, bodies: Mapping[str, Body]
 ) -> Massless:
     """Fault at the first body that moves in a motion of zero kinetic energy; an inertia of this body repairs it."""
+    # The first body that moves in the motion carries no mass along it, nor do the bodies behind.
     pin.forwardKinematics(model, data, q, velocity / np.abs(velocity).max())
     speeds = [float(np.linalg.norm(data.v[joint].vector)) for joint in range(model.njoints)]
     moving = (index for index, speed in enumerate(speeds) if speed > 1e-6 * max(speeds))

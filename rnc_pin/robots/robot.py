@@ -172,6 +172,7 @@ class Robot(NamedModel, SummaryMixin):
             try:
                 return cls(model)
             except UselessInertia as error:
+                # The model alone knows no links of the file: with them, the remedy names a mass for each.
                 error.joints = massless(model, read.bodies)  # with suggested masses for the file's links
                 error.args = (f"{path}: {error.what}: {remedy(error.joints)}",)
                 raise error from None
@@ -245,6 +246,7 @@ class Robot(NamedModel, SummaryMixin):
         robot = Robot(attached.model)
         robot._geometry = LazyGeometry(partial(attached.geometry, self._geometry, other._geometry))
         robot.mimics = (*self.mimics, *other.mimics)
+        # The mounted robot moves with its carrier: a loop with the world of its own file no longer holds.
         robot.closures = (*self.closures, *(each for each in other.closures if "universe" not in each[:2]))
         if len(robot.closures) < len(self.closures) + len(other.closures):
             text = f"robot '{other.name}': its loop closures with the world are omitted, because it is mounted"
@@ -252,6 +254,7 @@ class Robot(NamedModel, SummaryMixin):
         robot.references = {**self.references, **other.references}
         robot.locked = {**self.locked, **other.locked}
         robot._frozen = self._frozen | other._frozen
+        # Of packages with one name, this robot's folder counts, as its gravity does.
         robot.packages = {**other.packages, **self.packages}
         robot.folders = (*self.folders, *other.folders)
         robot.far_packages = {**other.far_packages, **self.far_packages}
@@ -279,6 +282,7 @@ class Robot(NamedModel, SummaryMixin):
             raise ModelError(f"masses have to be a mapping of links to masses [kg], found {type(masses).__name__}")
         model = with_link_masses(self.model, masses, self._frozen, self.name)
         check_model(model)
+        # A shallow copy shares meshes and records of the file; what masses change is replaced.
         robot = copy(self)
         robot.model, robot.locked, robot._geometry = model, dict(self.locked), copy(self._geometry)
         return robot

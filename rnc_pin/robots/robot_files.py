@@ -8,17 +8,20 @@ from pathlib import Path
 
 from rnc_pin.errors import ModelError, nearest
 
-_PACKAGE = Path(__file__).resolve().parents[1]
-
 
 def shipped_directory() -> Path:
     """Folder of the URDFs shipped with rnc_pin (in a wheel, or in a checkout)."""
-    inside = _PACKAGE / "urdf"
-    return inside if inside.is_dir() else _PACKAGE.parent / "urdf"
+    package = Path(__file__).resolve().parents[1]
+    inside = package / "urdf"
+    return inside if inside.is_dir() else package.parent / "urdf"
 
 
 def find_urdf(path: str | Path, beside: Path | None = None) -> Path:
     """Return the path of a URDF: absolute, relative to ``beside``, or the name of a shipped one.
+
+    Args:
+        path: absolute or relative path, or the name of a shipped file.
+        beside: folder that a relative path refers to; the working directory by default.
 
     Raises:
         ModelError: no such file; the message names the nearest shipped one.
@@ -36,13 +39,22 @@ def find_urdf(path: str | Path, beside: Path | None = None) -> Path:
 
 
 def find_shipped(path: str, beside: Path) -> Path:
-    """Return a path relative to ``beside``, or that of a file shipped with rnc_pin if there is none."""
+    """Return a path relative to ``beside``, or that of a file shipped with rnc_pin if there is none.
+
+    Args:
+        path: relative path.
+        beside: folder that it refers to first.
+    """
     found = beside / path
     return found if found.is_file() or not (shipped_directory() / path).is_file() else shipped_directory() / path
 
 
 def find_mjcf(path: str | Path, beside: Path | None = None) -> Path:
     """Return the path of an MJCF file, relative to ``beside``.
+
+    Args:
+        path: absolute or relative path.
+        beside: folder that a relative path refers to; the working directory by default.
 
     Raises:
         ModelError: no such file; the message names the nearest one in the same folder.
@@ -59,6 +71,7 @@ def _example_data() -> Path:
     import importlib.metadata  # it imports email and zipfile, which takes a twentieth of a cold start
 
     try:
+        # The wheel installs outside of Python packages: only its list of files tells where.
         files = importlib.metadata.files("example-robot-data") or []
     except importlib.metadata.PackageNotFoundError:
         raise ModelError("example-robot-data is not installed: pip install example-robot-data") from None
@@ -89,6 +102,9 @@ def example_urdfs() -> dict[str, Path]:
 
 def find_example(name: str) -> tuple[Path, Path]:
     """Return the URDF and the package folder of a robot in example-robot-data.
+
+    Args:
+        name: file name of the URDF without suffix, or with the folder of the robot before it.
 
     Raises:
         ModelError: no robot or several robots of that name; the message names the nearest.

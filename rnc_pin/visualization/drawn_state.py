@@ -72,7 +72,11 @@ class DrawnModel:
 
     @classmethod
     def of(cls, model: DrawnModel | ReducedModel | Robot) -> DrawnModel:
-        """DrawnModel from a reduced model or from a robot, without obstacles."""
+        """DrawnModel from a reduced model or from a robot, without obstacles.
+
+        Args:
+            model: what a user gives for the subject of a view.
+        """
         if isinstance(model, DrawnModel):
             return model
         return cls(model.robot, model) if isinstance(model, ReducedModel) else cls(model)
@@ -90,7 +94,11 @@ class DrawnModel:
         return replace(self, robot=reduced.robot, reduced=reduced)
 
     def ground_height(self, view: View) -> float | None:
-        """Height of the grid [m]; None for no grid, and by default on other ground than z = 0."""
+        """Height of the grid [m]; None for no grid, and by default on other ground than z = 0.
+
+        Args:
+            view: options of the view.
+        """
         if view.ground == "auto":
             return None if self._floats() or grounds_of(self.reduced) else 0.0
         return view.ground
@@ -98,13 +106,18 @@ class DrawnModel:
     def _floats(self) -> bool:
         """True if the robot floats in space: free base, no gravity, and (in a reduced model) conserved momentum."""
         model = self.robot.model
+        # A grid below a satellite would look like ground.
         if model.joints[1].shortname() != "JointModelFreeFlyer" or model.gravity.linear.any():
             return False
         return self.reduced is None or any(name.startswith("momentum(") for name in self.reduced.constraints.names)
 
 
 def grounds_of(reduced: ReducedModel | None) -> list[GroundSurface]:
-    """Surfaces of all constraints of a system, each once."""
+    """Surfaces of all constraints of a system, each once.
+
+    Args:
+        reduced: reduced model; None without one.
+    """
     found: list[GroundSurface] = []
     for place in () if reduced is None else reduced.all_constraints.places:
         if place.block.ground is not None and not any(place.block.ground is each for each in found):
@@ -133,12 +146,24 @@ class DrawnState(NamedTuple):
 
 
 def output_error(outputs: OutputNames, state: DrawnState, kind: str) -> np.ndarray:
-    """Desired minus actual values of the outputs "x1" or "x2" at a state."""
+    """Desired minus actual values of the outputs "x1" or "x2" at a state.
+
+    Args:
+        outputs: names of the outputs.
+        state: the state.
+        kind: "x1" or "x2".
+    """
     return outputs.of(kind).coordinates.difference(getattr(state, f"{kind}_desired"), getattr(state, kind))
 
 
 def tracked_frames(outputs: OutputNames, goals: Sequence[str], robot: Robot) -> dict[str, dict[int, tuple[str, int]]]:
-    """Frames with position goals: for each axis (0, 1, 2), kind and column of the output."""
+    """Frames with position goals: for each axis (0, 1, 2), kind and column of the output.
+
+    Args:
+        outputs: names of the outputs.
+        goals: outputs that have goals.
+        robot: the robot that has the frames.
+    """
     frames: dict[str, dict[int, tuple[str, int]]] = {}
     for name in goals:
         frame, _, axis = name.rpartition("_")
@@ -151,10 +176,18 @@ def tracked_frames(outputs: OutputNames, goals: Sequence[str], robot: Robot) -> 
 def recorded_states(
     robot: Robot, trajectory: Trajectory, rate: float = RATE, others: Sequence[Trajectory] = ()
 ) -> Iterator[DrawnState]:
-    """States at a constant rate. Other runs that end earlier keep their last configuration."""
+    """States at a constant rate. Other runs that end earlier keep their last configuration.
+
+    Args:
+        robot: robot of all runs.
+        trajectory: run to show.
+        rate: states per second.
+        others: compared runs.
+    """
     times = even_times(trajectory.time[-1], rate)
     configurations = _configurations(robot, trajectory, times)
     beside = [_configurations(robot, other, times) for other in others]
+    # Configurations are interpolated on their manifold; other values are those of the next sample.
     nearest = np.searchsorted(trajectory.time, times).clip(max=len(trajectory.time) - 1)
     t = trajectory
     for frame, i in enumerate(nearest):
@@ -168,7 +201,12 @@ def recorded_states(
 
 
 def live_state(reduced: ReducedModel, sample: Sample) -> DrawnState:
-    """State at a sample of a live run. Outputs that the measurement omits are computed; unknown inputs are NaN."""
+    """State at a sample of a live run. Outputs that the measurement omits are computed; unknown inputs are NaN.
+
+    Args:
+        reduced: model, used by the calling thread alone.
+        sample: sample of the run.
+    """
     measurement, command = sample.measurement, sample.command
     q, v2 = measurement.q, measurement.v2
     state = reduced.at(q, v2, t=sample.time)
@@ -194,7 +232,12 @@ def live_state(reduced: ReducedModel, sample: Sample) -> DrawnState:
 
 
 def even_times(end: float, rate: float) -> np.ndarray:
-    """Times of pictures at a rate [1/s], from zero to the end [s]."""
+    """Times of pictures at a rate [1/s], from zero to the end [s].
+
+    Args:
+        end: end of the run [s].
+        rate: pictures per second.
+    """
     return np.arange(0.0, end + 0.5 / rate, 1.0 / rate).clip(max=end)
 
 

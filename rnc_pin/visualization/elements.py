@@ -57,11 +57,20 @@ class Element(ABC):
         return f"{self.entry.layer}/{self.name}"
 
     def build(self, scene: MeshcatScene) -> None:  # noqa: B027, some have nothing to build
-        """Draw the initial content."""
+        """Draw the initial content.
+
+        Args:
+            scene: scene to draw in.
+        """
 
     @abstractmethod
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
-        """Show a state."""
+        """Show a state.
+
+        Args:
+            scene: scene to draw in.
+            state: the state.
+        """
 
 
 @dataclass(eq=False)
@@ -103,6 +112,7 @@ class Trail(Element):
         node = f"{self.node}/{self._count:03d}"
         scene.path(node, np.stack(self._points), self.entry.color, self.width, self.entry.sign)
         scene.appear(node)
+        # The last point begins the next piece, or there would be gaps.
         self._points, self._count = self._points[-1:], self._count + 1
 
 
@@ -144,6 +154,7 @@ class Arrows(Element):
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         for k, (point, vector) in enumerate(zip(*map(np.nan_to_num, self.vectors(state)), strict=True)):
             length = float(np.linalg.norm(vector))
+            # A transform of size zero is singular, and Three.js would warn: the arrow gets invisibly small instead.
             seen = length > 0.2 * self.width
             along = vector / length if seen else np.eye(3)[1]
             head = min(3.5 * self.width, length) if seen else 1e-4
@@ -154,7 +165,11 @@ class Arrows(Element):
 
 
 def drawn_scale(shape: pin.GeometryObject) -> np.ndarray:
-    """Absolute scale factors (3,) in the placement of a shape."""
+    """Absolute scale factors (3,) in the placement of a shape.
+
+    Args:
+        shape: shape of a geometry model.
+    """
     return np.abs(np.asarray(shape.meshScale, dtype=float))
 
 
@@ -220,9 +235,6 @@ def _cylinder(middle: np.ndarray, along: np.ndarray, height: float, radius: floa
     return matrix
 
 
-_MAX_ERRORS = 5
-
-
 class OverlayRow(NamedTuple):
     """Number on the overlay: its label, unit, value and optional colour."""
 
@@ -265,7 +277,8 @@ class Overlay:
                 add(name.removesuffix("_x"), "rad", [(kind, k), (kind, k + 1), (kind, k + 2)])
             else:
                 add(f"integral of {name}" if columns.is_integral(k) else name, columns.units[k], [place])
-        self.rows = [OverlayRow("time", "s", lambda state: state.time), *errors[:_MAX_ERRORS]]
+        most_errors = 5  # the overlay covers a part of the picture
+        self.rows = [OverlayRow("time", "s", lambda state: state.time), *errors[:most_errors]]
         if margin:
             self.rows.append(
                 OverlayRow("singularity margin", "", lambda each: each.margin, lambda each: margin_color(each.margin))
@@ -276,7 +289,11 @@ class Overlay:
         return [{"label": row.label, "unit": row.unit, "chip": row.color is not None} for row in self.rows]
 
     def values(self, state: DrawnState) -> tuple[list[float], list[str | None]]:
-        """Values and colours of the rows at a state."""
+        """Values and colours of the rows at a state.
+
+        Args:
+            state: the state.
+        """
         values = [float(row.value(state)) for row in self.rows]
         colors = (None if row.color is None else (255 * row.color(state)).round().astype(np.uint8) for row in self.rows)
         chips = [None if color is None else f"#{color.tobytes().hex()}" for color in colors]
@@ -284,7 +301,11 @@ class Overlay:
 
 
 def margin_color(margin: float) -> np.ndarray:
-    """Colour (3,) for the smallest singular value of E on a log scale: vermillion near a singularity, blue far away."""
+    """Colour (3,) for the smallest singular value of E on a log scale: vermillion near a singularity, blue far away.
+
+    Args:
+        margin: smallest singular value of E; NaN if it is unknown.
+    """
     stops = np.array([[0xD5, 0x5E, 0x00], [0xE6, 0x9F, 0x00], [0x56, 0xB4, 0xE9], [0x00, 0x72, 0xB2]]) / 255
     where = np.interp(np.log10(max(margin, 1e-6) if np.isfinite(margin) else 1e-6), [-2.3, -0.3], [0.0, 3.0])
     return np.array([np.interp(where, np.arange(4), channel) for channel in stops.T])

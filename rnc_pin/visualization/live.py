@@ -71,6 +71,7 @@ class LiveView:
         self._started: float | None = None
         self._next = 0.0
         self._last: Sample | DrawnState | None = None
+        # Only the newest sample waits: a slow browser does not delay the run, nor does the view lag behind.
         self._due: deque[Sample | DrawnState] = deque(maxlen=1)
         self._wake, self._over = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._draw, name="live view", daemon=True)
@@ -80,7 +81,11 @@ class LiveView:
             self.open()
 
     def wait_for_browser(self, timeout: float) -> bool:
-        """Wait up to ``timeout`` [s] for a browser to connect. Return True if one is connected."""
+        """Wait up to ``timeout`` [s] for a browser to connect. Return True if one is connected.
+
+        Args:
+            timeout: longest wait [s].
+        """
         end = time.monotonic() + timeout
         while not self.watched and time.monotonic() < end:
             time.sleep(0.05)
@@ -124,7 +129,11 @@ class LiveView:
         self._wake.set()
 
     def draw(self, state: DrawnState) -> None:
-        """Draw a state, in the drawing thread; the first state creates the scene."""
+        """Draw a state, in the drawing thread; the first state creates the scene.
+
+        Args:
+            state: the state.
+        """
         if self._run_scene is None:
             # The first command shows which outputs have goals.
             goals = self._info.goals or [
@@ -137,7 +146,7 @@ class LiveView:
             title = self.window.title if self.window.title != "rnc_pin" else ""
             self.scene.overlay(title, self._run_scene.overlay.labels(), self._run_scene.legend())
         now = time.monotonic()
-        values_rate = 10.0  # updates of the overlay per second
+        values_rate = 10.0  # updates per second: numbers that change faster cannot be read
         with self.window.batched():
             self._run_scene.update(state)
             if now >= self._next_values:
@@ -183,6 +192,7 @@ class LiveView:
             self._due.append(self._last)
         self._over.set()
         self._wake.set()
+        # A browser that no longer answers must not hold the process.
         self._thread.join(timeout=5)
         self.window.close()
 

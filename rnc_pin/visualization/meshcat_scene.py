@@ -12,9 +12,6 @@ from rnc_pin.simulation import PlannedPath
 from rnc_pin.visualization.browser.page import meshcat, mg
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 
-_DASHES = {"dashed": (6.0, 3.2), "dotted": (3.0, 0.8)}  # period of a line and its drawn part, over its width
-_MAX_DOTS = 2000
-
 _SAME_VALUE = 1e-7
 FIELD_OF_VIEW = 50.0  # vertical [deg]
 VIEW_DIRECTION = (-0.35, 1.0, -0.8)  # viewing direction of a camera that is placed automatically
@@ -22,15 +19,17 @@ ASPECT = 1.6  # width over height of the picture
 _USED_PART = np.array(
     [0.8, 0.58]
 )  # used part of the picture's width and height; overlay, legend and player need the rest
-_CENTERINGS = 4
-_BOX_SCALE = 1.5  # box around a robot that the camera follows, over the size of the robot
 # Largest distance of the robot from the target, over the distance between camera and target.
-_MAX_DISTANCE = 0.3  # beyond this the robot soon leaves the picture
-_MAX_DISTANCE_CLOSE = 0.1  # for a robot that fills the picture
 
 
 def with_plan(points: np.ndarray, plan: PlannedPath | None, height: float) -> np.ndarray:
-    """Points (N, 3) together with the points of the planned path, if any, at this height [m]."""
+    """Points (N, 3) together with the points of the planned path, if any, at this height [m].
+
+    Args:
+        points: points of a motion [m].
+        plan: planned path of the run; None without one.
+        height: height of a path without heights of its own [m].
+    """
     if plan is None:
         return points
     path = np.array(plan.poses)[:, :2]
@@ -39,9 +38,14 @@ def with_plan(points: np.ndarray, plan: PlannedPath | None, height: float) -> np
 
 
 def enlarged_box(corners: np.ndarray) -> np.ndarray:
-    """Scale the corners of a robot (N, 3) about their centre, so that parts of its tracks are in the picture."""
+    """Scale the corners of a robot (N, 3) about their centre, so that parts of its tracks are in the picture.
+
+    Args:
+        corners: corners of the shapes of the robot [m].
+    """
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
-    return middle + _BOX_SCALE * (corners - middle)
+    scale = 1.5  # box around a robot that the camera follows, over the size of the robot
+    return middle + scale * (corners - middle)
 
 
 def fitting_camera(points: np.ndarray, forward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -60,7 +64,8 @@ def fitting_camera(points: np.ndarray, forward: np.ndarray) -> tuple[np.ndarray,
     axes = np.stack([right, np.cross(right, forward)])
     half = np.tan(np.deg2rad(FIELD_OF_VIEW / 2)) * np.array([ASPECT, 1.0])
     target = (points.min(axis=0) + points.max(axis=0)) / 2
-    for centerings_left in reversed(range(_CENTERINGS)):
+    centerings = 4
+    for centerings_left in reversed(range(centerings)):
         away = points - target
         beside, depth = away @ axes.T, away @ forward
         distance = max(float((np.abs(beside) / (_USED_PART * half) - depth[:, None]).max()), 0.2)
@@ -83,12 +88,18 @@ class Follower:
 
     def __init__(self, camera: np.ndarray, target: np.ndarray, point: np.ndarray, close: bool = False) -> None:
         self._target = target
-        leash = (_MAX_DISTANCE_CLOSE if close else _MAX_DISTANCE) * float(np.linalg.norm(camera - target))
+        close_distance = 0.1  # of the robot from the target, over that of the camera, if the robot fills the picture
+        largest_distance = 0.3  # of the robot from the target, over that of the camera: it soon leaves the picture
+        leash = (close_distance if close else largest_distance) * float(np.linalg.norm(camera - target))
         self._max_distance = max(leash, float(np.linalg.norm(point - target)))
         self.offset = np.zeros(3)
 
     def follow(self, point: np.ndarray) -> np.ndarray:
-        """Return the offset (3,) [m] of camera and target for a robot at a point (3,) [m]."""
+        """Return the offset (3,) [m] of camera and target for a robot at a point (3,) [m].
+
+        Args:
+            point: position of the robot.
+        """
         away = point - self._target - self.offset
         distance = float(np.linalg.norm(away))
         if distance > self._max_distance:  # False if the distance is NaN
@@ -110,12 +121,23 @@ class Keyframes:
         self._tracks: dict[str, list[bytes]] = {}
 
     def place(self, path: str, frame: int, matrix: np.ndarray) -> None:
-        """Set the transform (4, 4) of a node at a frame, which may include a scale."""
+        """Set the transform (4, 4) of a node at a frame, which may include a scale.
+
+        Args:
+            path: path of the node.
+            frame: number of the frame.
+            matrix: the transform.
+        """
         self._frames.setdefault(path, []).append(frame)
         self._matrices.setdefault(path, []).append(matrix)
 
     def appear(self, path: str, frame: int) -> None:
-        """Show a node from this frame on."""
+        """Show a node from this frame on.
+
+        Args:
+            path: path of the node.
+            frame: number of the frame.
+        """
         keys = [{"time": 0, "value": frame == 0}, {"time": max(frame, 1), "value": True}]
         track = umsgpack.packb({"name": ".visible", "type": "boolean", "keys": keys})
         self._tracks.setdefault(path, []).append(track)
@@ -156,6 +178,7 @@ class Keyframes:
 def _track(name: str, kind: str, frames: list[int], values: np.ndarray, single: bool) -> bytes:
     """Keys of one property; of a constant interval only the first and the last key."""
     moves = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0) > _SAME_VALUE
+    # Both ends of a constant interval stay, so that the player does not interpolate into it.
     kept = np.r_[True, moves] | np.r_[moves, True]
     return _map(name=_text(name), type=_text(kind), keys=_keys(np.array(frames)[kept], values[kept], single))
 
@@ -165,6 +188,7 @@ def _keys(frames: np.ndarray, values: np.ndarray, single: bool) -> bytes:
     count, size = values.shape
     number = [("mark", "u1"), ("value", ">f4" if single else ">f8")]
     key = [("head", "S6"), ("mark", "u1"), ("time", ">u4"), ("name", "S7"), ("numbers", number, (size,))]
+    # MessagePack by hand: an array of records packs thousands of keys at once.
     keys = np.empty(count, key)
     keys["head"], keys["mark"], keys["time"] = b"\x82" + _text("time"), 0xCE, frames
     keys["name"] = _text("value") + bytes([0x90 + size])
@@ -211,7 +235,12 @@ class MeshcatScene:
     # ------------------------------------------------------------------ motion
 
     def place(self, name: str, matrix: np.ndarray) -> None:
-        """Set the transform (4, 4) of a node, which may include a scale."""
+        """Set the transform (4, 4) of a node, which may include a scale.
+
+        Args:
+            name: name of the node.
+            matrix: the transform.
+        """
         path = f"/meshcat/{name}"
         if self.keyframes is None or self.frame == 0:
             self.window.place(path, matrix)
@@ -219,7 +248,11 @@ class MeshcatScene:
             self.keyframes.place(path, self.frame, matrix)
 
     def appear(self, name: str) -> None:
-        """Show a node from the current frame on; a live scene shows it anyway."""
+        """Show a node from the current frame on; a live scene shows it anyway.
+
+        Args:
+            name: name of the node.
+        """
         if self.keyframes is not None:
             self.keyframes.appear(f"/meshcat/{name}", self.frame)
 
@@ -234,13 +267,23 @@ class MeshcatScene:
     # ------------------------------------------------------------------ content
 
     def set_camera(self, camera: np.ndarray, target: np.ndarray) -> None:
-        """Set position and target of the camera in the world, (3,) each [m]."""
+        """Set position and target of the camera in the world, (3,) each [m].
+
+        Args:
+            camera: position of the camera.
+            target: point that it looks at.
+        """
+        # Meshcat's default plane would cut off what is farther than 100 m.
         far = max(100.0, 10.0 * float(np.linalg.norm(camera - target)))
         gaze = {"position": camera.tolist(), "target": target.tolist(), "fov": FIELD_OF_VIEW, "far": far}
         self.window.post({"type": "look", "path": "/Cameras", **gaze})
 
     def follow(self, offset: np.ndarray) -> None:
-        """Set the offset (3,) [m] of the camera since ``look``; movements by the user remain."""
+        """Set the offset (3,) [m] of the camera since ``look``; movements by the user remain.
+
+        Args:
+            offset: displacement in the world.
+        """
         if self.keyframes is not None:
             self._offsets.append(offset.tolist())
         elif not np.array_equal(offset, self._offset):
@@ -251,16 +294,34 @@ class MeshcatScene:
         self._offset = offset
 
     def hide(self, name: str) -> None:
-        """Hide a node; the viewer's controls show it again."""
+        """Hide a node; the viewer's controls show it again.
+
+        Args:
+            name: name of the node.
+        """
         self.root[name].set_property("visible", False)
 
     def copy(self, name: str, source: str, color: int, opacity: float) -> None:
-        """Draw a copy of another node in one colour, without new geometry data."""
+        """Draw a copy of another node in one colour, without new geometry data.
+
+        Args:
+            name: name of the copy.
+            source: name of the copied node.
+            color: colour, 0xRRGGBB.
+            opacity: from 0 to 1.
+        """
         command = {"color": color, "opacity": opacity, "source": f"/meshcat/{source}"}
         self.window.post({"type": "copy", "path": f"/meshcat/{name}", **command})
 
     def mesh(self, name: str, shape: mg.Geometry, color: int, opacity: float = 1.0) -> None:
-        """Draw a shape of one colour."""
+        """Draw a shape of one colour.
+
+        Args:
+            name: name of the node.
+            shape: geometry of Meshcat.
+            color: colour, 0xRRGGBB.
+            opacity: from 0 to 1.
+        """
         material = mg.MeshLambertMaterial(color=color, opacity=opacity, transparent=opacity < 1.0)
         self.root[name].set_object(shape, material)
 
@@ -276,10 +337,12 @@ class MeshcatScene:
         """
         # WebGL draws all lines one pixel wide, so a path is a row of dots that touch each other.
         length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
-        dots = max(2, min(_MAX_DOTS, int(length[-1] / (0.4 * width)) + 1))
+        most_dots = 2000
+        dots = max(2, min(most_dots, int(length[-1] / (0.4 * width)) + 1))
         along = np.linspace(0.0, length[-1], dots)
-        if line in _DASHES:
-            period, drawn = _DASHES[line]
+        patterns = {"dashed": (6.0, 3.2), "dotted": (3.0, 0.8)}  # period of a line and its drawn part, over its width
+        if line in patterns:
+            period, drawn = patterns[line]
             along = along[np.mod(along, period * width) < drawn * width]
         vertices = np.stack([np.interp(along, length, column) for column in points.T]).astype(np.float32)
         shade = np.array([color >> 16 & 255, color >> 8 & 255, color & 255], dtype=np.float32) / 255
@@ -287,7 +350,14 @@ class MeshcatScene:
         self.root[name].set_object(mg.PointCloud(vertices, colors, size=width))
 
     def grid(self, height: float, center: np.ndarray, half: float) -> None:
-        """Draw a square grid at a height, of half width ``half`` about a centre [m]."""
+        """Draw a square grid at a height, of half width ``half`` about a centre [m].
+
+        Args:
+            height: height of the grid.
+            center: point (3,) in its middle.
+            half: half of its width.
+        """
+        # Powers of two: the number of lines stays between bounds for a robot of any size.
         pitch = 0.5 * 2.0 ** max(0, round(np.log2(half / 10.0)))
         self._pitch = pitch
         self.root["ground"].set_object(_grid(height, np.round(center[:2] / pitch) * pitch, half, pitch))
@@ -295,12 +365,24 @@ class MeshcatScene:
     def overlay(
         self, title: str, rows: Sequence[Mapping[str, object]], legend: Sequence[Mapping[str, object]], **series: object
     ) -> None:
-        """Show the overlay and the legend in the corners of the page."""
+        """Show the overlay and the legend in the corners of the page.
+
+        Args:
+            title: title of the page.
+            rows: labels of the numbers, as ``Overlay.labels`` returns them.
+            legend: layers, as ``RunScene.legend`` returns them.
+            series: numbers of all frames of a recording, by the names that ``page.js`` reads.
+        """
         content = {"title": title, "rows": list(rows), "legend": list(legend), **series}
         self.window.post({"type": "overlay", "path": "/overlay", **content}, single=True)
 
     def overlay_values(self, values: Sequence[float], chips: Sequence[str | None]) -> None:
-        """Update the values on the live overlay; ``chips`` are colours, or None."""
+        """Update the values on the live overlay; ``chips`` are colours, or None.
+
+        Args:
+            values: numbers of the rows.
+            chips: colour of each row.
+        """
         self.window.post({"type": "overlay_values", "path": "/overlay", "values": list(values), "chips": list(chips)})
 
 

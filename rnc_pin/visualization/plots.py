@@ -18,9 +18,7 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import LimitReplay, Trajectory, compared_paths, run_name
 from rnc_pin.visualization.scene_bodies import hull_from_above, outline, surface_points
 
-_BODY, _EDGE = "0.8", "0.45"  # grey of obstacles and of their outlines
 _ROBOT, _ROBOT_EDGE = "0.55", "0.3"  # the same of the robot
-_MOMENTS = 5  # number of outlines of the robot
 
 
 def plot_top_view(
@@ -65,25 +63,37 @@ def plot_top_view(
 
 
 def draw_obstacles(axes: Axes, obstacles: Sequence[Obstacle], time: np.ndarray) -> list[st.LegendEntry]:
-    """Draw the outlines of bounded obstacles: filled at the start; those that move also at the end, with paths."""
+    """Draw the outlines of bounded obstacles: filled at the start; those that move also at the end, with paths.
+
+    Args:
+        axes: axes to draw into.
+        obstacles: the obstacles.
+        time: times (N,) of the run [s].
+    """
     lines = []
+    body, edge = "0.8", "0.45"  # greys of obstacles and of their outlines
     for obstacle in obstacles:
         if obstacle.unbounded:
             continue
         first = outline(obstacle, float(time[0]))
-        axes.fill(*first.T, color=_BODY, alpha=0.5, zorder=0)
-        lines += axes.plot(*np.concatenate([first, first[:1]]).T, color=_EDGE, lw=st.points(0.9), zorder=0.5)
+        axes.fill(*first.T, color=body, alpha=0.5, zorder=0)
+        lines += axes.plot(*np.concatenate([first, first[:1]]).T, color=edge, lw=st.points(0.9), zorder=0.5)
         if obstacle.motion is not None:
             last = outline(obstacle, float(time[-1]))
-            axes.plot(*np.concatenate([last, last[:1]]).T, color=_EDGE, lw=st.points(0.9), ls=st.DOTS, zorder=0.5)
+            axes.plot(*np.concatenate([last, last[:1]]).T, color=edge, lw=st.points(0.9), ls=st.DOTS, zorder=0.5)
             moments = np.linspace(time[0], time[-1], 100).tolist()
             path = np.array([obstacle.placement(t).translation[:2] for t in moments])
-            axes.plot(*path.T, color=_EDGE, lw=st.points(0.9), ls=st.DOTS, zorder=0.5)
+            axes.plot(*path.T, color=edge, lw=st.points(0.9), ls=st.DOTS, zorder=0.5)
     return [st.LegendEntry("obstacles", lines[:1])] if lines else []
 
 
 def footprints(robot: Robot, q: np.ndarray) -> list[np.ndarray]:
-    """Outline (n, 2) [m] of every moving part from above at a configuration (nq,): the hull of its collision shapes."""
+    """Outline (n, 2) [m] of every moving part from above at a configuration (nq,): the hull of its collision shapes.
+
+    Args:
+        robot: robot with a collision model.
+        q: the configuration.
+    """
     source = robot.collision_model
     if source is None:
         return []
@@ -97,19 +107,22 @@ def footprints(robot: Robot, q: np.ndarray) -> list[np.ndarray]:
 
 
 def draw_footprints(axes: Axes, robot: Robot, q: np.ndarray) -> list[st.LegendEntry]:
-    """Draw the outlines at moments of a run, (N, nq), darker towards its end. Return the legend entry."""
+    """Draw the outlines at moments of a run, (N, nq), darker towards its end. Return the legend entry.
+
+    Args:
+        axes: axes to draw into.
+        robot: robot with a collision model.
+        q: configurations of the run.
+    """
     lines = []
-    for k, index in enumerate(np.linspace(0, len(q) - 1, _MOMENTS).round().astype(int)):
-        strength = 0.25 + 0.75 * k / (_MOMENTS - 1)
+    moments = 5  # outlines of the robot: more would cover each other
+    for k, index in enumerate(np.linspace(0, len(q) - 1, moments).round().astype(int)):
+        strength = 0.25 + 0.75 * k / (moments - 1)
         for points in footprints(robot, q[index]):
             axes.fill(*points.T, color=_ROBOT, alpha=0.12 * strength, zorder=0.6, lw=0)
             edge = np.concatenate([points, points[:1]])
             lines += axes.plot(*edge.T, color=_ROBOT_EDGE, lw=st.points(0.8), alpha=strength, zorder=0.7)
     return [st.LegendEntry("robot", lines[-1:])] if lines else []
-
-
-_ACTIVE_DISTANCE = 0.02  # distance below which a pair counts as active [m]
-_ACTIVE_SHARE = 0.98  # share of a joint limit above which it counts as active
 
 
 def plot_limits(
@@ -134,6 +147,7 @@ def plot_limits(
 
 def _distances(replay: LimitReplay) -> tuple[Series, ...]:
     found: dict[str, Series] = {}
+    active_distance = 0.02  # [m]
     for k, each in enumerate(replay.clearances):
         name = " / ".join(each.names)
         if name in found:
@@ -143,14 +157,15 @@ def _distances(replay: LimitReplay) -> tuple[Series, ...]:
         same = [j for j, other in enumerate(replay.clearances) if other.names == each.names and j >= k]
         values = replay.distances[:, same].min(axis=1)
         values = np.where(values < replay.within, values, np.nan)
-        found[name] = Series(name, values, active=values < _ACTIVE_DISTANCE)
+        found[name] = Series(name, values, active=values < active_distance)
     return tuple(found.values())
 
 
 def _uses(replay: LimitReplay) -> tuple[Series, ...]:
+    active_share = 0.98  # of a joint limit
     shares = np.array([2.0 if use.kind == "position" else 1.0 for use in replay.uses])  # 0 in the middle of a range
     used = 100.0 * (1.0 + shares * replay.excesses)
     return tuple(
-        Series(f"{use.kind} of {use.name}", values, active=values > 100.0 * _ACTIVE_SHARE)
+        Series(f"{use.kind} of {use.name}", values, active=values > 100.0 * active_share)
         for use, values in sorted(zip(replay.uses, used.T, strict=True), key=lambda each: -each[1].max())[:MAX_LINES]
     )

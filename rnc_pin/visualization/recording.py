@@ -128,6 +128,7 @@ def browser() -> Iterator[Browser]:
     Raises:
         ConfigurationError: Chromium or Playwright is not installed.
     """
+    # An installed browser is used, because Playwright's own download takes hundreds of megabytes.
     executable = next(filter(None, map(shutil.which, BROWSERS)), None)
     if executable is None:
         raise ConfigurationError(f"no browser: none of {', '.join(BROWSERS)} is installed")
@@ -170,6 +171,7 @@ def take_pictures(
         page.evaluate("document.body.classList.add('still')")
         for time in times:
             page.evaluate(f"viewer.animator.seek({float(time)!r})")
+            # Two frames: the first call runs before the scene is drawn, the second after it.
             page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
             yield page.screenshot(type=kind, quality=None if kind == "png" else 92)
 
@@ -212,6 +214,7 @@ def _encode(ffmpeg: str, path: Path, partial: Path, pictures: Iterable[bytes], r
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
     assert process.stdin is not None
     try:
+        # If ffmpeg ends early, its own message says why.
         with suppress(BrokenPipeError):
             for picture in pictures:
                 process.stdin.write(picture)

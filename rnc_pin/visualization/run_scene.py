@@ -23,8 +23,6 @@ from rnc_pin.visualization.scene_bodies import MeshcatRobot, corners_over_time, 
 from rnc_pin.visualization.scene_kinematics import SceneKinematics
 
 _TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)
-_GHOSTS = (e.BLUE, e.PURPLE, e.GREEN, e.ORANGE)
-_MAX_MOTION = 4.0  # largest motion over the robot's size that the camera shows as a whole
 
 
 @dataclass
@@ -77,6 +75,7 @@ class RunScene:
         rows = self.reduced.constraints if self.reduced and self.reduced.m else None
         self.kinematics = SceneKinematics(self.robot, rows)
         run = shown.trajectory
+        # The camera needs the extent of the motion only: a dozen configurations show it.
         moments = first.q[None] if run is None else run.q[:: max(1, len(run.q) // 12)]
         self.size = float(np.clip(np.linalg.norm(np.ptp(self.kinematics.corners(first.q), axis=0)) / 2, 0.05, 20.0))
         self._largest_force = 1e-9  # the largest so far scales the arrows of a live view
@@ -95,7 +94,11 @@ class RunScene:
                 scene.hide(entry["path"])
 
     def update(self, state: DrawnState) -> None:
-        """Draw a state."""
+        """Draw a state.
+
+        Args:
+            state: the state; states come in time order.
+        """
         self.meshcat_robot.display(state.q)
         if self._follower is not None:
             self.scene.follow(self._follower.follow(self.kinematics.center_of_mass(state.q)))
@@ -127,8 +130,9 @@ class RunScene:
         view, whole = self.view, meshcat_scene.with_plan(points, self._path, self.ground or 0.0)
         camera, target = (np.array(() if each is None else each, dtype=float) for each in (view.camera, view.target))
         radius = float(np.linalg.norm(np.ptp(whole, axis=0))) / 2
+        longest_motion = 4.0  # over the robot's size, that the camera shows as a whole
         # In a picture of a motion much longer than the robot, the robot would be only a dot.
-        far = self._path is None and radius > _MAX_MOTION * self.size
+        far = self._path is None and radius > longest_motion * self.size
         if view.camera is None:
             shown = meshcat_scene.enlarged_box(self.kinematics.corners(first.q)) if far else whole
             camera, target = meshcat_scene.fitting_camera(shown, np.array(meshcat_scene.VIEW_DIRECTION))
@@ -212,12 +216,14 @@ class RunScene:
                 found.append(e.Triad(goal, frame, pose, 0.16 * self.size))
                 continue
             wanted = {axis: getattr(run, f"{kind}_desired")[:, column] for axis, (kind, column) in columns.items()}
+            # A page holds each point of a path: a few hundred look smooth.
             every = slice(None, None, max(1, len(run.time) // 400))
             points = self.kinematics.path(frame, run.q[every])
             for axis, values in wanted.items():
                 points[:, axis] = values[every]
             if not planned and np.ptp(points, axis=0).max() > 2 * self._width:
                 found.append(e.FixedPath(line, frame, points, 0.8 * self._width))
+            # A goal that no longer moves at the end of the run is drawn at rest from the start.
             late = slice(-max(2, len(run.time) // 50), None)
             if all(np.ptp(values[late]) < 1e-6 for values in wanted.values()):
                 last = first._replace(q=run.q[-1], x1_desired=run.x1_desired[-1], x2_desired=run.x2_desired[-1])
@@ -288,6 +294,7 @@ class RunScene:
 
         def vectors(state: DrawnState, column: int) -> tuple[np.ndarray, np.ndarray]:
             here, along = reduced.at(state.q, t=state.time), np.zeros((len(frames), 3))
+            # At a singular state R does not exist: the arrows vanish, and the run goes on.
             with suppress(SingularityError):
                 along = np.array([here.position.jacobian(frame)[:3] @ here.R[:, column] for frame in frames])
             points = np.array([here.position.placement(frame).translation for frame in frames])
@@ -304,7 +311,8 @@ class RunScene:
     def _compared(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = []
         others = self.shown.comparisons
-        for k, (label, color) in enumerate(zip(others, cycle(_GHOSTS), strict=False)):
+        colors = (e.BLUE, e.PURPLE, e.GREEN, e.ORANGE)
+        for k, (label, color) in enumerate(zip(others, cycle(colors), strict=False)):
             entry = e.LayerEntry(label, f"compared/{k}", color)
 
             def configuration(state: DrawnState, k: int = k) -> np.ndarray:

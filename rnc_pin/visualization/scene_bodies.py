@@ -34,12 +34,12 @@ from rnc_pin.visualization.elements import GREEN, GREY, Element, LayerEntry, Pla
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.scene_kinematics import SceneKinematics, box_corners
 
-_BEGINNINGS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF8", b"BM", b"RIFF", b"II*\0", b"MM\0*", b"DDS ")
-_TARGA = (1, 2, 3, 9, 10, 11)  # image types in the third byte of a Targa file, which has no magic number
-
 
 def check_drawable(robot: Robot) -> None:
     """Check that a robot has geometry to draw.
+
+    Args:
+        robot: robot of a view.
 
     Raises:
         ModelError: the robot has no geometry.
@@ -49,7 +49,11 @@ def check_drawable(robot: Robot) -> None:
 
 
 def drawn_triangles(shape: pin.GeometryObject) -> np.ndarray:
-    """Triangles (N, 3, 3) of a mesh as drawn, before ``drawn_scale``; corners counterclockwise seen from outside."""
+    """Triangles (N, 3, 3) of a mesh as drawn, before ``drawn_scale``; corners counterclockwise seen from outside.
+
+    Args:
+        shape: shape with a mesh.
+    """
     mesh, scale = shape.geometry, np.asarray(shape.meshScale, dtype=float)
     indices = (mesh.tri_indices(k) for k in range(mesh.num_tris))
     triangles = np.array(mesh.vertices())[np.array([(each[0], each[1], each[2]) for each in indices])]
@@ -94,11 +98,11 @@ def _is_image(path: Path) -> bool:
         content = read_bytes(path)
     except (OSError, ValueError):
         return False
-    targa = path.suffix.lower() == ".tga" and len(content) > 18 and content[2] in _TARGA
-    return content.startswith(_BEGINNINGS) or targa
-
-
-_RAW = {".stl": mg.StlMeshGeometry, ".obj": mg.ObjMeshGeometry}
+    targa_types = (1, 2, 3, 9, 10, 11)  # third byte of a Targa file, which has no magic number
+    targa = path.suffix.lower() == ".tga" and len(content) > 18 and content[2] in targa_types
+    # Of PNG, JPEG, GIF, BMP, WebP, TIFF in both orders, and DDS
+    beginnings = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF8", b"BM", b"RIFF", b"II*\0", b"MM\0*", b"DDS ")
+    return content.startswith(beginnings) or targa
 
 
 class MeshVisualizer(MeshcatVisualizer):  # type: ignore[misc]
@@ -120,18 +124,23 @@ class MeshVisualizer(MeshcatVisualizer):  # type: ignore[misc]
         super().__init__(model, None, drawn)
 
     def loadMeshFromFile(self, geometry_object: pin.GeometryObject) -> mg.Geometry | mg.ReferenceSceneElement:
-        """Meshcat geometry of a mesh: its file where Meshcat can use it, otherwise its triangles."""
+        """Meshcat geometry of a mesh: its file where Meshcat can use it, otherwise its triangles.
+
+        Args:
+            geometry_object: shape with a mesh.
+        """
         shape = self._shapes[geometry_object.name]
         signs = np.sign(np.asarray(shape.meshScale, dtype=float))
         path = shape.meshPath
         ending = path[path.rfind(".") :].lower()
+        readers = {".stl": mg.StlMeshGeometry, ".obj": mg.ObjMeshGeometry}
         try:
             if ending == ".dae" and has_own_textures(Path(path), self._folders):  # the file contains colours
                 collada = DaeMeshGeometry(path)
                 collada.set_scale(signs)
                 return collada
-            if ending in _RAW and (signs > 0).all():
-                return _RAW[ending].from_stream(BytesIO(read_bytes(Path(path))))
+            if ending in readers and (signs > 0).all():
+                return readers[ending].from_stream(BytesIO(read_bytes(Path(path))))
         except Exception:  # for example a missing texture; Pinocchio has already read the triangles
             pass
         corners = drawn_triangles(shape).reshape(-1, 3)
@@ -164,7 +173,6 @@ class MeshcatRobot:
 
 _CIRCLE_POINTS = 32  # points of a circle
 _OPACITY = 0.75
-_PATCH, _SLAB = 10.0, 0.01  # half side and thickness of the drawn part of a half space [m]
 _UNBOUNDED_OPACITY = 0.3  # opacity of that part
 
 
@@ -172,12 +180,16 @@ def surface_points(shape: coal.CollisionGeometry) -> np.ndarray:
     """Points (n, 3) [m] on a convex shape, in its own frame; their hull is the shape, apart from roundness.
 
     Of a half space, the hull is a square slab below its surface.
+
+    Args:
+        shape: any convex shape.
     """
+    patch, slab = 10.0, 0.01  # half side and thickness of the drawn part of a half space [m]
     if isinstance(shape, coal.Halfspace):
         normal = np.ravel(shape.n)
-        across = _PATCH * np.linalg.svd(normal[None])[2][1:]
+        across = patch * np.linalg.svd(normal[None])[2][1:]
         corners = [a * across[0] + b * across[1] for a in (-1.0, 1.0) for b in (-1.0, 1.0)]
-        return np.array([(shape.d - depth) * normal + corner for depth in (0.0, _SLAB) for corner in corners])
+        return np.array([(shape.d - depth) * normal + corner for depth in (0.0, slab) for corner in corners])
     if isinstance(shape, coal.Convex):
         return np.array(shape.points())
     if isinstance(shape, coal.Sphere):
@@ -202,18 +214,32 @@ def _ball(radius: float) -> np.ndarray:
 
 
 def points_at(obstacle: Obstacle, t: float) -> np.ndarray:
-    """Points (n, 3) on an obstacle in the world [m] at time t [s]."""
+    """Points (n, 3) on an obstacle in the world [m] at time t [s].
+
+    Args:
+        obstacle: the obstacle.
+        t: the time.
+    """
     pose = obstacle.placement(t)
     return surface_points(obstacle.shape) @ pose.rotation.T + pose.translation
 
 
 def outline(obstacle: Obstacle, t: float) -> np.ndarray:
-    """Outline (n, 2) of an obstacle from above [m] at time t [s], counterclockwise."""
+    """Outline (n, 2) of an obstacle from above [m] at time t [s], counterclockwise.
+
+    Args:
+        obstacle: the obstacle.
+        t: the time.
+    """
     return hull_from_above(points_at(obstacle, t))
 
 
 def hull_from_above(points: np.ndarray) -> np.ndarray:
-    """Outline (n, 2) of points (N, 3) from above, counterclockwise."""
+    """Outline (n, 2) of points (N, 3) from above, counterclockwise.
+
+    Args:
+        points: points in the world [m].
+    """
     from scipy.spatial import ConvexHull  # the import takes 0.1 s and is seldom needed
 
     flat = points[:, :2]
@@ -241,7 +267,11 @@ class ObstacleElement(Element):
 
 
 def obstacle_elements(obstacles: Iterable[Obstacle]) -> list[Element]:
-    """Elements of obstacles."""
+    """Elements of obstacles.
+
+    Args:
+        obstacles: the obstacles.
+    """
     entry = LayerEntry("obstacles", "obstacles", GREY, "dot")
     return [ObstacleElement(entry, each.name, each) for each in obstacles]
 
@@ -256,7 +286,12 @@ def _drawable(shape: coal.CollisionGeometry) -> mg.Geometry:
 
 
 def corners_over_time(obstacles: Sequence[Obstacle], times: Sequence[float]) -> np.ndarray:
-    """Points (n, 3) [m] on all bounded obstacles at some times [s], for the camera."""
+    """Points (n, 3) [m] on all bounded obstacles at some times [s], for the camera.
+
+    Args:
+        obstacles: the obstacles.
+        times: the times.
+    """
     points = [points_at(obstacle, t) for obstacle in obstacles if not obstacle.unbounded for t in times]
     return np.concatenate(points) if points else np.zeros((0, 3))
 
@@ -265,25 +300,38 @@ def corners_over_time(obstacles: Sequence[Obstacle], times: Sequence[float]) -> 
 
 
 GROUND = LayerEntry("ground", "surface", GREEN, "dot")
-_GROUND_OPACITY = 0.35
-_MARGIN, _CARRIER_MARGIN = 2.0, 0.3  # drawn half width of ground in the world, or on a body, over the size of the robot
-_MOTION_MARGIN = 1.3  # drawn half width over the largest distance of the robot from the middle
 
 
 def seen_from(ground: GroundSurface, kinematics: SceneKinematics, q: np.ndarray) -> np.ndarray:
-    """Centre of mass of the robot (3,) [m], in the axes of the body that carries a ground, or of the world."""
+    """Centre of mass of the robot (3,) [m], in the axes of the body that carries a ground, or of the world.
+
+    Args:
+        ground: the surface.
+        kinematics: kinematics of the drawn robot.
+        q: configuration (nq,).
+    """
     center, carrier = kinematics.center_of_mass(q), carrier_of(ground)
     return center if carrier is None else np.asarray(kinematics.placement(carrier, q).actInv(center))
 
 
 def carrier_placement(ground: GroundSurface, kinematics: SceneKinematics) -> Callable[[DrawnState], pin.SE3] | None:
-    """Placement of the frame that carries a ground, as a function of the state; None for ground in the world."""
+    """Placement of the frame that carries a ground, as a function of the state; None for ground in the world.
+
+    Args:
+        ground: the surface.
+        kinematics: kinematics of the drawn robot.
+    """
     carrier = carrier_of(ground)
     return None if carrier is None else kinematics.frame(carrier)
 
 
 def is_drawn(ground: GroundSurface, robot: Robot) -> bool:
-    """True if a page draws the surface itself: it is in the world, or the body that carries it has no shapes."""
+    """True if a page draws the surface itself: it is in the world, or the body that carries it has no shapes.
+
+    Args:
+        ground: the surface.
+        robot: the drawn robot.
+    """
     carrier, drawn = carrier_of(ground), robot.drawn_geometry
     if carrier is None or drawn is None:
         return True
@@ -302,8 +350,10 @@ def ground_patch(ground: GroundSurface, places: np.ndarray, size: float) -> tupl
         size: size of the robot [m].
     """
     middle = (places.min(axis=0) + places.max(axis=0)) / 2
-    around = _MARGIN if carrier_of(ground) is None else _CARRIER_MARGIN
-    half = _MOTION_MARGIN * float(np.linalg.norm(places - middle, axis=1).max()) + around * size
+    in_world, on_body = 2.0, 0.3  # drawn half width of ground over the size of the robot
+    around = in_world if carrier_of(ground) is None else on_body
+    motion_margin = 1.3  # drawn half width over the largest distance of the robot from the middle
+    half = motion_margin * float(np.linalg.norm(places - middle, axis=1).max()) + around * size
     vertices, triangles = ground.mesh(middle, half)
     return np.concatenate([vertices, vertices]), np.concatenate([triangles, triangles[:, ::-1] + len(vertices)])
 
@@ -321,7 +371,8 @@ class GroundElement(Element):
     placement: Callable[[DrawnState], pin.SE3] | None = None
 
     def build(self, scene: MeshcatScene) -> None:
-        scene.mesh(self.node, mg.TriangularMeshGeometry(*self.patch), GREEN, _GROUND_OPACITY)
+        opacity = 0.35
+        scene.mesh(self.node, mg.TriangularMeshGeometry(*self.patch), GREEN, opacity)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         if self.placement is not None:

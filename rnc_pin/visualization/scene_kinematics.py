@@ -15,11 +15,13 @@ from rnc_pin.visualization.drawn_state import DrawnState
 
 Point = Callable[[DrawnState], np.ndarray]
 
-_MAX_CORNER = 1e3  # [m]
-
 
 def box_corners(shape: coal.CollisionGeometry) -> np.ndarray:
-    """Corners (8, 3) [m] of the bounding box of a shape along its own axes."""
+    """Corners (8, 3) [m] of the bounding box of a shape along its own axes.
+
+    Args:
+        shape: shape of coal.
+    """
     shape.computeLocalAABB()
     box = shape.aabb_local
     return np.array(np.meshgrid(*zip(box.min_, box.max_, strict=True))).reshape(3, -1).T
@@ -42,49 +44,81 @@ class SceneKinematics:
         self._q: np.ndarray | None = None
 
     def _data_at(self, q: np.ndarray) -> pin.Data:
+        # Identity is enough: all elements of one picture get the same array.
         if q is not self._q:
             pin.framesForwardKinematics(self.robot.model, self._data, q)
             self._q = q
         return self._data
 
     def frame(self, name: str) -> Callable[[DrawnState], pin.SE3]:
-        """Placement of a frame in the world, as a function of the state."""
+        """Placement of a frame in the world, as a function of the state.
+
+        Args:
+            name: name of the frame.
+        """
         index = self.robot.frame_id(name)
         return lambda state: self._data_at(state.q).oMf[index]
 
     def placement(self, name: str, q: np.ndarray) -> pin.SE3:
-        """Placement of a frame in the world at a configuration (nq,)."""
+        """Placement of a frame in the world at a configuration (nq,).
+
+        Args:
+            name: name of the frame.
+            q: the configuration.
+        """
         return self._data_at(q).oMf[self.robot.frame_id(name)]
 
     def point(self, name: str) -> Point:
-        """Origin (3,) of a frame in the world [m], as a function of the state."""
+        """Origin (3,) of a frame in the world [m], as a function of the state.
+
+        Args:
+            name: name of the frame.
+        """
         placement = self.frame(name)
         return lambda state: placement(state).translation
 
     def path(self, name: str, configurations: np.ndarray) -> np.ndarray:
-        """Origins (N, 3) of a frame at configurations (N, nq)."""
+        """Origins (N, 3) of a frame at configurations (N, nq).
+
+        Args:
+            name: name of the frame.
+            configurations: configurations of a run.
+        """
         index = self.robot.frame_id(name)
         return np.stack([self._data_at(q).oMf[index].translation.copy() for q in configurations])
 
     def lines_of_action_at(self, state: DrawnState) -> tuple[np.ndarray, np.ndarray]:
-        """Lines of action of the constraint rows: points and directions, (m, 3) each."""
+        """Lines of action of the constraint rows: points and directions, (m, 3) each.
+
+        Args:
+            state: the state.
+        """
         none = np.empty((0, 3))
         return (none, none) if self._rows is None else self._rows.lines_of_action(self._kinematics.position(state.q))
 
     def center_of_mass(self, q: np.ndarray) -> np.ndarray:
-        """Centre of mass of the robot (3,) [m]."""
+        """Centre of mass of the robot (3,) [m].
+
+        Args:
+            q: the configuration (nq,).
+        """
         return np.array(pin.centerOfMass(self.robot.model, self._masses, q))
 
     # ------------------------------------------------------------------ size
 
     def corners(self, q: np.ndarray) -> np.ndarray:
-        """Corners (N, 3) of the bounding boxes of all shapes [m], without infinite shapes such as planes."""
+        """Corners (N, 3) of the bounding boxes of all shapes [m], without infinite shapes such as planes.
+
+        Args:
+            q: the configuration (nq,).
+        """
         drawn = self.robot.drawn_geometry
         assert drawn is not None
         data, found = self._data_at(q), []
+        farthest = 1e3  # [m]: boxes of planes are larger, those of robots are not
         for shape in drawn.geometryObjects:
             corners = box_corners(shape.geometry)
-            if np.abs(corners).max() < _MAX_CORNER:
+            if np.abs(corners).max() < farthest:
                 placement = data.oMi[shape.parentJoint] * shape.placement
                 found.append((placement.rotation @ corners.T).T + placement.translation)
         return np.concatenate(found) if found else np.zeros((1, 3))
@@ -95,6 +129,10 @@ class SceneKinematics:
         """Points that leave tracks: wheels, or the points of action of rows without a wheel.
 
         A wheel is a cylinder whose axis is the line of action of a row and whose lowest point is near the ground.
+
+        Args:
+            state: first state of the run.
+            ground: height of the tracks [m].
         """
         points, directions = self.lines_of_action_at(state)
         tracks: dict[str, Point] = {}
@@ -111,6 +149,7 @@ class SceneKinematics:
 
         data, drawn = self._data_at(state.q), self.robot.drawn_geometry
         for row, (point, along) in enumerate(zip(points, directions, strict=True)):
+            # A vertical row carries a wheel; rolling and lateral rows of the same wheel find it.
             if np.isnan(point).any() or abs(along[2]) > 0.5:
                 continue
             found = False

@@ -38,6 +38,9 @@ ROOT_JOINTS: Mapping[str, Callable[[], object] | None] = {
 def check_base(base: object) -> None:
     """Raise an error if a base is none of ``ROOT_JOINTS``.
 
+    Args:
+        base: base that the user gave.
+
     Raises:
         ModelError: unknown base.
     """
@@ -120,7 +123,6 @@ class Description:
 
 
 _DECLARATION = re.compile(rb"<\?xml[^>]*\?>")
-_BLANK = b" \t\r\n\0"
 
 
 def parse_xml(path: Path) -> ElementTree.Element:
@@ -128,6 +130,9 @@ def parse_xml(path: Path) -> ElementTree.Element:
 
     Text before the XML declaration, null bytes at the end, and Latin-1 characters in a file declared as UTF-8 are
     tolerated.
+
+    Args:
+        path: path of the file.
 
     Raises:
         ModelError: the file cannot be read, or is not XML.
@@ -150,7 +155,9 @@ def parse_xml(path: Path) -> ElementTree.Element:
 def _again(content: bytes, error: Exception) -> ElementTree.Element | None:
     if not isinstance(error, ElementTree.ParseError):
         return None
-    bare = _DECLARATION.sub(b"", content.strip(_BLANK), count=1)
+    blank = b" \t\r\n\0"
+    # A declaration of the wrong encoding is dropped; Latin-1 reads any byte, so it comes last.
+    bare = _DECLARATION.sub(b"", content.strip(blank), count=1)
     for encoding in ("utf-8", "latin-1"):
         try:
             return parse_tree(bare.decode(encoding))
@@ -160,7 +167,11 @@ def _again(content: bytes, error: Exception) -> ElementTree.Element | None:
 
 
 def brief(error: Exception) -> str:
-    """Text of a C++ exception, without its location in Pinocchio's sources."""
+    """Text of a C++ exception, without its location in Pinocchio's sources.
+
+    Args:
+        error: exception of Pinocchio or MuJoCo.
+    """
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     place = ("From file:", "in function:", "at line:")
     kept = [line.removeprefix("message:").strip() for line in lines if not line.startswith(place)]
@@ -171,7 +182,9 @@ def brief(error: Exception) -> str:
 def captured_stderr() -> Iterator[list[str]]:
     """Collect what C++ code prints on file descriptor 2, where urdfdom reports errors."""
     lines: list[str] = []
+    # Python's own buffer would otherwise be written to the sink, or after the C++ text.
     sys.stderr.flush()
+    # urdfdom writes to the descriptor, not to sys.stderr: only a duplicate of the descriptor catches it.
     saved = os.dup(2)
     with tempfile.TemporaryFile() as sink:
         os.dup2(sink.fileno(), 2)
@@ -186,7 +199,11 @@ def captured_stderr() -> Iterator[list[str]]:
 
 @contextmanager
 def unlogged(mujoco: ModuleType) -> Iterator[None]:
-    """Prevent MuJoCo from writing MUJOCO_LOG.TXT to the working directory; important faults raise errors here."""
+    """Prevent MuJoCo from writing MUJOCO_LOG.TXT to the working directory; important faults raise errors here.
+
+    Args:
+        mujoco: the module, which only callers that have it can import.
+    """
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(_ignore)
     try:
@@ -208,6 +225,7 @@ def read_numbers(text: str | None, count: int | None = None) -> np.ndarray | Non
         text: the attribute; None if it is missing.
         count: required number of numbers; None for any.
     """
+    # float() takes 1_000 and digits of other scripts, which urdfdom and MuJoCo refuse or cut.
     if text is None or not text.isascii() or "_" in text:
         return None
     try:
@@ -218,7 +236,11 @@ def read_numbers(text: str | None, count: int | None = None) -> np.ndarray | Non
 
 
 def read_number(text: str | None) -> float | None:
-    """Return the single number in an attribute, or None if it does not hold exactly one number."""
+    """Return the single number in an attribute, or None if it does not hold exactly one number.
+
+    Args:
+        text: the attribute; None if it is missing.
+    """
     numbers = read_numbers(text, 1)
     return None if numbers is None else float(numbers[0])
 
@@ -261,6 +283,9 @@ def check_not_negative(values: Mapping[str, float | None], owner: str, prefix: s
 def check_acceleration(gravity: object) -> np.ndarray:
     """Return the acceleration of gravity (3,) [m/s^2].
 
+    Args:
+        gravity: acceleration that the user gave.
+
     Raises:
         ModelError: not three finite numbers.
     """
@@ -277,8 +302,6 @@ def check_acceleration(gravity: object) -> np.ndarray:
 
 
 REMEDY = "give its folder in package_dirs (--package-dir) if you trust the description with it"
-_LEVELS = 8  # number of folders above a description in which packages are searched
-_LARGEST_MANIFEST = 2**20  # [bytes]
 _DATA = (
     *("assets", "collision", "collisions", "common", "dae", "materials", "media", "mesh", "meshes", "mjcf", "obj"),
     *("robots", "stl", "stls", "textures", "urdf", "urdfs", "visual", "visuals", "xacro"),
@@ -312,11 +335,19 @@ class AllowedFolders:
         return tuple(dict.fromkeys(self._folders))
 
     def add(self, path: Path) -> None:
-        """Allow an additional folder, or a single file."""
+        """Allow an additional folder, or a single file.
+
+        Args:
+            path: folder or file.
+        """
         self._folders.append(path.resolve())
 
     def has(self, file: Path) -> bool:
-        """True if a description may name this file."""
+        """True if a description may name this file.
+
+        Args:
+            file: any path.
+        """
         return is_below(file, self._folders)
 
     def admit(self, file: Path, what: str) -> Path:
@@ -353,13 +384,18 @@ def folders_above(folder: Path) -> Iterator[Path]:
 
     The search stops before the root of the file system, the home directory or a folder above it, another file system,
     and a folder where all users may write.
+
+    Args:
+        folder: absolute path without symbolic links.
     """
     yield folder
     home = Path(os.path.expanduser("~")).resolve()
+    levels = 8  # folders above: in ROS a package is a few folders above its description
     try:
         device = folder.stat().st_dev
-        for above in islice(folder.parents, _LEVELS):
+        for above in islice(folder.parents, levels):
             status = above.stat()
+            # Anybody could put a package.xml in /tmp, and so open files beside it to a description.
             shared = status.st_mode & stat.S_ISVTX and status.st_mode & stat.S_IWOTH
             if above == Path(above.anchor) or home.is_relative_to(above) or shared or status.st_dev != device:
                 return
@@ -370,9 +406,14 @@ def folders_above(folder: Path) -> Iterator[Path]:
 
 @lru_cache(maxsize=1024)
 def package_name(folder: Path) -> str | None:
-    """Name in the ``package.xml`` of a folder, or None if the folder is no ROS package."""
+    """Name in the ``package.xml`` of a folder, or None if the folder is no ROS package.
+
+    Args:
+        folder: any folder.
+    """
+    largest = 2**20  # [bytes]: a manifest is a page of text
     try:
-        root = parse_tree(read_bytes(folder / "package.xml", _LARGEST_MANIFEST))
+        root = parse_tree(read_bytes(folder / "package.xml", largest))
     except (OSError, ModelError, SyntaxError, ValueError, LookupError):  # XML errors are SyntaxErrors
         return None
     return (root.findtext("name") or "").strip() if root.tag == "package" else None
@@ -385,7 +426,11 @@ _FOUND = re.compile(r"(?:file://)?\$\(find\s+([^\s()]+)\s*\)/*")
 
 
 def package_uri(name: str) -> str:
-    """Return ``package://name/path`` for a file name ``$(find name)/path``, as xacro has it; others do not change."""
+    """Return ``package://name/path`` for a file name ``$(find name)/path``, as xacro has it; others do not change.
+
+    Args:
+        name: name of a file in a description.
+    """
     return _FOUND.sub(r"package://\1/", name, count=1) if _FOUND.match(name) else name
 
 
@@ -410,7 +455,12 @@ class Packages(AllowedFolders):
         super().__init__(self._beside, self._given)
 
     def candidates(self, name: str) -> Iterator[Path]:
-        """Yield the folders that can be this package, the most likely first."""
+        """Yield the folders that can be this package, the most likely first.
+
+        Args:
+            name: name of the package.
+        """
+        # A package with a path as its name would lead out of the allowed folders.
         if name in ("", "..") or Path(name).name != name:
             return
         for folder in self._given:
@@ -423,7 +473,11 @@ class Packages(AllowedFolders):
         yield from self._near(name)
 
     def folder(self, name: str) -> Path | None:
-        """Return the folder of a package, or None."""
+        """Return the folder of a package, or None.
+
+        Args:
+            name: name of the package.
+        """
         return self._recorded(name, self.candidates(name))
 
     @property
@@ -439,6 +493,7 @@ class Packages(AllowedFolders):
     def _near(self, name: str) -> Iterator[Path]:
         for folder in folders_above(self._beside):
             for package in _at(folder, name):
+                # A link to a folder elsewhere would otherwise open that folder by its own package.xml.
                 if package_name(package) is not None and package.resolve().is_relative_to(folder):
                     self.add(package)
                 yield package
@@ -452,6 +507,9 @@ class Packages(AllowedFolders):
     def file(self, uri: str) -> Path | None:
         """Return the file of ``package://name/path``, ``file://path`` or a relative path, or None.
 
+        Args:
+            uri: name of a file in a description.
+
         Raises:
             ModelError: the file exists, but not in a folder whose files the description may name.
         """
@@ -462,9 +520,11 @@ class Packages(AllowedFolders):
                 self._known[name] = list(self.candidates(name))
             candidates = self._known[name]
             having = [each for each in candidates if os.path.isfile(each / inside)]
+            # A stable sort: allowed folders first, each group in the order of the search.
             having.sort(key=lambda each: not self.has(each / inside))
             self._recorded(name, [*having, *candidates])
             return self.admit(having[0] / inside, f"file '{uri}'") if having else None
+        # http and other schemes are never fetched.
         if separator and scheme != "file":
             return None
         path = Path(rest if separator else uri)

@@ -46,6 +46,7 @@ def read_mjcf(
     allowed = description.AllowedFolders(path.parent, package_dirs)
     root = read_with_includes(path, allowed)
     name = root.get("model") or path.stem
+    # Before the document is reduced, because that drops what is not read.
     ignored = unread(root)
     reduce_document(root, path)
     notes = snap_mjcf(root) if snap else []
@@ -78,26 +79,35 @@ def read_mjcf(
 
 
 _CONNECT, _WELD, _JOINT = range(3)  # types of equalities
-_ON_TENDON = 3  # transmission of an actuator
-_READ = ("connect", "weld", "joint")
 
 
 def unread(root: ElementTree.Element) -> set[str]:
-    """Elements of a file that couple bodies and are not read."""
+    """Elements of a file that couple bodies and are not read.
+
+    Args:
+        root: root element of the file.
+    """
     active = [each.tag for each in root.findall("equality/*") if each.get("active", "true") != "false"]
     tendons = {"<tendon>"} if root.find("tendon/*") is not None else set()
-    return {f"<equality><{tag}>" for tag in active if tag not in _READ} | tendons
+    read = ("connect", "weld", "joint")
+    return {f"<equality><{tag}>" for tag in active if tag not in read} | tendons
 
 
 def mark_passive_joints(compiled: mujoco.MjModel, built: ModelBuilder) -> None:
     """Set the effort limits of joints without an actuator to zero, as a URDF does for passive joints.
 
     The model does not change if no actuator drives a joint.
+
+    Args:
+        compiled: the ``mujoco.MjModel``.
+        built: the model, changed in place.
     """
     driven: set[int] = set()
+    on_tendon = 3  # transmission of an actuator, mjTRN_TENDON
     for kind, target in zip(compiled.actuator_trntype, compiled.actuator_trnid[:, 0], strict=True):
-        first, count = (compiled.tendon_adr[target], compiled.tendon_num[target]) if kind == _ON_TENDON else (0, 0)
-        driven |= set(map(int, compiled.wrap_objid[first : first + count])) if kind == _ON_TENDON else {int(target)}
+        # A fixed tendon drives all joints that it wraps.
+        first, count = (compiled.tendon_adr[target], compiled.tendon_num[target]) if kind == on_tendon else (0, 0)
+        driven |= set(map(int, compiled.wrap_objid[first : first + count])) if kind == on_tendon else {int(target)}
     model, driven_names = built.model, {built.joint_name(k) for k in driven}
     for joint in model.joints[1:] if driven else ():
         if model.names[joint.id] not in driven_names:
@@ -107,12 +117,18 @@ def mark_passive_joints(compiled: mujoco.MjModel, built: ModelBuilder) -> None:
 
 
 def mimics(compiled: mujoco.MjModel, built: ModelBuilder) -> tuple[tuple[description.Mimic, ...], set[str]]:
-    """Linear equalities of two joints, and the elements that are of another form."""
+    """Linear equalities of two joints, and the elements that are of another form.
+
+    Args:
+        compiled: the ``mujoco.MjModel``.
+        built: the model.
+    """
     found: list[description.Mimic] = []
     others: set[str] = set()
     for k in _equalities(compiled, (_JOINT,)):
         joint, of = compiled.eq_obj1id[k], compiled.eq_obj2id[k]
         offset, ratio, *higher = map(float, compiled.eq_data[k, :5])
+        # One joint alone is held at a value, and a polynomial is not linear: neither is a coupling with a ratio.
         if of < 0 or any(higher):
             others.add("<equality><joint>")
             continue
@@ -125,7 +141,12 @@ def mimics(compiled: mujoco.MjModel, built: ModelBuilder) -> tuple[tuple[descrip
 
 
 def closures(compiled: mujoco.MjModel, built: ModelBuilder) -> Iterator[description.Closure]:
-    """Yield the kinematic loops, without those of bodies that the user moves (``mocap``)."""
+    """Yield the kinematic loops, without those of bodies that the user moves (``mocap``).
+
+    Args:
+        compiled: the ``mujoco.MjModel``.
+        built: the model.
+    """
     import mujoco
 
     for k in _equalities(compiled, (_CONNECT, _WELD)):
@@ -141,6 +162,7 @@ def closures(compiled: mujoco.MjModel, built: ModelBuilder) -> Iterator[descript
             ends = [int(compiled.site_bodyid[site]) for site in ends]
         if (compiled.body_mocapid[ends] >= 0).any():
             continue
+        # data[10] is the weight of the weld's rotation (torquescale): without it only the points coincide.
         kind: Literal["frame", "point"] = "frame" if is_weld and data[10] > 0 else "point"
         rpy = pin.rpy.matrixToRpy(turn) if kind == "frame" else np.zeros(3)
         names = [built.carriers[body].name for body in ends]
@@ -156,9 +178,6 @@ def _rounded(numbers: np.ndarray) -> tuple[float, float, float]:
     return x, y, z
 
 
-_GENERATORS = ("composite", "flexcomp", "attach")
-_MAX_ELEMENTS = 20_000  # after expansion of <replicate>
-_MAX_CHARACTERS = 1_000  # characters of an attribute that defaults and <replicate> can repeat
 _BODY_CHILDREN = ("body", "frame", "replicate", "inertial", "joint", "freejoint", "geom", "site")
 _CHILDREN = {
     "mujoco": ("compiler", "option", "default", "asset", "worldbody", "equality", "tendon", "actuator"),
@@ -174,7 +193,6 @@ _CHILDREN = {
 """Children that MuJoCo is given. No textures, height fields, sensors, models of other files or plugins."""
 _DROPPED = {"compiler": ("fusestatic", "discardvisual"), "material": ("texture",)}
 """Attributes that would remove named bodies and drawn shapes, or that name dropped elements."""
-_TARGETS: tuple[str, ...] = ("joint", "jointinparent", "tendon")
 _COUNTS = {  # numbers per attribute
     "pos": (3,), "quat": (4,), "axis": (3,), "euler": (3,), "axisangle": (4,), "xyaxes": (6,), "zaxis": (3,),
     "fromto": (6,), "mass": (1,), "density": (1,), "diaginertia": (3,), "fullinertia": (6,), "range": (2,),
@@ -202,12 +220,14 @@ def read_with_includes(path: Path, allowed: description.AllowedFolders) -> Eleme
 
 
 def _include(parent: ElementTree.Element, path: Path, allowed: description.AllowedFolders, seen: set[Path]) -> None:
+    # From the end: replacing an element moves only those behind it.
     for index, element in reversed(list(enumerate(parent))):
         if element.tag != "include":
             _include(element, path, allowed, seen)
             continue
         name = element.get("file", "")
         file = _own_file(path.parent / name, path, allowed, f'<include file="{name}">')
+        # MuJoCo refuses a file that is included twice, and a file that includes itself would never end.
         if file in seen or file == path.resolve():
             raise ModelError(f'{path}: duplicate <include file="{name}">')
         seen.add(file)
@@ -238,6 +258,7 @@ def _own_file(file: Path, path: Path, allowed: description.AllowedFolders, where
         found = allowed.admit(file, where)
     if not os.path.isfile(found):
         raise ModelError(f"{path}: {where}: no {'mesh' if where.startswith('<mesh') else 'file'} '{found}'")
+    # MuJoCo would read a file of any size.
     if found.stat().st_size > LARGEST:
         raise ModelError(f"{path}: {where}: '{found}' is larger than {LARGEST:,} bytes")
     return found
@@ -253,20 +274,23 @@ def reduce_document(root: ElementTree.Element, path: Path) -> None:
     Raises:
         ModelError: an element is not supported, a number is not valid, the file is too large, or has no body.
     """
+    generators = ("composite", "flexcomp", "attach")  # elements that make bodies, of which the names are not known here
     for element in root.findall("worldbody//*"):
-        if element.tag in _GENERATORS:
+        if element.tag in generators:
             raise ModelError(f"{path}: <{element.tag}> is not supported: write out the bodies that it generates")
     if root.find("worldbody//body") is None:
         raise ModelError(f"{path}: <worldbody> has no <body>")
     _replace_actuators(root)
     _strip(root)
+    most_characters = 1_000  # of an attribute that defaults and <replicate> can repeat
     for parent in (*root.findall("worldbody"), *root.findall("default")):
         for element in parent.iter():
             for key, text in element.attrib.items():
-                if len(text) > _MAX_CHARACTERS:
-                    raise ModelError(f"{path}: <{element.tag}>: {key} is longer than {_MAX_CHARACTERS:,} characters")
-    if _size(root, path) > _MAX_ELEMENTS:
-        raise ModelError(f"{path}: stands for more than {_MAX_ELEMENTS:,} elements")
+                if len(text) > most_characters:
+                    raise ModelError(f"{path}: <{element.tag}>: {key} is longer than {most_characters:,} characters")
+    most_elements = 20_000  # after expansion of <replicate>
+    if _size(root, path) > most_elements:
+        raise ModelError(f"{path}: stands for more than {most_elements:,} elements")
     _check_numbers(root, path)
 
 
@@ -274,10 +298,11 @@ def _replace_actuators(root: ElementTree.Element) -> None:
     """Replace actuators by motors. Remove them if one acts along a spatial tendon, whose joints are not known."""
     spatial = {each.get("name") for each in root.findall("tendon/spatial")}
     known = not any(each.get("tendon") in spatial for each in root.findall("actuator/*") if "tendon" in each.attrib)
+    targets_of_motors = ("joint", "jointinparent", "tendon")
     for section in root.findall("actuator"):
         for actuator in list(section):
             section.remove(actuator)
-            targets = {key: text for key, text in actuator.attrib.items() if key in _TARGETS}
+            targets = {key: text for key, text in actuator.attrib.items() if key in targets_of_motors}
             if known and targets:
                 section.append(ElementTree.Element("motor", targets))
 
@@ -339,6 +364,7 @@ def compile_document(root: ElementTree.Element, path: Path, assets: MeshAssets) 
             try:
                 return _compile(root, assets)
             except ValueError as error:
+                # Only bounds on masses make such a file compile; the body is checked again with the robot's joints.
                 if "mjMINVAL" not in str(error):
                     raise
                 bounds = {"boundmass": str(SMALLEST), "boundinertia": str(SMALLEST)}

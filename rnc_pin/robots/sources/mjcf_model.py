@@ -26,7 +26,6 @@ _ALIGNED[SLIDE] = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
 _SKEW = {HINGE: pin.JointModelRevoluteUnaligned, SLIDE: pin.JointModelPrismaticUnaligned}
 SMALLEST = 1e-15
 """Smallest mass [kg] and moment of inertia [kg m^2] of a moving body in MuJoCo (mjMINVAL)."""
-_QUATERNION = 1.01  # limit of its entries, as in Pinocchio
 
 
 class Carrier(NamedTuple):
@@ -92,7 +91,11 @@ class ModelBuilder:
         self.notes = [text] if springs else []
 
     def joint_name(self, joint: int) -> str:
-        """Name of a joint of the file; by default that of its body with a number."""
+        """Name of a joint of the file; by default that of its body with a number.
+
+        Args:
+            joint: index of the joint in MuJoCo.
+        """
         compiled, body = self._compiled, self._compiled.jnt_bodyid[joint]
         ending = "_free" if compiled.jnt_type[joint] == FREE else f"Joint_{joint - compiled.body_jntadr[body]}"
         return compiled.joint(joint).name or self._names[body] + ending
@@ -155,6 +158,7 @@ class ModelBuilder:
             return pin.Inertia.Zero()
         place = pose(compiled.body_ipos[body], compiled.body_iquat[body])
         tensor = place.rotation * compiled.body_inertia[body] @ place.rotation.T
+        # Rounding of the rotation makes the product slightly unsymmetric.
         return pin.Inertia(mass, place.translation, (tensor + tensor.T) / 2)
 
     def _add_joint(
@@ -173,18 +177,21 @@ class ModelBuilder:
         if low > high:
             raise ModelError(f"range of joint '{name}' has a lower limit above the upper: {low:g} {high:g}")
         anchor, rest = pin.SE3(np.eye(3), compiled.jnt_pos[k]), pin.SE3.Identity()
+        quaternion_limit = 1.01  # of its entries, as in Pinocchio
         if kind in _SKEW:
             axis, value = compiled.jnt_axis[k], compiled.qpos0[compiled.jnt_qposadr[k]]
             self.references[name] = float(value)
             motion = pin.Motion(np.zeros(6))
             motion.vector = np.r_[np.zeros(3), axis] if kind == HINGE else np.r_[axis, np.zeros(3)]
+            # MJCF draws joints at their ref: a turn back makes that configuration q = ref, as in MuJoCo.
             rest = pin.exp6(-value * motion)
+            # Pinocchio has faster joints for coordinate axes.
             unit = np.flatnonzero(axis == 1.0)
             joint = _ALIGNED[kind][unit[0]]() if unit.size else _SKEW[kind](axis)
             limits = np.array([[low], [high]]) if compiled.jnt_limited[k] else np.array([[-np.inf], [np.inf]])
         else:
             joint = pin.JointModelFreeFlyer() if kind == FREE else pin.JointModelSpherical()
-            highest = np.r_[np.full(3 if kind == FREE else 0, np.inf), np.full(4, _QUATERNION)]
+            highest = np.r_[np.full(3 if kind == FREE else 0, np.inf), np.full(4, quaternion_limit)]
             limits = np.array([-highest, highest])
         if kind == FREE:  # its configuration is the pose in the world
             place = anchor = pin.SE3.Identity()
@@ -210,15 +217,18 @@ class ModelBuilder:
 
 
 def pose(position: np.ndarray, quaternion: np.ndarray) -> pin.SE3:
-    """Pose of a position (3,) and a quaternion (4,) of MuJoCo, its scalar first."""
+    """Pose of a position (3,) and a quaternion (4,) of MuJoCo, its scalar first.
+
+    Args:
+        position: (3,) [m].
+        quaternion: (4,), scalar first.
+    """
     return pin.XYZQUATToSE3(np.r_[position, quaternion[1:], quaternion[0]])
 
 
 # ---------------------------------------------------------------------- meshes
 
 
-_KEPT = ("class", "scale", "inertia", "maxhullvert")
-_TETRAHEDRON = "100 100 100 100 -100 -100 -100 100 -100 -100 -100 100"  # corners of a tetrahedron
 _MESH = 7  # type of a shape
 _MOVED = {"refpos", "refquat"}
 _USUAL = {"scale": "1 1 1", "refpos": "0 0 0", "refquat": "1 0 0 0"}
@@ -239,17 +249,23 @@ class MeshAssets:
         self._path = path
         self._all_weigh = any(each.get("inertiafromgeom") == "true" for each in root.findall("compiler"))
         self._attributes: dict[str, dict[str, str]] = {}
+        kept_keys = ("class", "scale", "inertia", "maxhullvert")
+        # Its corners: MuJoCo refuses a mesh without vertices
+        tetrahedron = "100 100 100 100 -100 -100 -100 100 -100 -100 -100 100"
         for mesh in root.findall("asset/mesh"):
             name = mesh.get("name") or Path(mesh.get("file", "")).stem
             if _numbers(mesh.attrib, "scale", 3) is None:
                 raise ModelError(f"{path}: mesh '{name}': scale takes three numbers, found '{mesh.get('scale')}'")
             self._attributes[name] = dict(mesh.attrib)
-            kept = {key: mesh.attrib[key] for key in _KEPT if key in mesh.attrib}
+            kept = {key: mesh.attrib[key] for key in kept_keys if key in mesh.attrib}
             mesh.attrib.clear()
-            mesh.attrib.update(kept, name=name, vertex=_TETRAHEDRON)
+            mesh.attrib.update(kept, name=name, vertex=tetrahedron)
 
     def put_in(self, spec: mujoco.MjSpec) -> None:
         """Put triangles into a ``mujoco.MjSpec``, for the meshes that determine a mass or the size of a shape.
+
+        Args:
+            spec: the specification, changed in place.
 
         Raises:
             ModelError: such a mesh cannot be used.
@@ -263,6 +279,7 @@ class MeshAssets:
                 continue
             try:
                 found = self._read(mesh.name)
+                # Each mesh has its own limit; many of them together could still fill the memory.
                 count += len(found.triangles)
                 if count > mesh_formats.MOST_TOGETHER:
                     raise mesh_formats.MeshError(
@@ -279,6 +296,9 @@ class MeshAssets:
 
     def load(self, uses: Iterable[tuple[str, np.ndarray]]) -> Iterator[mesh_formats.LoadedMesh]:
         """Yield the meshes of a robot, given by name and scale (3,).
+
+        Args:
+            uses: name and scale of each mesh, in the order of the result.
 
         Raises:
             ModelError: a mesh cannot be used.
@@ -358,7 +378,6 @@ _SHAPES = {
     5: lambda size: coal.Cylinder(size[0], 2 * size[1]),
     6: lambda size: coal.Box(2 * size),
 }
-_COLLISION_ONLY = 3  # groups from here on are not drawn if they collide, as Pinocchio has it
 
 
 class _Shape(NamedTuple):
@@ -420,7 +439,8 @@ def _read(compiled: mujoco.MjModel, k: int, built: ModelBuilder) -> _Shape:
     place = carrier.placement * pose(compiled.geom_pos[k], compiled.geom_quat[k])
     if compiled.geom_type[k] == _MESH:  # MuJoCo rotates meshes to their principal axes
         place = place * pose(compiled.mesh_pos[mesh], compiled.mesh_quat[mesh]).inverse()
-    kinds = ("visual", "collision") if compiled.geom_group[k] < _COLLISION_ONLY else ("collision",)
+    collision_only = 3  # groups from here on are not drawn if they collide, as Pinocchio has it
+    kinds = ("visual", "collision") if compiled.geom_group[k] < collision_only else ("collision",)
     if not (compiled.geom_contype[k] or compiled.geom_conaffinity[k]):
         kinds = ("visual",)
     material = compiled.geom_matid[k]

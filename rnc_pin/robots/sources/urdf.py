@@ -31,10 +31,6 @@ CHILDREN: Mapping[str, tuple[str, ...]] = {
 }
 """Known elements in an element of a URDF, with customary ones of simulators; elements that are no key can have any."""
 
-_TYPES = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
-_MAX_CHAIN = 1000
-_NOT_NEGATIVE = ("damping", "friction")
-
 
 def read_urdf(
     path: Path,
@@ -104,6 +100,7 @@ def parse_urdf(
     Raises:
         ModelError: the file cannot be read, or is not a URDF.
     """
+    # A plain URDF is read once; only a file with macros is read again, by their expander.
     root = None if is_xacro(path) else description.parse_xml(path)
     if root is None or has_macros(root, path):
         root = expand(path, xacro_arguments, packages, CHILDREN)
@@ -154,6 +151,7 @@ def _build(text: str, path: Path, base: str) -> pin.Model:
         except Exception as error:  # Boost.Python raises any type of C++ exception
             failure = error
     # urdfdom also prints errors for elements that it then omits from the model.
+    # The text of urdfdom names the element; the exception that follows only says that parsing failed.
     complaint = _first_complaint(complaints) or failure
     if complaint:
         raise ModelError(f"{path}: {complaint}")
@@ -161,6 +159,7 @@ def _build(text: str, path: Path, base: str) -> pin.Model:
         *(model.lowerPositionLimit, model.upperPositionLimit, model.effortLimit, model.lowerEffortLimit),
         *(model.velocityLimit, model.upperVelocityLimit, model.lowerVelocityLimit),
     ):
+        # The stand-in for an infinite limit becomes infinite again, with its sign.
         limit[np.abs(limit) == ENDLESS] *= np.inf
     return model
 
@@ -190,10 +189,11 @@ def _check_unique(root: ElementTree.Element, path: Path) -> None:
 
 
 def _check_joints(root: ElementTree.Element, path: Path) -> None:
+    not_negative = ("damping", "friction")
     for joint in root.findall("joint"):
         element = joint.find("dynamics")
         if element is not None and joint.get("type") != "fixed":
-            values = {key: description.read_number(element.get(key)) for key in _NOT_NEGATIVE}
+            values = {key: description.read_number(element.get(key)) for key in not_negative}
             description.check_not_negative(values, f"joint '{joint.get('name')}'", f"{path}: ")
 
 
@@ -202,6 +202,7 @@ def _check_links(root: ElementTree.Element, path: Path) -> None:
     links = dict.fromkeys(str(link.get("name")) for link in root.findall("link"))
     parents: dict[str, str] = {}
     kinds: dict[str, str | None] = {}
+    types = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
     for joint in root.findall("joint"):
         parent, child = (_end(joint, end) for end in ("parent", "child"))
         if parent not in links or child not in links:
@@ -210,8 +211,8 @@ def _check_links(root: ElementTree.Element, path: Path) -> None:
             raise ModelError(f"{path}: link '{child}' is the child of two joints, '{joint.get('name')}' the second")
         parents[child], kinds[child] = parent, joint.get("type")
         kind = joint.get("type")
-        if kind is not None and kind not in _TYPES:
-            raise ModelError(f"{path}: joint '{joint.get('name')}' of type '{kind}'{nearest(kind, _TYPES)}")
+        if kind is not None and kind not in types:
+            raise ModelError(f"{path}: joint '{joint.get('name')}' of type '{kind}'{nearest(kind, types)}")
         axis = joint.find("axis")
         numbers = None if axis is None else description.read_numbers(axis.get("xyz", "1 0 0"))
         if numbers is not None and not numbers.any() and joint.get("type") not in ("fixed", "floating"):
@@ -229,7 +230,9 @@ def _check_links(root: ElementTree.Element, path: Path) -> None:
 def _check_chains(links: Iterable[str], parents: Mapping[str, str], path: Path) -> None:
     """Refuse loops, and chains too long for Pinocchio's recursion. Each link is visited once."""
     depths: dict[str, int] = {}
+    longest = 1000  # links: Pinocchio visits them by recursion, which would overflow the stack
     for link in links:
+        # An ordered set: the order of the links decides which depth each gets.
         walked: dict[str, None] = {}
         while link in parents and link not in depths and link not in walked:
             walked[link] = None
@@ -241,8 +244,8 @@ def _check_chains(links: Iterable[str], parents: Mapping[str, str], path: Path) 
         for each in reversed(walked):
             depth += 1
             depths[each] = depth
-        if depth > _MAX_CHAIN:
-            raise ModelError(f"{path}: a chain of more than {_MAX_CHAIN} links, each the parent of the next")
+        if depth > longest:
+            raise ModelError(f"{path}: a chain of more than {longest} links, each the parent of the next")
 
 
 def _end(joint: ElementTree.Element, end: str) -> str:

@@ -25,9 +25,6 @@ STAND_IN = "_stand_in"
 """Suffix of the names of boxes that replace meshes; Pinocchio's own names of shapes end in a number."""
 
 _GEOMETRY = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
-_MIN_DENSITY = 30.0  # [kg/m^3] least density of a box: many files give small links far too large inertias
-_MIN_SIDE = 0.05  # shortest side, relative to the longest side
-_COLOR = np.array([0.55, 0.6, 0.66, 0.75])
 
 
 class Meshes:
@@ -58,6 +55,10 @@ class Meshes:
 
     def geometry(self, model: pin.Model, kind: str) -> pin.GeometryModel:
         """Return the geometry of a kind, "visual" or "collision". Visual boxes replace links that lose all meshes.
+
+        Args:
+            model: Pinocchio model of the file.
+            kind: "visual" or "collision".
 
         Raises:
             ModelError: a shape other than a mesh cannot be built.
@@ -93,7 +94,11 @@ class Meshes:
         return geometry
 
     def lost(self, kind: str) -> Mapping[str, tuple[str, ...]]:
-        """Names of the meshes that ``geometry`` of a kind left out, by link."""
+        """Names of the meshes that ``geometry`` of a kind left out, by link.
+
+        Args:
+            kind: "visual" or "collision".
+        """
         return self._lost[kind]
 
     def _load(
@@ -174,7 +179,8 @@ def _stand_in(geometry: pin.GeometryModel, model: pin.Model, name: str, link: El
     index = model.getFrameId(name, pin.FrameType.BODY)
     frame = model.frames[index]
     shape = pin.GeometryObject(name + STAND_IN, frame.parentJoint, index, frame.placement * placement, coal.Box(*sides))
-    shape.meshColor = _COLOR
+    color = np.array([0.55, 0.6, 0.66, 0.75])
+    shape.meshColor = color
     geometry.addGeometryObject(shape)
 
 
@@ -182,18 +188,26 @@ def equivalent_box(link: ElementTree.Element) -> tuple[np.ndarray, pin.SE3] | No
     """Return the solid box with the inertia of a ``<link>``: sides (3,) [m] and its pose in the link frame.
 
     None if the link has no mass. A box of very low density is reduced, and a flat box gets a minimum thickness.
+
+    Args:
+        link: the element.
     """
     mass, inertia = _inertia(link)
     placement = _pose(link.find("inertial/origin"))
     if mass <= 0 or placement is None:
         return None
     moments, axes = np.linalg.eigh(inertia)
+    # eigh may return a mirrored basis, which is no rotation.
     if np.linalg.det(axes) < 0:
         axes[:, 0] *= -1.0
+    # Moments of a solid box are m/12 times sums of two squared sides: solved for the squares.
     squares = 6.0 * (moments.sum() - 2.0 * moments) / mass
     longest = float(np.sqrt(max(squares.max(), 1e-6)))
-    sides = np.maximum(np.sqrt(np.maximum(squares, 0.0)), _MIN_SIDE * longest)
-    sides *= min(1.0, float(np.cbrt(mass / _MIN_DENSITY / sides.prod())))
+    least_side = 0.05  # of the longest side: a flat box would be invisible from its edge
+    sides = np.maximum(np.sqrt(np.maximum(squares, 0.0)), least_side * longest)
+    least_density = 30.0  # [kg/m^3]: many files give small links far too large inertias
+    # The cube root keeps the form of the box.
+    sides *= min(1.0, float(np.cbrt(mass / least_density / sides.prod())))
     return sides, placement * pin.SE3(axes, np.zeros(3))
 
 
@@ -201,7 +215,6 @@ def equivalent_box(link: ElementTree.Element) -> tuple[np.ndarray, pin.SE3] | No
 
 
 BALL_RADIUS = 0.05  # radius [m] of the ball that represents a link without geometry
-_MIN_EDGE = 1e-2  # shortest edge of a box, relative to its longest edge
 
 
 def give_masses(root: ElementTree.Element, masses: Mapping[str, float], path: Path) -> None:
@@ -234,12 +247,17 @@ def give_masses(root: ElementTree.Element, masses: Mapping[str, float], path: Pa
         for inertial in link.findall("inertial"):
             link.remove(inertial)
         center, edges = _box(link)
+        # A box with uniform density.
         moments = mass / 12 * (np.sum(edges**2) - edges**2)
         link.append(inertial_element(pin.Inertia(float(mass), center, np.diag(moments))))
 
 
 def bodies_of(root: ElementTree.Element) -> dict[str, description.Body]:
-    """Link name to its mass, inertia and geometry in the file."""
+    """Link name to its mass, inertia and geometry in the file.
+
+    Args:
+        root: root element of the URDF.
+    """
     return {str(link.get("name")): _body(link) for link in root.findall("link")}
 
 
@@ -264,7 +282,11 @@ _TENSOR = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1
 
 
 def inertial_element(inertia: pin.Inertia) -> ElementTree.Element:
-    """``<inertial>`` of a link, with all digits."""
+    """``<inertial>`` of a link, with all digits.
+
+    Args:
+        inertia: inertia in the axes of the link.
+    """
     inertial, tensor = ElementTree.Element("inertial"), inertia.inertia
     center = " ".join(f"{each:.17g}" for each in inertia.lever)
     ElementTree.SubElement(inertial, "origin", {"xyz": center, "rpy": "0 0 0"})
@@ -276,12 +298,13 @@ def inertial_element(inertia: pin.Inertia) -> ElementTree.Element:
 def _box(link: ElementTree.Element) -> tuple[np.ndarray, np.ndarray]:
     """Centre and edges (3,) [m] of the axis-aligned box around a link's geometry, in the link frame."""
     corners = [points for shape in _shapes(link) for points in _corners(shape)]
+    least_edge = 1e-2  # of the longest edge: a flat box would have a moment of inertia of zero
     if corners:
         points = np.concatenate(corners)
         low, high = points.min(axis=0), points.max(axis=0)
         edges = high - low
         if edges.max() > 0:
-            return (low + high) / 2, np.maximum(edges, _MIN_EDGE * edges.max())
+            return (low + high) / 2, np.maximum(edges, least_edge * edges.max())
     # The cube with the inertia of a ball: edge^2 / 6 = 2 / 5 radius^2.
     return np.zeros(3), np.full(3, BALL_RADIUS * np.sqrt(12 / 5))
 

@@ -28,16 +28,15 @@ TOLERANCE = 1e-4
 REPORTED = 1e-9
 """Changes up to this value are not reported: they are the last digits of a printed double."""
 
-_FRACTIONS = (math.pi / 4, math.pi / 6)  # these include all multiples of pi/2 and pi/3
-_RIGHT_ANGLE = math.pi / 2
-_MIN_DECIMALS = 2  # a number with fewer decimals is intentional
-_COSINES = (0.0, 0.5, math.sqrt(1 / 3), math.sqrt(1 / 2), math.sqrt(2 / 3), math.sqrt(3) / 2, 1.0)
-_UNIT_TOLERANCE = 1e-9
 _NUMBER = re.compile(r"[+-]?(?:\d*)\.?(\d*)(?:[eE]([+-]?\d+))?")
 
 
 def decimals(text: str) -> int:
-    """Number of decimals of a number as written, without trailing zeros."""
+    """Number of decimals of a number as written, without trailing zeros.
+
+    Args:
+        text: the number as written.
+    """
     match = _NUMBER.fullmatch(text.strip())
     if match is None or ("." not in text and match[2] is None):
         return 0
@@ -50,17 +49,23 @@ def is_rounding(text: str, value: float) -> bool:
     """True if a number as written is ``value``, rounded or truncated at its own number of decimals (at least two).
 
     Fewer decimals are also valid if the number is within ``PRECISION`` of the result: ``1.5700012`` is ``1.57``.
+
+    Args:
+        text: the number as written.
+        value: the exact value.
     """
     number, own = float(text), decimals(text)
+    least_decimals = 2  # a number with fewer decimals is intentional
     return any(
         _off(number, value, places) < (1e-3 * 10.0**-places if places == own else PRECISION * abs(number))
-        for places in range(_MIN_DECIMALS, own + 1)
+        for places in range(least_decimals, own + 1)
     )
 
 
 def _off(number: float, value: float, places: int) -> float:
     """Distance of a number from ``value`` rounded or truncated at ``places`` decimals."""
     unit = 10.0**-places
+    # Some exporters cut decimals off instead of rounding.
     cut = math.copysign(math.floor(abs(value) / unit) * unit, value)
     return min(abs(number - round(value, places)), abs(number - cut))
 
@@ -70,12 +75,18 @@ def snapped_angle(text: str) -> float:
 
     This is a multiple of pi/2, pi/3, pi/4 or pi/6 rounded or truncated at the number's own decimals, or a multiple of
     pi/2 within ``TOLERANCE``. Any other number is returned without change.
+
+    Args:
+        text: the angle as written.
     """
     angle = float(text)
-    right = round(angle / _RIGHT_ANGLE) * _RIGHT_ANGLE
+    right_angle = math.pi / 2
+    # Right angles are the rule in robots: for them any number of decimals is accepted.
+    right = round(angle / right_angle) * right_angle
     if abs(angle - right) <= TOLERANCE:
         return right
-    for fraction in _FRACTIONS:
+    fractions = (math.pi / 4, math.pi / 6)  # these include all multiples of pi/2 and pi/3
+    for fraction in fractions:
         multiple = round(angle / fraction) * fraction
         if is_rounding(text, multiple):
             return multiple
@@ -88,6 +99,9 @@ def snapped_direction(texts: Sequence[str]) -> list[float]:
     Each component has to be a rounding, at its own decimals, of 0, 1 or the cosine of a common angle, and the exact
     vector has length 1. Alternatively, all but one are within ``TOLERANCE`` of zero and the length is near 1. Any other
     direction is returned without change.
+
+    Args:
+        texts: its components as written.
     """
     numbers = [float(text) for text in texts]
     length = math.hypot(*numbers)
@@ -95,11 +109,13 @@ def snapped_direction(texts: Sequence[str]) -> list[float]:
     if abs(length - 1) <= TOLERANCE and sum(abs(number) > TOLERANCE for number in numbers) == 1:
         return [math.copysign(1.0, number) if number == largest else 0.0 for number in numbers]
     exact = [_cosine(text, number) for text, number in zip(texts, numbers, strict=True)]
-    return exact if abs(math.hypot(*exact) - 1) < _UNIT_TOLERANCE else numbers
+    unit_tolerance = 1e-9  # exact components give the length 1 to rounding, wrong guesses do not
+    return exact if abs(math.hypot(*exact) - 1) < unit_tolerance else numbers
 
 
 def _cosine(text: str, number: float) -> float:
-    for cosine in _COSINES:
+    cosines = (0.0, 0.5, math.sqrt(1 / 3), math.sqrt(1 / 2), math.sqrt(2 / 3), math.sqrt(3) / 2, 1.0)
+    for cosine in cosines:
         value = math.copysign(cosine, number) if cosine else 0.0
         if abs(number - value) <= PRECISION or (cosine == 0 and abs(number) <= TOLERANCE) or is_rounding(text, value):
             return value
@@ -121,17 +137,28 @@ class Roundings:
     where: str = ""
 
     def angles_of(self, text: str, where: str) -> str:
-        """Return several exact angles [rad] as text, separated by blanks."""
+        """Return several exact angles [rad] as text, separated by blanks.
+
+        Args:
+            text: angles as written.
+            where: element that they belong to, in words.
+        """
         words = text.split()
         return " ".join(self._written([each], [snapped_angle(each)], where, is_axis=False)[0] for each in words)
 
     def direction(self, text: str, where: str) -> str:
-        """Return an exact direction or unit quaternion as text, separated by blanks."""
+        """Return an exact direction or unit quaternion as text, separated by blanks.
+
+        Args:
+            text: components as written.
+            where: element that they belong to, in words.
+        """
         words = text.split()
         return " ".join(self._written(words, snapped_direction(words), where, is_axis=True))
 
     def _written(self, texts: Sequence[str], exact: Sequence[float], where: str, *, is_axis: bool) -> list[str]:
         given = [float(text) for text in texts]
+        # The length of an axis has no meaning: only its direction is compared.
         lengths = [math.hypot(*numbers) for numbers in (given, exact)] if is_axis else [1.0, 1.0]
         if not all(lengths):
             return list(texts)
@@ -153,10 +180,14 @@ class Roundings:
 def snap_mjcf(root: ElementTree.Element) -> list[str]:
     """Replace rounded axes of joints and quaternions of bodies by exact ones, and angles of bodies given in radians.
 
+    Args:
+        root: root element of the file, changed in place.
+
     Returns:
         Texts on the changes; each can follow the file name.
     """
     roundings = Roundings()
+    # MuJoCo reads degrees by default, for which 90 is exact.
     units = [each.attrib["angle"] for each in root.findall("compiler") if "angle" in each.attrib]
     exact = {"joint": {"axis": roundings.direction}, "body": {"quat": roundings.direction}}
     if units[-1:] == ["radian"]:
@@ -174,16 +205,13 @@ Notes: TypeAlias = defaultdict[str, list[str]]
 ENDLESS = 1e300
 """Value for an infinite limit in the XML: urdfdom does not read ``inf``."""
 
-_LIMITED = ("revolute", "prismatic")
-_SHAPES = ("box", "cylinder", "sphere", "mesh")
-_COUNTS = {"xyz": 3, "rpy": 3, "size": 3, "scale": 3, "rgba": 4}
-_PRODUCTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-_ONCE = {"link": ("inertial",), "joint": ("origin", "axis", "limit", "dynamics", "mimic")}
-_INSTALLED = (".urdf", ".xacro", ".xml")
-
 
 def repair(root: ElementTree.Element, path: Path) -> list[str]:
     """Change the XML of a robot in place so that urdfdom accepts it, and remove duplicate elements.
+
+    Args:
+        root: root element of the file, changed in place.
+        path: path of the file, for messages.
 
     Returns:
         Notes on the changes to the model; each can follow the file name. Changes of notation only are not reported.
@@ -209,7 +237,8 @@ def _name(root: ElementTree.Element, path: Path, notes: Notes) -> None:
     if root.get("name", "").strip():
         return
     name = path.name
-    while name.endswith(_INSTALLED):
+    endings = (".urdf", ".xacro", ".xml")
+    while name.endswith(endings):
         name = name.rpartition(".")[0]
     root.set("name", name)
     notes[f"<robot> has no name and is called '{name}' after its file"] = []
@@ -217,11 +246,12 @@ def _name(root: ElementTree.Element, path: Path, notes: Notes) -> None:
 
 def _numbers(root: ElementTree.Element, path: Path, notes: Notes) -> None:
     """Repair lists of numbers: commas, a single scale, colours without opacity, too many numbers, empty attributes."""
+    counts = {"xyz": 3, "rpy": 3, "size": 3, "scale": 3, "rgba": 4}
     for owner in [each for tag in ("link", "joint", "material") for each in root.findall(tag)]:
         for element in owner.iter():
             where = f"<{element.tag}> of {owner.tag} '{owner.get('name')}'"
             for key, text in list(element.attrib.items()):
-                count = _COUNTS.get(key)
+                count = counts.get(key)
                 if count is None:
                     if re.fullmatch(r"\s*[+-]?\d*,\d+\s*", text) and key not in ("name", "filename"):
                         raise ModelError(f"{path}: {where}: {key} is '{text}': write a point for its decimals")
@@ -255,6 +285,7 @@ def _opaque(word: str) -> str:
 
 def _inertials(root: ElementTree.Element, notes: Notes) -> None:
     """Complete inertials: urdfdom requires the mass, the inertia and its six numbers."""
+    products = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
     for link in root.findall("link"):
         for inertial in link.findall("inertial"):
             if inertial.find("mass") is None:
@@ -265,12 +296,13 @@ def _inertials(root: ElementTree.Element, notes: Notes) -> None:
             if inertia is None:
                 inertia = ElementTree.SubElement(inertial, "inertia")
                 notes["<inertial> without an <inertia> is taken as a point: link"].append(str(link.get("name")))
-            for key in _PRODUCTS:
+            for key in products:
                 inertia.set(key, inertia.get(key, "0"))
 
 
 def _geometry(root: ElementTree.Element, notes: Notes) -> None:
-    unknown = f"has unknown geometry, which is ignored (expected one of {', '.join(_SHAPES)}):"
+    shapes = ("box", "cylinder", "sphere", "mesh")
+    unknown = f"has unknown geometry, which is ignored (expected one of {', '.join(shapes)}):"
     for link in root.findall("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             capsule = shape.find("geometry/capsule")
@@ -279,7 +311,7 @@ def _geometry(root: ElementTree.Element, notes: Notes) -> None:
                 radius, length = (read_number(capsule.get(key)) for key in ("radius", "length"))
                 if radius is not None and length is not None:
                     capsule.set("length", repr(length + 2 * radius))
-            if not any(shape.find(f"geometry/{kind}") is not None for kind in _SHAPES):
+            if not any(shape.find(f"geometry/{kind}") is not None for kind in shapes):
                 link.remove(shape)
                 notes[unknown].append(f"<{shape.tag}> of '{link.get('name')}'")
 
@@ -290,11 +322,12 @@ def _limits(root: ElementTree.Element, notes: Notes) -> None:
     Simulators take a lower limit above the upper one, and a negative effort or velocity, for no limit. A range that the
     file does not state is none either, although urdfdom takes it for 0 to 0.
     """
+    limited = ("revolute", "prismatic")
     for joint in root.findall("joint"):
         name = str(joint.get("name"))
         limit = joint.find("limit")
         if limit is None:
-            if joint.get("type") not in _LIMITED:
+            if joint.get("type") not in limited:
                 continue
             limit = ElementTree.SubElement(joint, "limit")
             _open(limit)
@@ -306,7 +339,7 @@ def _limits(root: ElementTree.Element, notes: Notes) -> None:
         for key in ("effort", "velocity"):
             if limit.get(key) is None or (read_number(limit.get(key)) or 0.0) < 0:
                 limit.set(key, repr(ENDLESS))
-        if joint.get("type") not in _LIMITED:
+        if joint.get("type") not in limited:
             continue
         lower, upper = (read_number(limit.get(key)) or 0.0 for key in ("lower", "upper"))
         if lower > upper:
@@ -346,7 +379,8 @@ def _planar(root: ElementTree.Element, path: Path, notes: Notes) -> None:
 
 def _duplicates(root: ElementTree.Element, notes: Notes) -> None:
     """Remove all but the first of elements that are valid only once."""
-    for owner, tags in _ONCE.items():
+    once = {"link": ("inertial",), "joint": ("origin", "axis", "limit", "dynamics", "mimic")}
+    for owner, tags in once.items():
         for tag in tags:
             for each in root.findall(owner):
                 others = each.findall(tag)[1:]

@@ -38,12 +38,6 @@ FORMATS: Mapping[str, Callable[[bytes], Mesh]] = {
 }
 """File suffix to reader of each supported format."""
 
-_LFS = b"version https://git-lfs"
-_BROKEN = (
-    *(ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError),
-    SyntaxError,  # of XML
-)
-
 
 def read_mesh(path: Path) -> Mesh:
     """Read and check a mesh file.
@@ -64,15 +58,20 @@ def read_mesh(path: Path) -> Mesh:
         content = read_bytes(path)
     except (OSError, ValueError) as error:  # a null character in the name
         raise MeshError(getattr(error, "strerror", None) or "cannot be opened") from None
-    if content.startswith(_LFS):
+    lfs = b"version https://git-lfs"  # first bytes of a file that Git LFS has not fetched
+    if content.startswith(lfs):
         raise MeshError("a git-lfs pointer: git lfs pull")
+    broken = (
+        *(ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError),
+        SyntaxError,  # of XML
+    )
     try:
         return FORMATS[ending](content)
     except MeshError:
         raise
     except ModelError as error:  # raised by the XML parser
         raise MeshError(str(error)) from None
-    except _BROKEN:
+    except broken:
         raise MeshError(f"not well-formed {ending[1:].upper()}") from None
 
 
@@ -123,13 +122,20 @@ class MeshShapes:
         return self.make(mesh, scale, str(file))
 
     def make(self, mesh: Mesh, scale: str | None, file: str = "") -> LoadedMesh:
-        """Return the shape of a mesh. Arguments and errors are as for ``load``."""
+        """Return the shape of a mesh. Arguments and errors are as for ``load``.
+
+        Args:
+            mesh: checked triangles.
+            scale: three factors, as text of the description; None for ones.
+            file: path of the file, for the viewers; empty for triangles in the description.
+        """
         factors = np.ones(3) if scale is None else read_numbers(scale, 3)
         if factors is None or not factors.all():
             raise MeshError(f"scale takes three numbers that are not zero, found '{str(scale)[:40]}'")
         self._count += len(mesh.triangles)
         if self._count > MOST_TOGETHER:
             raise MeshError(f"more than {MOST_TOGETHER:,} triangles in the meshes of the robot")
+        # The mesh stays in this object, so the id of its vertices is not used again.
         key = (id(mesh.vertices), *factors.tolist())
         if key not in self._shapes:
             self._shapes[key] = _shape(mesh, factors)
@@ -138,6 +144,10 @@ class MeshShapes:
 
 def scaled_vertices(mesh: Mesh, factors: np.ndarray) -> np.ndarray:
     """Vertices (n, 3) of a mesh, scaled by factors (3,).
+
+    Args:
+        mesh: the mesh.
+        factors: factors along x, y and z.
 
     Raises:
         MeshError: they are too far away.
@@ -161,7 +171,12 @@ def _shape(mesh: Mesh, factors: np.ndarray) -> coal.BVHModelBase:
 
 
 def put_in(geometry: pin.GeometryModel, meshes: Mapping[str, LoadedMesh]) -> None:
-    """Replace the placeholders in a geometry model by their meshes, by name of the shape."""
+    """Replace the placeholders in a geometry model by their meshes, by name of the shape.
+
+    Args:
+        geometry: geometry model with placeholders, changed in place.
+        meshes: mesh of each shape that is one.
+    """
     for shape in geometry.geometryObjects:
         mesh = meshes.get(shape.name)
         if mesh is not None:

@@ -17,9 +17,6 @@ FARTHEST = 1e15
 MOST_TRIANGLES = 1_000_000
 """Largest number of triangles of a mesh: three times that of the largest in example-robot-data (trunk of Go1)."""
 
-_MOST_VERTICES = 3 * MOST_TRIANGLES
-_FLATTEST = 1e-6  # least thickness of points for a hull, relative to their largest extent
-
 
 class MeshError(ValueError):
     """Error for a mesh that cannot be used; the message does not name the file."""
@@ -53,6 +50,7 @@ def checked_mesh(vertices: ArrayLike, triangles: ArrayLike) -> Mesh:
         wrong = int(np.flatnonzero(((corners < 0) | (corners >= len(points))).any(axis=1))[0])
         raise MeshError(f"triangle {wrong} has a vertex that is not among the {len(points):,}")
     corners = corners.astype(np.int64)
+    # Unused vertices are dropped first: exporters leave placeholders far away, or NaN, among them.
     used = np.zeros(len(points), dtype=bool)
     used[corners] = True
     if not np.isfinite(points[used]).all() or np.abs(points[used]).max(initial=0.0) > FARTHEST:
@@ -70,17 +68,25 @@ def checked_mesh(vertices: ArrayLike, triangles: ArrayLike) -> Mesh:
 def check_counts(vertices: int, triangles: int) -> None:
     """Refuse a mesh that is too large, before memory is allocated for it.
 
+    Args:
+        vertices: number of vertices.
+        triangles: number of triangles.
+
     Raises:
         MeshError: a negative number, or too many.
     """
-    if not (0 <= vertices <= _MOST_VERTICES and 0 <= triangles <= MOST_TRIANGLES):
+    most_vertices = 3 * MOST_TRIANGLES  # three corners a triangle, all different, as an STL stores them
+    if not (0 <= vertices <= most_vertices and 0 <= triangles <= MOST_TRIANGLES):
         raise MeshError(
-            f"{vertices:,} vertices and {triangles:,} triangles, at most {_MOST_VERTICES:,} and {MOST_TRIANGLES:,}"
+            f"{vertices:,} vertices and {triangles:,} triangles, at most {most_vertices:,} and {MOST_TRIANGLES:,}"
         )
 
 
 def scene_mesh(parts: Iterable[tuple[Mesh, np.ndarray]]) -> Mesh:
     """Join the meshes of a scene, each at its placement (4, 4).
+
+    Args:
+        parts: meshes with their placements.
 
     Raises:
         MeshError: there are none, or too many triangles.
@@ -99,8 +105,13 @@ def scene_mesh(parts: Iterable[tuple[Mesh, np.ndarray]]) -> Mesh:
 
 
 def merged(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the unique points (n, 3) of points (m, 3), and the indices (m,) that restore all points."""
+    """Return the unique points (n, 3) of points (m, 3), and the indices (m,) that restore all points.
+
+    Args:
+        points: all points.
+    """
     rows = np.ascontiguousarray(points + 0.0)  # -0 and 0 are the same coordinate
+    # Bytes of a row as one item: numpy.unique along an axis sorts each column.
     _, first, inverse = np.unique(
         rows.view(np.dtype((np.void, rows.itemsize * 3))), return_index=True, return_inverse=True
     )
@@ -110,6 +121,10 @@ def merged(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def fans(indices: np.ndarray, sizes: np.ndarray) -> np.ndarray:
     """Triangles (k, 3) of polygons, given consecutively in ``indices`` with ``sizes`` corners each.
 
+    Args:
+        indices: corners of all polygons, one after the other.
+        sizes: number of corners of each polygon.
+
     Raises:
         MeshError: the sizes do not add up, or there are too many triangles.
     """
@@ -118,6 +133,7 @@ def fans(indices: np.ndarray, sizes: np.ndarray) -> np.ndarray:
         raise MeshError("the sizes of its polygons do not match the number of indices")
     counts = np.maximum(sizes - 2, 0)
     check_counts(0, int(counts.sum()))
+    # Without a loop over polygons: a mesh may have a million.
     start = np.repeat(np.cumsum(sizes) - sizes, counts)
     step = np.arange(len(start)) - np.repeat(np.cumsum(counts) - counts, counts)
     return np.asarray(np.stack([indices[start], indices[start + step + 1], indices[start + step + 2]], axis=1))
@@ -125,6 +141,10 @@ def fans(indices: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 def numbers(text: str | bytes | None, kind: type = float) -> np.ndarray:
     """Return the numbers of a text.
+
+    Args:
+        text: numbers with blanks between them; None or empty for none.
+        kind: type of the numbers.
 
     Raises:
         ValueError: a word is not a number.
@@ -163,6 +183,7 @@ def convex_hull(points: ArrayLike, joggled: bool = False) -> Mesh:
     except QhullError:
         raise MeshError("its points have no convex hull") from None
     first, second, third = (corners[hull.simplices[:, k]] for k in range(3))
+    # Qhull orders the corners of a facet in any sense; its plane points outward.
     inward = np.einsum("ki,ki->k", np.cross(second - first, third - first), hull.equations[:, :3]) < 0
     simplices = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
     return checked_mesh(corners, simplices)
@@ -170,6 +191,9 @@ def convex_hull(points: ArrayLike, joggled: bool = False) -> Mesh:
 
 def check_thickness(points: np.ndarray) -> None:
     """Refuse points (n, 3) in a plane, which have no convex hull.
+
+    Args:
+        points: the points.
 
     Raises:
         MeshError: fewer than four points, or points too close to a plane.
@@ -182,5 +206,6 @@ def check_thickness(points: np.ndarray) -> None:
         spread = spread / largest
     axes = np.linalg.eigh(spread.T @ spread)[1]
     extents = np.ptp(spread @ axes, axis=0)
-    if not extents.min() > _FLATTEST * extents.max():
+    flattest = 1e-6  # least thickness of points for a hull, relative to their largest extent
+    if not extents.min() > flattest * extents.max():
         raise MeshError("its points are in a plane: a convex hull needs a volume")

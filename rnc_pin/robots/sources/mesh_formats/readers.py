@@ -36,22 +36,23 @@ from rnc_pin.robots.sources.mesh_formats.mesh import (
 if TYPE_CHECKING:
     from trimesh import Scene
 
-_MAX_CHARACTERS = 1 << 16  # characters of a line
-_MAX_LINES = 8_000_000
 _VERTEX = re.compile(rb"\bvertex\s++(\S++)\s++(\S++)\s++(\S++)", re.IGNORECASE)
-_STL_HEAD = 84  # bytes before the first facet; the last four hold the number of facets
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 def read_obj(content: bytes) -> Mesh:
     """Read an OBJ file.
 
+    Args:
+        content: content of the file.
+
     Raises:
         MeshError: not well formed.
         ValueError: a word is not a number.
     """
-    if content.count(b"\n") > _MAX_LINES:
-        raise MeshError(f"more than {_MAX_LINES:,} lines")
+    most_lines = 8_000_000
+    if content.count(b"\n") > most_lines:
+        raise MeshError(f"more than {most_lines:,} lines")
     vertices, corners, sizes = array("d"), array("q"), array("q")
     for line in _lines(content):
         if line.startswith((b"v ", b"v\t")):
@@ -62,6 +63,7 @@ def read_obj(content: bytes) -> Mesh:
             count = len(vertices) // 3
             for word in words[1:]:
                 index = int(word.partition(b"/")[0])
+                # OBJ counts from one, and negative indices from the last vertex so far.
                 corners.append(index - 1 if index > 0 else count + index)
             sizes.append(len(words) - 1)
             check_counts(count, max(len(sizes), len(corners) - 2 * len(sizes)))
@@ -81,11 +83,12 @@ def _vertex(words: list[bytes]) -> tuple[float, float, float]:
 def _lines(content: bytes) -> Iterator[bytes]:
     """Yield stripped lines; a line that ends in a backslash continues on the next line."""
     start, begun = 0, b""
+    most_characters = 1 << 16  # of a line: a face of thousands of corners fits
     while start < len(content):
         end = content.find(b"\n", start)
         end = len(content) if end < 0 else end
-        if end - start + len(begun) > _MAX_CHARACTERS:
-            raise MeshError(f"a line of more than {_MAX_CHARACTERS:,} characters")
+        if end - start + len(begun) > most_characters:
+            raise MeshError(f"a line of more than {most_characters:,} characters")
         line = content[start:end].strip()
         start = end + 1
         if line.endswith(b"\\"):
@@ -100,17 +103,22 @@ def _lines(content: bytes) -> Iterator[bytes]:
 def read_stl(content: bytes) -> Mesh:
     """Read an STL file; shared vertices of facets are merged.
 
+    Args:
+        content: content of the file.
+
     Raises:
         MeshError: the number of facets does not match the file, or the file is not well formed.
     """
-    count = int.from_bytes(content[_STL_HEAD - 4 : _STL_HEAD], "little")
-    if len(content) == _STL_HEAD + _FACET.itemsize * count and count:
+    head = 84  # bytes before the first facet; the last four hold the number of facets
+    count = int.from_bytes(content[head - 4 : head], "little")
+    # The size decides: some binary files begin with the word "solid" too.
+    if len(content) == head + _FACET.itemsize * count and count:
         check_counts(0, count)
-        corners = np.frombuffer(content, _FACET, count, _STL_HEAD)["corners"].reshape(-1, 3).astype(float)
+        corners = np.frombuffer(content, _FACET, count, head)["corners"].reshape(-1, 3).astype(float)
     elif content.lstrip()[:5].lower() == b"solid":
         corners = _text(content)
     else:
-        room = max(0, len(content) - _STL_HEAD) // _FACET.itemsize
+        room = max(0, len(content) - head) // _FACET.itemsize
         raise MeshError(f"STL of {len(content):,} bytes: room for {room:,} triangles, declared {count:,}")
     points, indices = merged(corners)
     return checked_mesh(points, indices.reshape(-1, 3))
@@ -139,6 +147,9 @@ def read_collada(content: bytes) -> Mesh:
 
     Unit and up axis of a file are not applied, as in the coal loader of Pinocchio. URDF files give the ``scale`` and
     ``origin`` of their meshes.
+
+    Args:
+        content: content of the file.
 
     Raises:
         MeshError: not well formed, or too many nodes or triangles.
@@ -199,8 +210,9 @@ class _ColladaScene:
         self._visited += 1
         if self._visited > _MAX_NODES or depth > _MAX_DEPTH:
             raise MeshError(_TOO_MANY_NODES)
+        transforms = ("matrix", "translate", "scale", "rotate", "lookat", "skew")
         for part in node:
-            if part.tag in _TRANSFORMS:
+            if part.tag in transforms:
                 placement = placement @ _collada_transform(part)
         for part in node.findall("instance_geometry"):
             for mesh in self._geometry(part.get("url", ""), self._named(part, "url")):
@@ -210,9 +222,10 @@ class _ColladaScene:
 
     def _geometry(self, name: str, geometry: ElementTree.Element) -> list[Mesh]:
         """Return the meshes of a geometry; each is read once."""
+        polygons = ("triangles", "polylist", "polygons", "trifans")
         if name not in self._geometries:
             triangles: dict[ElementTree.Element, list[np.ndarray]] = {}
-            for primitive in (each for mesh in geometry.findall("mesh") for each in mesh if each.tag in _POLYGONS):
+            for primitive in (each for mesh in geometry.findall("mesh") for each in mesh if each.tag in polygons):
                 corners = _primitive(primitive)
                 if len(corners):
                     vertices = self._named(_input(primitive, "VERTEX"), "source")
@@ -238,14 +251,11 @@ class _ColladaScene:
         check_counts(count, 0)
         self._read += count
         check_counts(self._read, 0)
+        # NumPy would wrap negative places and read other points.
         if stride < 3 or offset < 0 or count < 1 or offset + stride * (count - 1) + 3 > len(values):
             raise MeshError(f"an accessor of {count:,} points in {len(values):,} numbers")
         starts = offset + stride * np.arange(count)
         return np.asarray(values[starts[:, None] + np.arange(3)])
-
-
-_TRANSFORMS = ("matrix", "translate", "scale", "rotate", "lookat", "skew")
-_POLYGONS = ("triangles", "polylist", "polygons", "trifans")
 
 
 def _input(element: ElementTree.Element, semantic: str) -> ElementTree.Element:
@@ -296,18 +306,11 @@ def _primitive(primitive: ElementTree.Element) -> np.ndarray:
 # ---------------------------------------------------------------------- trimesh
 
 
-_JSON = 0x4E4F534A  # type of the first chunk of a GLB
-_FLOAT = 5126  # component type of glTF
-_MAX_PARTS = 2_000_000  # of the JSON: each part takes more memory than its text
-_MAX_COPIES = 4  # bytes of all views, relative to those of the file
-_MAX_COUNT = 12_000_000  # items of all accessors
-_MAX_HEADER = 1 << 16  # bytes
-_MAX_ROWS = 4_000_000  # lines of a PLY as text, each of which trimesh makes an array
-_BREAKS = (b"\n", b"\r", b"\v", b"\f", b"\x1c", b"\x1d", b"\x1e")  # where Python splits lines
-
-
 def read_gltf(content: bytes) -> Mesh:
     """Read a glTF file with embedded data.
+
+    Args:
+        content: content of the file, JSON.
 
     Raises:
         MeshError: not well formed, compressed, too large, or with data in other files.
@@ -318,10 +321,15 @@ def read_gltf(content: bytes) -> Mesh:
 
 
 def read_glb(content: bytes) -> Mesh:
-    """Read a GLB file. Errors are as for ``read_gltf``."""
+    """Read a GLB file. Errors are as for ``read_gltf``.
+
+    Args:
+        content: content of the file.
+    """
     _check_installed()
     size, kind = (int(each) for each in np.frombuffer(content, "<u4", 2, 12))
-    if kind != _JSON or size > len(content) - 20:
+    json_chunk = 0x4E4F534A  # type of the first chunk of a GLB
+    if kind != json_chunk or size > len(content) - 20:
         raise MeshError(f"a chunk of {size:,} bytes in a file of {len(content):,}")
     _check_document(content[20 : 20 + size], len(content))
     return _mesh_of(_scene(content, "glb"))
@@ -329,6 +337,9 @@ def read_glb(content: bytes) -> Mesh:
 
 def read_ply(content: bytes) -> Mesh:
     """Read a PLY file.
+
+    Args:
+        content: content of the file.
 
     Raises:
         MeshError: the file is shorter or longer than its header says, or not well formed.
@@ -378,8 +389,9 @@ def _check_document(text: bytes, size: int) -> None:
         text: the JSON.
         size: bytes of the whole file.
     """
-    if sum(map(text.count, (b"[", b"{", b","))) > _MAX_PARTS:
-        raise MeshError(f"JSON of more than {_MAX_PARTS:,} parts")
+    most_parts = 2_000_000  # of the JSON: each part takes more memory than its text
+    if sum(map(text.count, (b"[", b"{", b","))) > most_parts:
+        raise MeshError(f"JSON of more than {most_parts:,} parts")
     document: Mapping[str, Any] = json.loads(text)
     for buffer in document.get("buffers", ()):
         uri = buffer.get("uri", "data:")
@@ -394,8 +406,10 @@ def _check_document(text: bytes, size: int) -> None:
         raise MeshError("a size is not a whole number")
     if any("sparse" in each or "bufferView" not in each for each in accessors):
         raise MeshError("an accessor that is sparse or compressed is not read")
-    if sum(sizes[: len(views)]) > _MAX_COPIES * size or sum(counts[: len(accessors)]) > _MAX_COUNT:
-        raise MeshError(f"declares {sum(counts[: len(accessors)]):,} items in {size:,} bytes, at most {_MAX_COUNT:,}")
+    most_copies = 4  # bytes of all views, relative to those of the file
+    most_items = 12_000_000  # of all accessors
+    if sum(sizes[: len(views)]) > most_copies * size or sum(counts[: len(accessors)]) > most_items:
+        raise MeshError(f"declares {sum(counts[: len(accessors)]):,} items in {size:,} bytes, at most {most_items:,}")
     _check_primitives(document)
 
 
@@ -403,11 +417,12 @@ def _check_primitives(document: Mapping[str, Any]) -> None:
     """Refuse positions that are not floats, which trimesh does not scale, and more triangles than a mesh may have."""
     accessors, meshes = document.get("accessors", ()), document.get("meshes", ())
     triangles = []
+    float_type = 5126  # component type of glTF
     for mesh in meshes:
         count = 0
         for primitive in mesh["primitives"]:
             place = primitive["attributes"]["POSITION"]
-            if accessors[place]["componentType"] != _FLOAT:
+            if accessors[place]["componentType"] != float_type:
                 raise MeshError("positions that are not floats are not read")
             count += accessors[primitive.get("indices", place)]["count"]
         triangles.append(count // 3)
@@ -417,7 +432,8 @@ def _check_primitives(document: Mapping[str, Any]) -> None:
 
 def _check_header(content: bytes) -> None:
     """Refuse a PLY file whose header is wrong, or says more than there is."""
-    end = content.find(b"end_header", 0, _MAX_HEADER)
+    header_limit = 1 << 16  # bytes
+    end = content.find(b"end_header", 0, header_limit)
     if not content.startswith(b"ply") or end < 0:
         raise MeshError("has no PLY header")
     lines = [line.split() for line in content[:end].decode("ascii", "replace").splitlines()]
@@ -427,5 +443,7 @@ def _check_header(content: bytes) -> None:
     is_text = b"ascii" in content.split(b"\n", 2)[1].lower()
     if is_text and sum(rows) > content.count(b"\n", end):
         raise MeshError("ends before its last element")
-    if is_text and not (content.isascii() and sum(map(content.count, _BREAKS)) <= _MAX_ROWS):
-        raise MeshError(f"text that is not ASCII, or has more than {_MAX_ROWS:,} lines")
+    most_rows = 4_000_000  # lines of a PLY as text, each of which trimesh makes an array
+    breaks = (b"\n", b"\r", b"\v", b"\f", b"\x1c", b"\x1d", b"\x1e")  # where Python splits lines
+    if is_text and not (content.isascii() and sum(map(content.count, breaks)) <= most_rows):
+        raise MeshError(f"text that is not ASCII, or has more than {most_rows:,} lines")

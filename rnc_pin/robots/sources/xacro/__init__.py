@@ -24,7 +24,11 @@ _EXPRESSION = re.compile(r"\$\{|\$\((arg|find|env|optenv|eval|dirname|anon)\b")
 
 
 def is_xacro(path: Path) -> bool:
-    """True if the file name ends in ``.xacro``."""
+    """True if the file name ends in ``.xacro``.
+
+    Args:
+        path: path of the file.
+    """
     return path.name.endswith(".xacro")
 
 

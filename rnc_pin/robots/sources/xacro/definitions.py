@@ -12,8 +12,6 @@ from rnc_pin.errors import ModelError
 from rnc_pin.io.safe_read import parse_tree, read_bytes
 from rnc_pin.robots.sources.xacro.expressions import Namespace, Value
 
-_MAX_DEPTH = 200
-
 
 class PlacedElement(Element):
     """Element with the file and line of its start tag; line 0 if it is in no file."""
@@ -31,6 +29,9 @@ class PlacedElement(Element):
 def read_document(path: Path) -> PlacedElement:
     """Return the root element of a file.
 
+    Args:
+        path: path of the file.
+
     Raises:
         ModelError: the file cannot be read, is not XML, or has elements more than 200 deep.
     """
@@ -40,8 +41,9 @@ def read_document(path: Path) -> PlacedElement:
         element.file, element.line = path, line
         return element
 
+    deepest = 200  # the expander recurses through elements and macros
     try:
-        root = parse_tree(read_bytes(path), _MAX_DEPTH, make)
+        root = parse_tree(read_bytes(path), deepest, make)
     except OSError as error:
         raise ModelError(f"cannot read '{path}': {error.strerror}") from None
     except (ParseError, LookupError, ValueError) as error:  # also for an unknown encoding
@@ -93,6 +95,10 @@ class Macro:
 def read_macro(element: Element, name: str) -> Macro:
     """Return the macro that an element defines.
 
+    Args:
+        element: the ``<xacro:macro>``.
+        name: its name without prefix.
+
     Raises:
         ModelError: the name cannot be called.
     """
@@ -141,7 +147,11 @@ class Scope(Mapping[str, Value]):
         self._unresolved: set[str] = set()
 
     def inner(self, *, namespace: bool = False) -> Scope:
-        """Return a new child scope."""
+        """Return a new child scope.
+
+        Args:
+            namespace: True for the scope of a file that was included with a name.
+        """
         return Scope(self, self._resolve, namespace=namespace)
 
     def __getitem__(self, name: str) -> Value:
@@ -150,6 +160,7 @@ class Scope(Mapping[str, Value]):
         if name in self._unresolved:
             if name in self._pending:
                 raise ModelError(f"circular definition: {' -> '.join((*self._pending, name))}")
+            # Properties on the way: one that needs itself would otherwise recurse without end.
             self._pending.append(name)
             value = literal(self._resolve(self._values[name], self))
             self._pending.remove(name)
@@ -168,7 +179,13 @@ class Scope(Mapping[str, Value]):
         return len(self._values) + len(self.outer)
 
     def define(self, name: str, value: Value, *, lazy: bool = False) -> None:
-        """Define a property. A lazy text is evaluated on first access and may use properties defined later."""
+        """Define a property. A lazy text is evaluated on first access and may use properties defined later.
+
+        Args:
+            name: name of the property.
+            value: its value, or its text.
+            lazy: True to evaluate a text on first access.
+        """
         self._values[name] = literal(value)
         if lazy and isinstance(self._values[name], str):
             self._unresolved.add(name)
@@ -176,13 +193,21 @@ class Scope(Mapping[str, Value]):
             self._unresolved.discard(name)
 
     def remove(self, name: str) -> None:
-        """Remove a property here and in all parents."""
+        """Remove a property here and in all parents.
+
+        Args:
+            name: name of the property.
+        """
         for scope in self._chain():
             scope._values.pop(name, None)
             scope._unresolved.discard(name)
 
     def block(self, name: str) -> Element | None:
-        """Return the block of a name, ``*name`` or ``**name``, or None."""
+        """Return the block of a name, ``*name`` or ``**name``, or None.
+
+        Args:
+            name: name with its stars.
+        """
         return next((scope.blocks[name] for scope in self._chain() if name in scope.blocks), None)
 
     def outermost(self) -> Scope:
@@ -203,7 +228,12 @@ class Scope(Mapping[str, Value]):
 
 
 class ScopeNamespace(Namespace):
-    """Namespace of the definitions of an included file."""
+    """Namespace of the definitions of an included file.
+
+    Args:
+        name: name of the namespace.
+        scope: scope of the included file.
+    """
 
     def __init__(self, name: str, scope: Scope) -> None:
         super().__init__(name, scope)
@@ -211,7 +241,11 @@ class ScopeNamespace(Namespace):
 
 
 def literal(value: Value) -> Value:
-    """Convert a property's text to a number or bool if possible, and remove single quotes around it."""
+    """Convert a property's text to a number or bool if possible, and remove single quotes around it.
+
+    Args:
+        value: value, or text of it.
+    """
     if not isinstance(value, str):
         return value
     if len(value) >= 2 and value[0] == value[-1] == "'":
@@ -228,6 +262,10 @@ def literal(value: Value) -> Value:
 
 def truth(value: Value, text: str) -> bool:
     """Truth value of a condition.
+
+    Args:
+        value: value of the condition.
+        text: its text in the file, for the message.
 
     Raises:
         ModelError: the value is neither true nor false.

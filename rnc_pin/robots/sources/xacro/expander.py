@@ -29,7 +29,6 @@ from rnc_pin.robots.sources.xacro.expressions import Function, Namespace, Value
 from rnc_pin.robots.sources.xacro.substitution import Arguments, FileAccess, Substitution
 
 _PREFIX = "xacro:"
-_MAX_DEPTH = 100  # nesting depth of macros and includes
 
 Macros: TypeAlias = "ChainMap[str, Macro | Macros]"
 
@@ -115,6 +114,7 @@ class Expander:
                 raise
 
     def _add(self, child: Element, target: Element, macros: Macros, scope: Scope) -> None:
+        # Elements count as steps too: macros that call macros many times are bounded.
         self._substitution.budget.spend(10)
         if child.tag.startswith(_PREFIX):
             name = child.tag.removeprefix(_PREFIX)
@@ -151,6 +151,7 @@ class Expander:
         if many is not None:
             self._inside(many, target, macros, scope)
         elif one is not None:
+            # The block itself is inserted, so it has to be the child of what is expanded.
             holder = Element("block")
             holder.append(one)
             self._inside(holder, target, macros, scope)
@@ -218,6 +219,7 @@ class Expander:
         """Expand the elements of a call in the caller's scope, and assign them to the macro's blocks in order."""
         given = Element("blocks")
         self._inside(call, given, *outside)
+        # As in xacro, elements of a call are expanded before the macro runs, in the caller's scope.
         blocks = list(given)
         for parameter in [each for each in missing.values() if each.block]:
             if not blocks:
@@ -261,7 +263,8 @@ class Expander:
     def _deeper(self) -> int:
         """Enter a macro or file; return the previous depth."""
         self._depth += 1
-        if self._depth > _MAX_DEPTH:
+        deepest = 100  # nesting of macros and includes, which are expanded by recursion
+        if self._depth > deepest:
             raise ModelError("macros or includes are recursive or nested too deeply")
         return self._depth - 1
 

@@ -26,7 +26,6 @@ ITEMS = 20_000
 BITS = 4096
 """Largest number of bits of an integer."""
 
-_MAX_NESTING = 50
 _MAX_STEPS = 1_000_000  # about two seconds
 
 Value: TypeAlias = Any  # None, bool, int, float, str, list, tuple, dict, range, a Function or a Namespace
@@ -54,7 +53,11 @@ class Namespace:
         self.name, self._members = name, members
 
     def member(self, name: str) -> Value:
-        """Return a member; an unknown name raises NameError."""
+        """Return a member; an unknown name raises NameError.
+
+        Args:
+            name: name of the member.
+        """
         if name not in self._members:
             raise NameError(f"'{self.name}' has no '{name}'")
         return self._members[name]
@@ -67,7 +70,11 @@ class Budget:
         self._left = _MAX_STEPS
 
     def spend(self, steps: int = 1) -> None:
-        """Count steps; raise ModelError if they exceed the limit."""
+        """Count steps; raise ModelError if they exceed the limit.
+
+        Args:
+            steps: number of steps.
+        """
         self._left -= steps
         if self._left < 0:
             raise ModelError(f"takes more than {_MAX_STEPS:,} steps to expand")
@@ -76,6 +83,9 @@ class Budget:
 def admit(value: Value) -> int:
     """Return the size of a value in items.
 
+    Args:
+        value: the value.
+
     Raises:
         ModelError: the value is too large, or its type is not allowed.
     """
@@ -83,6 +93,7 @@ def admit(value: Value) -> int:
 
 
 def _weight(value: Value, depth: int) -> int:
+    deepest = 50  # nested lists are visited by recursion
     if value is None or isinstance(value, bool | float | Function | Namespace | range):
         weight = len(value) if isinstance(value, range) else 1
     elif isinstance(value, int):
@@ -94,8 +105,8 @@ def _weight(value: Value, depth: int) -> int:
             raise ModelError(f"a text of more than {LETTERS:,} characters")
         weight = 1 + len(value) // 16
     elif isinstance(value, list | tuple | dict):
-        if depth > _MAX_NESTING:
-            raise ModelError(f"lists are nested more than {_MAX_NESTING} deep")
+        if depth > deepest:
+            raise ModelError(f"lists are nested more than {deepest} deep")
         weight = 1
         for item in value:
             weight += _weight(item, depth + 1)
@@ -110,14 +121,11 @@ def _weight(value: Value, depth: int) -> int:
     return weight
 
 
-_NUMBER = (bool, int, float)
 _MATH = (
     *("acos", "asin", "atan", "atan2", "ceil", "copysign", "cos", "cosh", "degrees", "exp", "fabs", "floor", "fmod"),
     *("hypot", "isclose", "isfinite", "isinf", "isnan", "log", "log10", "log2", "pow", "radians", "sin", "sinh"),
     *("sqrt", "tan", "tanh", "trunc"),
 )
-_CONSTANTS = {"e": math.e, "inf": math.inf, "nan": math.nan, "pi": math.pi, "tau": math.tau}
-_GLOBAL = ("list", "dict", "len", "str", "float", "int", "bool", "min", "max", "round", "sorted", "range")
 
 _TEXT_METHODS = (
     *("capitalize", "count", "endswith", "find", "index", "isdigit", "lower", "lstrip", "partition", "removeprefix"),
@@ -152,7 +160,8 @@ def _round(number: float, ndigits: int | None = None) -> float:
 
 def _sum(items: Iterable[Value], start: float = 0) -> Value:
     numbers = _few(items)
-    if not all(isinstance(number, _NUMBER) for number in (start, *numbers)):
+    number_kinds = (bool, int, float)
+    if not all(isinstance(number, number_kinds) for number in (start, *numbers)):
         raise TypeError("sum() takes numbers")
     return sum(numbers, start)
 
@@ -186,16 +195,22 @@ def builtins() -> dict[str, Value]:
     python |= {name: Function(kind) for name, kind in _KINDS.items()}
     mathematics = mathematical()
     known = {"math": Namespace("math", mathematics), "python": Namespace("python", python)}
-    return mathematics | {name: python[name] for name in _GLOBAL} | known
+    global_names = ("list", "dict", "len", "str", "float", "int", "bool", "min", "max", "round", "sorted", "range")
+    return mathematics | {name: python[name] for name in global_names} | known
 
 
 def mathematical() -> dict[str, Value]:
     """Functions and constants of ``math``, without functions whose result has no bounded length."""
-    return _CONSTANTS | {name: Function(getattr(math, name)) for name in _MATH}
+    constants = {"e": math.e, "inf": math.inf, "nan": math.nan, "pi": math.pi, "tau": math.tau}
+    return constants | {name: Function(getattr(math, name)) for name in _MATH}
 
 
 def attribute(owner: Value, name: str) -> Value:
     """Return an attribute: a member of a namespace, a listed method, or an entry of a dictionary.
+
+    Args:
+        owner: value before the point.
+        name: name after it.
 
     Raises:
         ModelError: the attribute does not exist, or could do more than compute a value.
@@ -251,7 +266,6 @@ def _check_length(length: int) -> None:
 # ---------------------------------------------------------------------- evaluation of the syntax tree
 
 
-_MAX_CHARACTERS = 4000
 _BINARY: Mapping[type[ast.operator], Callable[[Value, Value], Value]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -293,8 +307,9 @@ def evaluate(text: str, names: Mapping[str, Value], budget: Budget | None = None
         ModelError: the expression is invalid, could do more than compute a value, takes too many steps, or fails.
     """
     shown = text if len(text) <= 80 else f"{text[:77]}..."
-    if len(text) > _MAX_CHARACTERS:
-        raise ModelError(f"an expression of more than {_MAX_CHARACTERS} characters: '{shown}'")
+    most_characters = 4000  # bounds the parser of Python, which is not counted in steps
+    if len(text) > most_characters:
+        raise ModelError(f"an expression of more than {most_characters} characters: '{shown}'")
     try:
         tree = ast.parse(text.strip(), mode="eval")
     except (SyntaxError, ValueError, MemoryError, RecursionError):
@@ -329,6 +344,7 @@ class _Evaluation:
     def value(self, node: ast.expr) -> Value:
         """Return the value of a node; a kind of node without a method of its name is refused."""
         self._budget.spend()
+        # A list of what is allowed, not of what is refused: a new kind of node in Python stays refused.
         compute: Callable[[ast.expr], Value] | None = getattr(self, f"visit_{type(node).__name__}", None)
         if compute is None:
             raise _Refusal
@@ -371,6 +387,7 @@ class _Evaluation:
             raise _Refusal
         left, right = self.value(node.left), self.value(node.right)
         whole = isinstance(left, int) and isinstance(right, int)
+        # Sizes are checked before they are computed: 9**9**9 would fill the memory.
         if isinstance(node.op, ast.Pow) and whole and left.bit_length() * right > BITS:
             raise _Refusal(f"a power of more than {BITS} bits")
         if isinstance(node.op, ast.Mult):
@@ -438,12 +455,14 @@ class _Evaluation:
                 raise _Refusal
             named[keyword.arg] = self.value(keyword.value)
         given = (*arguments, *named.values())
+        # A function as an argument, e.g. a key of sorted(), would be called without being counted.
         if any(isinstance(each, Function) for each in given):
             raise _Refusal("a function as an argument")
         self._budget.spend(sum(map(admit, given)) + function.cost)
         return self._made(function(*arguments, **named))
 
     def visit_ListComp(self, node: ast.ListComp) -> Value:
+        # Names of a comprehension end with it, as in Python.
         outside = dict(self._local)
         try:
             return self._made(list(self._each(node.elt, node.generators)))

@@ -25,7 +25,6 @@ ENVIRONMENT = (
 """Patterns of the environment variables that a file may read; all others are private to the user."""
 
 _PIECES = re.compile(r"(?P<escape>\$\$+[{(])|\$\{(?P<value>[^}]*)\}|\$\((?P<command>[^)]*)\)|[^$]+|\$[^{($]+|\$$")
-_COMMANDS = ("arg", "dirname", "env", "eval", "find", "optenv")
 
 
 class Arguments(Mapping[str, expressions.Value]):
@@ -42,13 +41,22 @@ class Arguments(Mapping[str, expressions.Value]):
         self.asked: set[str] = set()
 
     def declare(self, name: str, default: str | None) -> None:
-        """Declare an argument; the default applies if the user gives no value."""
+        """Declare an argument; the default applies if the user gives no value.
+
+        Args:
+            name: name of the argument.
+            default: text of its default; None if it has none.
+        """
         self.asked.add(name)
         if default is not None:
             self._texts.setdefault(name, default)
 
     def text(self, name: str) -> str:
-        """Return the text of an argument; a missing value raises ModelError."""
+        """Return the text of an argument; a missing value raises ModelError.
+
+        Args:
+            name: name of the argument.
+        """
         self.asked.add(name)
         if name not in self._texts:
             given = f"xacro_arguments={{'{name}': ...}} (--arg {name}=...)"
@@ -78,15 +86,28 @@ class FileAccess(Protocol):
     """Files and packages that a file may name."""
 
     def folder(self, name: str) -> Path | None:
-        """Folder of a package, or None if it is not found."""
+        """Folder of a package, or None if it is not found.
+
+        Args:
+            name: name of the package.
+        """
         ...
 
     def admit(self, file: Path, what: str) -> Path:
-        """Return the absolute path of a file; raise ModelError with the words ``what`` if it is not allowed."""
+        """Return the absolute path of a file; raise ModelError with the words ``what`` if it is not allowed.
+
+        Args:
+            file: path as in the description.
+            what: name of the file in messages.
+        """
         ...
 
     def add(self, path: Path) -> None:
-        """Allow a file that the user named."""
+        """Allow a file that the user named.
+
+        Args:
+            path: path of the file.
+        """
         ...
 
 
@@ -125,7 +146,12 @@ class Substitution:
             self._commands[name] = expressions.Function(run)
 
     def value(self, text: str, names: Mapping[str, expressions.Value]) -> expressions.Value:
-        """Return a text with all substitutions; a text of a single expression keeps its type."""
+        """Return a text with all substitutions; a text of a single expression keeps its type.
+
+        Args:
+            text: the text.
+            names: names that its expressions may use.
+        """
         values: list[expressions.Value] = []
         place = 0
         self.budget.spend(1 + len(text) // 16)
@@ -150,11 +176,19 @@ class Substitution:
         return "".join(parts)
 
     def path(self, name: str) -> Path:
-        """Return a path relative to the file being read."""
+        """Return a path relative to the file being read.
+
+        Args:
+            name: name of a file in the description.
+        """
         return self.files[-1].parent / name
 
     def admitted(self, path: Path) -> Path:
-        """Return the absolute path of a file; raise ModelError if the description may not name it."""
+        """Return the absolute path of a file; raise ModelError if the description may not name it.
+
+        Args:
+            path: path of a file.
+        """
         return self._access.admit(path, f"file '{path}'")
 
     def _expression(self, text: str, names: Mapping[str, expressions.Value]) -> expressions.Value:
@@ -168,8 +202,9 @@ class Substitution:
             names = ChainMap(self._commands, self.arguments)  # type: ignore[arg-type]  # both are only read
             return str(expressions.evaluate(text[5:], names, self.budget))
         command, *words = text.split() or [""]
-        if command not in _COMMANDS:
-            raise ModelError(f"unknown command in '$({text[:60]})'{nearest(command, _COMMANDS)}")
+        commands = ("arg", "dirname", "env", "eval", "find", "optenv")
+        if command not in commands:
+            raise ModelError(f"unknown command in '$({text[:60]})'{nearest(command, commands)}")
         if command == "dirname":
             return self._folder()
         if command == "optenv" and words:
@@ -251,16 +286,6 @@ def _say_nothing(*_words: expressions.Value, **_options: expressions.Value) -> s
     return ""
 
 
-_UNITS: Mapping[str, float] = {
-    "!radians": 1.0,
-    "!degrees": math.pi / 180.0,
-    "!meters": 1.0,
-    "!millimeters": 0.001,
-    "!foot": 0.3048,
-    "!inches": 0.0254,
-}
-
-
 def unit_loader(budget: expressions.Budget) -> type[BoundedLoader]:
     """Return a safe YAML loader with support for units.
 
@@ -278,6 +303,14 @@ def unit_loader(budget: expressions.Budget) -> type[BoundedLoader]:
     class Loader(BoundedLoader):
         """YAML loader with the unit tags and the budget of one file."""
 
-    for tag, factor in _UNITS.items():
+    units = {
+        "!radians": 1.0,
+        "!degrees": math.pi / 180.0,
+        "!meters": 1.0,
+        "!millimeters": 0.001,
+        "!foot": 0.3048,
+        "!inches": 0.0254,
+    }
+    for tag, factor in units.items():
         Loader.add_constructor(tag, reading(factor))
     return Loader
