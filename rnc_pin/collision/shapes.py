@@ -148,7 +148,7 @@ class SpinningShapes:
     ) -> None:
         self.wobble = np.zeros(len(shapes))
         found = []
-        # [m]; axes in files have few digits: 1.5708 for a right angle moves the rim of a wheel by 1e-6 m
+        # [m]; axes in files have few digits: 1.5708 for a right angle moves the rim of a wheel by 1e-6 m.
         most_wobble = 2e-6
         of_revolution = (coal.Cylinder, coal.Capsule, coal.Cone)  # about the z axes of their frames
         for k, joint in enumerate(carriers.tolist()):

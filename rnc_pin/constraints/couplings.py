@@ -342,7 +342,7 @@ def _pivot(name: str, robot: Robot) -> _Pivot:
         raise ConstraintError(f"steering joint '{name}' has {joint.nv} degrees of freedom, expected one")
     columns = pin.computeJointJacobians(robot.model, data, robot.configuration()).reshape(6, robot.nv)
     x, y, z = columns[3:, joint.idx_v]
-    # Horizontal part of a unit axis above which it is not vertical: kingpins lean by up to 17 degrees
+    # Horizontal part of a unit axis above which it is not vertical: kingpins lean by up to 17 degrees.
     most_horizontal = 0.3
     # A prismatic joint has no angular column at all: z alone tells it.
     if not (abs(z) > 0.5 and np.hypot(x, y) < most_horizontal):

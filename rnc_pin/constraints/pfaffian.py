@@ -174,7 +174,7 @@ def _check_rates(motion: Motion, start: float, names: Sequence[str]) -> None:
     """Refuse a motion whose rates are wrong at all times that are looked at; at single times they may jump."""
     longest = 1.0  # [s] of a motion that is looked at: a reference may never end
     span = min(float(getattr(motion, "duration", longest)) or longest, longest)
-    # Times, off round ones where motions change, and the step of differences
+    # Times, off round ones where motions change, and the step of differences.
     shares, step_share = np.linspace(0.09, 0.93, 8), 1e-4
     times, step = start + span * shares, step_share * span
 

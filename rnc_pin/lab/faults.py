@@ -127,6 +127,7 @@ class FaultyPlant:
         """Round a configuration to encoder counts from neutral."""
         step = 2.0 * np.pi / self.faults.counts
         neutral = pin.neutral(self.model)
+        # From neutral and in the tangent space, so that quaternions keep unit length.
         quantized: np.ndarray = pin.integrate(
             self.model, neutral, step * np.round(pin.difference(self.model, neutral, q) / step)
         )
@@ -157,6 +158,7 @@ class MassErrors:
 
     def change(self, robot: Robot) -> None:
         """Multiply the inertias of a robot, which has no other users."""
+        # A stream of its own: noise with the same seed is independent of these errors.
         generator = np.random.default_rng([self.seed, 1])
         for joint, inertia in enumerate(robot.model.inertias):
             factor = 1.0 + self.largest * generator.uniform(-1.0, 1.0)
@@ -252,12 +254,14 @@ class ChangingPlant:
         return found._replace(work=found.work + self._switch_energy)
 
     def _switch_if_due(self) -> None:
+        # Sums of dt round: a switch at the time of a sample happens there, and not one sample later.
         if self._current is self._before and self._time >= self._switch_time - 1e-9:
             q, v = self._current.read()
             balance = _energy_minus_work(self._current)
             self._current = self._after
             self._after.reset(q, v)
             if isinstance(self._before, ReducedPlant) and isinstance(self._after, ReducedPlant):
+                # One run has one estimate: the second plant goes on with the errors of the first.
                 self._after.keep_errors(self._before.errors)
             if self._T is not None:
                 self._current.apply(self._T)

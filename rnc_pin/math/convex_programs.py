@@ -141,7 +141,7 @@ def least_shares(
     going = np.flatnonzero(np.isfinite(found).all(axis=1))
     shares[going] = found[going]
     rounds = 30  # a bound only: a program ends when its share no longer falls
-    # Part of a share by which another round has to lower it
+    # Part of a share by which another round has to lower it.
     least_progress = 1e-10
     for _ in range(rounds):
         if not len(going):

@@ -89,7 +89,7 @@ class DryFriction:
         forces, sticking = _least_energy(basis, free / h, limits)
         # A force at its limit, alone, removes this speed in the step.
         removable = h * (basis * basis).sum(axis=0) * limits
-        # Speed that counts as rest, relative to the speed that friction removes in the step
+        # Speed that counts as rest, relative to the speed that friction removes in the step.
         rest = 1e-9
         at_rest = np.abs(speeds) <= rest * removable
         opposing = np.where(at_rest, forces, -limits * np.sign(speeds))

@@ -100,7 +100,7 @@ def _is_image(path: Path) -> bool:
         return False
     targa_types = (1, 2, 3, 9, 10, 11)  # third byte of a Targa file, which has no magic number
     targa = path.suffix.lower() == ".tga" and len(content) > 18 and content[2] in targa_types
-    # Of PNG, JPEG, GIF, BMP, WebP, TIFF in both orders, and DDS
+    # Of PNG, JPEG, GIF, BMP, WebP, TIFF in both orders, and DDS.
     beginnings = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF8", b"BM", b"RIFF", b"II*\0", b"MM\0*", b"DDS ")
     return content.startswith(beginnings) or targa
 

@@ -88,6 +88,7 @@ class SweepResults(SummaryMixin):
         kinds = {type(value) for value in values}
         if kinds in ({int}, {bool}):
             return np.array(values)
+        # A missing number is NaN; a column of texts or mixed values stays as it is.
         if kinds - {type(None)} and kinds <= {int, float, type(None)}:
             return np.array(values, dtype=float)
         return np.fromiter(values, dtype=object, count=len(values))
@@ -244,7 +245,12 @@ def _numbers(results: SweepResults, column: str) -> np.ndarray:
 
 
 def failure_lines(results: SweepResults, row: Row) -> Iterator[str]:
-    """Two lines about a run that did not succeed: finding and message, and the command that repeats it."""
+    """Two lines about a run that did not succeed: finding and message, and the command that repeats it.
+
+    Args:
+        results: the sweep.
+        row: row of the run.
+    """
     yield f"# run {row['run']}: {row['finding']}: {row['message']}"
     if "scenario" in results.specification:
         yield results.command(row)

@@ -119,6 +119,7 @@ def sweep(
         finished = {row["run"]: drawn_values(row) for row in read_rows(path, specification)}
         missing: Iterator[Numbered]
         if isinstance(draws, Draws):
+            # Without values: workers draw them by the number, so that results do not depend on who computes them.
             missing = ((run, None) for run in range(draws.runs) if run not in finished)
         else:
             missing = _missing(draws, finished, path, arrays=isinstance(runs, FunctionRuns))
@@ -242,6 +243,7 @@ def _from_workers(runs: Runs, numbered: Iterator[Numbered], jobs: int | str, sta
         stack.enter_context(_dask_cluster(jobs))
         parent, count = None, -1
     else:
+        # One thread in each: processes use all cores already.
         stack.enter_context(parallel_config("loky", inner_max_num_threads=1))
         parent, count = os.getpid(), jobs
     work = _Work(pickled, hashlib.sha256(pickled).hexdigest(), (__version__, kernel), parent)
@@ -282,6 +284,11 @@ _local = threading.local()
 def worker_row(work: _Work, run: int, draw: Draw | None) -> Row:
     """Row of a run in a worker. Each thread of it unpickles the source of a sweep's runs once.
 
+    Args:
+        work: common part of the runs.
+        run: number of the run.
+        draw: its given values; None draws them.
+
     Raises:
         ConfigurationError: the worker has another release or kernel, whose results could differ.
     """
@@ -292,6 +299,7 @@ def worker_row(work: _Work, run: int, draw: Draw | None) -> Row:
             f"a worker has rnc_pin {__version__} with kernel '{kernel}', the sweep {work.versions[0]} with "
             f"'{work.versions[1]}'"
         )
+    # A digest and not the object: each task brings its own copy of the bytes.
     if getattr(_local, "key", None) != work.key:
         _local.key, _local.runs = work.key, cloudpickle.loads(work.pickled)
     row: Row = _local.runs.row(run, draw)

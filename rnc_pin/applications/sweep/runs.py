@@ -90,7 +90,12 @@ def results_of(summary: Summary) -> Row:
 
 
 def refused(outcome: str, error: RncError) -> Row:
-    """Columns of results of a run that could not start."""
+    """Columns of results of a run that could not start.
+
+    Args:
+        outcome: kind of the refusal, such as "infeasible".
+        error: its reason.
+    """
     return {"outcome": outcome, "verdict": "failed", "finding": outcome, "message": str(error)}
 
 
@@ -133,13 +138,22 @@ class SeededDraws:
     def of(cls, distributions: Mapping[str, object], seed: int = 0) -> SeededDraws:
         """Read distributions in the form of scenario files, such as ``{"mass": [1, 2]}``.
 
+        Args:
+            distributions: distribution by name.
+            seed: seed of all streams.
+
         Raises:
             ConfigurationError: a distribution is invalid.
         """
         return cls(admitted(Distributions, to_json_mapping(distributions, "distributions"), "distributions").root, seed)
 
     def of_run(self, run: int) -> Iterator[dict[str, Json]]:
-        """Yield the values of a run, then replacements for them."""
+        """Yield the values of a run, then replacements for them.
+
+        Args:
+            run: number of the run.
+        """
+        # By number: a run draws the same values on any process, and when a sweep continues.
         generator = np.random.default_rng([self.seed, run])
         while True:
             yield {key: each.draw(generator) for key, each in self.distributions.items()}
@@ -264,14 +278,17 @@ def _simulated(built: object) -> Trajectory:
 
 
 def with_options_of_sweeps(options: Mapping[str, Json]) -> dict[str, Json]:
-    """Options of every run of a sweep: no comparisons and plots, and preflight refuses instead of warning."""
+    """Options of every run of a sweep: no comparisons and plots, and preflight refuses instead of warning.
+
+    Args:
+        options: options that all runs share, by dotted key.
+    """
     return {"preflight": "refuse", **options, "comparisons": {}, "plots": {}}
 
 
 MOST_DRAWS = 20
 """Largest number of draws for one run; then its outcome is "infeasible"."""
 _STRUCTURE = ("robot", "constraints", "ground", "mimic", "actuators", "forces", "outputs")
-_MOST_MODELS = 8  # models that a process keeps
 
 
 class ScenarioRuns(Runs):
@@ -294,6 +311,7 @@ class ScenarioRuns(Runs):
         self._models: dict[str, BuiltModel] = {}
 
     def __getstate__(self) -> dict[str, object]:
+        # Models are built anew in each process: they hold Pinocchio's data, and are larger than their description.
         return {**self.__dict__, "_models": {}}
 
     def files_read(self) -> set[Path]:
@@ -310,7 +328,12 @@ class ScenarioRuns(Runs):
         return {path for path in read if path.name != "package.xml"}  # read once in a process
 
     def options_of(self, run: int, drawn: Draw) -> dict[str, Json]:
-        """Options of a run with drawn values, which ``rnc-pin run`` takes too."""
+        """Options of a run with drawn values, which ``rnc-pin run`` takes too.
+
+        Args:
+            run: number of the run.
+            drawn: its values.
+        """
         values = cast("Mapping[str, Json]", drawn)
         options: dict[str, Json] = {**with_options_of_sweeps(self._options), "seed": self._seed, **values}
         parts = {*self._file.raw, *(key.partition(".")[0] for key in options)}
@@ -325,6 +348,7 @@ class ScenarioRuns(Runs):
             try:
                 scenario = self._scenario(options)
             except (InfeasibleError, SingularityError) as error:
+                # What preflight, gains or a plan refuse is drawn again; any other error is a result.
                 failure: RncError = error
                 continue
             except RncError as error:
@@ -344,8 +368,10 @@ class ScenarioRuns(Runs):
 
     def _model(self, scenario: Scenario) -> BuiltModel:
         key = json.dumps([scenario.raw.get(each) for each in _STRUCTURE], default=repr)
+        most = 8  # models that a process keeps; structures of a sweep are few, but a model is large
         if key not in self._models:
-            if len(self._models) >= _MOST_MODELS:
+            if len(self._models) >= most:
+                # The oldest one.
                 self._models.pop(next(iter(self._models)))
             self._models[key] = scenario.model
         return self._models[key]

@@ -38,6 +38,10 @@ _MOST = 2**63  # beyond, NumPy has no integers
 def read_rows(folder: Path, specification: Specification) -> Iterator[Row]:
     """Yield the rows of the finished runs. A line that a kill cut off is left out.
 
+    Args:
+        folder: folder of the sweep.
+        specification: its specification.
+
     Raises:
         ConfigurationError: the file cannot be read, or a line is not the row of a run of this sweep, with its draw.
     """
@@ -93,7 +97,13 @@ def _check_draw(row: Row, draws: SeededDraws) -> None:
 
 
 def append_row(file: BufferedRandom, row: Row) -> None:
-    """Append the row of a finished run, which a kill of this process does not undo."""
+    """Append the row of a finished run, which a kill of this process does not undo.
+
+    Args:
+        file: file of the finished runs, at its end.
+        row: the row.
+    """
+    # One write: a kill leaves whole lines, and at most one torn line, which is cut off later.
     file.write(json.dumps(row).encode() + b"\n")
     file.flush()
 
@@ -110,7 +120,13 @@ def _cut_off_torn_line(file: BufferedRandom) -> None:
 
 
 def describe_scenario(scenario: str, options: Mapping[str, Json], read: Collection[Path]) -> dict[str, Json]:
-    """Name, options and digests of a scenario and of the files that were read for it."""
+    """Name, options and digests of a scenario and of the files that were read for it.
+
+    Args:
+        scenario: a built-in name or a file.
+        options: dotted keys and values that all runs share.
+        read: files from which robots and obstacles are read.
+    """
     path = find_scenario(scenario).resolve()
     name = scenario if is_built_in(path) else str(path)
     content = _digest(json.dumps(read_yaml(path), default=repr).encode())
@@ -192,6 +208,7 @@ def sweep_folder(path: Path, specification: Specification, force: bool) -> Itera
         if path.exists() and not path.is_dir():
             raise ConfigurationError(f"--out {path}: is a file, expected a folder")
         path.mkdir(parents=True, exist_ok=True)
+        # Before anything is read: another process could write between a look and the lock.
         stack.callback(os.close, lock_folder(path))
         earlier = None if force else read_specification(path)
         if earlier is None and not force and any(path.iterdir()):
@@ -200,6 +217,7 @@ def sweep_folder(path: Path, specification: Specification, force: bool) -> Itera
         if earlier is not None:
             _check_same(path, earlier, json.loads(content))
         _clean(path, everything=earlier is None)
+        # After the old runs are gone: a kill in between leaves a folder without runs, and not runs of another sweep.
         with atomic_file(path / SPECIFICATION) as partial:
             partial.write_text(content + "\n", encoding="utf-8")
         (path / RUNS).touch()
@@ -211,6 +229,7 @@ def sweep_folder(path: Path, specification: Specification, force: bool) -> Itera
 def _check_same(path: Path, earlier: Specification, now: Specification) -> None:
     """Raise an error unless a folder holds the same sweep, with at most as many runs."""
     for key in dict.fromkeys([*now, *earlier]):
+        # More runs continue a sweep: each run has its own stream, so the first ones stay as they are.
         if key != "runs" and earlier.get(key) != now.get(key):
             place, old, new = _difference(key, earlier.get(key), now.get(key))
             raise ConfigurationError(

@@ -13,8 +13,6 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 
 _NAMED = 1e-6  # coefficient below which a parameter is not named
-_MOST = 6  # parameters that the name of a combination has at most
-_SPREAD = 1.5  # range of random configurations around the neutral one [rad or m]
 
 
 @dataclass(frozen=True, repr=False)
@@ -92,12 +90,14 @@ def base_parameters(
     names = regressor.names
     Y = regressor.matrix.reshape(-1, len(names))
     sizes = np.linalg.norm(Y, axis=0)
+    # Units of columns differ: each is compared with the others at unit length, and only its zero with the largest.
     acting = sizes > tolerance * sizes.max(initial=np.finfo(float).tiny)
     unit = np.divide(Y, sizes, out=np.zeros_like(Y), where=acting)
     columns = _independent(unit, np.flatnonzero(acting).tolist(), tolerance)
     K = np.linalg.lstsq(unit[:, columns], unit, rcond=None)[0] * sizes / sizes[columns, None]
     K[:, ~acting] = 0.0
     K[np.abs(K) < _NAMED] = 0.0
+    # Exactly: least squares leave rounding in the columns themselves.
     K[:, columns] = np.eye(len(columns))
     dependent = [k for k in range(len(names)) if k not in columns]
     directions = np.eye(len(names))[dependent]
@@ -115,8 +115,10 @@ def _drawn(reduced: ReducedModel, samples: int, seed: int) -> ReducedRegressor:
     """Regressor at random states of a model."""
     generator = np.random.default_rng(seed)
     width = 10 * (reduced.robot.model.njoints - 1) + reduced.n
+    # Three times the rows that columns need, so that the rank is that of the dynamics and not of the samples.
     count = max(samples, 3 * width // max(reduced.r, 1))
-    q = np.stack([reduced.random_configuration(generator, _SPREAD) for _ in range(count)])
+    spread = 1.5  # range of random configurations around the neutral one [rad or m]
+    q = np.stack([reduced.random_configuration(generator, spread) for _ in range(count)])
     v2, v2_dot = generator.normal(size=(2, count, reduced.r))
     return reduced.regressor(q, v2, v2_dot, t=0.0)
 
@@ -126,6 +128,7 @@ def _independent(unit: np.ndarray, candidates: Sequence[int], tolerance: float) 
     chosen: list[int] = []
     directions = np.zeros((len(unit), 0))
     for k in candidates:
+        # In order and not by pivots (qr with pivoting): the first parameters of a set with the same effect are kept.
         rest = unit[:, k] - directions @ (directions.T @ unit[:, k])
         rest -= directions @ (directions.T @ rest)  # once more, against rounding
         if np.linalg.norm(rest) > tolerance:
@@ -137,6 +140,7 @@ def _independent(unit: np.ndarray, candidates: Sequence[int], tolerance: float) 
 def _words(row: np.ndarray, first: int, names: Sequence[str]) -> str:
     """Words of a combination whose coefficient of the parameter ``first`` is 1."""
     others = [k for k in np.flatnonzero(row).tolist() if k != first]
-    factors = ["" if abs(abs(row[k]) - 1) < _NAMED else f"{abs(row[k]):.4g} " for k in others[:_MOST]]
+    most = 6  # further parameters that the name of a combination has at most: names stay readable
+    factors = ["" if abs(abs(row[k]) - 1) < _NAMED else f"{abs(row[k]):.4g} " for k in others[:most]]
     words = [f" {'-' if row[k] < 0 else '+'} {factor}{names[k]}" for k, factor in zip(others, factors, strict=False)]
-    return names[first] + "".join(words) + (f" and {len(others) - _MOST} more" if len(others) > _MOST else "")
+    return names[first] + "".join(words) + (f" and {len(others) - most} more" if len(others) > most else "")

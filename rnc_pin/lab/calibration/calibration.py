@@ -20,12 +20,7 @@ from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 
-_SHARES = np.array([0.01, 0.1])  # windows of the log that are fitted before the whole log
 _FEWEST = 4  # samples of a window
-_FIRST, _LAST = 1.0, 0.03  # precision of the first windows and of the last ones, in standard deviations
-_PRIOR = 0.1  # standard deviation of the parameters of the file in short windows, relative to their sizes
-_FAR = 5.0  # standard deviations of an outlier
-_NAMED, _MOST_NAMED = 0.1, 6  # smallest share of a parameter in the name of a combination, and their largest number
 
 
 @dataclass(frozen=True)
@@ -171,18 +166,22 @@ def calibrate(
     motion = RollingMotion(system, log, unknown, sensor)
     problem = PoseProblem(motion, log.channel("pose", sensor), heading)
     end = problem.times[0] + (1 - held_out) * np.ptp(problem.times)
-    durations = [*(np.ptp(problem.times) * _SHARES), np.inf]
+    shares = np.array([0.01, 0.1])  # of the log's duration: windows that are fitted before the whole log
+    durations = [*(np.ptp(problem.times) * shares), np.inf]
     p = problem.nominal
+    first, last = 1.0, 0.03  # precision of the first windows and of the last ones, in standard deviations
+    loose = 0.1  # standard deviation of the parameters of the file in short windows, relative to their sizes
     for duration in durations:
         chosen = problem.windows(problem.times[0], end, duration)
         if chosen.count:
             # Short windows hardly show some combinations: the first parameters count there, not in the last windows.
-            precision, prior = (_LAST, np.inf) if np.isinf(duration) else (_FIRST, _PRIOR)
+            precision, prior = (last, np.inf) if np.isinf(duration) else (first, loose)
             p, fit, converged = problem.fit(chosen).minimized(p, problem.scales, problem.is_valid, precision, prior)
     if not chosen.count:
         raise ConfigurationError(f"the log has fewer than {_FEWEST} poses of '{sensor}' while its joints are measured")
     if not converged:
         raise InfeasibleError("the calibration did not converge: give fewer parameters")
+    # Errors of a path are correlated: as white noise, they would count more poses than are independent.
     correlation = correlation_of(fit)
     scales = np.maximum(problem.scales, np.abs(p))
     covariance, combinations = _precision(fit, motion.parameters, scales, correlation, resolution)
@@ -193,7 +192,8 @@ def calibrate(
     if held_out:
         rest = problem.windows(np.nextafter(end, np.inf), np.inf, np.inf)
         errors |= {"held out": problem.error(p, rest), "held out, nominal": problem.error(problem.nominal, rest)}
-    far = (np.stack(fit.sizes, axis=1) > _FAR * fit.deviations).any(axis=1)
+    outlying = 5.0  # standard deviations of an outlier
+    far = (np.stack(fit.sizes, axis=1) > outlying * fit.deviations).any(axis=1)
     return Calibration(
         tuple(each.name for each in motion.parameters),
         problem.nominal,
@@ -216,10 +216,19 @@ class PoseProblem:
     """Measured poses beside those of a rolling motion."""
 
     def __init__(self, motion: RollingMotion, channel: Channel, heading: bool) -> None:
+        """Keep the poses that were measured while the joints were.
+
+        Args:
+            motion: motion of the base.
+            channel: poses of the sensor.
+            heading: True if the sensor measures the heading.
+        """
         self._motion, self._heading = motion, heading
+        # Outside the joints' log there is no prediction.
         inside = (channel.time >= motion.time[0]) & (channel.time <= motion.time[-1])
         self.times, poses = channel.time[inside], channel.values[inside]
         x, y, z, w = poses[:, 3:].T
+        # Without jumps of 2 pi, so that headings are compared as numbers and are linear between samples.
         yaw = np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2)))
         self.measured = np.column_stack([poses[:, :2], yaw])
         self.nominal = np.array([each.nominal for each in motion.parameters])
@@ -231,11 +240,17 @@ class PoseProblem:
         return bool(np.isfinite(p).all() and all(radius > 0 for radius in radii))
 
     def windows(self, start: float, end: float, duration: float) -> Windows:
-        """Windows of a duration between two times; none contains a break of the joints' log."""
+        """Windows of a duration between two times; none contains a break of the joints' log.
+
+        Args:
+            start, end: times [s].
+            duration: duration of each window [s]; infinity for one window from break to break.
+        """
         chosen = np.flatnonzero((self.times >= start) & (self.times <= end))
         times = self.times[chosen]
         piece = np.searchsorted(self._motion.breaks, times, side="right")
         if np.isfinite(duration):
+            # It grows with time: no two windows share a number.
             piece = piece * (len(times) + 1) + np.floor((times - times[:1]) / duration).astype(int)
         _, number, counts = np.unique(piece, return_inverse=True, return_counts=True)
         large = counts[number] >= _FEWEST
@@ -265,7 +280,12 @@ class PoseProblem:
         return found
 
     def error(self, p: np.ndarray, windows: Windows) -> PathError:
-        """Error of the open-loop path."""
+        """Error of the open-loop path.
+
+        Args:
+            p: parameters (P,).
+            windows: windows, each with its best first pose.
+        """
         distance, angle = self.fit(windows).at(p).sizes
         rms, turned = (float(np.sqrt(np.mean(each**2))) for each in (distance, angle))
         return PathError(float(distance.mean()), rms, float(distance.max()), turned, len(distance))
@@ -278,6 +298,7 @@ def _precision(
     _, J = fit.scaled()
     scaled = J * scales
     _, values, vectors = np.linalg.svd(scaled, full_matrices=False)
+    # As in numpy.linalg.matrix_rank: a singular value below is zero up to rounding.
     rounding = len(scaled) * np.finfo(float).eps * max(values.max(initial=0.0), 1.0)
     deviations = np.sqrt(correlation) / np.maximum(values, 1e-300)
     names = [each.name for each in parameters]
@@ -294,7 +315,15 @@ def _precision(
 def calibrated(
     system: NonholonomicSystem, parameters: Sequence[UnknownNumber], p: np.ndarray, sensor: str
 ) -> NonholonomicSystem:
-    """The system with estimated radii, places of joints, and place of the sensor."""
+    """The system with estimated radii, places of joints, and place of the sensor.
+
+    Args:
+        system: the robot with the parameters of its file.
+        parameters: the unknown numbers.
+        p: their estimates (P,).
+        sensor: frame on the base whose pose was measured.
+    """
+    # The system of the caller keeps its numbers: placements are changed in a copy of the model.
     robot = copy(system.robot)
     model = robot.model = system.robot.model.copy()
     radii = radii_of(parameters, p)
@@ -329,7 +358,8 @@ def _moved(place: pin.SE3, axis: str, value: float) -> pin.SE3:
 def _combination_name(vector: np.ndarray, names: Sequence[str]) -> str:
     """Words of a combination of scaled parameters (P,), the largest first and positive."""
     vector = vector / vector[np.argmax(np.abs(vector))]
-    large = [k for k in np.argsort(-np.abs(vector)).tolist() if abs(vector[k]) > _NAMED][:_MOST_NAMED]
+    named, most = 0.1, 6  # smallest share of a parameter in the name of a combination, and their largest number
+    large = [k for k in np.argsort(-np.abs(vector)).tolist() if abs(vector[k]) > named][:most]
     if len(large) == 1:
         return names[large[0]]
     words = " ".join(f"{'-' if vector[k] < 0 else '+'} {abs(vector[k]):.2f} {names[k]}" for k in large)

@@ -16,8 +16,6 @@ from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 
 _WINDOWS = (1.0, 10.0, 100.0)  # durations of windows whose errors are stated [s]
-_SLIP = 1.0  # duration over which slip is averaged [s]
-_ROUNDING = 1e-12  # slip of rows that hold in any case [m/s]
 
 
 @dataclass(frozen=True)
@@ -121,9 +119,10 @@ def compare(system: NonholonomicSystem, log: Log, sensor: str, *, heading: bool 
         raise ConfigurationError(f"the log has no poses of '{sensor}' while its joints are measured")
     times, slips = _slip(plain, problem)
     sizes = {name: float(np.sqrt(np.mean(each**2))) for name, each in slips.items()}
+    rounding = 1e-12  # slip of rows that hold in any case [m/s]
     return Comparison(
         errors,
-        {name: size for name, size in sizes.items() if not size < _ROUNDING},
+        {name: size for name, size in sizes.items() if not size < rounding},
         plain.unused,
         _replay(plain, problem, {name: (times, each) for name, each in slips.items()}),
     )
@@ -148,14 +147,16 @@ def _slip(motion: RollingMotion, problem: PoseProblem) -> tuple[np.ndarray, dict
     """Times (W,) and mean slip (W,) of the rows over windows of a second [m/s]."""
     time, slipped = motion.slip(problem.base_poses(motion.time))
     whole = np.isfinite(slipped).all(axis=1)
-    number = np.floor((time - time[0]) / _SLIP).astype(int)
+    window = 1.0  # duration over which slip is averaged [s]
+    number = np.floor((time - time[0]) / window).astype(int)
     count = np.bincount(number[whole], minlength=number[-1] + 1)
     period = float(np.median(np.diff(motion.time)))
-    full = count > 0.8 * _SLIP / period
+    # Windows with gaps of the log say little: a fifth of the samples may be missing.
+    full = count > 0.8 * window / period
     if not full.any():
         return np.zeros(0), {}
     durations = count[full] * period
-    middle = time[0] + (np.flatnonzero(full) + 0.5) * _SLIP
+    middle = time[0] + (np.flatnonzero(full) + 0.5) * window
     return middle, {
         name: np.bincount(number[whole], column[whole], minlength=len(count))[full] / durations
         for name, column in zip(motion.used, slipped.T, strict=True)

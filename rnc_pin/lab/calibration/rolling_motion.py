@@ -18,9 +18,6 @@ from rnc_pin.model.coordinates import heading_of
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.robots.joint_values import SingleJoint
 
-_BREAK = 5.0  # intervals longer than so many usual ones end a window
-_SINGULAR = 1e-14  # pivot of the normal equations relative to their diagonal
-_REGULAR = 1e-6  # smallest singular value of the unit rows of the base, relative to the largest
 _Slopes = dict[int, tuple[int, np.ndarray]]
 """Derivatives by parameter: the number of a column or joint, with numbers."""
 
@@ -98,6 +95,7 @@ class RollingMotion:
             raise ConfigurationError(f"the log has no joint of the rows {few(self.unused)}")
         self.used = geometry.names
         every = range(geometry.size)
+        # At four random shapes: a column that acts on a row does so at almost all shapes.
         drawn = np.random.default_rng(1).uniform(-0.5, 0.5, (geometry.size, 4))
         sample = geometry.evaluate(dict(enumerate(drawn)), {}, every).matrix
         acting = np.abs(sample).max(axis=(0, 1)) > 1e-12
@@ -106,7 +104,8 @@ class RollingMotion:
         self._unknown_columns = [*geometry.base, *others]
         self._columns = [*self._unknown_columns, *(each.column for each in self._joints)]
         values = np.linalg.svd(sample[:, :, self._unknown_columns], compute_uv=False)
-        if sample.shape[1] < len(self._unknown_columns) or (values[:, -1] < _REGULAR * values[:, 0]).all():
+        regular = 1e-6  # smallest singular value of the unit rows of the base, relative to the largest
+        if sample.shape[1] < len(self._unknown_columns) or (values[:, -1] < regular * values[:, 0]).all():
             missing = [name for name, column in columns.items() if column in others]
             raise ConfigurationError(
                 f"the measured joints {few([each.name for each in self._joints]) or '(none)'} do not determine the "
@@ -125,6 +124,7 @@ class RollingMotion:
         if not self._joints:
             raise ConfigurationError("the log has no joint that the rows use")
         channels = [each.channel for each in self._joints]
+        # The joint with most samples gives the steps: others are interpolated, so no sample of it is lost.
         finest = max(channels, key=lambda channel: len(channel.time))
         start, end = max(each.time[0] for each in channels), min(each.time[-1] for each in channels)
         inside = (finest.time >= start) & (finest.time <= end)
@@ -133,7 +133,8 @@ class RollingMotion:
         self.time = time[whole]
         if len(self.time) < 3:
             raise ConfigurationError("the joints of the log have no common time")
-        self.breaks = self.time[1:][np.diff(self.time) > _BREAK * np.median(np.diff(self.time))]
+        longest = 5.0  # intervals longer than so many usual ones end a window
+        self.breaks = self.time[1:][np.diff(self.time) > longest * np.median(np.diff(self.time))]
 
     # ------------------------------------------------------------------ prediction
 
@@ -161,6 +162,7 @@ class RollingMotion:
         values = base.values + np.column_stack([arm, np.full(len(times), mount[2])])
         slopes, rates, away = base.slopes, base.rates, sideways(arm)
         for k in range(len(p)):
+            # The sensor is away from the base: a turn of the base moves it sideways.
             slopes[:, 0, k] += away[:, 0] * slopes[:, 2, k]
             slopes[:, 1, k] += away[:, 1] * slopes[:, 2, k]
         rates[:, :2] += away * rates[:, 2:]
@@ -196,7 +198,12 @@ class RollingMotion:
         return q
 
     def with_base(self, q: np.ndarray, poses: np.ndarray) -> np.ndarray:
-        """Configurations (T, nq) with other poses (T, 3) of the base."""
+        """Configurations (T, nq) with other poses (T, 3) of the base.
+
+        Args:
+            q: configurations (T, nq).
+            poses: x, y [m] and heading [rad] of the base.
+        """
         first = self._model.joints[1].idx_q
         found = q.copy()
         found[:, first : first + 2] = poses[:, :2]
@@ -217,6 +224,7 @@ class RollingMotion:
         A = self._geometry.evaluate(positions, {}, self._columns).matrix
         change = np.diff(poses, axis=0)
         turn = change[:, 2]
+        # The twist that leads from one pose to the next: chords of arcs are shorter than their lengths, by sinc.
         half = rotated(-(poses[:-1, 2] + turn / 2), change[:, :2]) / np.sinc(turn / (2 * np.pi))[:, None]
         size = len(self._unknown_columns)
         slip = _product(A[:, :, :3], np.column_stack([half, turn])) + _product(A[:, :, size:], moved)
@@ -237,6 +245,7 @@ class RollingMotion:
         positions, changes, d_middle, d_changes = self._measured(p)
         rows = geometry.evaluate(positions, shifts, self._columns)
         solution = _Solution(rows.matrix, changes)
+        # Parameters share directions, such as the radius of a wheel with two joints: each is evaluated once.
         effects: dict[int | Virtual | str, np.ndarray] = {}  # of columns, displacements and wheels
 
         def effect(direction: int | Virtual | str) -> np.ndarray:
@@ -300,14 +309,22 @@ class _Solution:
     """
 
     def __init__(self, A: np.ndarray, changes: np.ndarray) -> None:
+        """Solve the rows in the least-squares sense.
+
+        Args:
+            A: rows (N or 1, k, c), the measured joints last.
+            changes: measured changes (N, j) of these joints.
+        """
         size = A.shape[2] - changes.shape[1]
         self._left, self._driven = A[:, :, :size], A[:, :, size:]
+        # The pivots of Cholesky's method show dependent columns, at all samples in one call.
         normal = self._left.mT @ self._left
         try:
             pivots = np.linalg.cholesky(normal).diagonal(axis1=1, axis2=2) ** 2
         except np.linalg.LinAlgError:
             pivots = np.zeros(1)
-        if (pivots <= _SINGULAR * normal.diagonal(axis1=1, axis2=2)).any():
+        singular = 1e-14  # pivot of the normal equations relative to their diagonal
+        if (pivots <= singular * normal.diagonal(axis1=1, axis2=2)).any():
             raise InfeasibleError("the rows do not determine the motion of the base at each measured position")
         self._inverse = np.linalg.inv(normal)
         free = self._solved(_product(self._driven, changes))
@@ -321,6 +338,7 @@ class _Solution:
     def effect_of_rows(self, slope: np.ndarray) -> np.ndarray:
         """Derivative (N, s) of the motion for a derivative (N or 1, k, c) of the rows."""
         size = self._left.shape[2]
+        # Derivative of the normal equations: rows that contradict each other leave a residual, which turns with them.
         by_residual = _product(self._inverse, _product(slope[:, :, :size].mT, self._residual))
         return self._solved(_product(slope, self.whole)) - by_residual
 

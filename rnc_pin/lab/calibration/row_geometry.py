@@ -30,11 +30,6 @@ _TO_COEFFICIENTS = np.linalg.inv(chebyshev.chebvander(_AT_NODES, _NODES - 1))
 Rows are analytic in the angle of a joint. They have poles only where a wheel lies flat, far from real angles, so that
 the error over a turn is that of rounding.
 """
-_ROUNDING = 1e-15  # coefficients that are left out
-_MANY = 4 * _NODES  # states above which it pays
-_WIDEST = 2.0 * np.pi  # range of an interpolation [rad]
-_SILENT = 1e-9  # entries of a derivative below which a row does not depend on a joint
-_SAMPLES = 4
 
 
 class Virtual(NamedTuple):
@@ -45,12 +40,18 @@ class Virtual(NamedTuple):
 
 
 def extended_robot(robot: Robot, virtual: Sequence[Virtual]) -> Robot:
-    """Robot with a further joint, named by its number, for each displacement."""
+    """Robot with a further joint, named by its number, for each displacement.
+
+    Args:
+        robot: the robot.
+        virtual: displacements of its joints.
+    """
     old, new = robot.model, pin.Model()
     new.name, new.gravity = old.name, old.gravity
     at = {0: 0}
     for index in range(1, old.njoints):
         name, place = old.names[index], old.jointPlacements[index]
+        # The rotation of the placement comes last: displacements are along axes of the carrying body.
         parent, here = at[old.parents[index]], pin.SE3(np.eye(3), place.translation)
         for number, each in enumerate(virtual):
             if each.joint == name:
@@ -135,19 +136,22 @@ class RowGeometry:
         if block.rows.affine or block.rows.rheonomic:
             raise ConfigurationError(f"rows {', '.join(block.rows.names)}: calibration assumes ground at rest")
         generator = np.random.default_rng(0)
-        positions = generator.uniform(-0.5, 0.5, size=(_SAMPLES, self._robot.nv))
+        samples = 4  # random shapes: an entry that depends on a joint does so at almost all
+        positions = generator.uniform(-0.5, 0.5, size=(samples, self._robot.nv))
+        # Displacements are lengths: as large as angles, they would take wheels far from their places.
         positions[:, list(self._virtual.values())] *= 1e-2
         place = self._kinematics.position(self._configurations(positions))
+        silent = 1e-9  # entries of a derivative below which a row does not depend on a joint
         for column in range(self._robot.nv):
             slope = self._slope(block, place, np.eye(self._robot.nv)[column])
             if column in self.base:
                 # The base's velocity is in its own axes: on level ground, rows do not depend on its place.
-                if np.abs(slope).max(initial=0.0) > _SILENT:
+                if np.abs(slope).max(initial=0.0) > silent:
                     raise ConfigurationError(
                         f"rows {', '.join(block.rows.names)} depend on the place of the base: "
                         "calibration assumes rolling on level ground"
                     )
-            elif np.abs(slope).max(initial=0.0) > _SILENT and column not in self._virtual.values():
+            elif np.abs(slope).max(initial=0.0) > silent and column not in self._virtual.values():
                 block.shape.append(column)
 
     def drop(self, unmeasured: Sequence[int]) -> tuple[str, ...]:
@@ -205,10 +209,17 @@ class RowGeometry:
         return EvaluatedRows(self, parts, list(columns))
 
     def along(self, block: _Block, place: PositionKinematics, direction: int | Virtual | str) -> np.ndarray | None:
-        """Derivative (S, k, n) of a block along a direction; None if it does not depend on it."""
+        """Derivative (S, k, n) of a block along a direction; None if it does not depend on it.
+
+        Args:
+            block: rows of one constraint.
+            place: kinematics at S states.
+            direction: column of a joint, displacement of a joint, or frame of a wheel, for its radius.
+        """
         if isinstance(direction, str):
             if block not in self._radii[direction]:
                 return None
+            # Rows are affine in the radius: the difference for one metre is the derivative, exactly.
             larger = replace(block.kind, radius=block.kind.radius + 1.0).bind(self._robot)
             return np.asarray(larger.jacobian(place) - block.rows.jacobian(place))
         column = self._virtual[direction] if isinstance(direction, Virtual) else direction
@@ -279,7 +290,9 @@ class _Samples(NamedTuple):
         """States for positions (N,) of joints: one without joints, nodes for one angle, else each once."""
         if not shape:
             return cls(np.zeros((1, 0)), None, np.zeros(1, dtype=int))
-        if len(shape) == 1 and len(shape[0]) > _MANY and np.ptp(shape[0]) <= _WIDEST:
+        many = 4 * _NODES  # states above which an interpolation pays
+        widest = 2.0 * np.pi  # range of an interpolation [rad]; the coefficients that a turn needs fit into the nodes
+        if len(shape) == 1 and len(shape[0]) > many and np.ptp(shape[0]) <= widest:
             low, high = shape[0].min(), shape[0].max()
             middle, half = (low + high) / 2, max(high - low, 1e-3) / 2
             return cls((middle + half * _AT_NODES)[:, None], (shape[0] - middle) / half, np.zeros(0, dtype=int))
@@ -287,11 +300,17 @@ class _Samples(NamedTuple):
         return cls(states, None, inverse.ravel())
 
     def values(self, at_states: np.ndarray) -> np.ndarray:
-        """Values (N or 1, ...) at the samples from those at the states (S, ...)."""
+        """Values (N or 1, ...) at the samples from those at the states (S, ...).
+
+        Args:
+            at_states: values at the states (S, ...).
+        """
         if self.angle is None:
             return at_states[self.inverse]
         coefficients = _TO_COEFFICIENTS @ at_states.reshape(_NODES, -1)
-        large = np.abs(coefficients) > _ROUNDING * max(np.abs(at_states).max(), 1.0)
+        rounding = 1e-15  # coefficients that are left out
+        large = np.abs(coefficients) > rounding * max(np.abs(at_states).max(), 1.0)
+        # Rows in sine and cosine need few coefficients: the rest is rounding, and costs time at each sample.
         degree = int(np.flatnonzero(large.any(axis=1)).max(initial=0))
         found = chebyshev.chebvander(self.angle, degree) @ coefficients[: degree + 1]
         return found.reshape(-1, *at_states.shape[1:])

@@ -192,7 +192,12 @@ class UnknownNumber(NamedTuple):
 
 
 def radii_of(parameters: Sequence[UnknownNumber], p: np.ndarray) -> dict[str, float]:
-    """Radius of each wheel that parameters p (P,) concern; a second parameter of a wheel adds its change."""
+    """Radius of each wheel that parameters p (P,) concern; a second parameter of a wheel adds its change.
+
+    Args:
+        parameters: the unknown numbers.
+        p: their values (P,).
+    """
     radii: dict[str, float] = {}
     for value, each in zip(p, parameters, strict=True):
         for wheel in each.wheels:
@@ -202,6 +207,11 @@ def radii_of(parameters: Sequence[UnknownNumber], p: np.ndarray) -> dict[str, fl
 
 def number_of(kind: Unknown, system: NonholonomicSystem, mount: np.ndarray) -> UnknownNumber:
     """Unknown number of a system, whose sensor has a place (3,) on the base: x, y [m] and heading [rad].
+
+    Args:
+        kind: the unknown.
+        system: the robot and its constraints, with the value of the file.
+        mount: place of the sensor on the base: x, y [m] and heading [rad].
 
     Raises:
         ConfigurationError: a frame or joint is not there, or has no such number.
@@ -226,6 +236,7 @@ def number_of(kind: Unknown, system: NonholonomicSystem, mount: np.ndarray) -> U
         displaced = {Virtual(joint, kind.axis): share for joint, share in kind.shares.items()}
         axis = "xyz".index(kind.axis)
         places = {joint: model.jointPlacements[robot.joint_id(joint)].translation[axis] for joint in kind.shares}
+        # The least-squares solution of place = share * nominal: exact where the joints are symmetric.
         nominal = sum(share * places[joint] for joint, share in kind.shares.items())
         nominal /= sum(share**2 for share in kind.shares.values())
         return UnknownNumber(kind, kind.name, "m", float(nominal), length, displaced)
@@ -245,7 +256,13 @@ def number_of(kind: Unknown, system: NonholonomicSystem, mount: np.ndarray) -> U
 
 
 def corrections_of(parameters: Sequence[UnknownNumber], p: np.ndarray, sensor: str) -> dict[str, Correction]:
-    """Corrections of joints and clocks that parameters p (P,) say, by joint or frame."""
+    """Corrections of joints and clocks that parameters p (P,) say, by joint or frame.
+
+    Args:
+        parameters: the unknown numbers.
+        p: their estimates (P,).
+        sensor: frame whose pose was measured; its clock is corrected under this name.
+    """
     found: dict[str, Correction] = {}
     for value, each in zip(p.tolist(), parameters, strict=True):
         kind = each.kind

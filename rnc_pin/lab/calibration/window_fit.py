@@ -11,8 +11,6 @@ from numpy import ndarray as Array
 
 from rnc_pin.model.coordinates import arc_chord
 
-_SMALL = 1e-3  # angle below which series replace quotients
-
 
 class Poses(NamedTuple):
     """Poses (M, 3) along a path, x, y [m] and heading [rad], with their derivatives."""
@@ -47,7 +45,11 @@ class RolledPath:
             np.cumsum(displacement.along(slope, change[2, :-1]), axis=1, out=change[:2, 1:])
 
     def at(self, times: Array) -> Poses:
-        """Poses at times (M,) within the path."""
+        """Poses at times (M,) within the path.
+
+        Args:
+            times: times (M,) [s].
+        """
         k = np.clip(np.searchsorted(self._time, times, side="right") - 1, 0, self._steps.shape[1] - 1)
         interval = self._time[k + 1] - self._time[k]
         share = (times - self._time[k]) / interval
@@ -67,7 +69,12 @@ class RolledPath:
 
 
 def rotated(angle: Array, vectors: Array) -> Array:
-    """Plane vectors (M, 2, ...) turned by angles (M,)."""
+    """Plane vectors (M, 2, ...) turned by angles (M,).
+
+    Args:
+        angle: angles (M,) [rad].
+        vectors: vectors (M, 2, ...).
+    """
     angle = angle.reshape(-1, *[1] * (vectors.ndim - 2))
     cosine, sine = np.cos(angle), np.sin(angle)
     x, y = vectors[:, 0], vectors[:, 1]
@@ -84,7 +91,8 @@ class _Displacement:
 
     def __init__(self, heading: Array, twist: Array) -> None:
         x, y, w = twist
-        small = np.abs(w) < _SMALL
+        series_angle = 1e-3  # below which series replace quotients
+        small = np.abs(w) < series_angle
         safe = np.where(small, 1.0, w)
         s, c = arc_chord(w)
         d_s = np.where(small, -w / 3 + w**3 / 30, (np.cos(w) - s) / safe)
@@ -97,7 +105,12 @@ class _Displacement:
         self.values = np.stack([self._p * x - self._q * y, self._q * x + self._p * y])
 
     def along(self, slope: Array, turn: Array) -> Array:
-        """Derivatives (2, N) for those of the twist (3, N) and of the heading (N,)."""
+        """Derivatives (2, N) for those of the twist (3, N) and of the heading (N,).
+
+        Args:
+            slope: derivatives of the twist (3, N).
+            turn: derivatives of the heading (N,).
+        """
         x, y, w = slope
         return np.stack([
             self._p * x - self._q * y + self._a * w - self.values[1] * turn,
@@ -106,12 +119,6 @@ class _Displacement:
 
 
 _POSITION, _HEADING = 2.0, 1.5  # residuals in standard deviations above which a sample counts less (Huber)
-_NORMAL, _RAYLEIGH = 1.4826, 0.8493  # standard deviation over the median of |x|, and of the length of a plane vector
-_ALIKE = 0.05  # relative change of standard deviations that keeps them
-_FLOOR = 1e-9  # smallest standard deviation [m, rad]: rounding of a log without noise
-_TURNS, _ITERATIONS = 30, 60
-_STEP = 1e-9  # step relative to the sizes of the parameters at which the iteration ends
-_MOST_DAMPING = 1e12
 
 
 Prediction = Callable[[Array], tuple[Array, Array]]
@@ -132,7 +139,11 @@ class Windows:
         return int(self.number[-1]) + 1 if len(self.number) else 0
 
     def sums(self, values: Array) -> Array:
-        """Sums (windows, ...) of values (M, ...)."""
+        """Sums (windows, ...) of values (M, ...).
+
+        Args:
+            values: a value for each sample (M, ...).
+        """
         starts = np.flatnonzero(np.diff(self.number, prepend=-1))
         return np.add.reduceat(values, starts, axis=0)
 
@@ -163,7 +174,16 @@ class Fit:
 
 
 def aligned(poses: Array, slopes: Array, measured: Array, windows: Windows, previous: Fit | None, heading: bool) -> Fit:
-    """Fit of predicted poses (M, 3), with the best first pose of each window for the weights of the previous fit."""
+    """Fit of predicted poses (M, 3), with the best first pose of each window for the weights of the previous fit.
+
+    Args:
+        poses: predicted poses (M, 3).
+        slopes: their derivatives (M, 3, P).
+        measured: measured poses (M, 3).
+        windows: windows of the samples.
+        previous: fit with the weights; None for equal ones.
+        heading: True if headings are measured.
+    """
     count = len(poses)
     deviations = np.ones(2) if previous is None else previous.deviations
     weights = np.ones((count, 2)) if previous is None else previous.weights
@@ -186,6 +206,7 @@ def aligned(poses: Array, slopes: Array, measured: Array, windows: Windows, prev
         normal[:, 0, 0] = normal[:, 1, 1] = total
         normal[:, :2, 2] = normal[:, 2, :2] = cross
         normal[:, 2, 2] = windows.sums(np.sum(pushed * away, axis=1) + of_heading)
+        # Not by solve: without headings, a window whose base stands still does not determine its first turn.
         inverse = np.linalg.pinv(normal, hermitian=True)
     for k in range(size):
         dx, dy, turned = slopes[:, 0, k], slopes[:, 1, k], slopes[:, 2, k]
@@ -216,9 +237,11 @@ def _first_poses(poses: Array, measured: Array, windows: Windows, w: Array) -> t
     turns = [by_position + 2 * np.pi * np.round((near - by_position) / (2 * np.pi)), near]
     costs = [-A * np.cos(t) - B * np.sin(t) + W * t**2 / 2 - H * t for t in turns]
     turn = np.where(costs[0] <= costs[1], *turns)
-    for _ in range(_TURNS):
+    for _ in range(30):  # a bound only: from the better guess, a few steps do
+        # The absolute value: where the cost is concave, a step of Newton's method would climb.
         bend = np.maximum(np.abs(A * np.cos(turn) + B * np.sin(turn)) + W, 1e-300)
         step = (A * np.sin(turn) - B * np.cos(turn) + W * turn - H) / bend
+        # At most a radian: far from the minimum, the curvature says little.
         turn = turn - np.clip(step, -1.0, 1.0)
         if np.abs(step).max(initial=0.0) < 1e-14:
             break
@@ -230,12 +253,20 @@ def weighted(fit: Fit, heading: bool, previous: Array | None = None) -> Fit:
 
     Previous deviations (2,) stay if the new ones hardly differ. Medians jump from step to step. A cost that follows
     them has no minimum along a combination of parameters that the log hardly shows.
+
+    Args:
+        fit: the fit.
+        heading: True if headings are measured.
+        previous: standard deviations (2,) of the last step.
     """
     length, angle = fit.sizes
-    deviations = np.maximum([_RAYLEIGH * np.median(length), _NORMAL * np.median(angle)], _FLOOR)
+    normal, rayleigh = 1.4826, 0.8493  # standard deviation over the median of |x|, and of the length of a plane vector
+    floor = 1e-9  # smallest standard deviation [m, rad]: rounding of a log without noise
+    deviations = np.maximum([rayleigh * np.median(length), normal * np.median(angle)], floor)
     if not heading:
         deviations[1] = 1.0
-    if previous is not None and (np.abs(deviations - previous) < _ALIKE * previous).all():
+    alike = 0.05  # relative change of standard deviations that keeps them
+    if previous is not None and (np.abs(deviations - previous) < alike * previous).all():
         deviations = previous
     with np.errstate(divide="ignore"):
         limits = [_POSITION * deviations[0] / length, _HEADING * deviations[1] / angle]
@@ -243,7 +274,12 @@ def weighted(fit: Fit, heading: bool, previous: Array | None = None) -> Fit:
 
 
 def cost(fit: Fit, deviations: Array) -> float:
-    """Huber's cost of a fit for standard deviations (2,)."""
+    """Huber's cost of a fit for standard deviations (2,).
+
+    Args:
+        fit: residuals.
+        deviations: standard deviations [m, rad].
+    """
     total = 0.0
     for size, limit, deviation in zip(fit.sizes, (_POSITION, _HEADING), deviations, strict=True):
         u = size / deviation
@@ -257,15 +293,21 @@ def correlation_of(fit: Fit) -> float:
 
 
 def correlation_length(residuals: Array) -> float:
-    """Number of samples over which residuals (N,) are correlated: 1 plus twice the sum of their first correlations."""
+    """Number of samples over which residuals (N,) are correlated: 1 plus twice the sum of their first correlations.
+
+    Args:
+        residuals: residuals (N,) in the order of time.
+    """
     r = residuals - residuals.mean()
     limit = len(r) // 2
+    # Zeros behind the residuals, at least as many: the product of spectra is periodic.
     size = 2 ** int(np.ceil(np.log2(2 * len(r))))
     spectrum = np.abs(np.fft.rfft(r, size)) ** 2
     product = np.fft.irfft(spectrum, size)[:limit]
     if limit == 0 or product[0] <= 0:
         return 1.0
     rho = product[1:] / product[0]
+    # Beyond two standard deviations of a correlation of white noise, estimates are noise: they end the sum.
     stops = np.flatnonzero(rho <= 2 / np.sqrt(len(r)))
     return max(1.0, float(1 + 2 * rho[: stops[0] if len(stops) else limit].sum()))
 
@@ -320,10 +362,13 @@ class WindowFit:
         def total(found: Fit, other: Array) -> float:
             return cost(found, fit.deviations) + known / 2 * float(np.sum(((other - first) / scales) ** 2))
 
-        for _ in range(_ITERATIONS):
+        smallest = 1e-9  # step relative to the sizes of the parameters at which the iteration ends
+        most_damping = 1e12  # above, steps are so short that the cost changes by rounding only
+        for _ in range(60):  # then the fit has not converged
             r, J = fit.scaled()
             J = J * scales
             H, g, before = J.T @ J + known * np.eye(len(p)), J.T @ r + known * (p - first) / scales, total(fit, p)
+            # Marquardt's scaling, but not zero for a parameter without effect: the damped matrix stays regular.
             size = np.maximum(np.diag(H), 1e-12 * np.diag(H).max(initial=1e-300))
             relax = 0.1
             while True:
@@ -332,12 +377,14 @@ class WindowFit:
                 if valid(other):
                     poses, slopes = self._predict(other)
                     found = self._aligned(poses, slopes[:, :, :0], fit)
+                    # Rounding of the cost may not refuse the last steps.
                     if total(found, other) <= before * (1 + 1e-12):
                         break
+                # A step after a refused one keeps its damping: less was too little a moment ago.
                 damping, relax = max(10 * damping, 1e-6), 1.0
-                if damping > _MOST_DAMPING:
+                if damping > most_damping:
                     return p, fit, True  # no descent is left but rounding
             p, fit, damping = other, self._settled(poses, slopes, found, fit.deviations), damping * relax
-            if np.abs(step).max(initial=0.0) < _STEP or step @ H @ step < precision**2 * correlation_of(fit):
+            if np.abs(step).max(initial=0.0) < smallest or step @ H @ step < precision**2 * correlation_of(fit):
                 return p, fit, True
         return p, fit, False

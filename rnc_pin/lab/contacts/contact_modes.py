@@ -15,10 +15,6 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants.reduced_plant import ReducedPlant
 
-_FORCE = 1e-9  # force that counts as zero, relative to the sum of all, plus 1 N
-_MOTION = 1e-8  # acceleration of a gap that counts as zero, relative to those of the robot, plus 1
-_SMALL = 1e-9
-
 Closed = frozenset[int]
 """Indices of the closed contacts."""
 NONE: Closed = frozenset()
@@ -70,12 +66,15 @@ class ContactModes:
         forces = state.contact_forces(plant.applied, plant.external)[up]
         if not (forces < 0).any():
             return forces
-        return nonnegative(forces, scipy.linalg.null_space(state.all_rows.T, rcond=_SMALL)[up])
+        dependent = 1e-9  # singular value of the rows that counts as zero, relative to the largest
+        # Dependent rows share a load in many ways, as four legs do: another share may push only.
+        return nonnegative(forces, scipy.linalg.null_space(state.all_rows.T, rcond=dependent)[up])
 
     def least_force(self, closed: Closed, plant: ReducedPlant) -> float:
         """Least normal force of the closed contacts [N], with a margin for rounding."""
         forces = self.forces(closed, plant)
-        return float(forces.min(initial=np.inf) + _FORCE * (1.0 + np.abs(forces).sum()))
+        zero = 1e-9  # force that counts as zero, relative to the sum of all, plus 1 N
+        return float(forces.min(initial=np.inf) + zero * (1.0 + np.abs(forces).sum()))
 
     def holds(self, closed: Closed, others: Closed, plant: ReducedPlant) -> bool:
         """True if contacts stay closed by pushing at the state of a plant, and the others do not come closer.
@@ -91,12 +90,9 @@ class ContactModes:
             return True
         state = plant.state
         v_dot = state.acceleration(plant.applied, plant.external)
-        at, limit = state.motion, _MOTION * (1.0 + float(np.abs(v_dot).max()))
+        zero = 1e-8  # acceleration of a gap that counts as zero, relative to those of the robot, plus 1
+        at, limit = state.motion, zero * (1.0 + float(np.abs(v_dot).max()))
         return all(self._contacts[number].gap_acceleration(at, v_dot) >= -limit for number in others)
-
-
-_PRECISION = 1e-12  # of the time of an event, relative to the end of its bracket
-_HALVINGS = 40
 
 
 class EventStep(Protocol):
@@ -106,7 +102,11 @@ class EventStep(Protocol):
     """Duration of the step [s]."""
 
     def move_to(self, elapsed: float) -> None:
-        """Move the plant to a time after the start of the step [s]."""
+        """Move the plant to a time after the start of the step [s].
+
+        Args:
+            elapsed: time after the start [s].
+        """
 
 
 class ReducedStep:
@@ -148,7 +148,12 @@ class Watched(NamedTuple):
 
 
 def first_event(step: EventStep, watched: Sequence[Watched]) -> tuple[float, int] | None:
-    """Time after the start of a step [s] and index of the first event within it; None without any."""
+    """Time after the start of a step [s] and index of the first event within it; None without any.
+
+    Args:
+        step: the step. The plant is somewhere within it afterwards.
+        watched: values that fall through zero at events.
+    """
     step.move_to(0.0)
     before = [each.value() for each in watched]
     rates = [0.0 if each.rate is None else each.rate() for each in watched]
@@ -171,6 +176,7 @@ def _fall(step: EventStep, watched: Watched, rate: Callable[[], float], before: 
     step.move_to(end)
     if value() >= (-rounding if leaves else 0.0):
         # It may be negative in between, such as the gap of a corner of a body that turns.
+        # Only a value that falls first and rises at the end has a minimum within: there its rate is zero.
         if not falls < 0.0 < rate():
             return None
         end = _crossing(step, rate, 0.0, end)
@@ -179,7 +185,8 @@ def _fall(step: EventStep, watched: Watched, rate: Callable[[], float], before: 
             return None
     if not leaves:
         return _crossing(step, value, 0.0, end)
-    for halving in range(1, _HALVINGS):
+    halvings = 40  # below 2^-40 of the step, the value falls at its start
+    for halving in range(1, halvings):
         start = end * 0.5**halving
         step.move_to(start)
         if value() > 0.0:
@@ -194,4 +201,5 @@ def _crossing(step: EventStep, value: Callable[[], float], start: float, end: fl
         step.move_to(elapsed)
         return value()
 
-    return float(scipy.optimize.brentq(at, start, end, xtol=_PRECISION * end, rtol=1e-14))
+    precision = 1e-12  # of the time of an event, relative to the end of its bracket
+    return float(scipy.optimize.brentq(at, start, end, xtol=precision * end, rtol=1e-14))

@@ -22,14 +22,6 @@ from rnc_pin.plants.plant import ContactEvent, PlantReport
 from rnc_pin.plants.reduced_plant import ReducedPlant
 from rnc_pin.plants.step_control import IntegrationErrors
 
-# Relative to the size of the robot, its radius of gyration:
-_INSIDE = 2e-4  # depth that the digits of an initial configuration explain
-_TOUCHES = 1e-8  # gap of a contact that touches
-_ROUNDING = 1e-11  # gap that rounding explains
-_LEAVES = 1e-8  # velocity from which a contact leaves the ground, relative to the largest velocity, plus 1
-_EVENTS = 100  # largest number of located events in one step
-_LEFT = 1e-12  # rest of a sample that rounding explains
-
 
 class ContactPlant:
     """Plant whose contacts with the ground open and close by themselves.
@@ -91,6 +83,7 @@ class ContactPlant:
             tolerance=tolerance,
         )
         self._modes = ContactModes(system, self._contacts, plant_of)
+        # Made at once: errors of the system itself come before those of contacts.
         self._flight = self._modes.plant(NONE)
         self._rows = ContactRows(self._contacts, DryFriction(self._flight.reduced, joint_friction))
         self._sliding: SlidingPlant | None = None
@@ -175,6 +168,10 @@ class ContactPlant:
 
         Contacts that touch the ground, or are a little below it, are closed; if they approach it, with an impact.
 
+        Args:
+            q: configuration (nq,).
+            v: velocity (nv,); an impact at the start removes what contacts forbid.
+
         Raises:
             InputError: a contact is below the ground.
         """
@@ -185,8 +182,9 @@ class ContactPlant:
         if self._sliding is not None:
             self._sliding.restart(self._size)
         gaps = self._gaps(self._flight.state)
+        inside = 2e-4  # depth over the radius of gyration that the digits of an initial configuration explain
         for each, gap in zip(self._contacts, gaps, strict=True):
-            if gap < -_INSIDE * self._size:
+            if gap < -inside * self._size:
                 raise InputError(f"contact '{each.name}' starts {-gap:.3g} m below the ground")
         self._land("start")
 
@@ -212,7 +210,9 @@ class ContactPlant:
             SimulationError: contacts open and close without end, or no set of them is consistent.
         """
         end, events = self._time + dt, 0
-        while end - self._time > _LEFT * dt:
+        most = 100  # located events in one step
+        rest = 1e-12  # of a sample that rounding explains
+        while end - self._time > rest * dt:
             left = end - self._time
             plant = self._plant
             step = plant.step(left, dt) if isinstance(plant, SlidingPlant) else ReducedStep(plant, left)
@@ -229,9 +229,9 @@ class ContactPlant:
             if found is None:
                 continue
             events += 1
-            if events > _EVENTS:
+            if events > most:
                 raise SimulationError(
-                    f"contacts open and close {_EVENTS} times within {dt:g} s at t = {self._time:.4f} s: "
+                    f"contacts open and close {most} times within {dt:g} s at t = {self._time:.4f} s: "
                     "increase the rest_speed of the contacts"
                 )
             if found[1] < len(open_contacts):
@@ -248,7 +248,8 @@ class ContactPlant:
             state = self._plant.state
             return contact.gap_rate(state.position, state.v)
 
-        return Watched(lambda: contact.gap(self._plant.state.position), rate=rate, rounding=_ROUNDING * self._size)
+        rounding = 1e-11  # gap over the radius of gyration that rounding explains
+        return Watched(lambda: contact.gap(self._plant.state.position), rate=rate, rounding=rounding * self._size)
 
     def _least_force(self) -> float:
         assert isinstance(self._plant, ReducedPlant)
@@ -258,6 +259,7 @@ class ContactPlant:
         """Open the contact whose normal force has become zero."""
         assert isinstance(self._plant, ReducedPlant)
         forces = self._modes.forces(self._closed, self._plant)
+        # One at a time: without the first, others may push again.
         lost = sorted(self._closed)[int(np.argmin(forces))]
         self._settle(self._closed - {lost}, self._closed)
         self._record("lift-off", [lost])
@@ -273,6 +275,7 @@ class ContactPlant:
         """Close those of the candidates that push without slip while the others that touch separate."""
         assert isinstance(self._plant, ReducedPlant)
         q, v = self._plant.read()
+        # The largest first: fewer contacts are a solution only where more are none.
         for closed in subsets(candidates):
             plant = self._plant
             if closed != self._closed:
@@ -308,7 +311,8 @@ class ContactPlant:
         """Apply the impact of the contacts that touch, and close those that stay."""
         q, v = self._plant.read()
         state = self._flight.reduced.frozen(self._time).at(q, v=v)
-        near = frozenset(np.flatnonzero(self._gaps(state) <= _TOUCHES * self._size).tolist())
+        touches = 1e-8  # gap over the radius of gyration of a contact that touches
+        near = frozenset(np.flatnonzero(self._gaps(state) <= touches * self._size).tolist())
         numbers = frozenset[int]() if number is None else frozenset([number])
         touching = self.closed | near | numbers
         layout = self._rows.layout(touching, joints=False)
@@ -317,8 +321,10 @@ class ContactPlant:
             impulses, after = contact_impact(state, layout, rows, ground)
         except SimulationError as error:
             raise error.within(f"impact of {self._modes.names(touching)} at t = {self._time:.4f} s") from None
+        # In flight, M is that of the robot without contacts: the energy before and after the impact.
         loss = float(0.5 * v @ state.M @ v - 0.5 * after @ state.M @ after)
-        leaves = rows[layout.normals] @ after > _LEAVES * (1.0 + float(np.abs(after).max()))
+        leaves_at = 1e-8  # velocity from which a contact leaves the ground, relative to the largest velocity, plus 1
+        leaves = rows[layout.normals] @ after > leaves_at * (1.0 + float(np.abs(after).max()))
         stay = frozenset(each for each, gone in zip(sorted(touching), leaves, strict=True) if not gone)
         changes = self._touch(stay, q, after)
         self._past_work -= loss

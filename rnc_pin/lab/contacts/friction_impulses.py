@@ -14,12 +14,6 @@ from rnc_pin.lab.contacts.unilateral_contact import FrictionGroup, RowLayout
 from rnc_pin.math.linear_algebra import nonnegative, null_space, solve_positive_definite_columns
 from rnc_pin.model.state_evaluation import StateEvaluation
 
-_PRECISE = 1e-13  # residual of a solution, relative to the largest impulse
-_WORK = 8  # numbers for each row that LAPACK may use
-_ZERO = 1e-9  # impulse that counts as zero, relative to the sum of all, plus 1
-_RANK = 1e-12  # singular value that counts as zero, relative to the largest
-_STILL = 1e-8  # velocity that counts as zero, relative to the largest, plus 1
-_ROUNDING = 1e-12  # velocity that rounding explains, relative to the largest velocity, plus 1
 _NEWTON, _ROUNDS, _SWEEPS, _LAST_SWEEPS = 25, 6, 40, 400
 
 
@@ -38,9 +32,11 @@ class FrictionImpulses:
 
     def __init__(self, G: np.ndarray, b: np.ndarray, normals: list[int], groups: list[FrictionGroup]) -> None:
         self._G, self._b, self._normals, self._groups = G, b, normals, groups
+        # Not below rounding: a row that no motion changes would have an infinite step.
         diagonal = np.maximum(G.diagonal(), 1e-12 * G.diagonal().max(initial=1e-300))
         self._scale = 1.0 / diagonal
         for each in groups:
+            # One scale for a group: its cone is round, and different scales would make it an ellipse.
             self._scale[each.rows] = 1.0 / diagonal[each.rows].max()
         self._scaled = self._scale[:, None] * G
         self._kept = np.eye(len(b)) - self._scaled  # slope of the projected gradient step
@@ -66,6 +62,7 @@ class FrictionImpulses:
         for _ in range(_LAST_SWEEPS):
             p = self._swept(p)
         square = float(p @ self._G @ p)
+        # The factor that minimizes the energy along p, at most 1.
         return p * min(1.0, max(0.0, -float(p @ self._b) / square)) if square > 0.0 else p
 
     def _held(self, closed: Collection[int]) -> list[int]:
@@ -78,7 +75,11 @@ class FrictionImpulses:
         return self._stopping([*self._normals, *self._held(self._normals)])
 
     def is_slow(self, limits: np.ndarray) -> bool:
-        """True if no contact moves faster than its limit (c,); its slip counts without a limit of friction."""
+        """True if no contact moves faster than its limit (c,); its slip counts without a limit of friction.
+
+        Args:
+            limits: speed of each contact [m/s], (c,).
+        """
         found = zip(self._normals, limits, strict=True)
         return all(np.abs(self._b[[row, *self._held([row])]]).max() <= limit for row, limit in found)
 
@@ -122,15 +123,17 @@ class FrictionImpulses:
     def _newton(self, p: np.ndarray) -> tuple[np.ndarray, bool]:
         """Impulses after Newton steps, and True if they are a solution."""
         best, least, smallest = p, np.inf, float(np.abs(self._speeds).max())
+        precise = 1e-13  # residual of a solution, relative to the largest impulse
+        work = 8  # numbers for each row that LAPACK may use
         for _ in range(_NEWTON):
             F, slope = self._natural_map(p)
             size = float(np.abs(F).max())
             if size < least:
                 best, least = p, size
-            if size <= _PRECISE * max(float(np.abs(p).max()), smallest):
+            if size <= precise * max(float(np.abs(p).max()), smallest):
                 return self._admissible(p), self._energy(p) <= 0.0 or size == 0.0
             # Rows of several contacts can be dependent: the shortest step of a factorization with column pivoting.
-            _, step, *_ = scipy.linalg.lapack.dgelsy(slope, F, np.zeros(len(p), dtype=np.int32), 1e-12, _WORK * len(p))
+            _, step, *_ = scipy.linalg.lapack.dgelsy(slope, F, np.zeros(len(p), dtype=np.int32), 1e-12, work * len(p))
             p = p - step
         return best, False
 
@@ -192,12 +195,14 @@ class RigidImpulses(FrictionImpulses):
         Raises:
             SimulationError: no set is a solution. Friction without a limit does not exclude this.
         """
-        still = _STILL * (1.0 + float(np.abs(self._b).max()))
+        at_rest = 1e-8  # velocity that counts as zero, relative to the largest, plus 1
+        still = at_rest * (1.0 + float(np.abs(self._b).max()))
+        none = 1e-9  # impulse that counts as zero, relative to the sum of all, plus 1
         for closed in subsets(range(len(self._normals))):
             p = self._closing(closed)
             y = self._b + self._G @ p
             normal, rates = p[self._normals], y[self._normals]
-            pushes = (normal >= -_ZERO * (1.0 + np.abs(normal).sum())).all()
+            pushes = (normal >= -none * (1.0 + np.abs(normal).sum())).all()
             slips = [np.abs(y[each.rows]).max() for each in self._groups]
             rest = [self._normals.index(each.normal) for each in self._groups]
             sticks = all(slip <= still or rates[number] > still for slip, number in zip(slips, rest, strict=True))
@@ -211,9 +216,11 @@ class RigidImpulses(FrictionImpulses):
         rows = sorted([*normals, *(row for each in self._groups if each.normal in normals for row in _indices(each))])
         G = self._G[np.ix_(rows, rows)]
         p, up = np.zeros(len(self._b)), [rows.index(row) for row in normals]
-        own = np.linalg.lstsq(G, -self._b[rows], rcond=_RANK)[0]
+        dependent = 1e-12  # singular value that counts as zero, relative to the largest
+        # Rows of several contacts can be dependent: the shortest impulses of all that stop them.
+        own = np.linalg.lstsq(G, -self._b[rows], rcond=dependent)[0]
         if (own[up] < 0.0).any():
-            null = scipy.linalg.null_space(G, rcond=_RANK)
+            null = scipy.linalg.null_space(G, rcond=dependent)
             shared = nonnegative(own[up], null[up])
             own = own + null @ np.linalg.lstsq(null[up], shared - own[up], rcond=None)[0]
         p[rows] = own
@@ -240,6 +247,11 @@ def _indices(group: FrictionGroup) -> range:
 def responses(state: StateEvaluation, M: np.ndarray, impulses: np.ndarray) -> np.ndarray:
     """Velocities (nv, k) of generalized impulses (k, nv), within the constraints of the system.
 
+    Args:
+        state: state of the system, for its rows.
+        M: inertia (nv, nv), or that of an implicit step.
+        impulses: generalized impulses (k, nv).
+
     Raises:
         DivergenceError: the inertia is not positive definite.
     """
@@ -248,6 +260,7 @@ def responses(state: StateEvaluation, M: np.ndarray, impulses: np.ndarray) -> np
         found = solve_positive_definite_columns(M, impulses.T)
     else:
         lengths = np.linalg.norm(A, axis=1)
+        # Rows of unit length: their rank does not depend on units. Rows without entries forbid nothing.
         R = null_space(A[lengths > 0] / lengths[lengths > 0, None])
         found = solve_positive_definite_columns(R.T @ M @ R, R.T @ impulses.T)
         found = None if found is None else R @ found
@@ -271,7 +284,8 @@ def contact_impact(
         SimulationError: no set of contacts without slip only pushes.
     """
     v, rigid = np.array(state.v), any(math.isinf(each.coefficient) for each in layout.groups)
-    slip, still = rows @ v - ground, _ROUNDING * (1.0 + float(np.abs(v).max()))
+    rounding = 1e-12  # velocity that rounding explains, relative to the largest velocity, plus 1
+    slip, still = rows @ v - ground, rounding * (1.0 + float(np.abs(v).max()))
     rates = slip[layout.normals]
     slips = rigid and (rates <= still).any() and (np.abs(slip) > still).any()  # without a limit, it stops at once
     if not slips and not (rates < -still).any():

@@ -16,12 +16,7 @@ from rnc_pin.plants.plant import PlantReport
 from rnc_pin.plants.reduced_plant import ReducedPlant
 from rnc_pin.plants.step_control import IntegrationErrors, Substeps
 
-_STEPS = (1, 2, 3, 4)  # Euler steps whose results are extrapolated: order 4, or 3 if that is precise enough
-_PLAIN = (2, 4)  # the same where the motion is not smooth; the difference is the error
-_SHORTEST = 2.0**-12  # step of the integration over that of the caller
 _ROUNDING = 1e-12  # error of a step that rounding explains, relative to the state
-_TOUCHES = 1e-8  # gap without contact force, over the radius of gyration, up to which a contact still touches
-_SLIDES = 1e-6  # slip that counts as sliding, relative to the largest velocity, plus 1
 
 Change = tuple[str, frozenset[int]]
 """Beginning of a state of contacts, such as "slip", and their numbers."""
@@ -88,7 +83,13 @@ class SlidingPlant:
         self._steps, self._sum = 0, np.zeros(2 * self.reduced.n)
 
     def reset(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> None:
-        """Start at configuration q (nq,) and velocity v (nv,), at rest of all inputs."""
+        """Start at configuration q (nq,) and velocity v (nv,), at rest of all inputs.
+
+        Args:
+            q: configuration (nq,).
+            v: velocity (nv,).
+            t: time [s]; constraints here do not depend on it.
+        """
         none = np.zeros(0)
         self._now = self._present = _Solved(q, v, 0.0, None, {}, frozenset(), none, none)
         self.applied = np.zeros(self.reduced.p)
@@ -153,8 +154,14 @@ class SlidingPlant:
     # ------------------------------------------------------------------ motion
 
     def step(self, left: float, dt: float) -> SlidingStep:
-        """Return a step within the tolerance, of at most the time ``left`` of a sample of dt [s]."""
-        self._sample, shortest = dt, _SHORTEST * dt
+        """Return a step within the tolerance, of at most the time ``left`` of a sample of dt [s].
+
+        Args:
+            left: rest of the sample [s].
+            dt: duration of the sample [s].
+        """
+        shortest_share = 2.0**-12  # step of the integration over that of the caller
+        self._sample, shortest = dt, shortest_share * dt
         while True:
             longest = min(dt / (self._substeps.number or 1), left)
             h = min(self.longest, longest)
@@ -162,6 +169,7 @@ class SlidingPlant:
             ratio = float(trial.errors.max()) / self._allowed(h)
             if ratio <= 1.0 or h <= shortest:
                 return SlidingStep(self, trial, h, shortest, ratio)
+            # The error grows as h^4; a tenth less, so that the next step is within the tolerance.
             self.longest = max(h * min(0.5, max(0.1, 0.9 * ratio**-0.25)), shortest)
 
     def end_sample(self) -> None:
@@ -183,7 +191,8 @@ class SlidingPlant:
         self._now = self._present = last._replace(sliding=before, work=self._now.work + last.work)
         self._project()
         at = self.state.position
-        far = _TOUCHES * self._size
+        touches = 1e-8  # gap without contact force, over the radius of gyration, up to which a contact still touches
+        far = touches * self._size
         opened = frozenset(i for i in self.touching if self._contacts[i].gap(at) > far and not last.pushing.get(i))
         self.touching -= opened
         if opened:  # the rows are other ones from now on
@@ -198,15 +207,23 @@ class SlidingPlant:
         """Result of a step of a time h [s]: extrapolated, or of the shortest Euler steps if ``plain``.
 
         Order 3 is enough for the ``longest`` step. A step that the error limits is longer with order 4.
+
+        Args:
+            h: duration [s].
+            plain: True for a step that is not smooth.
+            longest: True if the step is as long as the sample allows.
         """
         table: list[np.ndarray] = []
         start = self._now._replace(work=0.0)
         q, nv, allowed, errors, last = start.q, len(start.v), self._allowed(h), np.zeros(0), start
-        for count in _PLAIN if plain else _STEPS:
+        smooth = (1, 2, 3, 4)  # Euler steps whose results are extrapolated: order 4, or 3 if that is precise enough
+        plain_steps = (2, 4)  # where the motion is not smooth; the difference of both results is the error
+        for count in plain_steps if plain else smooth:
             last = start
             for _ in range(count):
                 last = self._euler(last, h / count)
                 if last.changes and not plain:
+                    # Extrapolation needs smooth errors: a change of stick and slip within the step ends it.
                     return _Trial(last, np.full(2 * nv, np.inf))
             row = [np.concatenate([pin.difference(self._model, q, last.q), last.v, [last.work]])]
             for column, before in enumerate(() if plain else table):
@@ -230,12 +247,14 @@ class SlidingPlant:
             raise DivergenceError("plant velocities are not finite")
         state = StateEvaluation.at(self.reduced.evaluator, q, v=start.v)
         M, damping, forced = state.M, self._flight.dynamics.damping, state.B @ self.applied
+        # Damping acts at the velocity after the step: stiff damping is stable at any step.
         matrix = M if damping is None else M + h * np.diag(damping)
         layout = self._rows.layout(self.touching)
         rows, ground = self._rows.at(state, layout)
         found = responses(state, matrix, np.vstack([M @ start.v + h * (forced - state.bias), rows]))
         free, W = found[:, 0], found[:, 1:]
         groups = [each if each.normal >= 0 else each._replace(constant=h * each.constant) for each in layout.groups]
+        # Impulses of friction limits in a step are h times their forces; coefficients relate impulses already.
         problem = FrictionImpulses(rows @ W, rows @ free - ground, layout.normals, groups)
         p = problem.solve(h * start.rates if len(start.rates) == layout.size else None) if layout.size else np.zeros(0)
         v = free + W @ p
@@ -246,6 +265,7 @@ class SlidingPlant:
         if self.reduced.reduction_data.forces:
             outside = outside + state.passive_sums.without_potential
         slip = rows @ v - ground
+        # A contact that leaves has no force, although its impulse may be rounding.
         leaving = _ROUNDING * (1.0 + float(np.abs(v).max()))
         pushing = {
             number: float(p[row]) / h if slip[row] <= leaving else 0.0
@@ -261,7 +281,8 @@ class SlidingPlant:
 
     def _slides(self, layout: RowLayout, slip: np.ndarray) -> frozenset[int]:
         """Keys of the friction groups that move at velocities (k,) of the rows."""
-        limit = (_SLIDES * (1.0 + float(np.abs(self._now.v).max()))) ** 2
+        slides = 1e-6  # slip that counts as sliding, relative to the largest velocity, plus 1
+        limit = (slides * (1.0 + float(np.abs(self._now.v).max()))) ** 2
         moving = (slip[each.rows] @ slip[each.rows] > limit for each in layout.groups)
         return frozenset(key for key, moves in zip(layout.keys, moving, strict=True) if moves)
 

@@ -19,9 +19,6 @@ from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants.friction import DryFriction
 from rnc_pin.robots.robot import Robot
 
-_SMALL = 1e-9  # entry of a height row that counts as zero
-_SAMPLES = 3
-
 
 @dataclass(frozen=True)
 class UnilateralContact:
@@ -117,15 +114,21 @@ class BoundContact:
         self.units = ("N",) * len(self._order)
         self.friction = len(slips), np.inf if contact.friction is None else float(contact.friction)
         kinematics, generator = Kinematics(robot), np.random.default_rng(0)
-        moments = (kinematics.position(robot.random_configuration(generator)) for _ in range(_SAMPLES))
-        if max(float(np.abs(self.jacobian(at)).max()) for at in moments) < _SMALL:
+        samples = 3  # random configurations: a joint that changes the gap does so at almost all
+        moments = (kinematics.position(robot.random_configuration(generator)) for _ in range(samples))
+        zero = 1e-9  # entry of a height row that counts as zero
+        if max(float(np.abs(self.jacobian(at)).max()) for at in moments) < zero:
             raise ConfigurationError(
                 f"contact '{self.name}': no joint changes its height, so it cannot open: load the robot with a free "
                 "base"
             )
 
     def rows(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        """Rows ``names`` (k, nv) with their velocities (k,): the gap first."""
+        """Rows ``names`` (k, nv) with their velocities (k,): the gap first.
+
+        Args:
+            at: kinematics at the configuration.
+        """
         rates = self._rows.rate(at)[self._order] if self._rows.affine else np.zeros(len(self.names))
         return self._rows.jacobian(at)[self._order], rates
 
@@ -138,11 +141,21 @@ class BoundContact:
         return float(self._rows.residual(at)[self._height])
 
     def gap_rate(self, at: PositionKinematics, v: np.ndarray) -> float:
-        """Rate of the gap at velocity v (nv,) [m/s], negative if the contact closes."""
+        """Rate of the gap at velocity v (nv,) [m/s], negative if the contact closes.
+
+        Args:
+            at: kinematics at the configuration.
+            v: velocity (nv,).
+        """
         return float(self.jacobian(at) @ v)
 
     def gap_acceleration(self, at: VelocityKinematics, v_dot: np.ndarray) -> float:
-        """Second rate of the gap at acceleration v_dot (nv,) [m/s^2]."""
+        """Second rate of the gap at acceleration v_dot (nv,) [m/s^2].
+
+        Args:
+            at: kinematics at the state.
+            v_dot: acceleration (nv,).
+        """
         return float(self.jacobian(at) @ v_dot + self._rows.bias_acceleration(at)[self._height])
 
 
@@ -163,7 +176,11 @@ class FrictionGroup(NamedTuple):
     constant: float = 0.0
 
     def limit(self, p: np.ndarray) -> float:
-        """Largest norm of the impulse beside impulses p (k,)."""
+        """Largest norm of the impulse beside impulses p (k,).
+
+        Args:
+            p: impulses of all rows (k,).
+        """
         return self.constant + (self.coefficient * max(float(p[self.normal]), 0.0) if self.normal >= 0 else 0.0)
 
 
@@ -234,7 +251,12 @@ class ContactRows:
         return found._replace(size=k)
 
     def at(self, state: StateEvaluation, layout: RowLayout) -> tuple[np.ndarray, np.ndarray]:
-        """Rows (k, nv) in an order, and velocities of the ground along them (k,)."""
+        """Rows (k, nv) in an order, and velocities of the ground along them (k,).
+
+        Args:
+            state: state of the system.
+            layout: order of the rows.
+        """
         matrix, ground, end = np.empty((layout.size, len(state.v))), np.zeros(layout.size), 0
         for each in layout.contacts:
             start, end = end, end + len(each.names)
@@ -276,7 +298,12 @@ def bound_contacts(system: object, contacts: Sequence[UnilateralContact]) -> lis
 
 
 def radius_of_gyration(model: pin.Model, q: np.ndarray) -> float:
-    """Radius of gyration of a robot about its centre of mass, the mean of three axes [m]."""
+    """Radius of gyration of a robot about its centre of mass, the mean of three axes [m].
+
+    Args:
+        model: Pinocchio model.
+        q: configuration (nq,).
+    """
     data = model.createData()
     pin.ccrba(model, data, q, np.zeros(model.nv))
     total = data.Ig

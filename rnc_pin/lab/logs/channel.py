@@ -160,9 +160,7 @@ class LogMapping(Strict):
 
 Quantity = Literal["position", "velocity", "effort", "pose"]
 QUANTITIES: tuple[str, ...] = get_args(Quantity)
-_SIZES = {"position": 1, "velocity": 1, "effort": 1, "pose": 7}
 _GAP = 5.0  # intervals longer than so many usual ones are gaps
-_UNIT = 1e-3  # accepted deviation of the length of a quaternion from 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +202,8 @@ class Channel:
         if self.quantity not in QUANTITIES:
             raise ConfigurationError(f"quantity '{self.quantity}' is not known{nearest(self.quantity, QUANTITIES)}")
         time, values = np.asarray(self.time, dtype=float), np.asarray(self.values, dtype=float)
-        size = _SIZES[self.quantity]
+        sizes = {"position": 1, "velocity": 1, "effort": 1, "pose": 7}  # numbers of a sample
+        size = sizes[self.quantity]
         if time.ndim != 1 or values.shape != (len(time), size):
             raise InputError(f"{self.name}: {time.shape} stamps with values {values.shape}, expected (N,), (N, {size})")
         if not np.isfinite(time).all():
@@ -262,6 +261,7 @@ class Channel:
         if self.quantity == "pose":
             arc = Slerp(self.time, Rotation.from_quat(self.values[:, 3:]))
             found[:, 3:] = arc(np.clip(times, self.time[0], self.time[-1])).as_quat()
+        # A time that rounding moves past the last sample, or into a gap, still has the value of that sample.
         inside = (share[:, 0] >= -1e-9) & (share[:, 0] <= 1 + 1e-9)
         in_gap = (interval > _GAP * self.period) & (share[:, 0] > 1e-9) & (share[:, 0] < 1 - 1e-9)
         found[~inside | in_gap] = np.nan
@@ -278,6 +278,7 @@ def _in_order(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     late = int(np.sum(time < np.maximum.accumulate(time))) if len(time) else 0
     if late:
         repairs.append(counted(late, "sample") + " out of order")
+        # Stable: of duplicate stamps, the first one in the file stays first.
         order = np.argsort(time, kind="stable")
         time, values = time[order], values[order]
     new = np.concatenate([[True], np.diff(time) > 0]) if len(time) else np.zeros(0, dtype=bool)
@@ -290,10 +291,12 @@ def _in_order(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
 def _with_unit_quaternions(values: np.ndarray, name: str) -> np.ndarray:
     """Poses whose quaternions have length 1 and no jumps of sign."""
     lengths = np.linalg.norm(values[:, 3:], axis=1)
-    if np.abs(lengths - 1.0).max() > _UNIT:
+    deviation = 1e-3  # of the length of a quaternion from 1 that digits of a file explain
+    if np.abs(lengths - 1.0).max() > deviation:
         bad = int(np.argmax(np.abs(lengths - 1.0)))
         raise InputError(f"{name}: quaternion {bad} has length {lengths[bad]:.6g}, expected 1")
     unit = values[:, 3:] / lengths[:, None]
+    # q and -q are one rotation: numbers that jump between them could not be interpolated or plotted.
     turned = np.sum(unit[1:] * unit[:-1], axis=1) < 0
     signs = np.where(np.concatenate([[0], np.cumsum(turned)]) % 2, -1.0, 1.0)
     return np.hstack([values[:, :3], unit * signs[:, None]])

@@ -110,6 +110,7 @@ class Log(SummaryMixin):
         for name, effort in (efforts or {}).items():
             robot.velocity_indices(name)  # an unknown joint is an error
             channels.append(Channel("effort", name, time, np.array(effort, dtype=float)[:, None]))
+        # All samples in one call.
         at = Kinematics(robot).position(q)
         for frame in frames:
             place = at.placement(robot.frame_id(frame))

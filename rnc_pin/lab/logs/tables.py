@@ -18,8 +18,6 @@ from rnc_pin.io.safe_read import open_regular
 from rnc_pin.io.strict_mapping import Strict
 from rnc_pin.lab.logs.channel import Channel, ColumnKeys, LogMapping, Place, Quantity
 
-_MOST = 0.4  # largest step as a fraction of the range; near one half, its direction is not known
-
 
 def unwrapped(counts: Array, span: float, what: str = "encoder") -> Array:
     """Return continuous counts (N,) of a counter that returns to its start after ``span`` counts.
@@ -46,25 +44,27 @@ def unwrapped(counts: Array, span: float, what: str = "encoder") -> Array:
         raise ConfigurationError(f"{what}: counts from {low:g} to {high:g} do not wrap after {span:g}")
     steps = np.diff(counts.astype(float))
     steps -= span * np.round(steps / span)
-    if len(steps) and np.abs(steps).max() > _MOST * span:
+    most = 0.4  # largest step as a fraction of the range; near one half, its direction is not known
+    if len(steps) and np.abs(steps).max() > most * span:
         place = int(np.argmax(np.abs(steps)))
         raise ConfigurationError(
             f"{what}: step {place + 1} is {steps[place]:g} of {span:g} counts, so that its direction is not known; "
-            f"expected at most {_MOST:g} of the range between two samples"
+            f"expected at most {most:g} of the range between two samples"
         )
     first = float(counts[0])
     first -= span * np.round(first / span)
     return np.asarray(first + np.concatenate([[0.0], np.cumsum(steps)]))
 
 
-_SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": None}
-_MISSING = ("", "na", "n/a", "null", "none", "nan", "-nan")
-_LARGEST = 16 * 2**30  # size limit of the arrays of an archive [bytes]
 _POSE, _QUATERNION = ("x", "y", "z", "roll", "pitch", "yaw"), ("qx", "qy", "qz", "qw")
 
 
 def read_table(path: Path, mapping: LogMapping) -> list[Channel]:
     """Channels of a table.
+
+    Args:
+        path: the file; an archive if its name ends with .npz, else a text table.
+        mapping: columns of joints and frames.
 
     Raises:
         ConfigurationError: the file or a column cannot be read.
@@ -133,12 +133,14 @@ def _channels(path: Path, mapping: LogMapping, time: Array, numbers: Mapping[Pla
 
 
 def _read_text(path: Path, mapping: LogMapping, places: Sequence[Place]) -> list[Array]:
-    separator = _SEPARATORS[mapping.separator]
+    separators = {"comma": ",", "semicolon": ";", "tab": "\t", "space": None}  # None is any number of blanks
+    separator = separators[mapping.separator]
     header = mapping.header
     if header is None:
         header = any(isinstance(place, str) for place in places)
     try:
         with open_regular(path) as binary, io.TextIOWrapper(binary, encoding="utf-8-sig") as file:
+            # Lazily: a table may be larger than the memory that its numbers need.
             lines = (line for line in file if line.strip() and not line.lstrip().startswith(mapping.comment))
             names = _split(next(lines, ""), separator) if header else []
             wanted = [_number(path, place, names) for place in places]
@@ -167,6 +169,7 @@ def _number(path: Path, place: Place, names: Sequence[str]) -> int:
 def _numbers(path: Path, lines: Iterator[str], separator: str | None, comment: str, wanted: list[int]) -> list[Array]:
     """Columns of text lines. Empty fields are NaN; only blocks of lines that have some are read slowly."""
     blocks, start = [], 0
+    # Blocks, so that one empty field does not make the whole table slow.
     while block := list(itertools.islice(lines, 100_000)):
         try:
             blocks.append(_block(block, separator, comment, wanted, None))
@@ -191,7 +194,9 @@ def _block(
 
 def _field(text: str) -> float:
     stripped = text.strip()
-    return np.nan if stripped.lower() in _MISSING else float(stripped)
+    # Words of spreadsheets, databases and NumPy for no number.
+    missing = ("", "na", "n/a", "null", "none", "nan", "-nan")
+    return np.nan if stripped.lower() in missing else float(stripped)
 
 
 def _explained(message: str, start: int) -> str:
@@ -207,8 +212,9 @@ def _read_archive(path: Path, places: Sequence[Place]) -> list[Array]:
     """Columns of an archive: a vector by its name, column k of a matrix by ``name[k]``."""
     parts = [re.fullmatch(r"(.+?)(?:\[(\d+)\])?", str(place)) for place in places]
     names = [part[1] for part in parts if part]
+    largest = 16 * 2**30  # size limit of the arrays of an archive [bytes]
     try:
-        arrays = read_npz(path, names, largest=_LARGEST)
+        arrays = read_npz(path, names, largest=largest)
     except FileNotFoundError:
         raise ConfigurationError(f"{path}: No such file or directory") from None
     except ArchiveError as error:

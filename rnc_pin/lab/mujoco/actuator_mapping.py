@@ -21,9 +21,7 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 
-_EFFECT_TOLERANCE = 1e-6  # relative error below which wheels reproduce the effect of an actuator
 _RANK_TOLERANCE = 1e-9
-_SAMPLES = 3
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,12 @@ class Drive:
     up: np.ndarray
 
     def effect(self, robot: Robot, data: pin.Data) -> np.ndarray:
-        """Return the generalized force (nv,) of a unit torque; needs the joint Jacobians in ``data``."""
+        """Return the generalized force (nv,) of a unit torque; needs the joint Jacobians in ``data``.
+
+        Args:
+            robot: the robot.
+            data: Pinocchio data with the joint Jacobians.
+        """
         if self.velocity_index is not None:
             return np.eye(robot.nv)[self.velocity_index]
         joint, radius = self.contact.joint, self.contact.radius
@@ -82,7 +85,12 @@ class ActuatorMapping:
         self._constant = None if fixed is None else fixed[:, self._direct].copy()
 
     def wheel_forces(self, q: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the wheel forces of inputs: generalized forces (nv,), and forces of drawn wheels (k,) [N]."""
+        """Return the wheel forces of inputs: generalized forces (nv,), and forces of drawn wheels (k,) [N].
+
+        Args:
+            q: configuration (nq,).
+            T: inputs (p,).
+        """
         force, drawn = np.zeros(self._robot.nv), np.zeros(len(self.drawn))
         if not self._groups:
             return force, drawn
@@ -104,7 +112,12 @@ class ActuatorMapping:
         return self._constant is None
 
     def joint_forces(self, q: np.ndarray, T: np.ndarray) -> np.ndarray:
-        """Return the generalized force (nv,) of the inputs that wheels do not replace."""
+        """Return the generalized force (nv,) of the inputs that wheels do not replace.
+
+        Args:
+            q: configuration (nq,).
+            T: inputs (p,).
+        """
         matrix = self._constant
         if matrix is None:
             matrix = self._actuation.matrix(self._kinematics.position(q))[:, self._direct]
@@ -127,13 +140,15 @@ class ActuatorMapping:
         if not self._drives:
             return []
         generator, model = np.random.default_rng(0), self._robot.model
-        moved = [0.3 * generator.uniform(-1, 1, self._robot.nv) for _ in range(_SAMPLES - 1)]
+        count = 3  # configurations near q: wheels that reproduce an input at all of them do so on the way
+        moved = [0.3 * generator.uniform(-1, 1, self._robot.nv) for _ in range(count - 1)]
         everything = range(len(self._drives))
         samples = [self._maps(each, everything) for each in (q, *(pin.integrate(model, q, step) for step in moved))]
         groups: dict[tuple[int, ...], list[int]] = {}
         for column, frame, _ in self._actuation.frames:
             body = model.frames[frame].parentJoint
             same = tuple(k for k, drive in enumerate(self._drives) if self._carrying_joint(drive) == body)
+            # The own wheels of the body first: a motor on a body drives these.
             for drives in (same, tuple(everything)):
                 if drives and all(_reproduces(maps, effects, column, drives) for maps, effects in samples):
                     groups.setdefault(drives, []).append(column)
@@ -150,7 +165,8 @@ def _reproduces(maps: tuple[np.ndarray, np.ndarray], effects: np.ndarray, column
     basis, matrix = maps
     effect, wheels = basis @ matrix[:, column], basis @ effects[:, list(drives)]
     missed = effect - wheels @ np.linalg.lstsq(wheels, effect, rcond=_RANK_TOLERANCE)[0]
-    return bool(np.linalg.norm(missed) <= _EFFECT_TOLERANCE * np.linalg.norm(effect))
+    tolerance = 1e-6  # relative error below which wheels reproduce the effect of an actuator
+    return bool(np.linalg.norm(missed) <= tolerance * np.linalg.norm(effect))
 
 
 def _drives(reduced: ReducedModel, contacts: Sequence[ContactBody], up: np.ndarray) -> list[Drive]:

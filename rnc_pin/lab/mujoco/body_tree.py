@@ -19,7 +19,6 @@ Root = Literal["as it is", "free", "level"]
 """Type of a planar base in MuJoCo: planar as it is, six degrees of freedom, or planar with vertical motion."""
 
 _PLACEHOLDER_MASS = 1e-12  # placeholder mass and inertia for the compiler; ``finish`` writes those of the robot
-_STACKS = {"JointModelTranslation": ("slide", "xyz"), "JointModelSphericalZYX": ("hinge", "zyx")}
 
 
 class _Single(NamedTuple):
@@ -65,6 +64,8 @@ class BodyTree:
         joint, name, parent = model.joints[index], str(model.names[index]), model.parents[index]
         kind, placement = joint.shortname(), model.jointPlacements[index]
         singles = list(_singles(joint))
+        # Joints that are several slides or hinges in MuJoCo, in this order.
+        stacks = {"JointModelTranslation": ("slide", "xyz"), "JointModelSphericalZYX": ("hinge", "zyx")}
         if singles:
             body = self.bodies[parent]
             for number, single in enumerate(singles):
@@ -82,8 +83,8 @@ class BodyTree:
             elif kind == "JointModelSpherical":
                 body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_BALL)
                 self._plan(joint_coordinates.BallJoint, name, index)
-            elif kind in _STACKS:
-                moves, axes = _STACKS[kind]
+            elif kind in stacks:
+                moves, axes = stacks[kind]
                 for axis in axes:
                     _move(body, f"{name}/{axis}", moves == "slide", np.eye(3)["xyz".index(axis)])
                 self._plan(joint_coordinates.EqualCoordinates, f"{name}/{axes[0]}", index)
@@ -132,6 +133,11 @@ class BodyTree:
     ) -> list[joint_coordinates.JointCoordinates]:
         """Set what a specification lacks in a compiled model: zero masses, rotor inertias, damping per axis.
 
+        Args:
+            model: compiled model.
+            data: its data.
+            damping: True to apply the viscous damping of the robot file.
+
         Returns:
             The conversions of all joints between Pinocchio and MuJoCo.
         """
@@ -139,6 +145,7 @@ class BodyTree:
         for index in range(1, own.njoints):
             body = model.body(str(own.names[index])).id
             moments = np.linalg.eigvalsh(own.inertias[index].inertia)
+            # Rounding can make the smallest moment of a rod negative.
             model.body_mass[body], model.body_inertia[body] = own.inertias[index].mass, np.maximum(moments, 0.0)
         places = ((model.joint(first), make) for first, make in self._planned)
         joints = [make(int(place.qposadr[0]), int(place.dofadr[0])) for place, make in places]
@@ -153,6 +160,7 @@ class BodyTree:
             model.dof_armature[there] = own.armature[here]
             if damping:
                 model.dof_damping[there] = own.damping[here]
+        # Constants of the compiler belong to the placeholder masses.
         mujoco.mj_setConst(model, data)
         return joints
 
@@ -199,6 +207,7 @@ def _move(body: mujoco.MjsBody, name: str, slides: bool, axis: np.ndarray) -> mu
 def _weigh(body: mujoco.MjsBody, inertia: pin.Inertia) -> None:
     moments, axes = np.linalg.eigh(inertia.inertia)
     if np.linalg.det(axes) < 0:
+        # A rotation and not a reflection, which no quaternion describes.
         axes[:, 0] *= -1
     body.mass, body.ipos, body.iquat = inertia.mass, inertia.lever, _quaternion(axes)
     body.inertia = moments
@@ -209,13 +218,6 @@ def _quaternion(rotation: np.ndarray) -> np.ndarray:
 
 
 # ---------------------------------------------------------------------- equality constraints
-
-
-_IMPEDANCE = 0.999
-_SUPPORTED = (
-    "rolling wheels and balls, knife edges, casters, couplings of joints, Ackermann steering, loops and the "
-    "conservation of momentum"
-)
 
 
 class JointEquality:
@@ -236,11 +238,17 @@ class JointEquality:
         """Write the polynomial coefficients; ``fresh`` is True at the start of a run.
 
         The offset of a constant ratio includes the initial full turns of both joints.
+
+        Args:
+            model: compiled model.
+            qpos: positions of MuJoCo.
+            fresh: True at the start of a run.
         """
         driver = 0.0 if self._driver is None else qpos[self._driver]
         if self._coupler.function is not None:
             position, slope = self._coupler.function(driver)
             period = self._coupler.period
+            # The turn nearest to the joint: else a step past pi would pull it back by a turn.
             position += period * np.round((qpos[self._joint] - position) / period)
         elif fresh:
             position, slope = qpos[self._joint], self._coupler.ratio
@@ -266,13 +274,19 @@ def add_equalities(
     Raises:
         ConfigurationError: a constraint has no equivalent in MuJoCo.
     """
-    solver = {"solref": [2 * step, 1.0], "solimp": [_IMPEDANCE, _IMPEDANCE, 0.001, 0.5, 2.0]}
+    impedance = 0.999  # near 1: constraints are as hard as the step allows
+    # Two steps: the smallest time constant with which MuJoCo is stable.
+    solver = {"solref": [2 * step, 1.0], "solimp": [impedance, impedance, 0.001, 0.5, 2.0]}
     couplers: list[tuple[str, JointCoupler]] = []
+    supported = (
+        "rolling wheels and balls, knife edges, casters, couplings of joints, Ackermann steering, loops and the "
+        "conservation of momentum"
+    )
     for block in blocks:
         mechanisms = block.mechanisms()
         if not mechanisms and block.conserved is None:
             what = type(block.kind or block).__name__
-            raise ConfigurationError(f"MuJoCo: {block.names[0]} ({what}) has no equivalent; supported are {_SUPPORTED}")
+            raise ConfigurationError(f"MuJoCo: {block.names[0]} ({what}) has no equivalent; supported are {supported}")
         for number, mechanism in enumerate(mechanisms):
             name = f"{block.names[0]}/{number}" if number else block.names[0]
             if isinstance(mechanism, JointCoupler):

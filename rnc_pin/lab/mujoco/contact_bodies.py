@@ -23,11 +23,7 @@ from rnc_pin.lab.mujoco.settings import MuJoCoSettings
 from rnc_pin.model.rows import Friction, GroundContact, Rows, carrier_of
 from rnc_pin.robots.robot import Robot
 
-_AXLE_TOLERANCE = 1e-3  # tolerance of the distance from a drawn wheel to its axle, in radii
-_MIN_WHEEL_FRACTION = 0.5  # fraction of the largest cylinder radius on an axle; smaller cylinders are shafts or hubs
 _UP = np.array([0.0, 0.0, 1.0])
-_PLANE_TOLERANCE = 1e-9  # distance [m] and difference of normals up to which planes are the same
-_POINT_RADIUS = 1e-3  # radius of the ball that models a contact point [m]
 
 
 @dataclass(frozen=True)
@@ -78,6 +74,7 @@ def common_plane(blocks: Sequence[Rows]) -> GroundPlane:
         ConfigurationError: a ground that is curved, moves or is carried by a frame, or several planes.
     """
     found: dict[str, GroundPlane] = {}
+    tolerance = 1e-9  # distance [m] and difference of normals up to which planes are the same
     for block in blocks:
         ground = block.ground
         if ground is None and not block.on_ground:
@@ -90,8 +87,8 @@ def common_plane(blocks: Sequence[Rows]) -> GroundPlane:
                 "rest, use the plant 'reduced'"
             )
         for name, other in found.items():
-            if max(abs(plane.height(each)) for each in other.axes[:2] + other.point) > _PLANE_TOLERANCE or (
-                plane.axes[2] @ other.axes[2] < 1.0 - _PLANE_TOLERANCE
+            if max(abs(plane.height(each)) for each in other.axes[:2] + other.point) > tolerance or (
+                plane.axes[2] @ other.axes[2] < 1.0 - tolerance
             ):
                 raise ConfigurationError(
                     f"MuJoCo: {name} and {block.names[0]} roll on different planes; the plant has only one, use the "
@@ -103,6 +100,10 @@ def common_plane(blocks: Sequence[Rows]) -> GroundPlane:
 
 def contact_bodies(robot: Robot, blocks: Sequence[Rows]) -> list[ContactBody]:
     """Return the bodies of all ground contacts, in the order of the constraints.
+
+    Args:
+        robot: the robot.
+        blocks: bound constraints.
 
     Raises:
         ConfigurationError: a wheel has oblique rollers, for which the robot has no bodies, or bodies roll on other
@@ -139,6 +140,8 @@ def _bodies(robot: Robot, contact: GroundContact) -> list[ContactBody]:
 def _drawn(robot: Robot, joint: int, middle: Array, axle: Array) -> list[tuple[Array, float]]:
     """Return centers and radii of the cylinders on an axle, sorted along it, without hubs and shafts."""
     largest: dict[float, float] = {}
+    tolerance = 1e-3  # of the distance from a drawn wheel to its axle, in radii
+    # Drawn shapes first: collision shapes may be simplified.
     for geometry in (robot.visual_model, robot.collision_model):
         for shape in [] if geometry is None else geometry.geometryObjects:
             if shape.parentJoint != joint or not isinstance(shape.geometry, coal.Cylinder):
@@ -147,12 +150,14 @@ def _drawn(robot: Robot, joint: int, middle: Array, axle: Array) -> list[tuple[A
             along, radius = float(offset @ axle), float(shape.geometry.radius)
             if abs(shape.placement.rotation[:, 2] @ axle) < 0.9999:
                 continue
-            if np.linalg.norm(offset - along * axle) < _AXLE_TOLERANCE * radius:
+            if np.linalg.norm(offset - along * axle) < tolerance * radius:
+                # A rim and a tire are at one place: the larger one touches the ground.
                 place = round(along, 6)
                 largest[place] = max(radius, largest.get(place, 0.0))
         if largest:
             break
-    enough = _MIN_WHEEL_FRACTION * max(largest.values(), default=0.0)
+    least = 0.5  # fraction of the largest cylinder radius on an axle; smaller cylinders are shafts or hubs
+    enough = least * max(largest.values(), default=0.0)
     return [(middle + along * axle, radius) for along, radius in sorted(largest.items()) if radius >= enough]
 
 
@@ -166,6 +171,12 @@ def on_one_plane(
 
     Radii change by small gaps, since rounding in the robot file would otherwise decide which wheels carry the load.
 
+    Args:
+        robot: the robot.
+        contacts: its contacts.
+        q: configuration (nq,).
+        plane: the ground.
+
     Raises:
         ConfigurationError: a wheel is above the ground.
     """
@@ -176,6 +187,7 @@ def on_one_plane(
     wheels = list(low.values()) or [plane.height(each.at(data.oMi[each.joint], up)[0]) for each in contacts]
     ground = min(wheels)
     found = []
+    point_radius = 1e-3  # of the ball that models a contact point [m]
     for each in contacts:
         placement = data.oMi[each.joint]
         each = replace(each, up=placement.rotation.T @ up)
@@ -184,8 +196,9 @@ def on_one_plane(
             found.append(replace(each, radius=plane.height(center) - ground))
             continue
         if not each.radius:  # the ball is above its contact point for any orientation of the frame
-            each = replace(each, radius=_POINT_RADIUS, center=each.center + _POINT_RADIUS * each.up)
+            each = replace(each, radius=point_radius, center=each.center + point_radius * each.up)
         gap = low[each.name] - ground
+        # More than rounding of a file: the wheel does not touch, and may not be made larger.
         if gap > 0.01 * each.radius:
             raise ConfigurationError(
                 f"MuJoCo: wheel '{each.name}' is {gap:.3g} m above the ground plane of the other wheels"
@@ -200,7 +213,6 @@ def on_one_plane(
 # Smallest distance of the center of mass to the edge of the support polygon, over the polygon size.
 _SUPPORT_MARGIN = 0.1
 _LEVEL_TOLERANCE = 1e-6
-_CASTER_RADIUS = 0.02  # radius of added casters [m]
 
 
 class BaseSupport(NamedTuple):
@@ -221,6 +233,14 @@ def choose_support(
     robot: Robot, contacts: Sequence[ContactBody], ground: float, q: Array, settings: MuJoCoSettings, plane: GroundPlane
 ) -> BaseSupport:
     """Choose base type and casters for a robot at configuration q, with the ground at height ``ground`` [m].
+
+    Args:
+        robot: the robot.
+        contacts: contacts on one plane.
+        ground: height of the ground in the robot model [m].
+        q: configuration (nq,).
+        settings: stance and casters that are asked for.
+        plane: the ground.
 
     Raises:
         ConfigurationError: no weight presses its wheels on the ground.
@@ -299,5 +319,6 @@ def _outriggers(points: Array) -> Array | None:
 
 
 def _support(base: pin.SE3, number: int, at: Array, ground: float) -> ContactBody:
-    center = base.actInv(np.array([*at, ground + _CASTER_RADIUS]))
-    return ContactBody(f"caster[{number}]", 1, center, None, _CASTER_RADIUS, "none")
+    radius = 0.02  # of added casters [m]
+    center = base.actInv(np.array([*at, ground + radius]))
+    return ContactBody(f"caster[{number}]", 1, center, None, radius, "none")

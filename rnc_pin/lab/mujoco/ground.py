@@ -22,25 +22,27 @@ from rnc_pin.lab.mujoco.settings import MuJoCoSettings
 
 _GROUND = "ground"
 _FRICTIONLESS = 1e-5  # smallest friction coefficient in MuJoCo
-_HALF_WIDTH = 0.01  # half a wheel's width, in radii
-_CAPSULE_HALF_LENGTH = 1e-6  # half length of capsules with friction in one direction [m]; both ends touch the ground
 _BLADE_RADIUS = 0.005  # radius of the edge of a blade [m]
-_CASTER_SOFTNESS = 3.0  # time constant of frictionless supports over that of wheels; wheels carry most of the load
 _IMPEDANCE = 0.02
-_TANGENTIAL_STIFFNESS = 1e5  # tangential over normal contact impedance
-_MIN_SLIP = 1e-6  # slip treated as zero [m/s]
-_AT_LIMIT = 0.99  # use of friction of a contact that slides; MuJoCo gives it to 1e-3
 _UP = np.array([0.0, 0.0, 1.0])
-_MAX_DECELERATION = 2.0  # demanded deceleration of a slipping wheel over the largest that friction can give
 
 
 def add_ground(
     spec: mujoco.MjSpec, tree: BodyTree, contacts: Sequence[ContactBody], settings: MuJoCoSettings, ground: GroundPlane
 ) -> None:
-    """Add the plane and the geometry of all contacts."""
+    """Add the plane and the geometry of all contacts.
+
+    Args:
+        spec: specification that receives them.
+        tree: bodies of the robot.
+        contacts: all contacts.
+        settings: friction and contact time.
+        ground: the plane.
+    """
     if not contacts:
         return
-    spec.option.impratio = _TANGENTIAL_STIFFNESS
+    stiffness = 1e5  # tangential over normal contact impedance
+    spec.option.impratio = stiffness
     plane, half = mujoco.mjtGeom.mjGEOM_PLANE, _penetration(settings, spec.option.gravity) / 2
     place, turn = np.asarray(ground.point) + half * ground.axes[2], _turned_to(ground.axes[2])
     spec.worldbody.add_geom(name=_GROUND, type=plane, size=[0, 0, 1], pos=place, quat=turn, contype=0, conaffinity=0)
@@ -57,6 +59,7 @@ def add_ground(
             conaffinity=0,
             mass=0,
         )
+        # Only pairs collide: contype and conaffinity are zero.
         _pair(spec, contact, settings)
 
 
@@ -70,11 +73,13 @@ def _shape(contact: ContactBody, radius: float) -> tuple[mujoco.mjtGeom, list[fl
     shape = mujoco.mjtGeom
     if contact.axle is None:
         return shape.mjGEOM_SPHERE, [radius, 0.0, 0.0], _UP
+    half_length = 1e-6  # of capsules with friction in one direction [m]; both ends touch the ground
     if contact.friction == "lateral":
-        return shape.mjGEOM_CAPSULE, [_BLADE_RADIUS, _CAPSULE_HALF_LENGTH, 0.0], np.cross(contact.axle, contact.up)
+        return shape.mjGEOM_CAPSULE, [_BLADE_RADIUS, half_length, 0.0], np.cross(contact.axle, contact.up)
     if contact.friction == "longitudinal":
-        return shape.mjGEOM_CAPSULE, [radius, _CAPSULE_HALF_LENGTH, 0.0], contact.axle
-    return shape.mjGEOM_ELLIPSOID, [radius, radius, _HALF_WIDTH * radius], contact.axle
+        return shape.mjGEOM_CAPSULE, [radius, half_length, 0.0], contact.axle
+    half_width = 0.01  # of a wheel, in radii: thin, so that it touches at one point below its center
+    return shape.mjGEOM_ELLIPSOID, [radius, radius, half_width * radius], contact.axle
 
 
 def _pair(spec: mujoco.MjSpec, contact: ContactBody, settings: MuJoCoSettings) -> None:
@@ -84,7 +89,8 @@ def _pair(spec: mujoco.MjSpec, contact: ContactBody, settings: MuJoCoSettings) -
         condim = 1
     elif contact.friction != "all":  # the capsule is along the axle if friction is longitudinal, else along the heading
         first = _FRICTIONLESS
-    slower = _CASTER_SOFTNESS if contact.friction == "none" else 1.0
+    softness = 3.0  # time constant of frictionless supports over the one of wheels, which carry most of the load
+    slower = softness if contact.friction == "none" else 1.0
     spec.add_pair(
         name=contact.name,
         geomname1=_GROUND,
@@ -179,8 +185,10 @@ class Ground:
             return
         model = self._model
         normal, tangential, slip = self.watch()
-        most = _MAX_DECELERATION * self._friction * normal * self._mobility
-        rate = np.clip(most / np.maximum(slip, _MIN_SLIP), 1.0, 1.0 / model.opt.timestep)
+        share = 2.0  # demanded deceleration of a slipping wheel over the largest that friction can give
+        most = share * self._friction * normal * self._mobility
+        least = 1e-6  # slip treated as zero [m/s]
+        rate = np.clip(most / np.maximum(slip, least), 1.0, 1.0 / model.opt.timestep)
         self._softness[:, 1] = -_IMPEDANCE * rate
         model.pair_solreffriction[self._pairs] = self._softness
         if not drive_forces.any() and not self._along.any():
@@ -197,6 +205,7 @@ class Ground:
         load = normal[self._edges]
         lateral = np.divide(left, load, out=np.full_like(load, self._friction), where=load > 0)
         model.pair_friction[self._pairs[self._edges], 1] = np.maximum(lateral, _FRICTIONLESS)
+        # After a step, positions of bodies are those at its start.
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         for place in np.flatnonzero(self._along):
@@ -216,7 +225,8 @@ class Ground:
     def watch(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return what ``_measured`` does, and note the speeds of contacts that slide."""
         normal, tangential, slip = self._measured()
-        at_limit = np.hypot(tangential[:, 0], tangential[:, 1]) > _AT_LIMIT * self._friction * normal
+        used = 0.99  # of the friction of a contact that slides; MuJoCo gives it to 1e-3
+        at_limit = np.hypot(tangential[:, 0], tangential[:, 1]) > used * self._friction * normal
         np.maximum(self.slid, slip * at_limit, out=self.slid)
         return normal, tangential, slip
 

@@ -45,11 +45,21 @@ class JointCoordinates(ABC):
 
     @abstractmethod
     def write(self, pinocchio: JointState, mujoco: JointState) -> None:
-        """Write a Pinocchio state to MuJoCo's; ``RobotCoordinates`` writes equal velocities."""
+        """Write a Pinocchio state to MuJoCo's; ``RobotCoordinates`` writes equal velocities.
+
+        Args:
+            pinocchio: state of the robot.
+            mujoco: state that receives the joint.
+        """
 
     @abstractmethod
     def read(self, mujoco: JointState, pinocchio: JointState) -> None:
-        """Write a MuJoCo state to Pinocchio's; ``RobotCoordinates`` reads equal velocities."""
+        """Write a MuJoCo state to Pinocchio's; ``RobotCoordinates`` reads equal velocities.
+
+        Args:
+            mujoco: state of the robot.
+            pinocchio: state that receives the joint.
+        """
 
 
 @dataclass(frozen=True)
@@ -90,7 +100,13 @@ class BaseCoordinates(JointCoordinates):
 
     @abstractmethod
     def add_force(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
-        """Add a generalized force of Pinocchio (nv,) to the applied force of MuJoCo."""
+        """Add a generalized force of Pinocchio (nv,) to the applied force of MuJoCo.
+
+        Args:
+            qpos: positions of MuJoCo.
+            force: generalized force (nv,).
+            applied: applied force of MuJoCo, which receives it.
+        """
 
 
 @dataclass(frozen=True)
@@ -202,17 +218,28 @@ class RobotCoordinates:
         self._joints, self._nq, self._nv = joints, nq, nv
         self._bases = [joint for joint in joints if isinstance(joint, BaseCoordinates)]
         equal = [joint for joint in joints if not isinstance(joint, BaseCoordinates)]
+        # In one call for all joints but bases: they are read and written at each step.
         self._v = np.array([joint.v + k for joint in equal for k in range(joint.nv)], dtype=int)
         self._dof = np.array([joint.dof + k for joint in equal for k in range(joint.nv)], dtype=int)
 
     def write(self, q: np.ndarray, v: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        """Write a Pinocchio state to MuJoCo's vectors."""
+        """Write a Pinocchio state to MuJoCo's vectors.
+
+        Args:
+            q: configuration (nq,).
+            v: velocity (nv,).
+            qpos, qvel: vectors of MuJoCo, which receive the state.
+        """
         qvel[self._dof] = v[self._v]
         for joint in self._joints:
             joint.write(JointState(q, v), JointState(qpos, qvel))
 
     def read(self, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return MuJoCo's state as q (nq,) and v (nv,) of Pinocchio."""
+        """Return MuJoCo's state as q (nq,) and v (nv,) of Pinocchio.
+
+        Args:
+            qpos, qvel: vectors of MuJoCo.
+        """
         pinocchio = JointState(np.zeros(self._nq), np.zeros(self._nv))
         pinocchio.v[self._v] = qvel[self._dof]
         for joint in self._joints:
@@ -220,7 +247,13 @@ class RobotCoordinates:
         return pinocchio
 
     def add_force(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
-        """Add a generalized force (nv,) to the applied force of MuJoCo."""
+        """Add a generalized force (nv,) to the applied force of MuJoCo.
+
+        Args:
+            qpos: positions of MuJoCo.
+            force: generalized force (nv,).
+            applied: applied force of MuJoCo, which receives it.
+        """
         applied[self._dof] += force[self._v]
         for joint in self._bases:
             if force[joint.v : joint.v + joint.nv].any():

@@ -19,9 +19,6 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.plant import PlantReport
 from rnc_pin.robots.sources.description import unlogged
 
-_ITERATIONS, _TOLERANCE = 50, 1e-12  # of the solver of contact forces
-_STEP_TOLERANCE = 1e-9  # tolerance of the number of steps
-
 
 class MuJoCoPlant:
     """Robot of a reduced model in MuJoCo: a ``Plant``.
@@ -103,13 +100,19 @@ class MuJoCoPlant:
     def _set_options(self, option: mujoco.MjOption) -> None:
         option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{self.settings.integrator.upper()}")
         option.solver, option.cone = mujoco.mjtSolver.mjSOL_NEWTON, mujoco.mjtCone.mjCONE_ELLIPTIC
-        option.iterations, option.tolerance, option.timestep = _ITERATIONS, _TOLERANCE, self.settings.step
+        iterations, tolerance = 50, 1e-12  # of the solver of contact forces
+        option.iterations, option.tolerance, option.timestep = iterations, tolerance, self.settings.step
+        # A diverged run ends with an error, and does not start anew unnoticed.
         option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
     # ------------------------------------------------------------------ plant
 
     def reset(self, q: Float[Array, " nq"], v: Float[Array, " nv"]) -> None:
         """Restart at time zero with zero inputs: settle on the ground at rest, then set velocity v.
+
+        Args:
+            q: configuration (nq,).
+            v: velocity (nv,).
 
         Raises:
             DivergenceError: the robot does not come to rest.
@@ -123,6 +126,7 @@ class MuJoCoPlant:
             self.data.qpos[2] += self._lift
         elif self.stance == "level":
             self.data.qpos[self.model.joint(f"{self._reduced.robot.joint_names[0]}/z").qposadr[0]] = self._lift
+        # At rest first: contacts that come to their load in motion would push the robot off its path.
         rest = np.zeros_like(v)
         self._joints.write(q, rest, self.data.qpos, self.data.qvel)
         for equality in self._equalities:
@@ -152,7 +156,8 @@ class MuJoCoPlant:
             DivergenceError: the state is not finite.
         """
         self._ground.slid[:] = 0.0
-        steps = max(1, int(np.ceil(dt / self.settings.step - _STEP_TOLERANCE)))
+        rounding = 1e-9  # of the number of steps
+        steps = max(1, int(np.ceil(dt / self.settings.step - rounding)))
         self.model.opt.timestep = dt / steps
         q, _ = self.read()
         wheel_force, drawn = self._inputs.wheel_forces(q, self.applied)
@@ -191,6 +196,7 @@ class MuJoCoPlant:
             for _ in range(round(self.settings.settling / self.settings.step)):
                 mujoco.mj_fwdPosition(self.model, self.data)
                 mujoco.mj_fwdVelocity(self.model, self.data)
+                # Gravity and the like of the joints are held, so that only the base sinks onto its wheels.
                 self.data.qfrc_applied[joints] = self.data.qfrc_bias[joints]
                 mujoco.mj_step(self.model, self.data)
                 self._joints.write(q, rest, self.data.qpos, self.data.qvel)

@@ -13,12 +13,6 @@ from rnc_pin.model.input_validation import is_number
 Integrator = Literal["implicitfast", "implicit", "Euler", "RK4"]
 Stance = Literal["auto", "free", "level"]
 
-_CHOICES: dict[str, tuple[object, ...]] = {
-    "integrator": get_args(Integrator),
-    "stance": get_args(Stance),
-    "casters": ("auto", True, False),
-}
-
 
 @dataclass(frozen=True)
 class MuJoCoSettings:
@@ -72,7 +66,9 @@ class MuJoCoSettings:
         return max(self.contact_time, 4 * self.step)
 
     def __post_init__(self) -> None:
-        for name, choices in _CHOICES.items():
+        # Words of each setting.
+        listed = {"integrator": get_args(Integrator), "stance": get_args(Stance), "casters": ("auto", True, False)}
+        for name, choices in listed.items():
             value = getattr(self, name)
             if value not in choices:
                 raise ConfigurationError(

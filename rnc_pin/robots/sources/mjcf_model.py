@@ -250,7 +250,7 @@ class MeshAssets:
         self._all_weigh = any(each.get("inertiafromgeom") == "true" for each in root.findall("compiler"))
         self._attributes: dict[str, dict[str, str]] = {}
         kept_keys = ("class", "scale", "inertia", "maxhullvert")
-        # Its corners: MuJoCo refuses a mesh without vertices
+        # Its corners: MuJoCo refuses a mesh without vertices.
         tetrahedron = "100 100 100 100 -100 -100 -100 100 -100 -100 -100 100"
         for mesh in root.findall("asset/mesh"):
             name = mesh.get("name") or Path(mesh.get("file", "")).stem
