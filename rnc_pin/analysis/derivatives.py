@@ -85,6 +85,7 @@ def state_derivatives(
     if not states and T.ndim == 1:
         return _read_only(_at_one_state(reduced, state, T))
     try:
+        # Compiled code takes flat arrays of states, of one shape.
         batch = np.broadcast_shapes(states, T.shape[:-1])
     except ValueError:
         raise InputError(f"T of shape {T.shape} does not broadcast to states of shape {states}") from None

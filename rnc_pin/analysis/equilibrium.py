@@ -23,12 +23,12 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 
-_STEPS, _HALVINGS = 100, 12
+_STEPS, _HALVINGS = 100, 12  # largest numbers: of Newton steps, and of halvings of one that does not improve
 _STILL = 1e-10  # acceleration that counts as zero, relative to those that gravity causes
 _GOOD = 1e-9  # largest accepted acceleration, on the same scale; a linearization accepts it too
 _ROUNDED = 1e-6  # largest accepted shape rates and gaps in motion: symmetries of a rounded file are no more accurate
-_DEPENDENT = 1e-9
-_UNACTUATED = 1e-10
+_DEPENDENT = 1e-9  # relative singular value below which coordinates are dependent
+_UNACTUATED = 1e-10  # relative singular value below which no input reaches a direction
 
 
 @printed(residual="N or N m")
@@ -210,6 +210,7 @@ class _Search:
         """Return an equilibrium near the guess, by Newton steps of least norm."""
         here = self._at(self._guess, self._v2)
         for _ in range(_STEPS):
+            # Further than accepted: a Newton step costs little, and linearizations build on the result.
             if self._rests(here, _STILL):
                 return here
             ahead = self._ahead(here)

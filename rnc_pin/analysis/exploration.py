@@ -641,11 +641,13 @@ def default_candidates(reduced: ReducedModel) -> list[list[OutputKind]]:
     found: list[list[OutputKind]] = []
     if base is not None and robot.model.joints[1].nv > 1 and base not in frames:
         frames.insert(0, base)
+        # Without gravity no direction is up, so that yaw and tilt mean nothing.
         if robot.model.joints[1].nv == 6 and robot.model.gravity.linear.any():
             found += [[FrameYaw(base)], [FrameTilt(base, "x"), FrameTilt(base, "y")]]
     for frame in frames:
         parts = _frame_outputs(reduced, q, frame)
         found += [*([each] for each in parts), parts]
+    # Angles of wheels and of mimics follow from the rest: nobody asks for them.
     left_out = [*(str(robot.model.names[k]) for k in _wheel_joints(reduced)), *(each.joint for each in robot.mimics)]
     joints = [name for name in robot.single_joint_names if name not in left_out]
     return [*found, [CenterOfMass()], *(list[OutputKind]([JointPosition(name)]) for name in joints)]

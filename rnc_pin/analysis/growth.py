@@ -115,6 +115,7 @@ def regular_samples(
             q = reduced.assembled(q, list(ranges)) if joints else q
             _ = reduced.at(q).R
             found.append(q)
+        # Samples that do not close or are singular are left out; only if all are does the caller learn why.
         except (ConstraintError, SingularityError) as error:
             failure = error
     if not found:

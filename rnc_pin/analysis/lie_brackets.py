@@ -40,6 +40,7 @@ def frame_bracket(model: pin.Model) -> Bracket:
         kind = joint.shortname()
         if kind in ("JointModelPlanar", "JointModelFreeFlyer", "JointModelSpherical"):
             parts.append((slice(joint.idx_v, joint.idx_v + joint.nv), kind))
+        # Other joints have constant velocity fields in their coordinates, whose brackets are zero.
         elif joint.nv > 1 and joint.nq != joint.nv:
             raise ConstraintError(f"no Lie bracket is known for a joint of type {kind}")
 
@@ -134,6 +135,7 @@ class BracketJets:
 
         def values(times: np.ndarray) -> np.ndarray:
             q, each = np.repeat(self.q[None], len(times) * count, axis=0), np.repeat(times, count)
+            # Flows one after the other, each from where the last one ended.
             for piece in range(fields.shape[1]):
                 direction = np.tile(fields[:, piece], (len(times), 1))
                 q = self._moved(q, self._steps(q, each, direction, order, self._normal_generators)[2])

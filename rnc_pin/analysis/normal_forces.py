@@ -26,9 +26,8 @@ from rnc_pin.printing import printed
 from rnc_pin.robots.derived_models import AttachedModel
 from rnc_pin.robots.joint_values import NamedModel
 
-_UNITS = np.eye(6)
 _CARRIER = "joint that carries the robot"
-_SMALL = 1e-9
+_SMALL = 1e-9  # entry of a row, or relative singular value, that is rounding
 _ROUNDING = 1e-6  # share of the weight below which a force counts as zero
 
 
@@ -302,6 +301,7 @@ class NormalForces:
             count = int(np.prod(batch))
             flat = [each.reshape(count, each.shape[-1]) for each in (state.q, state.v, v_dot, T, forces)]
             q, v, v_dot, T, known = flat
+            # Forces that rows carry are known by now: the balance of motion gives the others beside them.
             lines = self.lines(q)
             known[:, ~self.carried_by_row] = self._of_motion(lines, self.plane_needs(lines, q, v, v_dot, T), known)
             forces = known.reshape(forces.shape)
@@ -415,7 +415,7 @@ class NormalForces:
         for joint in self._roots:
             total += data.liMi[joint].act(data.f[joint])  # their parent is the world
         for column, frame, row in self._reduced.actuation.frames:
-            total -= data.oMf[frame].act(pin.Force(T[column] * _UNITS[row]))
+            total -= data.oMf[frame].act(pin.Force(T[column] * np.eye(6)[row]))
         return np.asarray(total.vector)
 
     def _needed_at_one_state(self, q: Array, v: Array, v_dot: Array, T: Array) -> Array:
@@ -427,7 +427,7 @@ class NormalForces:
         change = (v_dot - v_dot[0]) @ data.Ag.T
         change[:, 3:] += np.cross(data.com[0], change[:, :3])  # moments about the origin
         for column, frame, row in self._reduced.actuation.frames:
-            change -= np.outer(T[:, column] - T[0, column], data.oMf[frame].act(pin.Force(_UNITS[row])).vector)
+            change -= np.outer(T[:, column] - T[0, column], data.oMf[frame].act(pin.Force(np.eye(6)[row])).vector)
         return np.asarray(first + change)
 
 

@@ -188,6 +188,7 @@ def privileged_coordinates(
     center = np.array(state.q)
     kept = _kept(reduced, center, ignored)
     growth = filtration(reduced, center)
+    # The weights follow from the growth vector: an uncertain one gives coordinates of another order.
     if growth.doubtful:
         raise InfeasibleError(
             f"privileged coordinates: next to a singular configuration; of the growth vector {growth.vector}, a "
@@ -337,6 +338,7 @@ def _sorted(
     for j, (coefficients, weight) in enumerate(zip(found, weights, strict=True)):
         of = np.concatenate([np.empty((0, len(weights)), dtype=int), *powers[1:weight]])
         for power, value in zip(of, coefficients, strict=True):
+            # Linear terms change the linear part; only the others are polynomials beside it.
             if power.sum() == 1:
                 linear[j] += value * linear[int(power.argmax())]
         chosen = (of.sum(axis=1) > 1) & (np.abs(coefficients) > max(_NOISE * error, _ACCURATE))

@@ -101,6 +101,7 @@ def find_symmetries(reduced: ReducedModel, q: np.ndarray, cyclic: Sequence[str] 
     robot, n = reduced.robot, reduced.n
     model, data = robot.model, robot.model.createData()
     of_robot, of_joints = [np.zeros((0, 6))], [np.zeros((0, n))]
+    # A fixed seed: the same system always has the same symmetries.
     generator = np.random.default_rng(0)
     for configuration in _sampled(reduced, q, generator):
         here = reduced.with_basis_at(configuration)

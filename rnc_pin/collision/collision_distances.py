@@ -41,7 +41,7 @@ _ALWAYS: WeakKeyDictionary[Robot, frozenset[tuple[int, int]]] = WeakKeyDictionar
 """Pairs of shapes of each robot that touch in nearly all of its configurations: its file means no collision by them."""
 
 _TURNS = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]) / np.sqrt(3.0)
-_TOUCHING = 1e-9  # [m]
+_TOUCHING = 1e-9  # [m] distance below which bodies touch: rounding of placements
 
 
 class CollisionDistances:
@@ -158,6 +158,7 @@ class CollisionDistances:
         self._place(q, t)
         near = self._bounds.nearby(self._at, within)
         found = self._measure(near, self._at.rotations, self._at.origins)
+        # All of them: a pair that is farther than asked for is bounded too, and is not measured again nearby.
         self._bounds.measured(near, found[:, 0])
         if within < np.inf:
             inside = found[:, 0] < within

@@ -160,6 +160,7 @@ def continuous_distances(
     chosen = np.arange(len(q)) if samples is None else np.asarray(samples, dtype=int)
     motion = SampledMotion(distances.robot.model, time, q, distances.obstacles)
     curves = DistanceCurves(distances, time[chosen], q[chosen], within)
+    # Not finer than coal measures: a search for more would not end.
     bounds = within, within if exact is None else exact, max(accuracy, _FINEST)
     return _Search(distances, motion, chosen, *bounds).result(curves)
 
@@ -293,6 +294,7 @@ class _Search:
         for by_path in (True, False):
             if not len(entries.pair):
                 break
+            # Pairs share segments: bodies are placed once for all pairs of a segment.
             ends, of_segment = _unique_segments(entries)
             places = self._places[ends]
             segments = None if by_path else self._motion.segments(places)

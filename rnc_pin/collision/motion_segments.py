@@ -275,6 +275,7 @@ class _Track:
         """Poses and rates at times."""
         poses, rates = [], []
         for t in times.tolist():
+            # Segments meet at their ends: a user's motion is asked once for each time.
             if t not in self._known:
                 point = self._motion.at(t)
                 self._known[t] = np.array(point.position, dtype=float), np.array(point.velocity, dtype=float)

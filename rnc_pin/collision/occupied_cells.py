@@ -137,6 +137,7 @@ class OccupancyMap:
         filled = self.occupied | self.unknown if unknown else self.occupied
         if cells > 1:
             rows, columns = (-(-size // cells) * cells for size in filled.shape)
+            # Up to whole groups of cells; what lies beyond the map is free.
             padded = np.zeros((rows, columns), dtype=bool)
             padded[: filled.shape[0], : filled.shape[1]] = filled
             filled = padded.reshape(rows // cells, cells, columns // cells, cells).any(axis=(1, 3))

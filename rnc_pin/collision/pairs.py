@@ -188,6 +188,7 @@ class PairMeasurement:
         request, result = _request(_GJK), coal.DistanceResult()
         self._request_of_touching = _request(_GJK_OF_TOUCHING)
         self._result, self._memory = result, _memory_of(result)
+        # Arguments are made once: placements are written into the same objects.
         poses = self._poses
         self._arguments = [
             (shapes[a], poses[a], shapes[b], poses[b], request, result) for a, b in (pair[:2] for pair in pairs)

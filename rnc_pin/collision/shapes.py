@@ -286,9 +286,11 @@ class Obstacle:
         if isinstance(self.ignored_links, str) or not all(isinstance(each, str) for each in self.ignored_links):
             raise InputError(f"{title}: ignored_links takes names of links, found {self.ignored_links!r}")
         object.__setattr__(self, "ignored_links", tuple(self.ignored_links))
+        # coal has half spaces, whose hull would be a slab.
         if not isinstance(self.shape, coal.Halfspace):
             object.__setattr__(self, "shape", convex_shape(self.shape, self.name))
         bounding_box(self.shape, self.name)
+        # An own array that nobody can change: an obstacle is a value.
         fixed = numbers[:3].copy()
         fixed.flags.writeable = False
         object.__setattr__(self, "position", fixed)

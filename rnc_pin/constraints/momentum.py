@@ -77,6 +77,8 @@ class MomentumConservation:
             raise ConstraintError(
                 f"momentum of joint '{self.joint}' takes {size} finite number{'s' * (size > 1)}, found {self.momentum}"
             )
+        # These axes do not turn with the joint: the conserved momentum is its generalized one. Else it is one in the
+        # world.
         if size == 1 or kind == "JointModelTranslation":
             return _MomentumRows(self.joint, rows, units, [], value)
         parent = robot.model.parents[joint]

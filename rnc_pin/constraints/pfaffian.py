@@ -303,6 +303,7 @@ class _PfaffianRows(Rows):
     def __init__(self, kind: Pfaffian, robot: Robot) -> None:
         self.rheonomic = self.turning = kind.rheonomic
         first = (robot.configuration(), *((0.0,) if kind.rheonomic else ()))
+        # One call tells the number of rows; checks of the function come after it.
         sample = np.atleast_1d(np.asarray(kind.rows(*first), dtype=float))
         self._shape = (sample.shape[0], robot.nv)
         self.names = tuple(kind.names or [f"row[{i}]" for i in range(self._shape[0])])

@@ -115,6 +115,7 @@ def _parts(kind: RollingWheel) -> tuple[tuple[str, ...], np.ndarray | None]:
     if not kind.vertical:
         return names, np.array(rows)
     names, rows = (*names, "vertical"), [*rows, [0.0, 0.0, 1.0]]
+    # None spares a product with the identity at each evaluation.
     return names, None if len(rows) == 3 else np.array(rows)
 
 

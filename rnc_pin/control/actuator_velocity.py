@@ -112,6 +112,7 @@ class ActuatorVelocityController(ReprMixin):
         at = self._reduced.at(measurement.q)
         v2 = self._admitted(target)
         along = apply(at.R, v2)
+        # One factor for all: the robot stays on its path, and only moves more slowly.
         scale = admissible_scale(along, at.b if self._reduced.affine else None, self.limits)
         if np.min(scale) < 1.0:
             v2, along = scale * v2, scale * along

@@ -251,5 +251,6 @@ class ReducingOutputController(DescribedMixin):
         v2, v2_dot = self._feedback(desired, measurement.x2, measurement.v2)
         x2 = desired.position
         if x2.shape != measurement.x2.shape:
+            # Measurements of many states share one reference.
             x2 = np.broadcast_to(x2, measurement.x2.shape)
         return VelocityTarget(v2=v2, v2_dot=v2_dot, x1=x1, x2=x2), None

@@ -161,6 +161,7 @@ class SplitController(ReprMixin):
 
     def step(self, t: float, measurement: Measurement, state: tuple[State, ...]) -> tuple[Command, tuple[State, ...]]:
         shape = measurement.x2.shape
+        # NaN where no part tells its target: plots leave it out.
         F, v2, x2 = np.empty(shape), np.full(shape, np.nan), np.full(shape, np.nan)
         x1: np.ndarray | None = None
         states = []

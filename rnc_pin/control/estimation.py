@@ -31,7 +31,7 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import ReprMixin
 from rnc_pin.robots.robot import Robot
 
-_LENDING = RLock()
+_LENDING = RLock()  # of the memory that estimates of all threads share
 _Thing = TypeVar("_Thing", Robot, RowStack, ReductionData, NumPyEvaluator, ReducedModel)
 Bound = float | Sequence[float] | np.ndarray
 Bounds = tuple[Bound, Bound]

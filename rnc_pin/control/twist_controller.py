@@ -36,7 +36,7 @@ from rnc_pin.printing import ReprMixin
 
 _STILL = 1e-9  # share of a twist that rounding causes
 _MOVING = 0.1  # share of the command below which a base counts as standing
-_SETTLED = 1e-12  # [rad]
+_SETTLED = 1e-12  # [rad] angle that no pivot has to turn any more
 _QUIET = 1e-3  # [m/s] speed of a command that turns no pivot of a program: rest of an error
 _REGULAR = 0.04  # smallest singular value of the model's guides, at angles for which a program aims
 _STEERING_ACCELERATION = 4.0  # [rad/s^2]
@@ -263,6 +263,7 @@ class TwistController(ReprMixin):
         if missing <= 0.0 or not size:
             return goal, turn
         found = []
+        # Sideways of the goal, to both sides: where guides are dependent, the goal passes a pivot.
         for across in np.linalg.svd((motion.free.T @ goal)[None])[2][1:]:
             for sign in (1.0, -1.0):
                 twist = goal + sign * missing * _REGULAR * size * (motion.free @ across)
@@ -317,6 +318,7 @@ class TwistController(ReprMixin):
             if nearest is not None:
                 twist = motion.free @ nearest.point
                 turns = np.abs(self.base.turns(motion, q, twist, rates).turn).max()
+                # Rounded: equally near twists are chosen by their turns and not by rounding.
                 found.append((round(float(np.linalg.norm(nearest.point - part)), 9), float(turns), twist))
         twist = min(found, key=lambda each: each[:2])[2]
         return np.where(np.abs(twist) > _STILL * np.linalg.norm(goal), twist, 0.0), beyond
@@ -368,6 +370,7 @@ class TwistController(ReprMixin):
         if len(motion.guides) and part.size:
             _, values, axes = np.linalg.svd(motion.guides @ motion.free)
             weights = np.ones(part.size)
+            # The minimum in the axes of the guides: each part of the twist fades with the side slip that it causes.
             weights[: len(values)] = 1.0 / (1.0 + (values / self.slip) ** 2)
             size, part = part @ part, axes.T @ (weights * (axes @ part))
             if waits and size > 0.0:

@@ -148,6 +148,7 @@ def no_gains(
     at = reduced.at(np.atleast_2d(configurations))
     values = np.atleast_1d(at.smallest_singular_value)
     singular = bool(values.min() < NEARLY_SINGULAR)
+    # The cause is told where it is worst.
     place = int(np.argmin(values) if singular else np.argmax(inertia.eigenvalues[:, -1]))
     time, rows = None if times is None else float(times[place]), at.dependent_rows(place)
     where, period = _place(time, at.q[place]), _longest_period(inertia, slowest, delay)

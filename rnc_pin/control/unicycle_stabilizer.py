@@ -127,6 +127,7 @@ class UnicycleStabilizer(DescribedMixin):
         since = t - state.since
         if since < self.ramp_time:
             share, growth = since / self.ramp_time, 1.0 / self.ramp_time
+            # The rate of a product: without the second term, the inner loop would lag behind the ramp.
             desired, rates = share * desired, share * rates + growth * desired
         return VelocityTarget(desired, rates, x1, x2), state
 

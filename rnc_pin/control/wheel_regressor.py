@@ -241,6 +241,7 @@ class WheelRegressor:
             if wheel.axle is not None:
                 here = system.robot.model.jointPlacements[wheel.axle.joint].translation + wheel.axle.centre
                 values[wheel.axle.column].append(float(2 * (2 * wheel.axle.side) @ (here - wheel.axle.middle)))
+        # One parameter of several wheels has the mean of their values.
         return np.array([np.mean(each) for each in values])
 
     def estimated(self, reduced: ReducedModel) -> EstimatedModel:

@@ -206,6 +206,7 @@ def _path(location: Sequence[str | int], is_tag: Callable[[str, object], bool]) 
     for part in location:
         if isinstance(part, int):
             text += f"[{part}]"
+        # pydantic repeats the key of a mapping with one key as the tag of its union.
         elif part != previous and not is_tag(part, previous):
             text += f".{part}" if text else part
         previous = part

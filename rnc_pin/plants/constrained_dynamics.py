@@ -137,6 +137,7 @@ class ConstrainedDynamics:
         blocks = [(block, where) for block, where, _ in x2.places if isinstance(block, OutputRows)]
         self._integrands = OutputStack([block for block, where in blocks if self.integrated[where].any()])
         self._where = np.flatnonzero(self.integrated)
+        # w, outputs whose values are integrated, the time if constraints need it, and the work.
         self.state_size = self._r + len(self._where) + reduced.rheonomic + 1
         self._no_integrals = np.zeros(self._r)
         self._no_integrals.setflags(write=False)

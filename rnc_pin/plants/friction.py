@@ -19,7 +19,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics, check_conserved
 
-_RANK = 1e-12
+_RANK = 1e-12  # relative singular value, or relative error of a time, that is rounding
 
 INSTANT = 1e-6
 """Horizon for instantaneous friction forces [s]."""

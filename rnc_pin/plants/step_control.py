@@ -20,8 +20,6 @@ MOST_EVENT_SUBSTEPS = 16
 """The same with friction, where the error at an event falls slowly with the step."""
 
 _PERIOD = 128  # samples after which a comparison is due
-_ORDER_4 = 16.0 / 15.0  # error over its difference from that with half the step
-_ORDER_1 = 2.0
 _ROUNDING = 1e-14  # relative difference that is rounding
 
 
@@ -159,5 +157,7 @@ def estimated_errors(position: Array, velocity: Array, smooth: bool, scale: floa
         smooth: True if the integration is of fourth order.
         scale: largest absolute value of the states.
     """
-    errors = np.concatenate([position, velocity]) * (_ORDER_4 if smooth else _ORDER_1)
+    fourth = 16.0 / 15.0  # of order 4, error over its difference from the result with half the step
+    first = 2.0  # of order 1, the same
+    errors = np.concatenate([position, velocity]) * (fourth if smooth else first)
     return np.where(np.abs(errors) > _ROUNDING * (1.0 + scale), errors, 0.0)

@@ -120,6 +120,7 @@ class VelocityPlant:
 
         for h in np.diff(self._instants(dt)):
             q, elapsed = self._integrator.step(rate, q, elapsed, h)
+        # In closed form over the whole time: substeps only integrate the configuration.
         w = self._lagged(w, dt)
         if not np.isfinite(q).all():
             raise DivergenceError("plant configuration is not finite")

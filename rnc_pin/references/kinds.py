@@ -413,6 +413,7 @@ class RelativeTable(RelativeReference):
         except (OSError, ValueError) as error:
             raise ConfigurationError(f"{self.file}: expected a line of names, then numbers: {error}") from None
         wanted = ("time", *coordinates.names)
+        # Columns of unknown names are refused too: a misspelled output would else be missing without a word.
         for name in names:
             place_of(name, wanted, f"{self.file}: no output")
         times, *points = (values[:, place_of(name, names, f"{self.file}: no column")] for name in wanted)

@@ -209,6 +209,7 @@ def with_link_masses(
         if name not in links:
             raise ModelError(f"no link '{name}' in robot '{robot}'{nearest(str(name), links)}")
         link = links[name]
+        # From the changed model: several links can be parts of one body.
         old = _own(changed, link, locked)
         _exchange(changed, link, _new(name, mass, old, robot), old)
     return changed
@@ -290,6 +291,7 @@ def _new(name: str, mass: object, old: np.ndarray, robot: str) -> np.ndarray | p
         raise ModelError(
             f"link '{name}' of robot '{robot}' has no mass of its own that could be scaled: give a pinocchio.Inertia"
         )
+    # Same density distribution: the first moment and the inertia scale with the mass.
     return old * (float(mass) / old[0])
 
 

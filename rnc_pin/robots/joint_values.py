@@ -240,6 +240,7 @@ class NamedModel:
             elif joint.shortname() in _COORDINATES:
                 entries = [(each, "m" if each in "xyz" else "-") for each in _COORDINATES[joint.shortname()]]
             else:
+                # Only with equal numbers do entries of q belong to entries of v.
                 units_known = own if joint.nq == joint.nv else ["-"] * joint.nq
                 entries = [(str(k), unit) for k, unit in enumerate(units_known)]
             found += [(f"{name}[{entry}]", unit) for entry, unit in entries]

@@ -28,6 +28,7 @@ def check_model(model: pin.Model) -> None:
         raise ModelError(
             f"robot '{model.name}' has no moving joint: load it with {argument('base', 'planar')}, or 'free'"
         )
+    # First: the next checks take time that grows with the square of the joints.
     check_model_size(model)
     names = list(model.names)[1:]
     for name in names:
@@ -258,6 +259,7 @@ def _body(model: pin.Model, joint: int, bodies: Mapping[str, Body]) -> list[Mass
     largest = max(abs(inertia.mass), float(np.abs(tensor).max()), float(np.abs(inertia.lever).max()))
     if largest > HEAVIEST:
         raise ModelError(f"inertia behind joint '{name}' contains {largest:g}, limit {HEAVIEST:g} [kg, m]")
+    # Zero is no fault of a body alone: others may move with it.
     if inertia.mass < 0:
         message = f"mass behind joint '{name}' is negative: {inertia.mass:g} kg"
         return [_massless(model, joint, NEGATIVE, message, bodies)]

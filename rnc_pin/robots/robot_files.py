@@ -27,6 +27,7 @@ def find_urdf(path: str | Path, beside: Path | None = None) -> Path:
         ModelError: no such file; the message names the nearest shipped one.
     """
     path = Path(path).expanduser()
+    # A user's own file comes before a shipped one of the same name.
     candidates = [path] if path.is_absolute() else [(beside or Path()) / path, shipped_directory() / path]
     for candidate in candidates:
         if os.path.isfile(candidate):

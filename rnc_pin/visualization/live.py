@@ -121,6 +121,7 @@ class LiveView:
             return
         if self._speed > 0:
             now = time.monotonic()
+            # The clock of the wall starts with the first frame: what came before it took time of its own.
             if self._started is None:
                 self._started = now - t / self._speed
             time.sleep(max(0.0, self._started + t / self._speed - now))

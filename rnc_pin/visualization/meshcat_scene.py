@@ -12,7 +12,7 @@ from rnc_pin.simulation import PlannedPath
 from rnc_pin.visualization.browser.page import meshcat, mg
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 
-_SAME_VALUE = 1e-7
+_SAME_VALUE = 1e-7  # change of a number that a page does not show
 FIELD_OF_VIEW = 50.0  # vertical [deg]
 VIEW_DIRECTION = (-0.35, 1.0, -0.8)  # viewing direction of a camera that is placed automatically
 ASPECT = 1.6  # width over height of the picture
@@ -394,6 +394,7 @@ def _grid(height: float, center: np.ndarray, half: float, pitch: float) -> mg.Li
     starts, ends = along.ravel(), along.ravel() + np.float32(pitch)
     lines, level = across.ravel(), np.full(along.size, height, dtype=np.float32)
     parallel = np.stack([np.stack([starts, lines, level]), np.stack([ends, lines, level])], axis=-1)
+    # The same lines with x and y exchanged.
     crossing = parallel[[1, 0, 2]]
     points = np.concatenate([parallel, crossing], axis=1).reshape(3, -1)
     points[:2] += center.astype(np.float32)[:, None]

@@ -55,6 +55,7 @@ def plot_top_view(
             entries = [*draw_footprints(axes, robot, trajectory.q), *entries]
         return [*draw_paths(axes, paths, texts, run_name(trajectory, others)), *entries]
 
+    # At both ends only: they set the size of the view, which moving obstacles may leave between.
     outlines = [outline(each, t) for each in obstacles if not each.unbounded for t in trajectory.time[[0, -1]].tolist()]
     if robot is not None:
         outlines += [each for q in trajectory.q[[0, -1]] for each in footprints(robot, q)]

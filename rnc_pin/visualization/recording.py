@@ -202,6 +202,7 @@ def write_video(
     ffmpeg = shutil.which("ffmpeg")
     if ffmpeg is None:
         raise ConfigurationError(f"{path}: a video needs ffmpeg, which is not installed")
+    # A file that exists is replaced by a whole video only.
     with atomic_file(path, replace) as partial:
         pictures = take_pictures(recording, even_times(recording.duration, rate), size, "jpeg")
         _encode(ffmpeg, path, partial, pictures, rate)

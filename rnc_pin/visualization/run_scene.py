@@ -188,6 +188,7 @@ class RunScene:
             matrix[:3, :3], matrix[:3, 3] = turned(state), actual(state).translation
             for axis, (kind, column) in columns.items():
                 value = getattr(state, f"{kind}_desired")[column]
+                # NaN where a controller tells no target: the frame shows its own coordinate there.
                 if np.isfinite(value):
                     matrix[axis, 3] = value
             return matrix
@@ -320,6 +321,7 @@ class RunScene:
 
             found.append(e.Ghost(entry, "robot", self.robot, configuration, self.meshcat_robot.group))
             for frame in self.view.trail or self.tracked:
+                # At most about 400 points: a page does not show more.
                 path = self.kinematics.path(frame, others[label].q[:: max(1, len(others[label].q) // 400)])
                 found.append(e.FixedPath(entry, f"path of {frame}", path, 0.7 * self._width))
         return found

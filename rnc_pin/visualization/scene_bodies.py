@@ -172,8 +172,6 @@ class MeshcatRobot:
 
 
 _CIRCLE_POINTS = 32  # points of a circle
-_OPACITY = 0.75
-_UNBOUNDED_OPACITY = 0.3  # opacity of that part
 
 
 def surface_points(shape: coal.CollisionGeometry) -> np.ndarray:
@@ -256,7 +254,9 @@ class ObstacleElement(Element):
         self._drawn = False
 
     def build(self, scene: MeshcatScene) -> None:
-        opacity = _UNBOUNDED_OPACITY if self.obstacle.unbounded else _OPACITY
+        bounded = 0.75  # opacity that shows the robot behind
+        unbounded = 0.3  # of planes and half spaces, which would hide most of the picture
+        opacity = unbounded if self.obstacle.unbounded else bounded
         scene.mesh(self.node, _drawable(self.obstacle.shape), GREY, opacity)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:

@@ -186,6 +186,7 @@ class RollingMotion:
         positions, changes, _, _ = self._measured(self._nominal)
         whole = _Solution(self._geometry.evaluate(positions, {}, self._columns).matrix, changes).whole
         path = RolledPath(self.time, whole[:, :3].T, {}, 0)
+        # The base stands still before and after its steps.
         inside = np.clip(times, self.time[0], self.time[-1])
         q = self.with_base(np.tile(pin.neutral(self._model), (len(times), 1)), path.at(inside).values)
         starts = dict.fromkeys(self._columns, 0.0) | {

@@ -55,6 +55,7 @@ class RolledPath:
         share = (times - self._time[k]) / interval
         step, begin = self._steps[:, k], self._pose[:, k]
         displacement = _Displacement(begin[2], step * share)
+        # Columns are contiguous: all that follows works on whole columns.
         values = np.empty((len(times), 3), order="F")
         values[:, :2] = (begin[:2] + displacement.values).T
         values[:, 2] = begin[2] + step[2] * share

@@ -158,6 +158,7 @@ def first_event(step: EventStep, watched: Sequence[Watched]) -> tuple[float, int
     before = [each.value() for each in watched]
     rates = [0.0 if each.rate is None else each.rate() for each in watched]
     step.move_to(step.dt)
+    # Values at both ends for all first: a move within the step is much more work.
     after = [each.value() for each in watched]
     found: list[tuple[float, int]] = []
     for index, each in enumerate(watched):

@@ -14,8 +14,6 @@ from rnc_pin.lab.contacts.unilateral_contact import FrictionGroup, RowLayout
 from rnc_pin.math.linear_algebra import nonnegative, null_space, solve_positive_definite_columns
 from rnc_pin.model.state_evaluation import StateEvaluation
 
-_NEWTON, _ROUNDS, _SWEEPS, _LAST_SWEEPS = 25, 6, 40, 400
-
 
 class FrictionImpulses:
     """Impulses p (k,) with velocities ``y = G p + b`` of the rows after them.
@@ -53,13 +51,14 @@ class FrictionImpulses:
             guess: impulses (k,) near the solution, if they are known.
         """
         p = np.zeros(len(self._b)) if guess is None else guess
-        for _ in range(_ROUNDS):
+        rounds, sweeps = 6, 40
+        for _ in range(rounds):
             p, solved = self._newton(p)
             if solved:
                 return p
-            for _ in range(_SWEEPS):
+            for _ in range(sweeps):
                 p = self._swept(p)
-        for _ in range(_LAST_SWEEPS):
+        for _ in range(400):  # they are the whole solution now
             p = self._swept(p)
         square = float(p @ self._G @ p)
         # The factor that minimizes the energy along p, at most 1.
@@ -125,7 +124,7 @@ class FrictionImpulses:
         best, least, smallest = p, np.inf, float(np.abs(self._speeds).max())
         precise = 1e-13  # residual of a solution, relative to the largest impulse
         work = 8  # numbers for each row that LAPACK may use
-        for _ in range(_NEWTON):
+        for _ in range(25):  # from a better guess, sweeps help more
             F, slope = self._natural_map(p)
             size = float(np.abs(F).max())
             if size < least:

@@ -305,6 +305,7 @@ class SlidingPlant:
         if rows:
             J, gaps = np.array([row for row, _ in rows]), np.array([gap for _, gap in rows])
             W = responses(state, state.M, J)
+            # The shortest step in the metric of the inertia, which the constraints of the system allow.
             step = W @ np.linalg.lstsq(J @ W, gaps, rcond=1e-10)[0]
             q = pin.integrate(self._model, q, -step)
         self._now = self._present = self._now._replace(q=q)

@@ -289,6 +289,7 @@ def bound_contacts(system: object, contacts: Sequence[UnilateralContact]) -> lis
         if names.count(name) > 1:
             raise ConfigurationError(f"contacts: '{name}' occurs twice")
     for each in bound:
+        # Rows with and without a limit would need two methods at one impact.
         if each.needs_coefficient and any(other.has_limit for other in bound):
             raise ConfigurationError(
                 f"contact '{each.name}': requires its coefficient of friction, because the friction of some contact "

@@ -169,6 +169,7 @@ class Log(SummaryMixin):
             if only_frames and (correction.scale, correction.offset) != (1.0, 0.0):
                 raise ConfigurationError(f"corrections.{name}: expected only a delay, '{name}' is no measured joint")
         changed = Log(_corrected(each, corrections.get(each.of)) for each in self)
+        # A delay may move the first sample: the new log starts at zero again, and its stamp adds up.
         changed.start += self.start
         return changed
 

@@ -21,7 +21,7 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 
-_RANK_TOLERANCE = 1e-9
+_RANK_TOLERANCE = 1e-9  # relative singular value below which rows are dependent
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,7 @@ class ActuatorMapping:
             return force, drawn
         maps, effects = self._maps(q, self._used)
         for columns, drives in self._groups:
+            # Only the effect on admissible motion counts: the rest of the force is carried by the constraints.
             effect = maps[0] @ (maps[1][:, columns] @ T[columns])
             torques = np.linalg.lstsq(maps[0] @ effects[:, drives], effect, rcond=_RANK_TOLERANCE)[0]
             for drive, torque in zip(drives, torques, strict=True):

@@ -49,6 +49,7 @@ class BodyTree:
         self._planned: list[tuple[str, Callable[[int, int], joint_coordinates.JointCoordinates]]] = []
         """Name of the first MuJoCo joint of a joint, and its conversion as a function of the indices in MuJoCo."""
         spec.compiler.degree = False
+        # Inertias of the file may violate the triangle inequality, which the compiler would refuse.
         spec.compiler.balanceinertia = True
         spec.compiler.boundmass = spec.compiler.boundinertia = _PLACEHOLDER_MASS
         spec.option.gravity = robot.model.gravity.linear
@@ -98,6 +99,7 @@ class BodyTree:
     def _add_single(self, body: mujoco.MjsBody, single: _Single, joint: pin.JointModel, number: int, name: str) -> None:
         added = _move(body, name, single.slides, single.axis)
         q, v = joint.idx_q, joint.idx_v + number
+        # Joints of a composite have places of their own in q: some have two entries.
         if number:
             q = joint.extract().joints[number].idx_q
         kind = joint_coordinates.ContinuousHinge if single.continuous else joint_coordinates.EqualCoordinates

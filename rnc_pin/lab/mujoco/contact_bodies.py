@@ -274,6 +274,7 @@ def choose_support(
         return BaseSupport("free", lift=-ground)
     added = _outriggers(points) if settings.casters is not False else None
     fits = added is not None and _carries(np.vstack([points, added]), weight)
+    # A vehicle that would tip is kept level, or its run would be one of falling.
     if settings.stance == "auto" and not (upright and fits):
         return BaseSupport("level", lift=-ground)
     casters = () if added is None else tuple(_support(data.oMi[1], k, at, ground) for k, at in enumerate(added))
@@ -296,6 +297,7 @@ def _stays_upright(robot: Robot, data: pin.Data, columns: Array, contact: Contac
         if model.joints[joint].nv != 1 or not (own or abs(axis[2]) > 1 - _LEVEL_TOLERANCE):
             return False
         joint = model.parents[joint]
+    # MuJoCo's free base needs a mass.
     return bool(model.inertias[1].mass > 0)
 
 

@@ -23,7 +23,7 @@ from rnc_pin.lab.mujoco.settings import MuJoCoSettings
 _GROUND = "ground"
 _FRICTIONLESS = 1e-5  # smallest friction coefficient in MuJoCo
 _BLADE_RADIUS = 0.005  # radius of the edge of a blade [m]
-_IMPEDANCE = 0.02
+_IMPEDANCE = 0.02  # low: contacts are soft along the normal
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -166,6 +166,7 @@ class Ground:
             mujoco.mj_jac(model, data, jacobian, None, self._below(geom), model.geom_bodyid[geom])
             mujoco.mj_solveM(model, data, moved, jacobian)
             along = self._axes[:2]
+            # The largest over all directions along the ground: slip has no direction known beforehand.
             self._mobility[place] = np.linalg.eigvalsh(along @ (jacobian @ moved.T) @ along.T)[-1]
 
     def _below(self, geom: int) -> np.ndarray:

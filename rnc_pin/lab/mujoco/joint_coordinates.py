@@ -189,6 +189,7 @@ class FreePlanarBase(BaseCoordinates):
         forward = pose.rotation[:, 0]
         angular_velocity = pose.rotation @ mujoco.v[self.dof + 3 : self.dof + 6]
         forward_rate = np.cross(angular_velocity, forward)
+        # The heading is the direction of the body's x axis along the ground, also of a body that leans.
         length = np.hypot(forward[0], forward[1])
         c, s = forward[0] / length, forward[1] / length
         pinocchio.q[self.q : self.q + 4] = pose.translation[0], pose.translation[1], c, s

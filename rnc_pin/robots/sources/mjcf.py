@@ -239,6 +239,7 @@ def _include(parent: ElementTree.Element, path: Path, allowed: description.Allow
 def _resolve_assets(root: ElementTree.Element, path: Path, allowed: description.AllowedFolders) -> None:
     folders, stripped = {"mesh": "", "texture": ""}, False
     for compiler in root.findall("compiler"):
+        # Later <compiler> elements overrule earlier ones, and meshdir overrules assetdir, as in MuJoCo.
         both = compiler.attrib.pop("assetdir", None)
         for kind in folders:
             folder = compiler.attrib.pop(f"{kind}dir", both)
@@ -304,6 +305,7 @@ def _replace_actuators(root: ElementTree.Element) -> None:
             section.remove(actuator)
             targets = {key: text for key, text in actuator.attrib.items() if key in targets_of_motors}
             if known and targets:
+                # Only targets matter here: motors compile without the files and parameters of other actuators.
                 section.append(ElementTree.Element("motor", targets))
 
 
@@ -312,6 +314,7 @@ def _strip(element: ElementTree.Element) -> None:
         element.attrib.pop(key, None)
     kept = _CHILDREN.get(element.tag, ())
     for child in list(element):
+        # Assets that MuJoCo makes have no shape for the model.
         made = element.tag == "asset" and ("builtin" in child.attrib or "plugin" in child.attrib)
         if child.tag not in kept or child.get("type") in ("hfield", "sdf") or made:
             element.remove(child)

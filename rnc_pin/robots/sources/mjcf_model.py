@@ -308,6 +308,7 @@ class MeshAssets:
             scale = " ".join(map(repr, factors.tolist()))
             attributes = self._attributes[name]
             try:
+                # A file as it stands is shared by path; one that the description moves has to be a mesh of its own.
                 if "file" in attributes and not _MOVED & set(attributes):
                     yield shapes.load(Path(attributes["file"]), scale)
                     continue
@@ -328,6 +329,7 @@ class MeshAssets:
         if place is None or turn is None or not turn.any():
             raise mesh_formats.MeshError("refpos takes three numbers, refquat four that are not all zero")
         rotation = pin.Quaternion(turn[0], *turn[1:]).normalized().matrix()
+        # refpos and refquat are the place of the new origin in the file: vertices move the other way.
         return mesh_formats.checked_mesh((mesh.vertices - place) @ rotation, mesh.triangles)
 
 
@@ -361,6 +363,7 @@ def _inline_triangles(attributes: Mapping[str, str]) -> mesh_formats.Mesh:
         raise mesh_formats.MeshError("vertex and face take three numbers per entry")
     if not points.size:
         raise mesh_formats.MeshError("has neither a file nor vertices")
+    # As MuJoCo does for a mesh of vertices without faces.
     if not corners.size:
         return mesh_formats.convex_hull(points)
     if np.abs(corners).max() > points.size:

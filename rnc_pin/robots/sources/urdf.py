@@ -57,6 +57,7 @@ def read_urdf(
     description.check_base(base)
     packages = description.Packages(path.parent, package_dirs)
     root = parse_urdf(path, xacro_arguments, packages)
+    # Repairs first: checks after them tell only what no repair can decide.
     notes = repair(root, path)
     _check_unique(root, path)
     _check_joints(root, path)
@@ -65,6 +66,7 @@ def read_urdf(
         give_masses(root, masses, path)
     _check_links(root, path)
     moving = [joint.get("name") for joint in root.findall("joint") if joint.get("type") != "fixed"]
+    # Pinocchio names the joint of the base so.
     if base != "fixed" and "root_joint" in moving:
         raise ModelError(f"{path}: joint 'root_joint' has the name of a {base} base's own: rename it in the file")
     mimics = _mimics(root, path)

@@ -172,6 +172,7 @@ def _mesh_of(shape: ElementTree.Element) -> ElementTree.Element | None:
 
 
 def _stand_in(geometry: pin.GeometryModel, model: pin.Model, name: str, link: ElementTree.Element) -> None:
+    # The box of uniform density with the inertia of the link: about its size, where nothing else tells it.
     box = equivalent_box(link)
     if box is None or not model.existFrame(name, pin.FrameType.BODY):
         return

@@ -220,6 +220,7 @@ def repair(root: ElementTree.Element, path: Path) -> list[str]:
     Raises:
         ModelError: numbers with a decimal comma, or a planar joint in another plane than its own x-y plane.
     """
+    # In this order: later repairs rely on names and numbers that earlier ones made valid.
     notes: Notes = defaultdict(list)
     _name(root, path, notes)
     _numbers(root, path, notes)
@@ -257,6 +258,7 @@ def _numbers(root: ElementTree.Element, path: Path, notes: Notes) -> None:
                         raise ModelError(f"{path}: {where}: {key} is '{text}': write a point for its decimals")
                     continue
                 words = text.split()
+                # As many words as numbers, some with a comma inside: these commas are decimals and not separators.
                 if any("," in word.strip(",") for word in words) and len(words) == count:
                     raise ModelError(f"{path}: {where}: {key} is '{text}': write a point for the decimals")
                 words = text.replace(",", " ").split()

@@ -115,6 +115,7 @@ class MeshShapes:
             try:
                 self._meshes[file] = read_mesh(file)
             except MeshError as error:
+                # Faults are kept too: a broken file that many links use is read once.
                 self._meshes[file] = error
         mesh = self._meshes[file]
         if isinstance(mesh, MeshError):

@@ -97,6 +97,7 @@ def scene_mesh(parts: Iterable[tuple[Mesh, np.ndarray]]) -> Mesh:
     for mesh, placement in parts:
         triangles.append(mesh.triangles + count)
         count, faces = count + len(mesh.vertices), faces + len(mesh.triangles)
+        # At each part, before its vertices are copied: instances can multiply a small file.
         check_counts(count, faces)
         vertices.append(mesh.vertices @ placement[:3, :3].T + placement[:3, 3])
     if not vertices:

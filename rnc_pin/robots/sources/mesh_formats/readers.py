@@ -138,7 +138,7 @@ def _text(content: bytes) -> np.ndarray:
 
 
 _MAX_NODES = 100_000  # visited nodes; each instance counts
-_MAX_DEPTH = 100
+_MAX_DEPTH = 100  # Python's own limit of nested calls is 1000
 _TOO_MANY_NODES = f"nodes are more than {_MAX_DEPTH} deep, or more than {_MAX_NODES:,}"
 
 
@@ -207,6 +207,7 @@ class _ColladaScene:
         Raises:
             MeshError: too many nodes, or too deep, as nodes are that contain themselves.
         """
+        # Nodes can be instances of nodes, which double from level to level or never end.
         self._visited += 1
         if self._visited > _MAX_NODES or depth > _MAX_DEPTH:
             raise MeshError(_TOO_MANY_NODES)
@@ -230,6 +231,7 @@ class _ColladaScene:
                 if len(corners):
                     vertices = self._named(_input(primitive, "VERTEX"), "source")
                     source = self._named(_input(vertices, "POSITION"), "source")
+                    # By source of points: primitives that share one become one mesh, so that its points are read once.
                     triangles.setdefault(source, []).append(corners)
             self._geometries[name] = [
                 checked_mesh(self._points(source), np.concatenate(corners)) for source, corners in triangles.items()
@@ -275,6 +277,7 @@ def _collada_transform(part: ElementTree.Element) -> np.ndarray:
     elif part.tag == "scale":
         matrix[:3, :3] = np.diag(numbers(part.text).reshape(3))
     elif part.tag == "rotate":
+        # In degrees, about an axis of any length.
         *axis, angle = numbers(part.text).reshape(4)
         length = np.linalg.norm(axis)
         if length > 0:
@@ -288,6 +291,7 @@ def _primitive(primitive: ElementTree.Element) -> np.ndarray:
     """Indices of positions (k, 3)."""
     inputs = [int(each.get("offset", "0")) for each in primitive.findall("input")]
     place, width = int(_input(primitive, "VERTEX").get("offset", "0")), max(inputs) + 1
+    # The width multiplies the numbers of a corner: a large one would skip through the whole list.
     if min(inputs) < 0 or width > 64:
         raise MeshError("an input has no offset")
     lists = [numbers(each.text, np.int64) for each in primitive.findall("p")]

@@ -192,11 +192,13 @@ class Expander:
 
     def _call(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
         name = element.tag.removeprefix(_PREFIX)
+        # A call costs like many steps: macros that call themselves end by the budget.
         self._substitution.budget.spend(50)
         known_macros, known, macro = _resolve(name, macros, scope)
         inner = known.inner()
         missing = {parameter.name: parameter for parameter in macro.parameters}
         for key, text in element.items():
+            # Values of the caller are computed in the scope of the caller, before names of the macro exist.
             if missing.pop(key, None) is None:
                 raise ModelError(f"macro '{name}' has no parameter '{key}'{nearest(key, missing)}")
             inner.define(key, self._value(text, scope))

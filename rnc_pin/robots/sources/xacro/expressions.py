@@ -216,6 +216,7 @@ def attribute(owner: Value, name: str) -> Value:
         ModelError: the attribute does not exist, or could do more than compute a value.
         NameError: a namespace has no such member.
     """
+    # Names with an underscore lead from any value to Python's internals.
     if not name.startswith("_"):
         if isinstance(owner, Namespace):
             return owner.member(name)
@@ -475,6 +476,7 @@ class _Evaluation:
             return
         first, *others = generators
         items = self.value(first.iter)
+        # Before the loop: nested comprehensions over long lists end by the budget.
         self._budget.spend(admit(items))
         for item in items:
             self._assign(first.target, item)

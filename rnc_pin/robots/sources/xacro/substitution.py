@@ -154,6 +154,7 @@ class Substitution:
         """
         values: list[expressions.Value] = []
         place = 0
+        # Long texts cost too, else loops over them would be free.
         self.budget.spend(1 + len(text) // 16)
         while place < len(text):
             piece = _PIECES.match(text, place)
@@ -171,6 +172,7 @@ class Substitution:
         if len(values) == 1:
             return values[0]
         parts = [str(each) for each in values]
+        # Before they are joined: a text that doubles in each macro would fill memory.
         if sum(map(len, parts)) > expressions.LETTERS:
             raise ModelError(f"a text of more than {expressions.LETTERS:,} characters")
         return "".join(parts)
