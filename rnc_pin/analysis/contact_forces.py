@@ -180,7 +180,7 @@ class ContactForceSet:
         return (left * acts[:, None])[:, :, :count].reshape(len(right), *self.selection.shape[:2], count)
 
     def known(self, contact_forces: Float[Array, "N l"], normal_forces: Float[Array, "N c"]) -> Float[Array, "N m k"]:
-        """Contact forces from those of the rows on the robot, and from ``NormalForces``; 0 where nothing carries.
+        """Contact forces from the forces of the rows on the robot, and from ``NormalForces``; 0 where nothing carries.
 
         Args:
             contact_forces: forces of all constraint rows on the robot [N or N m].

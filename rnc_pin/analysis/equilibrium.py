@@ -24,7 +24,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 
 _STEPS, _HALVINGS = 100, 12  # largest numbers: of Newton steps, and of halvings of one that does not improve
-_STILL = 1e-10  # acceleration that counts as zero, relative to those that gravity causes
+_STILL = 1e-10  # acceleration that counts as zero, relative to gravity's
 _GOOD = 1e-9  # largest accepted acceleration, on the same scale; a linearization accepts it too
 _ROUNDED = 1e-6  # largest accepted shape rates and gaps in motion: symmetries of a rounded file are no more accurate
 _DEPENDENT = 1e-9  # relative singular value below which coordinates are dependent
@@ -78,7 +78,7 @@ def equilibrium(
         reduced: the model, fully actuated or not.
         guess: configuration (nq,) to start from.
         hold: joints whose positions stay as in the guess.
-        v2: reduced velocities (r,) of a steady motion; or those of some reducing outputs by name. The search then finds
+        v2: reduced velocities (r,) of a steady motion; or rates of some reducing outputs by name. The search then finds
             the others, near zero. At rest by default.
         cyclic: joints, or entries of v by name, that may move although the dynamics depend on them, such as a slightly
             unbalanced wheel. The motion is then steady at their present position only.
@@ -200,7 +200,7 @@ class _Search:
         self._free = np.concatenate([free, np.ones(int(self._open.sum()), dtype=bool)])
         self._model = reduced.robot.model
         self._kinematics = Kinematics(reduced.robot)
-        # Accelerations are compared with those of gravity and of the motion, which a small residual is a part of.
+        # Gravity and the motion give the scale: a residual counts as a part of their accelerations.
         self._size = 1.0 + float(np.linalg.norm(self._model.gravity.linear)) + float(v2 @ v2)
         if reduced.affine:
             b = reduced.at(guess).b

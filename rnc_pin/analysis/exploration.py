@@ -6,7 +6,7 @@ choice of redundant coordinates x22, which only changes the conditioning of the 
 vertical outputs. Columns of ``R N`` are orthonormal here, with angles multiplied by a length of the robot: then
 singular values are motions of outputs per motion of joints.
 
-The classes are those of the paper, section 3.2 (``classify`` has the same with a given partition):
+The paper defines the classes, section 3.2 (``classify`` has the same with a given partition):
 
 * 1: D has full row rank.
 * 2: some rows of D vanish. The others are square and nonsingular, and the rates of the former do not depend on x22.
@@ -68,7 +68,7 @@ class Use:
     Attributes:
         vertical: names of the outputs (k,).
         redundancy_class: "1", "2", "2s", "3" or None.
-        moved: names of those that the class says move or are steered.
+        moved: names of the outputs that the class says move or are steered.
         rank: usual rank of D.
         singular_values: median of each over the samples (k,); angles of outputs and joints count by ``length``.
         smallest: smallest singular value at any sample.
@@ -165,7 +165,7 @@ def explore(
         candidates: vertical outputs: names, output objects, or lists of them that belong together. By default the
             vertical outputs of the model, position and orientation of the base and of the ends of chains, yaw and tilt
             of a free base under gravity, the centre of mass, and joints. A joint also stands for its distance to a
-            limit, and that of a trailer for its angle.
+            limit, and the joint of a trailer for its angle.
         samples: number of configurations.
         seed: of the random configurations.
         region: ranges (smallest, largest) of joints, by name [rad or m]; by default the limits, within half a turn.
@@ -562,7 +562,7 @@ class _Exploring:
 
 
 def _wheel_joints(reduced: ReducedModel, *, steered: bool = False) -> set[int]:
-    """Joints of bodies that roll, and those of last bodies on runners that an actuator steers, but not a trailer's."""
+    """Joints of bodies that roll, and of last bodies on runners that an actuator steers, but not a trailer's."""
     robot, found = reduced.robot, set()
     inner = list(robot.model.parents)
     for place in reduced.all_constraints.places:
@@ -630,7 +630,7 @@ def _frame_outputs(reduced: ReducedModel, q: Array, frame: str) -> list[OutputKi
 
 
 def default_candidates(reduced: ReducedModel) -> list[list[OutputKind]]:
-    """Return the vertical outputs that ``explore`` tries by default, without those of the model.
+    """Return the vertical outputs that ``explore`` tries by default, without outputs of the model.
 
     Args:
         reduced: the model.

@@ -92,7 +92,7 @@ class Grip(SummaryMixin):
     def used_by_forces(
         self, q: Float[Array, "N nq"], contact_forces: Float[Array, "N m"], normal_forces: Float[Array, "N c"]
     ) -> Float[Array, "N w"]:
-        """Return the shares of ``used`` for known forces, such as those of a run; NaN where one is not known.
+        """Return the shares of ``used`` for known forces, such as in a run; NaN where one is not known.
 
         Args:
             q: configurations.

@@ -313,7 +313,7 @@ def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float, r
 def _levels(drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: float, reach: int = 0) -> _Levels:
     """Levels from jets: their dimensions, with a margin over errors and over the values ``rejected`` so far.
 
-    Singular values are relative to the size of a level, or to ``fading`` times that of the level before. If hardly
+    Singular values are relative to the size of a level, or to ``fading`` times the size of the level before. If hardly
     anything depends on q, a level consists of rounding errors only.
     """
     fine, coarse = (np.concatenate(each, axis=-1) for each in zip(*drawn, strict=True))

@@ -204,7 +204,7 @@ class BracketJets:
         total, term = v.copy(), v
         for j, number in enumerate(scipy.special.bernoulli(order + 1)[1:], start=1):
             term = self._bracket(xi, term)
-            # The series ends for commuting motions, such as those of revolute joints.
+            # The series ends for commuting motions, such as of revolute joints.
             if number and not term.any():
                 break
             total += (-1) ** j * number / factorial(j) * term

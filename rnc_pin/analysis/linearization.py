@@ -140,7 +140,7 @@ def linearize(
         coordinates: configuration part of the state: outputs, or entries of ``v`` by name (``robot.velocity_names``).
             An entry of ``v`` is a small motion of that joint; ``"root_joint[3]"`` is the roll of a free base in its own
             axes. By default all entries of ``v``, as perturbations in a frame that moves along with the motion; of
-            those that holonomic rows relate, such as heights of wheels, as many as they leave free.
+            coordinates that holonomic rows relate, such as heights of wheels, as many as they leave free.
         rates: names of the reducing outputs whose rates are states; all of them by default.
         cyclic: joints, or entries of v by name, whose positions count as having no effect although they have a small
             one, such as the angle of a slightly non-round wheel; the same as in ``equilibrium``.
@@ -290,7 +290,7 @@ class _Coordinates:
         return np.vstack(J), np.vstack(J_dot)
 
     def deviation(self, q: Array, q_0: Array) -> Array:
-        """Coordinates of q minus those of q_0, (k,)."""
+        """Coordinates of q minus coordinates of q_0, (k,)."""
         tangent = pin.difference(self._robot.model, q_0, q)
         kinematics, found = Kinematics(self._robot), []
         for part in self._parts:

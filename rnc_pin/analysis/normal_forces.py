@@ -120,7 +120,7 @@ def _contact(place: Place, acting: Array) -> Contact | None:
 
 @once_per_model
 def _carriers(reduced: ReducedModel) -> tuple[tuple[Contact, ...], Array]:
-    """Contacts that carry, and the mask of those whose height a constraint row keeps."""
+    """Contacts that carry, and a mask: True where a constraint row keeps the height."""
     model, data, found = reduced.robot.model, reduced.robot.model.createData(), contacts_of(reduced)
     random = reduced.robot.random_configuration(np.random.default_rng(0))
     sizes = np.zeros(reduced.all_constraints.size)
@@ -318,7 +318,7 @@ class NormalForces:
         """Yield times, configurations, contact and normal forces inside sampling intervals, and at their ends.
 
         Inputs are constant in an interval, so that forces at its end differ from the next sample's. Velocities have
-        the change of the model's acceleration there. What the known forces have beside those of the model, e.g. by
+        the change of the model's acceleration there. What the known forces have beside the model's, e.g. by
         joint damping, is linear.
 
         Args:

@@ -153,7 +153,7 @@ def privileged_coordinates(
 ) -> PrivilegedCoordinates:
     """Return privileged coordinates of a reduced system about a configuration.
 
-    Singular configurations have weights of their own, for instance those of a trailer at right angles. If constraints
+    Singular configurations have weights of their own, for instance a trailer at right angles. If constraints
     are integrable, the robot stays on a leaf through q: the coordinates are as many as its dimensions, and privileged
     on it.
 
@@ -333,7 +333,7 @@ def _product(z: Array, power: Array, degrees: int) -> Array:
 def _sorted(
     found: Sequence[Array], linear: Array, powers: Sequence[Array], weights: Sequence[int], error: float
 ) -> tuple[Array, list[Polynomial]]:
-    """Linear parts with corrections of the first power, and polynomials of higher ones, without those that are zero."""
+    """Linear parts with corrections of the first power, and polynomials of higher ones, without zero terms."""
     linear, polynomials = linear.copy(), list[Polynomial]()
     for j, (coefficients, weight) in enumerate(zip(found, weights, strict=True)):
         of = np.concatenate([np.empty((0, len(weights)), dtype=int), *powers[1:weight]])

@@ -137,7 +137,7 @@ def motions_alone(J: np.ndarray, moved: np.ndarray, otherwise: np.ndarray) -> np
     Args:
         J: Jacobians.
         moved: indices of the rows (j,).
-        otherwise: motions (count, nv, j) in place of those that dependent rows make impossible.
+        otherwise: motions (count, nv, j) in place of motions that dependent rows make impossible.
     """
     alone = np.eye(J.shape[1])[:, moved]
     least = 1e-9  # of the largest singular value of all outputs' Jacobian

@@ -135,7 +135,7 @@ def _apart(points: Sequence[tuple[Singularity, Support]]) -> list[Singularity]:
     """One point of each dependence: the one with most rows, which shows it best.
 
     Points on one surface have the same support. Two surfaces can share rows, such as a straight arm and a platform
-    that faces sideways. Of samples beside a surface, those that share a row count as one.
+    that faces sideways. Of samples beside a surface, all that share a row count as one.
     """
     kept: list[tuple[Singularity, Support]] = []
     for point, support in sorted(points, key=lambda each: (-len(each[0].rows), each[0].smallest_singular_value)):

@@ -59,7 +59,7 @@ class CollisionDistances:
     Attributes:
         pairs: checked pairs. The second body of the last ones is an obstacle.
         omitted: pairs of links that are not checked, and why.
-        shapes: convex shapes of the links, then those of the obstacles.
+        shapes: convex shapes of the links, then of the obstacles.
         carriers: joint that carries each shape.
         radii: radii of the spheres around the boxes around the shapes [m].
         shape_pairs: first and second shape of each pair (2, k).
@@ -180,7 +180,7 @@ class CollisionDistances:
         """
         pairs, first = near.pairs, self.shape_pairs[0][near.pairs]
         found = []
-        # The corners of a tetrahedron: one of four axes is never far from that of the turn onto an edge.
+        # The corners of a tetrahedron: one of four axes is never far from the axis of the turn onto an edge.
         for axis in _TURNS:
             rotation = pin.exp3(turn * axis)
             rotations = self._at.rotations.copy()

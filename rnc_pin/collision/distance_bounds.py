@@ -114,7 +114,7 @@ class DistanceBounds:
     def nearby(self, at: ShapePoses, within: float) -> Int[Array, " n"]:
         """Pairs that may be nearer than a distance [m].
 
-        A distance decreases at most by the motion of both bodies: that of the centre, and that of the rotation about it
+        A distance decreases at most by the motion of both bodies: of the centre, and of the rotation about it
         at the corner of the box. So pairs that were far need no volumes until they may be near.
 
         Args:

@@ -63,7 +63,7 @@ class JointSteps:
 
 
 def _parts(index: int, joint: pin.JointModel, lever: float, largest: Float[Array, "N nq"]) -> list[_Part]:
-    """Parts of a joint whose origin is at most a lever [m] away from that of joint ``index``."""
+    """Parts of a joint whose origin is at most a lever [m] away from the origin of joint ``index``."""
     kind, start, size = joint.shortname(), joint.idx_v, joint.nv
     every = slice(start, start + size)
     each = [slice(k, k + 1) for k in range(start, start + size)]
@@ -94,7 +94,7 @@ def _parts(index: int, joint: pin.JointModel, lever: float, largest: Float[Array
 def _composite_parts(
     index: int, joint: pin.JointModelComposite, lever: float, largest: Float[Array, "N nq"]
 ) -> list[_Part]:
-    """Parts of the joints in a composite joint; the origin of the last one is that of the whole joint."""
+    """Parts of the joints in a composite joint; the origin of the last one is the origin of the whole joint."""
     found: list[_Part] = []
     for inner, placement in reversed(list(zip(joint.joints, joint.jointPlacements, strict=True))):
         found += _parts(index, inner, lever, largest)

@@ -58,7 +58,7 @@ def _few_boxes(filled: Bool[Array, "*n"], title: str, remedy: str) -> Int[Array,
 
 
 def cells_around(points: ArrayLike, side: float, name: str = "cells") -> tuple[Obstacle, ...]:
-    """Return boxes that cover the cubes with points in them exactly, such as those of a scanner.
+    """Return boxes that cover the cubes with points in them exactly, such as the points of a scanner.
 
     Args:
         points: coordinates (n, 3) in the world [m]; rows that are not finite, which scanners write for no return, are

@@ -1,6 +1,6 @@
 """Lower bounds of the distances of pairs along segments of a motion.
 
-The motion of a pair is seen from its first body, or from the obstacle. It is that of the joints between both bodies.
+The motion of a pair is seen from its first body, or from the obstacle. Only the joints between both bodies cause it.
 ``V`` bounds the path of any point of the other body: the sum of the translations and of the rotations times levers.
 ``A = 2 W V`` bounds the second derivative along the segment, with ``W`` the sum of the rotations: the derivative of the
 velocity that joint j causes, by joint i, is the axis of the one nearer to the first body times the velocity of the
@@ -8,7 +8,7 @@ other. Two bounds follow:
 
 * The distance changes at most by the path: ``(d0 + d1 - L) / 2``, where L is V, or the largest displacement between
   both ends plus ``A / 4``. With V it holds for joints that move at any rate.
-* The gap along a fixed direction is at least that of points on straight lines, less ``A / 8``. So it is not smaller
+* The gap along a fixed direction is at least the gap of points on straight lines, less ``A / 8``. So it is not smaller
   than its linear interpolation less ``A / 8``. The directions are the normals at both ends. Turns about such a
   direction do not change the gap: ``A``, and the part of ``V`` by rotations, count with the sine of the angle between
   the direction and the axes. So the height of a level arm over a base is certain, however the arm turns.
@@ -115,7 +115,7 @@ class PairBounds:
         self._from, self._other = np.where(swap, second, first), np.where(swap, first, second)
         self._sign = np.where(swap, -1.0, 1.0)  # of normals, which point from the first to the second body
         self._between: Bool[Array, "k j"] = carried[first] ^ carried[second]
-        # Both bounds and measured distances are those of turned shapes, each within a wobble of an exact one.
+        # Both bounds and measured distances belong to turned shapes, each within a wobble of an exact one.
         self._wobble: Float[Array, " k"] = 4.0 * spinning.wobble[distances.shape_pairs].sum(axis=0)
         self._radii, self._shapes, self._links = distances.radii, distances.shapes, links
         self._moving = np.array([columns.get(shape, 0) for shape in second.tolist()])  # the column of an obstacle
@@ -161,8 +161,8 @@ class PairBounds:
             placed: poses at all places.
             rows: the row of ``paths`` and ``segments`` of each pair.
             paths: lengths of paths along some segments: they hold at whatever rates the joints move.
-            segments: displacements along the same segments; without them the bound is that of the path alone, which is
-                cheap.
+            segments: displacements along the same segments; without them the bound follows from the path alone, which
+                is cheap.
         """
         found = np.empty(len(rows))
         chunk = 20_000  # entries at a time: bounds memory

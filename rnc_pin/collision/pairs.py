@@ -1,4 +1,4 @@
-"""Pairs of shapes: selection of those that may collide, and signed distances with nearest points and rates by coal."""
+"""Pairs of shapes: selection of pairs that may collide, and signed distances with nearest points and rates by coal."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rnc_pin.errors import ModelError, SimulationError, nearest
 
 
 class LinkPair(NamedTuple):
-    """Two shapes by index in the geometry, and their names: the link's name, or that of the obstacle.
+    """Two shapes by index in the geometry, and their names: the name of the link, or of the obstacle.
 
     Attributes:
         first: index of the shape of a link.
@@ -57,7 +57,7 @@ class PairSelection:
     """Rules by which pairs of links are selected. Every link is always checked against every obstacle.
 
     Attributes:
-        pairs: pairs of links to check, by name; None checks all pairs, except those that the other rules exclude.
+        pairs: pairs of links to check, by name; None checks all pairs, except pairs that the other rules exclude.
         disabled: pairs of links to omit, by name.
         links: True to check links against each other; obstacles always count.
     """

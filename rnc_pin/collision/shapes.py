@@ -2,7 +2,7 @@
 
 The distance between two convex shapes is signed, and its rate follows from the nearest points. A mesh of triangles has
 neither: coal reports the depth of one pair of triangles where two meshes overlap. A hull contains its mesh, so that a
-distance of hulls is never larger than that of the meshes.
+distance of hulls is never larger than the distance of the meshes.
 
 A joint that turns a shape of revolution about its own axis, such as a wheel, does not move it.
 """
@@ -133,7 +133,7 @@ class SpinningShapes:
 
     Attributes:
         shapes: indices (n,) of the shapes that spin.
-        wobble: largest distance (s,) of a point of each shape from that of an exact shape of revolution [m].
+        wobble: largest distance (s,) of a point of each shape from an exact shape of revolution [m].
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class SpinningShapes:
     def without_spin(
         self, rotations: Float[Array, "n s 3 3"], joints: Float[Array, "n j 3 3"]
     ) -> Float[Array, "n s 3 3"]:
-        """Rotations of all shapes, with those of spinning ones as if their joints stood at zero.
+        """Rotations of all shapes; spinning shapes are turned as if their joints stood at zero.
 
         Args:
             rotations: rotations of all shapes in the world.

@@ -310,7 +310,7 @@ class _AckermannRow(Rows):
         return (JointCoupler(self._steering.left, self._steering.right, function=self._left_angle, period=np.pi),)
 
     def _left_angle(self, position: float) -> tuple[float, float]:
-        """Position of the left joint up to half turns, from that of the right joint, and its slope."""
+        """Position of the left joint up to half turns, from the position of the right joint, and its slope."""
         left, right = (pivot.sign for pivot in self._pivots)
         r, p, k = right * position, self._reach, self._ratio
         sine, cosine = p * np.sin(r), np.cos(r) - k * np.sin(r)  # tan(l) = p sin r / (cos r - k sin r)

@@ -33,7 +33,7 @@ class GroundPlane:
         velocity: velocity of the material at ``point`` [m/s], along the plane.
         spin: angular velocity of the material about the normal [rad/s].
         frame: name of a frame of the robot that carries the plane, e.g. a table that tilts. Its axes and origin then
-            stand for those of the world, and motion is relative to it. None for the world.
+            stand for the axes of the world, and motion is relative to it. None for the world.
 
     Raises:
         ConfigurationError: not three finite numbers, a normal of no length, or a velocity out of the plane.

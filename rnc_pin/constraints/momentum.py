@@ -33,8 +33,8 @@ class MomentumConservation:
 
     A momentum of zero is the momentum conjugate to the joint's velocity. A nonzero momentum is constant in the world
     frame, not in the axes of a rotating body. For a planar, free-flying or spherical joint, it is the linear momentum,
-    and the angular momentum about the world's origin, in the world's axes (more exactly, those of the joint's fixed
-    frame). Then the constraint is affine, ``A v = mu``.
+    and the angular momentum about the world's origin, in the world's axes (more exactly, in the axes of the joint's
+    fixed frame). Then the constraint is affine, ``A v = mu``.
 
     Momentum rows have no reaction force, because conservation follows from the dynamics. Therefore
     ``NonholonomicSystem`` raises an error for actuators and other constraints that act on the joint, e.g. a wheel of
@@ -155,7 +155,7 @@ class _MomentumRows(Rows):
 
 
 class _WorldMomentumRows(_MomentumRows):
-    """Momentum rows, transformed from the body's axes to those of the joint's fixed frame."""
+    """Momentum rows, transformed from the body's axes to the axes of the joint's fixed frame."""
 
     def __init__(
         self, joint: str, rows: slice, units: tuple[str, ...], along: Sequence[int], value: np.ndarray, robot: Robot

@@ -135,12 +135,12 @@ class PrescribedMotion:
 
     Args:
         output: joint, frame, distance or any other output: ``rnc.JointPosition("pivot")``.
-        motion: its motion, a ``Reference`` of the output's size. Its time is that of the run, which starts at zero.
+        motion: its motion, a ``Reference`` of the output's size. Its time is the time of the run, which starts at zero.
         start_time: time of the motion at the start of the run [s], to continue a motion in a later run.
 
     Raises:
         ConstraintError: the motion has another size than the output, or its velocity is not the rate of its position,
-            or its acceleration not that of its velocity, at any of a few times.
+            or its acceleration not the rate of its velocity, at any of a few times.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")

@@ -137,7 +137,7 @@ class _RollingBodyRows(BodyContactRows):
 
     def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
         moved = self._arm_rate(place.rotation, velocity[..., 3:])
-        # The axes are those of the plane, which does not turn: only the arm moves.
+        # These axes belong to the plane, which does not turn: only the arm moves.
         axes_rate = np.zeros((*moved.shape, 3))
         return contact_wrench_rates(self._axes, axes_rate, np.zeros_like(moved), moved, len(self.names))
 

@@ -365,7 +365,7 @@ def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def _smaller_eigenvalue(matrix: np.ndarray) -> np.ndarray:
-    """Smaller eigenvalue (...) besides that of the normal, which is one."""
+    """Smaller eigenvalue (...) besides the one along the normal, which is one."""
     # The normal is an eigenvector with eigenvalue one, so trace and determinant leave a quadratic equation.
     total, product = np.trace(matrix, axis1=-2, axis2=-1) - 1.0, np.linalg.det(matrix)
     return np.asarray((total - np.sqrt(np.maximum(total**2 - 4 * product, 0.0))) / 2)

@@ -88,7 +88,7 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Ellipsoid:
-    """Ellipsoid with its axes along those of the body, e.g. of a rattleback.
+    """Ellipsoid with its axes along the axes of the body, e.g. of a rattleback.
 
     Args:
         semi_axes: semi-axes along x, y and z [m].
@@ -154,7 +154,7 @@ class Torus:
 
     @property
     def _across(self) -> np.ndarray:
-        """Ones for the axes across that of the torus, (3,)."""
+        """Ones for the axes across the axis of the torus, (3,)."""
         return 1.0 - _EYE[axis_index(self.axis)]
 
     def point(self, normal: np.ndarray) -> np.ndarray:
@@ -188,7 +188,7 @@ def support_point(normal: np.ndarray, S: np.ndarray, scale: float = 1.0, tube: f
 
     Args:
         normal: the normal.
-        S: diagonal (3,): squares of the semi-axes of an ellipsoid, or ones for the axes across that of a torus.
+        S: diagonal (3,): squares of the semi-axes of an ellipsoid, or ones for the axes across the axis of a torus.
         scale: radius of a torus [m].
         tube: radius of its tube [m].
     """

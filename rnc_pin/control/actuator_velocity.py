@@ -325,7 +325,7 @@ class OdometryIncrement(NamedTuple):
     """Derivatives by the slip of the rows [m]."""
 
     def covariance(self, encoder: float, slip: float) -> Float[Array, "3 3"]:
-        """Covariance of the motion, for a filter of poses such as those of ``robot_localization`` and GTSAM.
+        """Covariance of the motion, for a filter of poses, such as in ``robot_localization`` and GTSAM.
 
         Args:
             encoder: standard deviation of the motion of each measured joint in this step [rad or m].
@@ -345,8 +345,8 @@ class WheelOdometry(ReprMixin):
     Args:
         reduced: the model; only its kinematics is used.
         frame: frame of the base, x forward and z up.
-        measured: joints with encoders; by default those that the actuators drive. Other joints may have any position,
-            except where the rows depend on it.
+        measured: joints with encoders; by default the joints that the actuators drive. Other joints may have any
+            position, except where the rows depend on it.
 
     Attributes:
         measured: names of the joints that are used.

@@ -112,7 +112,7 @@ class Controller(Protocol):
 class KinematicController(Protocol):
     """Controller that computes a velocity target once per sample; it reads no masses.
 
-    Its methods are those of ``Controller``, with a ``VelocityTarget`` in place of the command: v2 (r,) and its
+    It has the methods of ``Controller``, with a ``VelocityTarget`` in place of the command: v2 (r,) and its
     derivative. Trackers, such as ``VelocityTracker``, turn the target into forces.
 
     Example:

@@ -66,7 +66,7 @@ class GainDesign:
             outputs.
         delay: for "scaled": time from a measurement to its force, without sampling [s]; 0 by default.
         slowest: for "scaled": lowest accepted rate of the velocity loop [1/s]; about twice the outer loop's gain.
-        overrides: fields of ``VelocityGains`` or ``PositionGains`` by name, in place of those of the preset; None
+        overrides: fields of ``VelocityGains`` or ``PositionGains`` by name, in place of the preset's; None
             leaves the preset's. ``k`` and ``beta`` are gains of single outputs, also with the preset "scaled".
 
     Example:
@@ -106,7 +106,7 @@ class VelocityGains(TrackerGains):
         dead_zone: velocity error below which adaptation stops, as large as the velocity noise [m/s or rad/s]; zero in
             the paper (``control.feedback``). One number, or one for each reducing output.
         modes: matrix S (r, r). The tracker then works on the mode velocities ``S^T v2`` with mode forces F', and
-            ``F = S F'``: ``k`` and ``beta`` are those of the modes. None for gains of single outputs.
+            ``F = S F'``: ``k`` and ``beta`` belong to the modes. None for gains of single outputs.
     """
 
     k: Gain = 10.0
@@ -251,7 +251,7 @@ def design_velocity_gains(
     outputs: np.ndarray | None = None,
     times: np.ndarray | None = None,
 ) -> VelocityGains:
-    """Return the gains of a velocity tracker: those of a preset, or overrides in their place.
+    """Return the gains of a velocity tracker: of a preset, or overrides in their place.
 
     Args:
         reduced: the model; only "scaled" reads its inertia.
@@ -284,7 +284,7 @@ def design_velocity_gains(
 def design_position_gains(
     inertia: Callable[[np.ndarray], np.ndarray], configurations: np.ndarray, dt: float, design: GainDesign = _SCALED
 ) -> PositionGains:
-    """Return the gains of a position tracker: those of a preset, or overrides in their place.
+    """Return the gains of a position tracker: of a preset, or overrides in their place.
 
     Args:
         inertia: function that returns the inertia (..., k, k) of the outputs at configurations (..., nq). Only

@@ -68,7 +68,7 @@ class TwistController(ReprMixin):
         frame: frame of the base that has the twist, x forward and z up.
         dt: sampling period [s].
         limits: True for the velocity limits of the robot's file, False for none; or limits (nv,) of the velocity v.
-            Position limits are always those of the file.
+            Position limits always come from the file.
         length: length that weights yaw rates beside speeds [m]; by default the largest lever of a wheel.
         slip: side slip that a pivot may have on its way, as a share of the speed. Beyond it the base waits.
         waits: angle between the motion that pivots on their way allow and the commanded one, beyond which the base
@@ -76,7 +76,7 @@ class TwistController(ReprMixin):
         max_acceleration: largest accelerations in x, y and yaw [m/s^2, m/s^2, rad/s^2]; by default there is no limit.
 
     Attributes:
-        joints: names of the joints in ``TwistCommand.joints``: those that the actuators drive.
+        joints: names of the driven joints, in the order of ``TwistCommand.joints``.
         steering: names of the joints that steer.
 
     Raises:

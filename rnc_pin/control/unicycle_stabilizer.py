@@ -44,7 +44,7 @@ class _PolarPose(NamedTuple):
 class UnicycleStabilizer(DescribedMixin):
     """Controller that drives a unicycle (forward speed, yaw) to a pose, from any other pose.
 
-    The law is that of Aicardi and others, with V as above, forwards or backwards: the direction with less turning. The
+    Aicardi and others have this law, with V as above, forwards or backwards: the direction with less turning. The
     direction changes only if that decreases V, so V always decreases. A common factor on speed and yaw rate keeps both
     below their limits; it does not change the path, nor V along it. The vehicle rests until ``begin``, and when
     distance, heading error and motion are all small. After a disturbance it starts again. At the goal the line of sight

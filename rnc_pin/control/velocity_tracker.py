@@ -51,7 +51,7 @@ class VelocityTracker(DescribedMixin):
     (``control.feedback``).
 
     With modes S in the gains, all of this holds for the mode velocities ``S^T v2``, with ``F = S F'``: F' follows from
-    the same law, and so do its learnt gains. The power ``F^T v2`` is that of the modes.
+    the same law, and so do its learnt gains. The modes have the same power ``F^T v2``.
 
     Reads from the measurement: ``v2``, ``force_deficit`` if available, and the quantities that its kinematic
     controller reads.

@@ -227,7 +227,7 @@ class WheelRegressor:
         """Return the radii and tracks (s,) of a system [m], e.g. of a calibrated one: first estimates of an estimator.
 
         Args:
-            system: a system with the same wheels. A common radius is the mean of those of its wheels.
+            system: a system with the same wheels. A common radius is the mean of its wheels' radii.
         """
         radii = {
             place.block.wheel: place.block.radius

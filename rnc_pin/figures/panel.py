@@ -155,7 +155,7 @@ Size: TypeAlias = Literal["column", "page"] | tuple[float, float]
 """Width of a column or of a page of a paper, or width and height [inches]."""
 
 _WIDTHS = {"column": 3.4, "page": 7.0}  # [inches]
-_PRINT, _SCREEN, _SLIDE = 8.0, 10.0, 14.0  # sizes of text [points]; that of a slide is the largest
+_PRINT, _SCREEN, _SLIDE = 8.0, 10.0, 14.0  # sizes of text [points]; the text of a slide is the largest
 _SCREEN_ROWS = (4, 5, 6)  # largest number of rows in figures for the screen of one, two, and more columns
 _SCREEN_WIDTHS = (8.0, 7.0)  # width of a column in figures for the screen of one and of several columns [inches]
 # Lengths in sizes of the text:
@@ -280,7 +280,7 @@ class Sheet:
         return self.in_text(grid.width / grid.columns) >= beside
 
     def heights(self, grid: Grid, above: float) -> tuple[float, float]:
-        """Height of the figure [inches], and that of the axes of a row [sizes of the text].
+        """Height of the figure [inches], and height of the axes of a row [sizes of the text].
 
         Args:
             grid: the grid.
@@ -290,7 +290,7 @@ class Sheet:
             InputError: the panels do not fit.
         """
         others = above + GAP * grid.rows + TIME
-        single = {True: 1.7, False: 1.3}  # height of the only row, over that of one of several
+        single = {True: 1.7, False: 1.3}  # height of the only row, over the height of one of several
         axes = _AXES[self.is_beside(grid)] * (single[self.is_beside(grid)] if grid.rows == 1 else 1.0)
         least_axes = 5.0  # height in sizes of the text
         if self.height is not None:

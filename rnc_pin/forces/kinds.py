@@ -24,7 +24,7 @@ from rnc_pin.robots.robot import Robot
 class Spring:
     """Linear spring: force ``-stiffness (y - rest)`` conjugate to an output y.
 
-    On a ``JointPosition`` it is a joint spring, such as that of an elastic joint; on a ``Distance`` a spring between
+    On a ``JointPosition`` it is a joint spring, such as in an elastic joint; on a ``Distance`` a spring between
     two frames; on a ``FramePosition`` a spring from a frame to a point of the world. An angle that the file or the
     output wraps, e.g. of a continuous joint, is compared modulo a full turn.
 
@@ -80,7 +80,7 @@ class Damper:
 class SmoothFriction:
     """Coulomb friction without stiction: force ``-limit tanh(ydot / speed)`` conjugate to the rate of an output.
 
-    Friction with stiction is that of ``ReducedPlant(joint_friction=True)``; it has no derivatives.
+    ``ReducedPlant(joint_friction=True)`` has friction with stiction, without derivatives.
 
     Args:
         output: an output; a quasi-velocity too.

@@ -58,7 +58,7 @@ def dump_json(content: object) -> str:
     """Return values as JSON text; infinities and NaN become null.
 
     Args:
-        content: values that JSON can represent, such as those of ``to_json``.
+        content: values that JSON can represent, such as ``to_json`` returns.
     """
     return json.dumps(_finite(content), indent=2, allow_nan=False)
 

@@ -122,7 +122,7 @@ def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray
 
 
 def _each_solved(matrix: np.ndarray, right: np.ndarray, none: float) -> np.ndarray:
-    """Solutions of many systems (..., n), by one call; a number takes the place of those that do not exist."""
+    """Solutions of many systems (..., n), by one call; a number takes the place of solutions that do not exist."""
     try:
         return np.linalg.solve(matrix, right[..., None])[..., 0]
     except np.linalg.LinAlgError:  # one singular matrix fails the whole call
@@ -314,7 +314,7 @@ def nonnegative(values: np.ndarray, free: np.ndarray) -> np.ndarray:
 
 # ------------------------------------------------------------------ components
 #
-# The components of one vector are Python numbers, those of a stack of vectors are arrays. The arithmetic is the same,
+# Components of one vector are Python numbers, components of a stack of vectors are arrays. The arithmetic is the same,
 # and a single state avoids the cost of arrays with one entry. Dual numbers differentiate a formula.
 
 Component: TypeAlias = "float | np.ndarray"
@@ -361,7 +361,7 @@ class Dual:
         return Dual(self.value / other, self.slope / other)
 
     def __rtruediv__(self, other: Component) -> Dual:
-        # The slope of x**-1 is -x**-2 times that of x.
+        # The slope of x**-1 is -x**-2 times the slope of x.
         return self**-1 * other
 
     def __pow__(self, exponent: float) -> Dual:

@@ -104,7 +104,7 @@ class ConstrainedDynamics:
     The integration state is q and ``y = [w, integrals, work]``:
 
     * w (r,): velocities of the current chart,
-    * integrals of those of the model's reducing velocities that need one. A quasi-velocity has no other value, and a
+    * integrals of the model's reducing velocities that need one. A quasi-velocity has no other value, and a
       continuous joint loses full turns without it,
     * time, if the constraints are rheonomic,
     * work of all forces.

@@ -126,7 +126,7 @@ class DryFriction:
 
 
 def _least_energy(basis: Array, free: Array, limits: Array) -> tuple[Array, Array]:
-    """Forces f (k,) within limits that minimize ``f^T P^T P f / 2 + f^T free``, and a mask of those below their limits.
+    """Forces f (k,) within limits that minimize ``f^T P^T P f / 2 + f^T free``, and a mask of forces below limits.
 
     Args:
         basis: matrix P (r, k).

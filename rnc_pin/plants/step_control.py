@@ -60,7 +60,7 @@ class Substeps(NamedTuple):
 class IntegrationErrors(NamedTuple):
     """Estimated errors of a run, and its choice of substeps. Those of B runs are arrays (B,).
 
-    The error of a sample is that of its worst entry of configuration and velocity [m, rad, m/s or rad/s].
+    The error of a sample is the error of its worst entry of configuration and velocity [m, rad, m/s or rad/s].
 
     Attributes:
         steps, used: substeps of the next and of the last sample.
@@ -108,14 +108,15 @@ class IntegrationErrors(NamedTuple):
         """
         steps, _, age, reference, size, span, total = self[:7]
         least = 1e-60  # roughness of a motion at rest: no division by zero
-        # The roughness over that of the compared sample: of drawn motions a better estimate than a power of the ratio.
+        # The ratio to the roughness of the compared sample estimates drawn motions better than a power of the ratio.
         share = roughness / (reference + least)
         error = share * size
         pause = 32  # samples after a comparison without another one, unless the tolerance needs it
         growth = 4.0  # error of a sample over the compared one, from which a comparison is due
         settled = (age < pause) | (share < growth) | (error < self.rate * dt)
-        longer = 1.5  # duration over that of the compared sample, from which a comparison is due
-        # The error falls faster with the duration than the roughness, and that of a short sample may be below rounding.
+        longer = 1.5  # duration over the compared sample's, from which a comparison is due
+        # The error falls faster with the duration than the roughness, and the error of a short sample may be below
+        # rounding.
         accepted = (error <= limit) & (age < _PERIOD) & settled & (dt <= longer * span)
         return accepted, IntegrationErrors(
             steps, steps, age + 1, reference, size, span, total + error, self.rate, self.most, self.enough

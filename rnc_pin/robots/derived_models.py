@@ -97,7 +97,7 @@ class LockedModel:
 
 
 class AttachedModel:
-    """Two models joined into one, with their geometry. Gravity is that of the carrier.
+    """Two models joined into one, with their geometry. Gravity is the carrier's.
 
     Args:
         carrier: model that carries the other.

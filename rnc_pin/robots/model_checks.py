@@ -279,7 +279,7 @@ def _massless(model: pin.Model, joint: int, why: str, message: str, bodies: Mapp
     known = [link for link in links if link in bodies]
     shaped = tuple(link for link in known if bodies[link].shaped)
     wrong = [link for link in known if _is_wrong(bodies[link], why)]
-    # One mass repairs the body: that of a faulty link, else of one with geometry, which has a plausible size.
+    # One mass repairs the body: of a faulty link, else of one with geometry, which has a plausible size.
     chosen = wrong or list(shaped[:1]) or known[:1]
     masses = {link: _mass(bodies[link]) for link in chosen}
     return Massless(model.names[joint], why, shaped, masses, message)

@@ -42,9 +42,9 @@ class Robot(NamedModel, SummaryMixin):
             [rad or m]; empty for a URDF, whose joints are zero there.
         locked: joint name to value [rad or m] of the locked joints.
         packages: name to folder of the ROS packages that the file names and that were found.
-        far_packages: those of ``packages`` that were found by ``package_dirs`` or the environment, not in the folders
+        far_packages: ``packages`` that were found by ``package_dirs`` or the environment, not in the folders
             above the file.
-        folders: folders whose files the description may name: its own, its packages' and those of ``package_dirs``.
+        folders: folders whose files the description may name: its own, its packages' and ``package_dirs``.
         source: entry ``robot`` of a scenario file that loads this robot; None for a model that was made otherwise.
 
     Raises:
@@ -227,7 +227,7 @@ class Robot(NamedModel, SummaryMixin):
     def attach(self, other: Robot, frame: str, placement: pin.SE3 | None = None) -> Robot:
         """Return a new robot with another robot mounted on a frame of this one, e.g. an arm on a satellite.
 
-        Gravity is that of this robot. The mass of the other robot's base link is included.
+        Gravity is this robot's. The mass of the other robot's base link is included.
 
         Args:
             other: robot to mount, with a fixed base.

@@ -40,7 +40,7 @@ def find_urdf(path: str | Path, beside: Path | None = None) -> Path:
 
 
 def find_shipped(path: str, beside: Path) -> Path:
-    """Return a path relative to ``beside``, or that of a file shipped with rnc_pin if there is none.
+    """Return a path relative to ``beside``, or the path of a file shipped with rnc_pin if there is none.
 
     Args:
         path: relative path.

@@ -187,7 +187,7 @@ def recorded_states(
     times = even_times(trajectory.time[-1], rate)
     configurations = _configurations(robot, trajectory, times)
     beside = [_configurations(robot, other, times) for other in others]
-    # Configurations are interpolated on their manifold; other values are those of the next sample.
+    # Configurations are interpolated on their manifold; other values come from the next sample.
     nearest = np.searchsorted(trajectory.time, times).clip(max=len(trajectory.time) - 1)
     t = trajectory
     for frame, i in enumerate(nearest):

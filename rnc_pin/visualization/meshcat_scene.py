@@ -88,8 +88,8 @@ class Follower:
 
     def __init__(self, camera: np.ndarray, target: np.ndarray, point: np.ndarray, close: bool = False) -> None:
         self._target = target
-        close_distance = 0.1  # of the robot from the target, over that of the camera, if the robot fills the picture
-        largest_distance = 0.3  # of the robot from the target, over that of the camera: it soon leaves the picture
+        close_distance = 0.1  # of the robot from the target, over the camera's distance, if the robot fills the picture
+        largest_distance = 0.3  # of the robot from the target, over the camera's distance: it soon leaves the picture
         leash = (close_distance if close else largest_distance) * float(np.linalg.norm(camera - target))
         self._max_distance = max(leash, float(np.linalg.norm(point - target)))
         self.offset = np.zeros(3)
@@ -212,7 +212,7 @@ def _array(items: Iterable[bytes], count: int | None = None) -> bytes:
 
 
 class MeshcatScene:
-    """Meshcat scene. Nodes of a live scene move immediately; those of a recording move by keyframes.
+    """Meshcat scene. Nodes of a live scene move immediately; nodes of a recording move by keyframes.
 
     Args:
         window: window to draw in; by default a window that is not served.

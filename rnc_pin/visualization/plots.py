@@ -64,7 +64,7 @@ def plot_top_view(
 
 
 def draw_obstacles(axes: Axes, obstacles: Sequence[Obstacle], time: np.ndarray) -> list[st.LegendEntry]:
-    """Draw the outlines of bounded obstacles: filled at the start; those that move also at the end, with paths.
+    """Draw the outlines of bounded obstacles: filled at the start; moving obstacles also at the end, with paths.
 
     Args:
         axes: axes to draw into.

@@ -115,7 +115,7 @@ class SceneKinematics:
         drawn = self.robot.drawn_geometry
         assert drawn is not None
         data, found = self._data_at(q), []
-        farthest = 1e3  # [m]: boxes of planes are larger, those of robots are not
+        farthest = 1e3  # [m]: boxes of planes are larger, boxes of robots are not
         for shape in drawn.geometryObjects:
             corners = box_corners(shape.geometry)
             if np.abs(corners).max() < farthest:

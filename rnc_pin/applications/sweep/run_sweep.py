@@ -49,7 +49,7 @@ from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.version import __version__
 
 SweepProgress = Callable[[int, int | None], object]
-"""Callback that takes the number of finished runs, and that of all runs if it is known."""
+"""Callback that takes the number of finished runs, and of all runs if it is known."""
 
 
 def sweep(

@@ -110,7 +110,7 @@ class Draws:
         runs: number of runs.
         distributions: distribution by name, in the form of ``sweep`` in scenario files, such as ``[minimum, maximum]``
             or ``{"normal": {"mean": 0.0, "std": 0.1}}``. A scenario has its own by default.
-        seed: seed of the draws; by default 0, or that of the scenario.
+        seed: seed of the draws; by default 0, or the scenario's.
 
     Example:
         >>> rnc.Draws(20, {"speed": [0.5, 1.5]}, seed=1).runs
@@ -295,7 +295,7 @@ class ScenarioRuns(Runs):
     """Runs of a scenario with drawn options.
 
     A draw is repeated if preflight refuses it, no gains fit, or it has no plan; ``redrawn`` counts. A run with faults
-    has its own seed, which follows from that of the scenario and its number.
+    has its own seed, which follows from the scenario's seed and its number.
 
     Args:
         scenario: a built-in name or a file.

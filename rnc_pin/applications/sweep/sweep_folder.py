@@ -87,7 +87,7 @@ def _check_row(row: object, runs: int) -> None:
 
 
 def _check_draw(row: Row, draws: SeededDraws) -> None:
-    """Raise ValueError unless the drawn values of a row are those of the run."""
+    """Raise ValueError unless the draws of the run are the drawn values of a row."""
     redrawn = row.get("redrawn", 0)
     if type(redrawn) is not int or not 0 <= redrawn < MOST_DRAWS:
         raise ValueError(f"redrawn: expected a number from 0 to {MOST_DRAWS - 1}, found {short_text(redrawn)}")
@@ -131,7 +131,7 @@ def describe_scenario(scenario: str, options: Mapping[str, Json], read: Collecti
     name = scenario if is_built_in(path) else str(path)
     content = _digest(json.dumps(read_yaml(path), default=repr).encode())
     files: dict[str, Json] = {}
-    for each in sorted(read):  # those of other folders by name: a package may be elsewhere on another computer
+    for each in sorted(read):  # files of other folders by name: a package may be elsewhere on another computer
         place = str(each.relative_to(path.parent)) if each.is_relative_to(path.parent) else each.name
         with open_regular(each) as file:
             files[place] = str(files.get(place, "")) + hashlib.file_digest(file, "sha256").hexdigest()[:16]
@@ -253,7 +253,7 @@ def _difference(place: str, old: object, new: object) -> tuple[str, object, obje
 
 
 def _clean(path: Path, everything: bool) -> None:
-    """Delete files of killed sweeps, and with ``everything`` those of an earlier sweep."""
+    """Delete files of killed sweeps, and with ``everything`` files of an earlier sweep."""
     runs = path / RUNS
     if runs.is_symlink() or (runs.exists() and not runs.is_file()):
         raise ConfigurationError(f"--out {path}: '{RUNS}' is not a sweep's own; choose another folder")

@@ -17,7 +17,7 @@ _NAMED = 1e-6  # coefficient below which a parameter is not named
 
 @dataclass(frozen=True, repr=False)
 class BaseParameters(SummaryMixin):
-    """Combinations ``matrix @ p`` of parameters p that act on the rows of a regressor, and those that do not.
+    """Combinations ``matrix @ p`` of parameters p that act on the rows of a regressor, and combinations that do not.
 
     The columns with the indices ``columns`` have full rank, so ``numpy.linalg.lstsq(Y[:, base.columns], F)`` estimates
     ``base.matrix @ p``.
@@ -34,7 +34,7 @@ class BaseParameters(SummaryMixin):
     unseen: tuple[str, ...]
     """Changes of parameters without effect, such as ``m of arm_2 - 0.25 I_zz of arm_1``, (columns - rank,)."""
     matrix: np.ndarray
-    """Combinations (rank, columns): each is one parameter plus multiples of those with the same effect."""
+    """Combinations (rank, columns): each is one parameter plus multiples of parameters with the same effect."""
     columns: np.ndarray
     """Index of the parameter that each combination begins with, (rank,)."""
     condition: float
@@ -115,7 +115,7 @@ def _drawn(reduced: ReducedModel, samples: int, seed: int) -> ReducedRegressor:
     """Regressor at random states of a model."""
     generator = np.random.default_rng(seed)
     width = 10 * (reduced.robot.model.njoints - 1) + reduced.n
-    # Three times the rows that columns need, so that the rank is that of the dynamics and not of the samples.
+    # Three times the rows that columns need, so that the dynamics and not the samples decide the rank.
     count = max(samples, 3 * width // max(reduced.r, 1))
     spread = 1.5  # range of random configurations around the neutral one [rad or m]
     q = np.stack([reduced.random_configuration(generator, spread) for _ in range(count)])

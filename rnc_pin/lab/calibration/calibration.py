@@ -213,7 +213,7 @@ def calibrate(
 
 
 class PoseProblem:
-    """Measured poses beside those of a rolling motion."""
+    """Measured poses beside the poses of a rolling motion."""
 
     def __init__(self, motion: RollingMotion, channel: Channel, heading: bool) -> None:
         """Keep the poses that were measured while the joints were.
@@ -266,7 +266,7 @@ class PoseProblem:
         return WindowFit(predict, self.measured[windows.samples], windows, self._heading)
 
     def base_poses(self, times: np.ndarray) -> np.ndarray:
-        """Measured poses (M, 3) of the base at times within those of the sensor; NaN at others.
+        """Measured poses (M, 3) of the base at times within the sensor's; NaN at others.
 
         They are linear between the samples of the sensor, which stands at its place in the file.
         """

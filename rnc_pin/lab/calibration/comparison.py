@@ -134,7 +134,7 @@ def _replay(motion: RollingMotion, problem: PoseProblem, slip: Mapping[str, tupl
     times = problem.times[chosen.samples]
     fit = problem.fit(chosen).at(problem.nominal)
     measured = problem.base_poses(times)
-    # Sensor and base are one body: the predicted sensor is that of the fit.
+    # Sensor and base are one body: the fit predicts the sensor.
     heading = measured[:, 2] + fit.residuals[:, 2]
     sensor = problem.measured[chosen.samples, :2] + fit.residuals[:, :2]
     arm = rotated(heading, np.broadcast_to(motion.mount[:2], (len(times), 2)))

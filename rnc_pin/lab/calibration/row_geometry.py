@@ -28,7 +28,7 @@ _TO_COEFFICIENTS = np.linalg.inv(chebyshev.chebvander(_AT_NODES, _NODES - 1))
 """Chebyshev coefficients from values at the nodes.
 
 Rows are analytic in the angle of a joint. They have poles only where a wheel lies flat, far from real angles, so that
-the error over a turn is that of rounding.
+the error over a turn is rounding.
 """
 
 

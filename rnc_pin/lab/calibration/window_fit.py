@@ -106,7 +106,7 @@ class _Displacement:
         self.values = np.stack([self._p * x - self._q * y, self._q * x + self._p * y])
 
     def along(self, slope: Array, turn: Array) -> Array:
-        """Derivatives (2, N) for those of the twist (3, N) and of the heading (N,).
+        """Derivatives (2, N) for derivatives of the twist (3, N) and of the heading (N,).
 
         Args:
             slope: derivatives of the twist (3, N).

@@ -90,7 +90,7 @@ class ContactModes:
             return True
         state = plant.state
         v_dot = state.acceleration(plant.applied, plant.external)
-        zero = 1e-8  # acceleration of a gap that counts as zero, relative to those of the robot, plus 1
+        zero = 1e-8  # acceleration of a gap that counts as zero, relative to the robot's accelerations, plus 1
         at, limit = state.motion, zero * (1.0 + float(np.abs(v_dot).max()))
         return all(self._contacts[number].gap_acceleration(at, v_dot) >= -limit for number in others)
 

@@ -83,7 +83,7 @@ class ContactPlant:
             tolerance=tolerance,
         )
         self._modes = ContactModes(system, self._contacts, plant_of)
-        # Made at once: errors of the system itself come before those of contacts.
+        # Made at once: errors of the system itself come before errors of contacts.
         self._flight = self._modes.plant(NONE)
         self._rows = ContactRows(self._contacts, DryFriction(self._flight.reduced, joint_friction))
         self._sliding: SlidingPlant | None = None
@@ -121,7 +121,7 @@ class ContactPlant:
     def normal_forces(self) -> dict[str, float]:
         """With coefficients of friction, mean normal force of each contact in the last step [N], by name.
 
-        NaN before the first step of a contact. Empty without coefficients: forces are those of ``reduced``.
+        NaN before the first step of a contact. Empty without coefficients: then ``reduced`` has the forces.
         """
         if self._sliding is None:
             return {}
@@ -132,7 +132,7 @@ class ContactPlant:
     def contact_forces(self) -> dict[str, float]:
         """With coefficients of friction, mean forces of the rows of all contacts on the robot in the last step.
 
-        Rows of open contacts have no force. After contacts changed, those of the others are NaN until the next step.
+        Rows of open contacts have no force. After contacts changed, forces of the others are NaN until the next step.
         """
         found = self._plant.contact_forces if isinstance(self._plant, SlidingPlant) else {}
         return dict.fromkeys(self.contact_force_units, 0.0) | found
@@ -148,7 +148,7 @@ class ContactPlant:
     def report(self) -> PlantReport:
         """Return inputs, work, model, forces, contacts and errors.
 
-        External forces are those of damping and friction; with coefficients of friction also of contacts, as means of
+        External forces come from damping and friction; with coefficients of friction also from contacts, as means of
         the last step while contacts touch.
         """
         return self._plant.report()._replace(
@@ -272,7 +272,7 @@ class ContactPlant:
             self._go_on(self._flight, *self._plant.read())
 
     def _settle(self, candidates: Closed, touching: Closed) -> None:
-        """Close those of the candidates that push without slip while the others that touch separate."""
+        """Close the candidates that push without slip while all others that touch separate."""
         assert isinstance(self._plant, ReducedPlant)
         q, v = self._plant.read()
         # The largest first: fewer contacts are a solution only where more are none.
@@ -308,7 +308,7 @@ class ContactPlant:
         return np.array([each.gap(state.position) for each in self._contacts])
 
     def _land(self, cause: str, number: int | None = None) -> None:
-        """Apply the impact of the contacts that touch, and close those that stay."""
+        """Apply the impact of the contacts that touch, and close the contacts that stay."""
         q, v = self._plant.read()
         state = self._flight.reduced.frozen(self._time).at(q, v=v)
         touches = 1e-8  # gap over the radius of gyration of a contact that touches
@@ -321,7 +321,7 @@ class ContactPlant:
             impulses, after = contact_impact(state, layout, rows, ground)
         except SimulationError as error:
             raise error.within(f"impact of {self._modes.names(touching)} at t = {self._time:.4f} s") from None
-        # In flight, M is that of the robot without contacts: the energy before and after the impact.
+        # M belongs to the robot without contacts: the energy before and after the impact.
         loss = float(0.5 * v @ state.M @ v - 0.5 * after @ state.M @ after)
         leaves_at = 1e-8  # velocity from which a contact leaves the ground, relative to the largest velocity, plus 1
         leaves = rows[layout.normals] @ after > leaves_at * (1.0 + float(np.abs(after).max()))
@@ -333,7 +333,7 @@ class ContactPlant:
             self._record(what, each)
 
     def _touch(self, stay: Closed, q: np.ndarray, v: np.ndarray) -> list[tuple[str, Closed]]:
-        """Go on from a state with the contacts that stay on the ground, and return those that slide."""
+        """Go on from a state with the contacts that stay on the ground, and return the ones among them that slide."""
         sliding = self._sliding
         if sliding is None or not stay:
             self._go_on(self._flight, q, v)

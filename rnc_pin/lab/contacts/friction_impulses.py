@@ -248,7 +248,7 @@ def responses(state: StateEvaluation, M: np.ndarray, impulses: np.ndarray) -> np
 
     Args:
         state: state of the system, for its rows.
-        M: inertia (nv, nv), or that of an implicit step.
+        M: inertia (nv, nv), or the matrix of an implicit step.
         impulses: generalized impulses (k, nv).
 
     Raises:

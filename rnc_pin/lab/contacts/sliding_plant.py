@@ -54,7 +54,7 @@ class SlidingPlant:
     Args:
         flight: plant without the contacts.
         contacts: all contacts.
-        rows: their rows, with those of dry joint friction.
+        rows: their rows, with rows of dry joint friction.
 
     Attributes:
         applied: applied inputs (p,), within the actuator limits.
@@ -99,7 +99,7 @@ class SlidingPlant:
         self._now = self._present = self._now._replace(v=v)
 
     def touch(self, touching: frozenset[int]) -> list[Change]:
-        """Let contacts touch, and return those that slide."""
+        """Let contacts touch, and return the contacts that slide."""
         self.touching = touching
         state = self.state
         layout = self._rows.layout(touching)
@@ -160,7 +160,7 @@ class SlidingPlant:
             left: rest of the sample [s].
             dt: duration of the sample [s].
         """
-        shortest_share = 2.0**-12  # step of the integration over that of the caller
+        shortest_share = 2.0**-12  # step of the integration over the caller's
         self._sample, shortest = dt, shortest_share * dt
         while True:
             longest = min(dt / (self._substeps.number or 1), left)

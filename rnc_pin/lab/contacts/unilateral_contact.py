@@ -72,7 +72,7 @@ class BoundContact:
     Attributes:
         contact: the contact.
         name: frame of the constraint, or its height row.
-        names: names of the rows along which it acts: the height row, and those that prevent slip.
+        names: names of the rows along which it acts: the height row, and rows that prevent slip.
         units: units of the forces along these rows.
         friction: number of the rows that prevent slip, and the coefficient, infinite without a limit.
         has_limit: True if a coefficient limits friction.

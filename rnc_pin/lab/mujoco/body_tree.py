@@ -18,7 +18,7 @@ from rnc_pin.robots.robot import Robot
 Root = Literal["as it is", "free", "level"]
 """Type of a planar base in MuJoCo: planar as it is, six degrees of freedom, or planar with vertical motion."""
 
-_PLACEHOLDER_MASS = 1e-12  # placeholder mass and inertia for the compiler; ``finish`` writes those of the robot
+_PLACEHOLDER_MASS = 1e-12  # placeholder mass and inertia for the compiler; ``finish`` writes the robot's
 
 
 class _Single(NamedTuple):

@@ -89,7 +89,7 @@ def _pair(spec: mujoco.MjSpec, contact: ContactBody, settings: MuJoCoSettings) -
         condim = 1
     elif contact.friction != "all":  # the capsule is along the axle if friction is longitudinal, else along the heading
         first = _FRICTIONLESS
-    softness = 3.0  # time constant of frictionless supports over the one of wheels, which carry most of the load
+    softness = 3.0  # time constant of frictionless supports over the wheels' own, which carry most of the load
     slower = softness if contact.friction == "none" else 1.0
     spec.add_pair(
         name=contact.name,

@@ -58,7 +58,7 @@ class Mimic(NamedTuple):
 
 
 class Closure(NamedTuple):
-    """Two frames that the file connects; the fields are those of ``LoopClosure``.
+    """Two frames that the file connects; ``LoopClosure`` has the same fields.
 
     Attributes:
         frame_a: name of the first frame.
@@ -104,7 +104,7 @@ class Description:
         mimics: mimic joints of the file.
         bodies: links of a URDF, which can be given masses.
         packages: name to folder of the packages that the file names and that were found.
-        far_packages: those of ``packages`` that were found only by the environment or the given folders.
+        far_packages: ``packages`` that were found only by the environment or the given folders.
         folders: folders whose files the description may name, absolute and without symbolic links.
         closures: kinematic loops of an MJCF.
         references: values of the joints of an MJCF in the configuration that the file draws, its ``ref`` [rad or m].

@@ -141,7 +141,7 @@ def mimics(compiled: mujoco.MjModel, built: ModelBuilder) -> tuple[tuple[descrip
 
 
 def closures(compiled: mujoco.MjModel, built: ModelBuilder) -> Iterator[description.Closure]:
-    """Yield the kinematic loops, without those of bodies that the user moves (``mocap``).
+    """Yield the kinematic loops, without loops of bodies that the user moves (``mocap``).
 
     Args:
         compiled: the ``mujoco.MjModel``.

@@ -91,7 +91,7 @@ class ModelBuilder:
         self.notes = [text] if springs else []
 
     def joint_name(self, joint: int) -> str:
-        """Name of a joint of the file; by default that of its body with a number.
+        """Name of a joint of the file; by default the name of its body with a number.
 
         Args:
             joint: index of the joint in MuJoCo.
@@ -235,7 +235,7 @@ _USUAL = {"scale": "1 1 1", "refpos": "0 0 0", "refquat": "1 0 0 0"}
 
 
 class MeshAssets:
-    """Meshes of a file. MuJoCo is given a tetrahedron for each, and the triangles of those that have mass.
+    """Meshes of a file. MuJoCo is given a tetrahedron for each, and the triangles of meshes that have mass.
 
     Args:
         root: root element of the file, with absolute paths of meshes; changed in place.
@@ -384,7 +384,7 @@ _SHAPES = {
 
 
 class _Shape(NamedTuple):
-    """Shape of a body; ``mesh`` and ``scale`` are those of a mesh."""
+    """Shape of a body; ``mesh`` and ``scale`` are for meshes only."""
 
     name: str
     kinds: tuple[str, ...]

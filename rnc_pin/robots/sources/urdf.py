@@ -176,7 +176,7 @@ def _first_complaint(lines: list[str]) -> str | None:
 
 
 def _check_unique(root: ElementTree.Element, path: Path) -> None:
-    """Check that links and joints have names of their own, and name the files of those that have not."""
+    """Check that links and joints have names of their own, and name the files where one has not."""
     for tag in ("link", "joint"):
         seen: dict[str | None, ElementTree.Element] = {}
         for each in root.findall(tag):

@@ -15,7 +15,7 @@ FARTHEST = 1e15
 """Largest coordinate of a vertex, the same as for all distances in a description."""
 
 MOST_TRIANGLES = 1_000_000
-"""Largest number of triangles of a mesh: three times that of the largest in example-robot-data (trunk of Go1)."""
+"""Largest number of triangles of a mesh: three times as many as the largest in example-robot-data (trunk of Go1)."""
 
 
 class MeshError(ValueError):

@@ -202,7 +202,7 @@ class _ColladaScene:
     def _placed(
         self, node: ElementTree.Element, placement: np.ndarray, depth: int
     ) -> Iterator[tuple[Mesh, np.ndarray]]:
-        """Yield the meshes of a node and of those inside with their placements (4, 4).
+        """Yield the meshes of a node and of nodes inside with their placements (4, 4).
 
         Raises:
             MeshError: too many nodes, or too deep, as nodes are that contain themselves.
@@ -410,7 +410,7 @@ def _check_document(text: bytes, size: int) -> None:
         raise MeshError("a size is not a whole number")
     if any("sparse" in each or "bufferView" not in each for each in accessors):
         raise MeshError("an accessor that is sparse or compressed is not read")
-    most_copies = 4  # bytes of all views, relative to those of the file
+    most_copies = 4  # bytes of all views, relative to the bytes of the file
     most_items = 12_000_000  # of all accessors
     if sum(sizes[: len(views)]) > most_copies * size or sum(counts[: len(accessors)]) > most_items:
         raise MeshError(f"declares {sum(counts[: len(accessors)]):,} items in {size:,} bytes, at most {most_items:,}")

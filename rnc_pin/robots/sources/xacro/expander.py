@@ -1,6 +1,6 @@
 """Expansion of the elements of a xacro file.
 
-The order of evaluation is that of ``xacro`` 2.1. Macros see the properties of their caller. Properties are evaluated on
+``xacro`` 2.1 has the same order of evaluation. Macros see the properties of their caller. Properties are evaluated on
 first access. Blocks are evaluated once in the call and again at their insertion.
 """
 
