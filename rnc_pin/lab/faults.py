@@ -85,7 +85,12 @@ class FaultyPlant:
         self._delayed: deque[tuple[np.ndarray, np.ndarray]] = deque()
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Restart with the same noise."""
+        """Restart with the same noise.
+
+        Args:
+            q: true configuration (nq,).
+            v: true velocity (nv,).
+        """
         self._initialize()
         self.plant.reset(q, v)
 
@@ -136,11 +141,19 @@ class FaultyPlant:
     # ------------------------------------------------------------------ actuators
 
     def apply(self, T: np.ndarray) -> None:
-        """Apply inputs (p,) within the limit of the actuators."""
+        """Apply inputs (p,) within the limit of the actuators.
+
+        Args:
+            T: inputs (p,) [N or N m].
+        """
         self.plant.apply(np.clip(T, -self.faults.effort, self.faults.effort))
 
     def advance(self, dt: float) -> None:
-        """Advance the time by dt [s]."""
+        """Advance the time by dt [s].
+
+        Args:
+            dt: the time [s].
+        """
         self.plant.advance(dt)
 
 
@@ -157,7 +170,11 @@ class MassErrors:
     seed: int
 
     def change(self, robot: Robot) -> None:
-        """Multiply the inertias of a robot, which has no other users."""
+        """Multiply the inertias of a robot, which has no other users.
+
+        Args:
+            robot: the robot, which is changed in place.
+        """
         # A stream of its own: noise with the same seed is independent of these errors.
         generator = np.random.default_rng([self.seed, 1])
         for joint, inertia in enumerate(robot.model.inertias):
@@ -176,6 +193,9 @@ class StuckJoint:
 
     def rows(self, robot: Robot) -> ConstraintKind:
         """Rows that hold the joint where it is.
+
+        Args:
+            robot: the robot.
 
         Raises:
             ModelError: the joint is unknown.
@@ -223,7 +243,12 @@ class ChangingPlant:
         self._T: np.ndarray | None = None
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Restart with the first plant."""
+        """Restart with the first plant.
+
+        Args:
+            q: configuration (nq,).
+            v: velocity (nv,).
+        """
         self._current, self._time, self._T, self._switch_energy = self._before, 0.0, None, 0.0
         self._current.reset(q, v)
         self._switch_if_due()
@@ -233,12 +258,20 @@ class ChangingPlant:
         return self._current.read()
 
     def apply(self, T: np.ndarray) -> None:
-        """Apply inputs (p,) until the next call."""
+        """Apply inputs (p,) until the next call.
+
+        Args:
+            T: inputs (p,) [N or N m].
+        """
         self._T = T
         self._current.apply(T)
 
     def advance(self, dt: float) -> None:
-        """Advance the time by dt [s]. The switch happens at the end of the step that reaches its time."""
+        """Advance the time by dt [s]. The switch happens at the end of the step that reaches its time.
+
+        Args:
+            dt: the time [s].
+        """
         self._current.advance(dt)
         self._time += dt
         self._switch_if_due()

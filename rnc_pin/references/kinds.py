@@ -277,6 +277,10 @@ class RelativeReference(ABC):
     def from_start(self, start: Float[Array, " k"], coordinates: Coordinates) -> Reference:
         """Return the reference of k outputs from their values at its start.
 
+        Args:
+            start: values (k,) of the outputs at the start.
+            coordinates: their kinds: lines, circles and orientations.
+
         Raises:
             ConfigurationError: the number of values is not k.
             InputError: a value is not valid.

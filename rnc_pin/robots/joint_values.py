@@ -46,7 +46,11 @@ def base_of(model: pin.Model) -> str:
 
 
 def fixed_base(model: pin.Model) -> str:
-    """Part of an error message about a robot whose base is fixed by mistake."""
+    """Part of an error message about a robot whose base is fixed by mistake.
+
+    Args:
+        model: Pinocchio model of the robot.
+    """
     return f"the base of robot '{model.name}' is fixed; {argument('base', 'planar')} or 'free' lets it move"
 
 

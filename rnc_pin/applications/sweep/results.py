@@ -221,7 +221,11 @@ class SweepStatistics(TypedDict):
 
 
 def sweep_statistics(results: SweepResults) -> SweepStatistics:
-    """Return counts of outcomes, verdicts and redraws, and quantiles of the final errors of completed runs."""
+    """Return counts of outcomes, verdicts and redraws, and quantiles of the final errors of completed runs.
+
+    Args:
+        results: the sweep, finished or not.
+    """
     errors: dict[str, ErrorStatistics] = {}
     for name in results.columns:
         if name.startswith("final_error."):
@@ -259,7 +263,11 @@ def failure_lines(results: SweepResults, row: Row) -> Iterator[str]:
 
 
 def write_reports(results: SweepResults) -> None:
-    """Write ``sweep.json`` and ``failures.txt`` into the folder of a sweep."""
+    """Write ``sweep.json`` and ``failures.txt`` into the folder of a sweep.
+
+    Args:
+        results: the sweep.
+    """
     if not len(results):
         return
     with atomic_file(results.path / "sweep.json") as partial:

@@ -54,22 +54,38 @@ _NUMBERS = (
 
 
 def is_number_column(column: str) -> bool:
-    """True for columns of results that are numbers."""
+    """True for columns of results that are numbers.
+
+    Args:
+        column: name of a column of rows.
+    """
     return column in _NUMBERS or column.partition(".")[0] in (*ERRORS, LIMITS)
 
 
 def is_result_column(column: str) -> bool:
-    """True for columns of results; False for drawn values."""
+    """True for columns of results; False for drawn values.
+
+    Args:
+        column: name of a column of rows.
+    """
     return column in TEXTS or column == "warnings" or is_number_column(column)
 
 
 def drawn_values(row: Row) -> dict[str, Json]:
-    """Drawn values of a row."""
+    """Drawn values of a row.
+
+    Args:
+        row: row of a run, with its results.
+    """
     return {name: value for name, value in row.items() if value is not None and not is_result_column(name)}
 
 
 def results_of(summary: Summary) -> Row:
-    """Columns of results from the summary of a run."""
+    """Columns of results from the summary of a run.
+
+    Args:
+        summary: summary of the run, as ``rnc-pin run`` writes it.
+    """
     found, lift_off, nearest = cast("Row", summary), summary["lift_off"], summary.get("smallest_distance")
     between_links = summary.get("smallest_own_distance")
     first = summary.get("first_finding", {"kind": "", "message": ""})
@@ -190,7 +206,11 @@ def draws_of(scenario: str, options: Mapping[str, Json]) -> SeededDraws:
 
 
 def check_names(draw: Draw) -> None:
-    """Raise an error if a drawn value has the name of a result."""
+    """Raise an error if a drawn value has the name of a result.
+
+    Args:
+        draw: values by name.
+    """
     for name in draw:
         if not isinstance(name, str) or is_result_column(name):
             raise ConfigurationError(f"draws: {name!r} is the name of a result; choose another one")

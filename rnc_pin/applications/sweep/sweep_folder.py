@@ -139,7 +139,11 @@ def describe_scenario(scenario: str, options: Mapping[str, Json], read: Collecti
 
 
 def describe_function(build: Callable[..., object]) -> dict[str, Json]:
-    """Name of a function and digest of its source, if it has one."""
+    """Name of a function and digest of its source, if it has one.
+
+    Args:
+        build: the function of the drawn values.
+    """
     name = f"{getattr(build, '__module__', '?')}.{getattr(build, '__qualname__', type(build).__qualname__)}"
     try:
         source = _digest(inspect.getsource(build).encode())
@@ -158,6 +162,9 @@ Specification: TypeAlias = dict[str, Any]
 
 def read_specification(folder: Path) -> Specification | None:
     """Specification of the sweep in a folder; None if there is none.
+
+    Args:
+        folder: folder of the sweep.
 
     Raises:
         ConfigurationError: it cannot be read.

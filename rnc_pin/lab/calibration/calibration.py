@@ -235,7 +235,11 @@ class PoseProblem:
         self.scales = np.array([each.scale for each in motion.parameters])
 
     def is_valid(self, p: np.ndarray) -> bool:
-        """True if radii are positive, and no number leaves the size of the robot by far."""
+        """True if radii are positive, and no number leaves the size of the robot by far.
+
+        Args:
+            p: parameters (P,).
+        """
         radii = [value for value, each in zip(p, self._motion.parameters, strict=True) if each.wheels]
         return bool(np.isfinite(p).all() and all(radius > 0 for radius in radii))
 
@@ -257,7 +261,11 @@ class PoseProblem:
         return Windows(chosen[large], np.unique(number[large], return_inverse=True)[1])
 
     def fit(self, windows: Windows) -> WindowFit:
-        """Least squares over windows."""
+        """Least squares over windows.
+
+        Args:
+            windows: windows, each with a free first pose.
+        """
 
         def predict(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             found = self._motion.poses(p, self.times[windows.samples])
@@ -269,6 +277,9 @@ class PoseProblem:
         """Measured poses (M, 3) of the base at times within the sensor's; NaN at others.
 
         They are linear between the samples of the sensor, which stands at its place in the file.
+
+        Args:
+            times: times (M,) [s].
         """
         inside = (times >= self.times[0]) & (times <= self.times[-1])
         at = np.stack([np.interp(times, self.times, column) for column in self.measured.T], axis=1)

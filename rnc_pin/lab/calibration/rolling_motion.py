@@ -182,6 +182,9 @@ class RollingMotion:
         """Configurations (T, nq) of the robot at times (T,) [s], with parameters of the file.
 
         Unmeasured joints of rows start at zero, other joints stand still there.
+
+        Args:
+            times: times (T,) [s]; outside the log, the base stands still.
         """
         positions, changes, _, _ = self._measured(self._nominal)
         whole = _Solution(self._geometry.evaluate(positions, {}, self._columns).matrix, changes).whole

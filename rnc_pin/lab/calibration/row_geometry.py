@@ -155,7 +155,11 @@ class RowGeometry:
                 block.shape.append(column)
 
     def drop(self, unmeasured: Sequence[int]) -> tuple[str, ...]:
-        """Leave out rows that depend on positions of unmeasured joints (columns); return their names."""
+        """Leave out rows that depend on positions of unmeasured joints (columns); return their names.
+
+        Args:
+            unmeasured: columns of joints that the log does not have.
+        """
         names: list[str] = []
         for block in self._blocks:
             if set(block.shape) & set(unmeasured):
@@ -179,7 +183,11 @@ class RowGeometry:
         return {column for block in self._blocks if block.kept for column in block.shape}
 
     def set_radii(self, radii: Mapping[str, float]) -> None:
-        """Let wheels have other radii."""
+        """Let wheels have other radii.
+
+        Args:
+            radii: radius of each wheel [m], by frame.
+        """
         for wheel, radius in radii.items():
             for block in self._radii[wheel]:
                 if block.kind.radius != radius:
@@ -260,7 +268,11 @@ class EvaluatedRows:
         return self._joined([block.rows.jacobian(place) for block, _, place in self._parts])
 
     def along(self, direction: int | Virtual | str) -> np.ndarray:
-        """Derivatives (N or 1, k, c) along a joint (column), a displacement or the radius of a wheel (frame)."""
+        """Derivatives (N or 1, k, c) along a joint (column), a displacement or the radius of a wheel (frame).
+
+        Args:
+            direction: column of a joint [rad or m], displacement [m], or frame of a wheel, for its radius [m].
+        """
         return self._joined([self._geometry.along(block, place, direction) for block, _, place in self._parts])
 
     def _joined(self, tables: Sequence[np.ndarray | None]) -> np.ndarray:

@@ -289,7 +289,11 @@ def cost(fit: Fit, deviations: Array) -> float:
 
 
 def correlation_of(fit: Fit) -> float:
-    """Number of samples over which residuals are correlated."""
+    """Number of samples over which residuals are correlated.
+
+    Args:
+        fit: the fit, whose samples are in the order of time.
+    """
     return max(correlation_length(column) for column in fit.residuals.T)
 
 
@@ -327,7 +331,11 @@ class WindowFit:
         self._predict, self._measured, self._windows, self._heading = predict, measured, windows, heading
 
     def at(self, p: Array) -> Fit:
-        """Fit at parameters (P,), with weights that follow from its residuals."""
+        """Fit at parameters (P,), with weights that follow from its residuals.
+
+        Args:
+            p: parameters (P,).
+        """
         poses, slopes = self._predict(p)
         return self._settled(poses, slopes, self._aligned(poses, slopes[:, :, :0], None))
 

@@ -38,6 +38,9 @@ class ContactModes:
     def plant(self, closed: Closed) -> ReducedPlant:
         """Plant with a set of closed contacts.
 
+        Args:
+            closed: indices of the closed contacts.
+
         Raises:
             ConstraintError: the constraints of the set cannot act together.
         """
@@ -51,7 +54,11 @@ class ContactModes:
         return self._plants[closed]
 
     def names(self, numbers: Iterable[int]) -> str:
-        """Names of contacts in a message."""
+        """Names of contacts in a message.
+
+        Args:
+            numbers: indices of the contacts.
+        """
         return ", ".join(self._contacts[number].name for number in sorted(numbers)) or "none"
 
     def forces(self, closed: Closed, plant: ReducedPlant) -> np.ndarray:
@@ -71,7 +78,12 @@ class ContactModes:
         return nonnegative(forces, scipy.linalg.null_space(state.all_rows.T, rcond=dependent)[up])
 
     def least_force(self, closed: Closed, plant: ReducedPlant) -> float:
-        """Least normal force of the closed contacts [N], with a margin for rounding."""
+        """Least normal force of the closed contacts [N], with a margin for rounding.
+
+        Args:
+            closed: contacts that are closed in the model of the plant.
+            plant: the plant, with its inputs.
+        """
         forces = self.forces(closed, plant)
         zero = 1e-9  # force that counts as zero, relative to the sum of all, plus 1 N
         return float(forces.min(initial=np.inf) + zero * (1.0 + np.abs(forces).sum()))
@@ -127,7 +139,11 @@ class ReducedStep:
         self._steps = self._end.errors.used  # one number, so that the state depends continuously on the time
 
     def move_to(self, elapsed: float) -> None:
-        """Move the plant to a time after the start of the step [s]."""
+        """Move the plant to a time after the start of the step [s].
+
+        Args:
+            elapsed: the time [s], up to ``dt``.
+        """
         self._plant.rollback(self._end if elapsed == self.dt else self._start)
         if 0.0 < elapsed < self.dt:
             self._plant.advance_part(elapsed, self._steps)

@@ -193,7 +193,11 @@ class ContactPlant:
         return self._plant.read()
 
     def apply(self, T: np.ndarray) -> None:
-        """Hold the inputs T (p,), clipped to the actuator limits. A jump of the inputs can open contacts."""
+        """Hold the inputs T (p,), clipped to the actuator limits. A jump of the inputs can open contacts.
+
+        Args:
+            T: inputs (p,) [N or N m].
+        """
         self._plant.apply(own_vector(T, self.reduced.p, "T"))
         before = self._closed
         if before and self._least_force() < 0.0:
@@ -204,6 +208,9 @@ class ContactPlant:
 
     def advance(self, dt: float) -> None:
         """Advance by a time dt [s], through all events on the way.
+
+        Args:
+            dt: the time [s].
 
         Raises:
             DivergenceError: velocities or accelerations are not finite.

@@ -191,6 +191,9 @@ class RigidImpulses(FrictionImpulses):
     def solve(self, guess: np.ndarray | None = None) -> np.ndarray:
         """Return the impulses (k,) of the largest set of closed contacts that is a solution.
 
+        Args:
+            guess: not used: the search is over sets of contacts.
+
         Raises:
             SimulationError: no set is a solution. Friction without a limit does not exclude this.
         """
@@ -233,7 +236,11 @@ NO_SET = (
 
 
 def subsets(numbers: Iterable[int]) -> Iterator[frozenset[int]]:
-    """All sets of numbers, the largest ones first."""
+    """All sets of numbers, the largest ones first.
+
+    Args:
+        numbers: distinct numbers.
+    """
     ordered = sorted(numbers)
     for size in range(len(ordered), -1, -1):
         yield from map(frozenset, combinations(ordered, size))

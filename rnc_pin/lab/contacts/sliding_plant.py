@@ -78,7 +78,11 @@ class SlidingPlant:
     # ------------------------------------------------------------------ state
 
     def restart(self, size: float) -> None:
-        """Forget the motion so far of a robot with a radius of gyration [m]."""
+        """Forget the motion so far of a robot with a radius of gyration [m].
+
+        Args:
+            size: radius of gyration [m].
+        """
         self._size, self.longest = size, np.inf
         self._steps, self._sum = 0, np.zeros(2 * self.reduced.n)
 
@@ -95,11 +99,19 @@ class SlidingPlant:
         self.applied = np.zeros(self.reduced.p)
 
     def jump(self, v: np.ndarray) -> None:
-        """Go on with another velocity (nv,)."""
+        """Go on with another velocity (nv,).
+
+        Args:
+            v: velocity (nv,), e.g. after an impact.
+        """
         self._now = self._present = self._now._replace(v=v)
 
     def touch(self, touching: frozenset[int]) -> list[Change]:
-        """Let contacts touch, and return the contacts that slide."""
+        """Let contacts touch, and return the contacts that slide.
+
+        Args:
+            touching: numbers of the contacts.
+        """
         self.touching = touching
         state = self.state
         layout = self._rows.layout(touching)
@@ -144,11 +156,19 @@ class SlidingPlant:
         return self._present.q.copy(), self._present.v.copy()
 
     def apply(self, T: np.ndarray) -> None:
-        """Hold the inputs T (p,), clipped to the actuator limits."""
+        """Hold the inputs T (p,), clipped to the actuator limits.
+
+        Args:
+            T: inputs (p,) [N or N m].
+        """
         self.applied = self._flight.saturated(T)
 
     def keep_errors(self, errors: IntegrationErrors) -> None:
-        """Go on with the estimated errors of a motion that this one continues."""
+        """Go on with the estimated errors of a motion that this one continues.
+
+        Args:
+            errors: estimated errors so far.
+        """
         self.errors = errors
 
     # ------------------------------------------------------------------ motion
@@ -180,11 +200,19 @@ class SlidingPlant:
             self._steps, self._sum = 0, np.zeros(2 * self.reduced.n)
 
     def present(self, trial: _Trial | None) -> None:
-        """Move to the end of a trial, or back to the start of the step."""
+        """Move to the end of a trial, or back to the start of the step.
+
+        Args:
+            trial: the trial; None for the start of the step.
+        """
         self._present = self._now if trial is None else trial.last
 
     def take(self, trial: _Trial) -> list[Change]:
-        """Take the result of a step, and return the contacts that opened, slide or stick."""
+        """Take the result of a step, and return the contacts that opened, slide or stick.
+
+        Args:
+            trial: result of the step.
+        """
         last, self._steps = trial.last, self._steps + 1
         self._sum = self._sum + np.where(trial.errors < np.inf, trial.errors, 0.0)
         before = self._now.sliding
@@ -328,7 +356,11 @@ class SlidingStep:
         self._elapsed = dt
 
     def move_to(self, elapsed: float) -> None:
-        """Move the plant to a time after the start of the step [s]."""
+        """Move the plant to a time after the start of the step [s].
+
+        Args:
+            elapsed: the time [s], up to ``dt``.
+        """
         self._elapsed = elapsed
         if elapsed == self.dt:
             self._part = self._whole

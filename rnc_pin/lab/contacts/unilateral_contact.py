@@ -133,11 +133,19 @@ class BoundContact:
         return self._rows.jacobian(at)[self._order], rates
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        """Jacobian of the gap, (nv,)."""
+        """Jacobian of the gap, (nv,).
+
+        Args:
+            at: kinematics at the configuration.
+        """
         return np.asarray(self._rows.jacobian(at)[self._height])
 
     def gap(self, at: PositionKinematics) -> float:
-        """Distance from the ground [m], negative below it."""
+        """Distance from the ground [m], negative below it.
+
+        Args:
+            at: kinematics at the configuration.
+        """
         return float(self._rows.residual(at)[self._height])
 
     def gap_rate(self, at: PositionKinematics, v: np.ndarray) -> float:

@@ -70,6 +70,9 @@ class ContactBody:
 def common_plane(blocks: Sequence[Rows]) -> GroundPlane:
     """Return the plane at rest on which all bodies roll.
 
+    Args:
+        blocks: bound constraints.
+
     Raises:
         ConfigurationError: a ground that is curved, moves or is carried by a frame, or several planes.
     """

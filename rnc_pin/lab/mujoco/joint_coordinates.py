@@ -262,7 +262,11 @@ class RobotCoordinates:
 
 
 def scalar_first(quaternion: np.ndarray) -> np.ndarray:
-    """Convert a quaternion (x, y, z, w) of Pinocchio to (w, x, y, z) of MuJoCo."""
+    """Convert a quaternion (x, y, z, w) of Pinocchio to (w, x, y, z) of MuJoCo.
+
+    Args:
+        quaternion: four numbers (4,).
+    """
     return quaternion[[3, 0, 1, 2]]
 
 

@@ -152,6 +152,9 @@ class MuJoCoPlant:
     def advance(self, dt: float) -> None:
         """Advance the time by dt [s].
 
+        Args:
+            dt: the time [s]; the step of MuJoCo is shortened so that it divides it.
+
         Raises:
             DivergenceError: the state is not finite.
         """
