@@ -92,6 +92,7 @@ def state_derivatives(
     flat = [_flat(each, batch) for each in (state.q, state.v2, T)]
     found = _compiled(reduced, flat[0], flat[1], flat[2], t)
     if found is None:
+        # Kinds of rows without compiled code: one state after the other.
         times = [None] * len(flat[0]) if state.t is None else np.broadcast_to(state.t, batch).ravel().tolist()
         states_at = zip(*flat, times, strict=True)
         found = _stacked([state_derivatives(reduced, *each, t=time) for *each, time in states_at], reduced)

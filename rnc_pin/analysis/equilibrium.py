@@ -316,6 +316,7 @@ class _Search:
         H_q = R_dot.mT @ M @ R + R.mT @ M @ R_dot + R.mT @ (along.C + along.C.mT) @ R
         H = reduced.at(here.q).H
         scale = 1.0 / np.sqrt(np.diag(H))[:, None]
+        # Scaled to unit inertia: residuals of outputs with different units count alike.
         force_q = scale * (H @ derivatives.v2_dot_q + (H_q @ here.v2_dot).T)
         force_x = np.hstack([force_q, scale * (H @ derivatives.v2_dot_v2[:, self._open])])
         # Inputs balance as much as they can; q balances the rest and satisfies the holonomic rows.
@@ -326,12 +327,14 @@ class _Search:
         closing = np.pad(closing, ((0, 0), (0, int(self._open.sum()))))
         rows, gap = np.vstack([rows, closing]), np.concatenate([gap, here.gap])
         if self._symmetries is not None:
+            # A steady motion may drift along symmetries: only its shape has to rest.
             rows = np.vstack([rows, self._shape_gradient(here, derivatives)])
             gap = np.concatenate([gap, here.shape_rates])
         size = len(self._free)
         rows = rows[:, self._free]
         step = np.zeros(size)
         if len(rows):
+            # The least change: the equilibrium nearest to the guess.
             step[self._free] = np.linalg.lstsq(rows, -gap, rcond=_DEPENDENT)[0]
             kernel = scipy.linalg.null_space(rows, rcond=_DEPENDENT)
         else:

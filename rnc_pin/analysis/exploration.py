@@ -276,10 +276,12 @@ class _Exploring:
         point = 1e-3  # [m] below which a robot has no length
         self._length = size if size > point else 1.0
         angles = np.array([unit.startswith("rad") for unit in self._robot.velocity_units])
+        # Angles times the size of the robot are lengths: motions of both kinds can then be compared.
         self._lengths = np.where(angles, self._length, 1.0)[:, None]
         self._angular = [unit.startswith("rad") for unit in self._outputs.units]
         self._scale = scale = np.where(self._angular, self._length, 1.0)[:, None]
         good, (self._A, self._J, P, self._ways, self._D) = self._motions_at(q)
+        # Not at all samples: some are next to a singularity.
         if not good.mean() > _USUAL:
             raise ConfigurationError(
                 f"primary outputs {', '.join(self._primary)}: the robot cannot move them independently"
@@ -436,6 +438,7 @@ class _Exploring:
     def _use(self, each: _Set) -> Use:
         kind, mask, words = self._decided(each)
         typical = np.zeros(len(each.rows))
+        # The median and not the mean: values near singularities are far from typical.
         typical[: each.values.shape[1]] = np.median(each.values, axis=0)
         typical.setflags(write=False)
         last = each.values[:, max(each.rank - 1, 0)]

@@ -252,6 +252,7 @@ def grow(reduced: ReducedModel, q: np.ndarray, reach: int = 0, limit: int = DEEP
         return Growth(first[: 1 + (first[1] > first[0])], basis, margin, doubtful)
     found = None
     shallow = 3  # order that is sufficient for most systems: deeper fits lose digits
+    # From shallow to deep: most systems end early, and deep fits lose digits.
     for order in sorted({min(shallow, deepest), min(2 * shallow, deepest) if reach else deepest, deepest}):
         found = _deeper(jets, basis, order, rejected, reach)
         if len(found.dimensions) < order or found.dimensions[-1] in (reduced.n, reach):
@@ -341,6 +342,7 @@ def _levels(drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: f
                 break
             dimensions.append(bases[0].shape[1])
             continue
+        # Ratio of the smallest accepted value to the largest rejected one: the decision is clear if it is large.
         margin = min(margin, float(values[count - 1] / max(floor, none)))
         crowded = crowded or count == fine.shape[-1] < room
         bases = [np.column_stack([basis, u[:, :count]]) for basis, u in zip(bases, (left, other_left), strict=True)]

@@ -166,6 +166,7 @@ def linearize(
     reduced = reduced.with_basis_at(q)
     v2 = np.zeros(reduced.r) if v2 is None else np.asarray(v2, float)
     state = reduced.at(q, v2)
+    # By the pseudoinverse: of more inputs than necessary, the smallest that hold the state.
     holding = np.linalg.pinv(state.input_matrix) @ state.inverse_dynamics(np.zeros(reduced.r)) if T is None else T
     T = np.asarray(holding, float)
     _check_steady(reduced, q, v2, T)
@@ -229,12 +230,14 @@ def _restricted(
     The condition is ``C A = A_chosen C`` on all perturbations that satisfy the holonomic constraints; C selects.
     """
     J, J_dot = read.rows(q, v)
+    # Only coordinates at rest have a constant linearization.
     moving = np.abs(J @ v) > _STEADY * (1.0 + np.abs(v).max())
     if moving.any():
         name = read.names[int(np.argmax(np.abs(J @ v)))]
         raise ConstraintError(f"coordinate '{name}' moves in this motion: leave it out of the coordinates")
     r = reduced.r
     rows = reduced.at(q).A[list(reduced.constraints.holonomic)]
+    # Deviations that violate holonomic rows do not occur: they must not count as dependence.
     free = scipy.linalg.null_space(rows) if len(rows) else np.eye(reduced.n)
     admissible = scipy.linalg.block_diag(free, np.eye(r))
     C = scipy.linalg.block_diag(J, np.eye(r)[kept])

@@ -125,6 +125,7 @@ def _carriers(reduced: ReducedModel) -> tuple[tuple[Contact, ...], Array]:
     random = reduced.robot.random_configuration(np.random.default_rng(0))
     sizes = np.zeros(reduced.all_constraints.size)
     for position in _defined(reduced):
+        # Over some configurations: the height row of a wheel may vanish at one by chance.
         sizes = np.fmax(sizes, np.abs(reduced.all_constraints.jacobian(position)).max(axis=1, initial=0.0))
     carrying = [each.up is not None and bool(sizes[each.up] > _SMALL) for each in found]
     down = bool(found) and float(model.gravity.linear[2]) < 0
@@ -174,6 +175,7 @@ class _ExternalWrenches:
         self._forces: list[PassiveForce] = []
         q = robot.random_configuration(np.random.default_rng(0))
         at = Kinematics(robot).position(q).with_velocity(np.ones(robot.nv))
+        # The same robot on a free base: a force that acts alike there is known, and its reaction counts.
         moved = self._at(q, at.v)
         unknown: list[str] = []
         forces = reduced.reduction_data.forces

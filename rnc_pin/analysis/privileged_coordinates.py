@@ -310,6 +310,7 @@ def _coefficients(series: Array, weights: Sequence[int], powers: Sequence[Array]
             basis = [_product(z[:j], each, len(degrees)) for each in powers[degree]]
             matrix = np.array([each[degree] for each in basis]).T
             sizes = np.linalg.norm(matrix, axis=0)
+            # Columns of unit length: monomials of small coordinates would look dependent.
             c, _, rank, _ = np.linalg.lstsq(matrix / sizes, -z[j, degree], rcond=_SPAN)
             if rank < len(sizes):
                 raise InfeasibleError("privileged coordinates: the flows are too few for their polynomials")

@@ -210,6 +210,7 @@ def analyze(
         >>> report.redundancy_class, report.growth_vector
         ('1', (3, 4))
     """
+    # Ranks and brackets belong to one moment: rows over time are taken at their start.
     reduced = reduced.frozen(0.0)
     if primary is None:
         primary = [name for name in reduced.reducing.names if name not in redundant]
@@ -227,6 +228,7 @@ def analyze(
     actuation_rank, unactuated = _actuation(reduced, configurations)
     singular = stack_singularities(reduced, configurations)
     if redundancy.redundancy_class in ("1", "2"):
+        # Only these classes divide by a matrix of the task.
         singular += task_singularities(reduced, task, redundancy.tracked, configurations)
     return Report(
         n=reduced.n,

@@ -195,6 +195,7 @@ def lemma_1_residuals(
     speeds = np.linalg.norm(terms.v, axis=-1, keepdims=True)
     directions = terms.v / speeds
     space = ConfigurationManifold(reduced.robot.model)
+    # Along unit velocities: fast states would otherwise take a larger step.
     moved = (space.integrate(configurations, k * step * directions) for k in (-2, -1, 1, 2))
     far_behind, behind, ahead, far_ahead = (reduced.at(q).H for q in moved)
     H_dot = (far_behind - 8 * behind + 8 * ahead - far_ahead) / (12 * step) * speeds[..., None]
@@ -203,6 +204,7 @@ def lemma_1_residuals(
     resting = reduced.terms(configurations, 0 * v2).V
     doubled = reduced.terms(configurations, 2 * v2).V
     eigenvalues = np.linalg.eigvalsh(terms.H)
+    # Residuals are relative to both terms of the identity, so that fast or heavy systems are judged alike.
     size = np.abs(terms.H).max(axis=(1, 2)) * speeds[:, 0] + np.abs(V).max(axis=(1, 2))
     columns = terms.R / np.linalg.norm(terms.R, axis=-2, keepdims=True)
     return {

@@ -81,6 +81,7 @@ def cells_around(points: ArrayLike, side: float, name: str = "cells") -> tuple[O
         raise InputError(f"{title}: points have shape {given.shape}, expected (n, 3)")
     if not 0.0 < side < np.inf:
         raise InputError(f"{title}: side: expected a positive number, found {side!r}")
+    # Scanners give NaN or infinity where they see nothing.
     places = np.floor(given[np.isfinite(given).all(axis=1)] / side)
     if not len(places):
         raise ModelError(f"{title}: there are no points")

@@ -45,6 +45,7 @@ def support(shape: coal.CollisionGeometry, directions: Float[Array, "k 3"]) -> F
         ModelError: the shape is not convex.
     """
     x, y, z = directions.T
+    # coal blows a shape up by this radius: it adds to every direction.
     swept = shape.getSweptSphereRadius()
     rounding = 1e-9  # of a unit vector: a half space has a bound along its normal alone
     match shape:

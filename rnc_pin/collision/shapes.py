@@ -162,6 +162,7 @@ class SpinningShapes:
             tilt = (
                 0.0 if isinstance(shapes[k], coal.Sphere) else float(np.linalg.norm(np.cross(axis, rotations[k, :, 2])))
             )
+            # How far the axis of the shape is away from the joint's, at its middle and by its tilt.
             wobble = float(np.linalg.norm(np.cross(axis, origins[k]))) + tilt * float(radii[k])
             if wobble < most_wobble:
                 found.append(k)

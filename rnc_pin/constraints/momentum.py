@@ -210,6 +210,7 @@ def _check_symmetry(robot: Robot, joint: str, rows: slice) -> None:
         q = robot.random_configuration(generator)
         shift = np.zeros(robot.nv)
         shift[rows] = generator.uniform(-1.0, 1.0, rows.stop - rows.start)
+        # A cyclic coordinate: the inertia matrix does not change when the joint alone moves.
         moved = pin.integrate(robot.model, q, shift)
         inertia = pin.crba(robot.model, data, q)
         change = np.abs(pin.crba(robot.model, data, moved) - inertia).max() / np.abs(inertia).max()

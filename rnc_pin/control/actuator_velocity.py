@@ -416,6 +416,7 @@ class WheelOdometry(ReprMixin):
         rows, to_base = self.base.rows(pin.integrate(model, first, 0.5 * moved))
         right = -rows[:, self._known] @ moved[self._known]
         unknown = self._columns(rows, to_base)
+        # More rows than unknowns: the motion that fits best, and its misfit is the slip.
         inverse = np.linalg.pinv(unknown, rcond=_ODOMETRY_RANK)
         found = inverse @ right
         slip = float(np.abs(unknown @ found - right).max(initial=0.0))

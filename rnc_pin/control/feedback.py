@@ -83,6 +83,7 @@ def fed_back(gain: float | np.ndarray, error: np.ndarray, actual: np.ndarray) ->
     # The rule; the rest of the function explains what is missing.
     if isfinite(np.vdot(product, product)) or np.isfinite(product).all():  # the first is quick, and may overflow
         return product
+    # NaN times zero is NaN: an output without gain may have no value, one with gain may not.
     missing = np.isnan(error) & (np.broadcast_to(gain, error.shape) != 0)
     without = missing & ~np.isnan(actual)
     if without.any():

@@ -45,7 +45,7 @@ def chord_end_between(
     # x0 + ux s + b s^2 + a s^3
     bx, by, ax, ay = 3 * dx - 2 * ux - vx, 3 * dy - 2 * uy - vy, ux + vx - 2 * dx, uy + vy - 2 * dy
     s = 0.0
-    for _ in range(12):
+    for _ in range(12):  # a bound only: Newton's method is quadratic near the solution
         x, y = x0 + s * (ux + s * (bx + s * ax)), y0 + s * (uy + s * (by + s * ay))
         x_s, y_s = ux + s * (2 * bx + 3 * s * ax), uy + s * (2 * by + 3 * s * ay)
         rx, ry = px - x, py - y

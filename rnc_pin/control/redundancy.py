@@ -111,6 +111,7 @@ class RedundancyController(DescribedMixin):
         if m.v1_offset_dot is not None:
             wanted_dot = wanted_dot - m.v1_offset_dot[..., self._x1]
         A3, A3_dot = (each[..., self._x1, :][..., self._x21] for each in (m.A_star, m.A_star_dot))
+        # Vertical rates are A3 v21 + A4 v22: what primary motions cause is left to no redundant one.
         wanted = wanted - apply(A3, v21)
         wanted_dot = wanted_dot - apply(A3_dot, v21) - apply(A3, v21_dot)
         v22, v22_dot = self._redundant_rates(t, wanted, wanted_dot, m)

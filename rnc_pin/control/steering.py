@@ -152,4 +152,5 @@ class SteeringController(DescribedMixin):
                 condition=np.inf,
                 rows=(*task.vertical_names, *task.redundant_names),
             )
+        # Near rest, N is small and the damped rates may still be larger than actuators give.
         return clipped(v22, self.max_rate)

@@ -263,7 +263,7 @@ class TwistController(ReprMixin):
         if missing <= 0.0 or not size:
             return goal, turn
         found = []
-        # Sideways of the goal, to both sides: where guides are dependent, the goal passes a pivot.
+        # To both sides of the goal: the turns of the pivots decide.
         for across in np.linalg.svd((motion.free.T @ goal)[None])[2][1:]:
             for sign in (1.0, -1.0):
                 twist = goal + sign * missing * _REGULAR * size * (motion.free @ across)
@@ -306,12 +306,14 @@ class TwistController(ReprMixin):
         pivots, aims = self.base.pivots, self.base.aims
         at = q[self.base.places[pivots]]
         ends = np.stack([self.base.lower[pivots] - at, self.base.upper[pivots] - at])
+        # A range of half a turn or more has every direction of rolling, forwards or backwards.
         narrow = ends[1] - ends[0] < np.pi
         ends = ends[:, narrow, None]
         across, along = (each[aims][narrow] @ motion.free for each in (motion.guides, motion.slopes))
         low, high = across * np.cos(ends) + along * np.sin(ends)
         part, bounds = motion.free.T @ goal, np.zeros(2 * len(low))
         found = []
+        # Forwards or backwards of each wheel: the union of convex sets, each with one nearest point.
         for ways in _choices((low - high) @ part):
             rows = np.vstack([ways[:, None] * low, -ways[:, None] * high])
             nearest = nearest_point(part, rows, bounds, np.full(len(bounds), np.inf))

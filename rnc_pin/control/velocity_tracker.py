@@ -97,6 +97,7 @@ class VelocityTracker(DescribedMixin):
         if S is not None:
             r = len(S)
             self._dead_zone = np.abs(S.T) @ np.broadcast_to(self._dead_zone, r)  # bound on the noise of a mode
+            # Forces are F = S F': the offset of the outputs in the axes of the modes.
             self._offset = np.linalg.solve(S, np.broadcast_to(self._offset, r))
         self._has_dead_zone = bool(np.any(self._dead_zone))
 

@@ -290,10 +290,12 @@ class DissipativeStep:
         dynamics = self._dynamics
         R, H, damping = state.R, state.H, dynamics.damping
         if damping is None:
+            # Modes with unit inertia; without damping any such basis does, and Cholesky is the cheapest.
             modes = np.linalg.inv(np.linalg.cholesky(H)).T
             decay = np.zeros(len(H))
         else:
             decay, modes = scipy.linalg.eigh(R.T @ (damping[:, None] * R), H)
+            # Rounding of an undamped mode would let it grow.
             decay = np.maximum(decay, 0.0)
         inverse = modes.T @ H
         flow = state.flow(T, damping)

@@ -61,6 +61,7 @@ def _goes_round(joint: pin.JointModel) -> bool:
 
 def _joint_coordinates(name: str, joint: pin.JointModel, entry: np.ndarray) -> np.ndarray:
     kind = joint.shortname()
+    # By the sizes of q and v and not by name: Pinocchio has a class for each axis.
     if _goes_round(joint) and entry.size == 1:
         return np.array([np.cos(entry[0]), np.sin(entry[0])])
     if kind == "JointModelPlanar" and entry.size == 3:
@@ -71,6 +72,7 @@ def _joint_coordinates(name: str, joint: pin.JointModel, entry: np.ndarray) -> n
         if length < 1e-9:
             raise ModelError(f"joint '{name}': the quaternion (x, y, z, w) has zero length")
         return np.r_[entry[:-4], entry[-4:] / length]
+    # Joints on a vector space take their coordinates as they are.
     if entry.size == joint.nq == joint.nv:
         return entry
     expected = {

@@ -177,6 +177,7 @@ def check_inertias(model: pin.Model) -> None:
     triangle_tolerance = 1e-3  # relative to the largest principal moment: values in files are rounded
     for name, inertia in zip(list(model.names)[1:], list(model.inertias)[1:], strict=True):
         moments = np.linalg.eigvalsh(inertia.inertia)
+        # A warning only: the equations of motion need positive moments, not the triangle inequality.
         if moments[2] > moments[0] + moments[1] + triangle_tolerance * moments[2]:
             impossible.append(name)
         if inertia.mass == 0 and moments.any():

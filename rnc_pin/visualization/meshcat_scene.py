@@ -63,11 +63,13 @@ def fitting_camera(points: np.ndarray, forward: np.ndarray) -> tuple[np.ndarray,
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(right, forward)])
     half = np.tan(np.deg2rad(FIELD_OF_VIEW / 2)) * np.array([ASPECT, 1.0])
+    # A first guess, which the loop centers.
     target = (points.min(axis=0) + points.max(axis=0)) / 2
     centerings = 4
     for centerings_left in reversed(range(centerings)):
         away = points - target
         beside, depth = away @ axes.T, away @ forward
+        # The nearest place from which every point is inside the picture; not inside a small robot.
         distance = max(float((np.abs(beside) / (_USED_PART * half) - depth[:, None]).max()), 0.2)
         if centerings_left:
             # Perspective enlarges near points, so the middle of the picture is not the middle of the points.

@@ -221,6 +221,7 @@ def _encode(ffmpeg: str, path: Path, partial: Path, pictures: Iterable[bytes], r
                 process.stdin.write(picture)
         complaint = process.communicate()[1].decode(errors="replace")
     finally:
+        # After the last byte it does nothing; an interrupted recording must not leave a process behind.
         process.kill()
         process.wait()
     if process.returncode:

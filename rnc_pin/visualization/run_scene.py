@@ -305,6 +305,7 @@ class RunScene:
         colors = cycle((*_TRAILS, e.SKY, e.YELLOW, e.GREY, e.BLACK))
         for name, color in zip((name for name in names if name not in primary), colors, strict=False):
             entry = e.LayerEntry(f"motion of {name.replace('_', ' ')}", f"redundancy/{name}", color, "arrow")
+            # Bound now: a closure would see the last name of the loop.
             motion = partial(vectors, column=names.index(name))
             found.append(e.Arrows(entry, "bodies", len(frames), motion, self._width))
         return found

@@ -159,6 +159,7 @@ class SceneKinematics:
                 placement = data.oMi[shape.parentJoint] * shape.placement
                 radius = shape.geometry.radius
                 level = np.array([1.0, 1.0, 0.0])
+                # Across the axle, from above: a row may act at the middle of an axle with several wheels.
                 aside = np.cross((placement.translation - point) * level, along)
                 on_axle = abs(placement.rotation[:, 2] @ along) > 0.99 and np.linalg.norm(aside) < 0.05 * radius
                 if on_axle and abs(placement.translation[2] - radius - ground) < 0.25 * radius:

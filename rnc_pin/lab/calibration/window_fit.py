@@ -312,7 +312,7 @@ def correlation_length(residuals: Array) -> float:
     if limit == 0 or product[0] <= 0:
         return 1.0
     rho = product[1:] / product[0]
-    # Beyond two standard deviations of a correlation of white noise, estimates are noise: they end the sum.
+    # Below two standard deviations of a correlation of white noise, estimates are noise: they end the sum.
     stops = np.flatnonzero(rho <= 2 / np.sqrt(len(r)))
     return max(1.0, float(1 + 2 * rho[: stops[0] if len(stops) else limit].sum()))
 

@@ -189,7 +189,7 @@ class SlidingPlant:
             ratio = float(trial.errors.max()) / self._allowed(h)
             if ratio <= 1.0 or h <= shortest:
                 return SlidingStep(self, trial, h, shortest, ratio)
-            # The error grows as h^4; a tenth less, so that the next step is within the tolerance.
+            # The ratio grows about as h^4; a tenth less, so that the next step is within the tolerance.
             self.longest = max(h * min(0.5, max(0.1, 0.9 * ratio**-0.25)), shortest)
 
     def end_sample(self) -> None:

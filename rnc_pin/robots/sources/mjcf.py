@@ -51,6 +51,7 @@ def read_mjcf(
     reduce_document(root, path)
     notes = snap_mjcf(root) if snap else []
     assets = MeshAssets(root, path)
+    # By MuJoCo itself: defaults, frames, replicas and inertias from shapes then mean what they mean there.
     compiled = compile_document(root, path, assets)
     try:
         built = ModelBuilder(compiled, name, base)

@@ -142,6 +142,7 @@ class ModelBuilder:
         if parent.joint == 0 and parent.frame == 0 and self._make_root is not None:
             index, frame, place = self._add_joint(0, 0, self._make_root(), pin.SE3.Identity(), "root_joint")
         for joint in joints:
+            # Several joints of one body follow each other: each needs a frame that carries the next one.
             if joint != joints[0]:
                 frame = model.addBodyFrame(next(self._free), index, place, frame)
             index, frame, place = self._add_file_joint(joint, index, frame, place)
@@ -272,6 +273,7 @@ class MeshAssets:
         """
         bodies = [body for body in spec.bodies if self._all_weigh or not body.explicitinertial]
         needed = {geom.meshname for body in bodies[1:] for geom in body.geoms}
+        # Primitives that are fitted to a mesh take its size.
         needed |= {geom.meshname for geom in spec.geoms if geom.type != _MESH}
         count, flat = 0, set[str]()
         for mesh in spec.meshes:
@@ -444,6 +446,7 @@ def _read(compiled: mujoco.MjModel, k: int, built: ModelBuilder) -> _Shape:
         place = place * pose(compiled.mesh_pos[mesh], compiled.mesh_quat[mesh]).inverse()
     collision_only = 3  # groups from here on are not drawn if they collide, as Pinocchio has it
     kinds = ("visual", "collision") if compiled.geom_group[k] < collision_only else ("collision",)
+    # Shapes that never collide are drawn, whatever their group.
     if not (compiled.geom_contype[k] or compiled.geom_conaffinity[k]):
         kinds = ("visual",)
     material = compiled.geom_matid[k]

@@ -209,6 +209,7 @@ def _check_links(root: ElementTree.Element, path: Path) -> None:
         parent, child = (_end(joint, end) for end in ("parent", "child"))
         if parent not in links or child not in links:
             return  # urdfdom reports the missing link
+        # A second parent would close a loop, which a tree of joints cannot have.
         if child in parents:
             raise ModelError(f"{path}: link '{child}' is the child of two joints, '{joint.get('name')}' the second")
         parents[child], kinds[child] = parent, joint.get("type")
@@ -219,6 +220,7 @@ def _check_links(root: ElementTree.Element, path: Path) -> None:
         numbers = None if axis is None else description.read_numbers(axis.get("xyz", "1 0 0"))
         if numbers is not None and not numbers.any() and joint.get("type") not in ("fixed", "floating"):
             raise ModelError(f"{path}: the axis of joint '{joint.get('name')}' is zero")
+    # Cycles first: all their links have parents, so they have no root to be reported.
     _check_chains(links, parents, path)
     roots = [f"[{link}]" for link in links if link not in parents]
     if len(roots) > 1:

@@ -63,6 +63,7 @@ class Meshes:
         Raises:
             ModelError: a shape other than a mesh cannot be built.
         """
+        # The other kind of geometry needs the elements that are removed here.
         root = deepcopy(self._root)
         missing, faults = set[str](), dict[str, str]()
         shapes, bare = MeshShapes(), dict[str, ElementTree.Element]()
@@ -88,6 +89,7 @@ class Meshes:
         if kind == "visual":
             for name, link in bare.items():
                 _stand_in(geometry, model, name, link)
+        # Once for both kinds of geometry, which often name the same files.
         if (missing or faults) and not self._warned:
             self._warned = True
             self._warn(self._missing if missing else {}, faults)

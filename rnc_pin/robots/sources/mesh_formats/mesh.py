@@ -55,11 +55,13 @@ def checked_mesh(vertices: ArrayLike, triangles: ArrayLike) -> Mesh:
     used[corners] = True
     if not np.isfinite(points[used]).all() or np.abs(points[used]).max(initial=0.0) > FARTHEST:
         raise MeshError(f"a coordinate is not finite, or beyond {FARTHEST:g}")
+    # By coordinates and not by number: formats without shared vertices repeat their points.
     first, second, third = (points[corners[:, k]] for k in range(3))
     whole = (first != second).any(axis=1) & (second != third).any(axis=1) & (third != first).any(axis=1)
     corners = corners[whole]
     if not len(corners):
         raise MeshError("has no triangles")
+    # Once more: removed triangles may have been the only users of a vertex.
     used[:] = False
     used[corners] = True
     return Mesh(points[used], (np.cumsum(used) - 1)[corners])

@@ -51,6 +51,7 @@ def read_obj(content: bytes) -> Mesh:
         ValueError: a word is not a number.
     """
     most_lines = 8_000_000
+    # Counted at once: a loop in Python takes long, also over lines that it ignores.
     if content.count(b"\n") > most_lines:
         raise MeshError(f"more than {most_lines:,} lines")
     vertices, corners, sizes = array("d"), array("q"), array("q")
@@ -66,6 +67,7 @@ def read_obj(content: bytes) -> Mesh:
                 # OBJ counts from one, and negative indices from the last vertex so far.
                 corners.append(index - 1 if index > 0 else count + index)
             sizes.append(len(words) - 1)
+            # A polygon of k corners becomes k - 2 triangles; checked on the way, before lists fill the memory.
             check_counts(count, max(len(sizes), len(corners) - 2 * len(sizes)))
     points = np.array(vertices).reshape(-1, 3)
     return checked_mesh(points, fans(np.array(corners, dtype=np.int64), np.array(sizes, dtype=np.int64)))
@@ -87,6 +89,7 @@ def _lines(content: bytes) -> Iterator[bytes]:
     while start < len(content):
         end = content.find(b"\n", start)
         end = len(content) if end < 0 else end
+        # With the lines before: continuations could grow without end.
         if end - start + len(begun) > most_characters:
             raise MeshError(f"a line of more than {most_characters:,} characters")
         line = content[start:end].strip()
@@ -244,6 +247,7 @@ class _ColladaScene:
         if accessor is None:
             raise MeshError("a source has no accessor")
         stored = self._named(accessor, "source")
+        # Text is parsed once: accessors of several sources may share one array.
         if id(stored) not in self._numbers:
             self._numbers[id(stored)] = numbers(stored.text)
         values = self._numbers[id(stored)]
@@ -251,6 +255,7 @@ class _ColladaScene:
             int(accessor.get(key, default)) for key, default in (("count", ""), ("stride", "1"), ("offset", "0"))
         )
         check_counts(count, 0)
+        # Accessors share numbers: many of them together may still give too many points.
         self._read += count
         check_counts(self._read, 0)
         # NumPy would wrap negative places and read other points.
@@ -291,7 +296,7 @@ def _primitive(primitive: ElementTree.Element) -> np.ndarray:
     """Indices of positions (k, 3)."""
     inputs = [int(each.get("offset", "0")) for each in primitive.findall("input")]
     place, width = int(_input(primitive, "VERTEX").get("offset", "0")), max(inputs) + 1
-    # The width multiplies the numbers of a corner: a large one would skip through the whole list.
+    # Corners have a few inputs: a huge offset is a fault of the file.
     if min(inputs) < 0 or width > 64:
         raise MeshError("an input has no offset")
     lists = [numbers(each.text, np.int64) for each in primitive.findall("p")]

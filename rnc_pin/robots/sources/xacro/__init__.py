@@ -75,6 +75,7 @@ def expand(
         raise ModelError(f"{path}: xacro: macros or includes are recursive or nested too deeply") from None
     except ModelError as error:
         raise ModelError(f"{path}: xacro: {error}{expander.fault}") from None
+    # Afterwards: only the expansion shows which arguments the files ask for.
     for name in given:
         if name not in given.asked:
             raise ModelError(f"{path}: no xacro argument '{name}'{nearest(name, given.asked)}")

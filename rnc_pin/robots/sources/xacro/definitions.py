@@ -118,7 +118,7 @@ def _parameters(text: str) -> Iterator[Parameter]:
             yield Parameter(named[1], default[0] or None, named[2] is not None)
             place = default.end()
         else:
-            # What is no default belongs to the name, as in the xacro of ROS.
+            # A word without a default that can be read is a name as a whole.
             word = re.compile(r"\s*(\S+)").match(text, place)
             assert word is not None, "there is more than space"
             yield Parameter(word[1])

@@ -198,9 +198,9 @@ class Expander:
         inner = known.inner()
         missing = {parameter.name: parameter for parameter in macro.parameters}
         for key, text in element.items():
-            # Values of the caller are computed in the scope of the caller, before names of the macro exist.
             if missing.pop(key, None) is None:
                 raise ModelError(f"macro '{name}' has no parameter '{key}'{nearest(key, missing)}")
+            # In the scope of the caller: names of the macro do not exist there.
             inner.define(key, self._value(text, scope))
         self._take_blocks(element, missing, inner, (macros, scope))
         for parameter in list(missing.values()):
@@ -254,6 +254,7 @@ class Expander:
         if optional and not os.path.isfile(path):
             return
         depth = self._deeper()
+        # Before it is opened: files outside of the allowed folders are not even looked at.
         self._substitution.admitted(path)
         if not os.path.isfile(path):  # raises the error in the file that includes it
             read_document(path)

@@ -452,6 +452,7 @@ class _Evaluation:
         arguments = [self.value(each) for each in node.args]
         named = {}
         for keyword in node.keywords:
+            # ** takes names from a value that this evaluator has not seen.
             if keyword.arg is None:
                 raise _Refusal
             named[keyword.arg] = self.value(keyword.value)

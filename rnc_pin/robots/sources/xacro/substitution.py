@@ -209,6 +209,7 @@ class Substitution:
             raise ModelError(f"unknown command in '$({text[:60]})'{nearest(command, commands)}")
         if command == "dirname":
             return self._folder()
+        # Its default may have several words.
         if command == "optenv" and words:
             return self._optional_variable(words[0], " ".join(words[1:]))
         if len(words) != 1:
