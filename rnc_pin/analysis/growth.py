@@ -24,9 +24,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 
 MARGIN = 1e3  # smallest ratio of a direction's singular value to the error and to the rejected singular values
-_ZERO = 10.0  # ratio to the same values below which a singular value is clearly zero
 _ROUNDED, _SMALLEST = 1e-5, 1e-8  # smallest relative singular value: the first, a tenth per level, at least the second
-_NOTHING = 1e-11  # relative singular value that counts as zero
 DEEPEST = 12
 """Default limit of the number of levels after the first brackets."""
 _FEWEST, _MOST, _AGREEING = 8, 32, 3  # samples: least number, largest number, and number that must agree to stop
@@ -322,6 +320,8 @@ def _levels(drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: f
     dimensions: list[int] = []
     margin, doubtful, error, crowded = np.inf, False, 0.0, False
     size = float(np.linalg.norm(fine[0], 2))
+    clear = 10.0  # ratio to the same values below which a singular value is clearly zero
+    nothing = 1e-11  # relative singular value that counts as zero
     for level in range(1, len(fine)):
         size = max(float(np.linalg.norm(fine[level], 2)), fading * size, 1e-300)
         rests = [_rest(basis, each[level] / size) for basis, each in zip(bases, (fine, coarse), strict=True)]
@@ -335,7 +335,7 @@ def _levels(drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: f
         floor = max(wrong, rejected, np.finfo(float).eps)
         count = int((values > max(MARGIN * floor, _SMALLEST, _ROUNDED * 0.1 ** (level - 1))).sum())
         none = values[count:].max(initial=0.0)
-        doubtful = doubtful or bool(none > max(_ZERO * floor, _NOTHING))
+        doubtful = doubtful or bool(none > max(clear * floor, nothing))
         rejected = max(rejected, none)
         if not count:
             if bases[0].shape[1] >= reach:

@@ -66,7 +66,6 @@ PIECES = 3
 free Lie algebra up to degree 8 and beyond (``tests/analysis/test_lie_brackets.py``). Two fields do not."""
 _SPARE, _MORE = 8, 12  # degrees of the fit above the requested order: for dimensions, and for coefficients
 FLOW_TIMES = (0.5, 0.2, 0.05, 0.0125)  # flow times, tried in turn while the error is large
-_SHORT = 1e-12  # functions that never exceed this value are rounding errors
 
 
 _Generators = Callable[[np.ndarray], np.ndarray]
@@ -116,10 +115,11 @@ class BracketJets:
             time: the flow is sampled from ``-time`` to ``time``; the generators have unit length at q.
             generator: random generator for the fields.
         """
+        silent = 1e-12  # functions that never exceed this value are rounding errors
 
         def values(times: np.ndarray) -> np.ndarray:
             found = self._pulled_back(times, order, generator)
-            return found / np.maximum(np.abs(found).max(axis=(0, 1)), _SHORT)
+            return found / np.maximum(np.abs(found).max(axis=(0, 1)), silent)
 
         return _coefficients(values, order, time, _SPARE)
 

@@ -26,7 +26,6 @@ from rnc_pin.printing import printed
 from rnc_pin.robots.derived_models import AttachedModel
 from rnc_pin.robots.joint_values import NamedModel
 
-_CARRIER = "joint that carries the robot"
 _SMALL = 1e-9  # entry of a row, or relative singular value, that is rounding
 _ROUNDING = 1e-6  # share of the weight below which a force counts as zero
 
@@ -168,9 +167,10 @@ class _ExternalWrenches:
 
     def __init__(self, reduced: ReducedModel) -> None:
         robot, carrier = reduced.robot, pin.Model()
-        carrier.addJointFrame(carrier.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), _CARRIER))
+        carrier_name = "joint that carries the robot"
+        carrier.addJointFrame(carrier.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), carrier_name))
         free = copy(robot)
-        NamedModel.__init__(free, AttachedModel(carrier, robot.model, carrier.getFrameId(_CARRIER), None).model)
+        NamedModel.__init__(free, AttachedModel(carrier, robot.model, carrier.getFrameId(carrier_name), None).model)
         self._kinematics = Kinematics(free)
         self._forces: list[PassiveForce] = []
         q = robot.random_configuration(np.random.default_rng(0))

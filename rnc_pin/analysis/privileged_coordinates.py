@@ -34,7 +34,6 @@ from rnc_pin.printing import ReprMixin
 
 _SPAN = 1e-7  # singular value of unit vectors below which they are dependent
 _ACCURATE, _WRONG = 1e-11, 1e-6  # errors of coefficients that end the search, and that are refused
-_NOISE = 10.0  # times the error: a coefficient below it is zero
 
 Polynomial = tuple[Array, Array]
 """Powers (k, c) of the coordinates and coefficients (k,)."""
@@ -336,15 +335,16 @@ def _sorted(
 ) -> tuple[Array, list[Polynomial]]:
     """Linear parts with corrections of the first power, and polynomials of higher ones, without zero terms."""
     linear, polynomials = linear.copy(), list[Polynomial]()
+    noise = 10.0  # times the error: a coefficient below it is zero
     for j, (coefficients, weight) in enumerate(zip(found, weights, strict=True)):
         of = np.concatenate([np.empty((0, len(weights)), dtype=int), *powers[1:weight]])
         for power, value in zip(of, coefficients, strict=True):
             # Linear terms change the linear part; only the others are polynomials beside it.
             if power.sum() == 1:
                 linear[j] += value * linear[int(power.argmax())]
-        chosen = (of.sum(axis=1) > 1) & (np.abs(coefficients) > max(_NOISE * error, _ACCURATE))
+        chosen = (of.sum(axis=1) > 1) & (np.abs(coefficients) > max(noise * error, _ACCURATE))
         polynomials.append((of[chosen], coefficients[chosen]))
-    linear[np.abs(linear) < max(_NOISE * error, _ACCURATE)] = 0.0
+    linear[np.abs(linear) < max(noise * error, _ACCURATE)] = 0.0
     return linear, polynomials
 
 

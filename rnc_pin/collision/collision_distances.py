@@ -40,7 +40,6 @@ _HULLS: WeakKeyDictionary[Robot, list[coal.CollisionGeometry]] = WeakKeyDictiona
 _ALWAYS: WeakKeyDictionary[Robot, frozenset[tuple[int, int]]] = WeakKeyDictionary()
 """Pairs of shapes of each robot that touch in nearly all of its configurations: its file means no collision by them."""
 
-_TURNS = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]) / np.sqrt(3.0)
 _TOUCHING = 1e-9  # [m] distance below which bodies touch: rounding of placements
 
 
@@ -180,8 +179,10 @@ class CollisionDistances:
         """
         pairs, first = near.pairs, self.shape_pairs[0][near.pairs]
         found = []
+        # Directions (4, 3) to the corners of a tetrahedron.
+        turns = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]) / np.sqrt(3.0)
         # The corners of a tetrahedron: one of four axes is never far from the axis of the turn onto an edge.
-        for axis in _TURNS:
+        for axis in turns:
             rotation = pin.exp3(turn * axis)
             rotations = self._at.rotations.copy()
             rotations[first] = rotation @ rotations[first]

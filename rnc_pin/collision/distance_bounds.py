@@ -10,9 +10,6 @@ from numpy import ndarray as Array
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float, Int
 
-_TOLERANCE = 1e-5
-"""Bound of coal's error [m], with a margin: a measured distance less this is a lower bound."""
-
 
 class ShapePoses:
     """Poses of all shapes, at one place of a motion or at many, which are then the first axis.
@@ -155,7 +152,8 @@ class DistanceBounds:
             pairs: indices of the pairs.
             distances: their measured distances [m].
         """
-        self._known[pairs] = distances - _TOLERANCE
+        tolerance = 1e-5  # [m] of coal's error, with a margin: a measured distance less this is a lower bound
+        self._known[pairs] = distances - tolerance
         self._measured[pairs] = True
 
 

@@ -18,7 +18,6 @@ from rnc_pin.model.kinematics import Placement, PositionKinematics
 from rnc_pin.model.rows import check_defined
 from rnc_pin.robots.robot import Robot
 
-_FLAT = 1e-6  # smallest relative curvature of body and ground
 _EYE = np.eye(3)
 
 
@@ -220,6 +219,7 @@ class SurfaceContactRows(BodyContactRows):
         """Contact at configurations; raises an error if it is not one point."""
         rotation, origin = at.placement(self.frame)
         most_steps, accurate = 60, 1e-12  # Newton steps, and the last one relative to the size of the contact
+        flat = 1e-6  # smallest relative curvature of body and ground
         with np.errstate(all="ignore"):
             # The nearest point to the centre is the solution for a ball, and near it for other bodies.
             point = self._surface.below(origin + apply(rotation, self._center))
@@ -235,11 +235,11 @@ class SurfaceContactRows(BodyContactRows):
                     break
             # A state that is not finite passes here: other checks name it.
             known = np.where(np.isnan(at.q).any(axis=-1), np.nan, (last <= 1e3 * accurate * size).astype(float))
-            check_defined("the contact of a body with curved ground is not found", at.q, known, _FLAT, self.names)
+            check_defined("the contact of a body with curved ground is not found", at.q, known, flat, self.names)
             regularity = self._shape.regularity(-apply((rotation @ self._turned).mT, found.normal))
             # A body may be flat, or curved no more than the ground below it: both touch at more than one point.
             separate = np.minimum(regularity, _smaller_eigenvalue(found.relative))
-        check_defined("a body touches curved ground at more than one point", at.q, separate, _FLAT, self.names)
+        check_defined("a body touches curved ground at more than one point", at.q, separate, flat, self.names)
         return found
 
     def _contact(self, at: PositionKinematics) -> SurfaceContact:

@@ -37,10 +37,8 @@ from rnc_pin.printing import ReprMixin
 _STILL = 1e-9  # share of a twist that rounding causes
 _MOVING = 0.1  # share of the command below which a base counts as standing
 _SETTLED = 1e-12  # [rad] angle that no pivot has to turn any more
-_QUIET = 1e-3  # [m/s] speed of a command that turns no pivot of a program: rest of an error
 _REGULAR = 0.04  # smallest singular value of the model's guides, at angles for which a program aims
 _STEERING_ACCELERATION = 4.0  # [rad/s^2]
-_AIMED = 0.2  # [rad] within which a base of a program begins to drive
 
 
 class AimedTwist(NamedTuple):
@@ -234,17 +232,19 @@ class TwistController(ReprMixin):
         last, rates = np.linalg.solve(motion.moving[self.base.base], v[self.base.base]), v[pivots]
         goal, turn = self._regular(motion, q, self._in_range(motion, q, motion.allowed(wanted), rates)[0], rates)
         independence = self.base.independence(motion, 0.0 * turn)
-        largest, still = np.abs(turn).max(initial=0.0), max(_QUIET, _MOVING * float(np.linalg.norm(goal)))
-        waits = largest > min(_AIMED, 0.25 * independence)
+        quiet = 1e-3  # [m/s] speed of a command that turns no pivot of a program: rest of an error
+        near = 0.2  # [rad] within which a base of a program begins to drive
+        largest, still = np.abs(turn).max(initial=0.0), max(quiet, _MOVING * float(np.linalg.norm(goal)))
+        waits = largest > min(near, 0.25 * independence)
         turn = turn * (not waits or np.linalg.norm(last) <= still)  # it stops before its pivots turn far
         profile = 30.0  # [1/s] rate of a pivot over its last turn
         speed = min(profile, np.sqrt(_STEERING_ACCELERATION / max(largest, _SETTLED)))
-        turning = speed * turn * (np.linalg.norm(goal) > _QUIET)
+        turning = speed * turn * (np.linalg.norm(goal) > quiet)
         lead = 0.05  # [s] by which goals are ahead: errors of velocities decay in such a time
         ahead = max(dt, lead)
         bounds, change = self._bounds(q, dt, self._limits), _STEERING_ACCELERATION * ahead
         turning *= _largest_share(motion.turning @ turning, 0.0, bounds)[0]
-        goal = self._accelerated(last, self._nearest(motion, goal * (not waits), _AIMED), ahead)
+        goal = self._accelerated(last, self._nearest(motion, goal * (not waits), near), ahead)
         allowed = min(1.0, 2.0 * independence / _REGULAR) * self._nearest(motion, goal, waits=0.0)
         allowed *= _largest_share(motion.moving @ allowed, 0.0, bounds)[0]
         return AimedTwist(allowed / self._scale, np.clip(turning, rates - change, rates + change))

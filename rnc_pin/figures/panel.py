@@ -154,10 +154,7 @@ def split_names(names: Sequence[str], most: int = MAX_LINES) -> list[list[str]]:
 Size: TypeAlias = Literal["column", "page"] | tuple[float, float]
 """Width of a column or of a page of a paper, or width and height [inches]."""
 
-_WIDTHS = {"column": 3.4, "page": 7.0}  # [inches]
 _PRINT, _SCREEN, _SLIDE = 8.0, 10.0, 14.0  # sizes of text [points]; the text of a slide is the largest
-_SCREEN_ROWS = (4, 5, 6)  # largest number of rows in figures for the screen of one, two, and more columns
-_SCREEN_WIDTHS = (8.0, 7.0)  # width of a column in figures for the screen of one and of several columns [inches]
 # Lengths in sizes of the text:
 _AXES = {True: 13.5, False: 11.0}  # height of axes with the legend beside and above them
 LABEL_ROOM = 7.2  # width of the label and the ticks of a vertical axis
@@ -206,10 +203,11 @@ class Sheet:
         """
         if size is None:
             return cls()
+        widths = {"column": 3.4, "page": 7.0}  # [inches]
         if isinstance(size, str):
-            if size not in _WIDTHS:
-                raise InputError(f"size '{size}': expected (width, height) in inches{nearest(size, _WIDTHS)}")
-            return cls(_WIDTHS[size], None, _PRINT)
+            if size not in widths:
+                raise InputError(f"size '{size}': expected (width, height) in inches{nearest(size, widths)}")
+            return cls(widths[size], None, _PRINT)
         try:
             width, height = (float(each) for each in size)
         except (TypeError, ValueError):
@@ -217,7 +215,7 @@ class Sheet:
         least = 2.0  # [inches]
         if not (least <= width <= 100.0 and 0.0 < height <= 100.0):
             raise InputError(f"size {size!r}: expected a width from {least:g} and a height, up to 100 inches each")
-        return cls(width, height, float(np.clip(_PRINT * width / _WIDTHS["page"], _PRINT, _SLIDE)))
+        return cls(width, height, float(np.clip(_PRINT * width / widths["page"], _PRINT, _SLIDE)))
 
     def in_text(self, inches: float) -> float:
         """Length in sizes of the text.
@@ -235,10 +233,12 @@ class Sheet:
             places: number of places that they need.
         """
         places = axes if places is None else places
+        screen_rows = (4, 5, 6)  # largest number of rows in figures for the screen of one, two, and more columns
+        screen_widths = (8.0, 7.0)  # of a column in figures for the screen of one and of several columns [inches]
         if self.width is None:
-            within = (k for k, rows in enumerate(_SCREEN_ROWS, start=1) if places <= k * rows)
-            columns = next(within, -(-places // _SCREEN_ROWS[-1]))
-            return Grid(-(-places // columns), columns, columns * _SCREEN_WIDTHS[columns > 1])
+            within = (k for k, rows in enumerate(screen_rows, start=1) if places <= k * rows)
+            columns = next(within, -(-places // screen_rows[-1]))
+            return Grid(-(-places // columns), columns, columns * screen_widths[columns > 1])
         least_panel = 28.0  # width in sizes of the text
         most = max(1, min(axes, int(self.in_text(self.width) // least_panel)))
         if self.height is None:

@@ -13,12 +13,6 @@ from rnc_pin.errors import ConfigurationError, ModelError, argument, nearest
 JointValue = float | Sequence[float] | np.ndarray
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
-_COORDINATES = {
-    "JointModelPlanar": ("x", "y", "cos", "sin"),
-    "JointModelFreeFlyer": ("x", "y", "z", *_QUATERNION),
-    "JointModelSpherical": _QUATERNION,
-}
-"""Coordinates of joints whose entries of q are no coordinates of their velocity."""
 
 NO_LIMIT = 1e10
 """Value above which a number of a robot file means that there is no limit; Pinocchio writes the largest float."""
@@ -236,6 +230,12 @@ class NamedModel:
         """
         found: list[tuple[str, str]] = []
         units = [unit.removesuffix("/s") for unit in self.velocity_units]
+        # Coordinates of joints whose entries of q are no coordinates of their velocity.
+        coordinates = {
+            "JointModelPlanar": ("x", "y", "cos", "sin"),
+            "JointModelFreeFlyer": ("x", "y", "z", *_QUATERNION),
+            "JointModelSpherical": _QUATERNION,
+        }
         for name, joint in zip(self.joint_names, list(self.model.joints)[1:], strict=True):
             own = units[joint.idx_v : joint.idx_v + joint.nv]
             if joint.nq == 1:
@@ -243,8 +243,8 @@ class NamedModel:
                 continue
             if _goes_round(joint):
                 entries = [("cos", "-"), ("sin", "-")]
-            elif joint.shortname() in _COORDINATES:
-                entries = [(each, "m" if each in "xyz" else "-") for each in _COORDINATES[joint.shortname()]]
+            elif joint.shortname() in coordinates:
+                entries = [(each, "m" if each in "xyz" else "-") for each in coordinates[joint.shortname()]]
             else:
                 # Only with equal numbers do entries of q belong to entries of v.
                 units_known = own if joint.nq == joint.nv else ["-"] * joint.nq

@@ -16,9 +16,6 @@ _SAME_VALUE = 1e-7  # change of a number that a page does not show
 FIELD_OF_VIEW = 50.0  # vertical [deg]
 VIEW_DIRECTION = (-0.35, 1.0, -0.8)  # viewing direction of a camera that is placed automatically
 ASPECT = 1.6  # width over height of the picture
-_USED_PART = np.array(
-    [0.8, 0.58]
-)  # used part of the picture's width and height; overlay, legend and player need the rest
 # Largest distance of the robot from the target, over the distance between camera and target.
 
 
@@ -66,11 +63,13 @@ def fitting_camera(points: np.ndarray, forward: np.ndarray) -> tuple[np.ndarray,
     # A first guess, which the loop centers.
     target = (points.min(axis=0) + points.max(axis=0)) / 2
     centerings = 4
+    # Used part of the picture's width and height; overlay, legend and player need the rest.
+    used_part = np.array([0.8, 0.58])
     for centerings_left in reversed(range(centerings)):
         away = points - target
         beside, depth = away @ axes.T, away @ forward
         # The nearest place from which every point is inside the picture; not inside a small robot.
-        distance = max(float((np.abs(beside) / (_USED_PART * half) - depth[:, None]).max()), 0.2)
+        distance = max(float((np.abs(beside) / (used_part * half) - depth[:, None]).max()), 0.2)
         if centerings_left:
             # Perspective enlarges near points, so the middle of the picture is not the middle of the points.
             seen = beside / (distance + depth)[:, None]

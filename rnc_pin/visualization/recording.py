@@ -113,10 +113,6 @@ class Recording(SummaryMixin):
 
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-_FLAGS = (
-    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
-    "--disable-background-networking",
-)
 VIDEOS = (".mp4", ".gif")
 _TIMEOUT = 180_000  # [ms], timeout for a browser and its pages on a busy processor
 
@@ -136,8 +132,12 @@ def browser() -> Iterator[Browser]:
         from playwright.sync_api import sync_playwright
     except ImportError:
         raise ConfigurationError(missing_extra("video")) from None
+    flags = (
+        *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+        "--disable-background-networking",
+    )
     with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=executable, args=list(_FLAGS), timeout=_TIMEOUT)
+        launched = playwright.chromium.launch(executable_path=executable, args=list(flags), timeout=_TIMEOUT)
         try:
             yield launched
         finally:

@@ -15,8 +15,6 @@ from rnc_pin.lab.logs.log import Log
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 
-_WINDOWS = (1.0, 10.0, 100.0)  # durations of windows whose errors are stated [s]
-
 
 @dataclass(frozen=True)
 class Replay:
@@ -109,7 +107,8 @@ def compare(system: NonholonomicSystem, log: Log, sensor: str, *, heading: bool 
     channel = log.channel("pose", sensor)
     plain = RollingMotion(system, log, (), sensor)
     problem = PoseProblem(plain, channel, heading)
-    durations = [each for each in _WINDOWS if each < np.ptp(problem.times)]
+    stated = (1.0, 10.0, 100.0)  # durations of windows whose errors are stated [s]
+    durations = [each for each in stated if each < np.ptp(problem.times)]
     errors = {}
     for duration in (*durations, np.inf):
         chosen = problem.windows(-np.inf, np.inf, duration)

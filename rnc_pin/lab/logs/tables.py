@@ -56,9 +56,6 @@ def unwrapped(counts: Array, span: float, what: str = "encoder") -> Array:
     return np.asarray(first + np.concatenate([[0.0], np.cumsum(steps)]))
 
 
-_POSE, _QUATERNION = ("x", "y", "z", "roll", "pitch", "yaw"), ("qx", "qy", "qz", "qw")
-
-
 def read_table(path: Path, mapping: LogMapping) -> list[Channel]:
     """Channels of a table.
 
@@ -114,17 +111,18 @@ def _channels(path: Path, mapping: LogMapping, time: Array, numbers: Mapping[Pla
             column = getattr(columns, quantity)
             if column is not None:
                 yield Channel(quantity, joint, time, value(column, f"{joint}.{quantity}")[:, None])
+    pose_keys, quaternion_keys = ("x", "y", "z", "roll", "pitch", "yaw"), ("qx", "qy", "qz", "qw")
     for frame, pose in mapping.frames.items():
         given = _given(pose)
-        if any(name in given for name in _QUATERNION):
-            missing = [name for name in _QUATERNION if name not in given]
-            angles = [name for name in _POSE[3:] if name in given]
+        if any(name in given for name in quaternion_keys):
+            missing = [name for name in quaternion_keys if name not in given]
+            angles = [name for name in pose_keys[3:] if name in given]
             if missing or angles:
                 fault = f"lacks {', '.join(missing)}" if missing else f"has {', '.join(angles)} beside a quaternion"
                 raise ConfigurationError(f"{path}: frames.{frame}: {fault}")
-            values = stacked(pose, (*_POSE[:3], *_QUATERNION), frame)
+            values = stacked(pose, (*pose_keys[:3], *quaternion_keys), frame)
         else:
-            parts = stacked(pose, _POSE, frame)
+            parts = stacked(pose, pose_keys, frame)
             values = np.hstack([parts[:, :3], Rotation.from_euler("xyz", parts[:, 3:]).as_quat()])
         yield Channel("pose", frame, time, values)
 

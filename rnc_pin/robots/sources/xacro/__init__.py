@@ -20,8 +20,6 @@ from rnc_pin.io.safe_read import read_bytes
 if TYPE_CHECKING:
     from rnc_pin.robots.sources.xacro.substitution import FileAccess
 
-_EXPRESSION = re.compile(r"\$\{|\$\((arg|find|env|optenv|eval|dirname|anon)\b")
-
 
 def is_xacro(path: Path) -> bool:
     """True if the file name ends in ``.xacro``.
@@ -41,7 +39,8 @@ def has_macros(root: Element, path: Path) -> bool:
     """
     if any(element.tag.startswith("xacro:") for element in root.iter()):
         return True
-    used = any(_EXPRESSION.search(text) for element in root.iter() for text in element.attrib.values())
+    expression = re.compile(r"\$\{|\$\((arg|find|env|optenv|eval|dirname|anon)\b")
+    used = any(expression.search(text) for element in root.iter() for text in element.attrib.values())
     return used and b"xmlns:xacro" in read_bytes(path)
 
 
